@@ -75,7 +75,7 @@ class StepFailure:
             reasons += (
                 f"; {' and '.join(sorted(weak))} cannot resist being squashed, NeoHookean can"
             )
-        nodes = self._listed(each.restless for each, _ in self._steps)
+        nodes = self._listed(each.state.nodes.node_ids[each.restless] for each, _ in self._steps)
         if nodes:
             reasons += f"; nodes that keep changing segment or state: {nodes}"
         if nodes or _BETWEEN in reasons:
@@ -109,7 +109,7 @@ class StepFailure:
         """
         names: list[dict[str, None]] = [{}, {}]
         for step, _ in self._steps:
-            ends, node = bounds(step.state), step.restless_nodes
+            ends, node = bounds(step.state), step.restless
             counts = reductions.total(self._comm, np.diff(np.searchsorted(node, ends)))
             for each, count in zip(members(step.state), counts, strict=True):
                 if may_be_smooth(each.pair):

@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
+from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Tied
 from dolfinx_nts.contact.history import ContactHistory, ContactWork
 from dolfinx_nts.contact.implicit.contributions import ContactContribution, PairKinematics
@@ -177,17 +177,11 @@ class ContactStep:
         self.friction.traction[node] += values[:, 1:]
 
     @property
-    def restless_nodes(self) -> Ints:
+    def restless(self) -> Ints:
         """Positions of this rank's nodes that changed segment or state again and again. Local."""
         flips = self.normal.flips + self.friction.flips
         nodes: Ints = (self.search.restless | (flips >= _RESTLESS)).nonzero()[0].astype(np.int32)
         return nodes
-
-    @property
-    def restless(self) -> GlobalInts:
-        """Numbers of these nodes. Local."""
-        ids: GlobalInts = self.state.nodes.node_ids[self.restless_nodes]
-        return ids
 
     def accepted(self, contribution: ContactContribution) -> tuple[ContactHistory, ContactWork]:
         """What is to become the history of the pair, and the energy that the step gave.
