@@ -35,6 +35,7 @@ from dolfinx_nts.solvers.linear_fields import (
     spins,
     turned,
 )
+from dolfinx_nts.solvers.rigid_fields import RigidFields
 from dolfinx_nts.solvers.rigid_states import RigidStates
 
 __all__ = ["RigidLeapfrog"]
@@ -48,10 +49,8 @@ class _Leap:
     """Step of ``b`` bodies. Local.
 
     Args:
-        freedom: Motions in which each body is free, rows of zeros behind them, ``(b, k, k)``, and
-            one on the diagonal in the place of those rows, ``(b, k, k)``.
-        products: Products of the linear fields, shape ``(b, d + 1, d + 1)``.
-        mass: The same with the mass [kg].
+        fields: Linear fields over the bodies.
+        mass: Their products with the mass, shape ``(b, d + 1, d + 1)`` [kg].
         q, v: Coefficients of positions [m] and velocities [m/s] at the start, ``(b, d + 1, d)``.
         f: Sums of the nodal forces there, ``(b, d + 1, d)`` [N, N m].
         led: How guides lead the bodies in the step, ``(b, k)``.
@@ -61,14 +60,12 @@ class _Leap:
         found: Whether the turn of a body was found, ``(b,)``.
         change: Coefficients of the displacements.
         v: Coefficients of the velocities at the end, after `kick`.
-        gained: Kinetic energies that forces and guides do not explain, ``(b,)`` [J], after `kick`.
         reactions: Force, moment about the origin and work of guides, ``(b, k + 1)``, after `kick`.
     """
 
     def __init__(
         self,
-        freedom: tuple[Floats, Floats],
-        products: Floats,
+        fields: RigidFields,
         mass: Floats,
         q: Floats,
         v: Floats,
@@ -77,65 +74,64 @@ class _Leap:
         dt: float,
     ) -> None:
         """Find where the bodies are at the end."""
-        (self._free, self._no_motion), self._mass, self._dt, self._led = freedom, mass, dt, led
+        self._freedom, self._mass, self._dt, self._led = fields.freedom, mass, dt, led
         self._q, self.v, self._f = q, v, f
         self._start = rigid_motions(q)
-        self._rate = nearest(self._start, products, products @ v)
-        self._impulse = amounts_of(self._start, mass @ v + dt / 2 * f)
-        back = self._free.transpose(0, 2, 1)
-        self._amounts = led + (back @ (self._free @ self._rate[..., None]))[..., 0] * dt
+        self._rate = nearest(self._start, fields.products, fields.products @ v)
+        impulse = amounts_of(self._start, mass @ v + dt / 2 * f)
+        amounts = led + self._freedom.part(self._rate) * dt
         self.found: Flags = np.zeros(len(q), dtype=bool)
         some = np.arange(len(q))
         for _ in range(_MAX_ITERATIONS):
-            correction = self._correct(some)
-            is_small = np.all(np.abs(self._amounts[some, q.shape[2] :]) < 2.0, axis=1)  # 90 degrees
-            is_exact = np.abs(correction[:, q.shape[2] :]).max(axis=1) <= _SMALL
+            correction = self._correction(some, amounts[some], impulse[some])
+            amounts[some] -= correction
+            turns = amounts[some, q.shape[2] :], correction[:, q.shape[2] :]
+            is_small = np.all(np.abs(turns[0]) < 2.0, axis=1)  # 90 degrees
+            is_exact = np.abs(turns[1]).max(axis=1) <= _SMALL
             self.found[some[is_small & is_exact]] = True
             some = some[is_small & ~is_exact]
             if not len(some):
                 break
-        self.change: Floats = turned(q, self._amounts)
+        self.change: Floats = turned(q, amounts)
 
-    def _correct(self, some: Array) -> Floats:
-        """Take a step of Newton's method for some bodies; returns it, ``(m, k)``."""
-        q, start, mass, free = (
-            part[some] for part in (self._q, self._start, self._mass, self._free)
-        )
-        amounts, dim = self._amounts[some], q.shape[2]
-        change = turned(q, amounts)
-        rest = amounts_of(start, mass @ change) / self._dt - self._impulse[some]
+    def _correction(self, some: Array, amounts: Floats, impulse: Floats) -> Floats:
+        """Excess of the amounts of motions of ``m`` bodies, by Newton's method, ``(m, k)``."""
+        start, mass, q = (part[some] for part in (self._start, self._mass, self._q))
+        change, dim = turned(q, amounts), q.shape[2]
+        rest: Floats = amounts_of(start, mass @ change) / self._dt - impulse
         # The derivative of a turn about the mean state.
         slopes = rigid_motions(q + change / 2)
         turn = np.linalg.inv(np.eye(dim) - spins(amounts) / 2)
         slopes[:, dim:] = slopes[:, dim:] @ turn.transpose(0, 2, 1)[:, None]
-        back = free.transpose(0, 2, 1)
-        slope = free @ products_of(start, mass, slopes) @ back / self._dt + self._no_motion[some]
-        correction = back @ np.linalg.solve(slope, free @ rest[..., None])
-        self._amounts[some] -= correction[..., 0]
-        return np.asarray(correction[..., 0], dtype=np.float64)
+        slope = products_of(start, mass, slopes) / self._dt
+        return self._freedom.at(some).solved(slope, rest)
 
-    def kick(self, f: Floats) -> None:
-        """Complete the velocities by the sums f of the forces at the end [N, N m]."""
-        change, mass, dt, free = self.change, self._mass, self._dt, self._free
-        q, back = self._q + self.change, free.transpose(0, 2, 1)
+    def kick(self, f: Floats) -> Floats:
+        """Complete the velocities by the sums f of the forces at the end [N, N m].
+
+        Returns:
+            Kinetic energies that forces and guides do not explain, shape ``(b,)`` [J].
+        """
+        change, mass, dt, freedom = self.change, self._mass, self._dt, self._freedom
+        q = self._q + self.change
         end = rigid_motions(q)
         drive = mass @ change / dt + dt / 2 * f
         led = 2 * self._led / dt - self._rate
-        led = led - (back @ (free @ led[..., None]))[..., 0]
+        led = led - freedom.part(led)
         balance = amounts_of(end, drive - mass @ combined(led, end))
-        matrix = free @ products_of(end, mass, end) @ back + self._no_motion
-        rate = led + (back @ np.linalg.solve(matrix, free @ balance[..., None]))[..., 0]
-        v = combined(rate, end)
+        v = combined(led + freedom.solved(products_of(end, mass, end), balance), end)
         # Means over the step of what the guides do at both ends.
-        gained: Array = mass @ (change / dt - self.v)
-        first: Floats = amounts_of(self._start, gained) / dt - amounts_of(self._start, self._f) / 2
+        push: Array = mass @ (change / dt - self.v)
+        first: Floats = amounts_of(self._start, push) / dt - amounts_of(self._start, self._f) / 2
         last = np.asarray(amounts_of(end, mass @ v - drive) / dt, dtype=np.float64)
         work = ((first + last) * self._led).sum(axis=1)
         moved = _sums_of_products(self._f + f, change) / 2
         kinetic = [_sums_of_products(w, mass @ w) / 2 for w in (self.v, v)]
-        self.gained, self.v = kinetic[1] - kinetic[0] - moved - work, v
+        self.v = v
         wrench = _about_origin(first, self._q[:, 0]) + _about_origin(last, q[:, 0])
         self.reactions = np.column_stack([wrench, work])
+        gained: Floats = kinetic[1] - kinetic[0] - moved - work
+        return gained
 
 
 class RigidLeapfrog(RigidStates):
@@ -159,10 +155,10 @@ class RigidLeapfrog(RigidStates):
     ) -> None:
         """Keep the bodies, as yet without motion."""
         super().__init__(V, bodies)
-        self._masses: Floats = np.array(masses)
         self._v = v
         rigid = [body.body for body in bodies]
         if rigid:
+            self._masses: Floats = np.array(masses)
             self._mass, self._lumped = ConsistentMass(rigid, v), lumped_mass(rigid)
         self._leap: _Leap | None = None
 
@@ -178,14 +174,14 @@ class RigidLeapfrog(RigidStates):
         """
         if not self.exists:
             return ""
-        of_u, of_v, f = self._sums(u_n, v, forces)
-        freedom, q = (self._free, self._no_motion), self._positions(of_u)
-        led, of_v = self.guides.led, self._fit(of_v)
-        leap = self._leap = _Leap(freedom, self._products, self._masses, q, of_v, f, led, dt)
+        of_u, of_v, f = self._fields.sums(u_n, v, forces)
+        fields, led = self._fields, self.guides.led
+        state = fields.positions(of_u), fields.fit(of_v), f
+        leap = self._leap = _Leap(fields, self._masses, *state, led, dt)
         for body, found in zip(self._bodies, leap.found, strict=True):
             if not found:
                 return f"the rigid {body.body.name} turns too far in it"
-        self._put(leap.change, du)
+        self._fields.put(leap.change, du)
         return ""
 
     def kick(self, forces: Floats, v: Floats) -> float:
@@ -196,9 +192,9 @@ class RigidLeapfrog(RigidStates):
         """
         if self._leap is None:
             return 0.0
-        self._leap.kick(*self._sums(forces))
-        self._put(self._leap.v, v)
-        return float(self._leap.gained.sum())
+        gained = self._leap.kick(*self._fields.sums(forces))
+        self._fields.put(self._leap.v, v)
+        return float(gained.sum())
 
     def more_momentum(self) -> Floats:
         """Momentum by the consistent mass of rigid bodies less that by the lumped one [kg m/s]."""
@@ -212,7 +208,7 @@ class RigidLeapfrog(RigidStates):
         """
         if not self.exists:
             return 0.0
-        coefficients, nodes = self._fit(*self._sums(v)), self.nodes
+        coefficients, nodes = self._fields.fit(*self._fields.sums(v)), self.nodes
         energy = float(np.vdot(coefficients, self._masses @ coefficients)) / 2
         lumped = np.vdot(mass[nodes, None] * v[nodes], v[nodes]) / 2
         return energy * (self._comm.rank == 0) - float(lumped)

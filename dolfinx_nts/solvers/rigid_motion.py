@@ -39,6 +39,7 @@ from dolfinx_nts.solvers.linear_fields import (
     spins,
     turned,
 )
+from dolfinx_nts.solvers.rigid_fields import Freedom
 from dolfinx_nts.solvers.rigid_states import RigidStates
 
 __all__ = ["RigidColumns", "RigidMotion"]
@@ -64,8 +65,7 @@ class _Linearisation:
     """Balance of ``b`` bodies near positions in a step. Local.
 
     Args:
-        free: Motions in which each body is free, rows of zeros behind them, ``(b, k, k)``.
-        no_motion: One on the diagonal in the place of those rows, ``(b, k, k)``.
+        freedom: Motions in which each body is free.
         products: Products of the linear fields, shape ``(b, d + 1, d + 1)``.
         q_n: Coefficients of the positions at the start, shape ``(b, d + 1, d)``.
         q: The same at the end.
@@ -82,8 +82,7 @@ class _Linearisation:
 
     def __init__(
         self,
-        free: Floats,
-        no_motion: Floats,
+        freedom: Freedom,
         products: Floats,
         q_n: Floats,
         q: Floats,
@@ -91,7 +90,7 @@ class _Linearisation:
         forces: Floats,
         inertia: Floats,
     ) -> None:
-        dim, turns = q.shape[-1], TURNS[q.shape[-1]]
+        dim, turns, (free, no_motion) = q.shape[-1], TURNS[q.shape[-1]], freedom
         end, mean = rigid_motions(q), rigid_motions((1 - part) * q_n + part * q)
         self.end, self.mean = combined(free, end[:, None]), combined(free, mean[:, None])
         # Forces stay as they are where their levers turn.
@@ -147,40 +146,44 @@ class RigidMotion(RigidStates):
         if not self.exists:
             return
         self._masses: Floats = np.array(masses)
-        self._starts: Floats = self._reference
+        self._starts: Floats = self._fields.reference
 
     @property
     def has_no_inertia(self) -> bool:
         """Whether contact and loads alone resist free motions of bodies. Local."""
-        return self.exists and bool(self._free.any()) and not self._share(self._masses).any()
+        return (
+            self.exists
+            and bool(self._fields.freedom.free.any())
+            and not self._share(self._masses).any()
+        )
 
     def begin(self, u_n: Floats) -> None:
         """Begin a step from displacements u_n [m]."""
         if self.exists:
-            self._starts = self._positions(*self._sums(u_n))
+            self._starts = self._fields.positions(*self._fields.sums(u_n))
 
     def balance(self, u: Floats, R: Floats) -> Floats:
         """Linearise at displacements u [m], and replace the residual R [N] by rigid fields."""
         if not self.exists:
             return R
-        of_u, forces = self._sums(u, R)
-        q, inertia = self._positions(of_u), self._share(self._masses)
-        freedom = self._free, self._no_motion
+        of_u, forces = self._fields.sums(u, R)
+        q, inertia = self._fields.positions(of_u), self._share(self._masses)
+        freedom, products = self._fields.freedom, self._fields.products
         self._states = _Linearisation(
-            *freedom, self._products, self._starts, q, self.part, forces, inertia
+            freedom, products, self._starts, q, self.part, forces, inertia
         )
-        return self._put(self._states.project(np.zeros_like(forces), forces), R.copy())
+        return self._fields.put(self._states.project(np.zeros_like(forces), forces), R.copy())
 
     def project(self, x: Floats, y: Floats) -> Floats:
         """Replace forces y by rigid fields, for increments x [m]; overwrites y."""
         if self._states is None:
             return y
-        return self._put(self._states.project(*self._sums(x, y)), y)
+        return self._fields.put(self._states.project(*self._fields.sums(x, y)), y)
 
     def respond(self, r: Floats) -> Floats:
         """Replace forces r by the increments with which inertia balances them; overwrites r."""
         assert self._states is not None
-        return self._put(self._states.respond(*self._sums(r)), r)
+        return self._fields.put(self._states.respond(*self._fields.sums(r)), r)
 
     def moved(self, u: Floats, du: Floats, *, leads: float = 0.0) -> Floats:
         """Displacements u [m] after increments du, by which rigid bodies turn and do not stretch.
@@ -191,35 +194,38 @@ class RigidMotion(RigidStates):
         result: Floats = u + du
         if not self.exists:
             return result
-        of_u, increments = self._sums(u, du)
-        q = self._positions(of_u)
-        amounts = self._in_freedom(nearest(rigid_motions(q), self._products, increments))
+        of_u, increments = self._fields.sums(u, du)
+        q = self._fields.positions(of_u)
+        amounts = nearest(rigid_motions(q), self._fields.products, increments)
         # Small changes that are added have all their digits; positions would lose some.
-        changes = turned(q, amounts + leads * self.guides.led)
-        result[self.nodes] = (u + self._put(changes, np.zeros_like(u)))[self.nodes]
+        amounts = self._fields.freedom.part(amounts) + leads * self.guides.led
+        changes = turned(q, amounts)
+        result[self.nodes] = (u + self._fields.put(changes, np.zeros_like(u)))[self.nodes]
         return result
 
     def nearest_free(self, values: Floats) -> Floats:
         """Replace values at rigid bodies by the nearest free motions at the start of the step."""
         if not self.exists:
             return values
-        motions = combined(self._free, rigid_motions(self._starts)[:, None])
-        gram = products_of(motions, self._products, motions) + self._no_motion
-        amounts = solved(gram, amounts_of(motions, *self._sums(values)))
-        return self._put(combined(amounts, motions), values)
+        motions, sums = rigid_motions(self._starts), self._fields.sums(values)[0]
+        gram = products_of(motions, self._fields.products, motions)
+        amounts = self._fields.freedom.solved(gram, amounts_of(motions, sums))
+        return self._fields.put(combined(amounts, motions), values)
 
     def centripetal(self, v: Floats) -> Floats:
         """Acceleration at the start of the step by velocities v that stay [m/s^2]."""
-        spin = spins(nearest(rigid_motions(self._starts), self._products, *self._sums(v)))
+        spin = spins(
+            nearest(rigid_motions(self._starts), self._fields.products, *self._fields.sums(v))
+        )
         fields = self._starts @ (spin @ spin).transpose(0, 2, 1)
         fields[:, 0] = 0.0
-        return self._put(fields, np.zeros_like(v))
+        return self._fields.put(fields, np.zeros_like(v))
 
     def led(self, u: Floats) -> Floats:
         """Part of the displacement to u in the step that guides give, where forces act [m]."""
-        q_n, q, part = self._starts, self._positions(*self._sums(u)), self.part
+        q_n, q, part = self._starts, self._fields.positions(*self._fields.sums(u)), self.part
         motions = rigid_motions((1 - part) * q_n + part * q)
-        return self._put(combined(self.guides.led, motions), np.zeros_like(u))
+        return self._fields.put(combined(self.guides.led, motions), np.zeros_like(u))
 
     def columns(self) -> list[RigidColumns]:
         """Motions of each body in the unknowns of its nodes. Local."""

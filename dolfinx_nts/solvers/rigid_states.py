@@ -13,6 +13,7 @@ from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.guides import Guides
 from dolfinx_nts.solvers.linear_fields import LinearFields, combined, nearest, rigid_motions
+from dolfinx_nts.solvers.rigid_fields import RigidFields
 
 __all__ = ["RigidStates"]
 
@@ -23,9 +24,7 @@ _NOT_RIGID = 1e-8
 class RigidStates:
     """States of all rigid bodies. Collective, as are all methods.
 
-    Vectors are nodal, over the owned nodes of the space, shape ``(n, d)``. What there is of each
-    body, as the coefficients of linear fields ``(d + 1, d)``, has the bodies first, ``b`` of them:
-    all are computed at once.
+    Vectors are nodal, over the owned nodes of the space, shape ``(n, d)``.
 
     Args:
         V: Space of the displacement.
@@ -43,24 +42,11 @@ class RigidStates:
         self._comm: MPI.Comm = V.mesh.comm
         self._bodies, self.guides = tuple(bodies), Guides(self._comm, bodies)
         self.dim, self.exists = dimension(V), bool(bodies)
-        none = np.empty(0, dtype=np.int32)
-        self._at: Ints = np.concatenate([none, *(body.nodes for body in bodies)])
-        self.nodes: Ints = np.unique(self._at)
         self._given: set[tuple[LinearFields, str]] = set()
-        if not self.exists:
-            return
-        self._values: Floats = np.concatenate([body.values for body in bodies])
-        self._counts = np.array([len(body.nodes) for body in bodies])
-        self._products, self._reference = (
-            np.array([getattr(body, name) for body in bodies]) for name in ("products", "reference")
-        )
-        # Each body has as many free motions as its guide leaves it. Rows of zeros fill the rest,
-        # whose amounts are zero by equations of their own.
-        k = bodies[0].free.shape[1]
-        self._free: Floats = np.zeros((len(bodies), k, k))
-        for i, body in enumerate(bodies):
-            self._free[i, : len(body.free)] = body.free
-        self._no_motion: Floats = np.eye(k) * (~np.any(self._free != 0, axis=2))[:, None]
+        none = np.empty(0, dtype=np.int32)
+        self.nodes: Ints = np.unique(np.concatenate([none, *(body.nodes for body in bodies)]))
+        if self.exists:
+            self._fields = RigidFields(self._comm, bodies)
 
     def given(self, body: Body, name: str) -> None:
         """Let the next `check` look at all nodes of a body, whose state was given. Local.
@@ -82,12 +68,12 @@ class RigidStates:
         if not self.exists:
             return
         # After a step velocities are rigid only in the mean of the step.
-        of_u, of_v = self._sums(u, v)
-        q, fields = self._positions(of_u), self._fit(of_u)
+        of_u, of_v = self._fields.sums(u, v)
+        q, fields = self._fields.positions(of_u), self._fields.fit(of_u)
         directors, motions = q[:, 1:], rigid_motions(q)
         gram = directors @ directors.transpose(0, 2, 1)
         strains = np.abs(gram - np.eye(self.dim)).max(axis=(1, 2))
-        velocities = combined(nearest(motions, self._products, of_v), motions)
+        velocities = combined(nearest(motions, self._fields.products, of_v), motions)
         for i, body in enumerate(self._bodies):
             misfits = {"displacement": strains[i]}
             if (body, "displacement") in self._given:
@@ -108,35 +94,3 @@ class RigidStates:
         """Greatest component of values at the nodes of a body less a field."""
         rest = values[body.nodes] - body.values @ field
         return reductions.largest(self._comm, float(np.abs(rest).max(initial=0.0)))
-
-    def _sums(self, *vectors: Floats) -> Floats:
-        """Total products of the linear fields with ``f`` vectors, ``(f, b, d + 1, d)``."""
-        at_nodes = np.array([vector[self._at] for vector in vectors])
-        products = self._values[:, :, None] * at_nodes[:, :, None]
-        sums = np.zeros((len(vectors), len(self._bodies), *products.shape[2:]))
-        has_nodes = self._counts > 0
-        if has_nodes.any():
-            starts = (np.cumsum(self._counts) - self._counts)[has_nodes]
-            sums[:, has_nodes] = np.add.reduceat(products, starts, axis=1)
-        total: Floats = reductions.total(self._comm, sums)
-        return total
-
-    def _fit(self, sums: Floats) -> Floats:
-        """Coefficients of the fields that have some sums, ``(b, d + 1, d)``. Local."""
-        return np.asarray(np.linalg.solve(self._products, sums), dtype=np.float64)
-
-    def _positions(self, sums: Floats) -> Floats:
-        """Coefficients of the positions by the sums of displacements, ``(b, d + 1, d)``. Local."""
-        positions: Floats = self._reference + self._fit(sums)
-        return positions
-
-    def _in_freedom(self, amounts: Floats) -> Floats:
-        """Part of amounts of motions, ``(b, k)``, in which guides leave the bodies free. Local."""
-        free: Floats = self._free.transpose(0, 2, 1) @ (self._free @ amounts[..., None])
-        return free[..., 0]
-
-    def _put(self, fields: Floats, values: Floats) -> Floats:
-        """Set values to the field of each body, ``(b, d + 1, d)``. Local."""
-        of_nodes = np.repeat(fields, self._counts, axis=0)
-        values[self._at] = (self._values[:, None] @ of_nodes)[:, 0]
-        return values

@@ -1,0 +1,112 @@
+"""Linear fields over the nodes of all rigid bodies at once.
+
+What there is of each body, as the coefficients of linear fields ``(d + 1, d)``, has the bodies
+first, ``b`` of them: in scenes of many bodies, calls one by one would take most of the time.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from mpi4py import MPI
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Array, Floats, Ints
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.solvers.linear_fields import LinearFields
+
+__all__ = ["Freedom", "RigidFields"]
+
+
+class Freedom(NamedTuple):
+    """Motions in which the guides of bodies leave them free. Local.
+
+    Attributes:
+        free: Free motions of each body in terms of all, in rows, with rows of zeros behind them
+            where there are less of them, shape ``(b, k, k)``.
+        no_motion: One on the diagonal in the place of those rows, ``(b, k, k)``: their amounts are
+            zero by equations of their own.
+    """
+
+    free: Floats
+    no_motion: Floats
+
+    @classmethod
+    def of(cls, bodies: Sequence[LinearFields]) -> "Freedom":
+        """Make that of some bodies."""
+        k = bodies[0].free.shape[1]
+        free, no_motion = np.zeros((2, len(bodies), k, k))
+        for i, body in enumerate(bodies):
+            free[i, : len(body.free)] = body.free
+            no_motion[i] = np.diag(np.arange(k) >= len(body.free))
+        return cls(free, no_motion)
+
+    def at(self, some: Array) -> "Freedom":
+        """Take that of some of the bodies."""
+        return Freedom(self.free[some], self.no_motion[some])
+
+    def part(self, amounts: Floats) -> Floats:
+        """Part of amounts of all motions that the free ones have, both ``(b, k)``."""
+        return self._back((self.free @ amounts[..., None])[..., 0])
+
+    def solved(self, matrices: Array, right: Floats) -> Floats:
+        """Amounts of the free motions by equations ``(b, k, k)`` of all, ``(b, k)``."""
+        own = self.free @ matrices @ self.free.transpose(0, 2, 1) + self.no_motion
+        return self._back(np.linalg.solve(own, self.free @ right[..., None])[..., 0])
+
+    def _back(self, free: Array) -> Floats:
+        """Amounts of all motions by those of the free ones."""
+        amounts: Floats = (self.free.transpose(0, 2, 1) @ free[..., None])[..., 0]
+        return amounts
+
+
+class RigidFields:
+    """Linear fields over the nodes of all rigid bodies. Collective.
+
+    Vectors are nodal, over the owned nodes of the space, shape ``(n, d)``.
+
+    Args:
+        comm: Communicator.
+        bodies: Those over each body, at least one.
+
+    Attributes:
+        freedom: Motions in which the bodies are free.
+        products: Products of the fields, summed over all nodes, shape ``(b, d + 1, d + 1)``.
+        reference: Coefficients of the reference positions, shape ``(b, d + 1, d)``.
+    """
+
+    def __init__(self, comm: MPI.Comm, bodies: Sequence[LinearFields]) -> None:
+        """Put the bodies behind each other."""
+        self._comm, self.freedom = comm, Freedom.of(bodies)
+        self.products: Floats = np.array([body.products for body in bodies])
+        self.reference: Floats = np.array([body.reference for body in bodies])
+        self._nodes: Ints = np.concatenate([body.nodes for body in bodies])
+        self._values: Floats = np.concatenate([body.values for body in bodies])
+        self._counts = np.array([len(body.nodes) for body in bodies])
+
+    def sums(self, *vectors: Floats) -> Floats:
+        """Total products of the fields with ``f`` vectors, ``(f, b, d + 1, d)``."""
+        at_nodes = np.array([vector[self._nodes] for vector in vectors])
+        products = self._values[:, :, None] * at_nodes[:, :, None]
+        sums = np.zeros((len(vectors), len(self._counts), *products.shape[2:]))
+        has_nodes = self._counts > 0  # on this rank
+        if has_nodes.any():
+            first = (np.cumsum(self._counts) - self._counts)[has_nodes]
+            sums[:, has_nodes] = np.add.reduceat(products, first, axis=1)
+        total: Floats = reductions.total(self._comm, sums)
+        return total
+
+    def fit(self, sums: Floats) -> Floats:
+        """Coefficients of the fields that have some total sums, ``(b, d + 1, d)``. Local."""
+        return np.asarray(np.linalg.solve(self.products, sums), dtype=np.float64)
+
+    def positions(self, sums: Floats) -> Floats:
+        """Coefficients of the positions by the sums of displacements, ``(b, d + 1, d)``. Local."""
+        positions: Floats = self.reference + self.fit(sums)
+        return positions
+
+    def put(self, fields: Floats, values: Floats) -> Floats:
+        """Set values to the field of each body, ``(b, d + 1, d)``. Local."""
+        of_nodes = np.repeat(fields, self._counts, axis=0)
+        values[self._nodes] = (self._values[:, None] @ of_nodes)[:, 0]
+        return values
