@@ -7,7 +7,7 @@ obstacle has no vertices, so that d = 3.
 
 import copy
 from functools import cached_property
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 
@@ -83,7 +83,7 @@ class Slip:
         """Outward unit normals of the frames at t_{n+1}, shape ``(m, 3)``."""
         return _normal(self.frame, self._orientation)
 
-    def at_end(self) -> Self:
+    def at_end(self) -> "Slip":
         """The same with the force of a scheme whose forces act at t_{n+1}: the gradient there."""
         end = copy.copy(self)
         end.force, end._share = self.gradient, 1.0
