@@ -15,10 +15,10 @@ from dolfinx_nts.common.declaration import Declaration
 
 __all__ = ["TOUCHES", "LagrangeMultiplier", "Penalty", "Tied"]
 
-# Gap, relative to the segment's size [-], below which an active node stays eligible, as
-# elastic impact holds it at the gap with which it came.
+# Gap, relative to the size of the longest segment [-], below which an active node stays
+# eligible, as elastic impact holds it at the gap with which it came.
 _NEAR = 1e-2
-# Gap, relative to the segment's size [-], that counts as none: round-off of positions must
+# Gap, relative to the size of segments [-], that counts as none: round-off of positions must
 # not decide whether a node that lies on a segment may be held.
 TOUCHES = 1e-9
 
@@ -117,7 +117,7 @@ class LagrangeMultiplier(Declaration):
         Args:
             gap_n: Gap at t_n, NaN without a segment, shape ``(n,)`` [m].
             gap_trial: Gap of the ballistic state x_n + h v_n, shape ``(n,)`` [m].
-            size: Diameter of the node's segment, shape ``(n,)`` [m].
+            size: Diameter of the longest segment of the node's pair, shape ``(n,)`` [m].
             active: Whether the node was active in the last step, shape ``(n,)``.
 
         Returns:

@@ -23,8 +23,13 @@ _TABLE = re.compile(r"^static const double\b", re.M)
 # What differs between the cells of a batch only by chance, or is not in all of them.
 _OF_ONE_CELL = re.compile(r"\b(?:if|switch|while|entity_local_index|quadrature_permutation)\b")
 
+# Within the namespace, as the library has functions of the same names outside of it.
 _HEAD = """#include "trilinear.h"
-using namespace nts;
+namespace nts
+{
+"""
+_END = """
+} // namespace nts
 """
 _FUNCTION = """
 extern "C" void batch_{number}(Lanes* __restrict__ A, const Lanes* __restrict__ w,
@@ -86,8 +91,8 @@ def batched_source(source: str, columns: Columns | None = None) -> str:
         sizes = ", ".join(map(str, columns))
         functions += [_MATRIX.format(number=i, sizes=sizes) for i in range(len(names))]
         # It is for double precision only.
-        return '#include "columns.h"\n' + _HEAD + "".join(functions)
-    return _HEAD + "".join(functions)
+        return '#include "columns.h"\n' + _HEAD + "".join(functions) + _END
+    return _HEAD + "".join(functions) + _END
 
 
 def _until_closed(text: str) -> str:

@@ -87,10 +87,11 @@ NTS_LANEWISE_OF_TWO(atan2)
 NTS_LANEWISE_OF_TWO(fmax)
 NTS_LANEWISE_OF_TWO(fmin)
 
-inline double fabs(double x) { return std::fabs(x); }
+inline Real fabs(Real x) { return std::fabs(x); }
 inline Lanes fabs(Lanes x) { return x < 0 ? -x : x; }
 
-inline double pow(double x, double y) { return std::pow(x, y); }
+// Of constants, which are not lanes.
+inline Real pow(Real x, Real y) { return std::pow(x, y); }
 inline Lanes pow(Lanes x, Lanes y)
 {
   Lanes z;

@@ -21,11 +21,16 @@ class Summary:
         self._name, self._stepper = name, stepper
         self._before = dict(stepper.timings.seconds)
         self._start = time.perf_counter()
-        self._duration = 0.0
+        self._end: float | None = None
 
     def stop(self) -> None:
         """Stop the clock."""
-        self._duration = time.perf_counter() - self._start
+        self._end = time.perf_counter()
+
+    @property
+    def _duration(self) -> float:
+        """Wall time until the clock was stopped, or until now [s]."""
+        return (time.perf_counter() if self._end is None else self._end) - self._start
 
     def text(self, ledger: EnergyLedger) -> str:
         """Describe the run.
@@ -43,7 +48,8 @@ class Summary:
             name: seconds - self._before.get(name, 0.0)
             for name, seconds in self._stepper.timings.seconds.items()
         }
-        phases["other"] = self._duration - sum(phases.values())
+        duration = self._duration
+        phases["other"] = duration - sum(phases.values())
         times = ", ".join(f"{name} {seconds:.1f}" for name, seconds in phases.items())
         time_span = f"from t = {ledger.first.time:g} to {ledger.last.time:g} s"
         return "\n".join(
@@ -60,7 +66,7 @@ class Summary:
                     for line in (
                         ledger.iterations(),
                         *str(self._stepper.statistics).splitlines(),
-                        f"wall time: {self._duration:.1f} s ({times})",
+                        f"wall time: {duration:.1f} s ({times})",
                     )
                 ),
             ]

@@ -180,14 +180,18 @@ class _TurnedSlip(Slip):
     """Slip relative to a frame that turns, with the rotations at t_n, mean and at t_{n+1}."""
 
     def __init__(self, slip: Slip, start: Floats, mean: Floats, end: Floats) -> None:
-        self._slip, self._mean, self._end, self.value = slip, mean, end, slip.value
+        self._slip, self.value = slip, slip.value
+        self._start, self._mean, self._end = start, mean, end
         self.force, self.gradient = slip.force @ mean.T, slip.gradient @ end.T
         self.frame_n, self.normal_n = slip.frame_n @ start.T, slip.normal_n @ start.T
         self.frame, self.normal = slip.frame @ end.T, slip.normal @ end.T
 
-    def hessian(self, t: Floats) -> Floats:
-        hessian: Floats = self._mean @ self._slip.hessian(t) @ self._end.T
-        return hessian
+    def at_end(self) -> "_TurnedSlip":
+        return _TurnedSlip(self._slip.at_end(), self._start, self._end, self._end)
+
+    def tangent(self, t: Floats) -> Floats:
+        tangent: Floats = self._mean @ self._slip.tangent(t) @ self._end.T
+        return tangent
 
 
 def _axial(turn: Floats) -> Floats:

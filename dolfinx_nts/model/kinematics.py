@@ -5,6 +5,7 @@ pairs; ``d`` stands for the 3 (1+k) coordinates of a pair, those of the point fi
 obstacle has no vertices, so that d = 3.
 """
 
+import copy
 from functools import cached_property
 from typing import NamedTuple
 
@@ -53,6 +54,9 @@ class Slip:
         value, force, gradient, frame_n, frame: The arguments.
     """
 
+    # Derivative of the force by the coordinates, as a part of the second derivative of the slip.
+    _share = 0.5
+
     def __init__(
         self,
         value: Floats,
@@ -78,6 +82,17 @@ class Slip:
     def normal(self) -> Floats:
         """Outward unit normals of the frames at t_{n+1}, shape ``(m, 3)``."""
         return _normal(self.frame, self._orientation)
+
+    def at_end(self) -> "Slip":
+        """The same with the force of a scheme whose forces act at t_{n+1}: the gradient there."""
+        end = copy.copy(self)
+        end.force, end._share = self.gradient, 1.0
+        return end
+
+    def tangent(self, t: Floats) -> Floats:
+        """Derivative of t . force by the coordinates, shape as of `hessian` [N/m]."""
+        tangent: Floats = self._share * self.hessian(t)
+        return tangent
 
     def work(self, t: Floats, dx: Floats) -> Floats:
         """Work of tractions in the step, shape ``(m,)`` [J].
@@ -113,7 +128,7 @@ class Slip:
         )
 
     def hessian(self, t: Floats) -> Floats:
-        """Twice the derivative of t . force by the coordinates, ``(m, d, d)`` [N/m]."""
+        """Second derivative of t . slip by the coordinates, ``(m, d, d)`` [N/m]."""
         w, b = self._second
         m, k = w.shape
         outer = w[:, :, None] * (t[:, :1] * b[:, 0] + t[:, 1:] * b[:, 1])[:, None, :]

@@ -186,8 +186,8 @@ def solve(
             states = tuple(step.evaluate(x, R_nodes, iteration) for step in steps)
             R_contact = contact_residual(steps, states, (len(X), dim))
         R = free.relieve(R_bulk - free.force.ravel() + R_contact, x, force_scale, steps, states)
-        R = way.pull(R)
         R = bulk.rigid.balance(bulk.u.x.array[:n].reshape(-1, dim), R.reshape(-1, dim)).ravel()
+        R = way.pull(R)
 
         excess = max((s.constraint_error for s in states), default=0.0)
         counts = [sum(s.changed for s in states), sum(s.failed for s in states)]

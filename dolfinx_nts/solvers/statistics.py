@@ -41,7 +41,9 @@ class SolverStatistics:
     def __str__(self) -> str:
         """Choice of the preconditioner, and counts of work."""
         if self.num_builds == 0:
-            return "not used so far"
+            if self.num_direct == 0:
+                return "not used so far"
+            return f"{self.num_direct} factorisations of whole systems"
         crossed = f"waves cross {self.wave_crossings:.3g} cells a step"
         return (
             f"GMRES with {self.preconditioner} of the bulk and a correction around the contacts, "

@@ -51,11 +51,12 @@ class SupportWay:
         """Add the forces of supports that move in this iteration to a residual.
 
         Args:
-            R: Residual on the owned dofs, shape ``(d n,)`` [N].
+            R: Residual on the owned dofs, of rigid bodies their balance, shape ``(d n,)`` [N].
         """
         if self._left is None:
             return R
-        forces = self._bulk.action(self._left, moves_given=True).ravel()
+        forces = self._bulk.action(self._left, moves_given=True)
+        forces = self._bulk.rigid.project(np.zeros_like(forces), forces).ravel()
         squares = reductions.total(self._bulk.comm, np.array([R @ R, forces @ forces]))
         has_followed = squares[0] <= _FOLLOWED**2 * squares[1]
         is_rest = self._largest(self._left) <= _REST * self._length

@@ -103,7 +103,7 @@ class ContactStep:
         self.normal = _normal_contact(
             state, is_static, search, nodal_stiffness, on_the_way or {}, share
         )
-        self.friction = _friction(state, is_static, search, nodal_stiffness)
+        self.friction = _friction(state, is_static, search, nodal_stiffness, scheme == "static")
         self.may_touch = reductions.anywhere(self._comm, bool(self.normal.may_touch.any()))
         # What the first evaluation gave, where later ones cannot give anything else.
         self._idle: ContactContribution | None = None
@@ -225,7 +225,9 @@ class ContactStep:
         dx = frame.relative(*(x.take(pairs.dofs, axis=0) for x in ends))
         carried = frame.carried(*(x.take(self.state.nodes.nodes, axis=0) for x in ends))
         F = pairs.contact.force
-        work = -self.normal.lambda_N[pairs.node] * (F * dx.reshape(F.shape)).sum(axis=1)
+        dx = dx.reshape(F.shape)
+        work = -self.normal.lambda_N[pairs.node] * (F * dx).sum(axis=1)
+        work -= self.friction.scheme_work(pairs, dx)
         # What springs account for is not counted twice.
         work += self.normal.stored(pairs)
         before = old.active[pairs.node]
@@ -314,15 +316,19 @@ def _normal_contact(
 
 
 def _friction(
-    state: PairState | JointState, is_static: bool, search: LocalSearch, stiffness: Floats
+    state: PairState | JointState,
+    is_static: bool,
+    search: LocalSearch,
+    stiffness: Floats,
+    acts_at_end: bool,
 ) -> Friction:
     """Make the tangential forces of a pair by its laws. Local."""
     law = state.pair.friction
     if isinstance(state.pair.enforcement, Tied):
-        return Bond(state, is_static, search, stiffness)
+        return Bond(state, is_static, search, stiffness, acts_at_end)
     if law is None:
         return Friction(state)
-    return StickSlip(state, law, is_static, search, stiffness)
+    return StickSlip(state, law, is_static, search, stiffness, acts_at_end)
 
 
 def contact_residual(

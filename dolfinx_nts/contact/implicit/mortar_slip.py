@@ -66,7 +66,7 @@ class MortarSlip(Slip):
         )
 
     def hessian(self, t: Floats) -> Floats:
-        """Twice the derivative of the forces of points, ``(b, 3 k, 3 k)``, see `PairBlocks`."""
+        """Second derivative of slips of points, ``(b, 3 k, 3 k)``, see `PairBlocks`."""
         shares, of_points = self._points.shares, np.empty_like(self._slip.value)
         of_shares = np.einsum("iab,ia->ib", self._parts, t[shares.node])
         for b in range(2):

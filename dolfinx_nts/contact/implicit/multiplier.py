@@ -66,9 +66,9 @@ class MultiplierContact(NormalContact):
         approach, candidates = search.approach, search.candidates
         eligible = approach.segment >= 0
         if self._holds:
-            # Without candidates nobody is eligible, whatever the size.
-            size = candidates.size
-            size = size.take(approach.segment, mode="wrap") if len(size) else np.ones(1)
+            # Gaps that are held stay the same, so that what they are compared with must not
+            # change either, lest nodes are let go under load where segments are shorter.
+            size = np.repeat(segment_sizes(self._state), np.diff(bounds(self._state)))
             eligible &= self._law.eligible(approach.gap_n, approach.gap, size, history.active)
         urgency = 2 * history.active + (np.fmin(approach.gap_n, approach.gap) < 0)
         if isinstance(self._state, JointState):  # with segments of other bodies

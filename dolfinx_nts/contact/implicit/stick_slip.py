@@ -90,6 +90,13 @@ class Friction:
         """
         return pairs.columns, np.zeros((len(pairs.node), 3, 3))
 
+    def scheme_work(self, pairs: PairKinematics, dx: Floats) -> Floats:
+        """Work of tractions that is neither dissipated nor stored, shape ``(m,)`` [J].
+
+        ``dx`` is the displacement of the pairs in the step, shape ``(m, d)`` [m].
+        """
+        return np.zeros(len(pairs.node))
+
     def accepted(self, pairs: PairKinematics, x: Floats) -> tuple[Floats, dict[str, Any]]:
         """Energy of the springs, ``(n,)`` [J], and what the history remembers, by its names.
 
@@ -107,6 +114,7 @@ class StickSlip(Friction):
         is_static: Whether there is no inertia.
         search: Segments of the nodes.
         stiffness: Stiffness of the nodes, shape ``(n,)`` [N/m].
+        acts_at_end: Whether the scheme has its contact forces at the end of a step.
     """
 
     def __init__(
@@ -116,11 +124,13 @@ class StickSlip(Friction):
         is_static: bool,
         search: LocalSearch,
         stiffness: Floats,
+        acts_at_end: bool,
     ) -> None:
         """Continue from the accepted step."""
         super().__init__(state)
         history, n = state.history, len(stiffness)
         self._law, self._search, self._stiffness = law, search, stiffness
+        self._acts_at_end = acts_at_end
         self._has_spring = state.pair.has_slip_spring
         nodes, ends = state.nodes, bounds(state)
         self._pivoting = BlockPivoting(
@@ -140,6 +150,8 @@ class StickSlip(Friction):
     def measure(self, pairs: PairKinematics, x: Floats) -> None:
         """Add the slip of the pairs, see `Friction.measure`."""
         slip = self._search.pairing.slip(self._law.law, x, pairs.node, pairs.segment)
+        if self._acts_at_end:
+            slip = slip.at_end()
         pairs.add_slip(slip, self._on_axis[pairs.node])
 
     def follow_contact(self, pairs: PairKinematics, before: Flags, active: Flags) -> None:
@@ -243,11 +255,19 @@ class StickSlip(Friction):
         node, along = pairs.node, pairs.force[:, 1:]
         t, slides = self.traction[node], active & ~self.sticks(node, active)
         force += np.einsum("mi,mij->mj", t, along)
-        tangent += pairs.slip.hessian(t) / 2
+        tangent += pairs.slip.tangent(t)
         slopes = np.zeros((len(node), 3, 3))
         slopes[slides, 1:, 1:] = self._model.stiffness[node[slides]]
         direction = np.where(slides[:, None], self._model.direction[node], 0.0)
         return with_friction(pairs.columns, direction), slopes
+
+    def scheme_work(self, pairs: PairKinematics, dx: Floats) -> Floats:
+        """Work of tractions at the end of the step, see `Friction.scheme_work`."""
+        if not self._acts_at_end:
+            return super().scheme_work(pairs, dx)
+        t = self.traction[pairs.node]
+        work: Floats = np.einsum("mi,mid,md->m", t, pairs.force[:, 1:], dx)
+        return work - pairs.slip.work(t, dx)
 
     def accepted(self, pairs: PairKinematics, x: Floats) -> tuple[Floats, dict[str, Any]]:
         """Energy of springs, traction, slip and dissipation, see `Friction.accepted`."""

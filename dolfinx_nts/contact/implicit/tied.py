@@ -76,13 +76,19 @@ class Bond(StickSlip):
         is_static: Whether there is no inertia.
         search: Segments of the nodes.
         stiffness: Stiffness of the nodes, shape ``(n,)`` [N/m].
+        acts_at_end: Whether the scheme has its contact forces at the end of a step.
     """
 
     def __init__(
-        self, state: PairState | JointState, is_static: bool, search: LocalSearch, stiffness: Floats
+        self,
+        state: PairState | JointState,
+        is_static: bool,
+        search: LocalSearch,
+        stiffness: Floats,
+        acts_at_end: bool,
     ) -> None:
         """Let all nodes stick."""
-        super().__init__(state, Coulomb(mu=1.0), is_static, search, stiffness)
+        super().__init__(state, Coulomb(mu=1.0), is_static, search, stiffness, acts_at_end)
         self.sliding = np.zeros(len(stiffness), dtype=bool)
 
     def follow_contact(self, pairs: PairKinematics, before: Flags, active: Flags) -> None:

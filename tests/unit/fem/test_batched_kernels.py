@@ -73,6 +73,22 @@ def test_functions_of_energies(comm):
 
 
 @pytest.mark.serial
+@pytest.mark.parametrize("is_single", [False, True])
+def test_functions_of_parameters(comm, is_single):
+    def psi(C, k):
+        return sum(function(k) for function in FUNCTIONS) * (ufl.tr(C) - 3) ** 2
+
+    work = virtual_work(comm, nts.Hyperelastic(psi, rho=1.0, k=0.5))
+    assert batched_kernels(compile_form(work), is_single=is_single) is not None
+    if is_single:
+        return
+    expected = fem.assemble_vector(compile_form(work)).array
+    given = np.zeros_like(expected)
+    CellForm(work).assemble(given)
+    np.testing.assert_allclose(given, expected, atol=1e-13 * abs(expected).max())
+
+
+@pytest.mark.serial
 @pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 1), ("hexahedron", 2)])
 def test_sums_over_tables_are_taken_direction_by_direction(comm, cell, degree):
     law = nts.SaintVenantKirchhoff(E=1.0, nu=0.3, rho=1.0)

@@ -395,6 +395,15 @@ def test_an_interrupt_at_once_tells_how_to_go_on(comm, folder, caplog, checkpoin
     assert all(re.search(text, message) for message in told)
 
 
+def test_the_summary_of_a_run_that_goes_on_has_the_time_until_now(comm, folder):
+    stepper = blocks(comm).stepper
+    with nts.Recorder(folder / "run", stepper) as recorder:
+        for step in stepper.run(until=2 * stepper.dt):
+            recorder.write(step)
+        *_, times = recorder.summary().splitlines()
+    assert float(re.search(r"other (-?[\d.]+)", times)[1]) >= 0
+
+
 @pytest.mark.at_most_two_ranks
 def test_the_summary_counts_and_is_logged_on_the_first_rank(comm, folder, caplog):
     stepper = blocks(comm).stepper

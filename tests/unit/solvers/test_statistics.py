@@ -55,8 +55,10 @@ def test_counts_are_those_of_the_calls(comm, monkeypatch, direct):
     assert (work.num_direct > 0, work.num_iterations > 0) == (direct, not direct)
     cells = scene.stepper.u.function_space.mesh.topology.index_map(3)
     assert comm.allreduce(work.num_cells) == cells.size_global
-    if not direct:
-        line = str(work)
+    line = str(work)
+    if direct:
+        assert f"{work.num_direct} factorisations of whole systems" in line
+    else:
         assert (
             f"{work.num_iterations} iterations, {work.num_builds} factorisations of the bulk"
             in line

@@ -118,3 +118,39 @@ def test_a_rest_of_the_way_is_not_waited_for(comm, monkeypatch):
     monkeypatch.setattr(support_way, "_LARGEST_STRAIN", strains[0] * (1 - 1e-11))
     report = press(comm, nts.SaintVenantKirchhoff, 0.05, nu=0.3).advance()
     assert report.newton_iterations <= few + 1
+
+
+@pytest.mark.parametrize("bonded", [False, True])
+def test_supports_go_on_where_contact_holds_a_rigid_body(comm, bonded):
+    # What keeps it rigid balances the contact forces on its nodes, which do not vanish.
+    def build(model):
+        for name, corner, size, cells in (
+            ("lower", (0.0, -0.5), (1.0, 0.5), (8, 4)),
+            ("middle", (0.3, 0.0), (0.4, 0.2), (2, 1)),
+            ("upper", (0.0, 0.2), (1.0, 0.5), (8, 4)),
+        ):
+            parts.add_rectangle(model, name, corner=corner, size=size, cells=cells)
+
+    mesh, cells, facets, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+    law = nts.NeoHookean(1e5, 0.3, 1e3)
+    lower, upper = (nts.Body(V, cells, tag[name], law) for name in ("lower", "upper"))
+    middle = nts.RigidBody(V, cells, tag["middle"], 1e3)
+    sides = [nts.Surface(V, facets, tag[name]) for name in ("upper_bottom", "lower_top")]
+    tie = nts.Tied() if bonded else None
+    friction = None if bonded else nts.Coulomb(0.5)
+    pairs = [nts.ContactPair(side, nts.boundary_of(middle), tie, friction) for side in sides]
+    u = fem.Constant(mesh, (0.0, 0.0))
+    ends = [
+        fem.locate_dofs_topological(V, 1, facets.find(tag[side]))
+        for side in ("lower_bottom", "upper_top")
+    ]
+    bcs = [fem.dirichletbc(np.zeros(2), ends[0], V), fem.dirichletbc(u, ends[1], V)]
+
+    def update(t):
+        u.value[1] = -0.15 * t
+
+    stepper = nts.QuasiStatic([lower, middle, upper], pairs, dt=1.0, bcs=bcs, update=update)
+    (step,) = stepper.run(until=1.0)
+    force = [reaction.force[1] for reaction in step.reactions]
+    assert force[0] > 1e3 and abs(sum(force)) < 1e-6 * force[0]

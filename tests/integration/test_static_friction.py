@@ -1,0 +1,88 @@
+"""Friction in statics is that of the end of a step, however far bodies turn in it."""
+
+import numpy as np
+import pytest
+from dolfinx import fem
+
+import dolfinx_nts as nts
+from helpers.plane import blocks, turning
+
+pytestmark = pytest.mark.at_most_two_ranks
+
+MU, ANGLE, WAY, DEPTH = 0.3, 0.5, 0.25, 0.03  # -, rad, m, m
+CENTRE = (0.0, -0.5)  # m
+
+
+def press_and_turn(kind):
+    """Press two blocks together, slide one along the other, turn both, all in one step.
+
+    Returns the stepper with the pair, and the report.
+    """
+    scene = blocks()
+    V = scene.V
+    centre = np.array(CENTRE)[:, None]
+
+    def led(low, high, extra):
+        """Nodes between two heights, turned about the centre after a shift."""
+        u = fem.Function(V)
+
+        def displacement(x):
+            arm = x[:2] + extra[:, None] - centre
+            return centre + turning(ANGLE) @ arm - x[:2]
+
+        u.interpolate(displacement)
+        dofs = fem.locate_dofs_geometrical(V, lambda x: (x[1] > low) & (x[1] < high))
+        return fem.dirichletbc(u, dofs)
+
+    bcs = [led(-0.51, -0.49, np.zeros(2)), led(1.01, 1.03, np.array([WAY, -0.02 - DEPTH]))]
+    segments, method, law = scene.segments, "node-to-segment", None
+    if kind == "obstacle":
+        motion = nts.Motion(rotation=lambda t: ANGLE * t, centre=CENTRE)
+        segments = nts.RigidPlane((0.0, 0.0), (0.0, 1.0)).moving(motion)
+    elif kind == "springs":
+        law = nts.Penalty()
+    elif kind != "facets":
+        method = "mortar"
+    pair = nts.ContactPair(scene.nodes, segments, law, nts.Coulomb(MU), method)
+    stepper = nts.QuasiStatic([scene.lower, scene.upper], [pair], dt=1.0, bcs=bcs)
+    return stepper, stepper.advance()
+
+
+kinds = pytest.mark.parametrize("kind", ["facets", "obstacle", "springs", "mortar"])
+
+
+@kinds
+def test_forces_and_moments_are_balanced(kind):
+    stepper, step = press_and_turn(kind)
+    force, moment = (
+        np.array([getattr(reaction, name) for reaction in step.reactions])
+        for name in ("force", "moment")
+    )
+    (pair,) = nts.Diagnostics(stepper).pairs().values()
+    size = np.linalg.norm(pair.force)
+    assert size > 1.0
+    np.testing.assert_allclose(force[1], -pair.force, rtol=0, atol=1e-8 * size)
+    np.testing.assert_allclose(moment[1], -pair.torque, rtol=0, atol=1e-8 * size)
+    if kind != "obstacle":
+        np.testing.assert_allclose(force[0], pair.force, rtol=0, atol=1e-8 * size)
+        np.testing.assert_allclose(moment[0], pair.torque, rtol=0, atol=1e-8 * size)
+
+
+def test_sliding_bodies_have_coulombs_friction_on_the_turned_surface():
+    stepper, step = press_and_turn("obstacle")
+    (contact,) = stepper.contacts
+    assert step.num_active > 0 and contact.history.sliding[contact.history.active].all()
+    along, away = turning(ANGLE).T
+    force = nts.Diagnostics(stepper).contact_force()
+    assert abs(force @ along / (force @ away) + MU) < 1e-8
+
+
+@kinds
+def test_the_ledger_closes(kind):
+    stepper, step = press_and_turn(kind)
+    diagnostics = nts.Diagnostics(stepper)
+    defect, balance = diagnostics.after_step()
+    given = sum(step.contact_work) + step.support_work + step.solver_work
+    assert step.contact_work.friction < 0
+    stored = balance.strain_energy
+    assert abs(given + defect - stored) < 1e-9 * stored
