@@ -276,12 +276,10 @@ def _equal(one: Any, other: Any) -> bool:
         a, b = left.pop()
         if a is b:
             continue
-        if a._ufl_typecode_ != b._ufl_typecode_ or len(a.ufl_operands) != len(b.ufl_operands):
+        if type(a) is not type(b) or len(a.ufl_operands) != len(b.ufl_operands):
             return False
-        if a._ufl_is_terminal_:
-            if a != b:
-                return False
-            continue
+        if not a.ufl_operands and a != b:
+            return False
         for pair in zip(a.ufl_operands, b.ufl_operands, strict=True):
             key = id(pair[0]), id(pair[1])
             if key not in seen:
