@@ -219,7 +219,8 @@ def quicker_ffcx() -> Iterator[None]:
     """Context in which FFCx writes the same in two thirds of its time, or in half of it. Local.
 
     Elements give the same UFL cell each time, instead of a new one, and nodes of an expression
-    are found by their hash, instead of by comparisons with all of them. Python does not look for
+    are found by their hash, instead of by comparisons with all of them. Two expressions are
+    compared node by node, not once for each way that leads to a node. Python does not look for
     garbage among the many expressions, which are all in use. Setuptools, which runs the compiler,
     reads what all installed packages say of themselves once, not seven times for each form. See
     also `modules_loaded_once`.
@@ -228,7 +229,9 @@ def quicker_ffcx() -> Iterator[None]:
     cells: dict[Any, Any] = {}
     element: Any = getattr(basix.ufl, "_ElementBase", None)
     numberer = _value_numberer()
+    expression: Any = import_module("ufl.core.expr").Expr
     given: Any = getattr(element, "cell", None), getattr(numberer, "get_node_symbols", None)
+    equals: Any = expression.__eq__
 
     def cell(self: Any) -> Any:
         if self.cell_type not in cells:
@@ -243,6 +246,7 @@ def quicker_ffcx() -> Iterator[None]:
         element.cell = property(cell)
     if given[1] is not None:
         numberer.get_node_symbols = get_node_symbols
+    expression.__eq__ = _equal
     collects, metadata.entry_points = gc.isenabled(), _entry_points
     gc.disable()
     try:
@@ -256,10 +260,34 @@ def quicker_ffcx() -> Iterator[None]:
             element.cell = given[0]
         if given[1] is not None:
             numberer.get_node_symbols = given[1]
+        expression.__eq__ = equals
 
 
 # What packages say for setuptools; none is installed while a program runs.
 _entry_points: Any = cache(metadata.entry_points)
+
+
+def _equal(one: Any, other: Any) -> bool:
+    """Whether two expressions of UFL are the same, as UFL has it. Local."""
+    if type(one) is not type(other) or hash(one) != hash(other):
+        return False
+    left, seen = [(one, other)], {(id(one), id(other))}
+    while left:
+        a, b = left.pop()
+        if a is b:
+            continue
+        if type(a) is not type(b) or len(a.ufl_operands) != len(b.ufl_operands):
+            return False
+        if not a.ufl_operands and a != b:
+            return False
+        for pair in zip(a.ufl_operands, b.ufl_operands, strict=True):
+            key = id(pair[0]), id(pair[1])
+            if key not in seen:
+                seen.add(key)
+                left.append(pair)
+    # From now on they share their nodes.
+    one.ufl_operands = other.ufl_operands
+    return True
 
 
 def _value_numberer() -> Any:

@@ -6,6 +6,7 @@ from typing import Any
 
 from mpi4py import MPI
 
+import basix
 import basix.ufl
 import numpy as np
 from dolfinx import fem
@@ -94,7 +95,9 @@ class World:
             owner.append(np.full(len(own), number))
             first += len(part.X)
         rows = slice(None) if comm.rank == 0 else slice(0)
-        element = basix.ufl.element("Lagrange", cell, 1, shape=(3,))
+        # As of meshes by gmsh, with which they share kernels.
+        equispaced = basix.LagrangeVariant.equispaced
+        element = basix.ufl.element("Lagrange", cell, 1, equispaced, shape=(3,))
         mesh = create_mesh(comm=comm, cells=np.vstack(cells)[rows], x=np.vstack(X)[rows], e=element)
         for dims in ((2, 0), (2, 3), (3, 2)):
             mesh.topology.create_connectivity(*dims)

@@ -2,6 +2,7 @@
 
 import ast
 import re
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -62,6 +63,7 @@ def wing_of(module: str) -> str:
     return max((w for w in LEVEL if f"{module}.".startswith(f"{w}." if w else "")), key=len)
 
 
+@cache
 def tree(module: str) -> ast.Module:
     return ast.parse(PATHS[module].read_text())
 

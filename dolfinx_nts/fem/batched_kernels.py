@@ -27,16 +27,34 @@ from dolfinx_nts.parallel import reductions
 __all__ = ["batched_kernels", "begin_batched_kernels", "matrix_kernels"]
 
 _LOG = logging.getLogger(__name__)
-_HEADERS = [Path(__file__).with_name(name) for name in ("lanes.h", "trilinear.h", "columns.h")]
+_FOLDER = Path(__file__).parent
+# What the text of a library depends on beside FFCx's: headers, and what translates.
+_RECIPE = [
+    _FOLDER / name
+    for name in (
+        *("lanes.h", "trilinear.h", "columns.h"),
+        *("batched_source.py", "trilinear_tables.py"),
+    )
+]
 # With C++17 <cmath> takes a twentieth of a second more, for functions that kernels do not have.
 _STANDARD = "-std=c++14"
 _SINGLE = ["-DNTS_SINGLE", "-fsingle-precision-constant"]
 
 
 class _Library(NamedTuple):
-    """A library: what it is made of, how, and where it lies."""
+    """A library: what it is made of, how, and where it lies.
 
-    source: str
+    Its name tells what goes into it, so that nobody translates for a library that is there.
+
+    Attributes:
+        text: The C that FFCx wrote for the form.
+        columns: Place of a function in the kernels, see `batched_source`.
+        command: Call of the compiler, without its files.
+        path: Where the library lies, or will lie.
+    """
+
+    text: str
+    columns: Columns | None
     command: Sequence[str]
     path: Path
 
@@ -46,18 +64,18 @@ class _Library(NamedTuple):
 
         Raises:
             OSError: There is no text.
-            ValueError: The text is not what is expected.
         """
         name = module.name.split(".")[0]
-        source = batched_source(module.with_name(f"{name}.c").read_text(), columns)
+        text = module.with_name(f"{name}.c").read_text()
         compiler = os.environ.get("CXX") or sysconfig.get_config_var("CXX") or "c++"
         # Of matrices there are few; kernels of the others are used all the time.
         soon = [] if columns is None else SOON
         flags = [*OPTIMISED, *soon, *(_SINGLE if is_single else [])]
         command = [*shlex.split(compiler), *flags, _STANDARD, "-fPIC", "-shared"]
-        texts = [source, " ".join(command), *(header.read_text() for header in _HEADERS)]
+        recipe = (path.read_text() for path in _RECIPE)
+        texts = [text, str(columns), " ".join(command), *recipe]
         digest = sha256("".join(texts).encode()).hexdigest()[:16]
-        return cls(source, command, module.with_name(f"{name}-{digest}.so"))
+        return cls(text, columns, command, module.with_name(f"{name}-{digest}.so"))
 
 
 class _Compilation:
@@ -65,16 +83,18 @@ class _Compilation:
 
     Raises:
         OSError: There is no compiler, or no place for the library.
+        ValueError: The text is not what is expected.
     """
 
     def __init__(self, library: _Library) -> None:
+        source = batched_source(library.text, library.columns)
         self._path, self._folder = (
             library.path,
             tempfile.TemporaryDirectory(dir=library.path.parent),
         )
         text, self._made = (Path(self._folder.name) / f"batch.{kind}" for kind in ("cpp", "so"))
-        text.write_text(library.source)
-        include = f"-I{_HEADERS[0].parent}"
+        text.write_text(source)
+        include = f"-I{_FOLDER}"
         command = [*library.command, include, str(text), "-o", str(self._made), "-lm"]
         try:
             self._process = subprocess.Popen(
@@ -195,6 +215,7 @@ def _loaded(library: _Library) -> ctypes.CDLL:
 
     Raises:
         OSError: There is no compiler, or the library cannot be loaded.
+        ValueError: FFCx's text is not what is expected.
         subprocess.CalledProcessError: The compiler does not understand the source.
     """
     if not library.path.exists():

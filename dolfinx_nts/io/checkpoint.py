@@ -72,10 +72,8 @@ def load(path: Path, stepper: Stepper, *others: HasState) -> None:
             has been changed.
     """
     comm = stepper.u.function_space.mesh.comm
-    expected = fingerprint(stepper)
-
     with CheckpointFile(comm, path) as file:
-        scene = file.scene
+        scene, expected = file.scene, fingerprint(stepper)
         if scene != expected:
             raise ValueError(
                 f"expected a checkpoint of this scene, given {path}, in which "

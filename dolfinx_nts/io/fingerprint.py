@@ -7,6 +7,7 @@ not depend on the partition of the mesh.
 import hashlib
 from collections.abc import Callable
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -19,12 +20,15 @@ from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io.checksum import checksum
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 from dolfinx_nts.materials.plasticity import J2Plasticity
-from dolfinx_nts.model.bodies import bulk_form
+from dolfinx_nts.model.bodies import Body, bulk_form
 from dolfinx_nts.model.rigid_shapes import RigidSphere
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 
 __all__ = ["fingerprint"]
+
+# Material of a body, and digest of its energy: each checkpoint asks, and UFL takes long to answer.
+_known: WeakKeyDictionary[Body, tuple[Hyperelastic, str]] = WeakKeyDictionary()
 
 
 def fingerprint(stepper: Stepper) -> dict[str, str]:
@@ -61,7 +65,7 @@ def fingerprint(stepper: Stepper) -> dict[str, str]:
         scene["integrator"] += f" with rho_inf = {stepper.rho_inf}"
     for number, body in enumerate(stepper.bodies, start=1):
         numbers = original[body.cells]
-        scene[f"body {number}"] = f"{rows(numbers, numbers)} of {_material(stepper, body.material)}"
+        scene[f"body {number}"] = f"{rows(numbers, numbers)} of {_material(stepper, body)}"
     for number, pair in enumerate(stepper.pairs, start=1):
         scene[f"pair {number}"] = _pair(pair, ids, rows)
         scene[f"laws of pair {number}"] = f"{_law(pair.enforcement)}, {_law(pair.friction)}"
@@ -85,10 +89,8 @@ def _digest(*values: Any) -> str:
     return digest.hexdigest()[:12]
 
 
-def _material(stepper: Stepper, material: Hyperelastic) -> str:
-    body = next(body for body in stepper.bodies if body.material is material)
-    C = right_cauchy_green(deformation_gradient(stepper.u))
-    form = bulk_form([body], lambda law, parameters, rho: law.psi(C, **parameters))
+def _material(stepper: Stepper, body: Body) -> str:
+    material = body.material
     numbers = {
         "rho": material.rho,
         "mass_damping": material.mass_damping,
@@ -100,7 +102,19 @@ def _material(stepper: Stepper, material: Hyperelastic) -> str:
         numbers |= {f"relaxation_time_{number}": branch.relaxation_time}
     if isinstance(material, J2Plasticity):
         numbers |= {f"hardening_{i}": x for i, x in enumerate(material.hardening, start=1)}
-    return f"{_digest(form.signature())} with {_numbers(numbers)}"
+    return f"{_energy(stepper, body)} with {_numbers(numbers)}"
+
+
+def _energy(stepper: Stepper, body: Body) -> str:
+    """Digest of the energy of a body, without the numbers of its material."""
+    first = next(other for other in stepper.bodies if other.material is body.material)
+    material, digest = _known.get(first, (None, ""))
+    if material is not first.material:
+        C = right_cauchy_green(deformation_gradient(stepper.u))
+        form = bulk_form([first], lambda law, parameters, rho: law.psi(C, **parameters))
+        digest = _digest(form.signature())
+        _known[first] = first.material, digest
+    return digest
 
 
 def _pair(pair: ContactPair, ids: Array, rows: Callable[[Array, Array], str]) -> str:

@@ -7,6 +7,7 @@ from mpi4py import MPI
 import numpy as np
 import ufl
 from dolfinx import fem
+from ufl.algorithms import expand_derivatives
 
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.components import dimension
@@ -59,7 +60,8 @@ class Bulk:
         self.given: Ints = self.supports.fixed
         forms = [residual, *(-load for load in loads)]
         nodes = V.dofmap.index_map
-        self._residual, self._derivative = NodalSum(forms, V), Derivative(forms, u)
+        self._residual = NodalSum([expand_derivatives(form) for form in forms], V)
+        self._derivative = Derivative(forms, u)
         self._dim = dimension(V)
         self.num_owned = self._dim * nodes.size_local
         self._all_cells = int(V.mesh.topology.index_map(V.mesh.topology.dim).size_local)

@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 import ufl
 from dolfinx import fem
+from ufl.algorithms import expand_derivatives
 
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.components import dimension
@@ -38,7 +39,9 @@ class Derivative:
         V = u.function_space
         nodes = V.dofmap.index_map
         self._comm, self._num_owned = nodes.comm, dimension(V) * nodes.size_local
-        derivatives = [ufl.derivative(form, u, self._direction) for form in forms]
+        derivatives = [
+            expand_derivatives(ufl.derivative(form, u, self._direction)) for form in forms
+        ]
         self._new = partial(NodalSum, derivatives, V)
         self._sums = {kernels: self._new(kernels) for kernels in _PROMPT}
         self._left_out: Ints = np.empty(0, dtype=np.int32)

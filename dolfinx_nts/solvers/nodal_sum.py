@@ -5,7 +5,6 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 import ufl
 from dolfinx import fem, la
-from ufl.algorithms import expand_derivatives
 
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.components import dimension
@@ -18,7 +17,8 @@ class NodalSum:
     """Sum of linear forms at the owned nodes, the first of bodies, others of loads.
 
     Args:
-        forms: The form of the bodies, then those of the loads.
+        forms: The form of the bodies, then those of the loads, with derivatives taken by
+            `ufl.algorithms.expand_derivatives`.
         V: Space of the test function.
         kernels: Of the form of the bodies, see `CellForm`.
 
@@ -33,7 +33,7 @@ class NodalSum:
         kernels: Kernels = "double",
     ) -> None:
         """Compile the forms."""
-        first, *loads = map(expand_derivatives, forms)
+        first, *loads = forms
         self._bodies = CellForm(first, kernels)
         # Dead loads have no derivative.
         self._loads = [None if load.empty() else PackedForm(load) for load in loads]

@@ -5,6 +5,7 @@ from mpi4py import MPI
 import numpy as np
 import ufl
 from dolfinx import fem, la
+from ufl.algorithms import expand_derivatives
 
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.components import dimension
@@ -38,8 +39,8 @@ class SurfaceForces:
         self._direction = fem.Function(V)
         # DOLFINx takes 2 us each time that it is asked for the array.
         self._values = self._rows(self._direction.x.array)
-        self._residual = NodalSum([residual], V)
-        self._derivative = NodalSum([ufl.derivative(residual, u, self._direction)], V)
+        forms = residual, ufl.derivative(residual, u, self._direction)
+        self._residual, self._derivative = (NodalSum([expand_derivatives(f)], V) for f in forms)
         marker = la.vector(index_map)
         marker.array[nodes] = 1
         marker.scatter_forward()

@@ -4,13 +4,13 @@ from typing import Any, NamedTuple
 
 from mpi4py import MPI
 
-import basix.ufl
 import numpy as np
 import ufl
 from dolfinx import fem, mesh
 
 import dolfinx_nts as nts
 from dolfinx_nts import compat
+from helpers.coordinates import coordinates
 
 RUBBER = {"E": 1.0e5, "nu": 0.3, "rho": 1.0e3}  # Pa, -, kg/m^3
 
@@ -75,13 +75,12 @@ def blocks(
         turn[:2, :2] = turning(angle)
     if comm.rank > 0:
         quads = quads[:0]
-    element = basix.ufl.element("Lagrange", cell, 1, shape=(gdim,))
     local = points if comm.rank == 0 else points[:0]
     domain = mesh.create_mesh(
         comm,
         quads,
         local @ turn.T,
-        ufl.Mesh(element),
+        ufl.Mesh(coordinates(cell, gdim)),
         partitioner=compat.cell_partitioner(mesh.GhostMode.none),
     )
     V = fem.functionspace(domain, ("Lagrange", degree, (gdim,)))

@@ -4,13 +4,13 @@ from typing import Any
 
 from mpi4py import MPI
 
-import basix.ufl
 import numpy as np
 import ufl
 from dolfinx import fem, mesh
 
 import dolfinx_nts as nts
 from dolfinx_nts import compat, parts
+from helpers.coordinates import coordinates
 from helpers.plane import turning
 
 __all__ = ["balls", "marble", "plane_mesh", "ring", "ring_mesh", "rings", "tagged", "throw"]
@@ -40,7 +40,7 @@ def plane_mesh(comm: MPI.Comm, *parts: Any, cell: str = "quadrilateral") -> mesh
     if cell == "triangle":
         topology = np.concatenate([topology[:, [0, 1, 3]], topology[:, [0, 3, 2]]])
     root = comm.rank == 0
-    element = ufl.Mesh(basix.ufl.element("Lagrange", cell, 1, shape=(2,)))
+    element = ufl.Mesh(coordinates(cell, 2))
     partitioner = compat.cell_partitioner(mesh.GhostMode.none)
     none = topology[:0]
     return mesh.create_mesh(

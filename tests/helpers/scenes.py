@@ -14,7 +14,6 @@ from typing import Any
 
 from mpi4py import MPI
 
-import basix.ufl
 import numpy as np
 import numpy.typing as npt
 import ufl
@@ -29,7 +28,9 @@ from dolfinx.mesh import (
 
 import dolfinx_nts as nts
 from dolfinx_nts import compat, parts
+from dolfinx_nts.fem.jit import compile_quickly
 from dolfinx_nts.integrators.implicit_forms import StepForms
+from helpers.coordinates import coordinates
 from reference.bulk import box, rotation
 
 BALL_PLATE = Path(__file__).parents[2] / "meshes" / "ball_plate.msh"
@@ -149,7 +150,7 @@ class Totals:
         degrees = dict.fromkeys(range(len(parts)), twice)
         degrees[2] = 2 if mesh.topology.cell_name() == "tetrahedron" else twice
         self._forms = [
-            fem.form(part * ufl.dx(metadata={"quadrature_degree": degrees[i]}))
+            compile_quickly(part * ufl.dx(metadata={"quadrature_degree": degrees[i]}))
             for i, part in enumerate(parts)
         ]
 
@@ -392,9 +393,12 @@ def distribute(
         def partitioner(*_: Any) -> Any:
             return compat.cpp_object(graph.adjacencylist(ranks))
 
-    element = basix.ufl.element("Lagrange", data.cell, 1, shape=(3,))
     mesh = create_mesh(
-        comm=comm, cells=data.cells[rows], x=data.X[rows], e=element, partitioner=partitioner
+        comm=comm,
+        cells=data.cells[rows],
+        x=data.X[rows],
+        e=coordinates(data.cell),
+        partitioner=partitioner,
     )
     topology, nodes = mesh.topology, compat.geometry_nodes(mesh)
     for dims in ((2, 0), (2, 3), (3, 2)):

@@ -173,10 +173,10 @@ def test_any_damage_to_a_checkpoint_is_refused_or_harmless(folder, rng):
     checkpoint.save(path, stepper)
     whole, u = path.read_bytes(), stepper.u.x.array.copy()
     refused = 0
-    for _ in range(300):
+    # What HDF5 and the description of the scene need lies at the start.
+    for begin in range(0, 6000, 40):
         damaged = bytearray(whole)
-        # What HDF5 and the description of the scene need lies at the start.
-        at = rng.integers(6000)
+        at = begin + rng.integers(40)
         damaged[at : at + 8] = rng.bytes(8)
         path.write_bytes(damaged)
         try:
@@ -185,7 +185,7 @@ def test_any_damage_to_a_checkpoint_is_refused_or_harmless(folder, rng):
             assert str(error).startswith("expected a ")
             refused += 1
         assert np.array_equal(stepper.u.x.array, u)
-    assert 50 < refused < 300
+    assert 25 < refused < 150
 
 
 def test_a_table_that_is_too_short_or_foreign_is_refused(comm, folder, refused):
@@ -330,10 +330,9 @@ with nts.Recorder(sys.argv[2], stepper, **options) as record:
 @pytest.fixture(scope="module")
 def wholes(tmp_path_factory):
     """Folders with the files of the script when nobody kills it, by kind of fields."""
-    folders = {}
-    for fields in ("xdmf", "vtkhdf"):
-        folders[fields] = tmp_path_factory.mktemp(fields)
-        assert run_script(folders[fields] / "whole", fields).returncode == 0
+    folders = {fields: tmp_path_factory.mktemp(fields) for fields in ("xdmf", "vtkhdf")}
+    for fields, folder in folders.items():
+        record(blocks(MPI.COMM_SELF, num_bodies=3).stepper, folder / "whole", 8, fields)
     return folders
 
 
@@ -379,8 +378,7 @@ def test_a_script_that_was_killed_goes_on_when_started_again(
             assert stepper.step == len(rows) - 2
         told = f"parts.checkpoint.h5 holds step {len(rows) - 2}, t = {BLOCK_STEP * call:g}: the"
         assert killed.stderr.count(told) == 1
-    again = run_script(folder / "parts", fields)
-    assert again.returncode == 0, again.stderr
+    record(blocks(MPI.COMM_SELF, num_bodies=3).stepper, folder / "parts", 8, fields)
     tables = [(folder / f"{name}.csv").read_text() for name in ("whole", "parts")]
     assert tables[0] == tables[1]
     grids = [read_grids(folder / f"{name}.{fields}") for name in ("whole", "parts")]

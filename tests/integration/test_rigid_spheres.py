@@ -82,6 +82,7 @@ LAWS = {
 }
 
 
+@pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize("law", ["elastic", "friction", *(once(x, id=x) for x in [*LAWS][2:])])
 def test_ball_strikes_with_exact_energy_and_momenta(comm, law):
     first, last, given, active = collide(scene(comm, **LAWS[law]), 25)
@@ -112,6 +113,7 @@ def test_a_frictionless_ball_keeps_its_spin():
     assert np.abs(spin_of(stepper) - before).max() < 1e-11
 
 
+@pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize("friction", [once(None, id="frictionless"), SLIDING])
 def test_led_ball_presses_as_an_obstacle_does(comm, agree, friction):
     motion = nts.Motion(lambda t: (max(t - 0.1, 0.0), 0.0, -0.8 * min(t, 0.1)))

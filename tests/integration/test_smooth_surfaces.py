@@ -48,6 +48,7 @@ def test_rings_bounce_with_exact_energy_and_momenta(comm, law):
         assert given < -1e-4 * first.total_energy
 
 
+@pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize(
     "cell", ["hexahedron", pytest.param("tetrahedron", marks=pytest.mark.serial)]
 )

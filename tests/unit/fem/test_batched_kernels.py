@@ -124,6 +124,23 @@ def _recording(load, paths):
     return recorded
 
 
+@pytest.mark.serial
+def test_nobody_translates_for_a_library_that_is_there(comm, monkeypatch):
+    """Each stepper asks for several libraries, and what FFCx writes may be long."""
+    form = compile_quickly(virtual_work(comm, nts.NeoHookean(E=1.0, nu=0.3, rho=1.0)))
+    assert batched_kernels(form) is not None
+    calls = []
+    monkeypatch.setattr(
+        module, "batched_source", lambda *given: calls.append(given) or batched_source(*given)
+    )
+    assert batched_kernels(form) is not None
+    assert not calls
+    monkeypatch.setattr(module, "_STANDARD", "-std=c++17")
+    monkeypatch.setenv("CXX", "no-such-compiler")
+    assert batched_kernels(form) is None
+    assert len(calls) == 1
+
+
 def test_what_cannot_be_batched_is_left_to_ffcx(comm, monkeypatch, caplog):
     work = virtual_work(comm, nts.NeoHookean(E=1.0, nu=0.3, rho=1.0))
     expected = fem.assemble_vector(compile_form(work)).array

@@ -39,8 +39,14 @@ def held(scheme, box, shear, dt):
     return scheme([box.body], dt=dt, bcs=bcs, update=update)
 
 
-@pytest.mark.parametrize("cell", ["hexahedron", once("tetrahedron")])
-@pytest.mark.parametrize("scheme", [nts.EnergyMomentum, *map(once, [nts.Midpoint, alpha])])
+@pytest.mark.parametrize(
+    ("cell", "scheme"),
+    [
+        ("hexahedron", nts.EnergyMomentum),
+        once("tetrahedron", nts.Midpoint),
+        once("tetrahedron", alpha),
+    ],
+)
 def test_branches_only_take_energy_and_all_of_it_is_accounted_for(comm, cell, scheme):
     check_dissipation(comm, cell, rubber(), scheme)
 

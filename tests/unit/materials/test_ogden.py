@@ -214,10 +214,16 @@ def test_a_block_of_treloars_rubber_is_pulled_with_the_force_of_the_closed_form(
 
 
 @pytest.mark.parametrize(
-    "scheme", [nts.EnergyMomentum, *map(once, [nts.Midpoint, nts.GeneralizedAlpha])]
+    # Kernels of tetrahedra, which have one point, are sooner compiled.
+    ("scheme", "cell"),
+    [
+        (nts.EnergyMomentum, "hexahedron"),
+        once(nts.Midpoint, "tetrahedron"),
+        once(nts.GeneralizedAlpha, "tetrahedron"),
+    ],
 )
-def test_a_body_flies_with_its_energy_and_momenta(comm, scheme):
-    box = Box(comm, material=nts.Ogden((400.0, 5.0, -50.0), (1.3, 5.0, -2.0), KAPPA, RHO))
+def test_a_body_flies_with_its_energy_and_momenta(comm, scheme, cell):
+    box = Box(comm, cell, nts.Ogden((400.0, 5.0, -50.0), (1.3, 5.0, -2.0), KAPPA, RHO))
     stepper = scheme([box.body], dt=0.03)
     stepper.set_velocity(box.body, swirl)
     ledger = Ledger(stepper)

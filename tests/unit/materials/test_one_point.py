@@ -20,6 +20,7 @@ from dolfinx.mesh import (
 )
 
 import dolfinx_nts as nts
+from dolfinx_nts.fem.jit import compile_quickly
 from dolfinx_nts.model.bodies import bulk_form
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.tangent import Tangent
@@ -295,7 +296,8 @@ def eigenvalues(material, motion):
         return ufl.inner(F * material.stress(F.T * F, **parameters), ufl.grad(eta))
 
     u.interpolate(lambda x: motion @ x - x)
-    K = fem.assemble_matrix(fem.form(ufl.derivative(bulk_form([body], work), u))).to_dense()
+    form = compile_quickly(ufl.derivative(bulk_form([body], work), u))
+    K = fem.assemble_matrix(form).to_dense()
     return np.linalg.eigvalsh((K + K.T) / 2)
 
 
