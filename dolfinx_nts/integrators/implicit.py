@@ -11,6 +11,7 @@ Schemes differ in the stress of f_int and in the kernel of the contact force F, 
 statics and the generalised-alpha method also in the inertia, see `Rates`.
 """
 
+import logging
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
@@ -36,6 +37,7 @@ from dolfinx_nts.fem.components import dimension, in_space
 from dolfinx_nts.integrators.inertia import ConsistentInertia, Inertia
 from dolfinx_nts.integrators.rates import MidpointRates
 from dolfinx_nts.integrators.reactions import Reactions
+from dolfinx_nts.integrators.relaxation import PseudoStep, Relaxation
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.resolved_impact import ResolvedImpact
 from dolfinx_nts.integrators.rigid import (
@@ -54,11 +56,14 @@ from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers import newton
 from dolfinx_nts.solvers.cell_sizes import cell_sizes
+from dolfinx_nts.solvers.drag import Drag
 from dolfinx_nts.solvers.free_bodies import FreeBodies, FreeBody, find_free_bodies
 from dolfinx_nts.solvers.krylov import LinearSolver
 from dolfinx_nts.solvers.statistics import SolverStatistics
 
 __all__ = ["ImplicitStepper"]
+
+_logger = logging.getLogger("dolfinx_nts")
 
 # Part of the momentum over dt [-] that counts as a force to which the residual is compared: a
 # body in free flight has no other force, and its round-off is that of its momentum.
@@ -130,7 +135,9 @@ class ImplicitStepper(Stepper):
             free = find_free_bodies(bodies, self._bulk, self._tangent, X)
         dim = dimension(self.u.function_space)
         mass = self._lumped_mass[::dim]
-        self._free_bodies = FreeBodies(free, self._tangent, mass, dim)
+        self._free_bodies, self._no_free_bodies = (
+            FreeBodies(some, self._tangent, mass, dim) for some in (free, ())
+        )
         if free:
             self._bulk.stabilisation = self._free_bodies.resistance
             self._tangent.shift = self._free_bodies.shift
@@ -239,8 +246,69 @@ class ImplicitStepper(Stepper):
                 attempts[name] = replace(solution.report, reason=reason)
             if solution.report.is_hopeless:
                 break
+        advice = self._free_bodies.advice()
+        if self._relaxes and self._rates.acceleration is None and not solution.report.is_hopeless:
+            steps, solution = self._relax(starts["last"], guesses["last"], x, force_scale)
+            attempts["relaxed"] = solution.report
+            if solution.report.converged:
+                self._last.load = load
+                return self._accepted(steps, solution, attempts.values())
         self.u.x.array[:] = self.u_n.x.array
-        raise self._failure(attempts, steps, solution.states)
+        raise self._failure(attempts, steps, solution.states, advice)
+
+    def _relax(
+        self, start: Floats, guess: Floats, x: tuple[Floats, Floats], force_scale: float
+    ) -> tuple[list[ContactStep], newton.Solution]:
+        """Let bodies go to an equilibrium against a resistance, see `Relaxation`.
+
+        Arguments are those of `_solve` from the last state.
+        """
+        found: list[tuple[list[ContactStep], newton.Solution]] = []
+        self.u.x.array[:] = guess
+        drag, trial = Drag(self._bulk, self._tangent), x[1]
+
+        def attempt(part: float) -> PseudoStep:
+            """Solve from the present state, which a failure leaves as it is."""
+            nonlocal start, guess, trial
+            self._free_bodies.begin()
+            given = start, guess, (x[0], trial), {}, force_scale, True
+            with drag.acting(part, guess[: self._bulk.num_owned]):
+                steps, solution = self._solve(*given, drag=drag if part else None)
+                force = drag.norm() / (force_scale or 1.0)
+            report, reason = solution.report, ""
+            if report.converged:
+                self._way = reductions.largest(self._comm, _kernels.farthest(self.x, x[0]))
+                reason = self._volume_ratio.inverted() if part else self._wrong(steps, x[0])
+            found[:] = [(steps, solution)]
+            if report.converged and not reason:
+                start = guess = self.u.x.array.copy()
+                trial = self.x
+            return PseudoStep(replace(report, reason=report.reason or reason), force, self._way)
+
+        relaxation = Relaxation(attempt, self._extent())
+        report = relaxation.find()
+        steps, solution = found[0]
+        if report.converged:
+            self.watch.vertices.accept()
+            if self._comm.rank == 0:
+                _logger.warning(
+                    "step %d to t = %g: Newton's method found no equilibrium near the last one; "
+                    "bodies went to another one, which is as exact, by up to %.3g m, in %d "
+                    "pseudo-steps against a viscous resistance: they snap or roll there. With "
+                    "inertia they may go elsewhere, which EnergyMomentum follows",
+                    *(self.step + 1, self.t + self.dt, self._way, relaxation.num_steps),
+                )
+        return steps, replace(solution, report=report)
+
+    def _extent(self) -> float:
+        """Size of all bodies together [m]."""
+        X = self._X[: len(self.node_ids)]
+        top, low = X.max(axis=0, initial=-np.inf), X.min(axis=0, initial=np.inf)
+        return float(
+            np.linalg.norm(
+                reductions.largest(self._comm, top) - reductions.least(self._comm, low)
+            )
+        )
 
     def _choose_springs(self) -> None:
         """Choose the stiffness of springs that the user left open, in the first step."""
@@ -331,6 +399,7 @@ class ImplicitStepper(Stepper):
         attempts: Mapping[str, newton.NewtonReport],
         steps: Sequence[ContactStep],
         states: Sequence[ContactContribution],
+        advice: str,
     ) -> newton.ConvergenceError:
         """Error that says why all attempts have failed; steps and states are of the last."""
         return StepFailure(attempts, steps, states, self._comm).error(
@@ -338,7 +407,7 @@ class ImplicitStepper(Stepper):
             self.bodies,
             self.contacts,
             self.watch.springs.yielding(),
-            self._free_bodies.advice() or self._time_helps(),
+            advice or self._time_helps(),
         )
 
     def _time_helps(self) -> str:
@@ -415,11 +484,12 @@ class ImplicitStepper(Stepper):
         on_the_way: Mapping[float, Floats],
         force_scale: float,
         all_awake: bool = False,
+        drag: Drag | None = None,
     ) -> tuple[list[ContactStep], newton.Solution]:
         """Solve the step from a displacement; ``x`` are positions at its start and on trial.
 
         ``guess`` is that displacement before supports and rigid bodies have changed it;
-        ``on_the_way`` is that of `ContactStep`.
+        ``on_the_way`` is that of `ContactStep`; a drag takes the place of what holds free bodies.
         """
         self.u.x.array[:] = start
         with self.timings.phase("contact"):
@@ -449,12 +519,13 @@ class ImplicitStepper(Stepper):
             self._solver,
             steps,
             self._X[: len(self.node_ids)],
-            free=self._free_bodies,
-            at_rest=self._rates.at_rest,
+            free=self._free_bodies if drag is None else self._no_free_bodies,
+            at_rest=self._rates.at_rest and drag is None,
             sizes=self._sizes,
             force_scale=force_scale,
             inertia=self._rates.acceleration is not None,
             timings=self.timings,
+            drag=drag,
         )
         return steps, solution
 

@@ -146,6 +146,10 @@ class StepLength:
         """Halve the length after a step that failed."""
         self.cuts, self._accepted = self.cuts + 1, 0
 
+    def uncut(self, cuts: int) -> None:
+        """Take back the last cuts, as length does not help."""
+        self.cuts, self._accepted = max(self.cuts - cuts, 0), 0
+
     def accept(self) -> None:
         """Count a step that succeeded, and double the length after some of them."""
         self._accepted += 1

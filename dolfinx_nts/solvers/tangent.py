@@ -43,6 +43,7 @@ class Tangent:
         comm: Communicator of the mesh.
         shift: Stiffness of the owned nodes that matrices have on their diagonals beside that of
             the forms, shape ``(n, 1)``, or of all [N/m].
+        drag: The same of a resistance that acts for a while, see `Drag`.
         num_assembled: Matrices assembled so far. It tells the values of the
             last one from those of others.
         point: What `restore` needs to make the last matrix again: the values
@@ -70,6 +71,7 @@ class Tangent:
         self._stiffness = NodalStiffness(u.function_space, self._supports.fixed)
         self.point: Sequence[Array] | None = None
         self.shift: Floats | float = 0.0
+        self.drag: Floats | float = 0.0
         self.num_assembled = 0
 
     @property
@@ -205,7 +207,7 @@ class Tangent:
         csr.scatter_reverse()
         self._rows.set_diagonal(self._supports.fixed, 1.0)
         shift = self.shift + self.held
-        self._rows.add_to_diagonal(shift if is_exact else _NEARBY_SHIFT * shift)
+        self._rows.add_to_diagonal((shift if is_exact else _NEARBY_SHIFT * shift) + self.drag)
         stiffness = self._stiffness.of(self._rows)
         self._stiffness.values = stiffness + self._add_to(self._rows)
         self.num_assembled += 1
