@@ -305,9 +305,7 @@ class ImplicitStepper(Stepper):
         X = self._X[: len(self.node_ids)]
         top, low = X.max(axis=0, initial=-np.inf), X.min(axis=0, initial=np.inf)
         return float(
-            np.linalg.norm(
-                reductions.largest(self._comm, top) - reductions.least(self._comm, low)
-            )
+            np.linalg.norm(reductions.largest(self._comm, top) - reductions.least(self._comm, low))
         )
 
     def _choose_springs(self) -> None:

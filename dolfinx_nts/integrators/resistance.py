@@ -2,8 +2,8 @@
 
 __all__ = ["Resistance"]
 
-# Resistance relative to the stiffness of nodes [-]: the first; the largest, with which bodies hardly
-# move; and the least, beyond which it adds nothing to what holds bodies.
+# Resistance relative to the stiffness of nodes [-]: the first; the largest, with which bodies
+# hardly move; and the least, beyond which it adds nothing to what holds bodies.
 _FIRST, _LARGEST, _LEAST = 1e-2, 10.0, 1e-10
 # Its change after a pseudo-step that succeeded, and after one that failed [-].
 _FALL, _RISE = 0.1, 4.0
