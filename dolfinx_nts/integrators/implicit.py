@@ -135,9 +135,7 @@ class ImplicitStepper(Stepper):
             free = find_free_bodies(bodies, self._bulk, self._tangent, X)
         dim = dimension(self.u.function_space)
         mass = self._lumped_mass[::dim]
-        self._free_bodies, self._no_free_bodies = (
-            FreeBodies(some, self._tangent, mass, dim) for some in (free, ())
-        )
+        self._free_bodies = FreeBodies(free, self._tangent, mass, dim)
         if free:
             self._bulk.stabilisation = self._free_bodies.resistance
             self._tangent.shift = self._free_bodies.shift
@@ -252,7 +250,9 @@ class ImplicitStepper(Stepper):
             attempts["relaxed"] = solution.report
             if solution.report.converged:
                 self._last.load = load
-                return self._accepted(steps, solution, attempts.values())
+                report = self._accepted(steps, solution, attempts.values())
+                self._rates.forget()  # It does not go on like that.
+                return report
         self.u.x.array[:] = self.u_n.x.array
         raise self._failure(attempts, steps, solution.states, advice)
 
@@ -263,31 +263,42 @@ class ImplicitStepper(Stepper):
 
         Arguments are those of `_solve` from the last state.
         """
-        found: list[tuple[list[ContactStep], newton.Solution]] = []
-        self.u.x.array[:] = guess
-        drag, trial = Drag(self._bulk, self._tangent), x[1]
+        drag, n = Drag(self._bulk, self._tangent), self._bulk.num_owned
+        last, trial = self._X + self._in_space(guess), x[1]
+        steps: list[ContactStep] = []
+        after: list[ContactStep] = []
+        solution: newton.Solution
 
         def attempt(part: float) -> PseudoStep:
-            """Solve from the present state, which a failure leaves as it is."""
-            nonlocal start, guess, trial
-            self._free_bodies.begin()
-            given = start, guess, (x[0], trial), {}, force_scale, True
-            with drag.acting(part, guess[: self._bulk.num_owned]):
-                steps, solution = self._solve(*given, drag=drag if part else None)
-                force = drag.norm() / (force_scale or 1.0)
-            report, reason = solution.report, ""
+            """Solve from the last state."""
+            nonlocal steps, solution
+            with drag.acting(part, guess[:n]):
+                steps, solution = self._solve(
+                    *(start, guess, (x[0], trial), {}, force_scale),
+                    all_awake=True,
+                    drag=drag if part else None,
+                    after=after,
+                )
+            report = solution.report
+            way, self._way = (
+                reductions.largest(self._comm, _kernels.farthest(self.x, there))
+                for there in (last, x[0])
+            )
             if report.converged:
-                self._way = reductions.largest(self._comm, _kernels.farthest(self.x, x[0]))
-                reason = self._volume_ratio.inverted() if part else self._wrong(steps, x[0])
-            found[:] = [(steps, solution)]
-            if report.converged and not reason:
-                start = guess = self.u.x.array.copy()
-                trial = self.x
-            return PseudoStep(replace(report, reason=report.reason or reason), force, self._way)
+                wrong = self._volume_ratio.inverted() if part else self._wrong(steps, x[0])
+                report = replace(report, reason=wrong)
+            return PseudoStep(report, way, self._way)
 
-        relaxation = Relaxation(attempt, self._extent())
+        def accept() -> None:
+            """Make it the last state."""
+            nonlocal start, guess, last, trial, after
+            start = guess = self.u.x.array.copy()
+            last = trial = self.x
+            after = steps
+
+        size = self._sizes.smallest
+        relaxation = Relaxation(attempt, accept, farthest=self._extent(), size=size)
         report = relaxation.find()
-        steps, solution = found[0]
         if report.converged:
             self.watch.vertices.accept()
             if self._comm.rank == 0:
@@ -483,11 +494,13 @@ class ImplicitStepper(Stepper):
         force_scale: float,
         all_awake: bool = False,
         drag: Drag | None = None,
+        after: Sequence[ContactStep] = (),
     ) -> tuple[list[ContactStep], newton.Solution]:
         """Solve the step from a displacement; ``x`` are positions at its start and on trial.
 
         ``guess`` is that displacement before supports and rigid bodies have changed it;
-        ``on_the_way`` is that of `ContactStep`; a drag takes the place of what holds free bodies.
+        ``on_the_way`` is that of `ContactStep`; ``drag`` resists all motions; contact begins as
+        it was at the end of the attempts ``after``, one for each pair, if there are any.
         """
         self.u.x.array[:] = start
         with self.timings.phase("contact"):
@@ -508,6 +521,9 @@ class ImplicitStepper(Stepper):
                 )
                 for state in states
             ]
+            if after:
+                for step, other in zip(steps, after, strict=True):
+                    step.go_on_from(other)
         # Bodies that only contact holds go as far as it takes to touch others.
         if not (all_awake or self._free_bodies.bodies):
             self._sleeping.find(self.v.x.array, self.u_n.x.array, steps)
@@ -517,7 +533,7 @@ class ImplicitStepper(Stepper):
             self._solver,
             steps,
             self._X[: len(self.node_ids)],
-            free=self._free_bodies if drag is None else self._no_free_bodies,
+            free=self._free_bodies,
             at_rest=self._rates.at_rest and drag is None,
             sizes=self._sizes,
             force_scale=force_scale,

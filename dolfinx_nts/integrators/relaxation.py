@@ -5,6 +5,7 @@ facet, or snap. See `Drag` for the method. The equilibrium at the end is one wit
 """
 
 import logging
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
@@ -16,9 +17,14 @@ __all__ = ["PseudoStep", "Relaxation"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Force of the resistance relative to those at work [-], from which on Newton's method is tried
-# without it; and by how much it has to fall before it is tried again.
-_NEAR, _NEARER = 1e-3, 0.1
+# Way of a pseudo-step relative to that of the last one [-], from which on Newton's method is tried
+# without resistance: away from an equilibrium ways become longer while it falls.
+_SETTLED = 0.1
+# How far an equilibrium without resistance may be, relative to the way of the last pseudo-step and
+# to a cell [-], to be the one to which these lead: Newton's method alone may go anywhere.
+_FARTHER, _SAME = 10.0, 1e-3
+# Pseudo-steps that do not count for that [-]: in the first supports go their way.
+_FIRST = 1
 # Linear systems [-] after which it is given up: far more than those of a snap.
 _MOST_ITERATIONS = 800
 
@@ -28,67 +34,84 @@ class PseudoStep(NamedTuple):
 
     Attributes:
         report: What Newton's method did.
-        force: Force of the resistance relative to those at work [-]; 0 without resistance.
-        way: Largest way of a node since the begin of the step [m].
+        way: Largest way of a node in it [m].
+        gone: Largest way of a node since the begin of the step [m].
     """
 
     report: NewtonReport
-    force: float
     way: float
+    gone: float
 
 
 class Relaxation:
     """Pseudo-steps with less and less resistance, until none is needed. Collective.
 
     Args:
-        attempt: Solves from the present state with a resistance, relative to the stiffness of
-            the nodes, which is measured from there; 0 for none. Where it fails the state is as
-            before.
+        attempt: Solves from the last state with a resistance, relative to the stiffness of the
+            nodes, which is measured from there; 0 for none.
+        accept: Makes the solution of the last attempt the last state.
         farthest: Way of a node from which on bodies are taken to go on for ever [m].
+        size: That of the smallest cell [m].
+
+    Attributes:
+        num_steps: Number of attempts.
     """
 
-    def __init__(self, attempt: Callable[[float], PseudoStep], farthest: float) -> None:
+    def __init__(
+        self,
+        attempt: Callable[[float], PseudoStep],
+        accept: Callable[[], None],
+        *,
+        farthest: float,
+        size: float,
+    ) -> None:
         """Begin at the present state."""
-        self._attempt, self._farthest = attempt, farthest
+        self._attempt, self._accept = attempt, accept
+        self._farthest, self._size = farthest, size
         self.num_steps = self._iterations = 0
 
     def find(self) -> NewtonReport:
         """Go to an equilibrium; its ``reason`` says why there is none otherwise."""
-        resistance, near = Resistance(), _NEAR
-        while True:
+        resistance, ways = Resistance(), [math.inf] * _FIRST
+        while self._iterations <= _MOST_ITERATIONS:
             step = self._solve(resistance.part)
-            if step.report.converged:
-                resistance.accept()
-                is_near = step.force <= near or resistance.is_gone
-                if step.way > self._farthest:
-                    reason = (
-                        f"bodies go on by more than their size of {self._farthest:.3g} m: "
-                        "what follows is a motion"
-                    )
-                    return self._told(step.report, reason)
-                if is_near:
-                    near = _NEARER * step.force
-                    last = self._solve(0.0)
-                    if last.report.converged:
-                        return self._told(last.report, "")
-                if resistance.is_gone:
-                    return self._told(step.report, "there is no equilibrium where they end")
-            else:
+            report = step.report
+            if not report.converged:
                 resistance.fail()
                 if resistance.is_too_large:
-                    return self._told(step.report, step.report.reason)
-            if self._iterations > _MOST_ITERATIONS:
-                return self._told(step.report, f"no end in {self._iterations} iterations")
+                    return self._told(report, report.reason)
+                continue
+            self._accept()
+            if step.gone > self._farthest:
+                reason = (
+                    f"bodies go on by more than their size of {self._farthest:.3g} m: "
+                    "what follows is a motion"
+                )
+                return self._told(report, reason)
+            resistance.accept()
+            ways.append(step.way)
+            if resistance.is_gone or (len(ways) > _FIRST + 1 and ways[-1] <= _SETTLED * ways[-2]):
+                last = self._solve(0.0)
+                if last.report.converged and last.way <= self._same(step.way):
+                    self._accept()
+                    return self._told(last.report, "")
+            if resistance.is_gone:
+                return self._told(report, "there is no equilibrium where they end")
+        return self._told(report, f"no end in {self._iterations} iterations")
+
+    def _same(self, way: float) -> float:
+        """Largest way to the equilibrium to which the last pseudo-step led [m]."""
+        return max(_FARTHER * way, _SAME * self._size)
 
     def _solve(self, part: float) -> PseudoStep:
         step = self._attempt(part)
         self.num_steps += 1
         self._iterations += step.report.iterations
         _logger.debug(
-            "pseudo-step %d: resistance %.1e of the stiffness, %d iterations, %s, %.1e of the "
-            "forces at work left, nodes have gone up to %.3g m",
+            "pseudo-step %d: resistance of %.1e of the stiffness, %d iterations, %s, nodes go up "
+            "to %.3g m, %.3g m since the begin of the step",
             *(self.num_steps, part, step.report.iterations),
-            *(step.report.reason or "solved", step.force, step.way),
+            *(step.report.reason or "solved", step.way, step.gone),
         )
         return step
 

@@ -15,11 +15,8 @@ Numer. Anal. 35 (1998)).
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-import numpy as np
-
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.fem.components import dimension
-from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.tangent import Tangent
 
@@ -75,8 +72,3 @@ class Drag:
         force: Floats = (self._resistance * (self._nodes - self._reference)).ravel()
         force[self._bulk.given] = 0
         return force
-
-    def norm(self) -> float:
-        """Euclidean norm of that force, by which u misses an equilibrium [N]. Collective."""
-        force = self.force()
-        return float(np.sqrt(reductions.total(self._bulk.comm, force @ force)))

@@ -26,7 +26,7 @@ __all__ = ["ConvergenceError", "NewtonReport", "solve"]
 _logger = logging.getLogger("dolfinx_nts")
 
 _MAX_ITERATIONS = 50  # until another start is tried
-_MAX_DRAGGED = 20  # until a larger resistance is tried
+_MAX_DRAGGED = 20  # until a resistance, or a larger one, is tried
 # In so many iterations after each other given displacements violate constraints: none is left
 # to help, as only given displacements can change these gaps.
 _GIVEN_ITERATIONS = 6

@@ -149,6 +149,16 @@ class ContactStep:
             self._idle = contribution
         return contribution
 
+    def go_on_from(self, other: "ContactStep") -> None:
+        """Begin with the segments and the active set at the end of another attempt. Local.
+
+        Args:
+            other: An attempt at the same step of the same pairs.
+        """
+        self.search.go_on_from(other.search)
+        self.normal.go_on_from(other.normal)
+        self.friction.go_on_from(other.friction)
+
     def reproject(self) -> int:
         """Find the segments again in equilibrium; return how many of this rank changed.
 

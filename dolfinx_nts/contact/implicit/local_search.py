@@ -119,6 +119,7 @@ class LocalSearch:
         self.segment: Ints = segment_n.copy()
         self.gap: Floats = gap.copy()
         self._moves: Ints = np.zeros(len(self.segment), dtype=np.int32)
+        self._goes_on = False
 
     def _catch(self, trial: Floats, met: Ints, gap_trial: Floats) -> None:
         """Let nodes that would pass a segment meet it: change what they meet, and the gap."""
@@ -159,10 +160,26 @@ class LocalSearch:
         ``node`` positions among the surface's nodes, shape ``(m,)``, ``iteration`` counts
         Newton iterations from 0. Returns segments, -1 without, and flags.
         """
-        segment, moved = self._find(x, node, np.inf if iteration else _kernels.HYSTERESIS)
+        stays = iteration or self._goes_on
+        segment, moved = self._find(x, node, np.inf if stays else _kernels.HYSTERESIS)
         if iteration:
             self._count(node, moved)
         return segment, moved
+
+    def go_on_from(self, other: "LocalSearch") -> None:
+        """Begin with the segments at the end of another attempt at the step. Local.
+
+        Contact points that do not follow their nodes are where positions without contact want
+        them, which an attempt that goes on has from the other one.
+        """
+        if not self.pairing.follows:
+            return
+        key = np.full(len(self.segment), -1, dtype=np.int64)
+        found = other.segment >= 0
+        key[found] = other.candidates.key[other.segment[found]]
+        last = self.candidates.find(key)
+        self.segment = np.where(last >= 0, last, self.segment).astype(np.int32)
+        self._goes_on = True
 
     def reproject(self, x: Floats, node: Ints) -> tuple[int, bool]:
         """Find the segments of nodes in equilibrium, see `find`. Collective.

@@ -48,6 +48,11 @@ class NormalContact(ABC):
         """Go on with other contact points within the step. Collective."""
         self._begin(self.active, self.lambda_N)
 
+    def go_on_from(self, other: "NormalContact") -> None:
+        """Begin with the active set and the multipliers of another attempt. Local."""
+        self.active = other.active & self._eligible
+        self.lambda_N = np.where(self.active, other.lambda_N, 0.0)
+
     def choose(self) -> Flags:
         """Choose the nodes that may transmit force, shape ``(n,)``. Collective."""
         return self._search.approach.segment >= 0
