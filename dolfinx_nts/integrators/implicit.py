@@ -37,7 +37,7 @@ from dolfinx_nts.fem.components import dimension, in_space
 from dolfinx_nts.integrators.inertia import ConsistentInertia, Inertia
 from dolfinx_nts.integrators.rates import MidpointRates
 from dolfinx_nts.integrators.reactions import Reactions
-from dolfinx_nts.integrators.relaxation import PseudoStep, Relaxation
+from dolfinx_nts.integrators.relaxation import IF_IT_MOVES, PseudoStep, Relaxation
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.resolved_impact import ResolvedImpact
 from dolfinx_nts.integrators.rigid import (
@@ -227,7 +227,7 @@ class ImplicitStepper(Stepper):
         }
         force_scale = self._force_scale(load)
         attempts: dict[str, newton.NewtonReport] = {}
-        for name, start in starts.items():
+        for name, start in starts.items() if self._tries else ():
             given = start, guesses[name], x, on_the_way, force_scale
             steps, solution = self._solve(*given)
             if self._sleeping.must_wake(steps):
@@ -244,8 +244,9 @@ class ImplicitStepper(Stepper):
                 attempts[name] = replace(solution.report, reason=reason)
             if solution.report.is_hopeless:
                 break
-        advice = self._free_bodies.advice()
-        if self._relaxes and self._rates.acceleration is None and not solution.report.is_hopeless:
+        advice = self._free_bodies.advice() or self._time_helps()
+        hopeless = any(report.is_hopeless for report in attempts.values())
+        if self._relaxes and self._rates.acceleration is None and not hopeless:
             steps, solution = self._relax(starts["last"], guesses["last"], x, force_scale)
             attempts["relaxed"] = solution.report
             if solution.report.converged:
@@ -253,6 +254,7 @@ class ImplicitStepper(Stepper):
                 report = self._accepted(steps, solution, attempts.values())
                 self._rates.forget()  # It does not go on like that.
                 return report
+            advice += f"; {IF_IT_MOVES}"
         self.u.x.array[:] = self.u_n.x.array
         raise self._failure(attempts, steps, solution.states, advice)
 
@@ -263,6 +265,7 @@ class ImplicitStepper(Stepper):
 
         Arguments are those of `_solve` from the last state.
         """
+        self.u.x.array[:] = guess
         drag, n = Drag(self._bulk, self._tangent), self._bulk.num_owned
         last, trial = self._X + self._in_space(guess), x[1]
         steps: list[ContactStep] = []
@@ -416,7 +419,7 @@ class ImplicitStepper(Stepper):
             self.bodies,
             self.contacts,
             self.watch.springs.yielding(),
-            advice or self._time_helps(),
+            advice,
         )
 
     def _time_helps(self) -> str:

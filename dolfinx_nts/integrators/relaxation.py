@@ -5,7 +5,6 @@ facet, or snap. See `Drag` for the method. The equilibrium at the end is one wit
 """
 
 import logging
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
@@ -13,12 +12,18 @@ from typing import NamedTuple
 from dolfinx_nts.integrators.resistance import Resistance
 from dolfinx_nts.solvers.newton import NewtonReport
 
-__all__ = ["PseudoStep", "Relaxation"]
+__all__ = ["IF_IT_MOVES", "PseudoStep", "Relaxation"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Way of a pseudo-step relative to that of the last one [-], from which on Newton's method is tried
-# without resistance: away from an equilibrium ways become longer while it falls.
+# What helps where bodies come to no rest.
+IF_IT_MOVES = (
+    "where bodies snap to no equilibrium at all they move: EnergyMomentum follows that, to rest "
+    "with damping or plastic impact, and given displacements instead of loads may lead past it"
+)
+
+# Way of a pseudo-step relative to that of the last one, with no less resistance [-], from which on
+# Newton's method is tried without: away from an equilibrium ways become longer while it falls.
 _SETTLED = 0.1
 # How far an equilibrium without resistance may be, relative to the way of the last pseudo-step and
 # to a cell [-], to be the one to which these lead: Newton's method alone may go anywhere.
@@ -72,9 +77,10 @@ class Relaxation:
 
     def find(self) -> NewtonReport:
         """Go to an equilibrium; its ``reason`` says why there is none otherwise."""
-        resistance, ways = Resistance(), [math.inf] * _FIRST
+        resistance, before, count = Resistance(), (0.0, 0.0), 0
         while self._iterations <= _MOST_ITERATIONS:
-            step = self._solve(resistance.part)
+            part = resistance.part
+            step = self._solve(part)
             report = step.report
             if not report.converged:
                 resistance.fail()
@@ -83,14 +89,13 @@ class Relaxation:
                 continue
             self._accept()
             if step.gone > self._farthest:
-                reason = (
-                    f"bodies go on by more than their size of {self._farthest:.3g} m: "
-                    "what follows is a motion"
-                )
+                reason = f"bodies go on by more than their size of {self._farthest:.3g} m"
                 return self._told(report, reason)
-            resistance.accept()
-            ways.append(step.way)
-            if resistance.is_gone or (len(ways) > _FIRST + 1 and ways[-1] <= _SETTLED * ways[-2]):
+            resistance.accept(step.way)
+            count += 1
+            rests = count > _FIRST + 1 and part <= before[0] and step.way <= _SETTLED * before[1]
+            before = part, step.way
+            if rests or resistance.is_gone:
                 last = self._solve(0.0)
                 if last.report.converged and last.way <= self._same(step.way):
                     self._accept()

@@ -19,6 +19,7 @@ from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.integrators.limit_point import LimitPoint
 from dolfinx_nts.integrators.memory import Memory
+from dolfinx_nts.integrators.relaxation import IF_IT_MOVES
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.integrators.short_steps import ShortSteps
@@ -54,8 +55,8 @@ class TimeLoop(State):
 
     contacts: tuple[PairState, ...]
     loads = SetOnce[tuple[Load, ...]]()
-    # Whether in statics a step without an equilibrium near the last one may go to another one.
-    _relaxes = True
+    # Starts of a step, and whether in statics bodies may go far where these fail.
+    _tries, _relaxes = True, True
 
     def __init__(
         self, V: fem.FunctionSpace, dt: float, bodies: Sequence[Body], scheme: Scheme
@@ -154,7 +155,7 @@ class TimeLoop(State):
                 before = Snapshot()
                 self.serialize(before)
                 try:
-                    report = self._advance_to(end, dt, relaxes=given_up is not None)
+                    report = self._advance_to(end, dt, far=given_up is not None)
                     if apart is not None and gap_tol is not None:
                         apart = self._checked(apart, gap_tol)
                 except ConvergenceError as error:
@@ -172,7 +173,8 @@ class TimeLoop(State):
                         )
                     if text:
                         given_up = ConvergenceError(text, error.reports)
-                        if self._static_way() is None:
+                        hopeless = any(each.is_hopeless for each in error.reports)
+                        if self._static_way() is None or hopeless:
                             raise given_up from None
                         # The last resort, which wants no short step.
                         self._length.uncut(rejected)
@@ -196,14 +198,18 @@ class TimeLoop(State):
                 bar.update(dt)
                 rejected, first, given_up = 0, "", None
 
-    def _advance_to(self, end: float, dt: float, *, relaxes: bool = True) -> StepReport:
-        """Advance by one step of length dt [s], and remove the round-off of its end [s]."""
-        self._relaxes = relaxes
+    def _advance_to(self, end: float, dt: float, *, far: bool | None = None) -> StepReport:
+        """Advance by one step of length dt [s], and remove the round-off of its end [s].
+
+        In statics bodies may go far from the last state where it has no equilibrium near it, or
+        do so at once, or not at all, with ``far`` None, true or false.
+        """
+        self._tries, self._relaxes = not far, far is None or far
         try:
             with self._steps_of(dt):
                 report = self.advance()
         finally:
-            self._relaxes = True
+            self._tries, self._relaxes = True, True
         self.t = end
         return report._replace(t=end)
 
@@ -240,8 +246,7 @@ def _in_vain(given_up: ConvergenceError, error: ConvergenceError) -> Convergence
     """Error that ends a run in which the last resort has failed as well. Local."""
     reason = error.reports[-1].reason if error.reports else str(error)
     return ConvergenceError(
-        f"{given_up}; the way to another equilibrium against a viscous resistance did not help "
-        f"either: {reason}; what happens then is a motion, which EnergyMomentum follows, to rest "
-        "if there is damping",
+        f"{given_up}; nor is another one found on a way against a viscous resistance: {reason}; "
+        f"{IF_IT_MOVES}",
         given_up.reports,
     )
