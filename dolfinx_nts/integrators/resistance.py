@@ -1,7 +1,5 @@
 """How large the resistance of a relaxation is, from one pseudo-step to the next."""
 
-import math
-
 __all__ = ["Resistance"]
 
 # Resistance relative to the stiffness of nodes [-]: the first; the largest, with which bodies
@@ -31,7 +29,7 @@ class Resistance:
     def __init__(self) -> None:
         """Begin with the first."""
         self.part = _FIRST
-        self._has_failed, self._drive, self._accepted = False, math.inf, 0
+        self._has_failed, self._drive, self._accepted = False, 0.0, 0
 
     def accept(self, way: float) -> None:
         """Count a pseudo-step that succeeded, with the largest way of a node in it [m]."""

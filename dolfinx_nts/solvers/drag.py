@@ -7,9 +7,9 @@ indefinite, and no active set is right. With a resistance c that is large enough
     R(u) + c (u - u_ref) = 0
 
 has a definite tangent, and one solution near u_ref. A sequence of these, each from the last one
-and with less resistance, is a step in a pseudo-time down the energy of bodies and loads to an
-equilibrium that is stable (pseudo-transient continuation, C. T. Kelley, D. E. Keyes, SIAM J.
-Numer. Anal. 35 (1998)).
+and with less resistance, is a way in a pseudo-time down the energy of bodies and loads, which ends
+at an equilibrium, as a rule a stable one (pseudo-transient continuation, C. T. Kelley, D. E.
+Keyes, SIAM J. Numer. Anal. 35 (1998)).
 """
 
 from collections.abc import Iterator
