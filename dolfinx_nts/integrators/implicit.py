@@ -25,7 +25,7 @@ from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.history import ContactWork
-from dolfinx_nts.contact.implicit.contact_step import ContactStep
+from dolfinx_nts.contact.implicit.contact_step import ContactStep, go_on_from
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.local_search import may_face
 from dolfinx_nts.contact.implicit.penetration import check_penetration
@@ -525,8 +525,7 @@ class ImplicitStepper(Stepper):
                 for state in states
             ]
             if after:
-                for step, other in zip(steps, after, strict=True):
-                    step.go_on_from(other)
+                go_on_from(steps, after)
         # Bodies that only contact holds go as far as it takes to touch others.
         if not (all_awake or self._free_bodies.bodies):
             self._sleeping.find(self.v.x.array, self.u_n.x.array, steps)

@@ -178,6 +178,7 @@ class TimeLoop(State):
                             raise given_up from None
                         # The last resort, which wants no short step.
                         self._length.uncut(rejected)
+                        rejected += 1
                         continue
                     if self._comm.rank == 0:
                         number, t = self.step + 1, self.t

@@ -15,7 +15,7 @@ from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["Approach", "LocalSearch", "StaticSearch", "may_face"]
+__all__ = ["Approach", "LocalSearch", "StaticSearch", "last_segments", "may_face"]
 
 # How often a node may change its segment in a step, after which it stays with the last one.
 _MOST_MOVES = 2
@@ -119,7 +119,6 @@ class LocalSearch:
         self.segment: Ints = segment_n.copy()
         self.gap: Floats = gap.copy()
         self._moves: Ints = np.zeros(len(self.segment), dtype=np.int32)
-        self._goes_on = False
 
     def _catch(self, trial: Floats, met: Ints, gap_trial: Floats) -> None:
         """Let nodes that would pass a segment meet it: change what they meet, and the gap."""
@@ -160,26 +159,10 @@ class LocalSearch:
         ``node`` positions among the surface's nodes, shape ``(m,)``, ``iteration`` counts
         Newton iterations from 0. Returns segments, -1 without, and flags.
         """
-        stays = iteration or self._goes_on
-        segment, moved = self._find(x, node, np.inf if stays else _kernels.HYSTERESIS)
+        segment, moved = self._find(x, node, np.inf if iteration else _kernels.HYSTERESIS)
         if iteration:
             self._count(node, moved)
         return segment, moved
-
-    def go_on_from(self, other: "LocalSearch") -> None:
-        """Begin with the segments at the end of another attempt at the step. Local.
-
-        Contact points that do not follow their nodes are where positions without contact want
-        them, which an attempt that goes on has from the other one.
-        """
-        if not self.pairing.follows:
-            return
-        key = np.full(len(self.segment), -1, dtype=np.int64)
-        found = other.segment >= 0
-        key[found] = other.candidates.key[other.segment[found]]
-        last = self.candidates.find(key)
-        self.segment = np.where(last >= 0, last, self.segment).astype(np.int32)
-        self._goes_on = True
 
     def reproject(self, x: Floats, node: Ints) -> tuple[int, bool]:
         """Find the segments of nodes in equilibrium, see `find`. Collective.
@@ -218,3 +201,18 @@ class StaticSearch(LocalSearch):
     """Nodes without inertia, which slide over edges where these are, see `LocalSearch`."""
 
     _overhang = _STATIC_OVERHANG
+
+
+def last_segments(search: LocalSearch, other: LocalSearch) -> Ints:
+    """Segments of nodes, ``(n,)``, at the end of another attempt at the same step. Local.
+
+    Where they are not in reach any more they are those of the search. Contact points that do not
+    follow their nodes are chosen where positions without contact want them.
+    """
+    if not search.pairing.follows:
+        return search.segment
+    key = np.full(len(search.segment), -1, dtype=np.int64)
+    found = other.segment >= 0
+    key[found] = other.candidates.key[other.segment[found]]
+    last = search.candidates.find(key)
+    return np.where(last >= 0, last, search.segment).astype(np.int32)

@@ -11,7 +11,7 @@ from dolfinx_nts.contact.implicit.stick_slip import Friction
 from dolfinx_nts.contact.joint_state import JointState
 from dolfinx_nts.contact.pair_state import PairState
 
-__all__ = ["NormalContact"]
+__all__ = ["NormalContact", "go_on"]
 
 
 class NormalContact(ABC):
@@ -47,11 +47,6 @@ class NormalContact(ABC):
     def renew(self) -> None:
         """Go on with other contact points within the step. Collective."""
         self._begin(self.active, self.lambda_N)
-
-    def go_on_from(self, other: "NormalContact") -> None:
-        """Begin with the active set and the multipliers of another attempt. Local."""
-        self.active = other.active & self._eligible
-        self.lambda_N = np.where(self.active, other.lambda_N, 0.0)
 
     def choose(self) -> Flags:
         """Choose the nodes that may transmit force, shape ``(n,)``. Collective."""
@@ -119,3 +114,9 @@ class NormalContact(ABC):
     def released_energy(self, node: Ints) -> float:
         """Energy at t_n of the normal springs of all nodes but the given ones [J]. Local."""
         return 0.0
+
+
+def go_on(contact: NormalContact, other: NormalContact) -> None:
+    """Begin with the active set and the multipliers of another attempt at the step. Local."""
+    contact.active = other.active & contact._eligible
+    contact.lambda_N = np.where(contact.active, other.lambda_N, 0.0)

@@ -22,7 +22,7 @@ class Model:
     def attempt(self, part):
         """Solve R(x) + part (x - last) = 0 by Newton's method, in few iterations."""
         x, norms = self.last, []
-        for iteration in range(15):
+        while len(norms) < 15:
             R = self.residual(x) + part * (x - self.last)
             norms.append(abs(R))
             if abs(R) < 1e-13:
@@ -32,7 +32,7 @@ class Model:
         else:
             reason = "no convergence"
         self.found = x
-        report = NewtonReport(iteration, 0, tuple(norms), 0, reason)
+        report = NewtonReport(len(norms), 0, tuple(norms), 0, reason)
         return PseudoStep(report, abs(x - self.last), abs(x - self.start))
 
     def accept(self):
