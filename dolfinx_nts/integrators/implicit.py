@@ -11,6 +11,7 @@ Schemes differ in the stress of f_int and in the kernel of the contact force F, 
 statics and the generalised-alpha method also in the inertia, see `Rates`.
 """
 
+import logging
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
@@ -23,7 +24,7 @@ from dolfinx_nts import _kernels, compat
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
-from dolfinx_nts.contact.implicit.contact_step import ContactStep
+from dolfinx_nts.contact.implicit.contact_step import ContactStep, go_on_from
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.local_search import may_face
 from dolfinx_nts.contact.implicit.penetration import check_penetration
@@ -35,6 +36,7 @@ from dolfinx_nts.fem.components import dimension, in_space
 from dolfinx_nts.integrators.inertia import ConsistentInertia, Inertia
 from dolfinx_nts.integrators.rates import MidpointRates
 from dolfinx_nts.integrators.reactions import Reactions
+from dolfinx_nts.integrators.relaxation import IF_IT_MOVES, PseudoStep, Relaxation
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.resolved_impact import ResolvedImpact
 from dolfinx_nts.integrators.rigid import (
@@ -53,11 +55,14 @@ from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers import newton
 from dolfinx_nts.solvers.cell_sizes import cell_sizes
+from dolfinx_nts.solvers.drag import Drag
 from dolfinx_nts.solvers.free_bodies import FreeBodies, FreeBody, find_free_bodies
 from dolfinx_nts.solvers.krylov import LinearSolver
 from dolfinx_nts.solvers.statistics import SolverStatistics
 
 __all__ = ["ImplicitStepper"]
+
+_logger = logging.getLogger("dolfinx_nts")
 
 # Part of the momentum over dt [-] that counts as a force to which the residual is compared: a
 # body in free flight has no other force, and its round-off is that of its momentum.
@@ -221,7 +226,7 @@ class ImplicitStepper(Stepper):
         }
         force_scale = self._force_scale(load)
         attempts: dict[str, newton.NewtonReport] = {}
-        for name, start in starts.items():
+        for name, start in starts.items() if self._tries else ():
             given = start, guesses[name], x, on_the_way, force_scale
             steps, solution = self._solve(*given)
             if self._sleeping.must_wake(steps):
@@ -238,8 +243,83 @@ class ImplicitStepper(Stepper):
                 attempts[name] = replace(solution.report, reason=reason)
             if solution.report.is_hopeless:
                 break
+        advice = self._free_bodies.advice() or self._time_helps()
+        hopeless = any(report.is_hopeless for report in attempts.values())
+        if self._relaxes and self._rates.acceleration is None and not hopeless:
+            steps, solution = self._relax(starts["last"], guesses["last"], x, force_scale)
+            attempts["relaxed"] = solution.report
+            if solution.report.converged:
+                self._last.load = load
+                report = self._accepted(steps, solution, attempts.values())
+                self._rates.forget()  # It does not go on like that.
+                return report
+            advice += f"; {IF_IT_MOVES}"
         self.u.x.array[:] = self.u_n.x.array
-        raise self._failure(attempts, steps, solution.states)
+        raise self._failure(attempts, steps, solution.states, advice)
+
+    def _relax(
+        self, start: Floats, guess: Floats, x: tuple[Floats, Floats], force_scale: float
+    ) -> tuple[list[ContactStep], newton.Solution]:
+        """Let bodies go to an equilibrium against a resistance, see `Relaxation`.
+
+        Arguments are those of `_solve` from the last state.
+        """
+        self.u.x.array[:] = guess
+        drag, n = Drag(self._bulk, self._tangent), self._bulk.num_owned
+        last, trial = self._X + self._in_space(guess), x[1]
+        steps: list[ContactStep] = []
+        after: list[ContactStep] = []
+        solution: newton.Solution
+
+        def attempt(part: float) -> PseudoStep:
+            """Solve from the last state."""
+            nonlocal steps, solution
+            with drag.acting(part, guess[:n]):
+                steps, solution = self._solve(
+                    *(start, guess, (x[0], trial), {}, force_scale),
+                    all_awake=True,
+                    drag=drag if part else None,
+                    after=after,
+                )
+            report = solution.report
+            way, self._way = (
+                reductions.largest(self._comm, _kernels.farthest(self.x, there))
+                for there in (last, x[0])
+            )
+            if report.converged:
+                wrong = self._volume_ratio.inverted() if part else self._wrong(steps, x[0])
+                report = replace(report, reason=wrong)
+            return PseudoStep(report, way, self._way)
+
+        def accept() -> None:
+            """Make it the last state."""
+            nonlocal start, guess, last, trial, after
+            start = guess = self.u.x.array.copy()
+            last = trial = self.x
+            after = steps
+
+        size = self._sizes.smallest
+        relaxation = Relaxation(attempt, accept, farthest=self._extent(), size=size)
+        report = relaxation.find()
+        if report.converged:
+            self.watch.vertices.accept()
+            if self._comm.rank == 0:
+                _logger.warning(
+                    "step %d to t = %g: Newton's method found no equilibrium near the last one; "
+                    "bodies went to another one, which is as exact, by up to %.3g m, in %d "
+                    "pseudo-steps against a viscous resistance: they snap or roll there. With "
+                    "inertia they may go elsewhere, which EnergyMomentum follows",
+                    *(self.step + 1, self.t + self.dt, self._way, relaxation.num_steps),
+                )
+        return steps, replace(solution, report=report)
+
+    def _extent(self) -> float:
+        """Size of all bodies together [m]."""
+        X = self._X[: len(self.node_ids)]
+        top, low = X.max(axis=0, initial=-np.inf), X.min(axis=0, initial=np.inf)
+        return float(
+            np.linalg.norm(reductions.largest(self._comm, top) - reductions.least(self._comm, low))
+        )
 
     def _choose_springs(self) -> None:
         """Choose the stiffness of springs that the user left open, in the first step."""
@@ -330,6 +410,7 @@ class ImplicitStepper(Stepper):
         attempts: Mapping[str, newton.NewtonReport],
         steps: Sequence[ContactStep],
         states: Sequence[ContactContribution],
+        advice: str,
     ) -> newton.ConvergenceError:
         """Error that says why all attempts have failed; steps and states are of the last."""
         return StepFailure(attempts, steps, states, self._comm).error(
@@ -337,7 +418,7 @@ class ImplicitStepper(Stepper):
             self.bodies,
             self.contacts,
             self.watch.springs.yielding(),
-            self._free_bodies.advice() or self._time_helps(),
+            advice,
         )
 
     def _time_helps(self) -> str:
@@ -422,11 +503,14 @@ class ImplicitStepper(Stepper):
         on_the_way: Mapping[float, Floats],
         force_scale: float,
         all_awake: bool = False,
+        drag: Drag | None = None,
+        after: Sequence[ContactStep] = (),
     ) -> tuple[list[ContactStep], newton.Solution]:
         """Solve the step from a displacement; ``x`` are positions at its start and on trial.
 
         ``guess`` is that displacement before supports and rigid bodies have changed it;
-        ``on_the_way`` is that of `ContactStep`.
+        ``on_the_way`` is that of `ContactStep`; ``drag`` resists all motions; contact begins as
+        it was at the end of the attempts ``after``, one for each pair, if there are any.
         """
         self.u.x.array[:] = start
         with self.timings.phase("contact"):
@@ -447,6 +531,8 @@ class ImplicitStepper(Stepper):
                 )
                 for state in states
             ]
+            if after:
+                go_on_from(steps, after)
         # Bodies that only contact holds go as far as it takes to touch others.
         if not (all_awake or self._free_bodies.bodies):
             self._sleeping.find(self.v.x.array, self.u_n.x.array, steps)
@@ -457,11 +543,12 @@ class ImplicitStepper(Stepper):
             steps,
             self._X[: len(self.node_ids)],
             free=self._free_bodies,
-            at_rest=self._rates.at_rest,
+            at_rest=self._rates.at_rest and drag is None,
             sizes=self._sizes,
             force_scale=force_scale,
             inertia=self._rates.acceleration is not None,
             timings=self.timings,
+            drag=drag,
         )
         return steps, solution
 

@@ -53,7 +53,7 @@ class StepReport(_Numbers):
         reactions: Reaction of each support, in the order of ``bcs`` of the stepper, then of each
             guide of a rigid body, in the order of the bodies. A degree of freedom with several
             conditions counts for the first of them.
-        rejected: Number of longer steps that were tried before this one.
+        rejected: Number of steps that were tried before this one, and failed.
 
     Example:
         >>> step = stepper.advance()

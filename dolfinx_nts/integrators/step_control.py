@@ -30,12 +30,13 @@ class StepControl(Declaration):
     steps, up to the ``dt`` of the stepper. Steps end exactly at the given times.
 
     In statics steps may close in on a limit load, beyond which there is no equilibrium near the
-    last one. After five cuts by which bodies became ever faster it is taken for certain, and the
-    run ends with an error that says so.
+    last one. After five cuts by which bodies became ever faster it is taken for certain. Then, or
+    where a step cannot be cut any more, it is tried with its first length again, in which bodies
+    may go far, see `QuasiStatic`; if that fails too the run ends with an error that says so.
 
     Args:
         smallest: Length below which a step fails for good [s], also near a limit load; None for
-            2**-20 of the ``dt`` of the stepper, and for an end at limit loads.
+            2**-20 of the ``dt`` of the stepper, or for more at limit loads.
         gap_tol: Largest distance from the surface at which contact by elastic impact may catch
             a node or hold it inside [m]; None for any. A node that was deeper before may stay.
         times: Times at which a step must end, for instance for output [s].
@@ -145,6 +146,10 @@ class StepLength:
     def cut(self) -> None:
         """Halve the length after a step that failed."""
         self.cuts, self._accepted = self.cuts + 1, 0
+
+    def uncut(self, cuts: int) -> None:
+        """Take back the last cuts, as length does not help."""
+        self.cuts, self._accepted = max(self.cuts - cuts, 0), 0
 
     def accept(self) -> None:
         """Count a step that succeeded, and double the length after some of them."""

@@ -19,6 +19,7 @@ from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.integrators.limit_point import LimitPoint
 from dolfinx_nts.integrators.memory import Memory
+from dolfinx_nts.integrators.relaxation import IF_IT_MOVES
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.integrators.short_steps import ShortSteps
@@ -54,6 +55,8 @@ class TimeLoop(State):
 
     contacts: tuple[PairState, ...]
     loads = SetOnce[tuple[Load, ...]]()
+    # Starts of a step, and whether in statics bodies may go far where these fail.
+    _tries, _relaxes = True, True
 
     def __init__(
         self, V: fem.FunctionSpace, dt: float, bodies: Sequence[Body], scheme: Scheme
@@ -144,6 +147,7 @@ class TimeLoop(State):
         smallest, gap_tol = control.shortest(self.dt), control.gap_tol
         apart = None if gap_tol is None else self._held_apart(gap_tol)
         rejected, first, limit, short = 0, "", LimitPoint(), ShortSteps()
+        given_up: ConvergenceError | None = None  # what ends the run unless bodies may go far
         with self._progress(until, initial=self.t, bar_format=_BAR) as bar:
             while until - self.t > ROUND_OFF * smallest:
                 longest = min(self.dt * 0.5**self._length.cuts, self._longest_step())
@@ -151,21 +155,31 @@ class TimeLoop(State):
                 before = Snapshot()
                 self.serialize(before)
                 try:
-                    report = self._advance_to(end, dt)
+                    report = self._advance_to(end, dt, far=given_up is not None)
                     if apart is not None and gap_tol is not None:
                         apart = self._checked(apart, gap_tol)
                 except ConvergenceError as error:
-                    first = first or f"it was first tried with dt = {dt:.3g} s: {error}"
                     self.serialize(before.rewind())
+                    if given_up is not None:
+                        raise _in_vain(given_up, error) from None
+                    first = first or f"it was first tried with dt = {dt:.3g} s: {error}"
+                    text = ""
                     if limit.is_near and control.smallest is None:
-                        text = limit.told(self.t, end, len(self.loads) > 0)
-                        raise ConvergenceError(f"{text}; {error}", error.reports) from None
-                    if dt / 2 < smallest:
-                        raise ConvergenceError(
+                        text = f"{limit.told(self.t, end, len(self.loads) > 0)}; {error}"
+                    elif dt / 2 < smallest:
+                        text = (
                             f"{error}; dt has been cut to {dt:.3g} s, half of which is "
-                            f"less than the smallest step of {smallest:.3g} s; {first}",
-                            error.reports,
-                        ) from None
+                            f"less than the smallest step of {smallest:.3g} s; {first}"
+                        )
+                    if text:
+                        given_up = ConvergenceError(text, error.reports)
+                        hopeless = any(each.is_hopeless for each in error.reports)
+                        if self._static_way() is None or hopeless:
+                            raise given_up from None
+                        # The last resort, which wants no short step.
+                        self._length.uncut(rejected)
+                        rejected += 1
+                        continue
                     if self._comm.rank == 0:
                         number, t = self.step + 1, self.t
                         _logger.info("step %d from t = %g is cut: %s", number, t, error)
@@ -178,15 +192,25 @@ class TimeLoop(State):
                     _logger.warning("at t = %g %s", self.t, told)
                 self._length.accept()
                 if (way := self._static_way()) is not None:
+                    if given_up is not None:
+                        limit = LimitPoint()
                     limit.accept(way / dt, rejected)
                 yield report._replace(rejected=rejected)
                 bar.update(dt)
-                rejected, first = 0, ""
+                rejected, first, given_up = 0, "", None
 
-    def _advance_to(self, end: float, dt: float) -> StepReport:
-        """Advance by one step of length dt [s], and remove the round-off of its end [s]."""
-        with self._steps_of(dt):
-            report = self.advance()
+    def _advance_to(self, end: float, dt: float, *, far: bool | None = None) -> StepReport:
+        """Advance by one step of length dt [s], and remove the round-off of its end [s].
+
+        In statics bodies may go far from the last state where it has no equilibrium near it, or
+        do so at once, or not at all, with ``far`` None, true or false.
+        """
+        self._tries, self._relaxes = not far, far is None or far
+        try:
+            with self._steps_of(dt):
+                report = self.advance()
+        finally:
+            self._tries, self._relaxes = True, True
         self.t = end
         return report._replace(t=end)
 
@@ -217,3 +241,13 @@ class TimeLoop(State):
         """Progress bar on the terminal of rank 0, if there is one and it takes over a second."""
         silent = None if self._comm.rank == 0 else True  # None: where there is no terminal
         return tqdm(total=total, delay=1, leave=False, disable=silent, **options)
+
+
+def _in_vain(given_up: ConvergenceError, error: ConvergenceError) -> ConvergenceError:
+    """Error that ends a run in which the last resort has failed as well. Local."""
+    reason = error.reports[-1].reason if error.reports else str(error)
+    return ConvergenceError(
+        f"{given_up}; nor is another one found on a way against a viscous resistance: {reason}; "
+        f"{IF_IT_MOVES}",
+        given_up.reports,
+    )

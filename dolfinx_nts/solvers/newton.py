@@ -15,6 +15,7 @@ from dolfinx_nts.fem.components import dimension, in_space
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.cell_sizes import CellSizes
+from dolfinx_nts.solvers.drag import Drag
 from dolfinx_nts.solvers.free_bodies import FreeBodies
 from dolfinx_nts.solvers.krylov import LinearSolver
 from dolfinx_nts.solvers.support_way import SupportWay
@@ -25,6 +26,7 @@ __all__ = ["ConvergenceError", "NewtonReport", "solve"]
 _logger = logging.getLogger("dolfinx_nts")
 
 _MAX_ITERATIONS = 50  # until another start is tried
+_MAX_DRAGGED = 20  # until a resistance, or a larger one, is tried
 # In so many iterations after each other given displacements violate constraints: none is left
 # to help, as only given displacements can change these gaps.
 _GIVEN_ITERATIONS = 6
@@ -141,6 +143,7 @@ def solve(
     force_scale: float,
     inertia: bool,
     timings: Timings,
+    drag: Drag | None = None,
 ) -> Solution:
     """Iterate from the present u. Collective.
 
@@ -158,10 +161,12 @@ def solve(
         inertia: Whether there is any; without, forces may be as small as
             the round-off of strains.
         timings: Receives the wall time of the phases.
+        drag: Resistance that acts beside the forces, if any.
 
     Returns:
         The solution; ``report.reason`` is not empty if there is none.
     """
+    most = _MAX_ITERATIONS if drag is None else _MAX_DRAGGED
     n, size, dim = bulk.num_owned, sizes.smallest, dimension(bulk.u.function_space)
     norms: list[float] = []
     changes = 0
@@ -181,6 +186,8 @@ def solve(
             forces = bulk.forces()
             R_bulk = forces.copy()
             R_bulk[bulk.given] = 0
+            if drag is not None:
+                R_bulk += drag.force()
         R_nodes = R_bulk.reshape(-1, dim) - free.force if balanced else None
         with timings.phase("contact"):
             states = tuple(step.evaluate(x, R_nodes, iteration) for step in steps)
@@ -242,7 +249,7 @@ def solve(
             reason = "the linear system is singular"
         elif num_long == _MOST_LONG and inertia and not converged:
             reason = f"{num_long} increments were longer than half of the smallest cell"
-        elif iteration == _MAX_ITERATIONS and not converged:
+        elif iteration == most and not converged:
             reason = f"no convergence in {iteration} iterations"
         else:
             reason = ""

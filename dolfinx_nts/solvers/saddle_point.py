@@ -113,7 +113,7 @@ class SaddlePointSystem:
     def _with_rigid_bodies(self, A: Any, right: Floats) -> Floats:
         """Solution with rigid motions in the place of the unknowns of rigid bodies. Collective."""
         rigid, tangent = self._bulk.rigid, self._tangent
-        added = (tangent.held + tangent.shift) * np.ones(rigid.dim)
+        added = tangent.added(tangent.held, is_exact=True) * np.ones(rigid.dim)
         columns = rigid.columns()
         system = reduced(A, columns, added.ravel(), self._stabilisation(columns))
         b, forces = A.createVecLeft(), system.rows.createVecRight()

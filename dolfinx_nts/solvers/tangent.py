@@ -18,17 +18,14 @@ from dolfinx_nts.fem.cell_constant import changing
 from dolfinx_nts.fem.components import in_space, nodal
 from dolfinx_nts.fem.jit import compile_bilinear_form
 from dolfinx_nts.model.dirichlet import Supports
+from dolfinx_nts.solvers.added_stiffness import NEARBY_SHIFT, AddedStiffness
 from dolfinx_nts.solvers.block_csr import BlockCSR
 from dolfinx_nts.solvers.nodal_stiffness import NodalStiffness
 
 __all__ = ["Tangent", "TangentOfAllCells"]
 
-# Stiffness added to matrices near the derivative, relative to that of the derivative [-]:
-# contact makes up for what is too much, not for what is too little.
-_NEARBY_SHIFT = 1e6
 
-
-class Tangent:
+class Tangent(AddedStiffness):
     """Matrix of the derivative of a residual, or of a form near it.
 
     Args:
@@ -41,8 +38,7 @@ class Tangent:
 
     Attributes:
         comm: Communicator of the mesh.
-        shift: Stiffness of the owned nodes that matrices have on their diagonals beside that of
-            the forms, shape ``(n, 1)``, or of all [N/m].
+        shift, drag: Those of `AddedStiffness`.
         num_assembled: Matrices assembled so far. It tells the values of the
             last one from those of others.
         point: What `restore` needs to make the last matrix again: the values
@@ -58,6 +54,7 @@ class Tangent:
         nearby: ufl.Form | None = None,
     ) -> None:
         """Create the forms; that of the derivative is compiled when it is needed."""
+        super().__init__()
         self.comm: MPI.Comm = u.function_space.mesh.comm
         self._u, self._supports = u, Supports(u.function_space, bcs)
         forms = [residual, *(-load for load in loads)]
@@ -69,7 +66,6 @@ class Tangent:
         self._rows: BlockCSR | None = None
         self._stiffness = NodalStiffness(u.function_space, self._supports.fixed)
         self.point: Sequence[Array] | None = None
-        self.shift: Floats | float = 0.0
         self.num_assembled = 0
 
     @property
@@ -156,7 +152,7 @@ class Tangent:
         held = self._stiffness.held = np.zeros_like(stiffness)
         held[nodes] = stiffness[nodes]
         self.forget()
-        holding: Floats = _NEARBY_SHIFT * held[nodes]
+        holding: Floats = NEARBY_SHIFT * held[nodes]
         return holding
 
     @property
@@ -204,8 +200,7 @@ class Tangent:
             _add(form, csr, self._supports.conditions)
         csr.scatter_reverse()
         self._rows.set_diagonal(self._supports.fixed, 1.0)
-        shift = self.shift + self.held
-        self._rows.add_to_diagonal(shift if is_exact else _NEARBY_SHIFT * shift)
+        self._rows.add_to_diagonal(self.added(self.held, is_exact=is_exact))
         stiffness = self._stiffness.of(self._rows)
         self._stiffness.values = stiffness + self._add_to(self._rows)
         self.num_assembled += 1

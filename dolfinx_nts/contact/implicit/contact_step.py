@@ -17,9 +17,9 @@ from dolfinx_nts.contact.history import ContactHistory, ContactWork
 from dolfinx_nts.contact.implicit.contributions import ContactContribution, PairKinematics
 from dolfinx_nts.contact.implicit.crossing_edges import CrossingEdges
 from dolfinx_nts.contact.implicit.frozen_points import FrozenPoints, SettlingPoints, TiedPoints
-from dolfinx_nts.contact.implicit.local_search import LocalSearch, StaticSearch
+from dolfinx_nts.contact.implicit.local_search import LocalSearch, StaticSearch, last_segments
 from dolfinx_nts.contact.implicit.multiplier import MultiplierContact
-from dolfinx_nts.contact.implicit.normal_contact import NormalContact
+from dolfinx_nts.contact.implicit.normal_contact import NormalContact, go_on
 from dolfinx_nts.contact.implicit.penalty import PenaltyContact
 from dolfinx_nts.contact.implicit.stick_slip import Friction, StickSlip
 from dolfinx_nts.contact.implicit.tied import Bond, TiedContact
@@ -29,7 +29,7 @@ from dolfinx_nts.fem.components import dimension, in_space
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Candidates
 
-__all__ = ["ContactStep", "contact_residual"]
+__all__ = ["ContactStep", "contact_residual", "go_on_from"]
 
 # Number of changes of state from which on a failed step names the node.
 _RESTLESS = 4
@@ -348,3 +348,16 @@ def contact_residual(
             forces = contribution.residual.reshape(*dofs.shape, 3)
             step.candidates.scatter.add(total, dofs, forces)
     return total[:, : shape[1]].ravel()
+
+
+def go_on_from(steps: Sequence[ContactStep], others: Sequence[ContactStep]) -> None:
+    """Begin with the segments and the active sets at the end of other attempts. Local.
+
+    Args:
+        steps: Attempts at a step, not yet evaluated.
+        others: Earlier attempts at the same step, of the same pairs.
+    """
+    for step, other in zip(steps, others, strict=True):
+        step.search.segment = last_segments(step.search, other.search)
+        go_on(step.normal, other.normal)
+        step.friction.go_on_from(other.friction)

@@ -15,7 +15,7 @@ from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["Approach", "LocalSearch", "StaticSearch", "may_face"]
+__all__ = ["Approach", "LocalSearch", "StaticSearch", "last_segments", "may_face"]
 
 # How often a node may change its segment in a step, after which it stays with the last one.
 _MOST_MOVES = 2
@@ -201,3 +201,18 @@ class StaticSearch(LocalSearch):
     """Nodes without inertia, which slide over edges where these are, see `LocalSearch`."""
 
     _overhang = _STATIC_OVERHANG
+
+
+def last_segments(search: LocalSearch, other: LocalSearch) -> Ints:
+    """Segments of nodes, ``(n,)``, at the end of another attempt at the same step. Local.
+
+    Where they are not in reach any more they are those of the search. Contact points that do not
+    follow their nodes are chosen where positions without contact want them.
+    """
+    if not search.pairing.follows:
+        return search.segment
+    key = np.full(len(search.segment), -1, dtype=np.int64)
+    found = other.segment >= 0
+    key[found] = other.candidates.key[other.segment[found]]
+    last = search.candidates.find(key)
+    return np.where(last >= 0, last, search.segment).astype(np.int32)

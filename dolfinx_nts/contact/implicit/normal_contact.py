@@ -11,7 +11,7 @@ from dolfinx_nts.contact.implicit.stick_slip import Friction
 from dolfinx_nts.contact.joint_state import JointState
 from dolfinx_nts.contact.pair_state import PairState
 
-__all__ = ["NormalContact"]
+__all__ = ["NormalContact", "go_on"]
 
 
 class NormalContact(ABC):
@@ -114,3 +114,9 @@ class NormalContact(ABC):
     def released_energy(self, node: Ints) -> float:
         """Energy at t_n of the normal springs of all nodes but the given ones [J]. Local."""
         return 0.0
+
+
+def go_on(contact: NormalContact, other: NormalContact) -> None:
+    """Begin with the active set and the multipliers of another attempt at the step. Local."""
+    contact.active = other.active & contact._eligible
+    contact.lambda_N = np.where(contact.active, other.lambda_N, 0.0)

@@ -46,6 +46,10 @@ class Friction:
         self.traction: Floats = np.zeros((n, 2))
         self.flips: Ints = np.zeros(n, dtype=np.int32)
 
+    def go_on_from(self, other: "Friction") -> None:
+        """Begin with the nodes that stick in another attempt, and its tractions. Local."""
+        self.sliding, self.traction = other.sliding.copy(), other.traction.copy()
+
     def measure(self, pairs: PairKinematics, x: Floats) -> None:
         """Add the slip of the pairs to their kinematics; x has ghosts, shape ``(l, 3)`` [m]."""
 

@@ -1,0 +1,154 @@
+"""Statics where no equilibrium is near the last one: arches that snap, and discs that roll."""
+
+from typing import Any, NamedTuple
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from dolfinx import fem
+
+import dolfinx_nts as nts
+from dolfinx_nts import parts
+
+SPAN, RISE, THICK = 2.0, 0.15, 0.04  # of the arch [m]
+LOAD = 100.0  # of the punch at the end [N/m]
+
+
+class Arch(NamedTuple):
+    """Statics of a shallow arch under a round punch."""
+
+    stepper: nts.QuasiStatic
+    punch: nts.RigidBody
+
+    def place(self) -> tuple[float, float]:
+        """Height of the punch [m], and the force that it meets [N/m]."""
+        diagnostics = nts.Diagnostics(self.stepper)
+        height: float = diagnostics.centre_of_mass(self.punch)[1]
+        return height, -diagnostics.contact_force()[1]
+
+
+def arch(dt: float, guide: nts.Guide, *loads: Any) -> Arch:
+    """An arch that is held at its ends, with the punch at its top, pushed or led."""
+
+    def build(model):
+        disc = model.occ.addDisk(0, RISE + THICK + 0.2 + 1e-4, 0, 0.2, 0.2)
+        model.occ.synchronize()
+        model.addPhysicalGroup(2, [disc], name="punch")
+        model.mesh.setSize(model.getEntities(0), 0.03)
+        model.mesh.setRecombine(2, disc)
+        model.mesh.generate(2)
+        parts.add_rectangle(
+            model, "arch", corner=(-SPAN / 2, -5.0), size=(SPAN, THICK), cells=(40, 2)
+        )
+
+    mesh, cells, facets, tag = nts.read_mesh(build, MPI.COMM_WORLD)
+    x = mesh.geometry.x
+    low = x[:, 1] < -2
+    x[low, 1] += 5 + RISE * np.cos(np.pi * x[low, 0] / SPAN)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+    body = nts.Body(V, cells, tag["arch"], nts.NeoHookean(1e6, 0.3, 1e3))
+    punch = nts.RigidBody(V, cells, tag["punch"], rho=7.8e3, guide=guide)
+    pair = nts.ContactPair(nts.Surface(V, facets, tag["arch_top"]), nts.boundary_of(punch))
+    sides = [facets.find(tag[f"arch_{side}"]) for side in ("left", "right")]
+    ends = fem.locate_dofs_topological(V, 1, np.concatenate(sides))
+    held = fem.dirichletbc(np.zeros(2), ends, V)
+    given = [load(punch) for load in loads]
+    return Arch(nts.QuasiStatic([body, punch], [pair], dt=dt, bcs=[held], loads=given), punch)
+
+
+def pushed(dt):
+    """Push the punch by a force that grows with time."""
+    return arch(dt, nts.Guide(slides="y"), lambda punch: nts.Force(punch, lambda t: (0, -LOAD * t)))
+
+
+def led(way, num_steps):
+    """Heights of a punch that is led by a way [m], and forces that it meets [N/m]."""
+    guide = nts.Guide(motion=nts.Motion(translation=lambda t: (0, -way * t)))
+    scene = arch(1 / num_steps, guide)
+    curve = [scene.place() for _ in scene.stepper.run(1.0)]
+    assert len(curve) == num_steps
+    return np.array(curve).T
+
+
+def check_snap(start, scene):
+    """Compare the state under the whole load with that to which a way leads; both in order."""
+    height, force = scene.place()
+    assert force == pytest.approx(LOAD, rel=1e-9)
+    heights, forces = led(start - height, 40)
+    assert heights[-1] == pytest.approx(height, rel=1e-12)
+    assert forces[-1] == pytest.approx(LOAD, rel=1e-8)
+    # The arch has a limit load, from which the force falls to less than half.
+    least = int(np.argmin(forces[5:])) + 5
+    assert forces[least] < 0.5 * forces[:least].max() < 0.5 * LOAD
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("control", [None, nts.StepControl()])
+def test_an_arch_under_a_force_snaps_to_where_a_way_leads_it(control):
+    """Beyond the limit load a force has one place left, to which a punch that is led comes too."""
+    scene = pushed(0.05)
+    start, _ = scene.place()
+    for step in scene.stepper.run(1.0, control):
+        assert step.residual_norms[-1] < 1e-8 * LOAD
+    check_snap(start, scene)
+
+
+@pytest.mark.serial
+def test_a_snap_against_a_resistance_is_told_and_as_exact(caplog):
+    """Without any other start the whole load in one step, too, leads to the same place."""
+    scene = pushed(1.0)
+    start, _ = scene.place()
+    step = scene.stepper._advance_to(1.0, 1.0, far=True)
+    assert step.residual_norms[-1] < 1e-8 * LOAD
+    told = [text for text in caplog.messages if "no equilibrium near the last one" in text]
+    assert len(told) == 1 and "against a viscous resistance" in told[0]
+    check_snap(start, scene)
+
+
+def disc(num_facets: int, turn: float, dt: float, squeeze: float) -> nts.QuasiStatic:
+    """A disc of radius 1 m between two planes without friction, which close."""
+
+    def build(model):
+        occ = model.occ
+        face = occ.addDisk(0, 0, 0, 1, 1)
+        occ.rotate([(2, face)], 0, 0, 0, 0, 0, 1, turn)
+        occ.synchronize()
+        model.addPhysicalGroup(2, [face], name="disc")
+        model.mesh.setSize(model.getEntities(0), 2 * np.pi / num_facets)
+        model.mesh.generate(2)
+
+    mesh, cells, _, tag = nts.read_mesh(build, MPI.COMM_WORLD)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+    body = nts.Body(V, cells, tag["disc"], nts.NeoHookean(1e6, 0.4, 1e3))
+    pairs = []
+    for side in (1, -1):
+        plane = nts.RigidPlane(point=(0, -side), normal=(0, side))
+        motion = nts.Motion(translation=lambda t, side=side: (0, side * squeeze * t))
+        pairs.append(nts.ContactPair(nts.boundary_of(body), plane.moving(motion)))
+    return nts.QuasiStatic([body], pairs, dt=dt)
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize(
+    ("num_facets", "turn", "dt", "control"),
+    [
+        (32, 0.05, 0.05, None),
+        (32, 0.05, 0.02, nts.StepControl(smallest=0.02 / 2**5)),
+        (48, 0.0, 0.05, None),
+    ],
+)
+def test_a_disc_between_planes_rolls_from_facet_to_facet(num_facets, turn, dt, control):
+    """Nothing but the facets keeps it from rolling; planes press with no resultant nor moment."""
+    stepper = disc(num_facets, turn, dt, 0.3)
+    for _ in stepper.run(1.0, control):
+        pass
+    assert stepper.t == pytest.approx(1.0)
+    forces = [pair.history.force.sum(axis=0) for pair in stepper.contacts]
+    scale = np.linalg.norm(forces[0])
+    assert np.linalg.norm(forces[0] + forces[1]) < 1e-9 * scale
+    moment = 0.0
+    for contact in stepper.contacts:
+        x = stepper.x[contact.nodes.nodes]
+        moment += float(np.cross(x, contact.history.force)[:, 2].sum())
+    assert abs(moment) < 1e-9 * scale
