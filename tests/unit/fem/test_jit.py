@@ -18,6 +18,7 @@ from ffcx.compiler import compile_ufl_objects
 from ffcx.ir.analysis.valuenumbering import ValueNumberer
 from ffcx.options import get_options
 from ufl.core.expr import Expr
+from ufl.exprcontainers import ExprList
 
 import dolfinx_nts as nts
 from dolfinx_nts import compat
@@ -156,6 +157,7 @@ def test_expressions_are_compared_node_by_node(comm):
     one, same, other = nested(u), nested(u), nested(2 * u)
     with compat.quicker_ffcx():
         assert one == same and one != other
+        assert ExprList() == ExprList() != ExprList(u)  # an operator may have no operands
     assert one.ufl_operands is same.ufl_operands
 
 
