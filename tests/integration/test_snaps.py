@@ -11,6 +11,8 @@ from dolfinx import fem
 import dolfinx_nts as nts
 from dolfinx_nts import parts
 
+pytestmark = pytest.mark.at_most_two_ranks
+
 SPAN, RISE, THICK = 2.0, 0.15, 0.04  # of the arch [m]
 LOAD = 100.0  # of the punch at the end [N/m]
 
@@ -94,7 +96,6 @@ def test_an_arch_under_a_force_snaps_to_where_a_way_leads_it(control):
     check_snap(start, scene)
 
 
-@pytest.mark.serial
 def test_a_snap_against_a_resistance_is_told_and_as_exact(caplog):
     """Without any other start the whole load in one step, too, leads to the same place."""
     scene = pushed(1.0)
@@ -102,7 +103,8 @@ def test_a_snap_against_a_resistance_is_told_and_as_exact(caplog):
     step = scene.stepper._advance_to(1.0, 1.0, far=True)
     assert step.residual_norms[-1] < 1e-8 * LOAD
     told = [text for text in caplog.messages if "no equilibrium near the last one" in text]
-    assert len(told) == 1 and "against a viscous resistance" in told[0]
+    assert len(told) == (1 if MPI.COMM_WORLD.rank == 0 else 0)
+    assert all("against a viscous resistance" in text for text in told)
     check_snap(start, scene)
 
 
