@@ -13,7 +13,7 @@ statics and the generalised-alpha method also in the inertia, see `Rates`.
 
 import logging
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache, partial
 from typing import Any, cast
 
@@ -48,6 +48,7 @@ from dolfinx_nts.integrators.rigid import (
 from dolfinx_nts.integrators.sleeping import SleepingBodies
 from dolfinx_nts.integrators.static_stiffness import static_stiffness
 from dolfinx_nts.integrators.step_failure import StepFailure
+from dolfinx_nts.integrators.step_forces import StepForces
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.loads import Load
@@ -64,25 +65,12 @@ __all__ = ["ImplicitStepper"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Part of the momentum over dt [-] that counts as a force to which the residual is compared: a
-# body in free flight has no other force, and its round-off is that of its momentum.
-_INERTIA_PART = 1e-3
-# Relative change of the loads [-] that is none.
-_SAME_LOAD = 1e-9
 # Stiffness of normal springs that are left open, relative to that of their nodes without inertia
 # [-]. In a motion stiffer ones make nodes bounce in a time that steps do not resolve; in statics
 # nothing bounces, and Newton's method alone limits them.
 _RESOLVED, _STIFF = 1.0, 10.0
 # Way of supports, relative to the smallest cell [-], that cells at them can take alone.
 _SMALL_WAY = 1e-3
-
-
-@dataclass
-class _Forces:
-    """Norms of the forces of the last step, which the next one is compared with [N]."""
-
-    internal: float = 0.0
-    load: float = 0.0
 
 
 class ImplicitStepper(Stepper):
@@ -154,13 +142,12 @@ class ImplicitStepper(Stepper):
             at_mean=self.scheme.loads_at == "mean",
             is_static=self._rates.acceleration is None,
         )
-        self._last = _Forces()
+        self._forces = StepForces(self._bulk, self._lumped_mass)
 
     def serialize(self, archive: Archive) -> None:
         """Serialize the state, also that of the rates and of the linear solver."""
         super().serialize(archive)
-        self._last.internal = archive.same("internal_force", self._last.internal)
-        self._last.load = archive.same("load_norm", self._last.load)
+        self._forces.serialize(archive)
         self._rates.serialize(archive, self.node_ids)
         self._solver.serialize(archive)
         self._inertia.serialize(archive)
@@ -199,7 +186,7 @@ class ImplicitStepper(Stepper):
     def _state_was_set(self) -> None:
         self._rates.forget()
         self.watch.forget()
-        self._last.load = np.inf
+        self._forces.forget()
 
     def _begin(self, t_n: float, t: float) -> None:
         super()._begin(t_n, t)
@@ -211,7 +198,7 @@ class ImplicitStepper(Stepper):
     def _step(self) -> StepReport:
         """Try Newton's method from several displacements, until one succeeds."""
         self._choose_springs()
-        load = self._norm(self._load()) if self.loads else 0.0
+        load = self._forces.norm(self._forces.loads()) if self.loads else 0.0
         if not np.isfinite(load):
             raise ValueError(f"expected finite loads, given loads of {load} N in this step")
         self._bulk.rigid.begin(self._owned(self.u_n.x.array))
@@ -224,7 +211,8 @@ class ImplicitStepper(Stepper):
             part: self._X + self._in_space(self._start(guesses[self._rates.trial], part))
             for part in _held_parts(self.pairs if self._rates.acceleration is not None else ())
         }
-        force_scale = self._force_scale(load)
+        v = self.v.x.array[: len(self._lumped_mass)]
+        force_scale = self._forces.scale(load, v, self.dt)
         attempts: dict[str, newton.NewtonReport] = {}
         for name, start in starts.items() if self._tries else ():
             given = start, guesses[name], x, on_the_way, force_scale
@@ -238,7 +226,7 @@ class ImplicitStepper(Stepper):
                 reason = self._wrong(steps, x[0])
                 if not reason:
                     self.watch.vertices.accept()
-                    self._last.load = load
+                    self._forces.load = load
                     return self._accepted(steps, solution, attempts.values())
                 attempts[name] = replace(solution.report, reason=reason)
             if solution.report.is_hopeless:
@@ -249,7 +237,7 @@ class ImplicitStepper(Stepper):
             steps, solution = self._relax(starts["last"], guesses["last"], x, force_scale)
             attempts["relaxed"] = solution.report
             if solution.report.converged:
-                self._last.load = load
+                self._forces.load = load
                 report = self._accepted(steps, solution, attempts.values())
                 self._rates.forget()  # It does not go on like that.
                 return report
@@ -397,13 +385,7 @@ class ImplicitStepper(Stepper):
         moves = any(contact.search.frame.moves for contact in self.contacts) or self.memory.exists
         stays = np.array_equal(self.supports.applied(u)[fixed], u[fixed])
         stays = stays and not (moves or self._bulk.rigid.guides.move)
-        same = abs(load - self._last.load) <= _SAME_LOAD * load
-        return same and reductions.everywhere(self._comm, stays)
-
-    def _force_scale(self, load: float) -> float:
-        """Norm of the forces at work, with which the residual is compared [N]."""
-        momentum = self._lumped_mass * self.v.x.array[: len(self._lumped_mass)]
-        return self._last.internal + load + _INERTIA_PART * self._norm(momentum) / self.dt
+        return self._forces.stays(load) and reductions.everywhere(self._comm, stays)
 
     def _failure(
         self,
@@ -425,24 +407,13 @@ class ImplicitStepper(Stepper):
         """Advice where only the length of the step is left to change. Collective."""
         moves = any(contact.search.may_move for contact in self.contacts)
         if self._rates.acceleration is None and self._update is None and not moves:
-            load = self._load()
+            load = self._forces.loads()
             self._load_at(0.0)
-            change = self._norm(self._load() - load)
+            change = self._forces.norm(self._forces.loads() - load)
             self._load_at(self.scheme.load_point)
             if change == 0.0:
                 return "loads that grow with time from step to step may help"
         return "a smaller dt may help, which StepControl takes where a step fails"
-
-    def _kinetic_energies(self, before: Floats, after: Floats) -> tuple[float, float]:
-        """Kinetic energies of all bodies by two velocities of the owned dofs [J]. Collective."""
-        parts = np.array([self._lumped_mass @ v**2 / 2 for v in (before, after)])
-        first, second = reductions.total(self._comm, parts)
-        return float(first), float(second)
-
-    def _load(self) -> Floats:
-        """Forces of all loads on the owned dofs [N]. Collective."""
-        total: Floats = np.sum([np.zeros_like(self._lumped_mass), *self._bulk.loads()], axis=0)
-        return total
 
     def _accepted(
         self,
@@ -468,7 +439,9 @@ class ImplicitStepper(Stepper):
         defect, settling = self._inertia.accept(steps)
         if self._rates.acceleration is not None:
             v = self.v.x.array[:n]
-            self.watch.gains.look(works, partial(self._kinetic_energies, v_n, v), self.t + dt)
+            self.watch.gains.look(
+                works, partial(self._forces.kinetic_energies, v_n, v), self.t + dt
+            )
         values = -damped, solution.R @ du, near, defect + constraints, *loaded
         sums = reductions.total(self._comm, list(map(float, values)))
         damping_work, solver_work, in_reach, self.inertia_defect, *load_works = sums
@@ -477,7 +450,7 @@ class ImplicitStepper(Stepper):
         internal = self._bulk.forces() if self._rates.acceleration is None else solution.R_bulk
         # What keeps a body rigid is no force of the balance.
         forces = self._bulk.rigid.without(self._owned(internal - inertia))
-        self._last.internal = self._norm(forces.ravel())
+        self._forces.internal = self._forces.norm(forces.ravel())
         return StepReport(
             step=self.step + 1,
             t=self.t + dt,
@@ -558,10 +531,6 @@ class ImplicitStepper(Stepper):
     def _in_space(self, values: Floats) -> Floats:
         """Vectors at nodes, ``(l, 3)``, of the values of their dofs. Local."""
         return in_space(values.reshape(-1, dimension(self._bulk.u.function_space)))
-
-    def _norm(self, values: Floats) -> float:
-        """Euclidean norm over all ranks of values of the owned dofs. Collective."""
-        return float(np.sqrt(reductions.total(self._comm, values @ values)))
 
 
 def _held_parts(pairs: Sequence[ContactPair]) -> list[float]:
