@@ -100,8 +100,9 @@ class Relaxation:
                 if last.report.converged and last.way <= self._same(step.way):
                     self._accept()
                     return self._told(last.report, "")
-            if resistance.is_gone:
-                return self._told(report, "there is no equilibrium where they end")
+                if resistance.is_gone:
+                    nothing = "there is no equilibrium where they end"
+                    return self._told(report, last.report.reason or nothing)
         return self._told(report, f"no end in {self._iterations} iterations")
 
     def _same(self, way: float) -> float:

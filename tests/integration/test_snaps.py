@@ -10,6 +10,8 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts import parts
+from helpers.once import once
+from helpers.plane import blocks
 
 pytestmark = pytest.mark.at_most_two_ranks
 
@@ -154,3 +156,41 @@ def test_a_disc_between_planes_rolls_from_facet_to_facet(num_facets, turn, dt, c
         x = stepper.x[contact.nodes.nodes]
         moment += float(np.cross(x, contact.history.force)[:, 2].sum())
     assert abs(moment) < 1e-9 * scale
+
+
+def pressed(**laws: Any) -> nts.QuasiStatic:
+    """A block that is pressed 0.03 m into another one and moved sideways, in one step."""
+    scene = blocks(material=nts.NeoHookean(1e5, 0.3, 1e3))
+    V, u = scene.V, fem.Function(scene.V)
+    low = fem.locate_dofs_geometrical(V, lambda x: np.isclose(x[1], -0.5))
+    top = fem.locate_dofs_geometrical(V, lambda x: np.isclose(x[1], 1.02))
+
+    def update(t):
+        u.x.array.reshape(-1, 2)[top] = 0.01 * t, -0.05 * t
+
+    pair = nts.ContactPair(scene.nodes, scene.segments, **laws)
+    bcs = [fem.dirichletbc(u, dofs) for dofs in (low, top)]
+    return nts.QuasiStatic([scene.lower, scene.upper], [pair], dt=1.0, bcs=bcs, update=update)
+
+
+@pytest.mark.parametrize(
+    "laws",
+    [
+        {"friction": nts.Coulomb(0.3)},
+        once({}),
+        once({"enforcement": nts.Penalty(1e6), "friction": nts.Coulomb(0.3)}),
+        once({"method": "mortar", "friction": nts.Coulomb(0.3)}),
+    ],
+)
+def test_a_resistance_leads_to_the_only_equilibrium(laws):
+    """Slip, work and history are those of the step, however many pseudo-steps it takes."""
+    usual, far = pressed(**laws), pressed(**laws)
+    expected = usual.advance()
+    found = far._advance_to(1.0, 1.0, far=True)
+    assert far.u.x.array == pytest.approx(usual.u.x.array, abs=1e-10)
+    work = np.array(found.contact_work) / expected.support_work
+    assert work == pytest.approx(np.array(expected.contact_work) / expected.support_work, abs=1e-8)
+    assert found.support_work == pytest.approx(expected.support_work, rel=1e-8)
+    for other, history in zip(far.contacts, [c.history for c in usual.contacts], strict=True):
+        assert (other.history.active == history.active).all()
+        assert (other.history.sliding == history.sliding).all()
