@@ -268,6 +268,8 @@ def test_a_limit_load_is_named_soon(comm, monkeypatch):
     text = r"no equilibrium beyond a time between t = (\S+) and (\S+), a limit load"
     below, above = map(float, re.search(text, str(raised.value)).groups())
     assert below == pytest.approx(stepper.t) and above - below < 0.1 / 16
+    assert "nor is another one found on a way against a viscous resistance" in str(raised.value)
+    assert "EnergyMomentum follows that, to rest with damping" in str(raised.value)
     # What a user asks for is done, and finds equilibria closer to it, none beyond.
     smallest = 0.1 / 2**8
     with pytest.raises(nts.ConvergenceError, match=f"smallest step of {smallest:.3g} s"):
