@@ -127,10 +127,11 @@ def form_of_kernels(
         False,
     )
     make = fem.forms.form_cpp_class(np.float64)
+    mesh = [*spaces, *(function.function_space for function in functions)][0].mesh._cpp_object
     try:
-        return fem.Form(make(*given, [], None))
+        return fem.Form(make(*given, [], mesh))
     except TypeError:
-        return fem.Form(make(*given, {}, None))
+        return fem.Form(make(*given, {}, mesh))
 
 
 def kernel(integral: Any) -> tuple[int, bool]:

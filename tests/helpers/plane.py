@@ -77,10 +77,10 @@ def blocks(
         quads = quads[:0]
     local = points if comm.rank == 0 else points[:0]
     domain = mesh.create_mesh(
-        comm,
-        quads,
-        local @ turn.T,
-        ufl.Mesh(coordinates(cell, gdim)),
+        comm=comm,
+        cells=quads,
+        x=local @ turn.T,
+        e=ufl.Mesh(coordinates(cell, gdim)),
         partitioner=compat.cell_partitioner(mesh.GhostMode.none),
     )
     V = fem.functionspace(domain, ("Lagrange", degree, (gdim,)))

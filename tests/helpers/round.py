@@ -44,7 +44,11 @@ def plane_mesh(comm: MPI.Comm, *parts: Any, cell: str = "quadrilateral") -> mesh
     partitioner = compat.cell_partitioner(mesh.GhostMode.none)
     none = topology[:0]
     return mesh.create_mesh(
-        comm, topology if root else none, x if root else x[:0], element, partitioner=partitioner
+        comm=comm,
+        cells=topology if root else none,
+        x=x if root else x[:0],
+        e=element,
+        partitioner=partitioner,
     )
 
 

@@ -128,7 +128,7 @@ def test_ffcx_makes_few_cells_and_comparisons_and_writes_the_same_kernels(comm, 
 
     def written():
         calls.clear()
-        text = compile_ufl_objects([form], get_options(), prefix="energy")
+        text = compile_ufl_objects([form], get_options())
         comparisons = calls.count("__eq__") + calls.count("_equal")
         return text, np.array([calls.count("__init__"), comparisons])
 

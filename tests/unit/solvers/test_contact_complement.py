@@ -130,10 +130,11 @@ def test_nearly_incompressible_contact_takes_few_iterations(comm, mu):
     for _ in range(3):
         newton += scene.stepper.advance().newton_iterations
     # Around the contacts alone there are more than 200 for each system, and solutions of whole
-    # systems; with multipliers that balance forces at nodes, three times as many systems.
+    # systems; with multipliers that balance forces at nodes, three times as many systems as the
+    # 21, or 27 to 32 with friction, that there are on different meshers and processors.
     assert solver.num_direct == 0
     assert solver.num_iterations - start < 50 * newton
-    assert newton < 30
+    assert newton < 40
 
 
 @pytest.mark.serial
