@@ -1,7 +1,7 @@
 """Energy that contact makes: a step in which bodies get much of their motion out of nothing."""
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 from mpi4py import MPI
 
@@ -23,7 +23,7 @@ _REST = 1e-6
 class EnergyGain:
     """Work of constraints that no spring and no obstacle gave, as by nodes that are pushed out.
 
-    A warning tells of it, and again where a step gains twice as much. Collective.
+    A warning tells of it, and again where a step gains twice as much. Local: all ranks know all.
 
     Args:
         comm: Communicator.
@@ -36,28 +36,27 @@ class EnergyGain:
     def look(
         self,
         works: Mapping[PairState | JointState, ContactWork],
-        kinetic: Callable[[], tuple[float, float]],
+        kinetic: tuple[float, float],
         t: float,
     ) -> None:
         """Look at an accepted step.
 
         Args:
             works: Energy that contact gave in the step.
-            kinetic: Returns the kinetic energy of all bodies before it and after it [J].
+            kinetic: Kinetic energy of all bodies before it and after it [J].
             t: Time at its end [s].
         """
+        before, after = kinetic
+        self._largest = max(self._largest, before)
         gains = {
             state: work.persistent + work.activation + work.facet_change
             for state, work in works.items()
         }
         state = max(gains, key=gains.__getitem__, default=None)
-        if state is None or gains[state] <= 2 * self._told:
+        least = max(before, _PART * after, _REST * self._largest, 2 * self._told)
+        if state is None or gains[state] <= least:
             return
-        gain, (before, after) = gains[state], kinetic()
-        self._largest = max(self._largest, before)
-        if gain < max(before, _PART * after, _REST * self._largest):
-            return
-        self._told = gain
+        self._told = gain = gains[state]
         if self._comm.rank == 0:
             _logger.warning(
                 "at t = %g contact by %r has given the bodies %.3g J in one step, more than their "

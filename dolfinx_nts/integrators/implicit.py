@@ -437,14 +437,12 @@ class ImplicitStepper(Stepper):
         near = sum(len(step.candidates.size) for step in steps)
         v_n = self.v.x.array[:n].copy()
         defect, settling = self._inertia.accept(steps)
-        if self._rates.acceleration is not None:
-            v = self.v.x.array[:n]
-            self.watch.gains.look(
-                works, partial(self._forces.kinetic_energies, v_n, v), self.t + dt
-            )
-        values = -damped, solution.R @ du, near, defect + constraints, *loaded
+        energies = map(self._forces.kinetic_energy, (v_n, self.v.x.array[:n]))
+        values = -damped, solution.R @ du, near, defect + constraints, *energies, *loaded
         sums = reductions.total(self._comm, list(map(float, values)))
-        damping_work, solver_work, in_reach, self.inertia_defect, *load_works = sums
+        damping_work, solver_work, in_reach, self.inertia_defect, before, after, *load_works = sums
+        if self._rates.acceleration is not None:
+            self.watch.gains.look(works, (before, after), self.t + dt)
         inertia = self._lumped_mass * (self.v.x.array[:n] - v_n) / dt
         # Without inertia bodies may press against supports alone.
         internal = self._bulk.forces() if self._rates.acceleration is None else solution.R_bulk

@@ -64,11 +64,9 @@ class StepForces:
         """
         return self.internal + load + _INERTIA_PART * self.norm(self._mass * v) / dt
 
-    def kinetic_energies(self, before: Floats, after: Floats) -> tuple[float, float]:
-        """Kinetic energies of all bodies by two velocities of the owned dofs [J]."""
-        parts = np.array([self._mass @ v**2 / 2 for v in (before, after)])
-        first, second = reductions.total(self._comm, parts)
-        return float(first), float(second)
+    def kinetic_energy(self, v: Floats) -> float:
+        """Kinetic energy of this rank's part by velocities of the owned dofs [J]. Local."""
+        return float(self._mass @ v**2) / 2
 
     def norm(self, values: Floats) -> float:
         """Euclidean norm of values at the owned dofs of all ranks."""
