@@ -173,10 +173,12 @@ def laws() -> None:
         "LagrangeMultiplier()": nts.LagrangeMultiplier(),
         'LagrangeMultiplier("plastic")': nts.LagrangeMultiplier("plastic"),
         'LagrangeMultiplier("resolved")': nts.LagrangeMultiplier("resolved"),
+        'LagrangeMultiplier("restitution", e=0.5)': nts.LagrangeMultiplier("restitution", e=0.5),
+        'LagrangeMultiplier("restitution", e=0.0)': nts.LagrangeMultiplier("restitution", e=0.0),
         "Penalty()": nts.Penalty(),
     }
     figure, grid = plt.subplots(
-        2, 2, figsize=(10, 6), dpi=160, sharex=True, sharey=True, layout="constrained"
+        2, 3, figsize=(13, 6), dpi=160, sharex=True, sharey=True, layout="constrained"
     )
     cells, gap = 20, 0.01
     for axes, (title, law) in zip(grid.flat, choices.items(), strict=True):
