@@ -3,6 +3,8 @@
 from functools import partial
 from typing import Any
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
 from dolfinx import fem
@@ -24,20 +26,19 @@ RUBBER = nts.NeoHookean(E=1e5, nu=0.3, rho=1e3)
 cells_ = pytest.mark.parametrize("cell", [once("hexahedron"), "tetrahedron"])
 
 
-def ball(model: Any, order: int, cell: str) -> None:
+def ball(model: Any, order: int, cell: str, edge: int = 2) -> None:
     """Add a ball above z = 0, whose surface is round where cells are of second order."""
     if cell == "tetrahedron":
         volume = model.occ.addSphere(*CENTRE, RADIUS)
         model.occ.synchronize()
         model.addPhysicalGroup(3, [volume], name="ball")
         model.addPhysicalGroup(2, [1], name="ball_outer")
-        model.mesh.setSize(model.getEntities(0), 0.25)
+        model.mesh.setSize(model.getEntities(0), 0.5 / edge)
         model.mesh.generate(3)
         model.mesh.setOrder(order)
         return
-    parts.add_solid_ball(
-        model, "ball", centre=CENTRE, radius=RADIUS, cells_per_edge=2, layers=1, cell=cell
-    )
+    cells = {"cells_per_edge": edge, "layers": edge // 2, "cell": cell}
+    parts.add_solid_ball(model, "ball", centre=CENTRE, radius=RADIUS, **cells)
     model.mesh.setOrder(order)
     if order == 2:
         _, outer = model.getEntitiesForPhysicalName("ball_outer")[0]
@@ -96,6 +97,36 @@ def test_bodies_are_as_round_as_their_geometry(comm, cell):
     mass = lumped_mass([bodies[2]])
     assert comm.allreduce(mass.min()) > 0
     assert comm.allreduce(mass.sum()) == pytest.approx(1e3 * volume[2], rel=1e-3)
+
+
+def bounce(build: Any) -> np.ndarray:
+    """Impulse [N s] and mean time [s] of the force of a ball that bounces."""
+    stepper = thrown(MPI.COMM_SELF, build)
+    diagnostics = nts.Diagnostics(stepper)
+    t, force = np.array(
+        [(step.t, diagnostics.balance().contact_force[2]) for step in stepper.run(0.36)]
+    ).T
+    assert force[force.argmax() :].min() == 0  # It has left.
+    return np.array([force.sum() * stepper.dt, force @ t / force.sum()])
+
+
+@pytest.mark.serial
+@cells_
+def test_rebound_of_a_ball_of_curved_cells_is_at_least_four_times_closer(cell, told):
+    straight, curved, fine = (
+        bounce(partial(ball, order=order, cell=cell, edge=edge))
+        for order, edge in ((1, 2), (2, 2), (2, 4))
+    )
+    errors = np.abs([straight, curved] / fine - 1)
+    told(
+        f"ball of {cell[:-2]}a of degree 2, two along a quarter of a circle",
+        "finer curved cells: impulse of the rebound, and its mean time",
+        ", ".join(
+            f"{name} cells {100 * error[0]:.1f}, {100 * error[1]:.1f} %"
+            for name, error in zip(("straight", "curved"), errors, strict=True)
+        ),
+    )
+    assert (errors[0] >= np.array([4, 2]) * errors[1]).all()
 
 
 @cells_
