@@ -63,7 +63,8 @@ def write(new: list[Row]) -> None:
     old = [row for row in read() if row.path not in files] if TABLE.exists() else []
     lines: list[str] = []
     path = ""
-    for row in sorted([*old, *new], key=lambda row: (not row.path.startswith("tests/verification"), row.path)):
+    parts = "tests/integration", "tests/unit"
+    for row in sorted([*old, *new], key=lambda row: (row.path.startswith(parts), row.path)):
         if row.path != path:
             path = row.path
             lines += ["", f"## {row.section}", "", f"`{path}`", ""]
