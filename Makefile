@@ -34,9 +34,10 @@ test: ## all tests, and on 2 and 3 ranks those that ranks can change
 test-latest: export DOLFINX_NTS_SUITE := sid
 test-latest: test ## the same on the newest DOLFINx, that of Debian unstable
 
-stress: ## scenes that try to break a run, tables results/stress.csv and docs/tables/stress.md; 10 000 steps
+stress: ## scenes that try to break a run, tables results/stress.csv, docs/tables/stress.md and tumbling.md; 10 000 steps
 	$(RUN) python3 -m stress.run
 	$(RUN) python3 -m stress.endurance
+	$(RUN) python3 -m stress.tumbling
 
 sanitize: ## tests of the kernels under address and undefined-behaviour sanitizers
 	$(RUN) environment/sanitize

@@ -10,7 +10,7 @@ import pytest
 import dolfinx_nts as nts
 from dolfinx_nts.diagnostics.cell_energies import CellEnergies
 from helpers.once import once
-from stress import endurance, meetings, rows
+from stress import endurance, meetings, rows, tumbling
 from stress.boundaries import RANDOM
 from stress.impact import impact
 from stress.rows import Case, run
@@ -170,3 +170,26 @@ def test_growth_is_found():
     assert "objects" in endurance.growth([(s, t, 7 + s // 100, m) for s, t, _, m in flat])
     assert "memory" in endurance.growth([(s, t, o, m + 65 * s) for s, t, o, m in flat])
     assert "no contact" in endurance.growth([(s, 0, o, m) for s, _, o, m in flat])
+
+
+@pytest.mark.serial
+def test_a_body_that_tumbles_drifts_by_a_tenth_in_a_tenth_of_the_steps():
+    drift = tumbling.tumble(*tumbling.SPINS[-1], num_steps=1000)
+    assert drift.num_turns >= 30
+    assert drift.energy < tumbling.ENERGY / 10
+    assert drift.angular_momentum < tumbling.ANGULAR_MOMENTUM / 10
+    assert drift.stretch < tumbling.STRETCH / 10
+    assert tumbling.wrong(drift) == ""
+    worse = drift._replace(energy=1e-9, stretch=np.nan)
+    assert tumbling.wrong(worse) == "energy 1.0e-09 > 1e-10; stretch nan > 1e-11"
+
+
+@pytest.mark.serial
+def test_table_of_bodies_that_tumble_is_one_of_small_drifts():
+    printed = (Path(__file__).parents[1] / "docs/tables/tumbling.md").read_text(encoding="utf-8")
+    drifts = []
+    for line in printed.splitlines()[2:]:
+        turns, *values = line.strip("| ").split(" | ")[3:]
+        drifts.append(tumbling.Drift(int(turns.removesuffix(" times")), *map(float, values)))
+        assert tumbling.wrong(drifts[-1]) == "" and drifts[-1].num_turns > 50
+    assert tumbling.table(drifts, 10_000) + "\n" == printed
