@@ -28,6 +28,8 @@ _AT_START, _IN_RUN = 0.02, 0.1
 # and part of such motion after which there is one, as the motion of all nodes would have to be
 # measured in each of the next steps.
 _UNSEEN, _USED = 0.7, 0.85
+# Part of an overlap [-] of which contact has to see more at the start to be at work there.
+_SEEN = 0.1
 # Number of overlaps of one kind that a message describes; it counts the others.
 _LISTED = 3
 
@@ -231,15 +233,23 @@ class OverlapWatch:
             for contact, nodes, segments in self._roles
             if both <= nodes | segments
         ]
-        if max(seen) < overlap.depth / 2:
+        depth = max(seen)
+        if depth < _SEEN * overlap.depth:
             return (
                 "their contact pair does not see that, as it looks at its nodes only, and up to "
                 "half a facet deep; it neither holds the two nor pushes them apart, and they may "
                 "pass through each other; move them apart before the first step"
             )
+        if depth < overlap.depth / 2:
+            return (
+                f"their contact pair sees {depth:.3g} of that, where its nodes are; harmless "
+                "between facets of round surfaces that fit, as in a shrink fit; otherwise move the "
+                "two apart before the first step, as nothing pushes the rest out"
+            )
         return (
-            "harmless if it is meant, as elastic impact holds this depth, and plastic impact and "
-            "springs push the two apart; otherwise move them apart before the first step"
+            "harmless if it is meant, as statics, plastic impact and springs push the two apart, "
+            "and elastic impact with inertia holds this depth; otherwise move them apart before "
+            "the first step"
         )
 
     def _in_run(self, overlap: Overlap) -> str:

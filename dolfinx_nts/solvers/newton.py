@@ -40,6 +40,9 @@ _SETTLED = 1e-3
 _INCREMENT_TOLERANCE, _GAP_TOLERANCE = 5e-14, 2e-11
 # Error of a constraint that is round-off, relative to the positions [-].
 _GAP_ROUNDING = 16 * np.finfo(np.float64).eps
+# Increment and error of a constraint that positions cannot tell from none, relative to them [-]:
+# far from the origin their last digit is longer than the tolerances above.
+_LAST_DIGITS = 4 * float(np.finfo(np.float64).eps)
 # Longest increment that is trusted, relative to the smallest cell [-], and the number of longer
 # ones from which on a step with inertia, whose starts are near its end, is given up.
 _LONGEST_INCREMENT, _MOST_LONG = 0.5, 12
@@ -179,6 +182,10 @@ def solve(
     way = SupportWay(bulk)
     free.begin()
     floor = _round_off(bulk, solver.tangent.nodal_stiffness(), sizes)
+    x = X + in_space(bulk.u.x.array[:n].reshape(-1, dim))
+    digits = _LAST_DIGITS * reductions.largest(bulk.comm, float(np.abs(x).max(initial=0.0)))
+    negligible = max(_INCREMENT_TOLERANCE * size, digits)
+    closed = max(_GAP_TOLERANCE * size, digits)
     iteration = 0
     while True:
         x = X + in_space(bulk.u.x.array[:n].reshape(-1, dim))
@@ -198,7 +205,7 @@ def solve(
 
         excess = max((s.constraint_error for s in states), default=0.0)
         counts = [sum(s.changed for s in states), sum(s.failed for s in states)]
-        is_open = not excess <= _GAP_TOLERANCE * size
+        is_open = not excess <= closed
         counts += [is_open, _num_given(steps, states) if is_open and way.is_over else 0]
         # Of the last step statics knows no forces that supports make only now.
         reactions = forces[bulk.supports.fixed] if not inertia else forces[:0]
@@ -214,10 +221,10 @@ def solve(
         # With inertia the floor is that of the heaviest body, too much for others.
         target = max(_RESIDUAL_TOLERANCE * scale, 0.0 if inertia else floor)
         small = norm <= max(_SMALL_RESIDUAL * scale, floor, steep)
-        small = small and du_norm <= _INCREMENT_TOLERANCE * size
+        small = small and du_norm <= negligible
         solved = norm <= target or small
         converged = solved and not violated and not changed and way.is_over
-        if converged and not polished and iteration and du_norm > _INCREMENT_TOLERANCE * size:
+        if converged and not polished and iteration and du_norm > negligible:
             # Multipliers are not small where gaps are: what is left of these does work.
             polished = True
             rounding = _GAP_ROUNDING * np.abs(x).max(initial=0.0)

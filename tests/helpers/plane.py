@@ -51,11 +51,12 @@ def blocks(
     rigid: bool = False,
     guide: nts.Guide | None = None,
     material: nts.Hyperelastic | None = None,
+    place: tuple[float, float] = (0.0, 0.0),
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> Blocks:
     """Make two blocks, turned by an angle; with a depth one layer of hexahedra [m].
 
-    The upper one may be rigid, with a guide.
+    The upper one may be rigid, with a guide. Both may be elsewhere, with the origin at ``place``.
     """
     turn = turning(angle)
     (x_low, low), (x_up, up) = (
@@ -73,13 +74,15 @@ def blocks(
         quads = np.concatenate([quads, quads + n], axis=1)
         turn = np.eye(3)
         turn[:2, :2] = turning(angle)
+    origin = np.zeros(gdim)
+    origin[:2] = place
     if comm.rank > 0:
         quads = quads[:0]
     local = points if comm.rank == 0 else points[:0]
     domain = mesh.create_mesh(
         comm=comm,
         cells=quads,
-        x=local @ turn.T,
+        x=local @ turn.T + origin,
         e=ufl.Mesh(coordinates(cell, gdim)),
         partitioner=compat.cell_partitioner(mesh.GhostMode.none),
     )
@@ -87,14 +90,14 @@ def blocks(
     cells = domain.topology.index_map(gdim)
     every = np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32)
     back = turn.T if gdim == 3 else turning(-angle)
-    middle = mesh.compute_midpoints(domain, gdim, every)[:, :gdim] @ back.T
+    middle = (mesh.compute_midpoints(domain, gdim, every)[:, :gdim] - origin) @ back.T
     tags = mesh.meshtags(domain, gdim, every, np.where(middle[:, 1] < 0, 1, 2).astype(np.int32))
     rubber = nts.SaintVenantKirchhoff(**RUBBER) if material is None else material
     bodies = [nts.Body(V, tags, tag, rubber) for tag in (1, 2)]
     if rigid:
         bodies[1] = nts.RigidBody(V, tags, 2, RUBBER["rho"], guide)
     surfaces = [
-        nts.Surface.where(V, lambda x, y=y: np.isclose((back @ x[:gdim])[1], y))
+        nts.Surface.where(V, lambda x, y=y: np.isclose((back @ (x[:gdim].T - origin).T)[1], y))
         for y in (0.02, 0.0)
     ]
     return Blocks(V, *bodies, *surfaces, turn)

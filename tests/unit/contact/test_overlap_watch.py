@@ -146,6 +146,34 @@ def test_bodies_that_start_where_contact_does_not_see_them_are_told_so(comm, tol
     assert "does not see that" in text and "harmless" not in text
 
 
+def test_a_shrink_fit_that_contact_sees_is_not_told_as_unseen(comm, told):
+    """Chords of the coarse ring go deeper into the fine one than its nodes, which contact sees."""
+    fit, radius = 2e-3, 0.5  # m, a chord of 16 lies 9.6e-3 m below its arc
+
+    def build(model):
+        ends = {"centre": (0, 0, 0), "width": 0.1}
+        inner, outer = radius + fit, 0.8
+        nts.parts.add_ring(
+            model, "shaft", inner_radius=0.3, outer_radius=inner, cells=(64, 2, 1), **ends
+        )
+        nts.parts.add_ring(
+            model, "hub", inner_radius=radius, outer_radius=outer, cells=(16, 2, 1), **ends
+        )
+
+    mesh, cells, facets, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    steel = nts.SaintVenantKirchhoff(E=1e5, nu=0.3, rho=1e3)
+    bodies = [nts.Body(V, cells, tag[name], steel) for name in ("shaft", "hub")]
+    nodes, segments = (nts.Surface(V, facets, tag[n]) for n in ("hub_inner", "shaft_outer"))
+    pair = nts.ContactPair(nodes, segments, nts.LagrangeMultiplier("plastic"))
+    step = nts.EnergyMomentum(bodies, [pair], dt=1e-4).advance()
+    assert step.num_active == 32
+    (text,) = told()
+    assert text.startswith("shaft starts up to 0.01") and "inside hub" in text
+    assert "sees 0.002 of that" in text
+    assert "shrink fit" in text and "does not see" not in text
+
+
 def test_what_sinks_in_around_nodes_that_hold_is_told_as_such(comm, told):
     """Edges of the plate go through the cube from the one node that touches it."""
     scene = Scene(comm, height=0.0, at=0.35, width=0.4)
