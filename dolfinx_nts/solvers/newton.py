@@ -18,6 +18,7 @@ from dolfinx_nts.solvers.cell_sizes import CellSizes
 from dolfinx_nts.solvers.drag import Drag
 from dolfinx_nts.solvers.free_bodies import FreeBodies
 from dolfinx_nts.solvers.krylov import LinearSolver
+from dolfinx_nts.solvers.line_search import LineSearch
 from dolfinx_nts.solvers.support_way import SupportWay
 
 __all__ = ["ConvergenceError", "NewtonReport", "solve"]
@@ -46,6 +47,9 @@ _LONGEST_INCREMENT, _MOST_LONG = 0.5, 12
 # The same where loads push rigid bodies that nothing holds as yet: they must not go by what they
 # are to touch.
 _LONGEST_FALL = 0.2
+# Residual, relative to the target, below which no line is searched [-]: Newton's method is at its
+# end, and works of increments are round-off soon.
+_NEARLY_SOLVED = 1e3
 # Relative change of the residual [-] by which iterates two after each other differ in a cycle, as
 # where points at the yield stress flow in every other iterate: half of the way leads out of it.
 # Not in the first iterations, in which contact finds its active set.
@@ -144,6 +148,7 @@ def solve(
     inertia: bool,
     timings: Timings,
     drag: Drag | None = None,
+    search: LineSearch | None = None,
 ) -> Solution:
     """Iterate from the present u. Collective.
 
@@ -162,6 +167,7 @@ def solve(
             the round-off of strains.
         timings: Receives the wall time of the phases.
         drag: Resistance that acts beside the forces, if any.
+        search: Cuts increments that go too far, where tangents of bodies jump.
 
     Returns:
         The solution; ``report.reason`` is not empty if there is none.
@@ -178,6 +184,8 @@ def solve(
     reprojects_early = not inertia
     way = SupportWay(bulk)
     free.begin()
+    if search is not None:
+        search.forget()
     floor = _round_off(bulk, solver.tangent.nodal_stiffness(), sizes)
     iteration = 0
     while True:
@@ -188,6 +196,10 @@ def solve(
             R_bulk[bulk.given] = 0
             if drag is not None:
                 R_bulk += drag.force()
+            if search is not None:
+                if search.cuts(R_bulk):
+                    continue
+                search.forget()
         R_nodes = R_bulk.reshape(-1, dim) - free.force if balanced else None
         with timings.phase("contact"):
             states = tuple(step.evaluate(x, R_nodes, iteration) for step in steps)
@@ -273,12 +285,17 @@ def solve(
         du_norm = reductions.largest(bulk.comm, float(np.abs(du).max(initial=0.0)))
         u = bulk.u.x.array[:n]
         longest = (_LONGEST_FALL if bulk.rigid.has_no_inertia else _LONGEST_INCREMENT) * size
+        part = 1.0
         if du_norm > longest:
             num_long += 1
-            with np.errstate(invalid="ignore"):  # of a singular system, which is told
-                du = longest / du_norm * du
+            part = longest / du_norm
         elif way.is_over and not changed and _is_cycle(norms):
-            du = du / 2
+            part = 0.5
+        if search is not None and way.is_over and norm > _NEARLY_SOLVED * target:
+            search.begin(du, part, R, R_bulk)
+        if part < 1:
+            with np.errstate(invalid="ignore"):  # of a singular system, which is told
+                du = part * du
         nodes = u.reshape(-1, dim)
         nodes[:] = bulk.rigid.moved(nodes, du.reshape(-1, dim))
         way.go()
