@@ -130,7 +130,7 @@ class ImplicitStepper(Stepper):
             self._tangent.forget()
         share = partial(self._rates.inertia_share, self._lumped_mass)
         self._solver = LinearSolver(self._bulk, self._tangent, share, petsc_options)
-        self._search = LineSearch(self._bulk) if self.memory.flows else None
+        self._search = LineSearch(self._bulk) if self._bulk.jumps else None
         self._sleeping = SleepingBodies(
             self._bulk, self._tangent, self._sizes, self.bodies, joined(self.contacts), self.loads
         )

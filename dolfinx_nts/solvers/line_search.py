@@ -33,14 +33,11 @@ class LineSearch:
 
     Args:
         bulk: Residual of the bodies; its ``u`` moves.
-
-    Attributes:
-        num_cuts: Number of cuts so far.
     """
 
     def __init__(self, bulk: Bulk) -> None:
         """Begin without an increment."""
-        self._bulk, self.num_cuts = bulk, 0
+        self._bulk = bulk
         self._du: Floats | None = None
 
     def forget(self) -> None:
@@ -59,8 +56,8 @@ class LineSearch:
         self._du, self._part, self._cuts = du, part, 0
         self._start, self._R_bulk = self._nodes.copy(), R_bulk
         resistance = self._bulk.rounded_action(du.reshape(self._start.shape))
-        works = [float(-du @ R), float(du @ resistance.ravel())]
-        self._work, self._of_bulk = reductions.total(self._bulk.comm, np.array(works)).tolist()
+        works = np.array([-du @ R, du @ resistance.ravel()])
+        self._work, self._of_bulk = map(float, reductions.total(self._bulk.comm, works))
 
     def cuts(self, R_bulk: Floats) -> bool:
         """Cut the increment that was made, if it went too far.
@@ -73,8 +70,7 @@ class LineSearch:
         """
         if self._du is None or self._of_bulk <= 0 or self._cuts == _MOST_CUTS:
             return False
-        change = float(self._du @ (R_bulk - self._R_bulk))
-        (change,) = reductions.total(self._bulk.comm, np.array([change])).tolist()
+        change = float(reductions.total(self._bulk.comm, float(self._du @ (R_bulk - self._R_bulk))))
         # Constraints that close gaps do work, too.
         work = max(self._work, self._of_bulk)
         rest = change + self._part * (work - self._of_bulk) - work
@@ -82,7 +78,6 @@ class LineSearch:
             return False
         self._part *= work / (work + rest)
         self._cuts += 1
-        self.num_cuts += 1
         increment = self._part * self._du.reshape(self._start.shape)
         self._nodes[:] = self._bulk.rigid.moved(self._start, increment)
         self._bulk.u.x.scatter_forward()

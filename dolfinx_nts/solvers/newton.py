@@ -50,10 +50,6 @@ _LONGEST_FALL = 0.2
 # Residual, relative to the target, below which no line is searched [-]: Newton's method is at its
 # end, and works of increments are round-off soon.
 _NEARLY_SOLVED = 1e3
-# Relative change of the residual [-] by which iterates two after each other differ in a cycle, as
-# where points at the yield stress flow in every other iterate: half of the way leads out of it.
-# Not in the first iterations, in which contact finds its active set.
-_CYCLE, _SETTLING = 0.1, 10
 # Reductions asked of the linear solver [-]: the least; the first, as active sets let
 # residuals fall by no more than a tenth.
 _LEAST_REDUCTION, _FIRST_REDUCTION = 0.3, 0.03
@@ -289,8 +285,6 @@ def solve(
         if du_norm > longest:
             num_long += 1
             part = longest / du_norm
-        elif way.is_over and not changed and _is_cycle(norms):
-            part = 0.5
         if search is not None and way.is_over and norm > _NEARLY_SOLVED * target:
             search.begin(du, part, R, R_bulk)
         if part < 1:
@@ -306,13 +300,6 @@ def solve(
                     step.close_gaps(state, x, nodes)
         bulk.u.x.scatter_forward()
         iteration += 1
-
-
-def _is_cycle(norms: Sequence[float]) -> bool:
-    """Whether residuals come back in every other iteration. Local."""
-    return len(norms) > _SETTLING and all(
-        abs(norms[-i] - norms[-i - 2]) <= _CYCLE * norms[-i] for i in (1, 2)
-    )
 
 
 def _num_given(steps: Sequence[ContactStep], states: Sequence[ContactContribution]) -> int:
