@@ -59,6 +59,7 @@ from dolfinx_nts.solvers.cell_sizes import cell_sizes
 from dolfinx_nts.solvers.drag import Drag
 from dolfinx_nts.solvers.free_bodies import FreeBodies, FreeBody, find_free_bodies
 from dolfinx_nts.solvers.krylov import LinearSolver
+from dolfinx_nts.solvers.line_search import LineSearch
 from dolfinx_nts.solvers.statistics import SolverStatistics
 
 __all__ = ["ImplicitStepper"]
@@ -129,6 +130,7 @@ class ImplicitStepper(Stepper):
             self._tangent.forget()
         share = partial(self._rates.inertia_share, self._lumped_mass)
         self._solver = LinearSolver(self._bulk, self._tangent, share, petsc_options)
+        self._search = LineSearch(self._bulk) if self._bulk.jumps else None
         self._sleeping = SleepingBodies(
             self._bulk, self._tangent, self._sizes, self.bodies, joined(self.contacts), self.loads
         )
@@ -520,6 +522,7 @@ class ImplicitStepper(Stepper):
             inertia=self._rates.acceleration is not None,
             timings=self.timings,
             drag=drag,
+            search=self._search,
         )
         return steps, solution
 

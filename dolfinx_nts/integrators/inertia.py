@@ -88,7 +88,8 @@ class ConsistentInertia(Inertia):
         # Rigid bodies have neither stress nor inertia in statics.
         is_partial = rates.acceleration is None and any(body.is_rigid for body in bodies)
         make = TangentOfAllCells if is_partial else Tangent
-        self.bulk, self.tangent = Bulk(*works), make(*works, forms.nearby_tangent())
+        self.bulk = Bulk(*works, jumps=memory.flows)
+        self.tangent = make(*works, forms.nearby_tangent())
         damping = forms.dissipation()
         self._dissipation = None if damping is None else compile_form(damping)
 

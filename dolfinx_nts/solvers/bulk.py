@@ -30,10 +30,12 @@ class Bulk:
         u: Unknown displacement, a coefficient of the form.
         bcs: Dirichlet conditions on u.
         loads: Virtual work of loads, each linear in the test function [N].
+        jumps: Whether the derivative jumps, as where points of a metal begin to flow.
 
     Attributes:
         comm: Communicator of the mesh.
         u: The unknown.
+        jumps: As given.
         supports: The conditions.
         num_owned: Scalar dofs of this rank.
         num_cells: Owned cells that residual and action go over.
@@ -49,11 +51,13 @@ class Bulk:
         u: fem.Function,
         bcs: Sequence[fem.DirichletBC],
         loads: Sequence[ufl.Form] = (),
+        *,
+        jumps: bool = False,
     ) -> None:
         """Create the compiled forms of the residual and of its derivative."""
         V = u.function_space
         self.comm: MPI.Comm = V.mesh.comm
-        self.u = u
+        self.u, self.jumps = u, jumps
         self.supports = Supports(V, bcs)
         self.supports.check()
         self.supports.warn_of_empty()
@@ -61,7 +65,7 @@ class Bulk:
         forms = [residual, *(-load for load in loads)]
         nodes = V.dofmap.index_map
         self._residual = NodalSum([expand_derivatives(form) for form in forms], V)
-        self._derivative = Derivative(forms, u)
+        self._derivative = Derivative(forms, u, jumps=jumps)
         self._dim = dimension(V)
         self.num_owned = self._dim * nodes.size_local
         self._all_cells = int(V.mesh.topology.index_map(V.mesh.topology.dim).size_local)
@@ -118,8 +122,11 @@ class Bulk:
         return self._along(x, "double")
 
     def rounded_action(self, x: Floats) -> Floats:
-        """The same as `action` in single precision, where there are kernels for it. Collective."""
-        return self._along(x, "single")
+        """The same as `action` with half of the digits, if the derivative does not jump.
+
+        Collective.
+        """
+        return self._along(x, self._derivative.rounded)
 
     def rounding(self, x: Floats) -> float:
         """Relative error of `rounded_action`, see `Derivative.rounding`. Collective."""

@@ -17,8 +17,8 @@ from dolfinx_nts.solvers.nodal_sum import NodalSum
 
 __all__ = ["Derivative"]
 
-# Kernels that every run needs: those of most Krylov iterations, and others to judge them.
-_PROMPT: tuple[Kernels, Kernels] = ("single", "slow")
+# Kernels by which others are judged.
+_EXACT: Kernels = "slow"
 # Cells of each material on which they are compared.
 _SAMPLE = 512
 
@@ -29,10 +29,16 @@ class Derivative:
     Args:
         forms: Forms, that of the bodies first, then those of loads.
         u: Displacement, a coefficient of the forms.
+        jumps: Whether it jumps, as where points begin to flow. Half of the digits do not tell on
+            which side of a jump a point is.
+
+    Attributes:
+        rounded: Kernels with the fewest digits that are enough in most Krylov iterations.
     """
 
-    def __init__(self, forms: Sequence[ufl.Form], u: fem.Function) -> None:
+    def __init__(self, forms: Sequence[ufl.Form], u: fem.Function, *, jumps: bool = False) -> None:
         """Compile what every run needs."""
+        self.rounded: Kernels = "double" if jumps else "single"
         self._direction = fem.Function(u.function_space)
         # DOLFINx takes 2 us each time that it is asked for the array.
         self._values: Floats = self._direction.x.array
@@ -43,7 +49,7 @@ class Derivative:
             expand_derivatives(ufl.derivative(form, u, self._direction)) for form in forms
         ]
         self._new = partial(NodalSum, derivatives, V)
-        self._sums = {kernels: self._new(kernels) for kernels in _PROMPT}
+        self._sums = {kernels: self._new(kernels) for kernels in (self.rounded, _EXACT)}
         self._left_out: Ints = np.empty(0, dtype=np.int32)
 
     @property
@@ -86,11 +92,11 @@ class Derivative:
         return self._sums[kernels]
 
     def rounding(self) -> float:
-        """Error of single precision, relative, on a sample of cells. Collective.
+        """Error of the rounded derivative, relative, on a sample of cells. Collective.
 
         It depends on the law, and on displacements in sizes of cells.
         """
-        rounded, exact = (self._sums[kernels].sample(_SAMPLE) for kernels in _PROMPT)
+        rounded, exact = (self._sums[each].sample(_SAMPLE) for each in (self.rounded, _EXACT))
         error = rounded - exact
         squares = [float(error @ error), float(exact @ exact)]
         part, whole = reductions.total(self._comm, squares)

@@ -18,6 +18,7 @@ from dolfinx_nts.solvers.cell_sizes import CellSizes
 from dolfinx_nts.solvers.drag import Drag
 from dolfinx_nts.solvers.free_bodies import FreeBodies
 from dolfinx_nts.solvers.krylov import LinearSolver
+from dolfinx_nts.solvers.line_search import LineSearch
 from dolfinx_nts.solvers.support_way import SupportWay
 
 __all__ = ["ConvergenceError", "NewtonReport", "solve"]
@@ -49,10 +50,9 @@ _LONGEST_INCREMENT, _MOST_LONG = 0.5, 12
 # The same where loads push rigid bodies that nothing holds as yet: they must not go by what they
 # are to touch.
 _LONGEST_FALL = 0.2
-# Relative change of the residual [-] by which iterates two after each other differ in a cycle, as
-# where points at the yield stress flow in every other iterate: half of the way leads out of it.
-# Not in the first iterations, in which contact finds its active set.
-_CYCLE, _SETTLING = 0.1, 10
+# Residual, relative to the target, below which no line is searched [-]: Newton's method is at its
+# end, and works of increments are round-off soon.
+_NEARLY_SOLVED = 1e3
 # Reductions asked of the linear solver [-]: the least; the first, as active sets let
 # residuals fall by no more than a tenth.
 _LEAST_REDUCTION, _FIRST_REDUCTION = 0.3, 0.03
@@ -147,6 +147,7 @@ def solve(
     inertia: bool,
     timings: Timings,
     drag: Drag | None = None,
+    search: LineSearch | None = None,
 ) -> Solution:
     """Iterate from the present u. Collective.
 
@@ -165,6 +166,7 @@ def solve(
             the round-off of strains.
         timings: Receives the wall time of the phases.
         drag: Resistance that acts beside the forces, if any.
+        search: Cuts increments that go too far, where tangents of bodies jump.
 
     Returns:
         The solution; ``report.reason`` is not empty if there is none.
@@ -181,6 +183,8 @@ def solve(
     reprojects_early = not inertia
     way = SupportWay(bulk)
     free.begin()
+    if search is not None:
+        search.forget()
     floor = _round_off(bulk, solver.tangent.nodal_stiffness(), sizes)
     x = X + in_space(bulk.u.x.array[:n].reshape(-1, dim))
     digits = _LAST_DIGITS * reductions.largest(bulk.comm, float(np.abs(x).max(initial=0.0)))
@@ -195,6 +199,10 @@ def solve(
             R_bulk[bulk.given] = 0
             if drag is not None:
                 R_bulk += drag.force()
+            if search is not None:
+                if search.cuts(R_bulk):
+                    continue
+                search.forget()
         R_nodes = R_bulk.reshape(-1, dim) - free.force if balanced else None
         with timings.phase("contact"):
             states = tuple(step.evaluate(x, R_nodes, iteration) for step in steps)
@@ -280,12 +288,15 @@ def solve(
         du_norm = reductions.largest(bulk.comm, float(np.abs(du).max(initial=0.0)))
         u = bulk.u.x.array[:n]
         longest = (_LONGEST_FALL if bulk.rigid.has_no_inertia else _LONGEST_INCREMENT) * size
+        part = 1.0
         if du_norm > longest:
             num_long += 1
+            part = longest / du_norm
+        if search is not None and way.is_over and norm > _NEARLY_SOLVED * target:
+            search.begin(du, part, R, R_bulk)
+        if part < 1:
             with np.errstate(invalid="ignore"):  # of a singular system, which is told
-                du = longest / du_norm * du
-        elif way.is_over and not changed and _is_cycle(norms):
-            du = du / 2
+                du = part * du
         nodes = u.reshape(-1, dim)
         nodes[:] = bulk.rigid.moved(nodes, du.reshape(-1, dim))
         way.go()
@@ -296,13 +307,6 @@ def solve(
                     step.close_gaps(state, x, nodes)
         bulk.u.x.scatter_forward()
         iteration += 1
-
-
-def _is_cycle(norms: Sequence[float]) -> bool:
-    """Whether residuals come back in every other iteration. Local."""
-    return len(norms) > _SETTLING and all(
-        abs(norms[-i] - norms[-i - 2]) <= _CYCLE * norms[-i] for i in (1, 2)
-    )
 
 
 def _num_given(steps: Sequence[ContactStep], states: Sequence[ContactContribution]) -> int:

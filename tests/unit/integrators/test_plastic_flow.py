@@ -5,7 +5,13 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from dolfinx import fem
-from dolfinx.mesh import CellType, create_unit_square, locate_entities_boundary, meshtags
+from dolfinx.mesh import (
+    CellType,
+    create_rectangle,
+    create_unit_square,
+    locate_entities_boundary,
+    meshtags,
+)
 from scipy.optimize import brentq
 
 import dolfinx_nts as nts
@@ -229,6 +235,77 @@ def test_a_turned_run_is_the_same_run_turned(comm):
     assert min(works) < -1e-2
     np.testing.assert_allclose(turned, x @ Q.T, atol=1e-9)
     np.testing.assert_allclose(same, works, rtol=1e-8)
+
+
+@pytest.mark.parametrize("dt", [0.02, 0.04])
+def test_metal_that_flows_to_and_fro_needs_few_iterations(comm, dt):
+    # By whole increments Newton's method goes from flow one way to flow the other way for ever.
+    box = Box(comm, material=metal(1.0), shape=(4, 4, 4), size=(1.0, 1.0, 1.0))
+    stepper = nts.EnergyMomentum([box.body], dt=dt)
+    stepper.set_velocity(
+        box.body, lambda X: np.array([1 - 2 * X[1] + 3 * X[0] * X[2], 2 * X[0], 2 * X[1] ** 2])
+    )
+    counts = [stepper.advance().newton_iterations for _ in range(6)]
+    assert max(counts) <= 20
+    assert sum(counts) <= 12 * len(counts)
+
+
+@pytest.mark.parametrize("law", [nts.LagrangeMultiplier(), nts.Penalty()], ids=["exact", "springs"])
+@pytest.mark.parametrize("way", [5e-5, 1.6e-4])
+def test_the_first_step_bends_a_sheet_that_lies_flat_with_friction(comm, law, way):
+    corners = [(-18e-3, 0.0), (18e-3, 2e-3)]
+    mesh = create_rectangle(comm, corners, [36, 2], CellType.quadrilateral)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+    cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
+    steel = nts.J2Plasticity(210e9, 0.3, 7800.0, yield_stress=250e6, hardening=1e9)
+    sheet = nts.Body(V, meshtags(mesh, 2, cells, np.ones_like(cells)), 1, steel)
+    ends = nts.Surface.where(V, lambda X: (X[1] < 1e-6) & (np.abs(X[0]) > 9.9e-3))
+    top = nts.Surface.where(V, lambda X: X[1] > 2e-3 - 1e-6)
+    motion = nts.Motion(translation=lambda t: (0.0, -way * t))
+    tool = nts.RigidSphere((0.0, 4.001e-3), 2e-3).moving(motion)
+    pairs = [
+        nts.ContactPair(surface, obstacle, law, nts.Coulomb(0.1))
+        for surface, obstacle in ((ends, nts.RigidPlane((0, 0), (0, 1))), (top, tool))
+    ]
+    across = V.sub(0).collapse()[0]
+    middle = fem.locate_dofs_geometrical(
+        (V.sub(0), across), lambda X: (np.abs(X[0]) < 1e-6) & (X[1] > 2e-3 - 1e-6)
+    )
+    held = fem.dirichletbc(fem.Function(across), middle, V.sub(0))
+    stepper = nts.QuasiStatic([sheet], pairs, dt=1.0, bcs=[held])
+    counts = [stepper.advance().newton_iterations for _ in range(2)]
+    assert max(counts) <= 20
+    strain = nts.Fields(stepper).plastic_strain().x.array.max(initial=0)
+    assert comm.allreduce(strain, MPI.MAX) > 1e-4
+
+
+def test_products_know_whether_points_flow_that_are_just_at_yield(comm, rng):
+    # By less than what half of the digits tell.
+    stretch = np.array([1.0, -0.5, -0.5])
+
+    def von_mises(amount):
+        """Kirchhoff stress of a trial with a stretch at the end of a step."""
+        C = (1 + (1 + amount * stretch) ** 2) / 2
+        isochoric = C / C.prod() ** (1 / 3)
+        return np.sqrt(1.5) * SHEAR * np.linalg.norm(isochoric - isochoric.mean())
+
+    yields = brentq(lambda amount: von_mises(amount) - YIELD, 1e-3, 1e-1, xtol=1e-15)
+    box = Box(comm, material=metal(1e-9))
+    stepper = nts.EnergyMomentum([box.body], dt=0.02)
+    bulk = stepper._bulk
+    x = rng.standard_normal((bulk.num_owned // 3, 3))
+
+    def products(beyond):
+        """Products by the usual kernels and by those with the fewest digits."""
+        amount = (1 + beyond) * yields
+        stepper.u.interpolate(lambda X: amount * stretch[:, None] * X)
+        return bulk.action(x), bulk.rounded_action(x)
+
+    below, above = products(-1e-7), products(1e-7)
+    scale = comm.allreduce(np.abs(below[0]).max(initial=0), MPI.MAX)
+    assert comm.allreduce(np.abs(above[0] - below[0]).max(initial=0), MPI.MAX) > 0.05 * scale
+    for product, rounded in (below, above):
+        np.testing.assert_allclose(rounded, product, atol=1e-9 * scale)
 
 
 def test_a_cut_step_forgets_what_it_tried(comm):
