@@ -28,7 +28,7 @@ KINDS = {
 }
 # Laws of impact by method, where not all are possible; springs have none.
 _IMPACTS = {
-    "mortar": ("", "elastic", "plastic", "resolved"),
+    "mortar": ("", "elastic", "plastic", "resolved", "restitution"),
     EDGES: ("", "elastic", "plastic"),
 }
 
