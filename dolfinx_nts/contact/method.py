@@ -143,8 +143,6 @@ def check_dimension(pair: Any) -> None:
         wrong = f"another method, as edges cross in space only, given {EDGES!r}"
     elif pair.is_convective:
         wrong = f"friction by the law 'objective', given {pair.friction!r}"
-    elif getattr(pair.enforcement, "impact", "") == "resolved":
-        wrong = "impact 'elastic' or 'plastic', given 'resolved'"
     if wrong:
         raise ValueError(f"expected, in two dimensions, {wrong}: a mesh in space can do this")
 
@@ -159,6 +157,11 @@ def _check_rings(pair: Any) -> None:
     if pair.method != NODES:
         raise ValueError(
             f"expected, in an axisymmetric mesh, method {NODES!r}, given {pair.method!r}"
+        )
+    if getattr(pair.enforcement, "impact", "") == "resolved":
+        raise ValueError(
+            "expected, in an axisymmetric mesh, impact 'elastic' or 'plastic', given "
+            f"{pair.enforcement!r}"
         )
     if isinstance(segments, Obstacle) and not segments.is_of_revolution:
         raise ValueError(
