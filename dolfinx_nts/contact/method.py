@@ -154,10 +154,6 @@ def _check_rings(pair: Any) -> None:
         raise ValueError(f"expected an axisymmetric mesh with a RigidCone, given {segments!r}")
     if not has_rings:
         return
-    if pair.method != NODES:
-        raise ValueError(
-            f"expected, in an axisymmetric mesh, method {NODES!r}, given {pair.method!r}"
-        )
     if getattr(pair.enforcement, "impact", "") == "resolved":
         raise ValueError(
             "expected, in an axisymmetric mesh, impact 'elastic' or 'plastic', given "
