@@ -19,11 +19,11 @@
 /// Segments are projected along the mean normal of a facet into its reference
 /// cell and clipped there, so that neighbours tile the facet without gaps; in
 /// the plane, edges are projected on edges.
-/// Weights are reference areas, of rings around their whole circles. Multipliers belong to the vertices. Their shape
-/// functions are dual to the linear ones of the facet on the part of it that is
-/// covered (Cichosz and Bischoff 2011). Vertices outside of that part mix them
-/// with those of the others, up to the linear functions themselves, see
-/// multiplier_functions.h.
+/// Weights are reference areas, of rings around their whole circles.
+/// Multipliers belong to the vertices. Their shape functions are dual to the
+/// linear ones of the facet on the part of it that is covered (Cichosz and
+/// Bischoff 2011). Vertices outside of that part mix them with those of the
+/// others, up to the linear functions themselves, see multiplier_functions.h.
 namespace nts
 {
 /// @brief Numbers of the choice of contact points.
