@@ -28,7 +28,7 @@ KINDS = {
 }
 # Laws of impact by method, where not all are possible; springs have none.
 _IMPACTS = {
-    "mortar": ("", "elastic", "plastic", "resolved"),
+    "mortar": ("", "elastic", "plastic", "resolved", "restitution"),
     EDGES: ("", "elastic", "plastic"),
 }
 
@@ -143,8 +143,6 @@ def check_dimension(pair: Any) -> None:
         wrong = f"another method, as edges cross in space only, given {EDGES!r}"
     elif pair.is_convective:
         wrong = f"friction by the law 'objective', given {pair.friction!r}"
-    elif getattr(pair.enforcement, "impact", "") == "resolved":
-        wrong = "impact 'elastic' or 'plastic', given 'resolved'"
     if wrong:
         raise ValueError(f"expected, in two dimensions, {wrong}: a mesh in space can do this")
 
@@ -156,9 +154,10 @@ def _check_rings(pair: Any) -> None:
         raise ValueError(f"expected an axisymmetric mesh with a RigidCone, given {segments!r}")
     if not has_rings:
         return
-    if pair.method != NODES:
+    if getattr(pair.enforcement, "impact", "") == "resolved":
         raise ValueError(
-            f"expected, in an axisymmetric mesh, method {NODES!r}, given {pair.method!r}"
+            "expected, in an axisymmetric mesh, impact 'elastic' or 'plastic', given "
+            f"{pair.enforcement!r}"
         )
     if isinstance(segments, Obstacle) and not segments.is_of_revolution:
         raise ValueError(

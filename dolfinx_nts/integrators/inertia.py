@@ -35,11 +35,11 @@ class Inertia(ABC):
 
     @abstractmethod
     def momentum(self) -> Floats:
-        """Momentum of the owned nodes, shape ``(n, 3)`` [kg m/s]."""
+        """Momentum of the owned nodes, shape ``(n, d)`` [kg m/s]."""
 
     @abstractmethod
     def carried(self, forces: Floats) -> Floats:
-        """Take forces at the owned nodes, ``(n, 3)`` [N], to those that carry mass."""
+        """Take forces at the owned nodes, ``(n, d)`` [N], to those that carry mass."""
 
     @abstractmethod
     def accept(self, steps: Sequence[ContactStep]) -> tuple[float, ContactWork]:

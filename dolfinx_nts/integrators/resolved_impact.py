@@ -28,6 +28,7 @@ from dolfinx_nts.contact.history import ContactWork
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.held_nodes import HeldNodes
 from dolfinx_nts.contact.massless import is_resolved
+from dolfinx_nts.fem.components import dimension, in_space
 from dolfinx_nts.integrators.implicit_forms import StepForms
 from dolfinx_nts.integrators.inertia import Inertia
 from dolfinx_nts.integrators.rates import MidpointRates
@@ -116,12 +117,12 @@ class ResolvedImpact(Inertia):
         V = u.function_space
         self._comm: MPI.Comm = V.mesh.comm
         n = V.dofmap.index_map.size_local
-        self._X = V.tabulate_dof_coordinates()[:n]
+        self._X = V.tabulate_dof_coordinates()[:n, : dimension(V)]
         group = group_of_nodes(bodies)[:n]
         numbers = np.unique(np.concatenate(self._comm.allgather(group[massless])))
         self._groups = [np.flatnonzero(group == number).astype(np.int32) for number in numbers]
         self._group_of = np.searchsorted(numbers, group)
-        self._vibrations = VibrationAnalysis(self._comm, mass, self._groups, fixed, n)
+        self._vibrations = VibrationAnalysis(self._comm, mass, self._groups, fixed, self._X.shape)
         self._owed: Floats = np.zeros(len(numbers))
         self._untold_speed = self._cells_per_second(lumped_mass(bodies))
 
@@ -168,7 +169,7 @@ class ResolvedImpact(Inertia):
     def momentum(self) -> Floats:
         """Multiply the velocity by the mass, see `Inertia.momentum`."""
         v = self._rates.v.x.array[: self.bulk.num_owned]
-        return self._mass.times(v.reshape(-1, 3))
+        return self._mass.times(v.reshape(self._X.shape))
 
     def carried(self, forces: Floats) -> Floats:
         """Take forces to the nodes below, see `Inertia.carried`."""
@@ -182,7 +183,7 @@ class ResolvedImpact(Inertia):
         """Set the velocity, then find the equilibrium and pay for it, see `Inertia.accept`."""
         rates, massless = self._rates, self._equilibrium.nodes
         defect, n = rates.accept(), self.bulk.num_owned
-        u, v = (f.x.array[:n].reshape(-1, 3) for f in (rates.u, rates.v))
+        u, v = (f.x.array[:n].reshape(self._X.shape) for f in (rates.u, rates.v))
         # Nodes without mass have no part in these.
         vibration = self._vibrations.of(self._X + u, v)
         strain, dissipation = self._equilibrate(steps, vibration.energy)
@@ -193,7 +194,7 @@ class ResolvedImpact(Inertia):
             v[g] += factor * vibration.w[g]
         mean_velocity = rates.mean_velocity.x.array
         mean_velocity[:] = (rates.u.x.array - rates.u_n.x.array) / float(rates.dt.value)
-        v[massless] = mean_velocity[:n].reshape(-1, 3)[massless]
+        v[massless] = mean_velocity[:n].reshape(v.shape)[massless]
         rates.v.x.scatter_forward()
         energies = strain, -dissipation, refund + dissipation
         spent, friction, back = (float(part.sum()) for part in energies)
@@ -265,7 +266,7 @@ class ResolvedImpact(Inertia):
         for step, some in held:
             history = step.state.history
             rows = some.gradients.reshape(len(some.node), 3, some.dofs.shape[1], 3)
-            ways = step.candidates.scatter.forward(dx)[some.dofs]
+            ways = step.candidates.scatter.forward(in_space(dx))[some.dofs]
             opened, *slid = np.einsum("mcki,mki->cm", rows, ways)
             gap, dissipation = history.gap.copy(), history.dissipation.copy()
             gap[some.node] = some.gap + opened

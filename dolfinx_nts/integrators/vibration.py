@@ -17,8 +17,12 @@ _NO_MOTION = 1e-12
 # Part of the energy of vibration that may be taken in a step, and how many times its own size
 # may be added [-].
 _MOST_TAKEN, _MOST_ADDED = 0.9, 3.0
-# Velocities of unit vectors, the rows, in turns about each axis.
-_TURNS: Floats = np.cross(np.eye(3)[:, None], np.eye(3)).astype(np.float64)
+# Velocities of unit vectors, the rows, in turns about each axis, by the dimension; in the plane
+# about z.
+_TURNS: dict[int, Floats] = {
+    2: np.array([[[0.0, 1.0], [-1.0, 0.0]]]),
+    3: np.cross(np.eye(3)[:, None], np.eye(3)).astype(np.float64),
+}
 
 
 class Vibration(NamedTuple):
@@ -27,7 +31,7 @@ class Vibration(NamedTuple):
     The kinetic energy of a group changes by s b + s^2 a/2 if s w is added to the velocity.
 
     Attributes:
-        w: Velocities of the owned nodes, shape ``(n, 3)`` [m/s].
+        w: Velocities of the owned nodes, shape ``(n, d)`` [m/s].
         linear: The numbers b of the groups, shape ``(g,)`` [J].
         square: The numbers a of the groups, shape ``(g,)`` [J].
     """
@@ -68,7 +72,7 @@ class VibrationAnalysis:
         mass: The mass.
         groups: Owned nodes of each group of connected bodies.
         fixed: Owned scalar dofs with a support, which take no part.
-        num_owned: Number of owned nodes.
+        shape: Number of owned nodes, and of components d.
     """
 
     def __init__(
@@ -77,32 +81,34 @@ class VibrationAnalysis:
         mass: RedistributedMass,
         groups: list[Ints],
         fixed: Ints,
-        num_owned: int,
+        shape: tuple[int, int],
     ) -> None:
         """Sum up the rows of the mass."""
         self._comm, self._mass, self._groups = comm, mass, groups
-        self._m = mass.times(np.ones((num_owned, 3)))[:, :1]
-        self._free: Floats = np.ones((num_owned, 3))
+        self._m = mass.times(np.ones(shape))[:, :1]
+        self._free: Floats = np.ones(shape)
         self._free.ravel()[fixed] = 0
         self._held = [np.flatnonzero(self._free[g].ravel() == 0) for g in groups]
 
     def of(self, x: Floats, v: Floats) -> Vibration:
-        """Split velocities, ``(n, 3)`` [m/s], at positions, ``(n, 3)`` [m]. Collective."""
+        """Split velocities, ``(n, d)`` [m/s], at positions, ``(n, d)`` [m]. Collective."""
+        d = v.shape[1]
+        k = d + len(_TURNS[d])
         w = self._free * v
         Mw, Mx = self._mass.times(w), self._mass.times(x)
         first = np.array([[self._m[g].sum(), *Mx[g].sum(axis=0)] for g in self._groups])
-        first = reductions.total(self._comm, first.reshape(-1, 4))
+        first = reductions.total(self._comm, first.reshape(-1, 1 + d))
         motions, M_motions = [], []
-        products = np.zeros((len(self._groups), 6, 13))
+        products = np.zeros((len(self._groups), k, 2 * k + 1))
         parts = zip(self._groups, self._held, first, products, strict=True)
         for g, given, sums, product in parts:
             centre = sums[1:] / sums[0]
-            Z = _rigid_motions(x[g] - centre, np.ones_like(self._m[g])).reshape(6, -1)
-            MZ = _rigid_motions(Mx[g] - self._m[g] * centre, self._m[g]).reshape(6, -1)
+            Z = _rigid_motions(x[g] - centre, np.ones_like(self._m[g])).reshape(k, -1)
+            MZ = _rigid_motions(Mx[g] - self._m[g] * centre, self._m[g]).reshape(k, -1)
             motions.append(Z)
             M_motions.append(MZ)
             held = Z[:, given]
-            product[:, :6], product[:, 6], product[:, 7:] = (
+            product[:, :k], product[:, k], product[:, k + 1 :] = (
                 Z @ MZ.T,
                 Z @ Mw[g].ravel(),
                 held @ held.T,
@@ -113,10 +119,10 @@ class VibrationAnalysis:
         for g, Z, MZ, product, both in zip(
             self._groups, motions, M_motions, products, sums, strict=True
         ):
-            amount = _amounts(product[:, :6], product[:, 6], product[:, 7:])
-            rigid = (amount @ Z).reshape(-1, 3)
+            amount = _amounts(product[:, :k], product[:, k], product[:, k + 1 :])
+            rigid = (amount @ Z).reshape(-1, d)
             vibration[g] = w[g] - rigid
-            M_vibration = Mw[g] - (amount @ MZ).reshape(-1, 3)
+            M_vibration = Mw[g] - (amount @ MZ).reshape(-1, d)
             # The rigid part has no product with it but that of round-off.
             both[:] = np.vdot(v[g] - rigid, M_vibration), np.vdot(vibration[g], M_vibration)
         linear, square = reductions.total(self._comm, sums).T
@@ -124,8 +130,9 @@ class VibrationAnalysis:
 
 
 def _rigid_motions(arms: Floats, one: Floats) -> Floats:
-    """Translations and rotations, or the mass times them, shape ``(6, n, 3)``."""
-    return np.concatenate([np.eye(3)[:, None] * one, arms @ _TURNS])
+    """Translations and rotations, or the mass times them, shape ``(k, n, d)``."""
+    d = arms.shape[1]
+    return np.concatenate([np.eye(d)[:, None] * one, arms @ _TURNS[d]])
 
 
 def _amounts(gram: Floats, right: Floats, at_supports: Floats) -> Floats:

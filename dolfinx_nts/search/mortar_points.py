@@ -33,6 +33,7 @@ class MortarFacets:
         vertices: Nodes of the facets in Basix order, vertices first, shape ``(f, n)``.
         orientation: +1 where a_1 x a_2 points out of the body, otherwise -1, ``(f,)``.
         X: Reference positions of the nodes of the map, shape ``(l, 3)`` [m].
+        are_rings: Whether they turn about the axis y.
     """
 
     nodes: Ints
@@ -40,6 +41,7 @@ class MortarFacets:
     vertices: Ints
     orientation: Floats
     X: Floats
+    are_rings: bool = False
 
 
 @dataclass(frozen=True)
@@ -159,6 +161,7 @@ class MortarPoints:
             y_n,
             y,
             reach,
+            facets.are_rings,
         )
         number = np.full(len(x), -1, dtype=np.int32)
         number[facets.nodes] = np.arange(len(facets.nodes), dtype=np.int32)

@@ -3,6 +3,7 @@
 import numpy as np
 
 from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.fem.axisymmetry import is_axisymmetric
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.model.surfaces import Surface, area_vectors
 from dolfinx_nts.search.facet_candidates import FacetCandidates
@@ -100,7 +101,11 @@ class MortarSearch(FacetSearch):
         out = area_vectors(there[near.segments[around]], near.orientation[around])
         own = area_vectors(there[facets[:, : self._k]], np.ones(len(facets)))
         self._orientation = np.where(np.einsum("fi,fi->f", out, own) > 0, 1.0, -1.0)
-        shares = np.repeat(np.linalg.norm(own, axis=1) / self._k, self._k)
+        size = np.linalg.norm(own, axis=1)
+        self._are_rings = is_axisymmetric(nodes.V.mesh)
+        if self._are_rings:
+            size *= 2 * np.pi * there[facets[:, : self._k], 0].mean(axis=1)
+        shares = np.repeat(size / self._k, self._k)
         area = np.bincount(facets[:, : self._k].ravel(), shares, near.scatter.num_local)
         self._area: Floats = area[nodes.nodes].astype(np.float64)
         ids = near.scatter.index_map.local_to_global(facets.ravel())
@@ -126,7 +131,9 @@ class MortarSearch(FacetSearch):
         """Add the facets, see `GlobalSearch`."""
         X = np.array(found.scatter.forward(self._X))
         vertices = others.reshape(self._shape)
-        facets = MortarFacets(self._nodes.nodes, self._area, vertices, self._orientation, X)
+        facets = MortarFacets(
+            self._nodes.nodes, self._area, vertices, self._orientation, X, self._are_rings
+        )
         return MortarCandidates(*self._parted(found), facets)
 
 

@@ -8,6 +8,7 @@ from mpi4py import MPI
 import numpy as np
 
 from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.scatter import NodalScatter
 
@@ -57,14 +58,14 @@ class _SomeNodes:
 
     def forward(self, values: Floats) -> Floats:
         """Values at all nodes of the scatter's map, 0 at others; until the next call."""
-        self._all[self._nodes] = values
+        self._all[self._nodes] = in_space(values)
         return self._scatter.forward(self._all)
 
     def add(self, total: Floats, dofs: Ints, values: Floats) -> None:
         """Add values of nodes of the scatter's map, ``(*dofs.shape, 3)``, to those of the nodes."""
         sums = np.zeros_like(self._all)
         self._scatter.add(sums, dofs, values)
-        total += sums[self._nodes]
+        total += sums[self._nodes, : total.shape[1]]
 
 
 class _Rows(NamedTuple):
@@ -87,13 +88,14 @@ class _Rows(NamedTuple):
 class HeldGaps:
     """Constraints G x = way on nodal vectors x. Collective, as are its methods.
 
-    They are met by least squares, so that they may contradict each other, or come twice.
+    They are met by least squares, so that they may contradict each other, or come twice. In the
+    plane nodal vectors have two components, and rows across it hold nothing.
 
     Args:
         comm: Communicator.
         holds: The gaps of each pair.
         nodes: Owned nodes that may move, shape ``(n,)``; nodal vectors are of these.
-        free: 1 where they may, otherwise 0, shape ``(n, 3)``.
+        free: 1 where they may, otherwise 0, shape ``(n, d)``.
         stiffness: That of the nodes, which makes nodal vectors orthogonal, shape
             ``(n, 1)`` [N/m].
 
@@ -105,7 +107,7 @@ class HeldGaps:
         self, comm: MPI.Comm, holds: Sequence[Holds], nodes: Ints, free: Floats, stiffness: Floats
     ) -> None:
         """Scale all gradients to unit length."""
-        self._comm, self._root = comm, np.sqrt(stiffness)
+        self._comm, self._root, self._shape = comm, np.sqrt(stiffness), free.shape
         weight = free / self._root
         self._rows: list[_Rows] = []
         ways, slides, end = [np.empty(0)], False, 0
@@ -140,15 +142,15 @@ class HeldGaps:
         self._passes = _SLIDING_PASSES if self.slides else int(exists)
 
     def shortest(self) -> Floats:
-        """Shortest x that meets them, as far as any does, shape ``(n, 3)`` [m]."""
+        """Shortest x that meets them, as far as any does, shape ``(n, d)`` [m]."""
         if not reductions.anywhere(self._comm, bool(self._way.any())):
-            return np.zeros((len(self._root), 3))
+            return np.zeros(self._shape)
         x, _ = self._least_squares(self._times, self._transposed, self._way)
         x /= self._root
         return x
 
     def project(self, forces: Floats) -> Floats:
-        """Leave of forces, ``(n, 3)`` [N], what those that hold cannot balance, in place."""
+        """Leave of forces, ``(n, d)`` [N], what those that hold cannot balance, in place."""
         columns = [rows.force for rows in self._rows]
         # Friction is nearly orthogonal to all gradients: what it leaves becomes less each time.
         for _ in range(self._passes):
@@ -161,7 +163,7 @@ class HeldGaps:
         return forces
 
     def _times(self, x: Floats) -> Floats:
-        """Multiply the gradients by nodal values, ``(n, 3)``; shape ``(m,)``."""
+        """Multiply the gradients by nodal values, ``(n, d)``; shape ``(m,)``."""
         products = np.empty(len(self._way))
         for rows in self._rows:
             values = rows.nodes.forward(x)[rows.dofs]
@@ -169,12 +171,12 @@ class HeldGaps:
         return products
 
     def _transposed(self, multipliers: Floats) -> Floats:
-        """Sum of gradients times multipliers, ``(m,)``, at the nodes, ``(n, 3)``."""
+        """Sum of gradients times multipliers, ``(m,)``, at the nodes, ``(n, d)``."""
         return self._sum([rows.gradient for rows in self._rows], multipliers)
 
     def _sum(self, vectors: Sequence[Floats], multipliers: Floats) -> Floats:
-        """Sum of vectors of all pairs times multipliers, ``(m,)``, at the nodes, ``(n, 3)``."""
-        total: Floats = np.zeros((len(self._root), 3))
+        """Sum of vectors of all pairs times multipliers, ``(m,)``, at the nodes, ``(n, d)``."""
+        total: Floats = np.zeros(self._shape)
         for rows, some in zip(self._rows, vectors, strict=True):
             rows.nodes.add(total, rows.dofs, multipliers[rows.which, None, None] * some)
         return total

@@ -20,6 +20,7 @@ import ufl
 from dolfinx import fem, la
 
 from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
+from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.jit import compile_form
 from dolfinx_nts.model.bodies import Body, bulk_form
 from dolfinx_nts.model.extrapolation import Extrapolation
@@ -49,16 +50,17 @@ class RedistributedMass:
         matrix.scatter_reverse()
         index_map = V.dofmap.index_map
         self._mass = _assembled(index_map, _triple(matrix, below))
-        self._times_mass = _Product(self._mass)
+        dim = dimension(V)
+        self._times_mass = _Product(self._mass, dim)
         P = _extrapolating(index_map, below)
-        self._restrict = _Product(_assembled(index_map, _Entries(P.column, P.row, P.value)))
+        self._restrict = _Product(_assembled(index_map, _Entries(P.column, P.row, P.value)), dim)
 
     def times(self, values: Floats) -> Floats:
-        """Multiply values at the owned nodes by the mass, both ``(n, 3)``."""
+        """Multiply values at the owned nodes by the mass, both ``(n, d)``."""
         return self._times_mass.of(values)
 
     def carried(self, forces: Floats) -> Floats:
-        """Take forces at the owned nodes to those with mass, both ``(n, 3)`` [N]."""
+        """Take forces at the owned nodes to those with mass, both ``(n, d)`` [N]."""
         return self._restrict.of(forces)
 
     def entries(self, index_map: Any) -> tuple[Ints, Ints, Floats]:
@@ -73,22 +75,23 @@ class RedistributedMass:
 
 
 class _Product:
-    """Product of a matrix of scalars with three columns.
+    """Product of a matrix of scalars with some columns.
 
     Args:
         matrix: The matrix.
+        width: Number of columns.
     """
 
-    def __init__(self, matrix: Any) -> None:
+    def __init__(self, matrix: Any, width: int) -> None:
         self._matrix = matrix
-        size = (matrix.getSizes()[1], (None, 3))
+        size = (matrix.getSizes()[1], (None, width))
         self._columns = PETSc.Mat().createDense(size, comm=matrix.comm)
         self._columns.setUp()
         # PETSc keeps what it knows of a product in the matrix of its result.
         self._result = matrix.matMult(self._columns)
 
     def of(self, values: Floats) -> Floats:
-        """Multiply values at the owned nodes, both ``(n, 3)``. Collective."""
+        """Multiply values at the owned nodes, both ``(n, width)``. Collective."""
         self._columns.getDenseArray()[:] = values
         self._columns.assemble()
         self._matrix.matMult(self._columns, result=self._result)
@@ -142,7 +145,7 @@ def _triple(matrix: la.MatrixCSR, below: Extrapolation) -> _Entries:
         )
 
     row = first + np.repeat(np.arange(len(M.start) - 1, dtype=np.int64), np.diff(M.start))
-    columns, factor, row, value = expanded(M.global_columns, row, M.value[::9])
+    columns, factor, row, value = expanded(M.global_columns, row, M.value[:: M.dim**2])
     row, second, columns, value = expanded(row, columns, factor * value)
     return _Entries(row, columns, second * value)
 
@@ -176,7 +179,7 @@ class RedistributedBulk(Bulk):
     Args:
         residual, u, bcs, loads: Arguments of `Bulk`.
         mass: The mass.
-        acceleration: Returns the mean acceleration of the step at the local dofs, ``(3 l,)``.
+        acceleration: Returns the mean acceleration of the step at the local dofs, ``(d l,)``.
         factor: Returns the derivative of the acceleration by u [1/s^2].
     """
 
@@ -197,7 +200,7 @@ class RedistributedBulk(Bulk):
 
     def forces(self) -> Floats:
         """Residual at u on the owned dofs, given or not [N]. Collective."""
-        acceleration = self._acceleration()[: self.num_owned].reshape(-1, 3)
+        acceleration = self._by_node(self._acceleration()[: self.num_owned])
         R = self._residual.assembled_bodies()
         R += self._mass.times(acceleration).ravel()
         for load in self.loads():
@@ -206,15 +209,18 @@ class RedistributedBulk(Bulk):
 
     def loads(self) -> list[Floats]:
         """Forces of each load at u on the owned dofs, at nodes with mass [N]. Collective."""
-        return [self._mass.carried(f.reshape(-1, 3)).ravel() for f in super().loads()]
+        return [self._mass.carried(self._by_node(f)).ravel() for f in super().loads()]
 
     def _forces_by(self, action: NodalSum, direction: Floats) -> Floats:
         y = action.assembled_bodies()
-        y += self._factor() * self._mass.times(direction.reshape(-1, 3)).ravel()
+        y += self._factor() * self._mass.times(self._by_node(direction)).ravel()
         if self._has_loads:
-            loads = action.assembled_loads().reshape(-1, 3)
-            y += self._mass.carried(loads).ravel()
+            y += self._mass.carried(self._by_node(action.assembled_loads())).ravel()
         return y
+
+    def _by_node(self, values: Floats) -> Floats:
+        """Values of dofs node by node, a view of shape ``(n, d)``. Local."""
+        return values.reshape(-1, dimension(self.u.function_space))
 
 
 class RedistributedTangent(Tangent):
@@ -250,11 +256,12 @@ class RedistributedTangent(Tangent):
         column, value = np.where(unknown, row, column), np.where(unknown, np.abs(value), value)
         self._entries = row, column, value
         self._diagonal: Any = np.bincount(row, value * (row == column), index_map.size_local)
-        free = la.vector(index_map, 3)
+        dim = dimension(V)
+        free = la.vector(index_map, dim)
         free.array[:] = 1
         for bc in bcs:
             free.array[bc.dof_indices()[0]] = 0
-        self._free: Floats = free.array.reshape(-1, 3)
+        self._free: Floats = free.array.reshape(-1, dim)
         self._place: Ints | None = None
 
     def _created(self, form: fem.Form) -> la.MatrixCSR:
@@ -277,7 +284,8 @@ class RedistributedTangent(Tangent):
             self._place = order[
                 np.searchsorted(known[order], row.astype(np.int64) * width + column)
             ]
-        blocks = rows.value.reshape(-1, 9)[:, ::4]
+        d = self._free.shape[1]
+        blocks = rows.value.reshape(-1, d * d)[:, :: d + 1]
         added = self._factor() * value[:, None] * self._free[row] * self._free[column]
         np.add.at(blocks, self._place, added)
         stiffness: Floats = self._factor() * self._diagonal

@@ -66,7 +66,7 @@ class SurfaceEquilibrium:
         return ksp
 
     def find(self, holds: Sequence[Holds], stiffness: Floats) -> Floats:
-        """Solve for increments of the nodes without mass, shape ``(m, 3)`` [m].
+        """Solve for increments of the nodes without mass, shape ``(m, d)`` [m].
 
         It is one step of Newton's method from u. Nodes that nothing holds are free; where the
         surface is about to buckle it is a step towards less energy.
@@ -82,15 +82,15 @@ class SurfaceEquilibrium:
         """Strain energy that increments from a displacement to u gave, node by node.
 
         Args:
-            u_before: Displacement of the local dofs before them, shape ``(3 l,)`` [m].
+            u_before: Displacement of the local dofs before them, shape ``(d l,)`` [m].
 
         Returns:
             Parts whose sum is the change of energy, shape ``(m,)`` [J].
         """
         with self._start(u_before):
             forces = self._forces.at_nodes()
-        u, before = (values.reshape(-1, 3)[self.nodes] for values in (self._u.array, u_before))
-        work: Floats = (forces * (u - before)).sum(axis=1)
+        way = (self._u.array - u_before).reshape(-1, forces.shape[1])[self.nodes]
+        work: Floats = (forces * way).sum(axis=1)
         return work
 
     @contextmanager
@@ -118,16 +118,21 @@ class SurfaceEquilibrium:
         ksp.setTolerances(rtol=_REDUCTION, atol=least, max_it=_MAX_ITERATIONS)
         # Where the surface is about to buckle it ends with the last iterate, which is kept.
         ksp.solve(self._b, self._x)
-        x += self._x.array.reshape(-1, 3)
+        x += self._x.array.reshape(x.shape)
         return x
 
     def mult(self, _matrix: Any, x: Any, y: Any) -> None:
         """Multiply by the stiffness where nodes are free; called by PETSc."""
-        y.array[:] = self._held.project(self._times(x.array_r.reshape(-1, 3))).ravel()
+        y.array[:] = self._held.project(self._times(self._rows(x))).ravel()
 
     def apply(self, _pc: Any, r: Any, z: Any) -> None:
         """Divide by the stiffness of each node, which keeps gaps; called by PETSc."""
-        z.array[:] = (r.array_r.reshape(-1, 3) / self._stiffness).ravel()
+        z.array[:] = (self._rows(r) / self._stiffness).ravel()
+
+    def _rows(self, x: Any) -> Floats:
+        """Values of a vector node by node, shape ``(m, d)``."""
+        rows: Floats = x.array_r.reshape(self._forces.free.shape)
+        return rows
 
     def _times(self, x: Floats) -> Floats:
         """Stiffness of statics times increments."""

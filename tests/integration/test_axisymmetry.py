@@ -30,11 +30,18 @@ def run(stepper, steps=STEPS):
 
 
 @pytest.mark.parametrize(
-    ("cell", "degree"), [("quadrilateral", 1), once("triangle", 1), ("triangle", 2)]
+    ("cell", "degree", "method"),
+    [
+        ("quadrilateral", 1, "node-to-segment"),
+        once("triangle", 1, "node-to-segment"),
+        ("triangle", 2, "node-to-segment"),
+        ("quadrilateral", 1, "mortar"),
+        once("triangle", 2, "mortar"),
+    ],
 )
-def test_impact_of_a_ball_conserves_energy_and_axial_momentum(cell, degree):
+def test_impact_of_a_ball_conserves_energy_and_axial_momentum(cell, degree, method):
     scene = ball_on_plate(cell, degree)
-    stepper = nts.EnergyMomentum(scene.bodies, scene.pairs(), dt=0.002)
+    stepper = nts.EnergyMomentum(scene.bodies, scene.pairs(method=method), dt=0.002)
     (first, *others), reports = run(stepper)
     assert max(report.num_active for report in reports) > 2
     assert first.linear_momentum.shape == first.contact_force.shape == (1,)
@@ -50,18 +57,24 @@ def test_impact_of_a_ball_conserves_energy_and_axial_momentum(cell, degree):
 
 
 @pytest.mark.parametrize(
-    ("enforcement", "eps_T"),
+    ("enforcement", "eps_T", "method"),
     [
-        (nts.LagrangeMultiplier(), None),
-        once(nts.LagrangeMultiplier("plastic"), 1e5),
-        once(nts.LagrangeMultiplier("restitution", e=0.5), None),
-        once(nts.Penalty(), None),
+        (nts.LagrangeMultiplier(), None, "node-to-segment"),
+        once(nts.LagrangeMultiplier("plastic"), 1e5, "node-to-segment"),
+        once(nts.LagrangeMultiplier("restitution", e=0.5), None, "node-to-segment"),
+        once(nts.Penalty(), None, "node-to-segment"),
+        (nts.LagrangeMultiplier(), None, "mortar"),
+        once(nts.Penalty(), None, "mortar"),
     ],
-    ids=["exact stick", "tangential springs", "restitution", "penalty"],
+    ids=[
+        *("exact stick", "tangential springs", "restitution", "penalty"),
+        *("mortar, exact stick", "mortar, penalty"),
+    ],
 )
-def test_ledger_of_friction_closes(enforcement, eps_T):
+def test_ledger_of_friction_closes(enforcement, eps_T, method):
     scene = ball_on_plate("triangle")
-    pairs = scene.pairs(enforcement=enforcement, friction=nts.Coulomb(mu=0.3, eps_T=eps_T))
+    friction = nts.Coulomb(mu=0.3, eps_T=eps_T)
+    pairs = scene.pairs(enforcement=enforcement, friction=friction, method=method)
     stepper = nts.EnergyMomentum(scene.bodies, pairs, dt=0.002)
     balances, reports = run(stepper)
     # Nodes that the axis holds do not stick, and are eliminated as others.
@@ -340,7 +353,6 @@ def test_obstacles_that_are_not_of_revolution_are_refused(obstacle, message):
 def test_what_rings_cannot_do_is_refused():
     scene = ball_on_plate(size=0.15)
     for changes, message in (
-        ({"method": "mortar"}, "method 'node-to-segment'"),
         ({"enforcement": nts.LagrangeMultiplier("resolved")}, "'elastic' or 'plastic'"),
     ):
         with pytest.raises(ValueError, match=message):

@@ -16,7 +16,9 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from benchmarks.rings import impact as rings_impact
+from helpers.plane import block
 from helpers.rings import half_disc, round_block
+from helpers.round import plane_mesh, tagged
 
 pytestmark = pytest.mark.serial
 
@@ -68,6 +70,50 @@ def test_uniform_stress_is_exact_on_distorted_cells(cell, degree, nu, told):
         f"largest error {error:.0e} of the moduli",
     )
     assert error < 1e-8
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("cells", [(4, 6), (6, 4)])
+def test_patch_test_of_rings_is_passed_by_mortar(cells, degree, told):
+    """Round blocks whose meshes do not match, pressed and widened alike: one pressure."""
+    lower, upper = (
+        block((0.0, z), (1.0, 1.0), (n, 2)) for z, n in ((-1.0, cells[0]), (0.0, cells[1]))
+    )
+    domain = plane_mesh(MPI.COMM_SELF, lower, upper)
+    nts.axisymmetric(domain)
+    V = fem.functionspace(domain, ("Lagrange", degree, (2,)))
+    tags, law = tagged(domain, lambda x: x[:, 1] < 0), nts.NeoHookean(E, 0.3, 1.0)
+    bodies = [nts.Body(V, tags, tag, law) for tag in (1, 2)]
+    sides = [nts.boundary_of(body, where=lambda x: abs(x[1]) < 1e-9) for body in bodies]
+    pair = nts.ContactPair(*sides, method="mortar")
+    amounts, bcs, whole = (0.004, -0.01), [], fem.Function(V)
+    whole.interpolate(lambda x: np.array([a * x[i] for i, a in enumerate(amounts)]))
+    for axis in (0, 1):
+        part = V.sub(axis)
+        given = fem.Function(part.collapse()[0])
+        given.interpolate(lambda x, axis=axis: amounts[axis] * x[axis])
+        at_end = fem.locate_dofs_geometrical(
+            (part, given.function_space), lambda x, axis=axis: np.isclose(abs(x[axis]), 1.0)
+        )
+        bcs.append(fem.dirichletbc(given, at_end, part))
+    stepper = nts.QuasiStatic(bodies, [pair], dt=1.0, bcs=bcs)
+    stepper.advance()
+    pressure = stepper.contacts[0].pressure
+    spread = np.ptp(pressure) / pressure.mean()
+    moved = np.abs(stepper.u.x.array - whole.x.array).max()
+    told(
+        f"axisymmetric: patch test by mortar, {cells[0]}:{cells[1]} cells, degree {degree}",
+        "uniform strain and pressure",
+        f"error {moved:.0e}, spread {spread:.0e}",
+    )
+    assert moved <= 1e-11
+    assert spread <= 1e-9
+    # The multipliers are forces of whole rings: the stress of the law times the section.
+    t, s = 1 + amounts[0], 1 + amounts[1]
+    lmbda, mu = E * 0.3 / (1.3 * 0.4), E / 2.6
+    stress = mu * (s - 1 / s) + lmbda * np.log(t * t * s) / s
+    force = stepper.contacts[0].history.lambda_N.sum()
+    assert force == pytest.approx(stress * np.pi, rel=1e-9)
 
 
 # --- a tube ------------------------------------------------------------

@@ -7,6 +7,7 @@
 #include "nts/search/multiplier_functions.h"
 
 #include <iterator>
+#include <numbers>
 #include <span>
 #include <type_traits>
 #include <vector>
@@ -18,11 +19,11 @@
 /// Segments are projected along the mean normal of a facet into its reference
 /// cell and clipped there, so that neighbours tile the facet without gaps; in
 /// the plane, edges are projected on edges.
-/// Weights are reference areas. Multipliers belong to the vertices. Their shape
-/// functions are dual to the linear ones of the facet on the part of it that is
-/// covered (Cichosz and Bischoff 2011). Vertices outside of that part mix them
-/// with those of the others, up to the linear functions themselves, see
-/// multiplier_functions.h.
+/// Weights are reference areas, of rings around their whole circles.
+/// Multipliers belong to the vertices. Their shape functions are dual to the
+/// linear ones of the facet on the part of it that is covered (Cichosz and
+/// Bischoff 2011). Vertices outside of that part mix them with those of the
+/// others, up to the linear functions themselves, see multiplier_functions.h.
 namespace nts
 {
 /// @brief Numbers of the choice of contact points.
@@ -53,6 +54,7 @@ struct Ends
   std::span<const double> X;          ///< reference, of nodes of facets, (l, 3)
   std::span<const double> x_n;        ///< at t_n, the same
   std::span<const double> segments_n; ///< at t_n, of vertices of segments
+  bool of_rings; ///< whether facets turn about the axis x = 0
 };
 
 /// @brief Chooses the contact points of facets F with segments of degree 1.
@@ -310,15 +312,21 @@ private:
                   double covered)
   {
     const std::array<Vec3, n> X = nodes(_facets, e, _ends.X);
+    const auto weight = [&](const Point& point)
+    {
+      const double radius = combine(F::phi(point.xi), X)[0];
+      return point.weight * area_ratio<F>(X, point.xi)
+             * (_ends.of_rings ? 2 * std::numbers::pi * radius : 1);
+    };
     MultiplierFunctions<S> functions;
     for (const Point& point : points)
-      functions.add(point.xi, point.weight * area_ratio<F>(X, point.xi));
+      functions.add(point.xi, weight(point));
     functions.finish(covered);
     for (const Point& point : points)
     {
       _points.facet.push_back(e);
       _points.segment.push_back(point.segment);
-      _points.weight.push_back(point.weight * area_ratio<F>(X, point.xi));
+      _points.weight.push_back(weight(point));
       std::ranges::copy(F::phi(point.xi), std::back_inserter(_points.phi));
       std::ranges::copy(functions(point.xi), std::back_inserter(_points.psi));
     }
