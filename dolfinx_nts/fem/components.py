@@ -33,7 +33,7 @@ def dimension(V: fem.FunctionSpace) -> int:
 
 def nodal(function: fem.Function) -> Floats:
     """Values at the local nodes, a view of shape ``(l, 2)`` or ``(l, 3)``. Local."""
-    values: Floats = function.x.array.reshape(-1, dimension(function.function_space))
+    values: Floats = function.x.array.reshape(-1, function.x.block_size)
     return values
 
 

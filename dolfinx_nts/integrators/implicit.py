@@ -14,7 +14,7 @@ statics and the generalised-alpha method also in the inertia, see `Rates`.
 import logging
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
-from functools import cache, partial
+from functools import partial
 from typing import Any, cast
 
 import numpy as np
@@ -32,7 +32,7 @@ from dolfinx_nts.contact.joint_state import JointState, joined
 from dolfinx_nts.contact.massless import is_resolved, massless_nodes
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
-from dolfinx_nts.fem.components import dimension, in_space
+from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.integrators.inertia import ConsistentInertia, Inertia
 from dolfinx_nts.integrators.rates import MidpointRates
 from dolfinx_nts.integrators.reactions import Reactions
@@ -59,7 +59,6 @@ from dolfinx_nts.solvers.cell_sizes import cell_sizes
 from dolfinx_nts.solvers.drag import Drag
 from dolfinx_nts.solvers.free_bodies import FreeBodies, FreeBody, find_free_bodies
 from dolfinx_nts.solvers.krylov import LinearSolver
-from dolfinx_nts.solvers.line_search import LineSearch
 from dolfinx_nts.solvers.statistics import SolverStatistics
 
 __all__ = ["ImplicitStepper"]
@@ -114,14 +113,12 @@ class ImplicitStepper(Stepper):
         self._sizes = cell_sizes(self.u.function_space)
         self.supports = self._bulk.supports
         # For the size of forces, where lumped masses are exact enough.
-        self._lumped_mass: Floats = np.repeat(
-            lumped_mass(bodies), dimension(self._bulk.u.function_space)
-        )
+        self._lumped_mass: Floats = np.repeat(lumped_mass(bodies), self._bulk.rigid.dim)
         free: Sequence[FreeBody] = ()
         if self._rates.acceleration is None:
             X = self._X[: len(self.node_ids)]
             free = find_free_bodies(bodies, self._bulk, self._tangent, X)
-        dim = dimension(self.u.function_space)
+        dim = self._bulk.rigid.dim
         mass = self._lumped_mass[::dim]
         self._free_bodies = FreeBodies(free, self._tangent, mass, dim)
         if free:
@@ -130,13 +127,12 @@ class ImplicitStepper(Stepper):
             self._tangent.forget()
         share = partial(self._rates.inertia_share, self._lumped_mass)
         self._solver = LinearSolver(self._bulk, self._tangent, share, petsc_options)
-        self._search = LineSearch(self._bulk) if self._bulk.jumps else None
         self._sleeping = SleepingBodies(
             self._bulk, self._tangent, self._sizes, self.bodies, joined(self.contacts), self.loads
         )
         self._free: Floats | None = None
         if self.supports.exist:
-            self._free = np.ones((len(self.node_ids), dimension(self._bulk.u.function_space)))
+            self._free = np.ones((len(self.node_ids), self._bulk.rigid.dim))
             self._free.ravel()[self.supports.fixed] = 0
         self._reactions = Reactions(
             self._bulk,
@@ -313,12 +309,21 @@ class ImplicitStepper(Stepper):
 
     def _choose_springs(self) -> None:
         """Choose the stiffness of springs that the user left open, in the first step."""
-        share, is_static = self.scheme.stress_share, self._rates.acceleration is None
-        static = partial(static_stiffness, self._tangent, self._dt, share)
-        mass = self._lumped_mass[:: dimension(self._bulk.u.function_space)]
-        stiffness = cache(partial(spring_stiffness, static, self.bodies, mass, self._rates))
+        known: list[tuple[Floats, Floats]] = []
+
+        def stiffness() -> tuple[Floats, Floats]:
+            """That of all nodes, which the pairs with open springs have in common."""
+            if not known:
+                static = partial(
+                    static_stiffness, self._tangent, self._dt, self.scheme.stress_share
+                )
+                mass = self._lumped_mass[:: self._bulk.rigid.dim]
+                known.append(spring_stiffness(static, self.bodies, mass, self._rates))
+            return known[0]
+
+        stiffer = _STIFF if self._rates.acceleration is None else _RESOLVED
         for contact in self.contacts:
-            contact.derive_penalty(stiffness, _STIFF if is_static else _RESOLVED)
+            contact.derive_penalty(stiffness, stiffer)
 
     def _start(self, u: Floats, part: float = 1.0) -> Floats:
         """Displacements u of the local dofs [m] as supports and rigid bodies let them be.
@@ -356,7 +361,7 @@ class ImplicitStepper(Stepper):
 
     def _owned(self, values: Floats) -> Floats:
         """Those of the owned nodes among values of dofs, a view of shape ``(n, d)``. Local."""
-        d = dimension(self._bulk.u.function_space)
+        d = self._bulk.rigid.dim
         return values[: self._bulk.num_owned].reshape(-1, d)
 
     def _wrong(self, steps: Sequence[ContactStep], x_n: Floats) -> str:
@@ -487,7 +492,7 @@ class ImplicitStepper(Stepper):
         """
         self.u.x.array[:] = start
         with self.timings.phase("contact"):
-            mass = self._lumped_mass[:: dimension(self._bulk.u.function_space)]
+            mass = self._lumped_mass[:: self._bulk.rigid.dim]
             stiffness = contact_stiffness(
                 self._tangent.nodal_stiffness(), self.bodies, mass, self._rates
             )
@@ -522,7 +527,6 @@ class ImplicitStepper(Stepper):
             inertia=self._rates.acceleration is not None,
             timings=self.timings,
             drag=drag,
-            search=self._search,
         )
         return steps, solution
 
@@ -531,7 +535,7 @@ class ImplicitStepper(Stepper):
 
     def _in_space(self, values: Floats) -> Floats:
         """Vectors at nodes, ``(l, 3)``, of the values of their dofs. Local."""
-        return in_space(values.reshape(-1, dimension(self._bulk.u.function_space)))
+        return in_space(values.reshape(-1, self._bulk.rigid.dim))
 
 
 def _held_parts(pairs: Sequence[ContactPair]) -> list[float]:

@@ -15,7 +15,6 @@ from dolfinx_nts.common.parts import counts_of_parts
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.joint_state import JointState, bounds, members
 from dolfinx_nts.contact.pair_state import PairState
-from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.connected_bodies import connected
 from dolfinx_nts.model.loads import Load
@@ -73,7 +72,7 @@ class SleepingBodies:
             if not any(body.is_rigid or body.material.remembers for body in group)
         ]
         self._tangent, self._sizes, self.states = tangent, sizes, tuple(states)
-        num_owned = bulk.num_owned // dimension(bulk.u.function_space)
+        num_owned = bulk.num_owned // bulk.rigid.dim
         self._nodes: dict[_Group, Ints] = {}
         for group in self._groups:
             nodes = np.unique(np.concatenate([body.nodes for body in group]))
@@ -92,8 +91,8 @@ class SleepingBodies:
 
     def _pairs_of_groups(self) -> dict[_Group, list[PairState]]:
         """Pairs that can act on each group of bodies."""
-        comm, u = self._bulk.comm, self._bulk.u
-        group_of = np.full(self._bulk.num_owned // dimension(u.function_space), -1)
+        comm = self._bulk.comm
+        group_of = np.full(self._bulk.num_owned // self._bulk.rigid.dim, -1)
         for number, nodes in enumerate(self._nodes.values()):
             group_of[nodes] = number
         found = []
@@ -119,7 +118,7 @@ class SleepingBodies:
         """
         comm, flags = self._bulk.comm, []
         v, moved, displaced = (
-            a.reshape(-1, dimension(self._bulk.u.function_space))
+            a.reshape(-1, self._bulk.rigid.dim)
             for a in (v, self._bulk.u.x.array - u_n, u_n - self._u_n)
         )
         may_touch = {pair for step in steps for pair in _may_touch(step)}
@@ -161,7 +160,7 @@ class SleepingBodies:
         before = u.copy()
         u[:] = u_n
         # Also on given displacements, so that no reaction is left out.
-        R = np.abs(bulk.forces().reshape(-1, dimension(bulk.u.function_space)))
+        R = np.abs(bulk.forces().reshape(-1, bulk.rigid.dim))
         u[:] = before
         limit = _ROUNDING * self._sizes.smallest * self._tangent.nodal_stiffness()[:, None]
         bad = [np.count_nonzero(~(R <= limit)[self._nodes[group]]) for group in groups]

@@ -67,7 +67,8 @@ class BlockILU:
 
     def apply(self, _pc: Any, r: Any, z: Any) -> None:
         """Set z to the solution for r; called by PETSc. Collective."""
-        self._apply(*(values.reshape(-1, self._rows.dim) for values in (r.array_r, z.array)))
+        dim = self._rows.dim
+        self._apply(r.array_r.reshape(-1, dim), z.array.reshape(-1, dim))
 
     def solve_all(self, b: Floats) -> Floats:
         """Solve for the columns of an array, shape ``(d n, k)``, by columns. Collective."""

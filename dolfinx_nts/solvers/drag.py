@@ -16,7 +16,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from dolfinx_nts.common.arrays import Floats
-from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.tangent import Tangent
 
@@ -34,7 +33,7 @@ class Drag:
     def __init__(self, bulk: Bulk, tangent: Tangent) -> None:
         """Take the stiffness of the nodes as it is now. Collective."""
         self._bulk, self._tangent = bulk, tangent
-        self._dim = dimension(bulk.u.function_space)
+        self._dim = bulk.rigid.dim
         self._stiffness: Floats = tangent.nodal_stiffness().copy()[:, None]
         self._resistance: Floats = 0 * self._stiffness
         self._reference = self._nodes.copy()

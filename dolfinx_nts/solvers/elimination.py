@@ -24,7 +24,6 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.mortar_pairing import PointBlocks
-from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.search.candidates import Candidates
 from dolfinx_nts.solvers.contact_blocks import ContactBlocks
 from dolfinx_nts.solvers.partial_scatter import PartialScatter
@@ -186,18 +185,19 @@ def _components(rows: Floats, dim: int) -> Floats:
 
 
 def active_pairs(
-    steps: Sequence[ContactStep], states: Sequence[ContactContribution]
+    steps: Sequence[ContactStep], states: Sequence[ContactContribution], dim: int
 ) -> list[ActivePairs]:
     """Active pairs of each contact pair that has any, on whatever rank.
 
     Args:
         steps: Contact attempts.
         states: Their pairs.
+        dim: Components of the displacement at a node.
     """
     # An exchange is collective: what is empty on all ranks is left out.
     return [
         (CoupledPairs if state.pairs.blocks.may_overlap else ActivePairs)(
-            step.candidates, state, dimension(step.state.nodes.V)
+            step.candidates, state, dim
         )
         for step, state in zip(steps, states, strict=True)
         if step.num_active

@@ -24,7 +24,7 @@ from dolfinx import la
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
-from dolfinx_nts.fem.components import dimension, in_space
+from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.connected_bodies import connected
 from dolfinx_nts.parallel import reductions
@@ -113,7 +113,7 @@ def find_free_bodies(
     groups = connected(bodies)
     nodes = [_owned_nodes(group) for group in groups]
     frames = [_frame(comm, x[some]) for some in nodes]
-    dim = dimension(bulk.u.function_space)
+    dim = bulk.rigid.dim
     num_motions = {2: 3, 3: 6}[dim]
     motions = np.zeros((num_motions, len(x), dim))
     for some, frame in zip(nodes, frames, strict=True):

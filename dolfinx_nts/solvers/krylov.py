@@ -18,7 +18,6 @@ from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
-from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.active_sets import ActiveSets
 from dolfinx_nts.solvers.bulk import Bulk
@@ -189,7 +188,7 @@ class LinearSolver:
         Raises:
             ValueError: There are PETSc options that nothing asks for.
         """
-        pairs = active_pairs(steps, states)
+        pairs = active_pairs(steps, states, self._operator.bulk.rigid.dim)
         elimination = Elimination(pairs, self._active_sets.number(pairs))
         if pairs and self._active_sets.are_coupled(pairs):
             return self._solve_direct(R, steps, pairs)
@@ -289,7 +288,7 @@ class LinearSolver:
             part, whole = reductions.total(bulk.comm, squares)
             if part > (_NEGLIGIBLE * rtol) ** 2 * whole:
                 total += bulk.action(particular)
-            r = -bulk.rigid.project(np.zeros_like(r), elimination.act(parts, total))
+            r = -bulk.rigid.project(None, elimination.act(parts, total))
         x, iterations = self._krylov.solve(r, rtol)
         decades = -math.log10(rtol)
         if not elimination.empty:
@@ -303,7 +302,7 @@ class LinearSolver:
 
     def _nodal(self, values: Floats) -> Floats:
         """Values of dofs by nodes, shape ``(n, d)``. Local."""
-        return values.reshape(-1, dimension(self._operator.bulk.u.function_space))
+        return values.reshape(-1, self._operator.bulk.rigid.dim)
 
     def _wave_crossings(self) -> float:
         """Number of cells that waves cross in a step, about h c/dx. Collective.

@@ -11,7 +11,7 @@ from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.prescribed import prescribed_nodes
-from dolfinx_nts.fem.components import dimension, in_space
+from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.cell_sizes import CellSizes
@@ -147,7 +147,6 @@ def solve(
     inertia: bool,
     timings: Timings,
     drag: Drag | None = None,
-    search: LineSearch | None = None,
 ) -> Solution:
     """Iterate from the present u. Collective.
 
@@ -166,13 +165,12 @@ def solve(
             the round-off of strains.
         timings: Receives the wall time of the phases.
         drag: Resistance that acts beside the forces, if any.
-        search: Cuts increments that go too far, where tangents of bodies jump.
 
     Returns:
         The solution; ``report.reason`` is not empty if there is none.
     """
     most = _MAX_ITERATIONS if drag is None else _MAX_DRAGGED
-    n, size, dim = bulk.num_owned, sizes.smallest, dimension(bulk.u.function_space)
+    n, size, dim = bulk.num_owned, sizes.smallest, bulk.rigid.dim
     norms: list[float] = []
     changes = 0
     du_norm = np.inf
@@ -183,16 +181,16 @@ def solve(
     reprojects_early = not inertia
     way = SupportWay(bulk)
     free.begin()
-    if search is not None:
-        search.forget()
+    search = LineSearch(bulk) if bulk.jumps else None
     floor = _round_off(bulk, solver.tangent.nodal_stiffness(), sizes)
-    x = X + in_space(bulk.u.x.array[:n].reshape(-1, dim))
+    nodes = bulk.u.x.array[:n].reshape(-1, dim)
+    x = X + in_space(nodes)
     digits = _LAST_DIGITS * reductions.largest(bulk.comm, float(np.abs(x).max(initial=0.0)))
     negligible = max(_INCREMENT_TOLERANCE * size, digits)
     closed = max(_GAP_TOLERANCE * size, digits)
     iteration = 0
     while True:
-        x = X + in_space(bulk.u.x.array[:n].reshape(-1, dim))
+        x = X + in_space(nodes)
         with timings.phase("assembly"):
             forces = bulk.forces()
             R_bulk = forces.copy()
@@ -208,7 +206,7 @@ def solve(
             states = tuple(step.evaluate(x, R_nodes, iteration) for step in steps)
             R_contact = contact_residual(steps, states, (len(X), dim))
         R = free.relieve(R_bulk - free.force.ravel() + R_contact, x, force_scale, steps, states)
-        R = bulk.rigid.balance(bulk.u.x.array[:n].reshape(-1, dim), R.reshape(-1, dim)).ravel()
+        R = bulk.rigid.balance(nodes, R.reshape(-1, dim)).ravel()
         R = way.pull(R)
 
         excess = max((s.constraint_error for s in states), default=0.0)
@@ -286,7 +284,6 @@ def solve(
             for step, state, d in zip(steps, states, dlambda, strict=True):
                 step.add_multipliers(state, d)
         du_norm = reductions.largest(bulk.comm, float(np.abs(du).max(initial=0.0)))
-        u = bulk.u.x.array[:n]
         longest = (_LONGEST_FALL if bulk.rigid.has_no_inertia else _LONGEST_INCREMENT) * size
         part = 1.0
         if du_norm > longest:
@@ -297,7 +294,6 @@ def solve(
         if part < 1:
             with np.errstate(invalid="ignore"):  # of a singular system, which is told
                 du = part * du
-        nodes = u.reshape(-1, dim)
         nodes[:] = bulk.rigid.moved(nodes, du.reshape(-1, dim))
         way.go()
         if du_norm <= longest and not changed:  # nodes that have just become active have far to go
@@ -320,9 +316,7 @@ def _round_off(bulk: Bulk, stiffness: Floats, sizes: CellSizes) -> float:
     A strain is known up to eps, and up to eps |u|/h; with the stiffness k of
     a node and the size h of its cells this is a force of eps k (h + |u|).
     """
-    u = np.linalg.norm(
-        bulk.u.x.array[: bulk.num_owned].reshape(-1, dimension(bulk.u.function_space)), axis=1
-    )
+    u = np.linalg.norm(bulk.u.x.array[: bulk.num_owned].reshape(-1, bulk.rigid.dim), axis=1)
     forces = np.finfo(np.float64).eps * stiffness * (sizes.nodal + u)
     return float(np.sqrt(reductions.total(bulk.comm, forces @ forces)))
 

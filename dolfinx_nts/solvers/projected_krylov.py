@@ -8,7 +8,6 @@ from petsc4py import PETSc
 
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
-from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.contact_corrections import ContactCorrections
 from dolfinx_nts.solvers.elimination import Elimination
@@ -51,7 +50,7 @@ class Operator:
         self.bulk = bulk
         self.elimination = Elimination((), 0)
         self.reduction: Callable[[], float] = float
-        self._rounding, self._dim = math.inf, dimension(bulk.u.function_space)
+        self._rounding = math.inf
 
     def forget(self) -> None:
         """Measure at the next product what single precision costs it. Local."""
@@ -63,7 +62,7 @@ class Operator:
 
     def mult(self, _matrix: Any, x: Any, y: Any) -> None:
         """Set y to Z~^T (K + C) Z x; called by PETSc."""
-        z = x.array_r.reshape(-1, self._dim).copy()
+        z = x.array_r.reshape(-1, self.bulk.rigid.dim).copy()
         parts = self.elimination.constrain(z)
         forces = self.elimination.act(parts, self._action(z))
         y.array[:] = self.bulk.rigid.project(z, forces).ravel()
@@ -90,14 +89,13 @@ class Preconditioner:
     ) -> None:
         """Create the composition of both."""
         self._operator, self._bulk, self._contacts = operator, bulk, contacts
-        self._dim = dimension(operator.bulk.u.function_space)
 
     def apply(self, pc: Any, r: Any, z: Any) -> None:
         """Set z to the approximate solution for r; called by PETSc."""
         self._bulk.apply(pc, r, z)
         if not self._operator.elimination.empty:
-            dim = self._dim
-            self._contacts.correct(*(values.reshape(-1, dim) for values in (r.array_r, z.array)))
+            dim = self._operator.bulk.rigid.dim
+            self._contacts.correct(r.array_r.reshape(-1, dim), z.array.reshape(-1, dim))
 
 
 class RigidPreconditioner:
@@ -191,6 +189,4 @@ class KrylovMethod:
             self._options = None
         if self._ksp.getConvergedReason() < 0:
             return None, iterations
-        return self._x.array.reshape(
-            -1, dimension(self._operator.bulk.u.function_space)
-        ), iterations
+        return self._x.array.reshape(-1, self._operator.bulk.rigid.dim), iterations

@@ -174,10 +174,11 @@ class RigidMotion(RigidStates):
         )
         return self._fields.put(self._states.project(np.zeros_like(forces), forces), R.copy())
 
-    def project(self, x: Floats, y: Floats) -> Floats:
-        """Replace forces y by rigid fields, for increments x [m]; overwrites y."""
+    def project(self, x: Floats | None, y: Floats) -> Floats:
+        """Replace forces y by rigid fields, for increments x [m], None: of zero; overwrites y."""
         if self._states is None:
             return y
+        x = np.zeros_like(y) if x is None else x
         return self._fields.put(self._states.project(*self._fields.sums(x, y)), y)
 
     def respond(self, r: Floats) -> Floats:

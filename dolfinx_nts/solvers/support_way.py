@@ -98,7 +98,7 @@ def behind(bulk: Bulk) -> Floats | None:
     u = bulk.u.x.array
     way = (bulk.supports.applied(u) - u)[: bulk.num_owned]
     is_there = reductions.anywhere(bulk.comm, bool(way.any()))
-    return way.reshape(-1, dimension(bulk.u.function_space)) if is_there else None
+    return way.reshape(-1, bulk.rigid.dim) if is_there else None
 
 
 def largest_strain(bulk: Bulk, du: Floats) -> float:

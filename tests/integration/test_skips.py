@@ -250,6 +250,22 @@ def test_without_friction_there_is_no_slip(comm, monkeypatch):
 
 
 @pytest.mark.serial
+def test_iterations_do_not_ask_for_the_dimension(comm, monkeypatch):
+    """It takes the space of a function, its map of dofs, and a microsecond or two."""
+    scene = scenes.ball_plate(comm)
+    scene.stepper.advance()
+    asked, dofmap = [], scenes.fem.FunctionSpace.dofmap.fget
+    monkeypatch.setattr(
+        scenes.fem.FunctionSpace, "dofmap", property(lambda V: asked.append(V) or dofmap(V))
+    )
+    for _ in range(8):
+        asked.clear()
+        report = scene.stepper.advance()
+    assert len(asked) <= 4  # once in a step here and there
+    assert report.newton_iterations > 2 and report.num_active > 0
+
+
+@pytest.mark.serial
 def test_nodes_that_cannot_touch_are_looked_at_once_in_a_step(comm, monkeypatch):
     scene, reference = ball_plate(comm, "elastic"), ball_plate(comm, "elastic")
     for each in (scene, reference):

@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Tied
 from dolfinx_nts.contact.history import ContactHistory, ContactWork
 from dolfinx_nts.contact.implicit.contributions import ContactContribution, PairKinematics
@@ -25,7 +25,7 @@ from dolfinx_nts.contact.implicit.stick_slip import Friction, StickSlip
 from dolfinx_nts.contact.implicit.tied import Bond, TiedContact
 from dolfinx_nts.contact.joint_state import JointState, bounds, members
 from dolfinx_nts.contact.pair_state import PairState
-from dolfinx_nts.fem.components import dimension, in_space
+from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Candidates
 
@@ -108,7 +108,7 @@ class ContactStep:
         # What the first evaluation gave, where later ones cannot give anything else.
         self._idle: ContactContribution | None = None
         self.num_active, self.touched = 0, np.zeros(len(members(state)), dtype=bool)
-        self._is_rigid = np.isin(state.nodes.nodes, rigid)
+        self._is_rigid: Flags | None = np.isin(state.nodes.nodes, rigid) if len(rigid) else None
 
     @property
     def _comm(self) -> MPI.Comm:
@@ -139,8 +139,8 @@ class ContactStep:
         R = None if R_bulk is None else in_space(R_bulk)
         changed += self.normal.update(pairs, x, R, self.friction, iteration)
         active = pairs.node[self.normal.active[pairs.node]]
-        counts = np.diff(np.searchsorted(active, bounds(self.state)))
-        counts = reductions.total(self._comm, counts)
+        ends = np.searchsorted(active, bounds(self.state))
+        counts = reductions.total(self._comm, ends[1:] - ends[:-1])
         self.num_active = int(counts.sum())
         self.touched |= counts > 0
         # Without a previous iteration the set of active pairs is new.
@@ -223,7 +223,10 @@ class ContactStep:
         old, pairs = self.state.history, contribution.pairs
         frame, ends = self.state.search.frame, (self.search.x_n, self.x)
         dx = frame.relative(*(x.take(pairs.dofs, axis=0) for x in ends))
-        carried = frame.carried(*(x.take(self.state.nodes.nodes, axis=0) for x in ends))
+        of_obstacle = 0.0
+        if frame.moves:
+            carried = frame.carried(*(x.take(self.state.nodes.nodes, axis=0) for x in ends))
+            of_obstacle = float(np.vdot(new.force, carried))
         F = pairs.contact.force
         dx = dx.reshape(F.shape)
         work = -self.normal.lambda_N[pairs.node] * (F * dx).sum(axis=1)
@@ -239,7 +242,7 @@ class ContactStep:
                 work[before & ~same].sum() - self.normal.released_energy(pairs.node),
                 old.energy.sum() - new.energy.sum(),
                 -new.dissipation.sum(),
-                np.vdot(new.force, carried),
+                of_obstacle,
             ]
         )
         return ContactWork(*reductions.total(self._comm, parts).tolist())
@@ -256,7 +259,8 @@ class ContactStep:
             self.friction.release(far)
             node, segment, moved = node[near], segment[near], moved[near]
         pairs = search.pairing.kinematics(self._scheme, x, node, segment, self._free)
-        pairs.fixed |= self._is_rigid[node]
+        if self._is_rigid is not None:
+            pairs.fixed |= self._is_rigid[node]
         self.friction.measure(pairs, x)
         search.gap[node] = pairs.contact.gap
         return pairs, int(np.count_nonzero(moved)) + released
@@ -267,7 +271,7 @@ class ContactStep:
         force = lambda_N[:, None] * pairs.contact.force
         tangent = pairs.blocks.tangent(lambda_N)
         rank = self.normal.rank(active)
-        rank[self.friction.sticks(pairs.node, active)] = dimension(self.state.nodes.V)
+        rank[self.friction.sticks(pairs.node, active)] = self.friction.dim
         columns, slopes = self.friction.add_to(pairs, active, force, tangent)
         slopes[:, 0, 0] = self.normal.slope
         residual = pairs.blocks.restrict(force, tangent)

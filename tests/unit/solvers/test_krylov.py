@@ -26,7 +26,7 @@ def compare(monkeypatch, scene, num_steps):
         du, multipliers = solve(R, steps, states, 1e-11)
         if any(step.num_active for step in steps):
             ranks.update(np.concatenate([state.rank for state in states]).tolist())
-            direct, _ = saddle.solve(R, active_pairs(steps, states))
+            direct, _ = saddle.solve(R, active_pairs(steps, states, 3))
             comm = scene.comm
             largest = comm.allreduce(np.abs(direct).max(initial=0.0), op=scenes.MPI.MAX)
             error = comm.allreduce(np.abs(du - direct).max(initial=0.0), op=scenes.MPI.MAX)
