@@ -213,6 +213,31 @@ def test_an_error_names_few_surfaces_of_many(comm, refused, monkeypatch):
 
 
 @pytest.mark.serial
+@pytest.mark.parametrize("nodes", ["stiff", "soft"])
+def test_an_error_tells_where_the_stiffer_side_gives_the_nodes(comm, monkeypatch, nodes):
+    def build(model):
+        for i, name in enumerate(("soft", "stiff")):
+            place = {"corner": (0.0, 0.0, 1.01 * i), "size": (1.0, 1.0, 1.0), "cells": (2, 2, 2)}
+            parts.add_box(model, name, **place)
+
+    mesh, cells, _, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    rubber, steel = (nts.NeoHookean(E, 0.3, 1e3) for E in (1e5, 2e8))
+    soft, stiff = nts.Body(V, cells, tag["soft"], rubber), nts.Body(V, cells, tag["stiff"], steel)
+    sides = [nts.boundary_of(body) for body in (soft, stiff)]
+    pair = nts.ContactPair(*(sides if nodes == "soft" else sides[::-1]))
+    stepper = nts.EnergyMomentum([soft, stiff], [pair], dt=0.01)
+    stepper.set_velocity(stiff, (0.0, 0.0, -2.0))
+    monkeypatch.setattr(contact_step, "_RESTLESS", 0)
+    monkeypatch.setattr(newton, "_MAX_ITERATIONS", 1)
+    with pytest.raises(nts.ConvergenceError) as failed:
+        stepper.advance()
+    hint = "the boundary of stiff gives the nodes and is 2000 times stiffer than the boundary of"
+    assert (hint in str(failed.value)) == (nodes == "stiff")
+    assert ("smooth=True" in str(failed.value)) == (nodes == "soft")
+
+
+@pytest.mark.serial
 def test_explicit_steps_stay_stable(comm, agree):
     stepper = scene(comm, SCHEMES["explicit"]).stepper
     ends = [report.t for report in stepper.run(0.013, nts.StepControl(times=[0.0031]))]
