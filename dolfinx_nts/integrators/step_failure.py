@@ -132,8 +132,8 @@ class StepFailure:
             return ""
         ratio, pair = max(found, key=lambda each: each[0])
         return (
-            f"; {pair.nodes.name} gives the nodes and is {float(f'{ratio:.2g}'):g} times stiffer than "
-            f"{pair.segments.name}: let the softer one give them"
+            f"; {pair.nodes.name} gives the nodes and is {float(f'{ratio:.2g}'):g} times stiffer "
+            f"than {pair.segments.name}: let the softer one give them"
         )
 
     def _modulus(self, bodies: Sequence[Body], surface: Surface) -> float:
