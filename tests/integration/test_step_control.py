@@ -190,6 +190,20 @@ def test_nodes_that_keep_changing_are_named(comm, refused, monkeypatch):
 
 
 @pytest.mark.serial
+def test_a_first_step_that_is_cut_tells_pairs_once(comm, caplog, monkeypatch):
+    stepper = scene(comm, SCHEMES["stick"]).stepper
+    with caplog.at_level(logging.INFO, logger="dolfinx_nts"):
+        with monkeypatch.context() as patch:
+            fail_at(patch, range(1, 7))  # all starts of the step, and of its first half
+            next(iter(stepper.run(UNTIL, nts.StepControl())))
+    told = [record.message for record in caplog.records]
+    assert sum("is cut" in text for text in told) == 2
+    assert [text for text in told if text.startswith("contact by")] == [
+        str(contact) for contact in stepper.contacts
+    ]
+
+
+@pytest.mark.serial
 def test_an_error_names_few_surfaces_of_many(comm, refused, monkeypatch):
     def build(model):
         for i in range(6):
