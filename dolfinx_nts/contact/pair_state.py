@@ -68,6 +68,7 @@ class PairState:
         self.eps_T: Floats | None = None
         # Least and greatest stiffness by name, once it has been chosen.
         self._ranges: dict[str, tuple[float, float]] | None = None
+        self._told = ""
         self.accepted: ContactHistory | Callable[[], ContactHistory]
         self.accepted = begun_anew(ContactHistory.none(len(pair.nodes.nodes)))
         pair.attach(self)
@@ -143,8 +144,10 @@ class PairState:
             given = pair.friction.eps_T
             self.eps_T = share * (tangential if given is None else np.full_like(normal, given))
             self._ranges["eps_T"] = self._range(self.eps_T)
-        if pair.nodes.V.mesh.comm.rank == 0:
-            _logger.info("%s", self)
+        # A first step that is cut chooses anew.
+        if pair.nodes.V.mesh.comm.rank == 0 and (text := str(self)) != self._told:
+            self._told = text
+            _logger.info("%s", text)
 
     @property
     def pressure(self) -> Floats:

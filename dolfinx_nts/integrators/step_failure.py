@@ -1,6 +1,6 @@
 """Why an implicit step failed, and what would help."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from mpi4py import MPI
 
@@ -13,10 +13,12 @@ from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.prescribed import prescribed_nodes
 from dolfinx_nts.contact.joint_state import bounds, members
 from dolfinx_nts.contact.method import may_be_smooth
+from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.integrators.rigid import redundant
 from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers import newton
 
@@ -26,6 +28,8 @@ __all__ = ["StepFailure"]
 _SUNK = "through a surface", "into a surface"
 # Names of surfaces that a message lists.
 _MOST_NAMES = 3
+# How much stiffer the bodies of nodes are than those of segments [-], from which on it is told.
+_STIFFER = 10.0
 # Reason for which nodes may be caught between facets of a curved surface.
 _BETWEEN = "between two segments"
 
@@ -79,7 +83,7 @@ class StepFailure:
         if nodes:
             reasons += f"; nodes that keep changing segment or state: {nodes}"
         if nodes or _BETWEEN in reasons:
-            reasons += self._smoother()
+            reasons += self._softer(bodies) or self._smoother()
         if names := redundant(bodies, [contact.pair for contact in contacts]):
             reasons += (
                 f"; forces of points of rigid bodies that touch at once are not unique: springs, "
@@ -102,18 +106,54 @@ class StepFailure:
             list(self._attempts.values()),
         )
 
+    def _pairs(self) -> Iterator[tuple[ContactPair, bool]]:
+        """Pairs, and whether nodes of them do not come to rest. Collective."""
+        for step, _ in self._steps:
+            ends, node = bounds(step.state), step.restless
+            counts = reductions.total(self._comm, np.diff(np.searchsorted(node, ends)))
+            for each, count in zip(members(step.state), counts, strict=True):
+                yield each.pair, bool(count > 0)
+
+    def _softer(self, bodies: Sequence[Body]) -> str:
+        """Say which pairs have nodes of the stiffer side that do not come to rest, or "".
+
+        Few of the nodes of a stiff body can lie on soft facets at once, and which of them is
+        decided by small parts of the facets. Collective.
+        """
+        found = []
+        for pair, is_restless in self._pairs():
+            if is_restless and isinstance(pair.segments, Surface):
+                nodes, segments = (
+                    self._modulus(bodies, side) for side in (pair.nodes, pair.segments)
+                )
+                if _STIFFER * segments <= nodes < np.inf:
+                    found.append((nodes / segments if segments else np.inf, pair))
+        if not found:
+            return ""
+        ratio, pair = max(found, key=lambda each: each[0])
+        return (
+            f"; {pair.nodes.name} gives the nodes and is {float(f'{ratio:.2g}'):g} times stiffer "
+            f"than {pair.segments.name}: let the softer one give them"
+        )
+
+    def _modulus(self, bodies: Sequence[Body], surface: Surface) -> float:
+        """Least modulus of the bodies of a surface, infinite of rigid ones [Pa]. Collective."""
+        of_bodies = [
+            body.material.least_modulus
+            for body in bodies
+            if not set(body.nodes).isdisjoint(surface.nodes)
+        ]
+        return float(reductions.least(self._comm, min(of_bodies, default=np.inf)))
+
     def _smoother(self) -> str:
         """Say which surfaces could be smooth, as edges between facets stop nodes, or "".
 
         They are those whose nodes do not come to rest, or all where others are stopped. Collective.
         """
         names: list[dict[str, None]] = [{}, {}]
-        for step, _ in self._steps:
-            ends, node = bounds(step.state), step.restless
-            counts = reductions.total(self._comm, np.diff(np.searchsorted(node, ends)))
-            for each, count in zip(members(step.state), counts, strict=True):
-                if may_be_smooth(each.pair):
-                    names[int(count > 0)][each.pair.segments.name] = None
+        for pair, is_restless in self._pairs():
+            if may_be_smooth(pair):
+                names[is_restless][pair.segments.name] = None
         found = list(names[1] or names[0])
         if not found:
             return ""

@@ -139,6 +139,7 @@ def read_mesh(source: Any, comm: MPI.Comm, *, rank: int = 0) -> MeshData:
                     given = stack.enter_context(_opened(source))
                     dim = _dimension(given)
                     model = stack.enter_context(only_one_kind(given, dim))
+                    stack.enter_context(_cells_first(model, dim))
                     tags, num_facets = _inspect(model, dim)
                 except Exception as error:
                     if type(error) is not Exception:  # that of gmsh, which has no other
@@ -202,6 +203,28 @@ def _opened(source: Any) -> Iterator[Any]:
             gmsh.finalize()
 
 
+@contextmanager
+def _cells_first(model: Any, dim: int) -> Iterator[None]:
+    """Context in which nodes of cells have the numbers 1, 2, 3, ..., and others those after them.
+
+    DOLFINx would end the process otherwise. Others are those of points and curves of no cell, as
+    of a construction. At the end nodes have their own numbers again.
+    """
+    every = model.mesh.getNodes()[0]
+    lists = (model.mesh.getElementsByType(kind)[1] for kind in model.mesh.getElementTypes(dim))
+    of_cells = np.unique(np.concatenate([np.empty(0, dtype=every.dtype), *lists]))
+    if len(every) == every.max(initial=0) and len(of_cells) == of_cells.max(initial=0):
+        yield
+        return
+    own = np.concatenate([of_cells, np.setdiff1d(every, of_cells)])
+    ascending = np.arange(1, len(own) + 1, dtype=own.dtype)
+    model.mesh.renumberNodes(own, ascending)
+    try:
+        yield
+    finally:
+        model.mesh.renumberNodes(ascending, own)
+
+
 def _dimension(model: Any) -> int:
     """Find the dimension of the cells of a gmsh model, and check that there are bodies."""
     if not model.getPhysicalGroups(3) and (model.getEntities(3) or not model.getPhysicalGroups(2)):
@@ -261,12 +284,6 @@ def _inspect(model: Any, cell_dim: int) -> tuple[dict[str, int], dict[int, int]]
             raise ValueError(f"{where}: expected {names([expected[dim]])}, given {names(given)}")
         if is_facet and groups:
             num_facets[groups[0]] = num_facets.get(groups[0], 0) + len(elements[0])
-    for nodes in (model.mesh.getNodes()[0], np.unique(model.mesh.getElementsByType(types[0])[1])):
-        if len(nodes) != nodes.max():  # DOLFINx would end the process
-            raise ValueError(
-                "expected nodes 1, 2, 3, ... of cells, those of no cell after them; "
-                "call gmsh.model.mesh.renumberNodes()"
-            )
     _check_cells(model, types[0], cell_dim)
     return tags, num_facets
 

@@ -16,6 +16,7 @@ from dolfinx_nts.model.facing import Facing
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.model.motion import vector
 from dolfinx_nts.model.obstacles import Obstacle
+from dolfinx_nts.model.surface_slip import SurfaceSlip, turned_tangents
 from dolfinx_nts.model.trajectories import Trajectories
 
 __all__ = ["RigidCylinder", "RigidPlane", "RigidSphere"]
@@ -56,14 +57,17 @@ class _Exact(Obstacle):
         """Take the displacement in the tangent plane of t_n, see `Obstacle.slip`."""
         frame_n, frame = self.frames(x_n, x)
         value = np.einsum("mij,mj->mi", frame_n, x - x_n)
-        second = np.ones((len(x), 1)), np.zeros((len(x), 2, 1))
-        orientation = np.ones(len(x))
-        frames = {"frame_n": frame_n, "frame": frame, "orientation": orientation}
-        return Slip(value, frame_n, frame_n, *second, **frames)
+        _, curvature = self._force("static", x_n, x)
+        return SurfaceSlip(value, frame_n, frame, curvature)
 
     def frames(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
-        """Orthonormal tangents at both ends of a step, each ``(m, 2, 3)``. Local."""
-        return _frame(self.distance(x_n)[1]), _frame(self.distance(x)[1])
+        """Orthonormal tangents at both ends of a step, each ``(m, 2, 3)``. Local.
+
+        Those at the end are those at t_n, turned with the normal on the shortest way.
+        """
+        normal_n, normal = self.distance(x_n)[1], self.distance(x)[1]
+        frame_n = _frame(normal_n)
+        return frame_n, turned_tangents(frame_n, normal_n, normal)
 
     def find(
         self, x: Floats, current: Ints, slack: float, reach: float, facing: Facing
@@ -313,8 +317,8 @@ def _direction(name: str, value: Sequence[float], dim: int = 3) -> Floats:
 
 def _frame(normal: Floats) -> Floats:
     """Orthonormal tangents (m, 2, 3), right-handed with unit normals (m, 3)."""
-    # The coordinate axis that is farthest from the normal; small turns rarely change it. For
-    # normals in the plane it is z, so that the first tangent is in the plane.
+    # The coordinate axis that is farthest from the normal. For normals in the plane it is z, so
+    # that the first tangent is in the plane.
     axis = np.eye(3)[2 - np.argmin(np.abs(normal[:, ::-1]), axis=1)]
     first = cross(axis, normal)
     first /= np.linalg.norm(first, axis=1)[:, None]

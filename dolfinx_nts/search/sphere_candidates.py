@@ -10,6 +10,7 @@ from dolfinx_nts.search.candidates import Candidates
 from dolfinx_nts.search.points import ContactPoints
 from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidates
 from dolfinx_nts.search.smooth_candidates import SmoothCandidates
+from dolfinx_nts.search.sphere_slip import SphereSlip
 
 __all__ = ["SphereCandidates"]
 
@@ -77,18 +78,16 @@ class SphereCandidates(SmoothCandidates):
         )
 
     def _slip(self, x_n: Floats, x: Floats, orientation: Floats) -> Slip:
-        frame_n, _ = self._sphere.frames(*(self._at_rest(y) for y in (x_n, x)))
+        frame_n, b, e = self._tangents(x_n, x)
         radius, num_axes = self._sphere.radius, x.shape[1] - 2
         axes = (x_n[:, 2:] - x_n[:, 1:2]) / radius
         arm = x_n[:, 0] - x_n[:, 1]
         nu = np.einsum("mki,mi->mk", axes, arm) / np.linalg.norm(arm, axis=1)[:, None]
-        tau = np.einsum("mki,mai->mak", axes, frame_n) / radius
-        w, b = np.ones((len(x), 2 + num_axes)), np.zeros((len(x), 2, 2 + num_axes))
+        w = np.ones((len(x), 2 + num_axes))
         w[:, 1], w[:, 2:] = nu.sum(axis=1) - 1, -nu
-        b[:, :, 1], b[:, :, 2:] = -tau.sum(axis=2), tau
         shape = len(x), 2, 3 * w.shape[1]
         r_n, r = (np.einsum("mk,mki->mi", w, y) for y in (x_n, x))
-        e_n, e = (b @ y for y in (x_n, x))
+        e_n = b @ x_n
         value = np.einsum("mi,mai->ma", r, e) - np.einsum("mi,mai->ma", r_n, e_n)
         force, gradient = (
             (w[:, None, :, None] * e_[:, :, None] + b[..., None] * r_[:, None, None]).reshape(shape)
@@ -98,6 +97,29 @@ class SphereCandidates(SmoothCandidates):
         frame[:, : num_axes - 1] = e[:, : num_axes - 1]
         right = np.ones(len(x))
         return Slip(value, force, gradient, w, b, frame_n=frame_n, frame=frame, orientation=right)
+
+    def _tangents(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats, Floats]:
+        """Tangents at t_n, by which control points, and what has become of them at t_{n+1}.
+
+        Shapes ``(m, 2, 3)``, ``(m, 2, 1+c)`` and ``(m, 2, 3)``; in the plane the second is
+        normal to it at t_n and zero otherwise.
+        """
+        frame_n, _ = self._sphere.frames(*(self._at_rest(y) for y in (x_n, x)))
+        axes = (x_n[:, 2:] - x_n[:, 1:2]) / self._sphere.radius
+        tau = np.einsum("mki,mai->mak", axes, frame_n) / self._sphere.radius
+        b = np.zeros((len(x), 2, x.shape[1]))
+        b[:, :, 1], b[:, :, 2:] = -tau.sum(axis=2), tau
+        return frame_n, b, b @ x
+
+    def slip(self, law: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints) -> Slip:
+        """Evaluate the slip of pairs by the law "objective", see `Candidates.slip`."""
+        slip = super().slip(law, points, x_n, x, segment)
+        pairs_n, pairs, _ = self._both_states(points, x_n, x, segment)
+        return SphereSlip(
+            slip,
+            self._tangents(pairs_n, pairs)[2],
+            self.contact("static", points, x_n, x, segment),
+        )
 
     def _at_rest(self, pairs: Floats) -> Floats:
         """Points relative to where the sphere is declared, by those of pairs, ``(m, 3)`` [m]."""

@@ -7,6 +7,7 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
+from dolfinx_nts.search.points import NodalPoints
 from dolfinx_nts.search.smooth_patches import SmoothPatches
 from dolfinx_nts.search.sphere_frame import SphereFrame
 from helpers.collision import check_balances, collide
@@ -128,6 +129,53 @@ def test_led_ball_presses_as_an_obstacle_does(comm, agree, friction):
         states.append(stepper.x[stepper.bodies[0].nodes])
     assert report.num_active > 1
     assert agree(np.abs(states[0] - states[1]).max(initial=0.0) < 1e-9)
+
+
+@pytest.mark.serial
+def test_friction_at_the_end_of_a_step_acts_along_the_sphere_there(rng):
+    stepper = scene(MPI.COMM_SELF, friction=SLIDING)
+    while not stepper.advance().num_active > 3:
+        pass
+    (contact,) = stepper.contacts
+    candidates, X = contact.search.candidates, stepper.x
+    node = contact.history.active.nonzero()[0].astype(np.int32)
+    points = NodalPoints(contact.nodes.nodes[node])
+    segment = candidates.find(contact.history.key[node])
+    dofs = points.dofs(candidates.segments[segment])
+    way, turn = rng.normal(size=(2, 3))
+    own, ball, t = (
+        rng.normal(size=X.shape),
+        stepper.bodies[1].nodes,
+        rng.normal(size=(len(node), 2)),
+    )
+    middle = X[ball].mean(axis=0)
+
+    def moved(h):
+        """Nodes of the block go anywhere, the ball as it can."""
+        x, angle = X + h * own, h * np.linalg.norm(turn)
+        k = turn / np.linalg.norm(turn)
+        arm = X[ball] - middle
+        arm = (
+            arm * np.cos(angle)
+            + np.cross(k, arm) * np.sin(angle)
+            + np.outer(arm @ k, k) * (1 - np.cos(angle))
+        )
+        x[ball] = middle + h * way + arm
+        return candidates.scatter.forward(x)
+
+    def slip(h):
+        return candidates.slip("objective", points, moved(0.0), moved(h), segment).at_end()
+
+    def force(h):
+        return np.einsum("mi,mid->md", t, slip(h).force)
+
+    h, d = 0.05, 1e-6
+    normal = candidates.contact("static", points, moved(0.0), moved(h), segment).force[:, :3]
+    assert np.abs(np.einsum("mi,mi->m", force(h)[:, :3], normal)).max() < 1e-12
+    np.testing.assert_allclose(np.linalg.norm(force(h)[:, :3], axis=1), np.hypot(*t.T))
+    rate = ((moved(h + d) - moved(h - d)) / (2 * d))[dofs].reshape(len(node), -1)
+    derivative = np.einsum("mde,me->md", slip(h).tangent(t), rate)
+    np.testing.assert_allclose((force(h + d) - force(h - d)) / (2 * d), derivative, atol=1e-6)
 
 
 @pytest.mark.several_ranks

@@ -86,3 +86,47 @@ def test_the_ledger_closes(kind):
     assert step.contact_work.friction < 0
     stored = balance.strain_energy
     assert abs(given + defect - stored) < 1e-9 * stored
+
+
+ROUND = {
+    "sphere": nts.RigidSphere((0.0, 0.0, 0.0), 0.5),
+    "cylinder": nts.RigidCylinder((0.0, 0.0, 0.0), (0.3, 1.0, 0.0), 0.5),
+}
+
+
+@pytest.mark.parametrize("name", ROUND)
+@pytest.mark.parametrize("law", [nts.LagrangeMultiplier(), nts.Penalty()], ids=repr)
+@pytest.mark.parametrize("num_steps", [2, 8])
+def test_nodes_that_slide_over_round_obstacles_have_coulombs_friction(comm, name, law, num_steps):
+    """A block is pressed on and led obliquely: its nodes go where tangents had other axes."""
+    obstacle = ROUND[name]
+
+    def build(model):
+        size = {"corner": (-0.25, -0.25, 0.5), "size": (0.5, 0.5, 0.3), "cells": (5, 5, 2)}
+        nts.parts.add_box(model, "block", **size)
+
+    mesh, cells, facets, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    block = nts.Body(V, cells, tag["block"], nts.NeoHookean(E=1e5, nu=0.3, rho=1e3))
+    led = fem.Constant(mesh, np.zeros(3))
+    top = fem.locate_dofs_topological(V, 2, facets.find(tag["block_top"]))
+    bcs = [fem.dirichletbc(led, top, V)]
+
+    def update(t):
+        led.value[:] = (0.0, 0.0, -0.06 * t) if t <= 1 else (0.2 * (t - 1), 0.13 * (t - 1), -0.06)
+
+    bottom = nts.Surface(V, facets, tag["block_bottom"])
+    pair = nts.ContactPair(bottom, obstacle, law, nts.Coulomb(MU))
+    stepper = nts.QuasiStatic([block], [pair], dt=0.25, bcs=bcs, update=update)
+    for _ in stepper.run(until=1.0):
+        pass
+    stepper.dt = 1.0 / num_steps
+    for _ in stepper.run(until=2.0):
+        history, x = pair.history, stepper.x[bottom.nodes]
+        slides = history.active & history.sliding
+        force = history.force[slides]
+        normal = obstacle.distance(x[slides])[1]
+        pressing = np.einsum("mi,mi->m", force, normal)
+        friction = np.linalg.norm(force - pressing[:, None] * normal, axis=1)
+        assert comm.allreduce(int(slides.sum())) > 3
+        np.testing.assert_allclose(friction, MU * pressing, rtol=0, atol=1e-6)

@@ -190,6 +190,20 @@ def test_nodes_that_keep_changing_are_named(comm, refused, monkeypatch):
 
 
 @pytest.mark.serial
+def test_a_first_step_that_is_cut_tells_pairs_once(comm, caplog, monkeypatch):
+    stepper = scene(comm, SCHEMES["stick"]).stepper
+    with caplog.at_level(logging.INFO, logger="dolfinx_nts"):
+        with monkeypatch.context() as patch:
+            fail_at(patch, range(1, 7))  # all starts of the step, and of its first half
+            next(iter(stepper.run(UNTIL, nts.StepControl())))
+    told = [record.message for record in caplog.records]
+    assert sum("is cut" in text for text in told) == 2
+    assert [text for text in told if text.startswith("contact by")] == [
+        str(contact) for contact in stepper.contacts
+    ]
+
+
+@pytest.mark.serial
 def test_an_error_names_few_surfaces_of_many(comm, refused, monkeypatch):
     def build(model):
         for i in range(6):
@@ -210,6 +224,31 @@ def test_an_error_names_few_surfaces_of_many(comm, refused, monkeypatch):
     )
     with refused(nts.ConvergenceError, reason):
         list(stepper.run(0.1))
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("nodes", ["stiff", "soft"])
+def test_an_error_tells_where_the_stiffer_side_gives_the_nodes(comm, monkeypatch, nodes):
+    def build(model):
+        for i, name in enumerate(("soft", "stiff")):
+            place = {"corner": (0.0, 0.0, 1.01 * i), "size": (1.0, 1.0, 1.0), "cells": (2, 2, 2)}
+            parts.add_box(model, name, **place)
+
+    mesh, cells, _, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    rubber, steel = (nts.NeoHookean(E, 0.3, 1e3) for E in (1e5, 2e8))
+    soft, stiff = nts.Body(V, cells, tag["soft"], rubber), nts.Body(V, cells, tag["stiff"], steel)
+    sides = [nts.boundary_of(body) for body in (soft, stiff)]
+    pair = nts.ContactPair(*(sides if nodes == "soft" else sides[::-1]))
+    stepper = nts.EnergyMomentum([soft, stiff], [pair], dt=0.01)
+    stepper.set_velocity(stiff, (0.0, 0.0, -2.0))
+    monkeypatch.setattr(contact_step, "_RESTLESS", 0)
+    monkeypatch.setattr(newton, "_MAX_ITERATIONS", 1)
+    with pytest.raises(nts.ConvergenceError) as failed:
+        stepper.advance()
+    hint = "the boundary of stiff gives the nodes and is 2000 times stiffer than the boundary of"
+    assert (hint in str(failed.value)) == (nodes == "stiff")
+    assert ("smooth=True" in str(failed.value)) == (nodes == "soft")
 
 
 @pytest.mark.serial

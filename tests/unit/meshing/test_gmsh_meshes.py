@@ -10,6 +10,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+from dolfinx import fem
 from dolfinx.mesh import MeshTags, entities_to_geometry
 
 from dolfinx_nts.meshing.gmsh import MeshData, add_box, add_hollow_ball, read_mesh
@@ -199,7 +200,7 @@ def test_live_model_needs_no_physical_surface(comm, model):
         unit_box(model)
         model.removePhysicalGroups(model.getPhysicalGroups(2))
     data = read_mesh(model, comm)
-    assert dict(data.tag) == {"box": 1}
+    assert list(data.tag) == ["box"]
     assert comm.allreduce(len(data.facets.values)) == 0
 
 
@@ -282,15 +283,49 @@ def test_order_numbering_and_format_of_the_file_do_not_matter(
         gmsh.option.setNumber("Mesh.MshFileVersion", version)
         gmsh.option.setNumber("Mesh.Binary", binary)
         gmsh.write(str(path))
-    refuse(comm, model, ValueError, r"expected nodes 1, 2, 3.*renumberNodes")
-    shuffled = read_mesh(path, comm)
+    shuffled = read_mesh(path, comm), read_mesh(model, comm)
     if model:
+        assert set(model.mesh.getNodes()[0]) == set(new)
         model.mesh.renumberNodes()
     data = read_mesh(model, comm)
-    assert dict(shuffled.tag) == dict(data.tag)
-    for name, kind in (("ball", "dx"), ("ball_outer", "ds"), ("ball_inner", "ds")):
-        expected = measure(data, name, kind)
-        assert measure(shuffled, name, kind) == pytest.approx(expected, rel=ROUNDING)
+    for one in shuffled:
+        assert dict(one.tag) == dict(data.tag)
+        for name, kind in (("ball", "dx"), ("ball_outer", "ds"), ("ball_inner", "ds")):
+            expected = measure(data, name, kind)
+            assert measure(one, name, kind) == pytest.approx(expected, rel=ROUNDING)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("source", ["model", "file", "function"])
+def test_points_and_curves_of_no_cell_are_left_out(comm, model, tmp_path, order, source):
+    def build(own):
+        first = own.occ.addPoint(3, 0, 0)  # with lower numbers than all that follows
+        line = own.occ.addLine(first, own.occ.addPoint(3, 0, 1))
+        box = own.occ.addBox(0, 0, 0, 1, 1, 1)
+        own.occ.synchronize()
+        own.addPhysicalGroup(0, [first], name="mark")
+        own.addPhysicalGroup(1, [line], name="axis")
+        own.addPhysicalGroup(3, [box], name="box")
+        own.mesh.generate(3)
+        own.mesh.setOrder(order)
+
+    path, before = comm.bcast(tmp_path / "marked.msh"), None
+    if model:
+        import gmsh
+
+        build(model)
+        gmsh.write(str(path))
+        before = model.mesh.getNodes()[0].tolist()
+    given = {"model": model, "file": path, "function": build}[source]
+    data = read_mesh(given, comm)
+    assert list(data.tag) == ["box"]
+    assert measure(data, "box") == pytest.approx(1, rel=ROUNDING)
+    V = fem.functionspace(data.mesh, ("Lagrange", order))
+    used = comm.allreduce(V.dofmap.index_map.size_local)
+    assert used == data.mesh.geometry.index_map().size_global
+    if model:
+        assert sorted(model.mesh.getNodes()[0]) == before
+        assert used < len(before)
 
 
 # --- what is refused, on all ranks -------------------------------------

@@ -85,14 +85,13 @@ def test_a_file_of_triangles_next_to_quadrilaterals_is_cut_into_these(
         (np.add(NODES, [0, 0, 0.1]), MIXED, r"surfaces in the plane z = 0, .* up to z = 0\.1"),
         (NODES[:4], {QUADRILATERAL: [1, 2, 3, 4]}, r"1 inverted or degenerate .* \[0\.5, 0\.5, 0"),
         (NODES[:2] + NODES[4:], {TRIANGLE: [1, 2, 3]}, "1 inverted or degenerate cells"),
-        (NODES, {TRIANGLE: [2, 5, 4]}, r"of no cell after them; .*renumberNodes\(\)"),
         (
             SERENDIPITY,
             {16: range(1, 9)},
             r"given Quadrilateral 8; .*\(Mesh\.SecondOrderIncomplete = 0\)",
         ),
     ],
-    ids=["out of the plane", "crossed", "flat", "node of no cell", "incomplete"],
+    ids=["out of the plane", "crossed", "flat", "incomplete"],
 )
 def test_what_is_no_mesh_of_the_plane_is_refused(comm, model, x, cells, message):
     if model:
@@ -103,6 +102,14 @@ def test_what_is_no_mesh_of_the_plane_is_refused(comm, model, x, cells, message)
         told = str(error)
     assert len(set(comm.allgather(told))) == 1
     assert re.search(message, told), told
+
+
+def test_nodes_of_no_cell_of_the_plane_are_left_out(comm, model):
+    if model:
+        add_sheet(model, NODES, {TRIANGLE: [2, 5, 4]})
+    data = read_mesh(model, comm)
+    assert data.mesh.geometry.index_map().size_global == 3
+    assert measure(data, "sheet") == pytest.approx(0.5, rel=ROUNDING)
 
 
 def test_mirrored_cells_of_the_plane_keep_their_area(comm, model):

@@ -114,6 +114,43 @@ def test_work_of_a_traction_on_an_obstacle_is_the_slip(name, rng):
         np.testing.assert_allclose(normal, obstacle.distance(state)[1], atol=ROUNDING)
 
 
+@pytest.mark.serial
+@obstacles
+def test_tangents_turn_with_the_normal_on_the_shortest_way(name, rng):
+    """Whatever the axes are: a traction must not turn about the normal."""
+    obstacle, _ = CASES[name]
+    x_n, x, segment = states(rng, m=300)
+    slip = obstacle.slip(x_n, x, segment)
+    axis = np.cross(slip.normal_n, slip.normal)
+    sine, cosine = np.linalg.norm(axis, axis=1), np.einsum("mi,mi->m", slip.normal_n, slip.normal)
+    axis /= np.maximum(sine, 1e-12)[:, None]
+    for k in range(2):
+        v = slip.frame_n[:, k]  # turned by Rodrigues' formula
+        along = np.einsum("mi,mi->m", axis, v)[:, None] * axis
+        expected = along + cosine[:, None] * (v - along) + sine[:, None] * np.cross(axis, v)
+        np.testing.assert_allclose(slip.frame[:, k], expected, atol=ROUNDING)
+
+
+@pytest.mark.serial
+@obstacles
+def test_friction_at_the_end_of_a_step_acts_along_the_surface_there(name, rng):
+    obstacle, _ = CASES[name]
+    x_n, x, segment = states(rng)
+    t, d = rng.normal(size=(len(x), 2)), 0.1 * rng.normal(size=x.shape)
+
+    def force(y):
+        return np.einsum("mi,mij->mj", t, obstacle.slip(x_n, y, segment).at_end().force)
+
+    normal = obstacle.distance(x)[1]
+    np.testing.assert_allclose(np.einsum("mi,mi->m", force(x), normal), 0, atol=ROUNDING)
+    tangent = obstacle.slip(x_n, x, segment).at_end().tangent(t)
+    slope = np.einsum("mij,mj->mi", tangent, d)
+    if name == "plane":
+        assert np.array_equal(force(x + d), force(x)) and not slope.any()
+    else:
+        assert taylor_order(force, x, d, slope) > 1.9
+
+
 def on_obstacle(scene, obstacle, friction=None):
     """Return the scene with another pair, that with an obstacle."""
     old = scene.stepper
