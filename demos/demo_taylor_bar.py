@@ -68,8 +68,7 @@ columns = {
 }
 works = []
 with nts.Recorder("taylor_bar", stepper, every=20, own_columns=columns) as record:
-    # The foot bounces while it flows: a step or two are too long for it, and are cut.
-    for step in stepper.run(until=num_steps * end / full, control=nts.StepControl()):
+    for step in stepper.run(until=num_steps * end / full):
         record.write(step)
         works.append(step.damping_work)
 picture = plotting.snapshot(stepper, "taylor_bar.png")

@@ -33,7 +33,7 @@ class Operator:
 
     Right-hand sides and products have no part in the directions that
     nodes give up, and such a part of what is multiplied has no effect. Products are
-    computed in single precision where that leaves the convergence as it is: Newton's method
+    computed with half of the digits where that leaves the convergence as it is: Newton's method
     computes the residual in double precision, and only that decides on its result.
 
     Args:
