@@ -525,6 +525,7 @@ class ImplicitStepper(Stepper):
             sizes=self._sizes,
             force_scale=force_scale,
             inertia=self._rates.acceleration is not None,
+            jumps=self.memory.flows,
             timings=self.timings,
             drag=drag,
         )

@@ -35,7 +35,6 @@ class Bulk:
     Attributes:
         comm: Communicator of the mesh.
         u: The unknown.
-        jumps: As given.
         supports: The conditions.
         num_owned: Scalar dofs of this rank.
         num_cells: Owned cells that residual and action go over.
@@ -57,7 +56,7 @@ class Bulk:
         """Create the compiled forms of the residual and of its derivative."""
         V = u.function_space
         self.comm: MPI.Comm = V.mesh.comm
-        self.u, self.jumps = u, jumps
+        self.u = u
         self.supports = Supports(V, bcs)
         self.supports.check()
         self.supports.warn_of_empty()

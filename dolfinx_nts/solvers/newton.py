@@ -145,6 +145,7 @@ def solve(
     sizes: CellSizes,
     force_scale: float,
     inertia: bool,
+    jumps: bool,
     timings: Timings,
     drag: Drag | None = None,
 ) -> Solution:
@@ -163,6 +164,7 @@ def solve(
         force_scale: Norm of the forces known before the step [N].
         inertia: Whether there is any; without, forces may be as small as
             the round-off of strains.
+        jumps: Whether stresses have tangents that jump, so that lines are searched.
         timings: Receives the wall time of the phases.
         drag: Resistance that acts beside the forces, if any.
 
@@ -181,7 +183,7 @@ def solve(
     reprojects_early = not inertia
     way = SupportWay(bulk)
     free.begin()
-    search = LineSearch(bulk) if bulk.jumps else None
+    search = LineSearch(bulk) if jumps else None
     floor = _round_off(bulk, solver.tangent.nodal_stiffness(), sizes)
     nodes = bulk.u.x.array[:n].reshape(-1, dim)
     x = X + in_space(nodes)
