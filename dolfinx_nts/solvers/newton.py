@@ -50,6 +50,12 @@ _LONGEST_FALL = 0.2
 # where points at the yield stress flow in every other iterate: half of the way leads out of it.
 # Not in the first iterations, in which contact finds its active set.
 _CYCLE, _SETTLING = 0.1, 10
+# Iterations from the first one in which states of contact that contradict themselves may be decided
+# all at once, and the period of that later: in between multipliers tell, as they do at points of
+# which round-off decides whether they stick.
+_FIRST_DECISIONS, _DECISION_PERIOD = 3, 5
+# Reduction of the residual [-] that is too little if states do not contradict themselves.
+_LITTLE_REDUCTION = 0.1
 # Reductions asked of the linear solver [-]: the least; the first, as active sets let
 # residuals fall by no more than a tenth.
 _LEAST_REDUCTION, _FIRST_REDUCTION = 0.3, 0.03
@@ -260,6 +266,17 @@ def solve(
             report = NewtonReport(iteration, changes, tuple(norms), num_active, reason, hopeless)
             return Solution(states, R, R_bulk, forces, report)
 
+        # Without inertia nothing but contact resists the motions of rigid bodies.
+        far = norm > _SMALL_RESIDUAL * scale
+        slow = iteration == 0 or (far and norm > _LITTLE_REDUCTION * norms[-2])
+        if inertia and _may_decide(iteration) and (slow or changed):
+            with timings.phase("solve"):
+                decided = solver.decided(R, steps, states)
+            if decided is not None:
+                states = decided
+                R = R_bulk + contact_residual(steps, states, (len(X), dim))
+                nodes = bulk.u.x.array[:n].reshape(-1, dim)
+                R = way.pull(bulk.rigid.balance(nodes, R.reshape(-1, dim)).ravel())
         with timings.phase("solve"):
             rtol = _forcing(norms, target)
             if not inertia:
@@ -270,6 +287,7 @@ def solve(
         if dlambda is not None:
             for step, state, d in zip(steps, states, dlambda, strict=True):
                 step.add_multipliers(state, d)
+                step.predict(state, du.reshape(-1, dim))
         du_norm = reductions.largest(bulk.comm, float(np.abs(du).max(initial=0.0)))
         u = bulk.u.x.array[:n]
         longest = (_LONGEST_FALL if bulk.rigid.has_no_inertia else _LONGEST_INCREMENT) * size
@@ -289,6 +307,12 @@ def solve(
                     step.close_gaps(state, x, nodes)
         bulk.u.x.scatter_forward()
         iteration += 1
+
+
+def _may_decide(iteration: int) -> bool:
+    """Whether states of contact are decided all at once in an iteration. Local."""
+    later = iteration % _DECISION_PERIOD == _DECISION_PERIOD - 1
+    return iteration < _FIRST_DECISIONS or later
 
 
 def _is_cycle(norms: Sequence[float]) -> bool:

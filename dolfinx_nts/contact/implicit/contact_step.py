@@ -6,12 +6,13 @@ A `ContactStep` never changes what the stepper remembers of the pairs. Evaluatin
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Protocol
 
 from mpi4py import MPI
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Tied
 from dolfinx_nts.contact.history import ContactHistory, ContactWork
 from dolfinx_nts.contact.implicit.contributions import ContactContribution, PairKinematics
@@ -29,7 +30,7 @@ from dolfinx_nts.fem.components import dimension, in_space
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Candidates
 
-__all__ = ["ContactStep", "contact_residual", "go_on_from"]
+__all__ = ["ContactStep", "Decision", "contact_residual", "go_on_from"]
 
 # Number of changes of state from which on a failed step names the node.
 _RESTLESS = 4
@@ -46,6 +47,26 @@ _SEARCHES = {
     ("edge-to-edge", False): CrossingEdges,
     ("edge-to-edge", True): CrossingEdges,
 }
+
+
+class Decision(Protocol):
+    """What was decided on ``m`` pairs, see `friction_cones.ConeSolution`."""
+
+    @property
+    def force(self) -> Floats:
+        """Forces on the points, normal first, shape ``(m, d)`` [N]."""
+
+    @property
+    def motion(self) -> Floats:
+        """Gaps and slips, shape ``(m, d)`` [m]."""
+
+    @property
+    def presses(self) -> Flags:
+        """Whether a pair transmits force, shape ``(m,)``."""
+
+    @property
+    def slides(self) -> Flags:
+        """Whether one that does slides, shape ``(m,)``."""
 
 
 class ContactStep:
@@ -138,16 +159,65 @@ class ContactStep:
         pairs, changed = self._kinematics(x, iteration)
         R = None if R_bulk is None else in_space(R_bulk)
         changed += self.normal.update(pairs, x, R, self.friction, iteration)
-        active = pairs.node[self.normal.active[pairs.node]]
+        self._count(pairs.node)
+        # Without a previous iteration the set of active pairs is new.
+        num_active = int(np.count_nonzero(self.normal.active[pairs.node]))
+        contribution = self._contribution(pairs, changed if iteration else num_active)
+        if not (self.may_touch or reductions.anywhere(self._comm, len(self.normal.nodes) > 0)):
+            self._idle = contribution
+        return contribution
+
+    def _count(self, node: Ints) -> None:
+        """Count the active pairs of all ranks, of which ``node`` are these. Collective."""
+        active = node[self.normal.active[node]]
         counts = np.diff(np.searchsorted(active, bounds(self.state)))
         counts = reductions.total(self._comm, counts)
         self.num_active = int(counts.sum())
         self.touched |= counts > 0
-        # Without a previous iteration the set of active pairs is new.
-        contribution = self._contribution(pairs, changed if iteration else len(active))
-        if not (self.may_touch or reductions.anywhere(self._comm, len(self.normal.nodes) > 0)):
-            self._idle = contribution
-        return contribution
+
+    @property
+    def can_be_decided(self) -> bool:
+        """Whether multipliers and Coulomb's law alone tell the states of the pairs. Local."""
+        return self.normal.pushes_only and self.friction.is_exact
+
+    @property
+    def has_friction(self) -> bool:
+        """Whether a law of friction belongs to the pairs. Local."""
+        return self.state.pair.friction is not None
+
+    def multipliers(self, contribution: ContactContribution) -> Floats:
+        """Multipliers of the last evaluation, normal and tangential, ``(m, 3)`` [N]. Local."""
+        node = contribution.pairs.node
+        values = np.column_stack([self.normal.lambda_N[node], self.friction.traction[node]])
+        return np.where(contribution.active[:, None], values, 0.0)
+
+    def decide(self, contribution: ContactContribution, found: Decision) -> ContactContribution:
+        """Take over contact, stick and slip, with the forces of the next iterate. Collective.
+
+        Args:
+            contribution: The last evaluation.
+            found: What was decided on its pairs.
+
+        Returns:
+            The same with these states.
+        """
+        pairs, active = contribution.pairs, found.presses
+        node, d = pairs.node, found.force.shape[1]
+        forces, slip = np.zeros((len(node), 3)), np.zeros((len(node), 2))
+        forces[:, :d] = -found.force * active[:, None]
+        slip[:, : d - 1] = found.motion[:, 1:]
+        self.normal.active[node], self.normal.lambda_N[node] = active, forces[:, 0]
+        self.friction.decide(pairs, found.slides, active, forces, slip)
+        self._count(node)
+        return self._contribution(pairs, contribution.changed)
+
+    def predict(self, contribution: ContactContribution, du: Floats) -> None:
+        """Know how slips change with increments ``(n, d)`` [m] of the owned nodes. Collective."""
+        if self.has_friction and self.num_active:
+            pairs = contribution.pairs
+            du = self.candidates.scatter.forward(in_space(du)).take(pairs.dofs, axis=0)
+            change = np.einsum("mid,md->mi", pairs.gradients[:, 1:], du.reshape(len(du), -1))
+            self.friction.predict(pairs, change)
 
     def reproject(self) -> int:
         """Find the segments again in equilibrium; return how many of this rank changed.

@@ -20,6 +20,10 @@ __all__ = ["Friction", "StickSlip"]
 # Weight of slip in the test for stick, relative to the stiffness of a node [-]: it changes the
 # path of Newton's method, not the solution.
 _SLIP_WEIGHT = 0.1
+# Slip, relative to the size of a segment [-], that is none where the displacement of a node is not
+# its own: points of one rigid body that stick at more places than hold it cannot all stay to
+# round-off. It is as small as what constraints may be violated by.
+_STILL = 1e-11
 
 
 class Friction:
@@ -101,6 +105,31 @@ class Friction:
         """
         return np.zeros(len(pairs.node))
 
+    @property
+    def is_exact(self) -> bool:
+        """Whether tractions are multipliers or none, so that no spring decides on them. Local."""
+        return True
+
+    def coefficients(self, node: Ints) -> Floats:
+        """Coefficients of friction of nodes, shape ``(m,)`` [-], 0 where there is none. Local."""
+        return np.zeros(len(node))
+
+    def decide(
+        self, pairs: PairKinematics, slides: Flags, active: Flags, forces: Floats, slip: Floats
+    ) -> None:
+        """Take over stick and slip, with forces and slips by which they were decided. Local.
+
+        Args:
+            pairs: The pairs.
+            slides: Whether they slide where they are active, shape ``(m,)``.
+            active: Which pairs transmit force, shape ``(m,)``.
+            forces: Multipliers, normal and tangential, shape ``(m, 3)`` [N].
+            slip: Slips at the end of the iteration, shape ``(m, 2)`` [m].
+        """
+
+    def predict(self, pairs: PairKinematics, change: Floats) -> None:
+        """Know the change of the slip in an iteration, ``(m, 2)`` [m], which positions round."""
+
     def accepted(self, pairs: PairKinematics, x: Floats) -> tuple[Floats, dict[str, Any]]:
         """Energy of the springs, ``(n,)`` [J], and what the history remembers, by its names.
 
@@ -140,7 +169,8 @@ class StickSlip(Friction):
         self._pivoting = BlockPivoting(
             nodes.V.mesh.comm, nodes.node_ids, ends, waits=not self._has_spring
         )
-        self._rounding = ROUNDING * stiffness * np.repeat(segment_sizes(state), np.diff(ends))
+        self._size = np.repeat(segment_sizes(state), np.diff(ends))
+        self._rounding = ROUNDING * stiffness * self._size
         # Where nothing moves nodes stick until they are found to slide, as bodies may have no
         # other hold.
         self.sliding = history.sliding | (~history.active & (not is_static))
@@ -150,6 +180,9 @@ class StickSlip(Friction):
         # Model of the traction and slip of the last iteration.
         self._model = TractionModel(np.zeros((n, 2)), np.zeros((n, 2)), np.zeros((n, 2, 2)))
         self._slip: Floats = np.zeros((n, 2))
+        # Slip that is known to more digits than positions have, and that of the last iteration.
+        self._present: Floats = np.zeros((n, 2))
+        self._predicted: Floats = np.full((n, 2), np.nan)
 
     def measure(self, pairs: PairKinematics, x: Floats) -> None:
         """Add the slip of the pairs, see `Friction.measure`."""
@@ -157,6 +190,18 @@ class StickSlip(Friction):
         if self._acts_at_end:
             slip = slip.at_end()
         pairs.add_slip(slip, self._on_axis[pairs.node])
+        node, value = pairs.node, slip.value
+        # Tractions of nodes that hardly slip turn with the last digits of positions.
+        is_same = _length(value - self._predicted[node]) <= ROUNDING * self._size[node]
+        value = np.where(is_same[:, None], self._predicted[node], value)
+        still = self._is_still(pairs, value)
+        pairs.excess[still, 1:] = 0.0
+        self._present[node] = np.where(still[:, None], 0.0, value)
+
+    def _is_still(self, pairs: PairKinematics, slip: Floats) -> Flags:
+        """Whether a slip, ``(m, 2)`` [m], is none, shape ``(m,)``."""
+        flags: Flags = pairs.fixed & (_length(slip) <= _STILL * self._size[pairs.node])
+        return flags
 
     def follow_contact(self, pairs: PairKinematics, before: Flags, active: Flags) -> None:
         """Release nodes, and let new ones stick that come within the cone of friction."""
@@ -182,8 +227,9 @@ class StickSlip(Friction):
             t = transport(old.traction[node], old.normal[node], slip.frame_n, slip.normal_n)
         else:
             t, c = self.traction[node], _SLIP_WEIGHT * self._stiffness[node]
-        trial = t + c[:, None] * slip.value
-        way = trial if eps_T is not None else slip.value
+        value = slip.value if eps_T is not None else self._present[node]
+        trial = t + c[:, None] * value
+        way = trial if eps_T is not None else value
         sliding, violators, heading = before, 0, way
         if iteration == 0:
             # A node that does not move yet has the direction in which it slid before.
@@ -207,18 +253,67 @@ class StickSlip(Friction):
             new = law.spring(trial, p, c, heading, sliding)
         else:
             known = float(iteration > 0)  # multipliers of the first guess mean nothing
-            new = law.exact(known * t, slip.value, known * p, c, heading, sliding)
-        for value in new:
-            value[self._on_axis[node]] = 0.0
-        self.sliding[node], self._slip[node] = sliding, slip.value
+            new = self._exact(known * t, value, known * p, node, heading, sliding)
+        for part in new:
+            part[self._on_axis[node]] = 0.0
+        self.sliding[node], self._slip[node] = sliding, value
         self.flips[node] += before != sliding
-        for values, value in zip(model, new, strict=True):
-            values[node] = value
+        for values, part in zip(model, new, strict=True):
+            values[node] = part
         modelled = (sliding | (eps_T is not None))[:, None]
         traction = new.explicit + p[:, None] * new.direction
         self.traction[node] = np.where(modelled, traction, self.traction[node])
         self.release(node[~active])
         return violators
+
+    def _exact(
+        self, t: Floats, slip: Floats, p: Floats, node: Ints, heading: Floats, sliding: Flags
+    ) -> TractionModel:
+        """Model stick and slip without springs, see `Coulomb.exact`.
+
+        A traction that slides has its length; where there is no slip it keeps its direction.
+        """
+        limit = self._law.mu * np.maximum(p, 0.0)
+        t = np.where(sliding[:, None], _with_length(t, limit), t)
+        c = _SLIP_WEIGHT * self._stiffness[node]
+        model = self._law.exact(t, slip, p, c, heading, sliding)
+        rests = sliding & ~slip.any(axis=1)
+        model.explicit[rests] = model.stiffness[rests] = 0.0
+        scaled = p[:, None] * model.direction
+        slid = _with_length(model.explicit + scaled, limit) - scaled
+        model.explicit[sliding] = slid[sliding]
+        return model
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether there are no springs, see `Friction.is_exact`."""
+        return not self._has_spring
+
+    def coefficients(self, node: Ints) -> Floats:
+        """Coefficients of friction, see `Friction.coefficients`."""
+        return np.where(self._on_axis[node], 0.0, self._law.mu)
+
+    def decide(
+        self, pairs: PairKinematics, slides: Flags, active: Flags, forces: Floats, slip: Floats
+    ) -> None:
+        """Take over stick and slip, see `Friction.decide`."""
+        node, t, p = pairs.node, forces[:, 1:], -forces[:, 0]
+        self.sliding[node] = np.where(active, slides | self._on_axis[node], self.sliding[node])
+        slip = np.where(self._is_still(pairs, slip)[:, None], 0.0, slip)
+        moves = slip.any(axis=1)
+        t = np.where((slides & moves)[:, None], _with_length(slip, self._law.mu * p), t)
+        model = self._exact(t, slip, p, node, t, self.sliding[node])
+        for part in model:
+            part[self._on_axis[node]] = 0.0
+        self._slip[node] = slip
+        for values, part in zip(self._model, model, strict=True):
+            values[node] = part
+        self.traction[node] = np.where(active[:, None], t, 0.0)
+        self.follow_multipliers(pairs, forces[:, 0], active)
+
+    def predict(self, pairs: PairKinematics, change: Floats) -> None:
+        """Know the slip of the next iteration, see `Friction.predict`."""
+        self._predicted[pairs.node] = self._present[pairs.node] + change
 
     def balance(self, pairs: PairKinematics, R: Floats, active: Flags) -> Floats:
         """Balance with tractions, sticking nodes in all directions, see `Friction.balance`."""
@@ -247,7 +342,7 @@ class StickSlip(Friction):
         node = pairs.node
         explicit: Floats = self._model.explicit[node]
         if not self._has_spring:
-            turned = pairs.slip.value - self._slip[node]
+            turned = self._present[node] - self._slip[node]
             explicit = explicit + np.einsum("mij,mj->mi", self._model.stiffness[node], turned)
         stick = self.sticks(node, active) & ~pairs.fixed
         return np.where(stick[:, None], 0.0, explicit)
@@ -292,3 +387,16 @@ class StickSlip(Friction):
         energy = slip_energy(parts["traction"], state.eps_T)
         parts["dissipation"] -= energy - slip_energy(old.traction, state.eps_T)
         return energy, parts
+
+
+def _length(vectors: Floats) -> Floats:
+    """Lengths of vectors, ``(m, 2)``."""
+    length: Floats = np.linalg.norm(vectors, axis=1)
+    return length
+
+
+def _with_length(vectors: Floats, length: Floats) -> Floats:
+    """Vectors, ``(m, 2)``, of given lengths, ``(m,)``; those of none stay so."""
+    present = _length(vectors)
+    scaled: Floats = vectors * (length / np.where(present > 0, present, 1.0))[:, None]
+    return scaled
