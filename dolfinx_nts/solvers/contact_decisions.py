@@ -50,7 +50,9 @@ def decided(
     pairs, is_decided = [], []
     for i, (step, state) in enumerate(zip(steps, states, strict=True)):
         if takes_part[i] or step.num_active:
-            state = _with_all_rows(state, dim) if takes_part[i] else state
+            if takes_part[i]:
+                step.friction.see_all(state.pairs)
+                state = _with_all_rows(state, dim)
             pairs.append(ActivePairs(step.candidates, state, dim))
             is_decided.append(np.full(int(pairs[-1].blocks.rank.sum()), takes_part[i]))
     whole = system.whole(R, pairs)

@@ -23,7 +23,7 @@ _SLIP_WEIGHT = 0.1
 # Slip, relative to the size of a segment [-], that is none where the displacement of a node is not
 # its own: points of one rigid body that stick at more places than hold it cannot all stay to
 # round-off. It is as small as what constraints may be violated by.
-_STILL = 1e-11
+_STILL = 3e-12
 
 
 class Friction:
@@ -114,6 +114,9 @@ class Friction:
         """Coefficients of friction of nodes, shape ``(m,)`` [-], 0 where there is none. Local."""
         return np.zeros(len(node))
 
+    def see_all(self, pairs: PairKinematics) -> None:
+        """Let constraints see slips of any size. Local."""
+
     def decide(
         self, pairs: PairKinematics, slides: Flags, active: Flags, forces: Floats, slip: Floats
     ) -> None:
@@ -183,6 +186,7 @@ class StickSlip(Friction):
         # Slip that is known to more digits than positions have, and that of the last iteration.
         self._present: Floats = np.zeros((n, 2))
         self._predicted: Floats = np.full((n, 2), np.nan)
+        self._whole: Floats = np.zeros((n, 2))
 
     def measure(self, pairs: PairKinematics, x: Floats) -> None:
         """Add the slip of the pairs, see `Friction.measure`."""
@@ -195,7 +199,9 @@ class StickSlip(Friction):
         is_same = _length(value - self._predicted[node]) <= ROUNDING * self._size[node]
         value = np.where(is_same[:, None], self._predicted[node], value)
         still = self._is_still(pairs, value)
-        pairs.excess[still, 1:] = 0.0
+        least = np.where(pairs.fixed, _STILL * self._size[node], 0.0)
+        pairs.excess[:, 1:] = _with_length(value, np.maximum(_length(value) - least, 0.0))
+        self._whole[node] = value
         self._present[node] = np.where(still[:, None], 0.0, value)
 
     def _is_still(self, pairs: PairKinematics, slip: Floats) -> Flags:
@@ -292,6 +298,10 @@ class StickSlip(Friction):
     def coefficients(self, node: Ints) -> Floats:
         """Coefficients of friction, see `Friction.coefficients`."""
         return np.where(self._on_axis[node], 0.0, self._law.mu)
+
+    def see_all(self, pairs: PairKinematics) -> None:
+        """Let constraints see slips of any size, see `Friction.see_all`."""
+        pairs.excess[:, 1:] = self._whole[pairs.node]
 
     def decide(
         self, pairs: PairKinematics, slides: Flags, active: Flags, forces: Floats, slip: Floats
