@@ -70,8 +70,7 @@ def decided(
     new, first = list(states), sum(len(part[0]) for part in parts[: comm.rank])
     for i in deciding:
         last = first + len(states[i].active)
-        own_part = ConeSolution(*(values[first:last] for values in found))
-        new[i] = steps[i].decide(states[i], own_part)
+        new[i] = steps[i].decide(states[i], found.part(slice(first, last)))
         first = last
     return tuple(new)
 

@@ -58,6 +58,12 @@ class ConeSolution(NamedTuple):
     presses: Flags
     slides: Flags
 
+    def part(self, points: slice) -> "ConeSolution":
+        """Those of some points. Local."""
+        return ConeSolution(
+            self.force[points], self.motion[points], self.presses[points], self.slides[points]
+        )
+
 
 def solve(W: Floats, q: Floats, mu: Floats) -> ConeSolution | None:
     """Find forces that obey Coulomb's law at all points. Local.
@@ -77,13 +83,14 @@ def solve(W: Floats, q: Floats, mu: Floats) -> ConeSolution | None:
         return None
     # Cones of right angles, and forces and motions without units.
     compliance = float(own[own > 0].mean())
-    scale = np.ones((m, d))
+    scale: Floats = np.ones((m, d))
     scale[:, 0] = 1 / mu
     s = scale.ravel()
-    soft = W + _COMPLIANCE * compliance * np.eye(len(q))
+    soft: Any = s[:, None] * (W / compliance + _COMPLIANCE * np.eye(len(q))) * s
+    given: Any = s * q / length
     with np.errstate(all="ignore"):
         try:
-            found = _central(s[:, None] * soft * s / compliance, s * q / length, d)
+            found = _central(soft, given, d)
         except np.linalg.LinAlgError:
             return None
     if found is None:
@@ -126,7 +133,7 @@ def _central(W: Floats, q: Floats, d: int) -> tuple[Floats, Floats] | None:
         rows = _arrow(f) @ of_slip
         A = (rows @ W.reshape(m, d, size)).reshape(m, d, m, d)
         A[diagonal, :, diagonal] += _arrow(v)
-        inverse = np.linalg.inv(A.reshape(size, size))
+        inverse: Any = np.linalg.inv(A.reshape(size, size))
         known = product + np.einsum("mij,mj->mi", rows, differs)
         given = W, of_slip, differs, inverse
 

@@ -20,6 +20,9 @@ __all__ = ["Friction", "StickSlip"]
 # Weight of slip in the test for stick, relative to the stiffness of a node [-]: it changes the
 # path of Newton's method, not the solution.
 _SLIP_WEIGHT = 0.1
+# How much more it weighs in the direction of sliding where the displacement of a node is not its
+# own [-]: others may decide on a slip that is small.
+_DIRECTION_WEIGHT = 1e8
 # Slip, relative to the size of a segment [-], that is none where the displacement of a node is not
 # its own: points of one rigid body that stick at more places than hold it cannot all stay to
 # round-off. It is as small as what constraints may be violated by.
@@ -259,7 +262,7 @@ class StickSlip(Friction):
             new = law.spring(trial, p, c, heading, sliding)
         else:
             known = float(iteration > 0)  # multipliers of the first guess mean nothing
-            new = self._exact(known * t, value, known * p, node, heading, sliding)
+            new = self._exact(pairs, known * t, value, known * p, heading, sliding)
         for part in new:
             part[self._on_axis[node]] = 0.0
         self.sliding[node], self._slip[node] = sliding, value
@@ -273,7 +276,13 @@ class StickSlip(Friction):
         return violators
 
     def _exact(
-        self, t: Floats, slip: Floats, p: Floats, node: Ints, heading: Floats, sliding: Flags
+        self,
+        pairs: PairKinematics,
+        t: Floats,
+        slip: Floats,
+        p: Floats,
+        heading: Floats,
+        sliding: Flags,
     ) -> TractionModel:
         """Model stick and slip without springs, see `Coulomb.exact`.
 
@@ -281,7 +290,8 @@ class StickSlip(Friction):
         """
         limit = self._law.mu * np.maximum(p, 0.0)
         t = np.where(sliding[:, None], _with_length(t, limit), t)
-        c = _SLIP_WEIGHT * self._stiffness[node]
+        weight = np.where(pairs.fixed, _DIRECTION_WEIGHT, 1.0)
+        c = weight * _SLIP_WEIGHT * self._stiffness[pairs.node]
         model = self._law.exact(t, slip, p, c, heading, sliding)
         rests = sliding & ~slip.any(axis=1)
         model.explicit[rests] = model.stiffness[rests] = 0.0
@@ -312,7 +322,7 @@ class StickSlip(Friction):
         slip = np.where(self._is_still(pairs, slip)[:, None], 0.0, slip)
         moves = slip.any(axis=1)
         t = np.where((slides & moves)[:, None], _with_length(slip, self._law.mu * p), t)
-        model = self._exact(t, slip, p, node, t, self.sliding[node])
+        model = self._exact(pairs, t, slip, p, t, self.sliding[node])
         for part in model:
             part[self._on_axis[node]] = 0.0
         self._slip[node] = slip

@@ -31,7 +31,7 @@ inline TractionModel exact_friction(double mu, const Vec2& t, const Vec2& slip,
   // Bound on the stiffness against a change of the direction of slip, relative
   // to the weight [-]: a tighter one would slow Newton's method where slip is
   // small.
-  constexpr double stiffest = 1e12;
+  constexpr double stiffest = 1e4;
   const double limit = mu * std::max(p, 0.);
   const bool turns
       = slides && limit > 0 && heading[0] * slip[0] + heading[1] * slip[1] >= 0;
