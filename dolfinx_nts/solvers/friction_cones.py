@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Array, Flags, Floats
+from dolfinx_nts.common.arrays import Array, Flags, Floats, Ints
 
 __all__ = ["ConeSolution", "solve"]
 
@@ -39,6 +39,8 @@ _INSIDE = 0.999
 # Least reduction of the product that a step aims at [-], while motions differ, and later.
 _FIRST_AIM, _AIM, _CENTRING = 1e-2, 1e-4, 0.5
 _DIFFERS = 1e-6
+# Motion by the force on another point, relative to those by the own ones [-], that is round-off.
+_NOT_FELT = 1e-13
 # Compliance of the points, relative to that of the bodies [-]: the forces become unique.
 _COMPLIANCE = 1e-10
 
@@ -68,6 +70,8 @@ class ConeSolution(NamedTuple):
 def solve(W: Floats, q: Floats, mu: Floats) -> ConeSolution | None:
     """Find forces that obey Coulomb's law at all points. Local.
 
+    Points that do not feel each other's forces are solved for one after the other.
+
     Args:
         W: Motions of the points by the forces on them, shape ``(m d, m d)`` [m/N].
         q: Motions without any force, shape ``(m d,)`` [m].
@@ -77,6 +81,35 @@ def solve(W: Floats, q: Floats, mu: Floats) -> ConeSolution | None:
         A solution, None if none is found.
     """
     m, d = len(mu), len(q) // max(len(mu), 1)
+    force, motion = np.zeros((2, m, d))
+    presses, slides = np.zeros((2, m), dtype=bool)
+    for points in _groups(W, m):
+        rows = (d * points[:, None] + np.arange(d)).ravel()
+        found = _solve_group(W[np.ix_(rows, rows)], q[rows], mu[points])
+        if found is None:
+            return None
+        force[points], motion[points], presses[points], slides[points] = found
+    return ConeSolution(force, motion, presses, slides)
+
+
+def _groups(W: Floats, m: int) -> list[Ints]:
+    """Points that feel each other's forces, group by group. Local."""
+    d = len(W) // max(m, 1)
+    size = np.abs(W).reshape(m, d, m, d).max(axis=(1, 3), initial=0.0)
+    own = np.sqrt(np.diag(size))
+    feels = size > _NOT_FELT * own[:, None] * own
+    feels |= feels.T
+    group = np.arange(m, dtype=np.int32)
+    while True:
+        least = np.where(feels | np.eye(m, dtype=bool), group, m).min(axis=1, initial=m)
+        if np.array_equal(least, group):
+            return [np.flatnonzero(group == g).astype(np.int32) for g in np.unique(group)]
+        group = least
+
+
+def _solve_group(W: Floats, q: Floats, mu: Floats) -> ConeSolution | None:
+    """Solve for points that feel each other's forces, see `solve`. Local."""
+    m, d = len(mu), len(q) // len(mu)
     own = np.diag(W)
     length = float(np.abs(q).max(initial=0.0))
     if not (length > 0 and (own > 0).any()):

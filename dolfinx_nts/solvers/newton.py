@@ -269,7 +269,7 @@ def solve(
         # Without inertia nothing but contact resists the motions of rigid bodies.
         far = norm > _SMALL_RESIDUAL * scale
         slow = iteration == 0 or (far and norm > _LITTLE_REDUCTION * norms[-2])
-        if inertia and _may_decide(iteration) and (slow or changed):
+        if inertia and _may_decide(iteration) and (slow or changed or violated):
             with timings.phase("solve"):
                 decided = solver.decided(R, steps, states)
             if decided is not None:
