@@ -26,7 +26,7 @@ _DIRECTION_WEIGHT = 1e8
 # Slip, relative to the size of a segment [-], that is none where the displacement of a node is not
 # its own: points of one rigid body that stick at more places than hold it cannot all stay to
 # round-off. It is as small as what constraints may be violated by.
-_STILL = 3e-12
+_STILL = 1e-11
 
 
 class Friction:
