@@ -10,7 +10,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats
-from dolfinx_nts.contact.implicit.contact_step import ContactStep
+from dolfinx_nts.contact.implicit.contact_step import (
+    ContactStep,
+    can_be_decided,
+    decide,
+    has_friction,
+    multipliers,
+)
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.parallel import reductions
@@ -42,16 +48,17 @@ def decided(
     """
     comm = system.comm
     present = reductions.total(comm, np.array([len(state.active) for state in states])) > 0
-    takes_part = [bool(p) and step.can_be_decided for p, step in zip(present, steps, strict=True)]
+    takes_part = [bool(p) and can_be_decided(step) for p, step in zip(present, steps, strict=True)]
     deciding = [i for i, takes in enumerate(takes_part) if takes]
-    if not any(steps[i].has_friction for i in deciding):
+    laws = {i: law for i in deciding if (law := steps[i].friction.decided) is not None}
+    if not any(has_friction(steps[i]) for i in deciding):
         return None
     dim = dimension(steps[0].state.nodes.V)
     pairs, is_decided = [], []
     for i, (step, state) in enumerate(zip(steps, states, strict=True)):
         if takes_part[i] or step.num_active:
             if takes_part[i]:
-                step.friction.see_all(state.pairs)
+                laws[i].show_slips(state.pairs)
                 state = _with_all_rows(state, dim)
             pairs.append(ActivePairs(step.candidates, state, dim))
             is_decided.append(np.full(int(pairs[-1].blocks.rank.sum()), takes_part[i]))
@@ -59,8 +66,8 @@ def decided(
     if whole is None:
         return None
     own = (
-        np.concatenate([steps[i].multipliers(states[i])[:, :dim] for i in deciding]),
-        np.concatenate([steps[i].friction.coefficients(states[i].pairs.node) for i in deciding]),
+        np.concatenate([multipliers(steps[i], states[i])[:, :dim] for i in deciding]),
+        np.concatenate([laws[i].coefficients(states[i].pairs.node) for i in deciding]),
         np.concatenate(is_decided),
     )
     parts = comm.allgather(own)
@@ -70,7 +77,7 @@ def decided(
     new, first = list(states), sum(len(part[0]) for part in parts[: comm.rank])
     for i in deciding:
         last = first + len(states[i].active)
-        new[i] = steps[i].decide(states[i], found.part(slice(first, last)))
+        new[i] = decide(steps[i], states[i], found.part(slice(first, last)))
         first = last
     return tuple(new)
 
@@ -87,19 +94,19 @@ def _with_all_rows(state: ContactContribution, dim: int) -> ContactContribution:
 
 
 def _solution(
-    whole: WholeSystem, multipliers: Floats, mu: Floats, is_decided: Flags
+    whole: WholeSystem, present: Floats, mu: Floats, is_decided: Flags
 ) -> ConeSolution | None:
     """Forces and motions of all points that obey Coulomb's law. Local.
 
     Args:
         whole: System with all their forces as unknowns.
-        multipliers: The forces of the residual, with the sign of multipliers, ``(m, d)`` [N].
+        present: Multipliers of the residual, ``(m, d)`` [N].
         mu: Coefficients of friction, shape ``(m,)`` [-].
         is_decided: Which multipliers of the system are theirs.
     """
     mine = np.zeros(len(whole.right), dtype=bool)
     mine[whole.is_multiplier] = is_decided
-    A, right, forces = whole.matrix, whole.right, multipliers.ravel()
+    A, right, forces = whole.matrix, whole.right, present.ravel()
     columns = A[~mine][:, mine]
     try:
         moved = np.linalg.solve(
@@ -109,7 +116,7 @@ def _solution(
         return None
     motions = A[mine][:, ~mine] @ moved
     W, q = motions[:, 1:], motions[:, 0] - right[mine]
-    without = np.zeros(multipliers.shape, dtype=bool)
+    without = np.zeros(present.shape, dtype=bool)
     without[:, 1:] = mu[:, None] == 0
     none = without.ravel()
     W[none], W[:, none], q[none] = 0.0, 0.0, 0.0

@@ -8,7 +8,7 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.timing import Timings
-from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual
+from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual, predict
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.prescribed import prescribed_nodes
 from dolfinx_nts.fem.components import dimension, in_space
@@ -287,7 +287,7 @@ def solve(
         if dlambda is not None:
             for step, state, d in zip(steps, states, dlambda, strict=True):
                 step.add_multipliers(state, d)
-                step.predict(state, du.reshape(-1, dim))
+                predict(step, state, du.reshape(-1, dim))
         du_norm = reductions.largest(bulk.comm, float(np.abs(du).max(initial=0.0)))
         u = bulk.u.x.array[:n]
         longest = (_LONGEST_FALL if bulk.rigid.has_no_inertia else _LONGEST_INCREMENT) * size

@@ -6,18 +6,18 @@ A `ContactStep` never changes what the stepper remembers of the pairs. Evaluatin
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Protocol
 
 from mpi4py import MPI
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Tied
 from dolfinx_nts.contact.history import ContactHistory, ContactWork
 from dolfinx_nts.contact.implicit.contributions import ContactContribution, PairKinematics
 from dolfinx_nts.contact.implicit.crossing_edges import CrossingEdges
 from dolfinx_nts.contact.implicit.frozen_points import FrozenPoints, SettlingPoints, TiedPoints
+from dolfinx_nts.contact.implicit.joint_decision import Decision
 from dolfinx_nts.contact.implicit.local_search import LocalSearch, StaticSearch, last_segments
 from dolfinx_nts.contact.implicit.multiplier import MultiplierContact
 from dolfinx_nts.contact.implicit.normal_contact import NormalContact, go_on
@@ -30,7 +30,16 @@ from dolfinx_nts.fem.components import dimension, in_space
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Candidates
 
-__all__ = ["ContactStep", "Decision", "contact_residual", "go_on_from"]
+__all__ = [
+    "ContactStep",
+    "can_be_decided",
+    "contact_residual",
+    "decide",
+    "go_on_from",
+    "has_friction",
+    "multipliers",
+    "predict",
+]
 
 # Number of changes of state from which on a failed step names the node.
 _RESTLESS = 4
@@ -47,26 +56,6 @@ _SEARCHES = {
     ("edge-to-edge", False): CrossingEdges,
     ("edge-to-edge", True): CrossingEdges,
 }
-
-
-class Decision(Protocol):
-    """What was decided on ``m`` pairs, see `friction_cones.ConeSolution`."""
-
-    @property
-    def force(self) -> Floats:
-        """Forces on the points, normal first, shape ``(m, d)`` [N]."""
-
-    @property
-    def motion(self) -> Floats:
-        """Gaps and slips, shape ``(m, d)`` [m]."""
-
-    @property
-    def presses(self) -> Flags:
-        """Whether a pair transmits force, shape ``(m,)``."""
-
-    @property
-    def slides(self) -> Flags:
-        """Whether one that does slides, shape ``(m,)``."""
 
 
 class ContactStep:
@@ -174,50 +163,6 @@ class ContactStep:
         counts = reductions.total(self._comm, counts)
         self.num_active = int(counts.sum())
         self.touched |= counts > 0
-
-    @property
-    def can_be_decided(self) -> bool:
-        """Whether multipliers and Coulomb's law alone tell the states of the pairs. Local."""
-        return self.normal.pushes_only and self.friction.is_exact
-
-    @property
-    def has_friction(self) -> bool:
-        """Whether a law of friction belongs to the pairs. Local."""
-        return self.state.pair.friction is not None
-
-    def multipliers(self, contribution: ContactContribution) -> Floats:
-        """Multipliers of the last evaluation, normal and tangential, ``(m, 3)`` [N]. Local."""
-        node = contribution.pairs.node
-        values = np.column_stack([self.normal.lambda_N[node], self.friction.traction[node]])
-        return np.where(contribution.active[:, None], values, 0.0)
-
-    def decide(self, contribution: ContactContribution, found: Decision) -> ContactContribution:
-        """Take over contact, stick and slip, with the forces of the next iterate. Collective.
-
-        Args:
-            contribution: The last evaluation.
-            found: What was decided on its pairs.
-
-        Returns:
-            The same with these states.
-        """
-        pairs, active = contribution.pairs, found.presses
-        node, d = pairs.node, found.force.shape[1]
-        forces, slip = np.zeros((len(node), 3)), np.zeros((len(node), 2))
-        forces[:, :d] = -found.force * active[:, None]
-        slip[:, : d - 1] = found.motion[:, 1:]
-        self.normal.active[node], self.normal.lambda_N[node] = active, forces[:, 0]
-        self.friction.decide(pairs, found.slides, active, forces, slip)
-        self._count(node)
-        return self._contribution(pairs, contribution.changed)
-
-    def predict(self, contribution: ContactContribution, du: Floats) -> None:
-        """Know how slips change with increments ``(n, d)`` [m] of the owned nodes. Collective."""
-        if self.has_friction and self.num_active:
-            pairs = contribution.pairs
-            du = self.candidates.scatter.forward(in_space(du)).take(pairs.dofs, axis=0)
-            change = np.einsum("mid,md->mi", pairs.gradients[:, 1:], du.reshape(len(du), -1))
-            self.friction.predict(pairs, change)
 
     def reproject(self) -> int:
         """Find the segments again in equilibrium; return how many of this rank changed.
@@ -431,3 +376,57 @@ def go_on_from(steps: Sequence[ContactStep], others: Sequence[ContactStep]) -> N
         step.search.segment = last_segments(step.search, other.search)
         go_on(step.normal, other.normal)
         step.friction.go_on_from(other.friction)
+
+
+def can_be_decided(step: ContactStep) -> bool:
+    """Whether multipliers that push and Coulomb's law alone tell the states of pairs. Local."""
+    law = step.state.pair.enforcement
+    pushes = isinstance(law, LagrangeMultiplier) and not isinstance(law, Tied)
+    return pushes and step.friction.decided is not None
+
+
+def has_friction(step: ContactStep) -> bool:
+    """Whether a law of friction belongs to the pairs of an attempt. Local."""
+    return step.state.pair.friction is not None
+
+
+def multipliers(step: ContactStep, contribution: ContactContribution) -> Floats:
+    """Multipliers of the last evaluation, normal and tangential, ``(m, 3)`` [N]. Local."""
+    node = contribution.pairs.node
+    values = np.column_stack([step.normal.lambda_N[node], step.friction.traction[node]])
+    return np.where(contribution.active[:, None], values, 0.0)
+
+
+def decide(
+    step: ContactStep, contribution: ContactContribution, found: Decision
+) -> ContactContribution:
+    """Take over contact, stick and slip, with the forces of the next iterate. Collective.
+
+    Args:
+        step: An attempt on which `can_be_decided`.
+        contribution: Its last evaluation.
+        found: What was decided on its pairs.
+
+    Returns:
+        The same with these states.
+    """
+    pairs, active = contribution.pairs, found.presses
+    node, d = pairs.node, found.force.shape[1]
+    forces, slip = np.zeros((len(node), 3)), np.zeros((len(node), 2))
+    forces[:, :d] = -found.force * active[:, None]
+    slip[:, : d - 1] = found.motion[:, 1:]
+    step.normal.active[node], step.normal.lambda_N[node] = active, forces[:, 0]
+    assert step.friction.decided is not None
+    step.friction.decided.decide(pairs, found.slides, active, forces, slip)
+    step._count(node)
+    return step._contribution(pairs, contribution.changed)
+
+
+def predict(step: ContactStep, contribution: ContactContribution, du: Floats) -> None:
+    """Know how slips change with increments ``(n, d)`` [m] of the owned nodes. Collective."""
+    decided = step.friction.decided
+    if decided is not None and has_friction(step) and step.num_active:
+        pairs = contribution.pairs
+        du = step.candidates.scatter.forward(in_space(du)).take(pairs.dofs, axis=0)
+        change = np.einsum("mid,md->mi", pairs.gradients[:, 1:], du.reshape(len(du), -1))
+        decided.predict(pairs, change)

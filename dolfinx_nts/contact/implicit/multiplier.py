@@ -159,11 +159,6 @@ class MultiplierContact(NormalContact):
         farthest = self._farthest[pairs.node]
         pairs.blocks.close_gaps(pairs.normal, pairs.gradients, gap, held, farthest, u)
 
-    @property
-    def pushes_only(self) -> bool:
-        """They do, see `NormalContact.pushes_only`."""
-        return True
-
     def rank(self, active: Flags) -> Ints:
         """One normal constraint for each active pair."""
         return active.astype(np.int32)

@@ -93,11 +93,6 @@ class NormalContact(ABC):
         displacements, which are changed, as they have more digits than positions.
         """
 
-    @property
-    def pushes_only(self) -> bool:
-        """Whether forces are multipliers that push and do not pull. Local."""
-        return False
-
     @abstractmethod
     def rank(self, active: Flags) -> Ints:
         """Number of normal constraints of each pair, shape ``(m,)``. Local."""

@@ -8,8 +8,10 @@ from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.friction import Coulomb, TractionModel, slip_energy, transport
 from dolfinx_nts.contact.implicit.active_set import ROUNDING, BlockPivoting
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
+from dolfinx_nts.contact.implicit.joint_decision import DecidedFriction, NoFriction
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.implicit.pair_blocks import with_friction
+from dolfinx_nts.contact.implicit.slips import Slips, with_length
 from dolfinx_nts.contact.joint_state import JointState, bounds, segment_sizes
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.axisymmetry import axis_nodes
@@ -23,10 +25,6 @@ _SLIP_WEIGHT = 0.1
 # How much more it weighs in the direction of sliding where the displacement of a node is not its
 # own [-]: others may decide on a slip that is small.
 _DIRECTION_WEIGHT = 1e8
-# Slip, relative to the size of a segment [-], that is none where the displacement of a node is not
-# its own: points of one rigid body that stick at more places than hold it cannot all stay to
-# round-off. It is as small as what constraints may be violated by.
-_STILL = 1e-11
 
 
 class Friction:
@@ -43,12 +41,16 @@ class Friction:
         sliding: Nodes that slide where they are active, shape ``(n,)``.
         traction: Traction in the frames of the segments at t_n, shape ``(n, 2)`` [N].
         flips: How often a node has changed between stick and slip, shape ``(n,)``.
+        decided: Takes over what is decided on all pairs at once; None where springs decide.
     """
+
+    decided: DecidedFriction | None
 
     def __init__(self, state: PairState | JointState) -> None:
         """Let all nodes slide, without traction."""
         n = len(state.nodes.nodes)
         self._state, self._dim = state, dimension(state.nodes.V)
+        self.decided = NoFriction()
         self.sliding: Flags = np.ones(n, dtype=bool)
         self.traction: Floats = np.zeros((n, 2))
         self.flips: Ints = np.zeros(n, dtype=np.int32)
@@ -108,34 +110,6 @@ class Friction:
         """
         return np.zeros(len(pairs.node))
 
-    @property
-    def is_exact(self) -> bool:
-        """Whether tractions are multipliers or none, so that no spring decides on them. Local."""
-        return True
-
-    def coefficients(self, node: Ints) -> Floats:
-        """Coefficients of friction of nodes, shape ``(m,)`` [-], 0 where there is none. Local."""
-        return np.zeros(len(node))
-
-    def see_all(self, pairs: PairKinematics) -> None:
-        """Let constraints see slips of any size. Local."""
-
-    def decide(
-        self, pairs: PairKinematics, slides: Flags, active: Flags, forces: Floats, slip: Floats
-    ) -> None:
-        """Take over stick and slip, with forces and slips by which they were decided. Local.
-
-        Args:
-            pairs: The pairs.
-            slides: Whether they slide where they are active, shape ``(m,)``.
-            active: Which pairs transmit force, shape ``(m,)``.
-            forces: Multipliers, normal and tangential, shape ``(m, 3)`` [N].
-            slip: Slips at the end of the iteration, shape ``(m, 2)`` [m].
-        """
-
-    def predict(self, pairs: PairKinematics, change: Floats) -> None:
-        """Know the change of the slip in an iteration, ``(m, 2)`` [m], which positions round."""
-
     def accepted(self, pairs: PairKinematics, x: Floats) -> tuple[Floats, dict[str, Any]]:
         """Energy of the springs, ``(n,)`` [J], and what the history remembers, by its names.
 
@@ -175,8 +149,10 @@ class StickSlip(Friction):
         self._pivoting = BlockPivoting(
             nodes.V.mesh.comm, nodes.node_ids, ends, waits=not self._has_spring
         )
-        self._size = np.repeat(segment_sizes(state), np.diff(ends))
-        self._rounding = ROUNDING * stiffness * self._size
+        size = np.repeat(segment_sizes(state), np.diff(ends))
+        self._rounding = ROUNDING * stiffness * size
+        self.decided = None if self._has_spring else self._Decided(self)
+        self._slips = Slips(size)
         # Where nothing moves nodes stick until they are found to slide, as bodies may have no
         # other hold.
         self.sliding = history.sliding | (~history.active & (not is_static))
@@ -186,10 +162,6 @@ class StickSlip(Friction):
         # Model of the traction and slip of the last iteration.
         self._model = TractionModel(np.zeros((n, 2)), np.zeros((n, 2)), np.zeros((n, 2, 2)))
         self._slip: Floats = np.zeros((n, 2))
-        # Slip that is known to more digits than positions have, and that of the last iteration.
-        self._present: Floats = np.zeros((n, 2))
-        self._predicted: Floats = np.full((n, 2), np.nan)
-        self._whole: Floats = np.zeros((n, 2))
 
     def measure(self, pairs: PairKinematics, x: Floats) -> None:
         """Add the slip of the pairs, see `Friction.measure`."""
@@ -197,20 +169,7 @@ class StickSlip(Friction):
         if self._acts_at_end:
             slip = slip.at_end()
         pairs.add_slip(slip, self._on_axis[pairs.node])
-        node, value = pairs.node, slip.value
-        # Tractions of nodes that hardly slip turn with the last digits of positions.
-        is_same = _length(value - self._predicted[node]) <= ROUNDING * self._size[node]
-        value = np.where(is_same[:, None], self._predicted[node], value)
-        still = self._is_still(pairs, value)
-        least = np.where(pairs.fixed, _STILL * self._size[node], 0.0)
-        pairs.excess[:, 1:] = _with_length(value, np.maximum(_length(value) - least, 0.0))
-        self._whole[node] = value
-        self._present[node] = np.where(still[:, None], 0.0, value)
-
-    def _is_still(self, pairs: PairKinematics, slip: Floats) -> Flags:
-        """Whether a slip, ``(m, 2)`` [m], is none, shape ``(m,)``."""
-        flags: Flags = pairs.fixed & (_length(slip) <= _STILL * self._size[pairs.node])
-        return flags
+        self._slips.measure(pairs)
 
     def follow_contact(self, pairs: PairKinematics, before: Flags, active: Flags) -> None:
         """Release nodes, and let new ones stick that come within the cone of friction."""
@@ -236,7 +195,7 @@ class StickSlip(Friction):
             t = transport(old.traction[node], old.normal[node], slip.frame_n, slip.normal_n)
         else:
             t, c = self.traction[node], _SLIP_WEIGHT * self._stiffness[node]
-        value = slip.value if eps_T is not None else self._present[node]
+        value = slip.value if eps_T is not None else self._slips.of(node)
         trial = t + c[:, None] * value
         way = trial if eps_T is not None else value
         sliding, violators, heading = before, 0, way
@@ -289,51 +248,16 @@ class StickSlip(Friction):
         A traction that slides has its length; where there is no slip it keeps its direction.
         """
         limit = self._law.mu * np.maximum(p, 0.0)
-        t = np.where(sliding[:, None], _with_length(t, limit), t)
+        t = np.where(sliding[:, None], with_length(t, limit), t)
         weight = np.where(pairs.fixed, _DIRECTION_WEIGHT, 1.0)
         c = weight * _SLIP_WEIGHT * self._stiffness[pairs.node]
         model = self._law.exact(t, slip, p, c, heading, sliding)
         rests = sliding & ~slip.any(axis=1)
         model.explicit[rests] = model.stiffness[rests] = 0.0
         scaled = p[:, None] * model.direction
-        slid = _with_length(model.explicit + scaled, limit) - scaled
+        slid = with_length(model.explicit + scaled, limit) - scaled
         model.explicit[sliding] = slid[sliding]
         return model
-
-    @property
-    def is_exact(self) -> bool:
-        """Whether there are no springs, see `Friction.is_exact`."""
-        return not self._has_spring
-
-    def coefficients(self, node: Ints) -> Floats:
-        """Coefficients of friction, see `Friction.coefficients`."""
-        return np.where(self._on_axis[node], 0.0, self._law.mu)
-
-    def see_all(self, pairs: PairKinematics) -> None:
-        """Let constraints see slips of any size, see `Friction.see_all`."""
-        pairs.excess[:, 1:] = self._whole[pairs.node]
-
-    def decide(
-        self, pairs: PairKinematics, slides: Flags, active: Flags, forces: Floats, slip: Floats
-    ) -> None:
-        """Take over stick and slip, see `Friction.decide`."""
-        node, t, p = pairs.node, forces[:, 1:], -forces[:, 0]
-        self.sliding[node] = np.where(active, slides | self._on_axis[node], self.sliding[node])
-        slip = np.where(self._is_still(pairs, slip)[:, None], 0.0, slip)
-        moves = slip.any(axis=1)
-        t = np.where((slides & moves)[:, None], _with_length(slip, self._law.mu * p), t)
-        model = self._exact(pairs, t, slip, p, t, self.sliding[node])
-        for part in model:
-            part[self._on_axis[node]] = 0.0
-        self._slip[node] = slip
-        for values, part in zip(self._model, model, strict=True):
-            values[node] = part
-        self.traction[node] = np.where(active[:, None], t, 0.0)
-        self.follow_multipliers(pairs, forces[:, 0], active)
-
-    def predict(self, pairs: PairKinematics, change: Floats) -> None:
-        """Know the slip of the next iteration, see `Friction.predict`."""
-        self._predicted[pairs.node] = self._present[pairs.node] + change
 
     def balance(self, pairs: PairKinematics, R: Floats, active: Flags) -> Floats:
         """Balance with tractions, sticking nodes in all directions, see `Friction.balance`."""
@@ -362,7 +286,7 @@ class StickSlip(Friction):
         node = pairs.node
         explicit: Floats = self._model.explicit[node]
         if not self._has_spring:
-            turned = self._present[node] - self._slip[node]
+            turned = self._slips.of(node) - self._slip[node]
             explicit = explicit + np.einsum("mij,mj->mi", self._model.stiffness[node], turned)
         stick = self.sticks(node, active) & ~pairs.fixed
         return np.where(stick[:, None], 0.0, explicit)
@@ -408,15 +332,38 @@ class StickSlip(Friction):
         parts["dissipation"] -= energy - slip_energy(old.traction, state.eps_T)
         return energy, parts
 
+    class _Decided(NoFriction):
+        """Takes over what is decided, see `DecidedFriction`."""
 
-def _length(vectors: Floats) -> Floats:
-    """Lengths of vectors, ``(m, 2)``."""
-    length: Floats = np.linalg.norm(vectors, axis=1)
-    return length
+        def __init__(self, friction: "StickSlip") -> None:
+            self._of = friction
 
+        def coefficients(self, node: Ints) -> Floats:
+            """Those of the law, 0 on the axis of rings."""
+            return np.where(self._of._on_axis[node], 0.0, self._of._law.mu)
 
-def _with_length(vectors: Floats, length: Floats) -> Floats:
-    """Vectors, ``(m, 2)``, of given lengths, ``(m,)``; those of none stay so."""
-    present = _length(vectors)
-    scaled: Floats = vectors * (length / np.where(present > 0, present, 1.0))[:, None]
-    return scaled
+        def show_slips(self, pairs: PairKinematics) -> None:
+            """Show all slips."""
+            self._of._slips.show(pairs)
+
+        def decide(
+            self, pairs: PairKinematics, slides: Flags, active: Flags, forces: Floats, slip: Floats
+        ) -> None:
+            """Take over states, and the model of the traction at the forces and slips."""
+            of, node, t, p = self._of, pairs.node, forces[:, 1:], -forces[:, 0]
+            of.sliding[node] = np.where(active, slides | of._on_axis[node], of.sliding[node])
+            slip = of._slips.without_none(pairs, slip)
+            moves = slides & slip.any(axis=1)
+            t = np.where(moves[:, None], with_length(slip, of._law.mu * p), t)
+            model = of._exact(pairs, t, slip, p, t, of.sliding[node])
+            for part in model:
+                part[of._on_axis[node]] = 0.0
+            of._slip[node] = slip
+            for values, part in zip(of._model, model, strict=True):
+                values[node] = part
+            of.traction[node] = np.where(active[:, None], t, 0.0)
+            of.follow_multipliers(pairs, forces[:, 0], active)
+
+        def predict(self, pairs: PairKinematics, change: Floats) -> None:
+            """Know slips to all digits."""
+            self._of._slips.predict(pairs, change)

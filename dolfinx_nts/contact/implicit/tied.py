@@ -53,11 +53,6 @@ class TiedContact(MultiplierContact):
         """Gaps that multipliers hold: those at t_n, shape ``(m,)`` [m]."""
         return pairs.contact.gap_n
 
-    @property
-    def pushes_only(self) -> bool:
-        """They pull as well, see `NormalContact.pushes_only`."""
-        return False
-
     def update(
         self, pairs: PairKinematics, x: Floats, R: Floats | None, friction: Friction, iteration: int
     ) -> int:
