@@ -22,9 +22,9 @@ __all__ = ["Friction", "StickSlip"]
 # Weight of slip in the test for stick, relative to the stiffness of a node [-]: it changes the
 # path of Newton's method, not the solution.
 _SLIP_WEIGHT = 0.1
-# How much more it weighs in the direction of sliding where the displacement of a node is not its
-# own [-]: others may decide on a slip that is small.
-_DIRECTION_WEIGHT = 1e8
+# The same in the direction of sliding where the displacement of a node is not its own [-]: others
+# may decide on a slip that is small.
+_DIRECTION_WEIGHT = 1e7
 
 
 class Friction:
@@ -245,18 +245,19 @@ class StickSlip(Friction):
     ) -> TractionModel:
         """Model stick and slip without springs, see `Coulomb.exact`.
 
-        A traction that slides has its length; where there is no slip it keeps its direction.
+        Where the displacement of a node is not its own, a traction that slides has its length,
+        and keeps its direction where there is no slip.
         """
-        limit = self._law.mu * np.maximum(p, 0.0)
-        t = np.where(sliding[:, None], with_length(t, limit), t)
-        weight = np.where(pairs.fixed, _DIRECTION_WEIGHT, 1.0)
-        c = weight * _SLIP_WEIGHT * self._stiffness[pairs.node]
+        own, limit = ~pairs.fixed, self._law.mu * np.maximum(p, 0.0)
+        t = np.where((own | ~sliding)[:, None], t, with_length(t, limit))
+        weight = np.where(own, _SLIP_WEIGHT, _DIRECTION_WEIGHT)
+        c = weight * self._stiffness[pairs.node]
         model = self._law.exact(t, slip, p, c, heading, sliding)
-        rests = sliding & ~slip.any(axis=1)
+        rests = sliding & ~own & ~slip.any(axis=1)
         model.explicit[rests] = model.stiffness[rests] = 0.0
+        slides = sliding & ~own
         scaled = p[:, None] * model.direction
-        slid = with_length(model.explicit + scaled, limit) - scaled
-        model.explicit[sliding] = slid[sliding]
+        model.explicit[slides] = (with_length(model.explicit + scaled, limit) - scaled)[slides]
         return model
 
     def balance(self, pairs: PairKinematics, R: Floats, active: Flags) -> Floats:
