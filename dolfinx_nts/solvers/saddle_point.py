@@ -64,8 +64,9 @@ class WholeSystem(NamedTuple):
             independent = independent[:, size > _DEPENDENT * size.max(initial=0.0)]
             k = independent.shape[1]
             forces = A[~last][:, last] @ independent
+            compliance = independent.T @ A[last][:, last] @ independent
             system = np.block(
-                [[A[~last][:, ~last], forces], [independent.T @ gradients, np.zeros((k, k))]]
+                [[A[~last][:, ~last], forces], [independent.T @ gradients, compliance]]
             )
             y = np.linalg.solve(system, np.concatenate([right[~last], independent.T @ right[last]]))
         except np.linalg.LinAlgError:
