@@ -22,6 +22,7 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.active_sets import ActiveSets
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.contact_corrections import ContactCorrections
+from dolfinx_nts.solvers.contact_decisions import decided
 from dolfinx_nts.solvers.elimination import ActivePairs, Elimination, active_pairs
 from dolfinx_nts.solvers.petsc_options import PetscOptions
 from dolfinx_nts.solvers.preconditioner import BulkPreconditioner
@@ -223,6 +224,27 @@ class LinearSolver:
         y = self._nodal(R) + self._operator.bulk.action(self._nodal(du))
         increments = iter(elimination.multipliers(self._nodal(du), y))
         return du, [next(increments) if step.num_active else np.empty(0) for step in steps]
+
+    def decided(
+        self, R: Floats, steps: Sequence[ContactStep], states: Sequence[ContactContribution]
+    ) -> tuple[ContactContribution, ...] | None:
+        """States of contact that obey all conditions of the linear system. Collective.
+
+        Where pairs are eliminated, nothing is decided: their multipliers tell node by node.
+
+        Args:
+            R: Residual on the owned dofs, shape ``(d n,)`` [N].
+            steps: Contact attempts.
+            states: Their pairs.
+
+        Returns:
+            The pairs with these states, None if nothing was decided, see `contact_decisions`.
+        """
+        pairs = active_pairs(steps, states, self._operator.bulk.rigid.dim)
+        self._active_sets.number(pairs)
+        if not (pairs and self._active_sets.are_coupled(pairs)):
+            return None
+        return decided(self._saddle, R, steps, states)
 
     @property
     def statistics(self) -> SolverStatistics:

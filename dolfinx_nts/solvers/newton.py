@@ -8,7 +8,7 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.timing import Timings
-from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual
+from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual, predict
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.prescribed import prescribed_nodes
 from dolfinx_nts.fem.components import in_space
@@ -53,6 +53,12 @@ _LONGEST_FALL = 0.2
 # Residual, relative to the target, below which no line is searched [-]: Newton's method is at its
 # end, and works of increments are round-off soon.
 _NEARLY_SOLVED = 1e3
+# Iterations from the first one in which states of contact that contradict themselves may be decided
+# all at once, and the period of that later: in between multipliers tell, as they do at points of
+# which round-off decides whether they stick.
+_FIRST_DECISIONS, _DECISION_PERIOD = 3, 5
+# Reduction of the residual [-] that is too little if states do not contradict themselves.
+_LITTLE_REDUCTION = 0.1
 # Reductions asked of the linear solver [-]: the least; the first, as active sets let
 # residuals fall by no more than a tenth.
 _LEAST_REDUCTION, _FIRST_REDUCTION = 0.3, 0.03
@@ -275,6 +281,17 @@ def solve(
             report = NewtonReport(iteration, changes, tuple(norms), num_active, reason, hopeless)
             return Solution(states, R, R_bulk, forces, report)
 
+        # Without inertia nothing but contact resists the motions of rigid bodies.
+        far = norm > _SMALL_RESIDUAL * scale
+        slow = iteration == 0 or (far and norm > _LITTLE_REDUCTION * norms[-2])
+        if inertia and _may_decide(iteration) and (slow or changed or violated):
+            with timings.phase("solve"):
+                decided = solver.decided(R, steps, states)
+            if decided is not None:
+                states = decided
+                R = R_bulk + contact_residual(steps, states, (len(X), dim))
+                nodes = bulk.u.x.array[:n].reshape(-1, dim)
+                R = way.pull(bulk.rigid.balance(nodes, R.reshape(-1, dim)).ravel())
         with timings.phase("solve"):
             rtol = _forcing(norms, target)
             if not inertia:
@@ -285,6 +302,7 @@ def solve(
         if dlambda is not None:
             for step, state, d in zip(steps, states, dlambda, strict=True):
                 step.add_multipliers(state, d)
+                predict(step, state, du.reshape(-1, dim))
         du_norm = reductions.largest(bulk.comm, float(np.abs(du).max(initial=0.0)))
         longest = (_LONGEST_FALL if bulk.rigid.has_no_inertia else _LONGEST_INCREMENT) * size
         part = 1.0
@@ -305,6 +323,12 @@ def solve(
                     step.close_gaps(state, x, nodes)
         bulk.u.x.scatter_forward()
         iteration += 1
+
+
+def _may_decide(iteration: int) -> bool:
+    """Whether states of contact are decided all at once in an iteration. Local."""
+    later = iteration % _DECISION_PERIOD == _DECISION_PERIOD - 1
+    return iteration < _FIRST_DECISIONS or later
 
 
 def _num_given(steps: Sequence[ContactStep], states: Sequence[ContactContribution]) -> int:

@@ -11,22 +11,23 @@ the matrix is not symmetric.
 """
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Array, Floats, Ints
+from dolfinx_nts.common.arrays import Array, Flags, Floats, Ints
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.contact_blocks import rows_of, tangents_of
 from dolfinx_nts.solvers.elimination import ActivePairs
 from dolfinx_nts.solvers.rigid_motion import RigidColumns
-from dolfinx_nts.solvers.rigid_reduction import reduced
+from dolfinx_nts.solvers.rigid_reduction import Reduced, reduced
 from dolfinx_nts.solvers.tangent import Tangent
 
-__all__ = ["SaddlePointSystem"]
+__all__ = ["SaddlePointSystem", "WholeSystem"]
 
 
 # Compliance that constraints have, relative to that of the stiffest node [-]: those that
@@ -34,7 +35,44 @@ __all__ = ["SaddlePointSystem"]
 _COMPLIANCE = 1e-10
 # Up to this number of unknowns dense factors take less time than those of MUMPS.
 _DENSE = 200
+# Gradient of a combination of constraints, relative to the largest [-], that is none: the
+# constraints depend on each other, as those of points of one rigid body do.
+_DEPENDENT = 1e-9
 _NO_STIFFNESS = 1e-300  # stiffness of a rank without nodes, which divides [N/m]
+
+
+class WholeSystem(NamedTuple):
+    """A system of ``n`` unknowns, all of it.
+
+    Attributes:
+        matrix: The matrix, shape ``(n, n)``.
+        right: Right-hand side, shape ``(n,)``.
+        is_multiplier: Which unknowns are multipliers, shape ``(n,)``.
+    """
+
+    matrix: Floats
+    right: Floats
+    is_multiplier: Flags
+
+    def solution(self) -> Floats:
+        """Solve with dense factors; NaN where there are none. Local."""
+        A, right, last = self.matrix, self.right, self.is_multiplier
+        x = np.full(len(right), np.nan)
+        gradients = A[last][:, ~last]
+        try:
+            independent, size, _ = np.linalg.svd(gradients, full_matrices=False)
+            independent = independent[:, size > _DEPENDENT * size.max(initial=0.0)]
+            k = independent.shape[1]
+            forces = A[~last][:, last] @ independent
+            compliance = independent.T @ A[last][:, last] @ independent
+            system = np.block(
+                [[A[~last][:, ~last], forces], [independent.T @ gradients, compliance]]
+            )
+            y = np.linalg.solve(system, np.concatenate([right[~last], independent.T @ right[last]]))
+        except np.linalg.LinAlgError:
+            return x
+        x[~last], x[last] = y[: len(y) - k], independent @ y[len(y) - k :]
+        return x
 
 
 class SaddlePointSystem:
@@ -43,14 +81,21 @@ class SaddlePointSystem:
     Args:
         tangent: Matrix of the bodies.
         bulk: Their residual, with the motion of the rigid ones.
+
+    Attributes:
+        comm: Communicator of the mesh.
     """
 
     def __init__(self, tangent: Tangent, bulk: Bulk) -> None:
         """Create the solver, which factorises in each `solve`."""
         self._tangent, self._bulk = tangent, bulk
+        self.comm: MPI.Comm = tangent.comm
 
     def solve(self, R: Floats, pairs: Sequence[ActivePairs]) -> tuple[Floats, list[Floats]]:
         """Newton increments. Collective.
+
+        Where constraints depend on each other, increments of their multipliers are none in what
+        does no work on the bodies.
 
         Args:
             R: Residual on the owned dofs [N].
@@ -60,6 +105,39 @@ class SaddlePointSystem:
             du on the owned dofs [m], and the increments of the multipliers
             of each item of pairs, constraint by constraint [N].
         """
+        A, right, counts = self._assembled(R, pairs)
+        with_bodies = self._bulk.rigid.exists
+        solve = self._with_rigid_bodies if with_bodies else _solution
+        solution = solve(A, right, sum(counts))
+        A.destroy()
+        du, dlambda = np.split(solution, [len(solution) - sum(counts)])
+        return du, np.split(dlambda, np.cumsum(counts)[:-1]) if counts else []
+
+    def whole(self, R: Floats, pairs: Sequence[ActivePairs]) -> WholeSystem | None:
+        """The system on every rank if it is small, otherwise None. Collective.
+
+        Args:
+            R: Residual on the owned dofs [N].
+            pairs: Pairs, active or not, whose constraints are among the unknowns.
+        """
+        A, right, counts = self._assembled(R, pairs)
+        if not self._bulk.rigid.exists:
+            found = _gathered(A, right, sum(counts)) if A.size[0] <= _DENSE else None
+            A.destroy()
+            return found
+        system, forces = self._reduced(A, right)
+        A.destroy()
+        found = None
+        if system.matrix.size[0] <= _DENSE:
+            found = _gathered(system.matrix, forces.array, sum(counts))
+        for item in (*system, forces):
+            item.destroy()
+        return found
+
+    def _assembled(
+        self, R: Floats, pairs: Sequence[ActivePairs]
+    ) -> tuple[Any, Floats, Sequence[int]]:
+        """Matrix, owned right-hand side, and the constraints of each item of pairs. Collective."""
         self._tangent.assemble_exact()
         rows, comm = self._tangent.rows, self._tangent.comm
         # Newton's method makes the multipliers exact all the same.
@@ -102,16 +180,21 @@ class SaddlePointSystem:
                     right[multiplier - first - shift[comm.rank]] = -p.excess[i, a]
                     multiplier += 1
         A.assemble()
-        if self._bulk.rigid.exists:
-            solution = self._with_rigid_bodies(A, right)
-        else:
-            solution = _solution(A, right)
-        A.destroy()
-        du, dlambda = np.split(solution, [last - first])
-        return du, np.split(dlambda, np.cumsum(counts)[:-1]) if counts else []
+        return A, right, counts
 
-    def _with_rigid_bodies(self, A: Any, right: Floats) -> Floats:
+    def _with_rigid_bodies(self, A: Any, right: Floats, num_multipliers: int) -> Floats:
         """Solution with rigid motions in the place of the unknowns of rigid bodies. Collective."""
+        system, forces = self._reduced(A, right)
+        x, amounts = A.createVecRight(), system.columns.createVecRight()
+        amounts.array[:] = _solution(system.matrix, forces.array, num_multipliers)
+        system.columns.mult(amounts, x)
+        solution: Floats = x.array.copy()
+        for item in (*system, forces, x, amounts):
+            item.destroy()
+        return solution
+
+    def _reduced(self, A: Any, right: Floats) -> tuple[Reduced, Any]:
+        """System with rigid motions in the place of the unknowns of rigid bodies. Collective."""
         rigid, tangent = self._bulk.rigid, self._tangent
         added = tangent.added(tangent.held, is_exact=True) * np.ones(rigid.dim)
         columns = rigid.columns()
@@ -119,13 +202,8 @@ class SaddlePointSystem:
         b, forces = A.createVecLeft(), system.rows.createVecRight()
         b.array[:] = right
         system.rows.multTranspose(b, forces)
-        x, amounts = A.createVecRight(), system.columns.createVecRight()
-        amounts.array[:] = _solution(system.matrix, forces.array)
-        system.columns.mult(amounts, x)
-        solution: Floats = x.array.copy()
-        for item in (*system, b, forces, x, amounts):
-            item.destroy()
-        return solution
+        b.destroy()
+        return system, forces
 
     def _stabilisation(self, bodies: Sequence[RigidColumns]) -> Floats:
         """What holds rigid bodies that nothing else does, in their motions. Collective."""
@@ -146,10 +224,14 @@ class SaddlePointSystem:
         return total
 
 
-def _solution(A: Any, right: Floats) -> Floats:
-    """Solve with complete factors; NaN where there are none. Collective."""
-    if A.comm.size == 1 and len(right) <= _DENSE:
-        return _dense_solution(A, right)
+def _solution(A: Any, right: Floats, num_multipliers: int) -> Floats:
+    """Solve with complete factors; NaN where there are none. Collective.
+
+    The last unknowns of each rank are multipliers.
+    """
+    if A.size[0] <= _DENSE:
+        first, last = A.getOwnershipRange()
+        return _gathered(A, right, num_multipliers).solution()[first:last]
     x, b = A.createVecs()
     b.array[:] = right
     ksp = PETSc.KSP().create(A.comm)
@@ -164,12 +246,11 @@ def _solution(A: Any, right: Floats) -> Floats:
     return solution
 
 
-def _dense_solution(A: Any, right: Floats) -> Floats:
-    """Solve with the factors of a dense copy of a matrix. Local."""
+def _gathered(A: Any, right: Floats, num_multipliers: int) -> WholeSystem:
+    """A system on every rank; the last unknowns of each one are multipliers. Collective."""
     dense = A.convert("dense", PETSc.Mat())
-    try:
-        return np.asarray(np.linalg.solve(dense.getDenseArray(), right), dtype=np.float64)
-    except np.linalg.LinAlgError:
-        return np.full_like(right, np.nan)
-    finally:
-        dense.destroy()
+    is_multiplier = np.arange(len(right)) >= len(right) - num_multipliers
+    part = np.array(dense.getDenseArray()), np.array(right), is_multiplier
+    dense.destroy()
+    parts = A.comm.tompi4py().allgather(part)
+    return WholeSystem(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))

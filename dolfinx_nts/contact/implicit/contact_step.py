@@ -17,6 +17,7 @@ from dolfinx_nts.contact.history import ContactHistory, ContactWork
 from dolfinx_nts.contact.implicit.contributions import ContactContribution, PairKinematics
 from dolfinx_nts.contact.implicit.crossing_edges import CrossingEdges
 from dolfinx_nts.contact.implicit.frozen_points import FrozenPoints, SettlingPoints, TiedPoints
+from dolfinx_nts.contact.implicit.joint_decision import Decision
 from dolfinx_nts.contact.implicit.local_search import LocalSearch, StaticSearch, last_segments
 from dolfinx_nts.contact.implicit.multiplier import MultiplierContact
 from dolfinx_nts.contact.implicit.normal_contact import NormalContact, go_on
@@ -29,7 +30,16 @@ from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Candidates
 
-__all__ = ["ContactStep", "contact_residual", "go_on_from"]
+__all__ = [
+    "ContactStep",
+    "can_be_decided",
+    "contact_residual",
+    "decide",
+    "go_on_from",
+    "has_friction",
+    "multipliers",
+    "predict",
+]
 
 # Number of changes of state from which on a failed step names the node.
 _RESTLESS = 4
@@ -138,16 +148,21 @@ class ContactStep:
         pairs, changed = self._kinematics(x, iteration)
         R = None if R_bulk is None else in_space(R_bulk)
         changed += self.normal.update(pairs, x, R, self.friction, iteration)
-        active = pairs.node[self.normal.active[pairs.node]]
-        ends = np.searchsorted(active, bounds(self.state))
-        counts = reductions.total(self._comm, ends[1:] - ends[:-1])
-        self.num_active = int(counts.sum())
-        self.touched |= counts > 0
+        self._count(pairs.node)
         # Without a previous iteration the set of active pairs is new.
-        contribution = self._contribution(pairs, changed if iteration else len(active))
+        num_active = int(np.count_nonzero(self.normal.active[pairs.node]))
+        contribution = self._contribution(pairs, changed if iteration else num_active)
         if not (self.may_touch or reductions.anywhere(self._comm, len(self.normal.nodes) > 0)):
             self._idle = contribution
         return contribution
+
+    def _count(self, node: Ints) -> None:
+        """Count the active pairs of all ranks, of which ``node`` are these. Collective."""
+        active = node[self.normal.active[node]]
+        counts = np.diff(np.searchsorted(active, bounds(self.state)))
+        counts = reductions.total(self._comm, counts)
+        self.num_active = int(counts.sum())
+        self.touched |= counts > 0
 
     def reproject(self) -> int:
         """Find the segments again in equilibrium; return how many of this rank changed.
@@ -365,3 +380,57 @@ def go_on_from(steps: Sequence[ContactStep], others: Sequence[ContactStep]) -> N
         step.search.segment = last_segments(step.search, other.search)
         go_on(step.normal, other.normal)
         step.friction.go_on_from(other.friction)
+
+
+def can_be_decided(step: ContactStep) -> bool:
+    """Whether multipliers that push and Coulomb's law alone tell the states of pairs. Local."""
+    law = step.state.pair.enforcement
+    pushes = isinstance(law, LagrangeMultiplier) and not isinstance(law, Tied)
+    return pushes and step.friction.decided is not None
+
+
+def has_friction(step: ContactStep) -> bool:
+    """Whether a law of friction belongs to the pairs of an attempt. Local."""
+    return step.state.pair.friction is not None
+
+
+def multipliers(step: ContactStep, contribution: ContactContribution) -> Floats:
+    """Multipliers of the last evaluation, normal and tangential, ``(m, 3)`` [N]. Local."""
+    node = contribution.pairs.node
+    values = np.column_stack([step.normal.lambda_N[node], step.friction.traction[node]])
+    return np.where(contribution.active[:, None], values, 0.0)
+
+
+def decide(
+    step: ContactStep, contribution: ContactContribution, found: Decision
+) -> ContactContribution:
+    """Take over contact, stick and slip, with the forces of the next iterate. Collective.
+
+    Args:
+        step: An attempt on which `can_be_decided`.
+        contribution: Its last evaluation.
+        found: What was decided on its pairs.
+
+    Returns:
+        The same with these states.
+    """
+    pairs, active = contribution.pairs, found.presses
+    node, d = pairs.node, found.force.shape[1]
+    forces, slip = np.zeros((len(node), 3)), np.zeros((len(node), 2))
+    forces[:, :d] = -found.force * active[:, None]
+    slip[:, : d - 1] = found.motion[:, 1:]
+    step.normal.active[node], step.normal.lambda_N[node] = active, forces[:, 0]
+    assert step.friction.decided is not None
+    step.friction.decided.decide(pairs, found.slides, active, forces, slip)
+    step._count(node)
+    return step._contribution(pairs, contribution.changed)
+
+
+def predict(step: ContactStep, contribution: ContactContribution, du: Floats) -> None:
+    """Know how slips change with increments ``(n, d)`` [m] of the owned nodes. Collective."""
+    decided = step.friction.decided
+    if decided is not None and has_friction(step) and step.num_active:
+        pairs = contribution.pairs
+        du = step.candidates.scatter.forward(in_space(du)).take(pairs.dofs, axis=0)
+        change = np.einsum("mid,md->mi", pairs.gradients[:, 1:], du.reshape(len(du), -1))
+        decided.predict(pairs, change)

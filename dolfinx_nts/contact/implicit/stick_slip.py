@@ -8,8 +8,10 @@ from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.friction import Coulomb, TractionModel, slip_energy, transport
 from dolfinx_nts.contact.implicit.active_set import ROUNDING, BlockPivoting
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
+from dolfinx_nts.contact.implicit.joint_decision import DecidedFriction, NoFriction
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.implicit.pair_blocks import with_friction
+from dolfinx_nts.contact.implicit.slips import Slips, with_length
 from dolfinx_nts.contact.joint_state import JointState, bounds, segment_sizes
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.axisymmetry import axis_nodes
@@ -20,6 +22,9 @@ __all__ = ["Friction", "StickSlip"]
 # Weight of slip in the test for stick, relative to the stiffness of a node [-]: it changes the
 # path of Newton's method, not the solution.
 _SLIP_WEIGHT = 0.1
+# The same in the direction of sliding where the displacement of a node is not its own [-]: others
+# may decide on a slip that is small.
+_DIRECTION_WEIGHT = 1e7
 
 
 class Friction:
@@ -37,12 +42,16 @@ class Friction:
         sliding: Nodes that slide where they are active, shape ``(n,)``.
         traction: Traction in the frames of the segments at t_n, shape ``(n, 2)`` [N].
         flips: How often a node has changed between stick and slip, shape ``(n,)``.
+        decided: Takes over what is decided on all pairs at once; None where springs decide.
     """
+
+    decided: DecidedFriction | None
 
     def __init__(self, state: PairState | JointState) -> None:
         """Let all nodes slide, without traction."""
         n = len(state.nodes.nodes)
         self._state, self.dim = state, dimension(state.nodes.V)
+        self.decided = NoFriction()
         self.sliding: Flags = np.ones(n, dtype=bool)
         self.traction: Floats = np.zeros((n, 2))
         self.flips: Ints = np.zeros(n, dtype=np.int32)
@@ -141,7 +150,10 @@ class StickSlip(Friction):
         self._pivoting = BlockPivoting(
             nodes.V.mesh.comm, nodes.node_ids, ends, waits=not self._has_spring
         )
-        self._rounding = ROUNDING * stiffness * np.repeat(segment_sizes(state), np.diff(ends))
+        size = np.repeat(segment_sizes(state), np.diff(ends))
+        self._rounding = ROUNDING * stiffness * size
+        self.decided = None if self._has_spring else self._Decided(self)
+        self._slips = Slips(size)
         # Where nothing moves nodes stick until they are found to slide, as bodies may have no
         # other hold.
         self.sliding = history.sliding | (~history.active & (not is_static))
@@ -158,6 +170,7 @@ class StickSlip(Friction):
         if self._acts_at_end:
             slip = slip.at_end()
         pairs.add_slip(slip, self._on_axis[pairs.node])
+        self._slips.measure(pairs)
 
     def follow_contact(self, pairs: PairKinematics, before: Flags, active: Flags) -> None:
         """Release nodes, and let new ones stick that come within the cone of friction."""
@@ -183,8 +196,9 @@ class StickSlip(Friction):
             t = transport(old.traction[node], old.normal[node], slip.frame_n, slip.normal_n)
         else:
             t, c = self.traction[node], _SLIP_WEIGHT * self._stiffness[node]
-        trial = t + c[:, None] * slip.value
-        way = trial if eps_T is not None else slip.value
+        value = slip.value if eps_T is not None else self._slips.of(node)
+        trial = t + c[:, None] * value
+        way = trial if eps_T is not None else value
         sliding, violators, heading = before, 0, way
         if iteration == 0:
             # A node that does not move yet has the direction in which it slid before.
@@ -208,18 +222,44 @@ class StickSlip(Friction):
             new = law.spring(trial, p, c, heading, sliding)
         else:
             known = float(iteration > 0)  # multipliers of the first guess mean nothing
-            new = law.exact(known * t, slip.value, known * p, c, heading, sliding)
-        for value in new:
-            value[self._on_axis[node]] = 0.0
-        self.sliding[node], self._slip[node] = sliding, slip.value
+            new = self._exact(pairs, known * t, value, known * p, heading, sliding)
+        for part in new:
+            part[self._on_axis[node]] = 0.0
+        self.sliding[node], self._slip[node] = sliding, value
         self.flips[node] += before != sliding
-        for values, value in zip(model, new, strict=True):
-            values[node] = value
+        for values, part in zip(model, new, strict=True):
+            values[node] = part
         modelled = (sliding | (eps_T is not None))[:, None]
         traction = new.explicit + p[:, None] * new.direction
         self.traction[node] = np.where(modelled, traction, self.traction[node])
         self.release(node[~active])
         return violators
+
+    def _exact(
+        self,
+        pairs: PairKinematics,
+        t: Floats,
+        slip: Floats,
+        p: Floats,
+        heading: Floats,
+        sliding: Flags,
+    ) -> TractionModel:
+        """Model stick and slip without springs, see `Coulomb.exact`.
+
+        Where the displacement of a node is not its own, a traction that slides has its length,
+        and keeps its direction where there is no slip.
+        """
+        own, limit = ~pairs.fixed, self._law.mu * np.maximum(p, 0.0)
+        t = np.where((own | ~sliding)[:, None], t, with_length(t, limit))
+        weight = np.where(own, _SLIP_WEIGHT, _DIRECTION_WEIGHT)
+        c = weight * self._stiffness[pairs.node]
+        model = self._law.exact(t, slip, p, c, heading, sliding)
+        rests = sliding & ~own & ~slip.any(axis=1)
+        model.explicit[rests] = model.stiffness[rests] = 0.0
+        slides = sliding & ~own
+        scaled = p[:, None] * model.direction
+        model.explicit[slides] = (with_length(model.explicit + scaled, limit) - scaled)[slides]
+        return model
 
     def balance(self, pairs: PairKinematics, R: Floats, active: Flags) -> Floats:
         """Balance with tractions, sticking nodes in all directions, see `Friction.balance`."""
@@ -248,7 +288,7 @@ class StickSlip(Friction):
         node = pairs.node
         explicit: Floats = self._model.explicit[node]
         if not self._has_spring:
-            turned = pairs.slip.value - self._slip[node]
+            turned = self._slips.of(node) - self._slip[node]
             explicit = explicit + np.einsum("mij,mj->mi", self._model.stiffness[node], turned)
         stick = self.sticks(node, active) & ~pairs.fixed
         return np.where(stick[:, None], 0.0, explicit)
@@ -293,3 +333,39 @@ class StickSlip(Friction):
         energy = slip_energy(parts["traction"], state.eps_T)
         parts["dissipation"] -= energy - slip_energy(old.traction, state.eps_T)
         return energy, parts
+
+    class _Decided(NoFriction):
+        """Takes over what is decided, see `DecidedFriction`."""
+
+        def __init__(self, friction: "StickSlip") -> None:
+            self._of = friction
+
+        def coefficients(self, node: Ints) -> Floats:
+            """Those of the law, 0 on the axis of rings."""
+            return np.where(self._of._on_axis[node], 0.0, self._of._law.mu)
+
+        def show_slips(self, pairs: PairKinematics) -> None:
+            """Show all slips."""
+            self._of._slips.show(pairs)
+
+        def decide(
+            self, pairs: PairKinematics, slides: Flags, active: Flags, forces: Floats, slip: Floats
+        ) -> None:
+            """Take over states, and the model of the traction at the forces and slips."""
+            of, node, t, p = self._of, pairs.node, forces[:, 1:], -forces[:, 0]
+            of.sliding[node] = np.where(active, slides | of._on_axis[node], of.sliding[node])
+            slip = of._slips.without_none(pairs, slip)
+            moves = slides & slip.any(axis=1)
+            t = np.where(moves[:, None], with_length(slip, of._law.mu * p), t)
+            model = of._exact(pairs, t, slip, p, t, of.sliding[node])
+            for part in model:
+                part[of._on_axis[node]] = 0.0
+            of._slip[node] = slip
+            for values, part in zip(of._model, model, strict=True):
+                values[node] = part
+            of.traction[node] = np.where(active[:, None], t, 0.0)
+            of.follow_multipliers(pairs, forces[:, 0], active)
+
+        def predict(self, pairs: PairKinematics, change: Floats) -> None:
+            """Know slips to all digits."""
+            self._of._slips.predict(pairs, change)

@@ -1,0 +1,222 @@
+r"""Coulomb's law at all points of a linear system at once, by an interior point method.
+
+Where rigid bodies touch at more points than their motions have unknowns, forces at single points
+are not unique, and states that are changed point by point, as multipliers tell, go in circles. All
+conditions of a linearised step make up a small problem: the forces f at the points, normal first,
+and the motions y relative to what the points face are
+
+.. math:: y = W f + q, \qquad f \in K, \quad y + \mu |y_T| e_N \in K^*, \quad
+   f \cdot (y + \mu |y_T| e_N) = 0,
+
+with the cone K of friction, its dual K^* and the normal :math:`e_N` (G. De Saxce, Z.-Q. Feng, Math.
+Comput. Modelling 28 (1998)). An interior point method follows the path on which the Jordan product
+of both is a small multiple of the unit of the cone (F. Alizadeh, D. Goldfarb, Math. Program. 95
+(2003)). It ends in the middle of the solutions, so that a point sticks unless it has to slide.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Array, Flags, Floats, Ints
+
+__all__ = ["ConeSolution", "solve"]
+
+_MOST_ITERATIONS = 60
+# Product of force and motion, relative to those of the problem [-], that is none; up to which no
+# fewer is asked for where the last iterations gained little; and that with which states are clear
+# where steps have become short.
+_NONE, _FEW, _CLEAR = 1e-18, 1e-13, 1e-9
+# What a motion may differ by from that of the forces, relative to those of the problem [-], and
+# the same where steps have become short.
+_EQUAL, _NEAR = 1e-12, 1e-8
+# Numbers of iterations before little gain, and short steps, count.
+_BEFORE_FEW, _BEFORE_SHORT = 8, 12
+# Length of a step [-] that is short; that from which on the next one only goes back to the middle.
+_SHORT, _OFF_CENTRE = 0.1, 0.3
+# Part of the way to the boundary of a cone that a step goes [-].
+_INSIDE = 0.999
+# Least reduction of the product that a step aims at [-], while motions differ, and later.
+_FIRST_AIM, _AIM, _CENTRING = 1e-2, 1e-4, 0.5
+_DIFFERS = 1e-6
+# Motion by the force on another point, relative to those by the own ones [-], that is round-off.
+_NOT_FELT = 1e-13
+# Compliance of the points, relative to that of the bodies [-]: the forces become unique.
+_COMPLIANCE = 1e-10
+
+
+class ConeSolution(NamedTuple):
+    """Forces and motions at ``m`` points, in ``d`` components, the normal one first.
+
+    Attributes:
+        force: Forces on the points, shape ``(m, d)`` [N].
+        motion: Gaps and slips, shape ``(m, d)`` [m].
+        presses: Whether a point transmits force, shape ``(m,)``.
+        slides: Whether a point that does slides, shape ``(m,)``.
+    """
+
+    force: Floats
+    motion: Floats
+    presses: Flags
+    slides: Flags
+
+    def part(self, points: slice) -> "ConeSolution":
+        """Those of some points. Local."""
+        return ConeSolution(
+            self.force[points], self.motion[points], self.presses[points], self.slides[points]
+        )
+
+
+def solve(W: Floats, q: Floats, mu: Floats) -> ConeSolution | None:
+    """Find forces that obey Coulomb's law at all points. Local.
+
+    Points that do not feel each other's forces are solved for one after the other.
+
+    Args:
+        W: Motions of the points by the forces on them, shape ``(m d, m d)`` [m/N].
+        q: Motions without any force, shape ``(m d,)`` [m].
+        mu: Coefficients of friction, positive, shape ``(m,)`` [-].
+
+    Returns:
+        A solution, None if none is found.
+    """
+    m, d = len(mu), len(q) // max(len(mu), 1)
+    force, motion = np.zeros((2, m, d))
+    presses, slides = np.zeros((2, m), dtype=bool)
+    for points in _groups(W, m):
+        rows = (d * points[:, None] + np.arange(d)).ravel()
+        found = _solve_group(W[np.ix_(rows, rows)], q[rows], mu[points])
+        if found is None:
+            return None
+        force[points], motion[points], presses[points], slides[points] = found
+    return ConeSolution(force, motion, presses, slides)
+
+
+def _groups(W: Floats, m: int) -> list[Ints]:
+    """Points that feel each other's forces, group by group. Local."""
+    d = len(W) // max(m, 1)
+    size = np.abs(W).reshape(m, d, m, d).max(axis=(1, 3), initial=0.0)
+    own = np.sqrt(np.diag(size))
+    feels = size > _NOT_FELT * own[:, None] * own
+    feels |= feels.T
+    group = np.arange(m, dtype=np.int32)
+    while True:
+        least = np.where(feels | np.eye(m, dtype=bool), group, m).min(axis=1, initial=m)
+        if np.array_equal(least, group):
+            return [np.flatnonzero(group == g).astype(np.int32) for g in np.unique(group)]
+        group = least
+
+
+def _solve_group(W: Floats, q: Floats, mu: Floats) -> ConeSolution | None:
+    """Solve for points that feel each other's forces, see `solve`. Local."""
+    m, d = len(mu), len(q) // len(mu)
+    own = np.diag(W)
+    length = float(np.abs(q).max(initial=0.0))
+    if not (length > 0 and (own > 0).any()):
+        return None
+    # Cones of right angles, and forces and motions without units.
+    compliance = float(own[own > 0].mean())
+    scale: Floats = np.ones((m, d))
+    scale[:, 0] = 1 / mu
+    s = scale.ravel()
+    soft: Any = s[:, None] * (W / compliance + _COMPLIANCE * np.eye(len(q))) * s
+    given: Any = s * q / length
+    with np.errstate(all="ignore"):
+        try:
+            found = _central(soft, given, d)
+        except np.linalg.LinAlgError:
+            return None
+    if found is None:
+        return None
+    (f, v), size = found, length / compliance
+    f_across, v_across = (np.linalg.norm(a[:, 1:], axis=1) for a in (f, v))
+    opens = v[:, 0] - v_across > f[:, 0] + f_across
+    sticks = f[:, 0] - f_across > v[:, 0] + v_across
+    force = f * scale * size
+    motion = (W @ force.ravel() + q).reshape(m, d)
+    return ConeSolution(force, motion, ~opens, ~opens & ~sticks)
+
+
+def _central(W: Floats, q: Floats, d: int) -> tuple[Floats, Floats] | None:
+    """Forces and motions, both in cones of right angles, at the end of the central path. Local."""
+    m, size = len(q) // d, len(q)
+    unit = np.zeros(d)
+    unit[0] = 1.0
+    f, v = np.tile(unit, (m, 1)), np.tile(unit, (m, 1))
+    last, part = np.inf, 1.0
+    diagonal = np.arange(m)
+    for iteration in range(_MOST_ITERATIONS):
+        across = np.linalg.norm(v[:, 1:], axis=1)
+        differs = (W @ f.ravel() + q).reshape(m, d) - v
+        differs[:, 0] += across
+        product = _product(f, v)
+        mean, error = float(product[:, 0].mean()), float(np.abs(differs).max())
+        if not np.isfinite(mean + error):
+            return None
+        if error < _EQUAL and (
+            mean < _NONE or (iteration > _BEFORE_FEW and last / 2 < mean < _FEW)
+        ):
+            return f, v
+        if iteration > _BEFORE_SHORT and part < _SHORT and mean < _CLEAR and error < _NEAR:
+            return f, v
+        last = mean
+        # The normal part of a motion in the cone has that of the slip in it.
+        of_slip = np.tile(np.eye(d), (m, 1, 1))
+        of_slip[:, 0, 1:] += v[:, 1:] / np.where(across > 0, across, 1.0)[:, None]
+        rows = _arrow(f) @ of_slip
+        A = (rows @ W.reshape(m, d, size)).reshape(m, d, m, d)
+        A[diagonal, :, diagonal] += _arrow(v)
+        inverse: Any = np.linalg.inv(A.reshape(size, size))
+        known = product + np.einsum("mij,mj->mi", rows, differs)
+        given = W, of_slip, differs, inverse
+
+        df, dv = _direction(known, *given)
+        way = min(1.0, _longest(f, df), _longest(v, dv))
+        reached = float(_product(f + way * df, v + way * dv)[:, 0].mean())
+        aim = max(min(1.0, max(reached / mean, 0.0) ** 2), _AIM if error < _DIFFERS else _FIRST_AIM)
+        if part < _OFF_CENTRE:
+            aim = max(aim, _CENTRING)
+            df, dv = _direction(known - aim * mean * unit, *given)
+        else:
+            second = way**2 * _product(df, dv)
+            df, dv = _direction(known - aim * mean * unit + second, *given)
+        part = min(1.0, _INSIDE * min(_longest(f, df), _longest(v, dv)))
+        f, v = f + part * df, v + part * dv
+    return None
+
+
+def _direction(
+    known: Floats, W: Floats, of_slip: Floats, differs: Floats, inverse: Floats
+) -> tuple[Floats, Floats]:
+    """Changes of forces and motions that take away what is ``known``, all ``(m, d)``."""
+    df = -(inverse @ known.ravel())
+    moved = (W @ df).reshape(known.shape) + differs
+    return df.reshape(known.shape), np.einsum("mij,mj->mi", of_slip, moved)
+
+
+def _arrow(v: Floats) -> Floats:
+    """Matrices of the Jordan products with vectors, ``(m, d, d)``."""
+    d = v.shape[1]
+    matrices: Floats = v[:, :1, None] * np.eye(d)
+    matrices[:, 0, :] = v
+    matrices[:, :, 0] = v
+    return matrices
+
+
+def _product(a: Floats, b: Floats) -> Floats:
+    """Jordan products of vectors, ``(m, d)``."""
+    product = a[:, :1] * b + b[:, :1] * a
+    product[:, 0] = np.einsum("mi,mi->m", a, b)
+    return product
+
+
+def _longest(v: Floats, way: Floats) -> float:
+    """How far vectors in the interior of cones can go, in units of ways, all ``(m, d)``."""
+    tangential: Any = np.linalg.norm(v[:, 1:], axis=1)
+    a = way[:, 0] ** 2 - np.einsum("mi,mi->m", way[:, 1:], way[:, 1:])
+    b = v[:, 0] * way[:, 0] - np.einsum("mi,mi->m", v[:, 1:], way[:, 1:])
+    c = (v[:, 0] - tangential) * (v[:, 0] + tangential)
+    root = c / (np.sqrt(b**2 - a * c) - b)  # NaN where the boundary is never met
+    to_tip: Array = -v[:, 0] / way[:, 0]
+    ways = np.concatenate([root[root > 0], to_tip[way[:, 0] < 0]])
+    return float(ways.min(initial=np.inf))
