@@ -26,7 +26,7 @@ from dolfinx_nts.contact.implicit.stick_slip import Friction, StickSlip
 from dolfinx_nts.contact.implicit.tied import Bond, TiedContact
 from dolfinx_nts.contact.joint_state import JointState, bounds, members
 from dolfinx_nts.contact.pair_state import PairState
-from dolfinx_nts.fem.components import in_space
+from dolfinx_nts.fem.components import dimension, in_space
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Candidates
 
@@ -105,7 +105,7 @@ class ContactStep:
         share: float = 0.5,
     ) -> None:
         """Find the candidates in reach and the nodes that may touch."""
-        self.state, self._scheme = state, scheme
+        self.state, self._scheme, self._dim = state, scheme, dimension(state.nodes.V)
         self.search = search = _search(state, x_n, x_trial, is_static)
         self.x = search.x_n
         self._free = None if free is None else _unknowns(search, free)
@@ -286,7 +286,7 @@ class ContactStep:
         force = lambda_N[:, None] * pairs.contact.force
         tangent = pairs.blocks.tangent(lambda_N)
         rank = self.normal.rank(active)
-        rank[self.friction.sticks(pairs.node, active)] = self.friction.dim
+        rank[self.friction.sticks(pairs.node, active)] = self._dim
         columns, slopes = self.friction.add_to(pairs, active, force, tangent)
         slopes[:, 0, 0] = self.normal.slope
         residual = pairs.blocks.restrict(force, tangent)

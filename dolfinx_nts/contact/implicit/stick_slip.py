@@ -50,7 +50,7 @@ class Friction:
     def __init__(self, state: PairState | JointState) -> None:
         """Let all nodes slide, without traction."""
         n = len(state.nodes.nodes)
-        self._state, self.dim = state, dimension(state.nodes.V)
+        self._state, self._dim = state, dimension(state.nodes.V)
         self.decided = NoFriction()
         self.sliding: Flags = np.ones(n, dtype=bool)
         self.traction: Floats = np.zeros((n, 2))
@@ -265,7 +265,7 @@ class StickSlip(Friction):
         """Balance with tractions, sticking nodes in all directions, see `Friction.balance`."""
         node, known = pairs.node, self._known(pairs, active)
         stick = self.sticks(node, active) & ~pairs.fixed
-        rank = np.where(stick, self.dim, active & ~pairs.fixed).astype(np.int32)
+        rank = np.where(stick, self._dim, active & ~pairs.fixed).astype(np.int32)
         direction = self._model.direction[node]
         friction = known, direction
         multipliers = pairs.blocks.balance(pairs.normal, R, pairs.columns, rank, friction)
