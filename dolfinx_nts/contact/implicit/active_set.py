@@ -51,11 +51,21 @@ class BlockPivoting:
         waits: Whether a node that has changed in the last iteration keeps its state where the
             violators have not become fewer. It was judged with the old states of those that
             changed with it, and would change to and fro with them, as do stick and slip.
+        is_patient: Whether nodes change only in iterations before which Newton's method came near
+            to equilibrium, also those that change together.
     """
 
-    def __init__(self, comm: MPI.Comm, ids: GlobalInts, ends: Array, waits: bool = False) -> None:
+    def __init__(
+        self,
+        comm: MPI.Comm,
+        ids: GlobalInts,
+        ends: Array,
+        waits: bool = False,
+        is_patient: bool = False,
+    ) -> None:
         """Begin with any number of violators."""
         self._comm, self._ids, self._ends, self._waits = comm, ids, ends, waits
+        self._is_patient = is_patient
         num_pairs = len(ends) - 1
         self._fewest, self._last = np.full((2, num_pairs), np.inf)
         self._patience = np.full(num_pairs, _PATIENCE)
@@ -68,6 +78,8 @@ class BlockPivoting:
         all nodes, ascending, both of shape ``(m,)``. Returns flags, and the violators on this
         rank.
         """
+        if self._is_patient and iteration % _PERIOD:
+            return np.zeros(len(node), dtype=bool), int(np.count_nonzero(violates))
         ends = np.searchsorted(node, self._ends)
         own = counts_of_parts(violates, ends)
         count = reductions.total(self._comm, own)
@@ -93,6 +105,17 @@ class BlockPivoting:
         self._changed[:] = False
         self._changed[node[changes]] = True
         return changes, int(own.sum())
+
+    def changes_singly(self, node: Ints) -> Flags:
+        """Whether nodes are of pairs in which one changes at a time, shape ``(m,)``. Local.
+
+        As the last call of `select` left it, with violators.
+        """
+        single = (self._patience < 0) & (self._last > 0)
+        if not single.any():
+            return np.zeros(len(node), dtype=bool)
+        flags: Flags = np.repeat(single, np.diff(self._ends))[node]
+        return flags
 
     def _lowest(self, violates: Flags, node: Ints, pair: Array) -> Flags:
         """Whether nodes have the lowest number of the violators of their pair, ``(m,)``."""

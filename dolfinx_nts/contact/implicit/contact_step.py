@@ -68,6 +68,7 @@ class ContactStep:
         on_the_way: Positions like ``x_trial`` after some parts of the ballistic way, by the part
             from 0 to 1, in which rigid bodies have not stretched; None: of no part.
         share: Share of the end of the step in the forces of springs, see `Scheme` [-].
+        begins_sticking: Whether all nodes with friction stick at first, see `StickSlip`.
 
     Attributes:
         state: The argument.
@@ -93,6 +94,7 @@ class ContactStep:
         rigid: Ints = _NONE,
         on_the_way: Mapping[float, Floats] | None = None,
         share: float = 0.5,
+        begins_sticking: bool = False,
     ) -> None:
         """Find the candidates in reach and the nodes that may touch."""
         self.state, self._scheme = state, scheme
@@ -103,7 +105,9 @@ class ContactStep:
         self.normal = _normal_contact(
             state, is_static, search, nodal_stiffness, on_the_way or {}, share
         )
-        self.friction = _friction(state, is_static, search, nodal_stiffness, scheme == "static")
+        self.friction = _friction(
+            state, is_static, search, nodal_stiffness, scheme == "static", begins_sticking
+        )
         self.may_touch = reductions.anywhere(self._comm, bool(self.normal.may_touch.any()))
         # What the first evaluation gave, where later ones cannot give anything else.
         self._idle: ContactContribution | None = None
@@ -321,6 +325,7 @@ def _friction(
     search: LocalSearch,
     stiffness: Floats,
     acts_at_end: bool,
+    begins_sticking: bool,
 ) -> Friction:
     """Make the tangential forces of a pair by its laws. Local."""
     law = state.pair.friction
@@ -328,7 +333,7 @@ def _friction(
         return Bond(state, is_static, search, stiffness, acts_at_end)
     if law is None:
         return Friction(state)
-    return StickSlip(state, law, is_static, search, stiffness, acts_at_end)
+    return StickSlip(state, law, is_static, search, stiffness, acts_at_end, begins_sticking)
 
 
 def contact_residual(
