@@ -133,13 +133,20 @@ class ActiveSet:
         state: State of the contact pair, or of several.
         law: Their enforcement.
         stiffness: Stiffness of the nodes, shape ``(n,)`` [N/m].
+        is_static: Whether there is no inertia. What a node moves then may be far softer than the
+            node, as a belt is across its length, so that gaps that are left where surfaces curve
+            say nothing of held nodes: their forces alone decide.
     """
 
     def __init__(
-        self, state: PairState | JointState, law: LagrangeMultiplier, stiffness: Floats
+        self,
+        state: PairState | JointState,
+        law: LagrangeMultiplier,
+        stiffness: Floats,
+        is_static: bool = False,
     ) -> None:
         """Begin without any decision."""
-        self._law, self._stiffness = law, stiffness
+        self._law, self._stiffness, self._is_static = law, stiffness, is_static
         nodes, ends = state.nodes, bounds(state)
         self._size = np.repeat(segment_sizes(state), np.diff(ends))
         self._pivoting = BlockPivoting(nodes.V.mesh.comm, nodes.node_ids, ends)
@@ -163,7 +170,8 @@ class ActiveSet:
             wrong = (excess < 0) & ~before
         else:
             stiffness = self._stiffness[node]
-            wrong = self._law.active(lambda_N, excess, stiffness) != before
+            gap = np.where(before, 0.0, excess) if self._is_static else excess
+            wrong = self._law.active(lambda_N, gap, stiffness) != before
             if wrong.any():
                 # Vertices of triangles of degree 2 carry nothing under a uniform pressure:
                 # round-off must not decide on them again and again.
