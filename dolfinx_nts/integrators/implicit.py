@@ -12,7 +12,7 @@ statics and the generalised-alpha method also in the inertia, see `Rates`.
 """
 
 import logging
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any, cast
@@ -69,6 +69,8 @@ _logger = logging.getLogger("dolfinx_nts")
 # [-]. In a motion stiffer ones make nodes bounce in a time that steps do not resolve; in statics
 # nothing bounces, and Newton's method alone limits them.
 _RESOLVED, _STIFF = 1.0, 10.0
+# Name of the attempt in which all nodes with friction stick at first.
+_STICKING = "sticking"
 # Way of supports, relative to the smallest cell [-], that cells at them can take alone.
 _SMALL_WAY = 1e-3
 
@@ -212,9 +214,13 @@ class ImplicitStepper(Stepper):
         v = self.v.x.array[: len(self._lumped_mass)]
         force_scale = self._forces.scale(load, v, self.dt)
         attempts: dict[str, newton.NewtonReport] = {}
-        for name, start in starts.items() if self._tries else ():
-            given = start, guesses[name], x, on_the_way, force_scale
-            steps, solution = self._solve(*given)
+        for name in self._order(starts) if self._tries else ():
+            begins_sticking = name == _STICKING
+            if begins_sticking and not any(each.is_undecided for each in attempts.values()):
+                continue
+            start = "last" if begins_sticking else name
+            given = starts[start], guesses[start], x, on_the_way, force_scale
+            steps, solution = self._solve(*given, begins_sticking=begins_sticking)
             if self._sleeping.must_wake(steps):
                 steps, solution = self._solve(*given, all_awake=True)
             attempts[name] = solution.report
@@ -242,6 +248,18 @@ class ImplicitStepper(Stepper):
             advice += f"; {IF_IT_MOVES}"
         self.u.x.array[:] = self.u_n.x.array
         raise self._failure(attempts, steps, solution.states, advice)
+
+    def _order(self, starts: Iterable[str]) -> list[str]:
+        """Names of attempts, in turn: from the ``starts``, with friction in statics also another.
+
+        In that one all nodes stick at first. Where others slide before Newton's method is near to
+        an equilibrium, bodies that friction alone holds, as what rolls, go far by that, and what
+        slid then may go on to do so without any contradiction but that of others.
+        """
+        names = list(starts)
+        if self._rates.acceleration is None and any(pair.friction for pair in self.pairs):
+            names.insert(1, _STICKING)
+        return names
 
     def _relax(
         self, start: Floats, guess: Floats, x: tuple[Floats, Floats], force_scale: float
@@ -483,12 +501,14 @@ class ImplicitStepper(Stepper):
         all_awake: bool = False,
         drag: Drag | None = None,
         after: Sequence[ContactStep] = (),
+        begins_sticking: bool = False,
     ) -> tuple[list[ContactStep], newton.Solution]:
         """Solve the step from a displacement; ``x`` are positions at its start and on trial.
 
         ``guess`` is that displacement before supports and rigid bodies have changed it;
         ``on_the_way`` is that of `ContactStep`; ``drag`` resists all motions; contact begins as
         it was at the end of the attempts ``after``, one for each pair, if there are any.
+        ``begins_sticking`` is that of `ContactStep`.
         """
         self.u.x.array[:] = start
         with self.timings.phase("contact"):
@@ -505,7 +525,9 @@ class ImplicitStepper(Stepper):
                 states = [state for state in states if may_face(state, x[0], way)]
             steps = [
                 ContactStep(
-                    state, self.scheme.contact, *x, *of_nodes, is_static, rigid, on_the_way, share
+                    *(state, self.scheme.contact, *x, *of_nodes, is_static, rigid, on_the_way),
+                    share,
+                    begins_sticking,
                 )
                 for state in states
             ]
@@ -528,6 +550,7 @@ class ImplicitStepper(Stepper):
             jumps=self.memory.flows,
             timings=self.timings,
             drag=drag,
+            begins_sticking=begins_sticking,
         )
         return steps, solution
 

@@ -27,10 +27,14 @@ __all__ = ["ConvergenceError", "NewtonReport", "solve"]
 _logger = logging.getLogger("dolfinx_nts")
 
 _MAX_ITERATIONS = 50  # until another start is tried
+_MAX_STICKING = 100  # where nodes with friction slide only near an equilibrium
 _MAX_DRAGGED = 20  # until a resistance, or a larger one, is tried
 # In so many iterations after each other given displacements violate constraints: none is left
 # to help, as only given displacements can change these gaps.
 _GIVEN_ITERATIONS = 6
+# Iterations before the last one in which a state contradicted its condition: contact and friction
+# of these nodes are why there is no solution.
+_UNDECIDED = 6
 # Residual of a solution, relative to the forces at work [-]; and where the increments
 # have become negligible.
 _RESIDUAL_TOLERANCE, _SMALL_RESIDUAL = 1e-12, 1e-8
@@ -85,6 +89,7 @@ class NewtonReport:
         num_active: Active pairs at the end.
         reason: Why the iteration stopped, empty if it converged.
         is_hopeless: Whether it would stop as well from any other start.
+        is_undecided: Whether it stopped while states of nodes contradicted their conditions.
     """
 
     iterations: int
@@ -93,6 +98,7 @@ class NewtonReport:
     num_active: int
     reason: str
     is_hopeless: bool = False
+    is_undecided: bool = False
 
     @property
     def converged(self) -> bool:
@@ -154,6 +160,7 @@ def solve(
     jumps: bool,
     timings: Timings,
     drag: Drag | None = None,
+    begins_sticking: bool = False,
 ) -> Solution:
     """Iterate from the present u. Collective.
 
@@ -173,16 +180,21 @@ def solve(
         jumps: Whether stresses have tangents that jump, so that lines are searched.
         timings: Receives the wall time of the phases.
         drag: Resistance that acts beside the forces, if any.
+        begins_sticking: Whether nodes with friction stick at first, as ``steps`` say, and slide
+            only near an equilibrium, which takes more iterations.
 
     Returns:
         The solution; ``report.reason`` is not empty if there is none.
     """
-    most = _MAX_ITERATIONS if drag is None else _MAX_DRAGGED
+    most = _MAX_DRAGGED if drag is not None else _MAX_ITERATIONS
+    if begins_sticking:
+        most = _MAX_STICKING
     n, size, dim = bulk.num_owned, sizes.smallest, bulk.rigid.dim
     norms: list[float] = []
     changes = 0
     du_norm = np.inf
     num_long = 0
+    last_change = -np.inf  # iteration in which a state contradicted its condition
     given = 0  # iterations after each other in which given displacements violate constraints
     polished = False
     balanced = True  # multipliers from the normal balance at the nodes
@@ -231,6 +243,7 @@ def solve(
         given = given + 1 if num_given else 0
         norms.append(norm)
         changes += changed
+        last_change = iteration if changed else last_change
         scale = max(force_scale, reaction) + contact_norm
         # With inertia the floor is that of the heaviest body, too much for others.
         target = max(_RESIDUAL_TOLERANCE * scale, 0.0 if inertia else floor)
@@ -278,7 +291,10 @@ def solve(
         if converged or reason:
             num_active = sum(step.num_active for step in steps)
             hopeless = given == _GIVEN_ITERATIONS
-            report = NewtonReport(iteration, changes, tuple(norms), num_active, reason, hopeless)
+            undecided = bool(reason) and iteration - last_change < _UNDECIDED
+            report = NewtonReport(
+                *(iteration, changes, tuple(norms), num_active, reason, hopeless, undecided)
+            )
             return Solution(states, R, R_bulk, forces, report)
 
         # Without inertia nothing but contact resists the motions of rigid bodies.

@@ -51,11 +51,21 @@ class BlockPivoting:
         waits: Whether a node that has changed in the last iteration keeps its state where the
             violators have not become fewer. It was judged with the old states of those that
             changed with it, and would change to and fro with them, as do stick and slip.
+        is_patient: Whether nodes change only in iterations before which Newton's method came near
+            to equilibrium, also those that change together.
     """
 
-    def __init__(self, comm: MPI.Comm, ids: GlobalInts, ends: Array, waits: bool = False) -> None:
+    def __init__(
+        self,
+        comm: MPI.Comm,
+        ids: GlobalInts,
+        ends: Array,
+        waits: bool = False,
+        is_patient: bool = False,
+    ) -> None:
         """Begin with any number of violators."""
         self._comm, self._ids, self._ends, self._waits = comm, ids, ends, waits
+        self._is_patient = is_patient
         num_pairs = len(ends) - 1
         self._fewest, self._last = np.full((2, num_pairs), np.inf)
         self._patience = np.full(num_pairs, _PATIENCE)
@@ -68,6 +78,8 @@ class BlockPivoting:
         all nodes, ascending, both of shape ``(m,)``. Returns flags, and the violators on this
         rank.
         """
+        if self._is_patient and iteration % _PERIOD:
+            return np.zeros(len(node), dtype=bool), int(np.count_nonzero(violates))
         ends = np.searchsorted(node, self._ends)
         own = counts_of_parts(violates, ends)
         count = reductions.total(self._comm, own)
@@ -94,6 +106,17 @@ class BlockPivoting:
         self._changed[node[changes]] = True
         return changes, int(own.sum())
 
+    def changes_singly(self, node: Ints) -> Flags:
+        """Whether nodes are of pairs in which one changes at a time, shape ``(m,)``. Local.
+
+        As the last call of `select` left it, with violators.
+        """
+        single = (self._patience < 0) & (self._last > 0)
+        if not single.any():
+            return np.zeros(len(node), dtype=bool)
+        flags: Flags = np.repeat(single, np.diff(self._ends))[node]
+        return flags
+
     def _lowest(self, violates: Flags, node: Ints, pair: Array) -> Flags:
         """Whether nodes have the lowest number of the violators of their pair, ``(m,)``."""
         ids = self._ids[node]
@@ -110,13 +133,20 @@ class ActiveSet:
         state: State of the contact pair, or of several.
         law: Their enforcement.
         stiffness: Stiffness of the nodes, shape ``(n,)`` [N/m].
+        is_static: Whether there is no inertia. What a node moves then may be far softer than the
+            node, as a belt is across its length, so that gaps that are left where surfaces curve
+            say nothing of held nodes: their forces alone decide.
     """
 
     def __init__(
-        self, state: PairState | JointState, law: LagrangeMultiplier, stiffness: Floats
+        self,
+        state: PairState | JointState,
+        law: LagrangeMultiplier,
+        stiffness: Floats,
+        is_static: bool = False,
     ) -> None:
         """Begin without any decision."""
-        self._law, self._stiffness = law, stiffness
+        self._law, self._stiffness, self._is_static = law, stiffness, is_static
         nodes, ends = state.nodes, bounds(state)
         self._size = np.repeat(segment_sizes(state), np.diff(ends))
         self._pivoting = BlockPivoting(nodes.V.mesh.comm, nodes.node_ids, ends)
@@ -140,7 +170,8 @@ class ActiveSet:
             wrong = (excess < 0) & ~before
         else:
             stiffness = self._stiffness[node]
-            wrong = self._law.active(lambda_N, excess, stiffness) != before
+            gap = np.where(before, 0.0, excess) if self._is_static else excess
+            wrong = self._law.active(lambda_N, gap, stiffness) != before
             if wrong.any():
                 # Vertices of triangles of degree 2 carry nothing under a uniform pressure:
                 # round-off must not decide on them again and again.

@@ -6,6 +6,7 @@ A `ContactStep` never changes what the stepper remembers of the pairs. Evaluatin
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 from mpi4py import MPI
 
@@ -58,6 +59,21 @@ _SEARCHES = {
 }
 
 
+class _Unknown(NamedTuple):
+    """What is unknown at the nodes.
+
+    Attributes:
+        dim: Components of a displacement.
+        free: 1 where they are unknown, otherwise 0, of the nodes that the candidates know, shape
+            ``(l, 3)``; None if all are.
+        is_rigid: Whether a node of the surface is one of a rigid body, ``(n,)``; None if none is.
+    """
+
+    dim: int
+    free: Floats | None
+    is_rigid: Flags | None
+
+
 class ContactStep:
     """One attempt at a step of a contact pair, or of several that are evaluated together.
 
@@ -78,6 +94,7 @@ class ContactStep:
         on_the_way: Positions like ``x_trial`` after some parts of the ballistic way, by the part
             from 0 to 1, in which rigid bodies have not stretched; None: of no part.
         share: Share of the end of the step in the forces of springs, see `Scheme` [-].
+        begins_sticking: Whether all nodes with friction stick at first, see `StickSlip`.
 
     Attributes:
         state: The argument.
@@ -103,22 +120,28 @@ class ContactStep:
         rigid: Ints = _NONE,
         on_the_way: Mapping[float, Floats] | None = None,
         share: float = 0.5,
+        begins_sticking: bool = False,
     ) -> None:
         """Find the candidates in reach and the nodes that may touch."""
-        self.state, self._scheme, self._dim = state, scheme, dimension(state.nodes.V)
+        self.state, self._scheme = state, scheme
         self.search = search = _search(state, x_n, x_trial, is_static)
         self.x = search.x_n
-        self._free = None if free is None else _unknowns(search, free)
+        self._unknown = _Unknown(
+            dimension(state.nodes.V),
+            None if free is None else _unknowns(search, free),
+            np.isin(state.nodes.nodes, rigid) if len(rigid) else None,
+        )
         nodal_stiffness = stiffness[state.nodes.nodes]
         self.normal = _normal_contact(
             state, is_static, search, nodal_stiffness, on_the_way or {}, share
         )
-        self.friction = _friction(state, is_static, search, nodal_stiffness, scheme == "static")
+        self.friction = _friction(
+            state, is_static, search, nodal_stiffness, scheme == "static", begins_sticking
+        )
         self.may_touch = reductions.anywhere(self._comm, bool(self.normal.may_touch.any()))
         # What the first evaluation gave, where later ones cannot give anything else.
         self._idle: ContactContribution | None = None
         self.num_active, self.touched = 0, np.zeros(len(members(state)), dtype=bool)
-        self._is_rigid: Flags | None = np.isin(state.nodes.nodes, rigid) if len(rigid) else None
 
     @property
     def _comm(self) -> MPI.Comm:
@@ -273,9 +296,10 @@ class ContactStep:
             self.normal.active[far], self.normal.lambda_N[far] = False, 0.0
             self.friction.release(far)
             node, segment, moved = node[near], segment[near], moved[near]
-        pairs = search.pairing.kinematics(self._scheme, x, node, segment, self._free)
-        if self._is_rigid is not None:
-            pairs.fixed |= self._is_rigid[node]
+        _, free, is_rigid = self._unknown
+        pairs = search.pairing.kinematics(self._scheme, x, node, segment, free)
+        if is_rigid is not None:
+            pairs.fixed |= is_rigid[node]
         self.friction.measure(pairs, x)
         search.gap[node] = pairs.contact.gap
         return pairs, int(np.count_nonzero(moved)) + released
@@ -286,7 +310,7 @@ class ContactStep:
         force = lambda_N[:, None] * pairs.contact.force
         tangent = pairs.blocks.tangent(lambda_N)
         rank = self.normal.rank(active)
-        rank[self.friction.sticks(pairs.node, active)] = self._dim
+        rank[self.friction.sticks(pairs.node, active)] = self._unknown.dim
         columns, slopes = self.friction.add_to(pairs, active, force, tangent)
         slopes[:, 0, 0] = self.normal.slope
         residual = pairs.blocks.restrict(force, tangent)
@@ -340,6 +364,7 @@ def _friction(
     search: LocalSearch,
     stiffness: Floats,
     acts_at_end: bool,
+    begins_sticking: bool,
 ) -> Friction:
     """Make the tangential forces of a pair by its laws. Local."""
     law = state.pair.friction
@@ -347,7 +372,7 @@ def _friction(
         return Bond(state, is_static, search, stiffness, acts_at_end)
     if law is None:
         return Friction(state)
-    return StickSlip(state, law, is_static, search, stiffness, acts_at_end)
+    return StickSlip(state, law, is_static, search, stiffness, acts_at_end, begins_sticking)
 
 
 def contact_residual(

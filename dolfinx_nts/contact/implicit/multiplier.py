@@ -57,7 +57,7 @@ class MultiplierContact(NormalContact):
             self._on_the_way = search.candidates.scatter.forward(on_the_way[law.part])
         if is_static:
             self._begin_in_touch()
-        self._set = ActiveSet(state, law, stiffness)
+        self._set = ActiveSet(state, law, stiffness, is_static)
         self._farthest = _CLOSE * np.repeat(segment_sizes(state), np.diff(bounds(state)))
 
     def choose(self) -> Flags:

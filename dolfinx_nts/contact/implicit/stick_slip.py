@@ -9,6 +9,7 @@ from dolfinx_nts.contact.friction import Coulomb, TractionModel, slip_energy, tr
 from dolfinx_nts.contact.implicit.active_set import ROUNDING, BlockPivoting
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.joint_decision import DecidedFriction, NoFriction
+from dolfinx_nts.contact.implicit.lagged_limit import LaggedLimit
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.implicit.pair_blocks import with_friction
 from dolfinx_nts.contact.implicit.slips import Slips, with_length
@@ -129,6 +130,7 @@ class StickSlip(Friction):
         search: Segments of the nodes.
         stiffness: Stiffness of the nodes, shape ``(n,)`` [N/m].
         acts_at_end: Whether the scheme has its contact forces at the end of a step.
+        begins_sticking: Whether all nodes stick at first, and slide only near an equilibrium.
     """
 
     def __init__(
@@ -139,6 +141,7 @@ class StickSlip(Friction):
         search: LocalSearch,
         stiffness: Floats,
         acts_at_end: bool,
+        begins_sticking: bool = False,
     ) -> None:
         """Continue from the accepted step."""
         super().__init__(state)
@@ -148,7 +151,11 @@ class StickSlip(Friction):
         self._has_spring = state.pair.has_slip_spring
         nodes, ends = state.nodes, bounds(state)
         self._pivoting = BlockPivoting(
-            nodes.V.mesh.comm, nodes.node_ids, ends, waits=not self._has_spring
+            nodes.V.mesh.comm,
+            nodes.node_ids,
+            ends,
+            waits=not self._has_spring,
+            is_patient=begins_sticking,
         )
         size = np.repeat(segment_sizes(state), np.diff(ends))
         self._rounding = ROUNDING * stiffness * size
@@ -157,12 +164,17 @@ class StickSlip(Friction):
         # Where nothing moves nodes stick until they are found to slide, as bodies may have no
         # other hold.
         self.sliding = history.sliding | (~history.active & (not is_static))
+        if begins_sticking:
+            self.sliding[:] = False
         # By symmetry nodes on the axis of rings have no traction: they slide without friction.
         self._on_axis = np.isin(state.nodes.nodes, axis_nodes(state.nodes.V))
         self.sliding |= self._on_axis
         # Model of the traction and slip of the last iteration.
         self._model = TractionModel(np.zeros((n, 2)), np.zeros((n, 2)), np.zeros((n, 2, 2)))
         self._slip: Floats = np.zeros((n, 2))
+        # Direction of the traction times mu, also where the limit lags.
+        self._heading: Floats = np.zeros((n, 2))
+        self._limit = LaggedLimit(n)
 
     def measure(self, pairs: PairKinematics, x: Floats) -> None:
         """Add the slip of the pairs, see `Friction.measure`."""
@@ -180,7 +192,7 @@ class StickSlip(Friction):
         slip = np.linalg.norm(pairs.slip.value[arrives], axis=1)
         slides = slip > self._law.mu * np.abs(pairs.excess[arrives, 0])
         self.sliding[arrived] = slides | self._on_axis[arrived]
-        self._model.direction[arrived] = 0.0
+        self._heading[arrived] = 0.0
 
     def sticks(self, node: Ints, active: Flags) -> Flags:
         """Nodes held by multipliers, where there are no springs, see `Friction.sticks`."""
@@ -199,6 +211,8 @@ class StickSlip(Friction):
         value = slip.value if eps_T is not None else self._slips.of(node)
         trial = t + c[:, None] * value
         way = trial if eps_T is not None else value
+        lags = self._pivoting.changes_singly(node) & (not self._has_spring)
+        limiting = self._limit.pressing(node, p, lags)
         sliding, violators, heading = before, 0, way
         if iteration == 0:
             # A node that does not move yet has the direction in which it slid before.
@@ -207,13 +221,13 @@ class StickSlip(Friction):
             heading = np.where(np.any(way != 0, axis=1)[:, None], way, last)
         else:
             # With p < 0, which may pass, a traction points backwards.
-            heading = np.where(before[:, None], model.direction[node], self.traction[node])
+            heading = np.where(before[:, None], self._heading[node], self.traction[node])
             arrives = ~np.any(heading != 0, axis=1)
             heading = np.where(arrives[:, None], way, heading)
-            after = law.slides(trial, way, p, heading, before)
+            after = law.slides(trial, way, limiting, heading, before)
             # At the limit, as where loads rest after sliding, round-off must not decide, nor
             # where it is not known yet how much a node presses that has just arrived.
-            excess = np.linalg.norm(trial, axis=1) - law.mu * p
+            excess = np.linalg.norm(trial, axis=1) - law.mu * limiting
             is_open = (np.abs(excess) <= self._rounding[node]) | (active & (p == 0))
             after = np.where(is_open, before, after) | self._on_axis[node]
             flips, violators = self._pivoting.select(active & (after != before), node, iteration)
@@ -222,9 +236,14 @@ class StickSlip(Friction):
             new = law.spring(trial, p, c, heading, sliding)
         else:
             known = float(iteration > 0)  # multipliers of the first guess mean nothing
-            new = self._exact(pairs, known * t, value, known * p, heading, sliding)
+            new = self._exact(pairs, known * t, value, known * limiting, heading, sliding)
         for part in new:
             part[self._on_axis[node]] = 0.0
+        self._heading[node] = new.direction
+        if lags.any():
+            new.explicit[lags] += limiting[lags, None] * new.direction[lags]
+            new.direction[lags] = 0.0
+            violators += int(np.count_nonzero(lags & sliding & active))
         self.sliding[node], self._slip[node] = sliding, value
         self.flips[node] += before != sliding
         for values, part in zip(model, new, strict=True):
