@@ -11,8 +11,6 @@ from dolfinx import fem
 import dolfinx_nts as nts
 from dolfinx_nts import parts
 
-pytestmark = pytest.mark.serial
-
 MU, EDGE, G = 0.3, 0.1, 9.81
 SCHEMES = pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.Midpoint])
 # More than enough for Newton's method once states are right.
@@ -27,6 +25,7 @@ def boxes(
     lift: float = 0.0,
     dt: float = 2e-3,
     e: float = 1.0,
+    comm: MPI.Comm = MPI.COMM_SELF,
 ) -> tuple[Any, list[nts.RigidBody]]:
     """Rigid boxes on each other on a plane, whose normal gravity has an angle with [rad]."""
 
@@ -35,7 +34,7 @@ def boxes(
             corner = (0.0, 0.0, lift + i * EDGE)
             parts.add_box(model, f"box {i}", corner=corner, size=(EDGE,) * 3, cells=(1, 1, 1))
 
-    mesh, cells, _, tag = nts.read_mesh(build, MPI.COMM_SELF)
+    mesh, cells, _, tag = nts.read_mesh(build, comm)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     bodies = [nts.RigidBody(V, cells, tag[f"box {i}"], rho=1000.0) for i in range(number)]
     floor = nts.RigidPlane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
@@ -45,6 +44,7 @@ def boxes(
     return scheme(bodies, pairs, dt=dt, loads=[nts.Gravity(bodies, g)]), bodies
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize("seed", [0, 3])
 @SCHEMES
 def test_a_die_that_comes_to_rest_needs_few_iterations_and_obeys_coulombs_law(scheme, seed):
@@ -69,6 +69,7 @@ def test_a_die_that_comes_to_rest_needs_few_iterations_and_obeys_coulombs_law(sc
     assert np.linalg.norm(diagnostics.body_velocity(die)) < 0.02
 
 
+@pytest.mark.serial
 @SCHEMES
 def test_a_box_that_slides_stops_where_the_closed_form_has_it(scheme):
     stepper, (box,) = boxes(scheme)
@@ -88,9 +89,9 @@ def test_a_box_that_slides_stops_where_the_closed_form_has_it(scheme):
 
 @pytest.mark.parametrize("part", [0.9, 1.2])
 @SCHEMES
-def test_a_box_on_a_slope_stays_or_slides_as_the_angle_of_friction_tells(scheme, part):
+def test_a_box_on_a_slope_stays_or_slides_as_the_angle_of_friction_tells(comm, scheme, part):
     slope = np.arctan(part * MU)
-    stepper, (box,) = boxes(scheme, slope=slope)
+    stepper, (box,) = boxes(scheme, slope=slope, comm=comm)
     diagnostics = nts.Diagnostics(stepper)
     start = diagnostics.centre_of_mass(box)
     for step in stepper.run(until=0.1):
@@ -100,6 +101,7 @@ def test_a_box_on_a_slope_stays_or_slides_as_the_angle_of_friction_tells(scheme,
     np.testing.assert_allclose(way, [acceleration * stepper.t**2 / 2, 0.0, 0.0], atol=1e-11)
 
 
+@pytest.mark.serial
 @SCHEMES
 def test_a_stack_of_three_boxes_stays_at_rest(scheme):
     stepper, bodies = boxes(scheme, 3)

@@ -456,6 +456,7 @@ def predict(step: ContactStep, contribution: ContactContribution, du: Floats) ->
     decided = step.friction.decided
     if decided is not None and has_friction(step) and step.num_active:
         pairs = contribution.pairs
+        m, _, d = pairs.gradients.shape
         du = step.candidates.scatter.forward(in_space(du)).take(pairs.dofs, axis=0)
-        change = np.einsum("mid,md->mi", pairs.gradients[:, 1:], du.reshape(len(du), -1))
+        change = np.einsum("mid,md->mi", pairs.gradients[:, 1:], du.reshape(m, d))
         decided.predict(pairs, change)
