@@ -51,7 +51,7 @@ class Slip:
         orientation: Sense of the segments' normals, shape ``(m,)``.
 
     Attributes:
-        value, force, gradient, frame_n, frame: The arguments.
+        value, force, gradient, second, frame_n, frame, orientation: The arguments.
     """
 
     # Derivative of the force by the coordinates, as a part of the second derivative of the slip.
@@ -68,20 +68,20 @@ class Slip:
         orientation: Floats,
     ) -> None:
         """Take the arrays."""
-        self.value, self.force, self.gradient, self._second = value, force, gradient, second
+        self.value, self.force, self.gradient, self.second = value, force, gradient, second
         self.frame_n, self.frame = frame_n, frame
-        self._orientation = orientation
+        self.orientation = orientation
 
     # Few evaluations need the normals, which take longer than all that the kernel does.
     @cached_property
     def normal_n(self) -> Floats:
         """Outward unit normals of the frames at t_n, shape ``(m, 3)``."""
-        return _normal(self.frame_n, self._orientation)
+        return _normal(self.frame_n, self.orientation)
 
     @cached_property
     def normal(self) -> Floats:
         """Outward unit normals of the frames at t_{n+1}, shape ``(m, 3)``."""
-        return _normal(self.frame, self._orientation)
+        return _normal(self.frame, self.orientation)
 
     def at_end(self) -> "Slip":
         """The same with the force of a scheme whose forces act at t_{n+1}: the gradient there."""
@@ -109,8 +109,8 @@ class Slip:
 
         ``weights`` are theirs in the nodes of the pairs, shape ``(k, j)`` or ``(m, k, j)``.
         """
-        (m, k), j = self._second[0].shape, weights.shape[-1]
-        w, b = self._second
+        (m, k), j = self.second[0].shape, weights.shape[-1]
+        w, b = self.second
         to_nodes = np.broadcast_to(weights.swapaxes(-1, -2), (m, j, k))
         force, gradient = (
             (to_nodes[:, None] @ values.reshape(m, 2, k, 3)).reshape(m, 2, 3 * j)
@@ -124,12 +124,12 @@ class Slip:
             *(w[:, 0], b),
             frame_n=self.frame_n,
             frame=self.frame,
-            orientation=self._orientation,
+            orientation=self.orientation,
         )
 
     def hessian(self, t: Floats) -> Floats:
         """Second derivative of t . slip by the coordinates, ``(m, d, d)`` [N/m]."""
-        w, b = self._second
+        w, b = self.second
         m, k = w.shape
         outer = w[:, :, None] * (t[:, :1] * b[:, 0] + t[:, 1:] * b[:, 1])[:, None, :]
         hessian: Floats = np.zeros((m, k, 3, k, 3))
@@ -148,7 +148,7 @@ class ConvectiveSlip(Slip):
 
     def hessian(self, t: Floats) -> Floats:
         """Twice the derivative of t . force by the coordinates, ``(m, d, d)`` [N/m]."""
-        (H,) = self._second
+        (H,) = self.second
         hessian: Floats = np.einsum("mi,mide->mde", t, H)
         return hessian
 

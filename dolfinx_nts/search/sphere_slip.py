@@ -32,8 +32,8 @@ class SphereSlip(Slip):
 
     def __init__(self, slip: Slip, e: Floats, contact: ContactKinematics) -> None:
         """Take the parts of the slip."""
-        frames = {"frame_n": slip.frame_n, "frame": slip.frame, "orientation": slip._orientation}
-        super().__init__(slip.value, slip.force, slip.gradient, *slip._second, **frames)
+        frames = {"frame_n": slip.frame_n, "frame": slip.frame, "orientation": slip.orientation}
+        super().__init__(slip.value, slip.force, slip.gradient, *slip.second, **frames)
         self._e, self._contact, self._is_at_end = e, contact, False
         self._s = np.einsum("mki,mi->mk", e, contact.force[:, :3])
         self._c = np.sqrt(np.maximum(1 - np.einsum("mk,mk->m", self._s, self._s), _SIDEWAYS**2))
@@ -53,7 +53,7 @@ class SphereSlip(Slip):
             return super().tangent(t)
         s, c, force = self._s, self._c[:, None], self._contact.force
         m, d = force.shape
-        _, b = self._second
+        _, b = self.second
         n, dn = force[:, :3], self._contact.tangent[:, :3]
         ds = (b[..., None] * n[:, None, None]).reshape(m, 2, d)
         ds += np.einsum("mki,mid->mkd", self._e, dn)
