@@ -169,9 +169,9 @@ def test_cycles_of_shear_lose_the_area_of_their_loop(comm, told, scheme):
     )
     assert abs(loss / exact - 1) <= 5e-3
     assert abs(work / exact - 1) <= (5e-3 if scheme is nts.EnergyMomentum else 0.03)
-    assert max(s.damping_work for s in ledger.reports) <= 0
     # Energies of strains as small as these are known to the round-off of moduli, in each step.
     round_off = np.finfo(float).eps * SHEAR * VOLUME
+    assert max(s.damping_work for s in ledger.reports) <= round_off
     assert ledger.error * ledger.scale <= len(ledger.reports) * round_off
 
 
