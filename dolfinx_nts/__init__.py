@@ -17,8 +17,9 @@ from dolfinx_nts.diagnostics.fields import Fields
 from dolfinx_nts.fem.axisymmetry import axisymmetric
 from dolfinx_nts.integrators.central_difference import CentralDifference
 from dolfinx_nts.integrators.generalized_alpha import GeneralizedAlpha
+from dolfinx_nts.integrators.quasi_static import QuasiStatic
 from dolfinx_nts.integrators.report import StepReport
-from dolfinx_nts.integrators.schemes import EnergyMomentum, Midpoint, QuasiStatic
+from dolfinx_nts.integrators.schemes import EnergyMomentum, Midpoint
 from dolfinx_nts.integrators.statistics import StepperStatistics
 from dolfinx_nts.integrators.step_control import StepControl
 from dolfinx_nts.io.load_state import load_state

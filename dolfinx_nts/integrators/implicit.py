@@ -12,7 +12,7 @@ statics and the generalised-alpha method also in the inertia, see `Rates`.
 """
 
 import logging
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any, cast
@@ -36,7 +36,7 @@ from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.integrators.inertia import ConsistentInertia, Inertia
 from dolfinx_nts.integrators.rates import MidpointRates
 from dolfinx_nts.integrators.reactions import Reactions
-from dolfinx_nts.integrators.relaxation import IF_IT_MOVES, PseudoStep, Relaxation
+from dolfinx_nts.integrators.relaxation import IF_IT_MOVES
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.resolved_impact import ResolvedImpact
 from dolfinx_nts.integrators.rigid import (
@@ -69,10 +69,6 @@ _logger = logging.getLogger("dolfinx_nts")
 # [-]. In a motion stiffer ones make nodes bounce in a time that steps do not resolve; in statics
 # nothing bounces, and Newton's method alone limits them.
 _RESOLVED, _STIFF = 1.0, 10.0
-# Name of the attempt in which all nodes with friction stick at first.
-_STICKING = "sticking"
-# Way of supports, relative to the smallest cell [-], that cells at them can take alone.
-_SMALL_WAY = 1e-3
 
 
 class ImplicitStepper(Stepper):
@@ -214,15 +210,12 @@ class ImplicitStepper(Stepper):
         v = self.v.x.array[: len(self._lumped_mass)]
         force_scale = self._forces.scale(load, v, self.dt)
         attempts: dict[str, newton.NewtonReport] = {}
-        for name in self._order(starts) if self._tries else ():
-            begins_sticking = name == _STICKING
-            if begins_sticking and not any(each.is_undecided for each in attempts.values()):
-                continue
-            start = "last" if begins_sticking else name
-            given = starts[start], guesses[start], x, on_the_way, force_scale
-            steps, solution = self._solve(*given, begins_sticking=begins_sticking)
+        in_turn = self._attempts(starts, attempts) if self._tries else ()
+        for name, start, begins_sticking in in_turn:
+            of_start = starts[start], guesses[start], x, on_the_way, force_scale
+            steps, solution = self._solve(*of_start, begins_sticking=begins_sticking)
             if self._sleeping.must_wake(steps):
-                steps, solution = self._solve(*given, all_awake=True)
+                steps, solution = self._solve(*of_start, all_awake=True)
             attempts[name] = solution.report
             if solution.report.converged:
                 way = _kernels.farthest(self.x, x[0])
@@ -237,8 +230,10 @@ class ImplicitStepper(Stepper):
                 break
         advice = self._free_bodies.advice() or self._time_helps()
         hopeless = any(report.is_hopeless for report in attempts.values())
-        if self._relaxes and self._rates.acceleration is None and not hopeless:
-            steps, solution = self._relax(starts["last"], guesses["last"], x, force_scale)
+        given = starts["last"], guesses["last"], x, force_scale
+        elsewhere = self._elsewhere(*given) if self._relaxes and not hopeless else None
+        if elsewhere is not None:
+            steps, solution = elsewhere
             attempts["relaxed"] = solution.report
             if solution.report.converged:
                 self._forces.load = load
@@ -249,81 +244,23 @@ class ImplicitStepper(Stepper):
         self.u.x.array[:] = self.u_n.x.array
         raise self._failure(attempts, steps, solution.states, advice)
 
-    def _order(self, starts: Iterable[str]) -> list[str]:
-        """Names of attempts, in turn: from the ``starts``, with friction in statics also another.
+    def _attempts(
+        self, starts: Iterable[str], failed: Mapping[str, newton.NewtonReport]
+    ) -> Iterator[tuple[str, str, bool]]:
+        """Attempts in turn: name, name of the start, and whether all nodes stick at first.
 
-        In that one all nodes stick at first. Where others slide before Newton's method is near to
-        an equilibrium, bodies that friction alone holds, as what rolls, go far by that, and what
-        slid then may go on to do so without any contradiction but that of others.
+        ``failed`` are the reports of those before.
         """
-        names = list(starts)
-        if self._rates.acceleration is None and any(pair.friction for pair in self.pairs):
-            names.insert(1, _STICKING)
-        return names
+        yield from ((name, name, False) for name in starts)
 
-    def _relax(
+    def _elsewhere(
         self, start: Floats, guess: Floats, x: tuple[Floats, Floats], force_scale: float
-    ) -> tuple[list[ContactStep], newton.Solution]:
-        """Let bodies go to an equilibrium against a resistance, see `Relaxation`.
+    ) -> tuple[list[ContactStep], newton.Solution] | None:
+        """Look for a solution far from the last state, where none is near; None: not with inertia.
 
         Arguments are those of `_solve` from the last state.
         """
-        self.u.x.array[:] = guess
-        drag, n = Drag(self._bulk, self._tangent), self._bulk.num_owned
-        last, trial = self._X + self._in_space(guess), x[1]
-        steps: list[ContactStep] = []
-        after: list[ContactStep] = []
-        solution: newton.Solution
-
-        def attempt(part: float) -> PseudoStep:
-            """Solve from the last state."""
-            nonlocal steps, solution
-            with drag.acting(part, guess[:n]):
-                steps, solution = self._solve(
-                    *(start, guess, (x[0], trial), {}, force_scale),
-                    all_awake=True,
-                    drag=drag if part else None,
-                    after=after,
-                )
-            report = solution.report
-            way, self._way = (
-                reductions.largest(self._comm, _kernels.farthest(self.x, there))
-                for there in (last, x[0])
-            )
-            if report.converged:
-                wrong = self._volume_ratio.inverted() if part else self._wrong(steps, x[0])
-                report = replace(report, reason=wrong)
-            return PseudoStep(report, way, self._way)
-
-        def accept() -> None:
-            """Make it the last state."""
-            nonlocal start, guess, last, trial, after
-            start = guess = self.u.x.array.copy()
-            last = trial = self.x
-            after = steps
-
-        size = self._sizes.smallest
-        relaxation = Relaxation(attempt, accept, farthest=self._extent(), size=size)
-        report = relaxation.find()
-        if report.converged:
-            self.watch.vertices.accept()
-            if self._comm.rank == 0:
-                _logger.warning(
-                    "step %d to t = %g: Newton's method found no equilibrium near the last one; "
-                    "bodies went to another one, which is as exact, by up to %.3g m, in %d "
-                    "pseudo-steps against a viscous resistance: they snap or roll there. With "
-                    "inertia they may go elsewhere, which EnergyMomentum follows",
-                    *(self.step + 1, self.t + self.dt, self._way, relaxation.num_steps),
-                )
-        return steps, replace(solution, report=report)
-
-    def _extent(self) -> float:
-        """Size of all bodies together [m]."""
-        X = self._X[: len(self.node_ids)]
-        top, low = X.max(axis=0, initial=-np.inf), X.min(axis=0, initial=np.inf)
-        return float(
-            np.linalg.norm(reductions.largest(self._comm, top) - reductions.least(self._comm, low))
-        )
+        return None
 
     def _choose_springs(self) -> None:
         """Choose the stiffness of springs that the user left open, in the first step."""
@@ -361,21 +298,10 @@ class ImplicitStepper(Stepper):
         return u
 
     def _take_back_supports(self, guess: Floats) -> None:
-        """Let supports be where they are in a guess ``(d l,)`` [m]. Collective.
+        """Let supports with a long way be where they are in a guess ``(d l,)`` [m]. Collective.
 
-        Newton's method makes them go their way in statics from the last state, where all of the
-        bodies goes with them: cells at them could not take it alone. With inertia it is short, and
-        so is what is left where bodies have been extrapolated.
+        With inertia it is short, and so is what is left where bodies have been extrapolated.
         """
-        if self._rates.acceleration is not None or not self.supports.exist:
-            return
-        if reductions.anywhere(self._comm, not np.array_equal(guess, self.u_n.x.array)):
-            return
-        u, fixed = self.u.x, self.supports.fixed
-        way = float(np.abs(u.array[fixed] - guess[fixed]).max(initial=0.0))
-        if reductions.largest(self._comm, way) > _SMALL_WAY * self._sizes.smallest:
-            u.array[fixed] = guess[fixed]
-            u.scatter_forward()
 
     def _owned(self, values: Floats) -> Floats:
         """Those of the owned nodes among values of dofs, a view of shape ``(n, d)``. Local."""
@@ -430,14 +356,6 @@ class ImplicitStepper(Stepper):
 
     def _time_helps(self) -> str:
         """Advice where only the length of the step is left to change. Collective."""
-        moves = any(contact.search.may_move for contact in self.contacts)
-        if self._rates.acceleration is None and self._update is None and not moves:
-            load = self._forces.loads()
-            self._load_at(0.0)
-            change = self._forces.norm(self._forces.loads() - load)
-            self._load_at(self.scheme.load_point)
-            if change == 0.0:
-                return "loads that grow with time from step to step may help"
         return "a smaller dt may help, which StepControl takes where a step fails"
 
     def _accepted(

@@ -1,20 +1,16 @@
 """Implicit steppers whose schemes have no parameters.
 
-They differ in the stress, in the kernel of the contact force, and in whether there is inertia;
-`ImplicitStepper` does all else.
+They differ in the stress and in the kernel of the contact force; `ImplicitStepper` does all else.
 """
 
 from typing import Any
 
-import numpy as np
-
 from dolfinx_nts.integrators.implicit import ImplicitStepper
-from dolfinx_nts.integrators.rates import MidpointRates, NoRates
+from dolfinx_nts.integrators.rates import MidpointRates
 from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
-from dolfinx_nts.parallel import reductions
 
-__all__ = ["EnergyMomentum", "Midpoint", "QuasiStatic"]
+__all__ = ["EnergyMomentum", "Midpoint"]
 
 
 def _midpoint_stress(material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
@@ -27,11 +23,6 @@ def _conserving_stress(material: Hyperelastic, parameters: Any, F_n: Any, F: Any
     """Conserving stress with the mean deformation gradient, see `Scheme`."""
     C_n, C = right_cauchy_green(F_n), right_cauchy_green(F)
     return (F_n + F) / 2 * material.conserving_stress(C_n, C, **parameters)
-
-
-def _end_stress(material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
-    """Stress at the end of the step, see `Scheme`."""
-    return F * material.stress(right_cauchy_green(F), **parameters)
 
 
 class Midpoint(ImplicitStepper):
@@ -108,49 +99,3 @@ class EnergyMomentum(ImplicitStepper):
         rates=MidpointRates,
         resolves_impact=True,
     )
-
-
-class QuasiStatic(ImplicitStepper):
-    """Finds the equilibrium at the end of each step; the time only counts the load.
-
-    Contact is closed, g = 0: without motion there is no impact, so that the kind of impact of a
-    multiplier does not matter. Friction follows the slip from step to step. Bodies
-    that only contact holds are found and named in the log. The tangent, not the balance, gets a
-    small stiffness for them; motions that contact without friction does not resist are not
-    made, and forces in them are left to inertia while they are below 1 % (inertia relief: zero
-    where there is an equilibrium, and told otherwise). A step in which nothing holds a body is
-    refused with its name. Where Newton's method finds no equilibrium near the last one, as at a
-    limit load or where facets let bodies roll, they go to another one against a viscous
-    resistance, which vanishes: the equilibrium is as exact as any other, and the log tells it. The
-    velocity stays zero, a step with another one is refused, and damping has no effect. Arguments,
-    attributes and errors are those of `EnergyMomentum`. Collective, as are all its methods.
-
-    Example:
-        >>> ends = fem.locate_dofs_geometrical(V, lambda x: (x[2] < 0.01) | (x[2] > 1.0))
-        >>> clamp = fem.dirichletbc(np.zeros(3), ends, V)
-        >>> gravity = nts.Gravity(bodies, (0.0, 0.0, -9.81))
-        >>> stepper = nts.QuasiStatic(bodies, [pair], dt=1.0, bcs=[clamp], loads=[gravity])
-        >>> float(stepper.advance().load_work) > 0.0
-        True
-    """
-
-    scheme = Scheme(
-        contact="static",
-        stress=_end_stress,
-        rates=NoRates,
-        stress_share=1.0,
-        load_point=1.0,
-        loads_at="end",
-    )
-
-    def _static_way(self) -> float:
-        return self._way
-
-    def _check_state(self) -> None:
-        super()._check_state()
-        speed = np.abs(self.v.x.array).max(initial=0.0)
-        if (speed := reductions.largest(self._comm, float(speed))) > 0:
-            raise ValueError(
-                f"expected no velocity in QuasiStatic, given one of up to {speed:g}: it finds "
-                "equilibria without inertia, in which nothing flies; EnergyMomentum moves bodies"
-            )

@@ -20,11 +20,15 @@ class LaggedLimit:
 
     Args:
         num_nodes: Number ``n`` of nodes.
+
+    Attributes:
+        heading: Direction of the traction times mu, also where its limit lags, shape ``(n, 2)``.
     """
 
     def __init__(self, num_nodes: int) -> None:
         """Know of no force."""
         self._p: Floats = np.zeros(num_nodes)
+        self.heading: Floats = np.zeros((num_nodes, 2))
 
     def pressing(self, node: Ints, p: Floats, lags: Flags) -> Floats:
         """Forces that limit friction, shape ``(m,)`` [N].

@@ -23,12 +23,16 @@ class Slips:
 
     Args:
         size: Size of the segments of each node, shape ``(n,)`` [m].
+
+    Attributes:
+        modelled: Slips at which tractions were modelled last, shape ``(n, 2)`` [m].
     """
 
     def __init__(self, size: Floats) -> None:
         """Begin without any slip."""
         n = len(size)
         self._size = size
+        self.modelled: Floats = np.zeros((n, 2))
         self._present: Floats = np.zeros((n, 2))
         self._all: Floats = np.zeros((n, 2))
         self._predicted: Floats = np.full((n, 2), np.nan)

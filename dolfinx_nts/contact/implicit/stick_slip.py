@@ -169,11 +169,8 @@ class StickSlip(Friction):
         # By symmetry nodes on the axis of rings have no traction: they slide without friction.
         self._on_axis = np.isin(state.nodes.nodes, axis_nodes(state.nodes.V))
         self.sliding |= self._on_axis
-        # Model of the traction and slip of the last iteration.
+        # Model of the traction of the last iteration.
         self._model = TractionModel(np.zeros((n, 2)), np.zeros((n, 2)), np.zeros((n, 2, 2)))
-        self._slip: Floats = np.zeros((n, 2))
-        # Direction of the traction times mu, also where the limit lags.
-        self._heading: Floats = np.zeros((n, 2))
         self._limit = LaggedLimit(n)
 
     def measure(self, pairs: PairKinematics, x: Floats) -> None:
@@ -192,7 +189,7 @@ class StickSlip(Friction):
         slip = np.linalg.norm(pairs.slip.value[arrives], axis=1)
         slides = slip > self._law.mu * np.abs(pairs.excess[arrives, 0])
         self.sliding[arrived] = slides | self._on_axis[arrived]
-        self._heading[arrived] = 0.0
+        self._limit.heading[arrived] = 0.0
 
     def sticks(self, node: Ints, active: Flags) -> Flags:
         """Nodes held by multipliers, where there are no springs, see `Friction.sticks`."""
@@ -221,7 +218,7 @@ class StickSlip(Friction):
             heading = np.where(np.any(way != 0, axis=1)[:, None], way, last)
         else:
             # With p < 0, which may pass, a traction points backwards.
-            heading = np.where(before[:, None], self._heading[node], self.traction[node])
+            heading = np.where(before[:, None], self._limit.heading[node], self.traction[node])
             arrives = ~np.any(heading != 0, axis=1)
             heading = np.where(arrives[:, None], way, heading)
             after = law.slides(trial, way, limiting, heading, before)
@@ -239,12 +236,12 @@ class StickSlip(Friction):
             new = self._exact(pairs, known * t, value, known * limiting, heading, sliding)
         for part in new:
             part[self._on_axis[node]] = 0.0
-        self._heading[node] = new.direction
+        self._limit.heading[node] = new.direction
         if lags.any():
             new.explicit[lags] += limiting[lags, None] * new.direction[lags]
             new.direction[lags] = 0.0
             violators += int(np.count_nonzero(lags & sliding & active))
-        self.sliding[node], self._slip[node] = sliding, value
+        self.sliding[node], self._slips.modelled[node] = sliding, value
         self.flips[node] += before != sliding
         for values, part in zip(model, new, strict=True):
             values[node] = part
@@ -307,7 +304,7 @@ class StickSlip(Friction):
         node = pairs.node
         explicit: Floats = self._model.explicit[node]
         if not self._has_spring:
-            turned = self._slips.of(node) - self._slip[node]
+            turned = self._slips.of(node) - self._slips.modelled[node]
             explicit = explicit + np.einsum("mij,mj->mi", self._model.stiffness[node], turned)
         stick = self.sticks(node, active) & ~pairs.fixed
         return np.where(stick[:, None], 0.0, explicit)
@@ -379,7 +376,7 @@ class StickSlip(Friction):
             model = of._exact(pairs, t, slip, p, t, of.sliding[node])
             for part in model:
                 part[of._on_axis[node]] = 0.0
-            of._slip[node] = slip
+            of._slips.modelled[node] = slip
             for values, part in zip(of._model, model, strict=True):
                 values[node] = part
             of.traction[node] = np.where(active[:, None], t, 0.0)

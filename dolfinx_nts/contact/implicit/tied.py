@@ -96,5 +96,5 @@ class Bond(StickSlip):
 
     def update(self, pairs: PairKinematics, p: Floats, active: Flags, iteration: int) -> int:
         """Keep all sticking, see `Friction.update`."""
-        self._slip[pairs.node] = pairs.slip.value
+        self._slips.modelled[pairs.node] = pairs.slip.value
         return 0
