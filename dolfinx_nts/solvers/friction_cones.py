@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Array, Flags, Floats, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
 
 __all__ = ["ConeSolution", "solve"]
 
@@ -216,7 +216,9 @@ def _longest(v: Floats, way: Floats) -> float:
     a = way[:, 0] ** 2 - np.einsum("mi,mi->m", way[:, 1:], way[:, 1:])
     b = v[:, 0] * way[:, 0] - np.einsum("mi,mi->m", v[:, 1:], way[:, 1:])
     c = (v[:, 0] - tangential) * (v[:, 0] + tangential)
-    root = c / (np.sqrt(b**2 - a * c) - b)  # NaN where the boundary is never met
-    to_tip: Array = -v[:, 0] / way[:, 0]
-    ways = np.concatenate([root[root > 0], to_tip[way[:, 0] < 0]])
+    under = b**2 - a * c
+    divisor = np.sqrt(np.maximum(under, 0.0)) - b
+    meets = (under >= 0) & (divisor > 0)
+    falls = way[:, 0] < 0
+    ways: Any = np.concatenate([c[meets] / divisor[meets], -v[falls, 0] / way[falls, 0]])
     return float(ways.min(initial=np.inf))
