@@ -158,8 +158,11 @@ class Cells:
     def limits(self, x: Floats) -> tuple[float, float]:
         """Highest squared frequency [1/s^2] and least length [m] at positions. Collective."""
         length = self._lengths(x)
-        with np.errstate(divide="ignore"):  # cells of rigid bodies, which have no waves
-            time = float((length / self._speed).min(initial=np.inf))
+        # Cells of rigid bodies have no waves.
+        times = np.divide(
+            length, self._speed, out=np.full_like(length, np.inf), where=self._speed > 0
+        )
+        time = float(times.min(initial=np.inf))
         limits = [time, float(length.min(initial=np.inf))]
         least, shortest = reductions.least(self._comm, limits)
         return (2 / least) ** 2 if least > _SHORTEST_TIME else math.inf, shortest
