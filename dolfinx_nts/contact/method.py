@@ -26,11 +26,8 @@ KINDS = {
     "mortar": "surface-to-surface contact",
     EDGES: "edge-to-edge contact",
 }
-# Laws of impact by method, where not all are possible; springs have none.
-_IMPACTS = {
-    "mortar": ("", "elastic", "plastic", "resolved", "restitution"),
-    EDGES: ("", "elastic", "plastic"),
-}
+# Laws of impact of edges; springs have none.
+_OF_EDGES = ("", "elastic", "plastic")
 
 
 def check_method(pair: Any) -> None:
@@ -50,7 +47,7 @@ def check_method(pair: Any) -> None:
         wrong = "two surfaces, given one that touches itself"
     elif pair.is_convective:
         wrong = f"friction by the law 'objective', given {pair.friction!r}"
-    elif getattr(pair.enforcement, "impact", "") not in _IMPACTS[pair.method]:
+    elif pair.method == EDGES and getattr(pair.enforcement, "impact", "") not in _OF_EDGES:
         wrong = f"impact 'elastic' or 'plastic', given {pair.enforcement!r}"
     elif pair.method == EDGES and isinstance(pair.enforcement, Tied):
         wrong = f"an enforcement by which edges can part, given {pair.enforcement!r}"
@@ -156,8 +153,8 @@ def _check_rings(pair: Any) -> None:
         return
     if getattr(pair.enforcement, "impact", "") == "resolved":
         raise ValueError(
-            "expected, in an axisymmetric mesh, impact 'elastic' or 'plastic', given "
-            f"{pair.enforcement!r}"
+            "expected, in an axisymmetric mesh, another impact than 'resolved', given "
+            f"{pair.enforcement!r}: a mesh in space can have it"
         )
     if isinstance(segments, Obstacle) and not segments.is_of_revolution:
         raise ValueError(

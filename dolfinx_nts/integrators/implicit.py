@@ -213,9 +213,10 @@ class ImplicitStepper(Stepper):
         in_turn = self._attempts(starts, attempts) if self._tries else ()
         for name, start, begins_sticking in in_turn:
             of_start = starts[start], guesses[start], x, on_the_way, force_scale
-            steps, solution = self._solve(*of_start, begins_sticking=begins_sticking)
+            solve = partial(self._solve, *of_start, begins_sticking=begins_sticking)
+            steps, solution = solve()
             if self._sleeping.must_wake(steps):
-                steps, solution = self._solve(*of_start, all_awake=True)
+                steps, solution = solve(all_awake=True)
             attempts[name] = solution.report
             if solution.report.converged:
                 way = _kernels.farthest(self.x, x[0])

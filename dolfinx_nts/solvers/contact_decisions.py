@@ -10,13 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats
-from dolfinx_nts.contact.implicit.contact_step import (
-    ContactStep,
-    can_be_decided,
-    decide,
-    has_friction,
-    multipliers,
-)
+from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Tied
+from dolfinx_nts.contact.implicit.contact_step import ContactStep, decide
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.parallel import reductions
@@ -25,7 +20,12 @@ from dolfinx_nts.solvers.elimination import ActivePairs
 from dolfinx_nts.solvers.friction_cones import ConeSolution
 from dolfinx_nts.solvers.saddle_point import SaddlePointSystem, WholeSystem
 
-__all__ = ["decided"]
+__all__ = ["decided", "may_be_decided"]
+
+
+def may_be_decided(steps: Sequence[ContactStep]) -> bool:
+    """Whether there is friction at pairs on which can be decided. Local, the same on all ranks."""
+    return any(_takes_part(step) and step.state.pair.friction is not None for step in steps)
 
 
 def decided(
@@ -43,15 +43,16 @@ def decided(
         states: Their last evaluations.
 
     Returns:
-        The evaluations with the states that were decided. None if nothing was: without friction,
-        as active sets are found without that; in large systems; where no forces obey.
+        The evaluations with the states that were decided. None if nothing was: where no pair with
+        friction is near, as active sets are found without that; in large systems; where no forces
+        obey.
     """
     comm = system.comm
     present = reductions.total(comm, np.array([len(state.active) for state in states])) > 0
-    takes_part = [bool(p) and can_be_decided(step) for p, step in zip(present, steps, strict=True)]
+    takes_part = [bool(p) and _takes_part(step) for p, step in zip(present, steps, strict=True)]
     deciding = [i for i, takes in enumerate(takes_part) if takes]
     laws = {i: law for i in deciding if (law := steps[i].friction.decided) is not None}
-    if not any(has_friction(steps[i]) for i in deciding):
+    if not may_be_decided([steps[i] for i in deciding]):
         return None
     dim = dimension(steps[0].state.nodes.V)
     pairs, is_decided = [], []
@@ -66,7 +67,7 @@ def decided(
     if whole is None:
         return None
     own = (
-        np.concatenate([multipliers(steps[i], states[i])[:, :dim] for i in deciding]),
+        np.concatenate([_multipliers(steps[i], states[i])[:, :dim] for i in deciding]),
         np.concatenate([laws[i].coefficients(states[i].pairs.node) for i in deciding]),
         np.concatenate(is_decided),
     )
@@ -80,6 +81,20 @@ def decided(
         new[i] = decide(steps[i], states[i], found.part(slice(first, last)))
         first = last
     return tuple(new)
+
+
+def _takes_part(step: ContactStep) -> bool:
+    """Whether multipliers that push and Coulomb's law alone tell the states of pairs. Local."""
+    law = step.state.pair.enforcement
+    pushes = isinstance(law, LagrangeMultiplier) and not isinstance(law, Tied)
+    return pushes and step.friction.decided is not None
+
+
+def _multipliers(step: ContactStep, state: ContactContribution) -> Floats:
+    """Multipliers of the last evaluation, normal and tangential, ``(m, 3)`` [N]. Local."""
+    node = state.pairs.node
+    values = np.column_stack([step.normal.lambda_N[node], step.friction.traction[node]])
+    return np.where(state.active[:, None], values, 0.0)
 
 
 def _with_all_rows(state: ContactContribution, dim: int) -> ContactContribution:

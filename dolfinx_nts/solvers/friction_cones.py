@@ -159,6 +159,8 @@ def _central(W: Floats, q: Floats, d: int) -> tuple[Floats, Floats] | None:
             return f, v
         if iteration > _BEFORE_SHORT and part < _SHORT and mean < _CLEAR and error < _NEAR:
             return f, v
+        if mean <= 0:  # round-off, from which nothing leads on
+            return None
         last = mean
         # The normal part of a motion in the cone has that of the slip in it.
         of_slip = np.tile(np.eye(d), (m, 1, 1))

@@ -22,7 +22,7 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.active_sets import ActiveSets
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.contact_corrections import ContactCorrections
-from dolfinx_nts.solvers.contact_decisions import decided
+from dolfinx_nts.solvers.contact_decisions import decided, may_be_decided
 from dolfinx_nts.solvers.elimination import ActivePairs, Elimination, active_pairs
 from dolfinx_nts.solvers.petsc_options import PetscOptions
 from dolfinx_nts.solvers.preconditioner import BulkPreconditioner
@@ -230,7 +230,8 @@ class LinearSolver:
     ) -> tuple[ContactContribution, ...] | None:
         """States of contact that obey all conditions of the linear system. Collective.
 
-        Where pairs are eliminated, nothing is decided: their multipliers tell node by node.
+        Where pairs are eliminated, and in large systems, nothing is decided: multipliers tell node
+        by node.
 
         Args:
             R: Residual on the owned dofs, shape ``(d n,)`` [N].
@@ -240,6 +241,8 @@ class LinearSolver:
         Returns:
             The pairs with these states, None if nothing was decided, see `contact_decisions`.
         """
+        if not (self._saddle.may_be_small and may_be_decided(steps)):
+            return None
         pairs = active_pairs(steps, states, self._operator.bulk.rigid.dim)
         self._active_sets.number(pairs)
         if not (pairs and self._active_sets.are_coupled(pairs)):

@@ -306,7 +306,6 @@ def solve(
             if decided is not None:
                 states = decided
                 R = R_bulk + contact_residual(steps, states, (len(X), dim))
-                nodes = bulk.u.x.array[:n].reshape(-1, dim)
                 R = way.pull(bulk.rigid.balance(nodes, R.reshape(-1, dim)).ravel())
         with timings.phase("solve"):
             rtol = _forcing(norms, target)

@@ -11,6 +11,7 @@ the matrix is not symmetric.
 """
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any, NamedTuple
 
 from mpi4py import MPI
@@ -112,6 +113,16 @@ class SaddlePointSystem:
         A.destroy()
         du, dlambda = np.split(solution, [len(solution) - sum(counts)])
         return du, np.split(dlambda, np.cumsum(counts)[:-1]) if counts else []
+
+    @cached_property
+    def may_be_small(self) -> bool:
+        """Whether there are so few unknowns of deformable bodies that dense factors serve. Local.
+
+        Collective at the first use.
+        """
+        rigid = self._bulk.rigid
+        deformable = self._bulk.num_owned - rigid.dim * len(rigid.nodes)
+        return bool(reductions.total(self.comm, deformable) <= _DENSE)
 
     def whole(self, R: Floats, pairs: Sequence[ActivePairs]) -> WholeSystem | None:
         """The system on every rank if it is small, otherwise None. Collective.

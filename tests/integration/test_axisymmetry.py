@@ -353,7 +353,7 @@ def test_obstacles_that_are_not_of_revolution_are_refused(obstacle, message):
 def test_what_rings_cannot_do_is_refused():
     scene = ball_on_plate(size=0.15)
     for changes, message in (
-        ({"enforcement": nts.LagrangeMultiplier("resolved")}, "'elastic' or 'plastic'"),
+        ({"enforcement": nts.LagrangeMultiplier("resolved")}, "another impact than 'resolved'"),
     ):
         with pytest.raises(ValueError, match=message):
             scene.pairs(**changes)

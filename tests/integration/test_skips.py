@@ -7,6 +7,7 @@ import dolfinx_nts as nts
 from dolfinx_nts import parts
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.integrators import sleeping
+from dolfinx_nts.solvers import krylov
 from helpers import scenes
 from helpers.once import once, once_except
 
@@ -263,6 +264,17 @@ def test_iterations_do_not_ask_for_the_dimension(comm, monkeypatch):
         report = scene.stepper.advance()
     assert len(asked) <= 4  # once in a step here and there
     assert report.newton_iterations > 2 and report.num_active > 0
+
+
+@pytest.mark.serial
+def test_deformable_bodies_have_pairs_of_multipliers_made_once_in_an_iteration(comm, monkeypatch):
+    """Only in small systems states are decided on all at once, which takes the pairs, too."""
+    scene = scenes.ball_plate(comm, friction=nts.Coulomb(0.3))
+    made, make = [], krylov.active_pairs
+    monkeypatch.setattr(krylov, "active_pairs", lambda *args: made.append(args) or make(*args))
+    reports = list(scene.stepper.run(12 * scene.stepper.dt))
+    assert max(report.num_active for report in reports) > 0
+    assert len(made) == sum(report.newton_iterations for report in reports)
 
 
 @pytest.mark.serial

@@ -33,12 +33,9 @@ from dolfinx_nts.search.candidates import Candidates
 
 __all__ = [
     "ContactStep",
-    "can_be_decided",
     "contact_residual",
     "decide",
     "go_on_from",
-    "has_friction",
-    "multipliers",
     "predict",
 ]
 
@@ -407,32 +404,13 @@ def go_on_from(steps: Sequence[ContactStep], others: Sequence[ContactStep]) -> N
         step.friction.go_on_from(other.friction)
 
 
-def can_be_decided(step: ContactStep) -> bool:
-    """Whether multipliers that push and Coulomb's law alone tell the states of pairs. Local."""
-    law = step.state.pair.enforcement
-    pushes = isinstance(law, LagrangeMultiplier) and not isinstance(law, Tied)
-    return pushes and step.friction.decided is not None
-
-
-def has_friction(step: ContactStep) -> bool:
-    """Whether a law of friction belongs to the pairs of an attempt. Local."""
-    return step.state.pair.friction is not None
-
-
-def multipliers(step: ContactStep, contribution: ContactContribution) -> Floats:
-    """Multipliers of the last evaluation, normal and tangential, ``(m, 3)`` [N]. Local."""
-    node = contribution.pairs.node
-    values = np.column_stack([step.normal.lambda_N[node], step.friction.traction[node]])
-    return np.where(contribution.active[:, None], values, 0.0)
-
-
 def decide(
     step: ContactStep, contribution: ContactContribution, found: Decision
 ) -> ContactContribution:
     """Take over contact, stick and slip, with the forces of the next iterate. Collective.
 
     Args:
-        step: An attempt on which `can_be_decided`.
+        step: An attempt of pairs by multipliers that push, without springs of friction.
         contribution: Its last evaluation.
         found: What was decided on its pairs.
 
@@ -454,7 +432,7 @@ def decide(
 def predict(step: ContactStep, contribution: ContactContribution, du: Floats) -> None:
     """Know how slips change with increments ``(n, d)`` [m] of the owned nodes. Collective."""
     decided = step.friction.decided
-    if decided is not None and has_friction(step) and step.num_active:
+    if decided is not None and step.state.pair.friction is not None and step.num_active:
         pairs = contribution.pairs
         m, _, d = pairs.gradients.shape
         du = step.candidates.scatter.forward(in_space(du)).take(pairs.dofs, axis=0)
