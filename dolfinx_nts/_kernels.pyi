@@ -106,7 +106,7 @@ def mortar_points(
     y_n: _Floats,
     y: _Floats,
     reach: float,
-    of_rings: bool,
+    are_rings: bool,
 ) -> tuple[_Ints, _Ints, _Floats, _Floats, _Floats]: ...
 def sum_rows(
     phi: _Floats,

@@ -33,7 +33,7 @@ class MortarFacets:
         vertices: Nodes of the facets in Basix order, vertices first, shape ``(f, n)``.
         orientation: +1 where a_1 x a_2 points out of the body, otherwise -1, ``(f,)``.
         X: Reference positions of the nodes of the map, shape ``(l, 3)`` [m].
-        are_rings: Whether they turn about the axis y.
+        are_rings: Whether they stand for rings about the axis y.
     """
 
     nodes: Ints

@@ -48,7 +48,7 @@ auto find_points(const Ints& facets, const Doubles& facet_orientation,
                  const Doubles& X, const Doubles& x_n, const Doubles& x,
                  const Ints& segments, const Doubles& orientation,
                  const Keys& key, const Doubles& y_n, const Doubles& y,
-                 double reach, bool of_rings)
+                 double reach, bool are_rings)
 {
   check("facets", facets, {any, any});
   check("facet_orientation", facet_orientation, {facets.shape(0)});
@@ -76,7 +76,7 @@ auto find_points(const Ints& facets, const Doubles& facet_orientation,
         for (std::size_t s = 0; s < segments.shape(0); ++s)
           boxes.push_back(lower.box(s));
         MortarSearch<F> search(
-            upper, lower, {view(X), view(x_n), view(y_n), of_rings}, reach);
+            upper, lower, {view(X), view(x_n), view(y_n), are_rings}, reach);
         points = search.find(Tree(std::move(boxes)));
       });
   return std::tuple(array(points.facet), array(points.segment),
@@ -274,7 +274,7 @@ void mortar(nb::module_& m)
         nb::arg("facet_orientation"), nb::arg("X"), nb::arg("x_n"),
         nb::arg("x"), nb::arg("segments"), nb::arg("orientation"),
         nb::arg("key"), nb::arg("y_n"), nb::arg("y"), nb::arg("reach"),
-        nb::arg("of_rings"),
+        nb::arg("are_rings"),
         "(f, n) rows of positions (f,), (l, 3), (l, 3), (l, 3), (s, k) rows of "
         "other positions (s,), (s,), (v, 3), (v, 3), -, - -> facet, segment, "
         "weight of each point (p,), phi (p, n) and psi (p, k), see "

@@ -10,6 +10,7 @@
 #include <numbers>
 #include <span>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
 /// @brief Contact points of surface-to-surface contact (mortar): quadrature
@@ -54,7 +55,7 @@ struct Ends
   std::span<const double> X;          ///< reference, of nodes of facets, (l, 3)
   std::span<const double> x_n;        ///< at t_n, the same
   std::span<const double> segments_n; ///< at t_n, of vertices of segments
-  bool of_rings; ///< whether facets turn about the axis x = 0
+  bool are_rings; ///< whether facets stand for rings about the axis x = 0
 };
 
 /// @brief Chooses the contact points of facets F with segments of degree 1.
@@ -243,7 +244,7 @@ private:
                  { points.push_back({xi, weight, below.segment}); });
     else
       covered = pair_nearest(e, found, points);
-    add_points(e, points, covered / cell);
+    add_points(e, std::move(points), covered / cell);
   }
 
   /// @brief Call add(xi, weight) for points by which shape functions are
@@ -308,25 +309,23 @@ private:
 
   /// @brief Add the points of a facet, of which a part is covered [-], with the
   /// shape functions there.
-  void add_points(std::int32_t e, const std::vector<Point>& points,
-                  double covered)
+  void add_points(std::int32_t e, std::vector<Point> points, double covered)
   {
     const std::array<Vec3, n> X = nodes(_facets, e, _ends.X);
-    const auto weight = [&](const Point& point)
-    {
-      const double radius = combine(F::phi(point.xi), X)[0];
-      return point.weight * area_ratio<F>(X, point.xi)
-             * (_ends.of_rings ? 2 * std::numbers::pi * radius : 1);
-    };
     MultiplierFunctions<S> functions;
-    for (const Point& point : points)
-      functions.add(point.xi, weight(point));
+    for (Point& point : points)
+    {
+      point.weight *= area_ratio<F>(X, point.xi);
+      if (_ends.are_rings)
+        point.weight *= 2 * std::numbers::pi * combine(F::phi(point.xi), X)[0];
+      functions.add(point.xi, point.weight);
+    }
     functions.finish(covered);
     for (const Point& point : points)
     {
       _points.facet.push_back(e);
       _points.segment.push_back(point.segment);
-      _points.weight.push_back(weight(point));
+      _points.weight.push_back(point.weight);
       std::ranges::copy(F::phi(point.xi), std::back_inserter(_points.phi));
       std::ranges::copy(functions(point.xi), std::back_inserter(_points.psi));
     }
