@@ -27,7 +27,7 @@ KINDS = {
     EDGES: "edge-to-edge contact",
 }
 # Laws of impact of edges; springs have none.
-_OF_EDGES = ("", "elastic", "plastic")
+_OF_EDGES = ("", "elastic", "plastic", "restitution")
 
 
 def check_method(pair: Any) -> None:
@@ -48,7 +48,7 @@ def check_method(pair: Any) -> None:
     elif pair.is_convective:
         wrong = f"friction by the law 'objective', given {pair.friction!r}"
     elif pair.method == EDGES and getattr(pair.enforcement, "impact", "") not in _OF_EDGES:
-        wrong = f"impact 'elastic' or 'plastic', given {pair.enforcement!r}"
+        wrong = f"impact 'elastic', 'plastic' or 'restitution', given {pair.enforcement!r}"
     elif pair.method == EDGES and isinstance(pair.enforcement, Tied):
         wrong = f"an enforcement by which edges can part, given {pair.enforcement!r}"
     if wrong:
