@@ -8,6 +8,7 @@ from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.rigid_cone import RigidCone
+from dolfinx_nts.model.rigid_surface import RigidSurface
 from dolfinx_nts.model.surfaces import Surface
 
 __all__ = [
@@ -41,8 +42,10 @@ def check_method(pair: Any) -> None:
     if pair.method == NODES:
         return
     wrong = ""
-    if not isinstance(pair.segments, Surface):
-        wrong = f"a Surface as segments, given {type(pair.segments).__name__}"
+    has_edges = pair.method == EDGES and isinstance(pair.segments, RigidSurface)
+    if not (isinstance(pair.segments, Surface) or has_edges):
+        what = f"a Surface{' or a RigidSurface' * (pair.method == EDGES)}"
+        wrong = f"{what} as segments, given {type(pair.segments).__name__}"
     elif pair.touches_itself:
         wrong = "two surfaces, given one that touches itself"
     elif pair.is_convective:

@@ -26,6 +26,7 @@ from dolfinx_nts.search.mortar_search import MortarSearch
 from dolfinx_nts.search.nodal_facets import NodalFacets
 from dolfinx_nts.search.obstacle_candidates import ObstacleSearch
 from dolfinx_nts.search.points import NodalPoints
+from dolfinx_nts.search.rigid_edge_search import RigidEdgeSearch
 from dolfinx_nts.search.self_contact import SelfContactSearch
 from dolfinx_nts.search.smooth_patches import SmoothPatches
 from dolfinx_nts.search.smooth_search import SmoothSearch
@@ -247,7 +248,8 @@ def _leaves_springs_open(pair: ContactPair) -> bool:
 def _search(pair: ContactPair) -> Search:
     """Make the search for what the nodes of a pair may touch. Collective."""
     if isinstance(pair.segments, Obstacle):
-        return ObstacleSearch(pair.segments, pair.nodes)
+        of_rigid = RigidEdgeSearch if pair.method == EDGES else ObstacleSearch
+        return of_rigid(pair.segments, pair.nodes)
     if pair.touches_itself:
         return SelfContactSearch(pair.nodes, pair.segments)
     if pair.method == EDGES:

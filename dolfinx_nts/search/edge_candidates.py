@@ -10,7 +10,7 @@ nodes, with weights of sum one, so that whatever the kernels of triangles conser
 here: work, forces and moments carry over with the transposed weights.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from dolfinx_nts import _kernels
 from dolfinx_nts._kernels import DEEPEST, HYSTERESIS, OVERHANG
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.common.vectors import cross
+from dolfinx_nts.model.frames import Frame
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.search.candidates import Candidates
 from dolfinx_nts.search.edges import Edges, boxes_within
@@ -25,7 +26,7 @@ from dolfinx_nts.search.points import ContactPoints, NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter
 from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidates
 
-__all__ = ["EdgeCandidates"]
+__all__ = ["EdgeCandidates", "RigidEdgeCandidates"]
 
 # Corners of the triangle and the point (rows) by the nodes of a pair: a_1, a_2, b_1, b_2.
 _WEIGHTS = np.array(
@@ -115,6 +116,9 @@ class EdgeCandidates(SegmentCandidates):
         key: Number of each pair, the same on any partition, ascending, ``(c,)``.
         x: Positions of the nodes of the map, shape ``(l, 3)`` [m].
     """
+
+    # Those of the nodes that have unknowns.
+    _weights = _WEIGHTS
 
     def __init__(
         self,
@@ -285,7 +289,7 @@ class EdgeCandidates(SegmentCandidates):
     ) -> ContactKinematics:
         """Evaluate gap and force of pairs of edges, see `Candidates.contact`."""
         found = super().contact(scheme, points, x_n, x, segment)
-        to_nodes = np.kron(_WEIGHTS, np.eye(3))
+        to_nodes = np.kron(self._weights, np.eye(3))
         return found._replace(
             force=found.force @ to_nodes,
             gradient=found.gradient @ to_nodes,
@@ -294,8 +298,67 @@ class EdgeCandidates(SegmentCandidates):
 
     def slip(self, law: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints) -> Slip:
         """Evaluate the slip of the nearest points at t_n, see `Candidates.slip`."""
-        return super().slip(law, points, x_n, x, segment).combined(_WEIGHTS)
+        return super().slip(law, points, x_n, x, segment).combined(self._weights)
 
     def is_at_rim(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:
         """All may leave: beyond an end another edge or a facet goes on."""
         return np.ones(len(segment), dtype=bool)
+
+
+class RigidEdgeCandidates(EdgeCandidates):
+    """Edges that cross those of a rigid obstacle, see `EdgeCandidates`; pairs are an own edge.
+
+    Positions are those in the frame of the obstacle, and both ends of the other edges are rows
+    behind those of the map.
+
+    Args:
+        corners: Vertices of the obstacle, shape ``(n, 3)`` [m].
+        frame: Frame of the obstacle in the present step.
+        *edges: As of `EdgeCandidates`.
+
+    Attributes:
+        frame: The argument.
+    """
+
+    _weights = _WEIGHTS[:, :2]
+
+    def __init__(self, corners: Floats, frame: Frame, *edges: Any) -> None:
+        """Let nobody see vertices that have no unknowns."""
+        super().__init__(*edges)
+        self._corners, self.frame = corners, frame
+        self._triangles, self.segments = self.segments, self.segments[:, :1]
+
+    def _with_corners(self, x: Floats) -> Floats:
+        """Positions of the nodes of the map and of the obstacle's vertices [m]."""
+        return np.concatenate([x[: self.scatter.num_local], self._corners])
+
+    def pair(
+        self,
+        points: ContactPoints,
+        x: Floats,
+        current: Ints,
+        reach: float,
+        slack: float = HYSTERESIS,
+    ) -> tuple[Ints, Floats]:
+        """Choose an edge that crosses one of each carrier, see `Candidates.pair`."""
+        return super().pair(points, self._with_corners(x), current, reach, slack)
+
+    def near(self, points: ContactPoints, x: Floats, reach: float) -> Ints:
+        """Find the carriers of edges near those of the obstacle, see `Candidates.near`."""
+        return super().near(points, self._with_corners(x), reach)
+
+    def pairs(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
+        """Positions of the points and triangles that stand for edges, ``(m, 4, 3)`` [m]."""
+        nodes = points.dofs(self._triangles[segment])
+        pairs: Floats = _WEIGHTS @ self._with_corners(x)[nodes]
+        return pairs
+
+    def contact(
+        self, scheme: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints
+    ) -> ContactKinematics:
+        """Evaluate gap and force of pairs of edges, see `Candidates.contact`."""
+        return self.frame.turned(scheme, super().contact(scheme, points, x_n, x, segment))
+
+    def slip(self, law: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints) -> Slip:
+        """Evaluate the slip of the nearest points at t_n, see `Candidates.slip`."""
+        return self.frame.turned_slip(super().slip(law, points, x_n, x, segment))

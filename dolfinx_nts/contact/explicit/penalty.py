@@ -303,9 +303,11 @@ class ContactSprings:
         if frame.moves:
             carried = frame.carried(frame.at_start(x - du), frame.at_end(x))
             du = du - carried
-            for springs in (old.springs, new.springs):
-                way = carried[springs.dofs[:, 0]]
-                obstacle += float(np.vdot(springs.force[:, 0], way)) / 2
+            for scatter, springs in ((old.scatter, old.springs), (new.scatter, new.springs)):
+                on_map = (lambda y: y) if scatter is None else scatter.forward
+                own = slice(self._num_own)
+                way = on_map(carried)[springs.dofs[:, own]]
+                obstacle += float(np.vdot(springs.force[:, own], way)) / 2
         du_old = du if old.scatter is None else old.scatter.forward(du)
         du_new = du_old
         if new.scatter is not old.scatter:

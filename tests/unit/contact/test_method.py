@@ -79,8 +79,13 @@ def test_what_has_no_edges_is_refused(surfaces, boundaries):
     with pytest.raises(ValueError, match="convex edges of more than 30 degrees with"):
         nts.ContactPair(*surfaces, method="edge-to-edge")
     floor = nts.RigidPlane((0, 0, 0), (0, 0, 1))
-    with pytest.raises(ValueError, match="Surface as segments, given RigidPlane"):
+    with pytest.raises(
+        ValueError, match="a Surface or a RigidSurface as segments, given RigidPlane"
+    ):
         nts.ContactPair(boundaries[0], floor, method="edge-to-edge")
+    flat = nts.RigidSurface([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], outside=(0, 0, 1))
+    with pytest.raises(ValueError, match="given a RigidSurface without any"):
+        nts.ContactPair(boundaries[0], flat, method="edge-to-edge")
     with pytest.raises(ValueError, match="two surfaces, given one"):
         nts.ContactPair(boundaries[0], boundaries[0], method="edge-to-edge")
     square = plane.blocks()
