@@ -17,6 +17,7 @@ from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.passes import Passes
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.rigid_shapes import RigidSphere
+from dolfinx_nts.model.rigid_surface import RigidSurface
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Candidates, Search
@@ -247,9 +248,10 @@ def _leaves_springs_open(pair: ContactPair) -> bool:
 
 def _search(pair: ContactPair) -> Search:
     """Make the search for what the nodes of a pair may touch. Collective."""
+    if isinstance(pair.segments, RigidSurface) and pair.method == EDGES:
+        return RigidEdgeSearch(pair.segments, pair.nodes)
     if isinstance(pair.segments, Obstacle):
-        of_rigid = RigidEdgeSearch if pair.method == EDGES else ObstacleSearch
-        return of_rigid(pair.segments, pair.nodes)
+        return ObstacleSearch(pair.segments, pair.nodes)
     if pair.touches_itself:
         return SelfContactSearch(pair.nodes, pair.segments)
     if pair.method == EDGES:

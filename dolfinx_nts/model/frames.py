@@ -198,7 +198,7 @@ class _TurnedSlip(Slip):
 
 def _of_all(rotation: Floats, force: Floats) -> Floats:
     """Rotation of all nodes of pairs with forces of shape ``(..., d)``, shape ``(d, d)``."""
-    all_of_them: Floats = np.kron(np.eye(force.shape[-1] // 3), rotation)
+    all_of_them = np.kron(np.eye(force.shape[-1] // 3), rotation).astype(np.float64)
     return all_of_them
 
 

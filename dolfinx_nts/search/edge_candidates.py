@@ -349,9 +349,10 @@ class RigidEdgeCandidates(EdgeCandidates):
 
     def pairs(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
         """Positions of the points and triangles that stand for edges, ``(m, 4, 3)`` [m]."""
-        nodes = points.dofs(self._triangles[segment])
-        pairs: Floats = _WEIGHTS @ self._with_corners(x)[nodes]
-        return pairs
+        pairs = np.empty((len(segment), len(_WEIGHTS), 3))
+        pairs[:, 0] = points.of(x)
+        pairs[:, 1:] = self._with_corners(x)[self._triangles[segment]]
+        return _WEIGHTS @ pairs
 
     def contact(
         self, scheme: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints

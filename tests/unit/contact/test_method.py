@@ -86,6 +86,9 @@ def test_what_has_no_edges_is_refused(surfaces, boundaries):
     flat = nts.RigidSurface([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], outside=(0, 0, 1))
     with pytest.raises(ValueError, match="given a RigidSurface without any"):
         nts.ContactPair(boundaries[0], flat, method="edge-to-edge")
+    flat = nts.RigidSurface([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], outside=(0, 0, 1))
+    with pytest.raises(ValueError, match="given a RigidSurface without any"):
+        nts.ContactPair(boundaries[0], flat, method="edge-to-edge")
     with pytest.raises(ValueError, match="two surfaces, given one"):
         nts.ContactPair(boundaries[0], boundaries[0], method="edge-to-edge")
     square = plane.blocks()
