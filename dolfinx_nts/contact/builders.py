@@ -20,7 +20,7 @@ from dolfinx_nts.model.bodies import Body, common_space
 from dolfinx_nts.model.connected_bodies import connected
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Smooth, Surface, boundary_facets
-from dolfinx_nts.search.sharp_edges import SharpEdges
+from dolfinx_nts.search.rigid_edge_search import num_sharp_edges
 
 __all__ = ["all_pairs", "boundary_of", "two_half_passes"]
 
@@ -101,7 +101,8 @@ def all_pairs(
         method: Method of contact between bodies, as in `ContactPair`. Pairs with obstacles and
             of self contact are node-to-segment in any case.
         edges: Whether bodies also touch where their sharp edges cross, by a second pair of
-            method ``"edge-to-edge"`` for each two groups of bodies that have such edges.
+            method ``"edge-to-edge"`` for each two groups of bodies that have such edges, and for
+            each `RigidSurface` that has some.
         smooth: Whether segments between bodies are those of a smooth surface, as in `Surface`.
             Self contact and edges see facets in any case.
 
@@ -149,7 +150,7 @@ def all_pairs(
     def add(nodes: Sequence[Body], segments: Sequence[Body] | Obstacle, by: Method = NODES) -> None:
         target: Surface | Obstacle
         if isinstance(segments, Obstacle):
-            target, text = segments, type(segments).__name__
+            target, text = segments, f"{'edges of ' * (by == EDGES)}{type(segments).__name__}"
         elif segments is nodes:
             target, text = surface(*segments), "their own segments"
         else:
@@ -171,10 +172,12 @@ def all_pairs(
     for finer, coarser in halves:
         add(finer, coarser, method)
     for two in halves if edges else []:
-        if all(SharpEdges.of(surface(*some)).total for some in two):
+        if all(num_sharp_edges(surface(*some)) for some in two):
             add(*two, EDGES)
     for obstacle in instances(Obstacle, obstacles):
         add(bodies, obstacle)
+        if edges and num_sharp_edges(obstacle) and num_sharp_edges(surface(*bodies)):
+            add(bodies, obstacle, EDGES)
     for group in groups:
         if not set(group).isdisjoint(self_contact):
             add(group, group)

@@ -43,7 +43,7 @@ class LagrangeMultiplier(Declaration):
             ``"restitution"``: a node leaves with ``e`` times the speed with which it came,
             wherever in the step it arrives, as g_ref = g_n + (1 - e)/2 min(h dg_n/dt, 0); the
             energy-momentum scheme never gains energy by it, and with e = 1 it is elastic.
-            It is for node-to-segment contact and for surfaces by ``method="mortar"``.
+            It is for contact by all methods.
         e: Coefficient of restitution of ``"restitution"``, from 0 to 1 [-]. It is that of
             nodes: a body that swings bounces by its waves too, the less by its nodes the finer
             the mesh, so that ``e`` tells how a body bounces only if it is stiff.

@@ -8,6 +8,7 @@ from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.rigid_cone import RigidCone
+from dolfinx_nts.model.rigid_surface import RigidSurface
 from dolfinx_nts.model.surfaces import Surface
 
 __all__ = [
@@ -27,7 +28,7 @@ KINDS = {
     EDGES: "edge-to-edge contact",
 }
 # Laws of impact of edges; springs have none.
-_OF_EDGES = ("", "elastic", "plastic")
+_OF_EDGES = ("", "elastic", "plastic", "restitution")
 
 
 def check_method(pair: Any) -> None:
@@ -41,14 +42,16 @@ def check_method(pair: Any) -> None:
     if pair.method == NODES:
         return
     wrong = ""
-    if not isinstance(pair.segments, Surface):
-        wrong = f"a Surface as segments, given {type(pair.segments).__name__}"
+    has_edges = pair.method == EDGES and isinstance(pair.segments, RigidSurface)
+    if not (isinstance(pair.segments, Surface) or has_edges):
+        what = f"a Surface{' or a RigidSurface' * (pair.method == EDGES)}"
+        wrong = f"{what} as segments, given {type(pair.segments).__name__}"
     elif pair.touches_itself:
         wrong = "two surfaces, given one that touches itself"
     elif pair.is_convective:
         wrong = f"friction by the law 'objective', given {pair.friction!r}"
     elif pair.method == EDGES and getattr(pair.enforcement, "impact", "") not in _OF_EDGES:
-        wrong = f"impact 'elastic' or 'plastic', given {pair.enforcement!r}"
+        wrong = f"impact 'elastic', 'plastic' or 'restitution', given {pair.enforcement!r}"
     elif pair.method == EDGES and isinstance(pair.enforcement, Tied):
         wrong = f"an enforcement by which edges can part, given {pair.enforcement!r}"
     if wrong:

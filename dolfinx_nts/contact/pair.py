@@ -28,7 +28,7 @@ from dolfinx_nts.contact.method import (
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface, sharpest_corner
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.search.sharp_edges import SharpEdges
+from dolfinx_nts.search.rigid_edge_search import num_sharp_edges
 
 __all__ = ["AcceptedContact", "ContactPair", "is_in_use"]
 
@@ -78,9 +78,9 @@ class ContactPair(Declaration):
             facets around it, weighted with a dual shape function (Wohlmuth 2000); it transmits
             a uniform pressure exactly, wherever nodes of the two surfaces lie. At degree 2 the
             vertices hold it. ``"edge-to-edge"``: edges of the nodes' surface hold their distance
-            from edges of the other one that they cross, where both surfaces are convex and turn
-            by more than 30 degrees. It adds to a pair of the same surfaces by one of the other
-            methods, which do not see such edges.
+            from edges of the other one, or of a `RigidSurface`, that they cross, where both are
+            convex and turn by more than 30 degrees. It adds to a pair of the same surfaces by one
+            of the other methods, which do not see such edges.
 
     Attributes:
         nodes, segments, enforcement, method: The arguments.
@@ -239,12 +239,11 @@ def is_in_use(pair: ContactPair) -> bool:
 def _check_edges(*surfaces: Surface | Obstacle) -> None:
     """Raise unless both surfaces have sharp edges. Collective."""
     for surface in surfaces:
-        assert isinstance(surface, Surface)
-        if not SharpEdges.of(surface).total:
+        if not num_sharp_edges(surface):
             raise ValueError(
                 "expected surfaces with convex edges of more than 30 degrees with method "
                 f"{EDGES!r}, given {surface.name} without any: facets on both sides of an edge "
-                "must belong to the surface, as in boundary_of"
+                "must belong to the surface, as in boundary_of, or to the RigidSurface"
             )
 
 

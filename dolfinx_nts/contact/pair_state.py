@@ -17,6 +17,7 @@ from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.passes import Passes
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.rigid_shapes import RigidSphere
+from dolfinx_nts.model.rigid_surface import RigidSurface
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Candidates, Search
@@ -26,6 +27,7 @@ from dolfinx_nts.search.mortar_search import MortarSearch
 from dolfinx_nts.search.nodal_facets import NodalFacets
 from dolfinx_nts.search.obstacle_candidates import ObstacleSearch
 from dolfinx_nts.search.points import NodalPoints
+from dolfinx_nts.search.rigid_edge_search import RigidEdgeSearch
 from dolfinx_nts.search.self_contact import SelfContactSearch
 from dolfinx_nts.search.smooth_patches import SmoothPatches
 from dolfinx_nts.search.smooth_search import SmoothSearch
@@ -246,6 +248,8 @@ def _leaves_springs_open(pair: ContactPair) -> bool:
 
 def _search(pair: ContactPair) -> Search:
     """Make the search for what the nodes of a pair may touch. Collective."""
+    if isinstance(pair.segments, RigidSurface) and pair.method == EDGES:
+        return RigidEdgeSearch(pair.segments, pair.nodes)
     if isinstance(pair.segments, Obstacle):
         return ObstacleSearch(pair.segments, pair.nodes)
     if pair.touches_itself:

@@ -13,6 +13,7 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.contact.joint_state import JointNodes
+from dolfinx_nts.contact.method import EDGES
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.model.obstacles import Obstacle
@@ -121,6 +122,8 @@ def through_to_another_side(
 def shortest_passage_of(pair: ContactPair) -> float:
     """Relative motion below which no node of a pair passes [m]. Collective."""
     segments = pair.segments
+    if pair.method == EDGES:  # which are not followed on their ways
+        return np.inf
     if isinstance(segments, Obstacle):
         return segments.shortest_passage
     size = diameters(segments.V.tabulate_dof_coordinates()[segments.segments])

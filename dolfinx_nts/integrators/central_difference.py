@@ -26,7 +26,7 @@ from dolfinx_nts.common.arguments import instances
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.explicit.all_springs import AllSprings
 from dolfinx_nts.contact.history import ContactWork
-from dolfinx_nts.contact.method import has_patches
+from dolfinx_nts.contact.method import EDGES, NODES, has_patches
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.components import dimension, in_space, nodal
 from dolfinx_nts.integrators.drift import Drift
@@ -137,9 +137,9 @@ class CentralDifference(Stepper):
     ) -> None:
         """Check the arguments, compile the forms, and estimate the stable step."""
         methods = {pair.method for pair in instances(ContactPair, pairs)}
-        if others := sorted(methods - {"node-to-segment"}):
+        if others := sorted(methods - {NODES, EDGES}):
             raise ValueError(
-                "expected pairs of method 'node-to-segment' with CentralDifference, given "
+                f"expected pairs of method {NODES!r} or {EDGES!r} with CentralDifference, given "
                 f"{' and '.join(map(repr, others))}, which the implicit steppers can do"
             )
         if smooth := [pair.segments.name for pair in pairs if has_patches(pair)]:

@@ -88,7 +88,7 @@ class Frame:
 
         Args:
             scheme: Kernel of the contact force, see `Candidates.contact`.
-            contact: Kinematics of nodes alone, d = 3.
+            contact: Kinematics of pairs whose nodes all have unknowns.
         """
         return contact
 
@@ -163,8 +163,8 @@ class MovingFrame(Frame):
 
     def turned(self, scheme: str, contact: ContactKinematics) -> ContactKinematics:
         """Bring forces into space, see `Frame.turned`; static ones by the rotation at the end."""
-        end = self._end.rotation
-        of_force = end if scheme == "static" else self._mean
+        end = _of_all(self._end.rotation, contact.force)
+        of_force = end if scheme == "static" else _of_all(self._mean, contact.force)
         return contact._replace(
             force=contact.force @ of_force.T,
             gradient=contact.gradient @ end.T,
@@ -182,7 +182,8 @@ class _TurnedSlip(Slip):
     def __init__(self, slip: Slip, start: Floats, mean: Floats, end: Floats) -> None:
         self._slip, self.value = slip, slip.value
         self._start, self._mean, self._end = start, mean, end
-        self.force, self.gradient = slip.force @ mean.T, slip.gradient @ end.T
+        of_force, of_gradient = (_of_all(turn, slip.force) for turn in (mean, end))
+        self.force, self.gradient = slip.force @ of_force.T, slip.gradient @ of_gradient.T
         self.frame_n, self.normal_n = slip.frame_n @ start.T, slip.normal_n @ start.T
         self.frame, self.normal = slip.frame @ end.T, slip.normal @ end.T
 
@@ -190,8 +191,15 @@ class _TurnedSlip(Slip):
         return _TurnedSlip(self._slip.at_end(), self._start, self._end, self._end)
 
     def tangent(self, t: Floats) -> Floats:
-        tangent: Floats = self._mean @ self._slip.tangent(t) @ self._end.T
+        mean, end = (_of_all(turn, self._slip.force) for turn in (self._mean, self._end))
+        tangent: Floats = mean @ self._slip.tangent(t) @ end.T
         return tangent
+
+
+def _of_all(rotation: Floats, force: Floats) -> Floats:
+    """Rotation of all nodes of pairs with forces of shape ``(..., d)``, shape ``(d, d)``."""
+    all_of_them = np.kron(np.eye(force.shape[-1] // 3), rotation).astype(np.float64)
+    return all_of_them
 
 
 def _axial(turn: Floats) -> Floats:

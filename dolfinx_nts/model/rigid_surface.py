@@ -60,6 +60,14 @@ class RigidSurface(Obstacle):
         self._segments = _kernels.Segments(self._facets, self._orientation, self.key)
         self.shortest_passage = self._shortest_passage()
 
+    @property
+    def facets(self) -> tuple[Floats, Ints, Floats]:
+        """Vertices ``(n, 3)`` [m], those of each facet ``(s, k)``, and its sense ``(s,)``.
+
+        The sense is +1 where the first two edges turn about the outer normal, otherwise -1.
+        """
+        return self._points, self._facets, self._orientation
+
     def _shortest_passage(self) -> float:
         """Motion below which no node passes, by the thickness below the centres of facets [m]."""
         size, centre = diameters(self.corners), self.corners.mean(axis=1)

@@ -10,29 +10,33 @@ nodes, with weights of sum one, so that whatever the kernels of triangles conser
 here: work, forces and moments carry over with the transposed weights.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from dolfinx_nts import _kernels
 from dolfinx_nts._kernels import DEEPEST, HYSTERESIS, OVERHANG
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.common.vectors import cross
+from dolfinx_nts.model.frames import Frame
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
+from dolfinx_nts.search.candidates import Candidates
 from dolfinx_nts.search.edges import Edges, boxes_within
-from dolfinx_nts.search.points import ContactPoints
+from dolfinx_nts.search.points import ContactPoints, NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter
 from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidates
 
-__all__ = ["EdgeCandidates"]
+__all__ = ["EdgeCandidates", "RigidEdgeCandidates"]
 
-# Corners of the triangle and the point (rows) by the nodes of a pair: a_1, b_1, a_2, b_2.
+# Corners of the triangle and the point (rows) by the nodes of a pair: a_1, a_2, b_1, b_2.
 _WEIGHTS = np.array(
-    [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [-1.0, 1.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+    [[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [-1.0, 1.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 )
 # Sines of angles [-] above which edges that meet anew count as crossing: between the edges, and
 # between the normal of the crossing and the facets at the edges, which it must lie between. A pair
-# that is held stays until they are below the second ones.
-_CROSSING, _BETWEEN = (0.1, 0.05), (0.05, -0.05)
+# that is held stays until they are below the second ones. What edges of length l sink in unseen is
+# about l times these, before a node meets a facet.
+_CROSSING, _BETWEEN = (0.01, 0.005), (1e-3, -0.05)
 # Part of an edge [-] by which a crossing is beyond its end but for round-off.
 _ROUNDING = 1e-9
 # By how much deeper another edge must be than the present one, in edges [-], to be taken for it.
@@ -101,8 +105,8 @@ class EdgeCandidates(SegmentCandidates):
     """Pairs of edges near each other, see `Candidates`.
 
     A candidate is an edge of the nodes' surface with an edge of the other and a sense of the
-    normal; only its carrier, the first end, can choose it. Its *vertices* are the first end of
-    the other edge, the second end of the carrier's own, and the second one of the other.
+    normal; only its carrier, the first end, can choose it. Its *vertices* are the second end of
+    the carrier's own edge and both ends of the other one.
 
     Args:
         scatter: Map of the nodes.
@@ -112,6 +116,9 @@ class EdgeCandidates(SegmentCandidates):
         key: Number of each pair, the same on any partition, ascending, ``(c,)``.
         x: Positions of the nodes of the map, shape ``(l, 3)`` [m].
     """
+
+    # Those of the nodes that have unknowns.
+    _weights = _WEIGHTS
 
     def __init__(
         self,
@@ -127,10 +134,10 @@ class EdgeCandidates(SegmentCandidates):
         a, b = own.ends[pairs[:, 0]], other.ends[pairs[:, 1]]
         self._carrier = a[:, 0]
         lengths = [np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1) for ends in (a, b)]
-        size = np.minimum(*lengths)
+        size, self._lengths = np.minimum(*lengths), lengths[1]
         thickness = np.minimum(own.thickness[pairs[:, 0]], other.thickness[pairs[:, 1]])
         self._deepest = np.minimum(DEEPEST * size, thickness)
-        vertices = np.column_stack([b[:, 0], a[:, 1], b[:, 1]]).astype(np.int32)
+        vertices = np.column_stack([a[:, 1], b]).astype(np.int32)
         senses = np.tile([-1.0, 1.0], len(pairs))
         keys = np.repeat(2 * key, 2) + (senses > 0)
         twice = (np.repeat(values, 2, axis=0) for values in (vertices, size, thickness))
@@ -192,6 +199,28 @@ class EdgeCandidates(SegmentCandidates):
         segment[where], gap[where] = candidate[order[first]], gaps[order[first]]
         return segment, gap
 
+    def penalty_forces(
+        self,
+        points: NodalPoints,
+        x: Floats,
+        current: Ints,
+        reach: float,
+        numbers: Ints,
+        stiffness: Floats,
+    ) -> tuple[Ints, Floats, _kernels.Springs]:
+        """Load the springs of crossings inside, by their gradients; see `Candidates`."""
+        values = points, x, current, reach, numbers, stiffness
+        return Candidates.penalty_forces(self, *values)
+
+    def near(self, points: ContactPoints, x: Floats, reach: float) -> Ints:
+        """Find the carriers of edges whose boxes are near those of others, see `Candidates`."""
+        sides = ((edges, self._pairs[:, i]) for i, edges in enumerate(self._edges))
+        (lower, upper), (least, greatest) = (edges.boxes(x, some) for edges, some in sides)
+        close = ((lower <= greatest + reach) & (least <= upper + reach)).all(axis=1)
+        carries = np.zeros(len(x), dtype=bool)
+        carries[self._carrier[close]] = True
+        return np.flatnonzero(carries[points.nodes]).astype(np.int32)
+
     def _held(self, x: Floats, candidate: Ints, slack: float) -> "_Found":
         """Those of present candidates that may stay."""
         sense, crossing = self.orientation[candidate], self._crossing(x, candidate // 2)
@@ -218,15 +247,19 @@ class EdgeCandidates(SegmentCandidates):
             & ((own >= -_ROUNDING) & (own < 1 - _ROUNDING))
             & ((beyond <= OVERHANG) & (crossing.sine > _CROSSING[0]))
         ).astype(np.int32)
-        pair, crossing, beyond = pair[some], crossing.take(some), beyond[some] > _ROUNDING
+        pair, crossing, beyond = pair[some], crossing.take(some), beyond[some]
+        is_beyond: Flags = beyond > _ROUNDING
         if not len(pair):
-            return _Found(pair, crossing.gap, beyond, crossing.gap)
+            return _Found(pair, crossing.gap, is_beyond, crossing.gap)
         angles = self._between(x, pair, crossing.normal)
         sense = np.where(angles[:, 0] > 0, 1.0, -1.0)
+        gap = sense * crossing.gap
         faces: Flags = np.all(sense[:, None] * angles > _BETWEEN[0], axis=1)
+        # Beyond a convex corner there is nothing to be inside of; outside of it the nearest
+        # points of lines are beyond ends by as much as the lines are apart.
+        faces &= ~is_beyond | (beyond * self._lengths[pair] <= gap)
         candidate = (2 * pair + (sense > 0)).astype(np.int32)[faces]
-        gap = (sense * crossing.gap)[faces]
-        return _Found(candidate, gap, beyond[faces], gap)
+        return _Found(candidate, gap[faces], is_beyond[faces], gap[faces])
 
     def _crossing(self, x: Floats, pair: Ints) -> _Crossing:
         """How the edges of some pairs cross."""
@@ -256,7 +289,7 @@ class EdgeCandidates(SegmentCandidates):
     ) -> ContactKinematics:
         """Evaluate gap and force of pairs of edges, see `Candidates.contact`."""
         found = super().contact(scheme, points, x_n, x, segment)
-        to_nodes = np.kron(_WEIGHTS, np.eye(3))
+        to_nodes = np.kron(self._weights, np.eye(3))
         return found._replace(
             force=found.force @ to_nodes,
             gradient=found.gradient @ to_nodes,
@@ -265,8 +298,68 @@ class EdgeCandidates(SegmentCandidates):
 
     def slip(self, law: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints) -> Slip:
         """Evaluate the slip of the nearest points at t_n, see `Candidates.slip`."""
-        return super().slip(law, points, x_n, x, segment).combined(_WEIGHTS)
+        return super().slip(law, points, x_n, x, segment).combined(self._weights)
 
     def is_at_rim(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:
         """All may leave: beyond an end another edge or a facet goes on."""
         return np.ones(len(segment), dtype=bool)
+
+
+class RigidEdgeCandidates(EdgeCandidates):
+    """Edges that cross those of a rigid obstacle, see `EdgeCandidates`; pairs are an own edge.
+
+    Positions are those in the frame of the obstacle, and both ends of the other edges are rows
+    behind those of the map.
+
+    Args:
+        corners: Vertices of the obstacle, shape ``(n, 3)`` [m].
+        frame: Frame of the obstacle in the present step.
+        *edges: As of `EdgeCandidates`.
+
+    Attributes:
+        frame: The argument.
+    """
+
+    _weights = _WEIGHTS[:, :2]
+
+    def __init__(self, corners: Floats, frame: Frame, *edges: Any) -> None:
+        """Let nobody see vertices that have no unknowns."""
+        super().__init__(*edges)
+        self._corners, self.frame = corners, frame
+        self._triangles, self.segments = self.segments, self.segments[:, :1]
+
+    def _with_corners(self, x: Floats) -> Floats:
+        """Positions of the nodes of the map and of the obstacle's vertices [m]."""
+        return np.concatenate([x[: self.scatter.num_local], self._corners])
+
+    def pair(
+        self,
+        points: ContactPoints,
+        x: Floats,
+        current: Ints,
+        reach: float,
+        slack: float = HYSTERESIS,
+    ) -> tuple[Ints, Floats]:
+        """Choose an edge that crosses one of each carrier, see `Candidates.pair`."""
+        return super().pair(points, self._with_corners(x), current, reach, slack)
+
+    def near(self, points: ContactPoints, x: Floats, reach: float) -> Ints:
+        """Find the carriers of edges near those of the obstacle, see `Candidates.near`."""
+        return super().near(points, self._with_corners(x), reach)
+
+    def pairs(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
+        """Positions of the points and triangles that stand for edges, ``(m, 4, 3)`` [m]."""
+        pairs = np.empty((len(segment), len(_WEIGHTS), 3))
+        pairs[:, 0] = points.of(x)
+        pairs[:, 1:] = self._with_corners(x)[self._triangles[segment]]
+        return _WEIGHTS @ pairs
+
+    def contact(
+        self, scheme: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints
+    ) -> ContactKinematics:
+        """Evaluate gap and force of pairs of edges, see `Candidates.contact`."""
+        return self.frame.turned(scheme, super().contact(scheme, points, x_n, x, segment))
+
+    def slip(self, law: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints) -> Slip:
+        """Evaluate the slip of the nearest points at t_n, see `Candidates.slip`."""
+        return self.frame.turned_slip(super().slip(law, points, x_n, x, segment))

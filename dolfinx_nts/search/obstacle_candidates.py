@@ -13,6 +13,7 @@ from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.model.trajectories import Trajectories
 from dolfinx_nts.search.candidates import Candidates, Search
+from dolfinx_nts.search.edge_candidates import RigidEdgeCandidates
 from dolfinx_nts.search.points import ContactPoints
 from dolfinx_nts.search.scatter import NodalScatter
 
@@ -97,7 +98,7 @@ class ObstacleSearch(Search):
         nodes: Surface whose nodes meet it.
     """
 
-    candidates: ObstacleCandidates
+    candidates: ObstacleCandidates | RigidEdgeCandidates
 
     def __init__(self, obstacle: Obstacle, nodes: Surface) -> None:
         """Make the candidates, which never change."""

@@ -14,7 +14,7 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.global_search import GlobalSearch, owners_of
 from dolfinx_nts.search.segment_candidates import SegmentCandidates
 
-__all__ = ["SharpEdges", "unit_normals"]
+__all__ = ["SharpEdges", "sharp_between", "unit_normals"]
 
 # Reach of the search for the facets around a node, relative to the longest facet [-]: they are
 # at no distance but for round-off.
@@ -36,8 +36,9 @@ class SharpEdges:
         surface: The surface, of a mesh in space.
 
     Attributes:
-        nodes: Carrier and other end of the ``e`` edges of this rank, in the map of the facets
-            around its nodes, shape ``(e, 2)``.
+        scatter: Map of the facets around the nodes of this rank.
+        nodes: Carrier and other end of the ``e`` edges of this rank, in that map,
+            shape ``(e, 2)``.
         facets: Vertices of both facets at each edge, those in outward sense, shape ``(e, 2, k)``.
         key: Number of each edge, the same on any partition, shape ``(e,)``.
         thickness: Height of the lower one of the cells behind an edge, ``(e,)`` [m, reference].
@@ -49,16 +50,13 @@ class SharpEdges:
         V = surface.V
         X = V.tabulate_dof_coordinates()
         near, _ = GlobalSearch(surface, surface).update(X, _AROUND * surface.size)
-        self._scatter = near.scatter
+        self.scatter = near.scatter
         ids = _numbers(input_ids(V), near)
-        edges, facets = _edges_with_two_facets(near.segments, ids)
-        is_sharp = _is_sharp(near.scatter.forward(X), near, edges, facets)
-        mine = is_sharp & (edges[:, 0] < near.scatter.index_map.size_local)
+        X = near.scatter.forward(X)
+        edges, facets, outward = sharp_between(X, near.segments, near.orientation, ids)
+        mine = edges[:, 0] < near.scatter.index_map.size_local
         self.nodes: Ints = np.ascontiguousarray(edges[mine])
-        outward, k = near.segments.copy(), near.segments.shape[1]
-        inward = near.orientation < 0
-        outward[inward] = outward[inward][:, _REVERSED[k]]
-        self.facets: Ints = outward[facets[mine]]
+        self.facets: Ints = outward[mine]
         *_, thickness = near.of_segments
         self.thickness: Floats = thickness[facets[mine]].min(axis=1)
         comm: MPI.Comm = V.mesh.comm
@@ -77,15 +75,15 @@ class SharpEdges:
         """Global numbers of all nodes of the edges, ``(e, 2 + 2 k)``, and their owners. Local."""
         both = np.prod(self.facets.shape[1:])
         rows = np.column_stack([self.nodes, self.facets.reshape(-1, both)])
-        ids = self._scatter.index_map.local_to_global(rows.ravel()).reshape(rows.shape)
-        return ids, owners_of(self._scatter.index_map)[rows]
+        ids = self.scatter.index_map.local_to_global(rows.ravel()).reshape(rows.shape)
+        return ids, owners_of(self.scatter.index_map)[rows]
 
     def ends(self, x: Floats) -> Floats:
         """Positions of the ends, shape ``(2, e, 3)`` [m]. Collective.
 
         ``x`` are positions of the local nodes of the space, owned and ghost, shape ``(l, 3)``.
         """
-        ends: Floats = self._scatter.forward(x)[self.nodes.T]
+        ends: Floats = self.scatter.forward(x)[self.nodes.T]
         return ends
 
 
@@ -124,10 +122,34 @@ def _edges_with_two_facets(segments: Ints, ids: GlobalInts) -> tuple[Ints, Ints]
     return ends[first], np.column_stack([facet[first], facet[first + 1]])
 
 
-def _is_sharp(X: Floats, near: SegmentCandidates, edges: Ints, facets: Ints) -> Flags:
+def sharp_between(
+    X: Floats, segments: Ints, orientation: Floats, ids: GlobalInts
+) -> tuple[Ints, Ints, Ints]:
+    """Find the sharp edges between two facets. Local.
+
+    Args:
+        X: Positions of all vertices in the reference configuration, shape ``(n, 3)`` [m].
+        segments: Vertices of the facets, shape ``(s, k)``.
+        orientation: +1 where their sense is the outward one, otherwise -1, ``(s,)``.
+        ids: Numbers of the vertices, by which ends are ordered, shape ``(n,)``.
+
+    Returns:
+        Ends of each edge ``(e, 2)``, both facets ``(e, 2)``, and the vertices of these in outward
+        sense, ``(e, 2, k)``.
+    """
+    edges, facets = _edges_with_two_facets(segments, ids)
+    outward, k = segments.copy(), segments.shape[1]
+    inward = orientation < 0
+    outward[inward] = outward[inward][:, _REVERSED[k]]
+    is_sharp = _is_sharp(X, outward, edges, facets)
+    edges, facets = edges[is_sharp], facets[is_sharp]
+    return edges, facets, outward[facets]
+
+
+def _is_sharp(X: Floats, outward: Ints, edges: Ints, facets: Ints) -> Flags:
     """Whether the surface is convex at edges, and turns there by more than some angle."""
-    corners = X[near.segments[facets]]  # (e, 2, k, 3)
-    normals = unit_normals(corners) * near.orientation[facets][..., None]
+    corners = X[outward[facets]]  # (e, 2, k, 3)
+    normals = unit_normals(corners)
     cosine = np.einsum("ei,ei->e", normals[:, 0], normals[:, 1])
     beyond = corners[:, 1].mean(axis=1) - X[edges].mean(axis=1)
     flags: Flags = (cosine < SHARP) & (np.einsum("ei,ei->e", normals[:, 0], beyond) < 0)

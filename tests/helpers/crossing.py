@@ -30,6 +30,9 @@ def crossed(
     n: int = 3,
     dt: float = 0.004,
     degree: int = 1,
+    place=PLACE,
+    velocity=VELOCITY,
+    turn: float = np.pi / 2,
 ) -> Scene:
     """Two cubes on their edges, one above the other, whose edges cross. Collective.
 
@@ -45,13 +48,16 @@ def crossed(
         n: Cells along an edge.
         dt: Step [s].
         degree: That of the displacements.
+        place: Where the upper cube is [m].
+        velocity: Its velocity [m/s].
+        turn: Angle between the edges [rad].
     """
     motion = motion or Motion.none()
     data = boxes([(n, n, n)] * 2, [(1.0, 1.0, 1.0)] * 2, cell)
-    for body, (turn, place) in enumerate([(0.0, np.zeros(3)), (np.pi / 2, PLACE)]):
+    for body, (angle, there) in enumerate([(0.0, np.zeros(3)), (turn, place)]):
         some = np.unique(data.cells[data.body == body])
         X = (data.X[some] - data.X[some].mean(axis=0)) @ rotation([1, 0, 0], np.pi / 4).T
-        data.X[some] = X @ rotation([0, 0, 1], turn).T + place
+        data.X[some] = X @ rotation([0, 0, 1], angle).T + there
     mesh, cells, _, tag = distribute(comm, data)
     mesh.geometry.x[:] = motion(mesh.geometry.x)
     V = fem.functionspace(mesh, ("Lagrange", degree, (3,)))
@@ -62,12 +68,36 @@ def crossed(
         bodies = [nts.Body(V, cells, t, nts.NeoHookean(*NUMBERS)) for t in tags]
     pairs = nts.all_pairs(bodies, enforcement=enforcement, friction=friction, edges=edges)
     stepper = scheme(bodies, pairs, dt=dt)
-    stepper.set_velocity(bodies[1], motion.Q @ VELOCITY)
+    stepper.set_velocity(bodies[1], motion.Q @ np.asarray(velocity))
     return Scene(stepper, dict(zip(("lower", "upper"), bodies, strict=True)), NUMBERS)
 
 
-def tumbling(comm: MPI.Comm, edges: bool, num: int = 5, seed: int = 1) -> nts.EnergyMomentum:
-    """Rigid cubes of one cell that fall into a box, turned and spinning at random. Collective."""
+def tumbling(
+    comm: MPI.Comm,
+    edges: bool,
+    num: int = 5,
+    seed: int = 1,
+    *,
+    enforcement: nts.LagrangeMultiplier | nts.Penalty | None = None,
+    friction: nts.Coulomb | None = None,
+    scheme=nts.EnergyMomentum,
+    dt: float = 0.008,
+):
+    """Rigid cubes of one cell that fall into a box, turned and spinning at random. Collective.
+
+    Args:
+        comm: Communicator of the mesh.
+        edges: Whether their edges touch.
+        num: How many cubes.
+        seed: Of the random numbers.
+        enforcement: How contact is enforced.
+        friction: Law of friction.
+        scheme: Class of the stepper.
+        dt: Step [s].
+
+    Returns:
+        The stepper.
+    """
     rng = np.random.default_rng(seed)
     data = boxes([(1, 1, 1)] * num, [(1.0, 1.0, 1.0)] * num)
     for body in range(num):
@@ -87,12 +117,14 @@ def tumbling(comm: MPI.Comm, edges: bool, num: int = 5, seed: int = 1) -> nts.En
         nts.RigidPlane((WIDTH, 0, 0), (-1, 0, 0)),
         nts.RigidPlane((0, WIDTH, 0), (0, -1, 0)),
     ]
-    pairs = nts.all_pairs(bodies, obstacles=walls, edges=edges)
+    laws = {"enforcement": enforcement, "friction": friction}
+    pairs = nts.all_pairs(bodies, obstacles=walls, edges=edges, **laws)
     # Nodes of both sides: vertices of cubes meet faces of all others.
     between = [p for p in pairs if isinstance(p.segments, nts.Surface)]
-    pairs += [nts.ContactPair(p.segments, p.nodes) for p in between if p.method != "edge-to-edge"]
+    nodal = [p for p in between if p.method != "edge-to-edge"]
+    pairs += [nts.ContactPair(p.segments, p.nodes, **laws) for p in nodal]
     gravity = nts.Gravity(bodies, (0, 0, -5.0))
-    stepper = nts.EnergyMomentum(bodies, pairs, dt=0.008, loads=[gravity])
+    stepper = scheme(bodies, pairs, dt=dt, loads=[gravity])
     X = V.tabulate_dof_coordinates()
     for body in bodies:
         omega, velocity = rng.normal(size=3), 0.7 * rng.normal(size=3)

@@ -8,9 +8,12 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts.search.edge_candidates import EdgeCandidates
+from helpers.corners import corners
 from helpers.crossing import crossed, deepest
 from helpers.once import once
 from helpers.scenes import Motion, gathered
+from helpers.separation import separation
+from reference.bulk import rotation
 
 
 def run(scene, num_steps=40):
@@ -156,3 +159,50 @@ def test_edges_that_are_pressed_together_carry_the_force_in_equilibrium(comm):
     assert force[2] * (1 if edges.nodes is scene.stepper.pairs[0].segments else -1) > 50
     assert not nodes.history.active.any()
     assert deepest(nts.Diagnostics(stepper)) < 1e-6
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("beside", [(0.6, 0.0), (0.0, 0.6)])
+@pytest.mark.parametrize("enforcement", [None, nts.Penalty(2.0e4)])
+def test_an_edge_that_passes_beside_the_end_of_another_meets_nothing(comm, enforcement, beside):
+    # One goes by 0.1 m beside the end of the other; faces meet when it is as deep below it.
+    laws = {"is_rigid": True, "n": 1, "enforcement": enforcement, "dt": 0.01}
+    scene = crossed(comm, place=[*beside, np.sqrt(2) + 0.02], velocity=(0.0, 0.0, -1.0), **laws)
+    x = scene.stepper.x.copy()
+    for _ in range(8):
+        scene.stepper.advance()
+    moved = scene.stepper.x - x
+    assert np.abs(moved[scene.bodies["upper"].nodes] - [0, 0, -0.08]).max() < 1e-12
+    assert np.abs(moved[scene.bodies["lower"].nodes]).max() < 1e-12
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("slope", [0.3, 0.03, 0.003])
+def test_edges_that_are_nearly_flat_on_a_face_are_seen(comm, slope):
+    # A cube lies with a face nearly flat on the edge of the other: unseen it could go in by the
+    # slope times its length until its corner comes.
+    scene = crossed(comm, is_rigid=True, n=1)
+    edges, x = scene.stepper.contacts[-1], scene.stepper.x
+    upper = scene.bodies["upper"].nodes
+    low = x[upper][x[upper, 2].argmin()]
+    turn = rotation([0, 1, 0], np.pi / 4 - slope)
+    # Its edge is 1 mm below the other one, at its middle.
+    x[upper] = (x[upper] - [low[0], 0, low[2]]) @ turn.T + [0, 0, np.sqrt(0.5) - 0.001]
+    candidates, _ = edges.search.update(x, 0.1)
+    points, none = edges.facets.points(x), np.full(len(edges.nodes.nodes), -1, dtype=np.int32)
+    _, gap = candidates.pair(points, candidates.scatter.forward(x), none, 0.1)
+    assert np.nanmin(gap) == pytest.approx(-0.001, rel=1e-9)
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("degrees", [90.0, 10.0, 5.0, 2.0])
+def test_cubes_do_not_pass_each_other_at_edges_of_any_angle(comm, degrees):
+    # Elastic impact may hold them at half a step of approach, 5 mm; without edges it is 46 mm.
+    place, turn = [0.03, 0.02, np.sqrt(2) + 0.02], np.radians(degrees)
+    laws = {"is_rigid": True, "n": 1, "dt": 0.01, "velocity": (0.0, 0.0, -1.0)}
+    scene = crossed(comm, turn=turn, place=place, **laws)
+    stepper = scene.stepper
+    lower, upper = (corners(stepper, body) for body in scene.bodies.values())
+    for _ in range(25):
+        stepper.advance()
+        assert separation(stepper.x[lower], stepper.x[upper]) > -5e-3

@@ -16,16 +16,17 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.enforcement import Penalty
+from dolfinx_nts.contact.explicit.compliance import compliance
 from dolfinx_nts.contact.explicit.friction import Friction, SpringFriction
 from dolfinx_nts.contact.explicit.neighbour_list import NeighbourList
 from dolfinx_nts.contact.history import ContactHistory
+from dolfinx_nts.contact.method import EDGES
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.contact.passage import Passage, passing_nodes_message, shortest_passage_of
 from dolfinx_nts.contact.soft_springs import deep_from
 from dolfinx_nts.fem.components import in_space
-from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.search.candidates import sunk_from
+from dolfinx_nts.search.candidates import Candidates, sunk_from
 from dolfinx_nts.search.points import NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter
 
@@ -101,20 +102,15 @@ class ContactSprings:
                 f"given {type(pair.enforcement).__name__}: use enforcement=Penalty()"
             )
         self._state, law = state, pair.friction
+        # Nodes of the surface in each pair: an edge has two.
+        self._num_own = 2 if pair.method == EDGES else 1
         self._friction = Friction() if law is None else SpringFriction(state, law)
         self._share, given = float(pair.enforcement.share), pair.enforcement.eps_N
         self._penalty = None if given is None else self._share * given
         self._comm: MPI.Comm = pair.nodes.V.mesh.comm
-        compliance: Floats = 1 / mass[pair.nodes.nodes]
-        if isinstance(pair.segments, Surface):
-            counts = np.array([len(pair.nodes.nodes), len(pair.segments.nodes)], dtype=float)
-            counts = reductions.total(self._comm, counts)
-            lightest = mass[pair.segments.nodes].min(initial=np.inf)
-            lightest = reductions.least(self._comm, lightest)
-            compliance += max(1.0, counts[0] / counts[1]) / lightest
         # Where nodes of both sides have springs, each spring moves half of the mass.
         sides = (2 if pair.touches_itself else 1) / self._share
-        self._reduced_mass: Floats = 1 / (sides * compliance)
+        self._reduced_mass: Floats = 1 / (sides * compliance(pair, mass))
         self._neighbours = NeighbourList(state)
         self.shortest_passage = shortest_passage_of(pair)
         self._deep = deep_from(pair)
@@ -255,18 +251,16 @@ class ContactSprings:
         lambda_N = (stiffness * gap)[inside]
         slip = self._friction.add_to(springs, candidates, x_n, x, segment[inside], -lambda_N)
 
+        on_nodes = self._on_own_side(springs, candidates)
+
         def history() -> ContactHistory:
-            force = springs.force[:, 0]
             # Without friction, which brings the normal itself, the force is along it.
+            force = springs.force[:, : self._num_own].sum(axis=1)
             normal = force / -lambda_N[:, None]
             history = ContactHistory.at(
-                n,
-                springs.node,
-                lambda_N=lambda_N,
-                energy=springs.energy,
-                force=force,
-                normal=normal,
+                n, springs.node, lambda_N=lambda_N, energy=springs.energy, normal=normal
             )
+            history.force[:] = on_nodes()
             paired = segment >= 0
             history.active[springs.node] = True
             history.key[number[paired]] = candidates.key[segment[paired]]
@@ -275,6 +269,24 @@ class ContactSprings:
 
         dissipation = slip.get("dissipation", _NO_DISSIPATION)
         return SpringForces(candidates.scatter, springs, dissipation, history)
+
+    def _on_own_side(
+        self, springs: _kernels.Springs, candidates: Candidates
+    ) -> Callable[[], Floats]:
+        """Forces on the nodes of the surface, ``(n, 3)`` [N], if asked for. Collective."""
+        nodes, own = self._state.nodes.nodes, slice(self._num_own)
+        if self._num_own > 1:  # also those of other ranks
+            total = np.zeros((candidates.scatter.index_map.size_local, 3))
+            candidates.scatter.add(total, springs.dofs[:, own], springs.force[:, own])
+            on_nodes: Floats = total[nodes]
+            return lambda: on_nodes
+
+        def forces() -> Floats:
+            alone = np.zeros((len(nodes), 3))
+            alone[springs.node] = springs.force[:, 0]
+            return alone
+
+        return forces
 
     def work(
         self, old: SpringForces, new: SpringForces, x: Floats, du: Floats
@@ -291,9 +303,11 @@ class ContactSprings:
         if frame.moves:
             carried = frame.carried(frame.at_start(x - du), frame.at_end(x))
             du = du - carried
-            for springs in (old.springs, new.springs):
-                way = carried[springs.dofs[:, 0]]
-                obstacle += float(np.vdot(springs.force[:, 0], way)) / 2
+            for scatter, springs in ((old.scatter, old.springs), (new.scatter, new.springs)):
+                on_map = (lambda y: y) if scatter is None else scatter.forward
+                own = slice(self._num_own)
+                way = on_map(carried)[springs.dofs[:, own]]
+                obstacle += float(np.vdot(springs.force[:, own], way)) / 2
         du_old = du if old.scatter is None else old.scatter.forward(du)
         du_new = du_old
         if new.scatter is not old.scatter:

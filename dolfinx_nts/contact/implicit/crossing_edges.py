@@ -14,8 +14,6 @@ __all__ = ["CrossingEdges"]
 # Share of a carrier in the place of a crossing [-] below which it cannot give up a displacement
 # for it.
 _LEAST_SHARE = 0.25
-# Place of the second end of the own edge among the nodes of a pair.
-_SECOND_END = 2
 
 
 class EdgePairing(NodePairing):
@@ -36,10 +34,9 @@ class EdgePairing(NodePairing):
 
     def on_nodes(self, pairs: PairKinematics, force: Floats) -> Floats:
         """Add the forces on both ends of the edges, see `Pairing.on_nodes`."""
-        ends = [0, _SECOND_END]
         scatter = self._candidates.scatter
         total = np.zeros((scatter.index_map.size_local, 3))
-        scatter.add(total, pairs.dofs[:, ends], force.reshape(-1, 4, 3)[:, ends])
+        scatter.add(total, pairs.dofs[:, :2], force.reshape(*pairs.dofs.shape, 3)[:, :2])
         return total[self._surface.nodes]
 
 

@@ -62,7 +62,8 @@ REFUSED = {
     "too far": crossed(0.6),
     "beyond an end of the own one": crossed(shift=(0.0, 0.51)),
     "beyond an end of the other one": crossed(shift=(0.66, 0.0)),
-    "nearly parallel": crossed(turn=0.09),
+    "nearly parallel": crossed(turn=0.009),
+    "inside, but beyond a corner": crossed(-0.06, shift=(0.55, 0.0)),
     "deeper than half an edge": crossed(-0.51),
     "back to back": np.vstack([wedge(np.pi / 2) + np.array([0, 0, 0.1]), wedge()]),
 }
@@ -123,7 +124,7 @@ def test_the_force_gives_the_change_of_the_gap_and_no_momenta(rng):
         assert np.abs(force.sum(axis=0)).max() < 1e-13
         assert np.abs(np.cross((at + at_n) / 2, force).sum(axis=0)).max() < 1e-13
         # The distance of two lines.
-        a_1, b_1, a_2, b_2 = at
+        a_1, a_2, b_1, b_2 = at
         n = np.cross(a_2 - a_1, b_2 - b_1)
         assert abs(contact.gap[0]) == pytest.approx(abs((a_1 - b_1) @ n) / np.linalg.norm(n))
 
@@ -160,11 +161,11 @@ def test_slip_is_that_of_the_nearest_points_and_has_its_derivatives(rng):
     way = direction[rows].ravel()
     assert np.abs(change - slip.tangent(t)[0] @ way).max() < 1e-7
     # The nearest points of two lines, by a linear system of their own.
-    a_1, b_1, a_2, b_2 = at_n
+    a_1, a_2, b_1, b_2 = at_n
     d = np.column_stack([a_2 - a_1, b_1 - b_2])
     s, t = np.linalg.lstsq(d, b_1 - a_1, rcond=None)[0]
-    between = [a + s * (e - a) - b - t * (f - b) for a, b, e, f in (at_n, at)]
+    between = [a + s * (e - a) - b - t * (f - b) for a, e, b, f in (at_n, at)]
     # Along what the orthonormal tangents at t_n have become, which move as the edges do.
-    edges_n, edges = (np.array([a2 - a1, b2 - b1]) for a1, b1, a2, b2 in (at_n, at))
+    edges_n, edges = (np.array([a2 - a1, b2 - b1]) for a1, a2, b1, b2 in (at_n, at))
     tangents = slip.frame_n[0] @ np.linalg.pinv(edges_n) @ edges
     assert tangents @ between[1] == pytest.approx(slip.value[0], abs=1e-12)

@@ -1,0 +1,116 @@
+"""Search of edges that cross those of a rigid obstacle made of facets, which all ranks know."""
+
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.model.obstacles import Obstacle
+from dolfinx_nts.model.rigid_surface import RigidSurface
+from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.search.candidates import Candidates
+from dolfinx_nts.search.edge_candidates import RigidEdgeCandidates
+from dolfinx_nts.search.edges import Edges, boxes_within
+from dolfinx_nts.search.obstacle_candidates import ObstacleSearch
+from dolfinx_nts.search.sharp_edges import SharpEdges, sharp_between
+
+__all__ = ["RigidEdgeSearch", "num_sharp_edges"]
+
+# Reach of a search relative to the one asked for [-].
+_MARGIN = 1.5
+# Distance, in longest facets of the nodes' surface [-], up to which edges are looked for where any
+# distance is asked for.
+_FARTHEST = 4.0
+
+
+class RigidEdgeSearch(ObstacleSearch):
+    """Finds edges of an obstacle that those of a surface can reach, see `Search`. Collective.
+
+    Args:
+        obstacle: The obstacle.
+        nodes: Surface whose nodes carry the multipliers.
+    """
+
+    def __init__(self, obstacle: RigidSurface, nodes: Surface) -> None:
+        """Number the vertices of the obstacle behind the nodes that the own edges need."""
+        super().__init__(obstacle, nodes)
+        own = SharpEdges.of(nodes)
+        self._scatter, self._ends = own.scatter, own.ends
+        corners, other = _rigid_edges(obstacle)
+        first = own.scatter.num_local
+        self._corners, self._num_others = corners, len(other.key)
+        self._edges = (
+            Edges(own.nodes, own.facets, own.key, own.thickness),
+            Edges(other.ends + first, other.facets + first, other.key, other.thickness),
+        )
+        self._farthest = _FARTHEST * nodes.size
+        # Where nodes were at the last search, and the reach that it covered [m].
+        self._covered: tuple[Floats, float] | None = None
+
+    def is_near(self, x: Floats, reach: float) -> bool:
+        """Whether an edge may be within reach, see `Search.is_near`. Local."""
+        return super().is_near(x, reach + self._nodes.size)
+
+    def update(self, x: Floats, reach: float) -> tuple[Candidates, bool]:
+        """Find the edges within reach, but not at any distance, see `Search.update`."""
+        reach = min(reach, self._farthest)
+        none = np.empty((0, 3))
+        if self._covered is not None:
+            before, covered = self._covered
+            if self.approach(x, (before, none)) + reach <= covered:
+                return self.candidates, False
+        self._find(x, _MARGIN * reach)
+        self.num_searches += 1
+        return self.candidates, True
+
+    def _find(self, x: Floats, reach: float) -> None:
+        """Pair edges whose boxes are within reach [m]."""
+        self._covered = self.positions(x)[0], reach
+        x, (own, other) = np.concatenate([self._scatter.forward(x), self._corners]), self._edges
+        pairs = boxes_within(own.boxes(x), other.boxes(x), reach)
+        key = self._num_others * own.key[pairs[:, 0]] + other.key[pairs[:, 1]]
+        order = np.argsort(key)
+        edges = self._scatter, own, other, pairs[order], key[order], x
+        self.candidates = RigidEdgeCandidates(self._corners, self.frame, *edges)
+
+    def serialize(self, archive: Archive, name: str) -> None:
+        """Serialize where edges were found, see `Search.serialize`. Collective."""
+        covered = self._covered
+        arrays = None if covered is None else (covered[0], np.array(covered[1]))
+        stored = archive.local(name, arrays)
+        if not archive.giving:
+            return
+        self._covered = None
+        if stored is not None:
+            x_nodes, reach = stored
+            x = np.zeros((len(self._nodes.V.tabulate_dof_coordinates()), 3))
+            x[self._nodes.nodes] = x_nodes
+            self._find(x, float(reach))
+
+
+def num_sharp_edges(surface: Surface | Obstacle) -> int:
+    """Number of convex edges of more than 30 degrees of a surface, on all ranks. Collective."""
+    if isinstance(surface, Surface):
+        return SharpEdges.of(surface).total
+    return len(_rigid_edges(surface)[1].key) if isinstance(surface, RigidSurface) else 0
+
+
+# Edges of obstacles that still exist.
+_KNOWN: WeakKeyDictionary[RigidSurface, tuple[Floats, Edges]] = WeakKeyDictionary()
+
+
+def _rigid_edges(obstacle: RigidSurface) -> tuple[Floats, Edges]:
+    """Vertices of an obstacle, of which none is there twice, ``(n, 3)`` [m], and its edges. Local.
+
+    Facets of files are often given with vertices of their own.
+    """
+    if obstacle not in _KNOWN:
+        points, facets, orientation = obstacle.facets
+        corners, place = np.unique(points, axis=0, return_inverse=True)
+        facets = np.ascontiguousarray(place.ravel()[facets], dtype=np.int32)
+        ends, _, outward = sharp_between(corners, facets, orientation, np.arange(len(corners)))
+        key = np.arange(len(ends), dtype=np.int64)
+        thickness = np.full(len(ends), np.inf)
+        _KNOWN[obstacle] = corners, Edges(ends, outward, key, thickness)
+    return _KNOWN[obstacle]
