@@ -24,7 +24,7 @@ from dolfinx_nts.common.arrays import Array, Flags, Floats
 from dolfinx_nts.fem.components import in_space, nodal
 from dolfinx_nts.integrators.rates import ConsistentMass
 from dolfinx_nts.model.lumped_mass import lumped_mass
-from dolfinx_nts.model.reaction import Reaction
+from dolfinx_nts.model.reaction import Reaction, reactions_of
 from dolfinx_nts.solvers.linear_fields import (
     LinearFields,
     amounts_of,
@@ -217,13 +217,10 @@ class RigidLeapfrog(RigidStates):
         """Reactions of the guides in the last step, in the order of the bodies. Local."""
         if self._leap is None:
             return ()
-        rows: list[list[float]] = [
-            reaction.tolist()
-            for body, reaction in zip(self._bodies, self._leap.reactions, strict=True)
-            if body.body.guide is not None
-        ]
-        d = self.dim
-        return tuple(Reaction(tuple(row[:d]), tuple(row[d:-1]), row[-1]) for row in rows)
+        guided = [body.body.guide is not None for body in self._bodies]
+        rows = self._leap.reactions[guided]
+        # Of rings the force along y, and the work.
+        return reactions_of(rows[:, 1::2], 1) if self._are_rings else reactions_of(rows, self.dim)
 
 
 def _sums_of_products(left: Floats, right: Floats) -> Floats:
