@@ -29,7 +29,6 @@ from dolfinx_nts.solvers.linear_fields import (
     LinearFields,
     amounts_of,
     combined,
-    nearest,
     products_of,
     rigid_motions,
     spins,
@@ -77,7 +76,7 @@ class _Leap:
         self._freedom, self._mass, self._dt, self._led = fields.freedom, mass, dt, led
         self._q, self.v, self._f = q, v, f
         self._start = rigid_motions(q)
-        self._rate = nearest(self._start, fields.products, fields.products @ v)
+        self._rate = fields.nearest(self._start, fields.products @ v)
         impulse = amounts_of(self._start, mass @ v + dt / 2 * f)
         amounts = led + self._freedom.part(self._rate) * dt
         self.found: Flags = np.zeros(len(q), dtype=bool)

@@ -6,7 +6,7 @@ import numpy as np
 from dolfinx import fem
 from dolfinx.mesh import MeshTags
 
-from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.common.arrays import Flags, Floats
 from dolfinx_nts.fem.axisymmetry import is_axisymmetric
 from dolfinx_nts.fem.components import dimension, in_space
 from dolfinx_nts.materials.mass_only import Rigid
@@ -71,12 +71,22 @@ class RigidBody(Body):
                 guide.check_axis()
         self.guide = guide
 
+    @property
+    def possible(self) -> Flags:
+        """Which translations and rotations such a body can make at all, ``(k,)``. Local.
+
+        Of a body of revolution it is that along y alone.
+        """
+        if is_axisymmetric(self.V.mesh):
+            return np.array([False, True, False])
+        return np.ones({2: 3, 3: 6}[dimension(self.V)], dtype=bool)
+
     def free(self) -> Floats:
         """Free motions as sums of translations and rotations, see `Guide.free`. Local."""
-        dim = dimension(self.V)
         if self.guide is not None:
-            return self.guide.free(dim)
-        return np.eye(3)[1:2] if is_axisymmetric(self.V.mesh) else np.eye({2: 3, 3: 6}[dim])
+            return self.guide.free(dimension(self.V))
+        possible = self.possible
+        return np.eye(len(possible))[possible]
 
     def led(self, point: Floats, t_n: float, t: float) -> Floats:
         """Tell how the guide moves the body between two times [s], see `Guide.led`. Local.

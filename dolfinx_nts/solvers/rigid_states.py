@@ -13,7 +13,7 @@ from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.guides import Guides
-from dolfinx_nts.solvers.linear_fields import LinearFields, combined, nearest, rigid_motions
+from dolfinx_nts.solvers.linear_fields import LinearFields, combined, rigid_motions
 from dolfinx_nts.solvers.rigid_fields import RigidFields
 
 __all__ = ["RigidStates"]
@@ -73,12 +73,12 @@ class RigidStates:
         of_u, of_v = self._fields.sums(u, v)
         q, fields = self._fields.positions(of_u), self._fields.fit(of_u)
         directors, motions, how = q[:, 1:], rigid_motions(q), "moves and turns it as a whole"
-        if self._are_rings:  # of which circles do not turn, and keep their radius
-            motions, how = motions[:, 1:2], "moves it along the axis y as a whole"
-            fields = combined(nearest(motions, self._fields.products, of_u), motions)
+        if self._are_rings:  # a turn of the section would deform them
+            fields = combined(self._fields.nearest(motions, of_u), motions)
+            how = "moves it along the axis y as a whole"
         gram = directors @ directors.transpose(0, 2, 1)
         strains = np.abs(gram - np.eye(self.dim)).max(axis=(1, 2))
-        velocities = combined(nearest(motions, self._fields.products, of_v), motions)
+        velocities = combined(self._fields.nearest(motions, of_v), motions)
         for i, body in enumerate(self._bodies):
             misfits = {"displacement": strains[i]}
             if (body, "displacement") in self._given:

@@ -77,9 +77,7 @@ def dome_on_block(
         soft = nts.RigidBody(V, tags, 1, RUBBER["rho"])
     dome = nts.RigidBody(V, tags, 2, DENSITY, guide)
     top = nts.boundary_of(soft, where=lambda x: x[1] > -1e-9)
-    bottom = nts.boundary_of(
-        dome, where=lambda x: x[1] < 0.03 + ROUND * (x[0] ** 2 - inner**2)
-    )
+    bottom = nts.boundary_of(dome, where=lambda x: x[1] < 0.03 + ROUND * (x[0] ** 2 - inner**2))
     return DomeOnBlock(V, soft, dome, [top, bottom])
 
 

@@ -283,12 +283,6 @@ def square(dim=2, low=0.0):
     return mesh.create_rectangle(MPI.COMM_WORLD, [(low, 0.0), (1.0, 1.0)], [3, 3])
 
 
-def square_body():
-    """Arguments of a body that is a round block."""
-    data, V = round_block()
-    return V, data.cells, data.tag["block"], 1e3
-
-
 @pytest.mark.parametrize(
     ("make", "message"),
     [
@@ -363,9 +357,6 @@ def test_what_rings_cannot_do_is_refused():
     assert not stepper.v.x.array.any()
     with pytest.raises(ValueError, match="along the axis"):
         nts.Gravity(scene.bodies, (9.81, 0.0))
-    rigid = nts.RigidBody(*square_body())
-    with pytest.raises(ValueError, match="no RigidBody in an axisymmetric mesh"):
-        nts.EnergyMomentum([rigid], dt=0.01)
     every = fem.locate_dofs_geometrical(scene.V, lambda x: x[1] < -0.299)
     wrong = fem.dirichletbc(np.array([0.1, 0.0]), every, scene.V)
     with pytest.raises(ValueError, match="0 m by the axis in direction x"):
