@@ -6,9 +6,9 @@ import numpy as np
 from dolfinx import fem
 from dolfinx.mesh import MeshTags
 
-from dolfinx_nts.common.arrays import Flags, Floats
+from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.fem.axisymmetry import is_axisymmetric
-from dolfinx_nts.fem.components import dimension, in_space
+from dolfinx_nts.fem.components import dimension, in_space, possible_motions
 from dolfinx_nts.materials.mass_only import Rigid
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.guide import Guide
@@ -71,21 +71,11 @@ class RigidBody(Body):
                 guide.check_axis()
         self.guide = guide
 
-    @property
-    def possible(self) -> Flags:
-        """Which translations and rotations such a body can make at all, ``(k,)``. Local.
-
-        Of a body of revolution it is that along y alone.
-        """
-        if is_axisymmetric(self.V.mesh):
-            return np.array([False, True, False])
-        return np.ones({2: 3, 3: 6}[dimension(self.V)], dtype=bool)
-
     def free(self) -> Floats:
         """Free motions as sums of translations and rotations, see `Guide.free`. Local."""
         if self.guide is not None:
             return self.guide.free(dimension(self.V))
-        possible = self.possible
+        possible = possible_motions(self.V)
         return np.eye(len(possible))[possible]
 
     def led(self, point: Floats, t_n: float, t: float) -> Floats:

@@ -12,6 +12,7 @@ from mpi4py import MPI
 import numpy as np
 
 from dolfinx_nts.common.arrays import Array, Floats, Ints
+from dolfinx_nts.fem.components import possible_motions
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.linear_fields import LinearFields, nearest
 
@@ -80,7 +81,7 @@ class RigidFields:
         self._comm, self.freedom = comm, Freedom.of(bodies)
         self.products: Floats = np.array([body.products for body in bodies])
         self.reference: Floats = np.array([body.reference for body in bodies])
-        self._possible = bodies[0].body.possible
+        self._possible = possible_motions(bodies[0].body.V)
         self._nodes: Ints = np.concatenate([body.nodes for body in bodies])
         self._values: Floats = np.concatenate([body.values for body in bodies])
         self._counts = np.array([len(body.nodes) for body in bodies])
