@@ -185,7 +185,7 @@ def test_force_control_is_displacement_control_in_statics(comm, agree, case):
         stepper, _ = led(comm, nts.QuasiStatic, guide, force=force, **STATICS[case])
         for state in states:
             foot, *of_guide = stepper.advance().reactions
-            assert agree(np.abs(stepper.x - state).max(initial=0.0) < 1e-8)
+            assert agree(np.abs(stepper.x - state).max(initial=0.0) < 1e-10)
             assert len(of_guide) == (guide is not None)
             assert all(abs(each.force[0]) < 1e-7 * abs(forces[1]) for each in of_guide)
 
