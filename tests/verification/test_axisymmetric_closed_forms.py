@@ -166,6 +166,20 @@ def test_ball_rebounds_as_one_of_tetrahedra(told):
     assert space.unknowns > 20 * rings.unknowns
 
 
+def test_rigid_ball_rebounds_as_one_in_space(told):
+    """A rigid ball on the same plate, which gives the nodes."""
+    rings, space = rings_impact(8, 2, rigid=True), rings_impact(6, 3, rigid=True)
+    told(
+        "axisymmetric: rigid ball on a plate, 8 cells in its radius",
+        "tetrahedra in space, 6 cells: rebound, greatest force",
+        f"{rings.rebound:.3f}, {rings.greatest / 1e3:.1f} kN, "
+        f"in space {space.rebound:.3f}, {space.greatest / 1e3:.1f} kN",
+    )
+    assert abs(rings.rebound - space.rebound) < 0.01
+    assert rings.greatest == pytest.approx(space.greatest, rel=0.03)
+    assert rings.mass == pytest.approx(space.mass, rel=0.01)
+
+
 # --- rigid tools -------------------------------------------------------
 
 FAR, NU = 400.0, 0.3  # radius of the body over that of contact
