@@ -147,6 +147,22 @@ def test_bar_without_lateral_strain_strikes_as_one_in_the_plane():
         assert np.abs(plane - rings).max() < 1e-9
 
 
+@pytest.mark.parametrize("method", ["node-to-segment", "mortar"])
+def test_a_ball_that_is_tied_pulls_the_plate(method):
+    scene = ball_on_plate()
+    pairs = scene.pairs(enforcement=nts.Tied(reach=0.3), method=method)
+    stepper = nts.EnergyMomentum(scene.bodies, pairs, dt=0.002)
+    stepper.set_velocity(scene.ball, (0.0, SPEED))
+    diagnostics = nts.Diagnostics(stepper)
+    first = diagnostics.balance()
+    for report in stepper.run(until=0.02):
+        assert report.num_active > 1
+    last = diagnostics.balance()
+    assert abs(last.total_energy - first.total_energy) < 1e-10 * first.total_energy
+    assert abs(last.linear_momentum - first.linear_momentum)[0] < 1e-9 * 1e3
+    assert diagnostics.body_velocity(scene.plate)[0] > 0.01
+
+
 @pytest.mark.parametrize(
     ("kind", "degree"),
     [once("Midpoint", 1), once("GeneralizedAlpha", 1), ("CentralDifference", 1)],

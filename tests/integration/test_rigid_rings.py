@@ -142,6 +142,39 @@ def test_free_fall_and_dead_force_are_those_of_newton(comm, make):
     assert np.allclose(ways, (500 / DOME_MASS - 3.0) * 0.1**2 / 2, rtol=1e-9)
 
 
+@pytest.mark.parametrize("friction", [None, STICK])
+def test_dome_bounces_on_obstacles_with_exact_energy(comm, friction):
+    """All nodes of its rim land at once on a plane; a cone and a sphere meet one ring."""
+    for obstacle in (
+        nts.RigidPlane((0.0, 0.01), (0.0, 1.0)),
+        nts.RigidSphere((0.0, -3.0), 3.01),
+        nts.RigidCone((0.0, 0.03), np.radians(80), opens=-1),
+    ):
+        scene = dome_on_block(comm, both_rigid=True, inner=0.2)
+        pair = nts.ContactPair(scene.surfaces[1], obstacle, friction=friction)
+        weight = nts.Gravity([scene.dome], (0.0, -5.0))
+        stepper = nts.EnergyMomentum(scene.bodies, [pair], dt=0.005, loads=[weight])
+        stepper.set_velocity(scene.dome, (0.0, -0.5))
+        first, last, active, of_scheme, rest, taken = run(stepper, 0.1)
+        assert active > 0
+        assert abs(rest) + abs(of_scheme) + abs(taken) < 1e-11 * first.kinetic_energy
+        assert last.linear_momentum[0] > 0
+
+
+@pytest.mark.parametrize("method", ["node-to-segment", "mortar"])
+def test_tied_dome_goes_with_the_block(comm, method):
+    """The node on the axis has nothing to tie across it; its forces were no numbers."""
+    scene = dome_on_block(comm)
+    tie = scene.pair(enforcement=nts.Tied(reach=0.5), method=method)
+    stepper = nts.EnergyMomentum(scene.bodies, [tie], dt=0.002)
+    for body in scene.bodies:
+        stepper.set_velocity(body, DOWN if body is scene.dome else (0.0, SPEED))
+    first, last, _, _, rest, _ = run(stepper, 0.02)
+    assert abs(rest) < 1e-10 * first.total_energy
+    assert abs(last.linear_momentum - first.linear_momentum)[0] < 1e-9 * DOME_MASS
+    assert last.strain_energy > 0.01 * first.total_energy
+
+
 def led(comm, make, guide, *, force=None, loads=(), dt=0.1, **laws):
     """A dome that is led or pressed into a block on a clamped foot."""
     scene = dome_on_block(comm, guide)
@@ -211,6 +244,8 @@ def test_spring_between_dome_and_base_is_in_balance(comm, make):
 def test_led_dome_does_the_work_of_its_guide(comm):
     for make, dt, law in (
         (nts.EnergyMomentum, 0.01, ELASTIC),
+        (nts.GeneralizedAlpha, 0.01, PLASTIC),
+        (nts.Midpoint, 0.01, ELASTIC),
         (nts.CentralDifference, 2e-4, nts.Penalty()),
     ):
         guide = nts.Guide(motion=nts.Motion(down))
