@@ -180,6 +180,19 @@ def test_rigid_ball_rebounds_as_one_in_space(told):
     assert rings.mass == pytest.approx(space.mass, rel=0.01)
 
 
+def test_resolved_force_of_a_ball_is_that_in_space(told):
+    """Nodes without mass: the force has no jumps, so that it can be compared."""
+    rings, space = (rings_impact(6, dim, law="resolved") for dim in (2, 3))
+    told(
+        "axisymmetric: ball on a plate by resolved impact, 6 cells in its radius",
+        "the same in tetrahedra: rebound, greatest force",
+        f"{rings.rebound:.3f}, {rings.greatest / 1e3:.1f} kN, "
+        f"in space {space.rebound:.3f}, {space.greatest / 1e3:.1f} kN",
+    )
+    assert abs(rings.rebound - space.rebound) < 0.01
+    assert rings.greatest == pytest.approx(space.greatest, rel=0.02)
+
+
 # --- rigid tools -------------------------------------------------------
 
 FAR, NU = 400.0, 0.3  # radius of the body over that of contact
