@@ -10,7 +10,7 @@ import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 from mpi4py import MPI
 
@@ -62,12 +62,16 @@ def _build(model: Any, size: float, dim: int) -> None:
     model.mesh.generate(dim)
 
 
-def impact(n: int, dim: int) -> Impact:
+def impact(
+    n: int, dim: int, *, rigid: bool = False, law: Literal["plastic", "resolved"] = "plastic"
+) -> Impact:
     """Let a ball with n cells along its radius strike a plate on a smooth floor.
 
     Args:
         n: Cells along the radius.
         dim: 2 for bodies of revolution, 3 for tetrahedra in space.
+        rigid: Whether the ball does not deform, and the plate gives the nodes.
+        law: Impact of the nodes, see `nts.LagrangeMultiplier`.
     """
     data = nts.read_mesh(lambda model: _build(model, _RADIUS / n, dim), MPI.COMM_SELF)
     if dim == 2:
@@ -75,11 +79,14 @@ def impact(n: int, dim: int) -> Impact:
     V = fem.functionspace(data.mesh, ("Lagrange", 1, (dim,)))
     rubber = nts.NeoHookean(E=1e5, nu=0.3, rho=1e3)
     ball, plate = (nts.Body(V, data.cells, data.tag[name], rubber) for name in ("ball", "plate"))
-    nodes = nts.boundary_of(ball, where=lambda x: x[1] < _RADIUS)
+    if rigid:
+        ball = nts.RigidBody(V, data.cells, data.tag["ball"], rubber.rho)
+    lower = nts.boundary_of(ball, where=lambda x: x[1] < _RADIUS)
     top = nts.boundary_of(plate, where=lambda x: x[1] > -1e-9)
+    surfaces = (top, lower) if rigid else (lower, top)
     dofs = fem.locate_dofs_geometrical(V, lambda x: x[1] < 1e-9 - _HEIGHT)
     clamp = fem.dirichletbc(np.zeros(dim), dofs, V)
-    pair = nts.ContactPair(nodes, top, nts.LagrangeMultiplier("plastic"))
+    pair = nts.ContactPair(*surfaces, nts.LagrangeMultiplier(law))
     stepper = nts.EnergyMomentum([ball, plate], [pair], dt=_DT, bcs=[clamp])
     down = np.zeros(dim)
     down[1] = -_SPEED

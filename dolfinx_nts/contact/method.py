@@ -154,11 +154,6 @@ def _check_rings(pair: Any) -> None:
         raise ValueError(f"expected an axisymmetric mesh with a RigidCone, given {segments!r}")
     if not has_rings:
         return
-    if getattr(pair.enforcement, "impact", "") == "resolved":
-        raise ValueError(
-            "expected, in an axisymmetric mesh, another impact than 'resolved', given "
-            f"{pair.enforcement!r}: a mesh in space can have it"
-        )
     if isinstance(segments, Obstacle) and not segments.is_of_revolution:
         raise ValueError(
             "expected, in an axisymmetric mesh, a RigidPlane normal to the axis y, a RigidSphere "

@@ -11,7 +11,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.common.arrays import Flags, Floats
 from dolfinx_nts.fem.axisymmetry import hoop_gradient, is_axisymmetric
 
 __all__ = [
@@ -21,6 +21,7 @@ __all__ = [
     "in_space",
     "moments",
     "nodal",
+    "possible_motions",
     "resultants",
     "total_moment",
 ]
@@ -69,6 +70,17 @@ def moments(vectors: Floats, V: fem.FunctionSpace) -> Floats:
     if is_axisymmetric(V.mesh):
         return vectors[..., 3:]
     return vectors[..., 2:] if dimension(V) == 2 else vectors
+
+
+def possible_motions(V: fem.FunctionSpace) -> Flags:
+    """Which translations and rotations leave bodies in a space as they are, ``(k,)``. Local.
+
+    Translations in x, y, z and rotations about these axes, in the plane in x, y and about z: all
+    of them do, but of rings that along y alone.
+    """
+    if is_axisymmetric(V.mesh):
+        return np.array([False, True, False])
+    return np.ones({2: 3, 3: 6}[dimension(V)], dtype=bool)
 
 
 def total_moment(x: Floats, vectors: Floats) -> Floats:

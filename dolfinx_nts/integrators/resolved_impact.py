@@ -28,7 +28,7 @@ from dolfinx_nts.contact.history import ContactWork
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.held_nodes import HeldNodes
 from dolfinx_nts.contact.massless import is_resolved
-from dolfinx_nts.fem.components import dimension, in_space
+from dolfinx_nts.fem.components import dimension, in_space, possible_motions
 from dolfinx_nts.integrators.implicit_forms import StepForms
 from dolfinx_nts.integrators.inertia import Inertia
 from dolfinx_nts.integrators.rates import MidpointRates
@@ -122,7 +122,10 @@ class ResolvedImpact(Inertia):
         numbers = np.unique(np.concatenate(self._comm.allgather(group[massless])))
         self._groups = [np.flatnonzero(group == number).astype(np.int32) for number in numbers]
         self._group_of = np.searchsorted(numbers, group)
-        self._vibrations = VibrationAnalysis(self._comm, mass, self._groups, fixed, self._X.shape)
+        possible = possible_motions(V)
+        self._vibrations = VibrationAnalysis(
+            self._comm, mass, self._groups, fixed, self._X.shape, possible
+        )
         self._owed: Floats = np.zeros(len(numbers))
         self._untold_speed = self._cells_per_second(lumped_mass(bodies))
 

@@ -12,7 +12,6 @@ from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.massless import is_resolved
 from dolfinx_nts.contact.pair import ContactPair
-from dolfinx_nts.fem.axisymmetry import is_axisymmetric
 from dolfinx_nts.fem.components import dimension, nodal
 from dolfinx_nts.integrators.rates import ConsistentMass, Rates
 from dolfinx_nts.integrators.rigid_leapfrog import RigidLeapfrog
@@ -51,8 +50,8 @@ def check_rigid_bodies(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> 
         pairs: All contact pairs.
 
     Raises:
-        ValueError: The mesh is axisymmetric, two of them share nodes, there is impact
-            "resolved", or a sphere is the shape of what is no rigid body.
+        ValueError: Two of them share nodes, there is impact "resolved", or a sphere is the shape
+            of what is no rigid body.
     """
     V, rigid = bodies[0].V, [body for body in bodies if body.is_rigid]
     comm: MPI.Comm = V.mesh.comm
@@ -67,11 +66,6 @@ def check_rigid_bodies(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> 
     if not rigid:
         return
     names = ", ".join(body.name for body in rigid)
-    if is_axisymmetric(V.mesh):
-        raise ValueError(
-            f"expected no RigidBody in an axisymmetric mesh, given {names}: a stiff material, or a "
-            "moving obstacle, can take its place"
-        )
     for one, other in combinations(rigid, 2):
         common = np.intersect1d(one.nodes, other.nodes)
         owned = np.count_nonzero(common < V.dofmap.index_map.size_local)
@@ -168,7 +162,7 @@ def _fields(bodies: Sequence[Body], supports: Supports) -> tuple[list[LinearFiel
     V = bodies[0].V
     rigid = [body for body in bodies if isinstance(body, RigidBody)]
     fields, masses = [], []
-    supported: Ints = np.unique(supports.fixed // dimension(V))
+    supported: Ints = np.unique(supports.given // dimension(V))
     for body in rigid:
         shared = len(np.intersect1d(supported, body.nodes))
         if count := reductions.total(V.mesh.comm, shared):
@@ -244,8 +238,7 @@ def _inertia(bodies: Sequence[Body], mass: Floats, rates: Rates) -> list[tuple[I
     comm: MPI.Comm = rigid[0].V.mesh.comm
     nodes = [body.nodes[body.nodes < len(mass)] for body in rigid]
     masses = reductions.total(comm, np.array([mass[each].sum() for each in nodes]))
-    dim = dimension(rigid[0].V)
-    led = [body.guide is not None and not len(body.guide.free(dim)) for body in rigid]
+    led = [not len(body.free()) for body in rigid]
     shares = rates.inertia_share(_AT_A_POINT * np.where(led, masses.sum(), masses))
     return [(each, float(share)) for each, share in zip(nodes, shares, strict=True)]
 

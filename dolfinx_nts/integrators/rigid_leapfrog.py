@@ -24,12 +24,11 @@ from dolfinx_nts.common.arrays import Array, Flags, Floats
 from dolfinx_nts.fem.components import in_space, nodal
 from dolfinx_nts.integrators.rates import ConsistentMass
 from dolfinx_nts.model.lumped_mass import lumped_mass
-from dolfinx_nts.model.reaction import Reaction
+from dolfinx_nts.model.reaction import Reaction, reactions_of
 from dolfinx_nts.solvers.linear_fields import (
     LinearFields,
     amounts_of,
     combined,
-    nearest,
     products_of,
     rigid_motions,
     spins,
@@ -77,7 +76,7 @@ class _Leap:
         self._freedom, self._mass, self._dt, self._led = fields.freedom, mass, dt, led
         self._q, self.v, self._f = q, v, f
         self._start = rigid_motions(q)
-        self._rate = nearest(self._start, fields.products, fields.products @ v)
+        self._rate = fields.nearest(self._start, fields.products @ v)
         impulse = amounts_of(self._start, mass @ v + dt / 2 * f)
         amounts = led + self._freedom.part(self._rate) * dt
         self.found: Flags = np.zeros(len(q), dtype=bool)
@@ -217,13 +216,10 @@ class RigidLeapfrog(RigidStates):
         """Reactions of the guides in the last step, in the order of the bodies. Local."""
         if self._leap is None:
             return ()
-        rows: list[list[float]] = [
-            reaction.tolist()
-            for body, reaction in zip(self._bodies, self._leap.reactions, strict=True)
-            if body.body.guide is not None
-        ]
-        d = self.dim
-        return tuple(Reaction(tuple(row[:d]), tuple(row[d:-1]), row[-1]) for row in rows)
+        guided = [body.body.guide is not None for body in self._bodies]
+        rows = self._leap.reactions[guided]
+        # Of rings the force along y, and the work.
+        return reactions_of(rows[:, 1::2], 1) if self._are_rings else reactions_of(rows, self.dim)
 
 
 def _sums_of_products(left: Floats, right: Floats) -> Floats:

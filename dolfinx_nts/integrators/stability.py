@@ -255,9 +255,11 @@ def highest_frequency(
             strain[..., 0] += basis[:, 2, 2, None] * (values / r[:, :, None])[:, :, None]
             strain[..., 0] *= ~on_axis[block][:, None, None]
         strain *= np.sqrt(volume)[:, :, None, None, None] * scale[:, None, None, :, None]
-        strain = strain.reshape(*volume.shape, 6, -1)
+        # A rank may have no such cells, which leave no size open.
+        size = strain.shape[3] * strain.shape[4]
+        strain = strain.reshape(*volume.shape, 6, size)
         stress = moduli @ strain
-        rows = len(block), -1, strain.shape[-1]
+        rows = len(block), 6 * len(weights), size
         K = strain.reshape(rows).swapaxes(1, 2) @ stress.reshape(rows)
         squared[block] = np.linalg.eigvalsh(K)[:, -1]
     return squared

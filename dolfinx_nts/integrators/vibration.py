@@ -6,7 +6,7 @@ from mpi4py import MPI
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.redistributed_mass import RedistributedMass
 
@@ -73,6 +73,7 @@ class VibrationAnalysis:
         groups: Owned nodes of each group of connected bodies.
         fixed: Owned scalar dofs with a support, which take no part.
         shape: Number of owned nodes, and of components d.
+        possible: Which motions are rigid, see `possible_motions`.
     """
 
     def __init__(
@@ -82,9 +83,11 @@ class VibrationAnalysis:
         groups: list[Ints],
         fixed: Ints,
         shape: tuple[int, int],
+        possible: Flags,
     ) -> None:
         """Sum up the rows of the mass."""
         self._comm, self._mass, self._groups = comm, mass, groups
+        self._possible = possible
         self._m = mass.times(np.ones(shape))[:, :1]
         self._free: Floats = np.ones(shape)
         self._free.ravel()[fixed] = 0
@@ -93,7 +96,7 @@ class VibrationAnalysis:
     def of(self, x: Floats, v: Floats) -> Vibration:
         """Split velocities, ``(n, d)`` [m/s], at positions, ``(n, d)`` [m]. Collective."""
         d = v.shape[1]
-        k = d + len(_TURNS[d])
+        k = int(np.count_nonzero(self._possible))
         w = self._free * v
         Mw, Mx = self._mass.times(w), self._mass.times(x)
         first = np.array([[self._m[g].sum(), *Mx[g].sum(axis=0)] for g in self._groups])
@@ -103,8 +106,8 @@ class VibrationAnalysis:
         parts = zip(self._groups, self._held, first, products, strict=True)
         for g, given, sums, product in parts:
             centre = sums[1:] / sums[0]
-            Z = _rigid_motions(x[g] - centre, np.ones_like(self._m[g])).reshape(k, -1)
-            MZ = _rigid_motions(Mx[g] - self._m[g] * centre, self._m[g]).reshape(k, -1)
+            Z = self._rigid_motions(x[g] - centre, np.ones_like(self._m[g])).reshape(k, -1)
+            MZ = self._rigid_motions(Mx[g] - self._m[g] * centre, self._m[g]).reshape(k, -1)
             motions.append(Z)
             M_motions.append(MZ)
             held = Z[:, given]
@@ -128,11 +131,11 @@ class VibrationAnalysis:
         linear, square = reductions.total(self._comm, sums).T
         return Vibration(vibration, linear, square)
 
-
-def _rigid_motions(arms: Floats, one: Floats) -> Floats:
-    """Translations and rotations, or the mass times them, shape ``(k, n, d)``."""
-    d = arms.shape[1]
-    return np.concatenate([np.eye(d)[:, None] * one, arms @ _TURNS[d]])
+    def _rigid_motions(self, arms: Floats, one: Floats) -> Floats:
+        """Translations and rotations, or the mass times them, shape ``(k, n, d)``."""
+        d = arms.shape[1]
+        every = np.concatenate([np.eye(d)[:, None] * one, arms @ _TURNS[d]])
+        return every[self._possible]
 
 
 def _amounts(gram: Floats, right: Floats, at_supports: Floats) -> Floats:

@@ -39,6 +39,7 @@ class Supports:
     Attributes:
         conditions: The conditions in their order, and last that of the axis.
         fixed: Owned scalar dofs with a condition, sorted, shape ``(f,)``.
+        given: Those of them with a condition that was given, sorted: all but the axis.
 
     Raises:
         TypeError: Something in the list is no condition.
@@ -70,6 +71,7 @@ class Supports:
         # Number of the first condition of each fixed dof.
         number = np.searchsorted(ends, first, side="right")
         self._number: Ints = np.asarray(number, dtype=np.int32)
+        self.given: Ints = self.fixed[self._number < len(self)]
 
     def warn_of_empty(self) -> None:
         """Warn of given conditions without dofs, as those of a function that holds nowhere."""

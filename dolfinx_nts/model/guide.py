@@ -95,6 +95,18 @@ class Guide(Declaration):
                 f"expected slides in x and y and turns about z in the plane, given {self}"
             )
 
+    def check_axis(self) -> None:
+        """Raise unless all motions of the guide may be along the axis y of bodies of revolution.
+
+        Raises:
+            ValueError: They are not, as of slides across the axis and of turns.
+        """
+        if np.any(self._slides[:, ::2]) or len(self._turns) or self.motion.turns:
+            raise ValueError(
+                "expected slides along the axis y, and no turns, in an axisymmetric mesh, given "
+                f"{self}: a mesh in space can have them"
+            )
+
     def free(self, dim: int) -> Floats:
         """Free motions as sums of translations and rotations, orthonormal. Local.
 

@@ -7,7 +7,7 @@ from mpi4py import MPI
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["Reaction", "total_reactions"]
+__all__ = ["Reaction", "reactions_of", "total_reactions"]
 
 
 class Reaction(NamedTuple):
@@ -45,5 +45,10 @@ def total_reactions(comm: MPI.Comm, parts: Floats, size: int) -> tuple[Reaction,
         size: Number of components of a force.
     """
     sums: Floats = reductions.total(comm, parts)
+    return reactions_of(sums, size)
+
+
+def reactions_of(sums: Floats, size: int) -> tuple[Reaction, ...]:
+    """Reactions by their components, see `total_reactions`. Local."""
     rows: list[list[float]] = [list(map(float, row)) for row in sums]
     return tuple(Reaction(tuple(row[:size]), tuple(row[size:-1]), row[-1]) for row in rows)

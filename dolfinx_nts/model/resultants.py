@@ -7,6 +7,7 @@ from mpi4py import MPI
 import ufl
 from dolfinx import fem
 
+from dolfinx_nts.fem.axisymmetry import is_axisymmetric
 from dolfinx_nts.fem.components import deformation_gradient, gradient
 from dolfinx_nts.fem.jit import compile_form
 from dolfinx_nts.model.bodies import Body, bulk_form
@@ -47,13 +48,22 @@ class Force(_Resultant):
 
     Raises:
         TypeError: ``body`` is no body.
-        ValueError: The value has the wrong shape or is not finite.
+        ValueError: The value has the wrong shape, is not finite, or in an axisymmetric mesh is not
+            along the axis.
 
     Example:
         >>> nts.Force(body, (0.0, 0.0, -800.0))  # N
         Force(body=Body(tag=..., ...), value=(0, 0, -800))
         >>> rising = nts.Force(body, lambda t: (0.0, 0.0, -100.0 * t))
     """
+
+    def _set(self, value: Any) -> None:
+        super()._set(value)
+        if is_axisymmetric(self.V.mesh) and self._value.value[0] != 0:
+            raise ValueError(
+                f"expected a Force along the axis y of an axisymmetric mesh, given {value}: a "
+                "BodyForce may be radial"
+            )
 
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
         """Virtual work in a step, see `Load.form`."""
@@ -74,7 +84,7 @@ class Moment(_Resultant):
 
     Raises:
         TypeError: ``body`` is no body.
-        ValueError: The value has the wrong shape or is not finite.
+        ValueError: The mesh is axisymmetric, or the value has the wrong shape or is not finite.
 
     Example:
         >>> nts.Moment(body, (0.0, 2.0, 0.0))  # N m
@@ -82,6 +92,11 @@ class Moment(_Resultant):
     """
 
     def _shape_in(self, dim: int) -> tuple[int, ...]:
+        if is_axisymmetric(self.V.mesh):
+            raise ValueError(
+                f"expected no Moment in an axisymmetric mesh, given one on {self._body.name}: "
+                "bodies of revolution do not turn, a mesh in space can have it"
+            )
         return () if dim == 2 else (3,)
 
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:

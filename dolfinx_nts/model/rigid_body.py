@@ -2,10 +2,13 @@
 
 from collections.abc import Iterable
 
+import numpy as np
 from dolfinx import fem
 from dolfinx.mesh import MeshTags
 
-from dolfinx_nts.fem.components import dimension
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.fem.axisymmetry import is_axisymmetric
+from dolfinx_nts.fem.components import dimension, in_space, possible_motions
 from dolfinx_nts.materials.mass_only import Rigid
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.guide import Guide
@@ -18,7 +21,8 @@ class RigidBody(Body):
 
     Mass, centre of mass and inertia are those of its mesh. Other bodies meet it by its surface,
     as that of any body, and it may share nodes with deformable bodies, which are then bonded to
-    it. Six numbers say how it moves in a step, in the plane three.
+    it. Six numbers say how it moves in a step, in the plane three. A body of revolution has one
+    motion alone, that along the axis.
 
     Args:
         V: Space of the displacement, see `Body`.
@@ -35,8 +39,9 @@ class RigidBody(Body):
     Raises:
         TypeError: ``V`` is no function space, ``cells`` no MeshTags, ``tag`` no integer, or
             ``guide`` no Guide.
-        ValueError: The space, the tag or the axes of the guide do not fit, or the density is
-            not positive: a body without mass could be anywhere.
+        ValueError: The space, the tag or the axes of the guide do not fit, in an axisymmetric mesh
+            a guide leaves another motion free than that along the axis, or turns the body, or the
+            density is not positive: a body without mass could be anywhere.
 
     Example:
         >>> hammer = nts.RigidBody(V, cells, tag["upper"], rho=7800.0)  # kg/m^3
@@ -62,7 +67,37 @@ class RigidBody(Body):
             raise TypeError(f"expected a Guide of a rigid body, given {type(guide).__name__}")
         if guide is not None:
             guide.check(dimension(V))
+            if is_axisymmetric(V.mesh):
+                guide.check_axis()
         self.guide = guide
+
+    def free(self) -> Floats:
+        """Free motions as sums of translations and rotations, see `Guide.free`. Local."""
+        if self.guide is not None:
+            return self.guide.free(dimension(self.V))
+        possible = possible_motions(self.V)
+        return np.eye(len(possible))[possible]
+
+    def led(self, point: Floats, t_n: float, t: float) -> Floats:
+        """Tell how the guide moves the body between two times [s], see `Guide.led`. Local.
+
+        Args:
+            point: The guided point in the reference state, shape ``(d,)`` [m].
+            t_n: Time at the start of the step [s].
+            t: Time at its end [s].
+
+        Raises:
+            ValueError: It would leave the axis of an axisymmetric mesh.
+        """
+        if self.guide is None:
+            return np.zeros(self.free().shape[1])
+        led = self.guide.led(in_space(point), t_n, t, len(point))
+        if is_axisymmetric(self.V.mesh) and led[0]:
+            raise ValueError(
+                "expected a motion along the axis y of a guide in an axisymmetric mesh, given "
+                f"{self.guide.motion!r} with another one at t = {t:g}"
+            )
+        return led
 
 
 def guided(bodies: Iterable[Body]) -> list[RigidBody]:

@@ -7,7 +7,7 @@ from mpi4py import MPI
 import numpy as np
 
 from dolfinx_nts.common.arrays import Floats
-from dolfinx_nts.fem.components import in_space
+from dolfinx_nts.fem.components import in_space, moments, resultants
 from dolfinx_nts.model.reaction import Reaction, total_reactions
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.linear_fields import LinearFields, combined, nearest, rigid_motions
@@ -81,9 +81,9 @@ class Guides:
         guided = [body.nodes for body in self._bodies if body.body.guide is not None]
         if not guided:
             return ()
-        d = du.shape[1]
-        turning: Floats = np.asarray(np.cross(x[: len(du)], in_space(force)), dtype=np.float64)
-        turning = turning if d == 3 else turning[:, 2:]
-        parts = np.column_stack([force, turning, (force * du).sum(axis=1)])
+        V, vectors = self._bodies[0].body.V, in_space(force)
+        turning = moments(np.asarray(np.cross(x[: len(du)], vectors), dtype=np.float64), V)
+        resultant = resultants(vectors, V)
+        parts = np.column_stack([resultant, turning, (force * du).sum(axis=1)])
         sums = np.array([parts[nodes].sum(axis=0) for nodes in guided])
-        return total_reactions(self._comm, sums, d)
+        return total_reactions(self._comm, sums, resultant.shape[1])

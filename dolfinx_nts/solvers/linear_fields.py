@@ -5,7 +5,7 @@ from mpi4py import MPI
 import numpy as np
 
 from dolfinx_nts.common.arrays import Array, Floats, Ints
-from dolfinx_nts.fem.components import dimension, in_space
+from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.model.rigid_body import RigidBody
 from dolfinx_nts.parallel import reductions
 
@@ -47,8 +47,7 @@ class LinearFields:
         products: Products of these, summed over all nodes, shape ``(d + 1, d + 1)``.
         reference: Coefficients of the reference position.
         size: Greatest coordinate from the point [m].
-        free: Motions in which the guide of the body leaves it free, all without one, see
-            `Guide.free`.
+        free: Motions in which the body is free, see `RigidBody.free`.
     """
 
     def __init__(self, body: RigidBody, point: Floats | None = None) -> None:
@@ -65,16 +64,11 @@ class LinearFields:
         self.size = reductions.largest(comm, float(np.abs(X - point).max(initial=0.0)))
         self.products: Floats = reductions.total(comm, self.values.T @ self.values)
         self.reference: Floats = np.vstack([point, np.eye(len(point))])
-        dim = len(point)
-        self.free: Floats = (
-            np.eye(dim + len(TURNS[dim])) if body.guide is None else body.guide.free(dim)
-        )
+        self.free: Floats = body.free()
 
     def led(self, t_n: float, t: float) -> Floats:
-        """How the guide moves the body between two times [s], see `Guide.led`. Local."""
-        if self.body.guide is None:
-            return np.zeros(self.free.shape[1])
-        return self.body.guide.led(in_space(self.point), t_n, t, len(self.point))
+        """How the guide moves the body between two times [s], see `RigidBody.led`. Local."""
+        return self.body.led(self.point, t_n, t)
 
 
 def rigid_motions(q: Floats) -> Floats:

@@ -259,7 +259,7 @@ class RedistributedTangent(Tangent):
         dim = dimension(V)
         free = la.vector(index_map, dim)
         free.array[:] = 1
-        for bc in bcs:
+        for bc in self._supports.conditions:
             free.array[bc.dof_indices()[0]] = 0
         self._free: Floats = free.array.reshape(-1, dim)
         self._place: Ints | None = None

@@ -12,8 +12,9 @@ from mpi4py import MPI
 import numpy as np
 
 from dolfinx_nts.common.arrays import Array, Floats, Ints
+from dolfinx_nts.fem.components import possible_motions
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.linear_fields import LinearFields
+from dolfinx_nts.solvers.linear_fields import LinearFields, nearest
 
 __all__ = ["Freedom", "RigidFields"]
 
@@ -80,6 +81,7 @@ class RigidFields:
         self._comm, self.freedom = comm, Freedom.of(bodies)
         self.products: Floats = np.array([body.products for body in bodies])
         self.reference: Floats = np.array([body.reference for body in bodies])
+        self._possible = possible_motions(bodies[0].body.V)
         self._nodes: Ints = np.concatenate([body.nodes for body in bodies])
         self._values: Floats = np.concatenate([body.values for body in bodies])
         self._counts = np.array([len(body.nodes) for body in bodies])
@@ -95,6 +97,18 @@ class RigidFields:
             sums[:, has_nodes] = np.add.reduceat(products, first, axis=1)
         total: Floats = reductions.total(self._comm, sums)
         return total
+
+    def nearest(self, motions: Floats, sums: Floats) -> Floats:
+        """Amounts of all motions in those possible ones nearest to fields, ``(b, k)``. Local.
+
+        Args:
+            motions: Coefficients of all motions, shape ``(b, k, d + 1, d)``.
+            sums: Products with the fields that are approximated, shape ``(b, d + 1, d)``.
+        """
+        amounts: Floats = np.zeros(motions.shape[:2])
+        possible = self._possible
+        amounts[:, possible] = nearest(motions[:, possible], self.products, sums)
+        return amounts
 
     def fit(self, sums: Floats) -> Floats:
         """Coefficients of the fields that have some total sums, ``(b, d + 1, d)``. Local."""

@@ -13,7 +13,8 @@ the step, and in the generalised-alpha method between both ends: the weighted me
 place of :math:`x_m` in the balance.
 
 A guide leaves some combinations of :math:`\Delta\varphi` and :math:`\theta` free, which do not
-depend on the state, and gives the others. The balance is that of the free ones.
+depend on the state, and gives the others. The balance is that of the free ones. So it is with
+bodies of revolution, which are free along the axis alone.
 
 Linear systems keep nodal unknowns. Rigid bodies project them, as contact does, see `elimination`:
 increments are rigid motions at the end of the step, and forces are replaced by such fields with

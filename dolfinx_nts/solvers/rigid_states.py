@@ -8,11 +8,12 @@ import numpy as np
 from dolfinx import fem
 
 from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.fem.axisymmetry import is_axisymmetric
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.guides import Guides
-from dolfinx_nts.solvers.linear_fields import LinearFields, combined, nearest, rigid_motions
+from dolfinx_nts.solvers.linear_fields import LinearFields, combined, rigid_motions
 from dolfinx_nts.solvers.rigid_fields import RigidFields
 
 __all__ = ["RigidStates"]
@@ -42,6 +43,7 @@ class RigidStates:
         self._comm: MPI.Comm = V.mesh.comm
         self._bodies, self.guides = tuple(bodies), Guides(self._comm, bodies)
         self.dim, self.exists = dimension(V), bool(bodies)
+        self._are_rings = is_axisymmetric(V.mesh)
         self._given: set[tuple[LinearFields, str]] = set()
         none = np.empty(0, dtype=np.int32)
         self.nodes: Ints = np.unique(np.concatenate([none, *(body.nodes for body in bodies)]))
@@ -70,10 +72,13 @@ class RigidStates:
         # After a step velocities are rigid only in the mean of the step.
         of_u, of_v = self._fields.sums(u, v)
         q, fields = self._fields.positions(of_u), self._fields.fit(of_u)
-        directors, motions = q[:, 1:], rigid_motions(q)
+        directors, motions, how = q[:, 1:], rigid_motions(q), "moves and turns it as a whole"
+        if self._are_rings:  # a turn of the section would deform them
+            fields = combined(self._fields.nearest(motions, of_u), motions)
+            how = "moves it along the axis y as a whole"
         gram = directors @ directors.transpose(0, 2, 1)
         strains = np.abs(gram - np.eye(self.dim)).max(axis=(1, 2))
-        velocities = combined(nearest(motions, self._fields.products, of_v), motions)
+        velocities = combined(self._fields.nearest(motions, of_v), motions)
         for i, body in enumerate(self._bodies):
             misfits = {"displacement": strains[i]}
             if (body, "displacement") in self._given:
@@ -85,8 +90,8 @@ class RigidStates:
             for name, misfit in misfits.items():
                 if misfit > _NOT_RIGID:
                     raise ValueError(
-                        f"expected a {name} of the rigid {body.body.name} that moves and turns it "
-                        f"as a whole from where it is, given one that deforms it by {misfit:.2g}"
+                        f"expected a {name} of the rigid {body.body.name} that {how} from where "
+                        f"it is, given one that deforms it by {misfit:.2g}"
                     )
         self.restored()
 

@@ -5,7 +5,8 @@ Hertz, Sneddon); Lame's tube as in S. P. Timoshenko and J. N. Goodier, Theory of
 are those of whole rings.
 """
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 from mpi4py import MPI
 
@@ -165,10 +166,77 @@ def test_ball_rebounds_as_one_of_tetrahedra(told):
     assert space.unknowns > 20 * rings.unknowns
 
 
+def test_rigid_ball_rebounds_as_one_in_space(told):
+    """A rigid ball on the same plate, which gives the nodes."""
+    rings, space = rings_impact(8, 2, rigid=True), rings_impact(6, 3, rigid=True)
+    told(
+        "axisymmetric: rigid ball on a plate, 8 cells in its radius",
+        "tetrahedra in space, 6 cells: rebound, greatest force",
+        f"{rings.rebound:.3f}, {rings.greatest / 1e3:.1f} kN, "
+        f"in space {space.rebound:.3f}, {space.greatest / 1e3:.1f} kN",
+    )
+    assert abs(rings.rebound - space.rebound) < 0.01
+    assert rings.greatest == pytest.approx(space.greatest, rel=0.03)
+    assert rings.mass == pytest.approx(space.mass, rel=0.01)
+
+
+def test_resolved_force_of_a_ball_is_that_in_space(told):
+    """Nodes without mass: the force has no jumps, so that it can be compared."""
+    rings, space = (rings_impact(6, dim, law="resolved") for dim in (2, 3))
+    told(
+        "axisymmetric: ball on a plate by resolved impact, 6 cells in its radius",
+        "the same in tetrahedra: rebound, greatest force",
+        f"{rings.rebound:.3f}, {rings.greatest / 1e3:.1f} kN, "
+        f"in space {space.rebound:.3f}, {space.greatest / 1e3:.1f} kN",
+    )
+    assert abs(rings.rebound - space.rebound) < 0.01
+    assert rings.greatest == pytest.approx(space.greatest, rel=0.02)
+
+
 # --- rigid tools -------------------------------------------------------
 
 FAR, NU = 400.0, 0.3  # radius of the body over that of contact
 NEAR = "0.02 + 0.1 * Max(0, Sqrt(x * x + y * y) - 1.3)"  # 50 cells in the radius of contact
+
+
+def half_ball(model: Any, size: str, edge: float) -> None:
+    """Add the body, whose flat top has its middle at the origin, with a node at the edge.
+
+    Args:
+        model: Model of gmsh, without a mesh.
+        size: Size of cells as a formula of gmsh [m].
+        edge: Radius up to which nodes may touch [m].
+    """
+    occ = model.occ
+    ball = half_disc(occ, 0.0, FAR)
+    below = occ.addRectangle(0, -2 * FAR, 0, 2 * FAR, 2 * FAR)
+    ((_, half),), _ = occ.intersect([(2, ball)], [(2, below)])
+    if np.isfinite(edge):
+        occ.fragment([(2, half)], [(0, occ.addPoint(edge, 0, 0))])
+    occ.synchronize()
+    model.addPhysicalGroup(2, [half], name="body")
+    field = model.mesh.field.add("MathEval")
+    model.mesh.field.setString(field, "F", size)
+    model.mesh.field.setAsBackgroundMesh(field)
+    for option in ("ExtendFromBoundary", "FromPoints"):
+        gmsh.option.setNumber(f"Mesh.MeshSize{option}", 0)
+
+
+class HalfBall(NamedTuple):
+    """The body, the nodes of its top that may touch, and what holds its round side."""
+
+    body: nts.Body
+    top: nts.Surface
+    clamp: fem.DirichletBC
+
+    @classmethod
+    def of(cls, V: fem.FunctionSpace, data: Any, edge: float) -> "HalfBall":
+        """Make it of a mesh with `half_ball`."""
+        body = nts.Body(V, data.cells, data.tag["body"], nts.NeoHookean(E, NU, 1.0))
+        reach = min(edge, 3.0) * (1 + 1e-9)
+        top = nts.boundary_of(body, where=lambda x: (x[1] > -1e-9) & (x[0] < reach))
+        far = fem.locate_dofs_geometrical(V, lambda x: np.hypot(x[0], x[1]) > FAR * (1 - 1e-3))
+        return cls(body, top, fem.dirichletbc(np.zeros(2), far, V))
 
 
 def pressed(
@@ -187,29 +255,13 @@ def pressed(
     """
 
     def build(model: Any) -> None:
-        occ = model.occ
-        ball = half_disc(occ, 0.0, FAR)
-        below = occ.addRectangle(0, -2 * FAR, 0, 2 * FAR, 2 * FAR)
-        ((_, half),), _ = occ.intersect([(2, ball)], [(2, below)])
-        if np.isfinite(edge):
-            occ.fragment([(2, half)], [(0, occ.addPoint(edge, 0, 0))])
-        occ.synchronize()
-        model.addPhysicalGroup(2, [half], name="body")
-        field = model.mesh.field.add("MathEval")
-        model.mesh.field.setString(field, "F", size)
-        model.mesh.field.setAsBackgroundMesh(field)
-        for option in ("ExtendFromBoundary", "FromPoints"):
-            gmsh.option.setNumber(f"Mesh.MeshSize{option}", 0)
+        half_ball(model, size, edge)
         model.mesh.generate(2)
 
     data = nts.read_mesh(build, MPI.COMM_WORLD)
     nts.axisymmetric(data.mesh)
     V = fem.functionspace(data.mesh, ("Lagrange", 1, (2,)))
-    body = nts.Body(V, data.cells, data.tag["body"], nts.NeoHookean(E, NU, 1.0))
-    reach = min(edge, 3.0) * (1 + 1e-9)
-    top = nts.boundary_of(body, where=lambda x: (x[1] > -1e-9) & (x[0] < reach))
-    far = fem.locate_dofs_geometrical(V, lambda x: np.hypot(x[0], x[1]) > FAR * (1 - 1e-3))
-    clamp = fem.dirichletbc(np.zeros(2), far, V)
+    body, top, clamp = HalfBall.of(V, data, edge)
     pair = nts.ContactPair(top, tool.moving(nts.Motion(lambda t: (0.0, -depth * t))))
     stepper = nts.QuasiStatic([body], [pair], dt=0.5, bcs=[clamp])
     for _ in stepper.run(1.0):
@@ -218,6 +270,62 @@ def pressed(
     r = stepper.x[top.nodes, 0]
     order = np.argsort(r)
     return float(on.force[0]), r[order], -pair.history.lambda_N[order], pair.pressure[order]
+
+
+RIM = 1.5  # radius of meshed tools [m]
+
+
+def pressed_by_body(
+    profile: Callable[[np.ndarray], np.ndarray],
+    size: str,
+    edge: float = np.inf,
+    *,
+    depth: float = 0.0,
+    force: float | None = None,
+) -> tuple[float, float]:
+    """Press a meshed rigid tool into the same body, by its guide or by a force in one step.
+
+    Args:
+        profile: Height of the tool over the radius, 0 on the axis [m].
+        size: Size of cells as a formula of gmsh [m].
+        edge: Radius up to which nodes may touch [m].
+        depth: How far the guide moves the tool [m].
+        force: What presses the tool in the place of the guide [N].
+
+    Returns:
+        Depth of the tool [m], and the force on it [N].
+    """
+
+    def build(model: Any) -> None:
+        half_ball(model, size, edge)
+        tool = model.occ.addRectangle(0, 0, 0, RIM, 0.2)
+        model.occ.synchronize()
+        model.addPhysicalGroup(2, [tool], name="tool")
+        for _, line in model.getBoundary([(2, tool)], oriented=False):
+            low, high = np.array(model.getBoundingBox(1, line)).reshape(2, 3)
+            model.mesh.setTransfiniteCurve(line, 76 if high[0] - low[0] > 1 else 2)
+        model.mesh.setTransfiniteSurface(tool)
+        model.mesh.generate(2)
+
+    data = nts.read_mesh(build, MPI.COMM_WORLD)
+    of_tool = np.unique(data.mesh.geometry.dofmap[data.cells.find(data.tag["tool"])])
+    x = data.mesh.geometry.x
+    x[of_tool, 1] += profile(x[of_tool, 0])
+    nts.axisymmetric(data.mesh)
+    V = fem.functionspace(data.mesh, ("Lagrange", 1, (2,)))
+    body, top, clamp = HalfBall.of(V, data, edge)
+    motion = nts.Motion(lambda t: (0.0, -depth * t))
+    guide = nts.Guide(motion=motion) if force is None else None
+    tool = nts.RigidBody(V, data.cells, data.tag["tool"], 1.0, guide)
+    face = nts.boundary_of(tool, where=lambda x: x[1] < profile(x[0]) + 0.01)
+    loads = [] if force is None else [nts.Force(tool, (0.0, -force))]
+    stepper = nts.QuasiStatic(
+        [body, tool], [nts.ContactPair(top, face)], dt=1.0, bcs=[clamp], loads=loads
+    )
+    held, *of_guide = stepper.advance().reactions
+    on_tool = -of_guide[0].force[0] if force is None else force
+    assert held.force[0] == pytest.approx(on_tool, rel=1e-6)
+    return -float(stepper.u.x.array.reshape(-1, 2)[tool.nodes[0], 1]), float(on_tool)
 
 
 E_STAR = E / (1 - NU**2)
@@ -275,3 +383,38 @@ def test_cone_has_the_force_of_sneddon(told):
     )
     assert abs(F / force - 1) <= 0.01
     assert abs(radius - 1) <= 0.01
+
+
+BODIES = {
+    "flat punch": (
+        lambda r: 0 * r,
+        "0.002 + 0.06 * Sqrt((x - 1) * (x - 1) + y * y)",
+        1.0,
+        1e-3,
+        2 * E_STAR * 1e-3,
+    ),
+    "sphere": (
+        lambda r: 100.0 - np.sqrt(100.0**2 - np.minimum(r, RIM) ** 2),
+        NEAR,
+        np.inf,
+        1e-2,
+        4 / 3 * E_STAR * 10.0 * 1e-3,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_rigid_body_under_the_force_of_a_way_goes_this_way(name, told):
+    """A meshed tool: led by its guide it has the closed form's force, which takes it as deep."""
+    profile, size, edge, depth, exact = BODIES[name]
+    went, force = pressed_by_body(profile, size, edge, depth=depth)
+    assert went == pytest.approx(depth, rel=1e-12)
+    error = force / exact - 1
+    reached, _ = pressed_by_body(profile, size, edge, force=force)
+    told(
+        f"axisymmetric: {name} as a rigid body, led by a guide, then under the force it had",
+        {"flat punch": "Boussinesq", "sphere": "Hertz"}[name] + ": force; the way of the guide",
+        f"{100 * error:+.2f} %, the same way within 1e-6",
+    )
+    assert abs(error) <= 0.01
+    assert abs(reached / depth - 1) < 1e-6

@@ -7,6 +7,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts import _kernels
+from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.fem.jit import compile_quickly
 from dolfinx_nts.integrators import stability
 from dolfinx_nts.model.bodies import bulk_form
@@ -102,6 +103,15 @@ def test_damped_oscillator_is_stable_up_to_the_step(alpha, beta):
 
     assert radius(0.999 * limit) <= 1 + 1e-6
     assert radius(1.001 * limit) > 1
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("degree", [1, 2])
+def test_a_rank_without_cells_has_no_frequencies(degree):
+    """It stopped where cells are not those of degree 1 in space or in the plane."""
+    law, element = nts.NeoHookean(1e3, 0.3, 1.0), Element("quadrilateral", degree)
+    none = np.empty((0, 4, 2)), np.empty((0, (degree + 1) ** 2), dtype=bool)
+    assert stability.highest_frequency(law, element, *none).shape == (0,)
 
 
 @pytest.mark.serial
