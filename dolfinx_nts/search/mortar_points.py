@@ -116,16 +116,13 @@ class MortarPoints:
     Attributes:
         reached: Nodes of the facet of each point, and of that of its segment, ``(p, 2 n)``.
         phi: Shape functions of the facet there, shape ``(p, n)``.
-        weights: Those of nodes in the vertices of the segment, shape ``(p, k, n)``; None where
-            these are the nodes.
         segment: Candidate of each point, shape ``(p,)``.
-        patch: Numbers from 0 of the part that facet and segment of each point share, ``(p,)``.
+        patch: Numbers from 0 of the facets of both surfaces between which each point is, ``(p,)``.
         shares: Shares of the nodes in them.
     """
 
     reached: Ints
     phi: Floats
-    weights: Floats | None
     segment: Ints
     patch: Ints
     shares: Shares
@@ -148,18 +145,17 @@ class MortarPoints:
             x: Positions at which segments are projected on facets.
             reach: Distance up to which facets look for segments [m].
         """
-        (rows, y_n), (_, y) = (candidates.vertices(there) for there in (x_n, x))
         facet, segment, weight, phi, psi = _kernels.mortar_points(
             facets.vertices,
             facets.orientation,
             facets.X,
             x_n,
             x,
-            rows,
+            candidates.segments,
             candidates.orientation,
             candidates.key,
-            y_n,
-            y,
+            x_n,
+            x,
             reach,
             facets.are_rings,
         )
@@ -167,7 +163,6 @@ class MortarPoints:
         number[facets.nodes] = np.arange(len(facets.nodes), dtype=np.int32)
         on_facet = facets.vertices[facet]
         reached = np.hstack([on_facet, candidates.wholes[segment]])
-        weights = None if candidates.weights is None else candidates.weights[segment]
         point, column = np.nonzero(number[on_facet[:, : psi.shape[1]]] >= 0)
         node, value = number[on_facet[point, column]], weight[point] * psi[point, column]
         area = _sums(node, value, len(facets.nodes))
@@ -183,10 +178,9 @@ class MortarPoints:
             of_share,
             value[order] / area[node],
         )
-        _, patch = np.unique(
-            facet.astype(np.int64) * (1 + len(candidates.key)) + segment, return_inverse=True
-        )
-        return cls(reached, phi, weights, segment, patch.astype(np.int32), shares)
+        width, whole = 1 + len(candidates.key), candidates.whole[segment]
+        _, patch = np.unique(facet.astype(np.int64) * width + whole, return_inverse=True)
+        return cls(reached, phi, segment, patch.astype(np.int32), shares)
 
     @property
     def nodes(self) -> Ints:
@@ -203,15 +197,13 @@ class MortarPoints:
         return _kernels.at_points(self.phi, self.reached, values)
 
     def rows(self, values: Floats, shares: Shares | None = None) -> Floats:
-        """Sum vectors of pairs, ``(p, c, 3 (1 + k))``, to rows of the nodes, ``(m, c, 3 d)``.
+        """Sum vectors of pairs, ``(p, c, 3 (1 + n))``, to rows of the nodes, ``(m, c, 3 d)``.
 
         ``shares`` may have other values than those of the points.
         """
         s = self.shares if shares is None else shares
         lists, place = self._rows
         of_shares = s.start, s.point, s.value, place
-        if self.weights is not None:
-            values = _at_nodes(self.weights, values)
         return _kernels.sum_rows(self.phi, *of_shares, lists.shape[1], values)
 
     @property
@@ -229,22 +221,13 @@ class MortarPoints:
         return _rows(shares.nodes, shares.node, self.reached[shares.point])
 
     def blocks(self, factor: Floats, matrix: Floats) -> Floats:
-        """Sum matrices of pairs, ``(p, 3 (1 + k), 3 (1 + k))``, to those of the patches.
+        """Sum matrices of pairs, ``(p, 3 (1 + n), 3 (1 + n))``, to those of the patches.
 
         ``factor`` is that of each point, shape ``(p,)``; the result has the shape
         ``(b, 6 n, 6 n)``.
         """
         count = len(self.patch_nodes)
-        blocks: Floats = _kernels.sum_blocks(self.phi, self.patch, count, factor, matrix)
-        if self.weights is None:
-            return blocks
-        k, n = self.weights.shape[1:]
-        turn = np.zeros((count, 1, 1, n + k, 2 * n))
-        turn[..., :n, :n] = np.eye(n)
-        turn[..., n:, n:] = self.weights[np.unique(self.patch, return_index=True)[1], None, None]
-        blocks = blocks.reshape(count, n + k, 3, n + k, 3).transpose(0, 2, 4, 1, 3)
-        blocks = turn.swapaxes(3, 4) @ blocks @ turn
-        return blocks.transpose(0, 3, 1, 4, 2).reshape(count, 6 * n, 6 * n)
+        return _kernels.sum_blocks(self.phi, self.patch, count, factor, matrix)
 
     @cached_property
     def patch_nodes(self) -> Ints:
@@ -255,8 +238,7 @@ class MortarPoints:
         """Select the points of some nodes, see `ContactPoints.take`."""
         shares, used = self.shares.take(nodes)
         patch = np.unique(self.patch[used], return_inverse=True)[1].astype(np.int32)
-        weights = None if self.weights is None else self.weights[used]
-        of_points = self.reached[used], self.phi[used], weights, self.segment[used]
+        of_points = self.reached[used], self.phi[used], self.segment[used]
         return MortarPoints(*of_points, patch, shares)
 
 
@@ -269,20 +251,9 @@ def at_nodes(
     the least cosine by which a normal turns, ``(m,)``.
     """
     s, (lists, place) = points.shares, points._rows
-    force, gradient, weights = pairs.force, pairs.gradient, points.weights
-    if weights is not None:
-        force, gradient = (_at_nodes(weights, v[:, None])[:, 0] for v in (force, gradient))
     of_shares = s.start, s.point, s.value, place, lists.shape[1]
     ends = pairs.gap_n, pairs.gap, pairs.turn
-    return _kernels.sum_contact(points.phi, *of_shares, *ends, force, gradient)
-
-
-def _at_nodes(weights: Floats, values: Floats) -> Floats:
-    """Vectors of pairs with nodes in the place of vertices, ``(p, c, 3 (1 + n))``."""
-    (p, k, n), c = weights.shape, values.shape[1]
-    of_vertices = values[:, :, 3:].reshape(p, c, k, 3)
-    of_nodes = weights.swapaxes(1, 2)[:, None] @ of_vertices
-    return np.concatenate([values[:, :, :3], of_nodes.reshape(p, c, 3 * n)], axis=2)
+    return _kernels.sum_contact(points.phi, *of_shares, *ends, pairs.force, pairs.gradient)
 
 
 def _sums(row: Array, values: Floats, num_rows: int) -> Floats:

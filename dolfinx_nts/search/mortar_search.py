@@ -36,7 +36,7 @@ class MortarCandidates(FacetCandidates):
         """Take them."""
         super().__init__(found, wholes)
         self.facets = facets
-        self.hats = None if self.weights is None else _hats(self, facets.vertices)
+        self.hats = _hats(self, facets.vertices) if self.is_curved else None
 
 
 class FacetSearch(GlobalSearch):
@@ -110,7 +110,7 @@ class MortarSearch(FacetSearch):
         self._area: Floats = area[nodes.nodes].astype(np.float64)
         ids = near.scatter.index_map.local_to_global(facets.ravel())
         self._others = ids, owners_of(near.scatter.index_map)[facets.ravel()]
-        self._around = None if near.weights is None else _hats(near, facets)
+        self._around = _hats(near, facets) if near.is_curved else None
 
     def per_area(self, force: Floats, area: Floats) -> Floats:
         """Divide by the areas of vertices, and go on linearly, see `Search.per_area`."""

@@ -118,10 +118,9 @@ class MortarPairing(Pairing):
         return outside
 
     def places(self, x: Floats, node: Ints) -> Floats:
-        """Coordinates of the points of nodes on their segments, shape ``(p, 2)``."""
+        """Coordinates of the points of nodes on the facets below, shape ``(p, 2)``."""
         points = self._of(node)
-        pairs = self._candidates.pairs(points, x, points.segment)
-        return _kernels.project(pairs, self._candidates.orientation[points.segment])[0]
+        return self._candidates.places(points, x, points.segment)
 
 
 class PointBlocks(PairBlocks):
