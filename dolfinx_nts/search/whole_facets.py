@@ -12,7 +12,7 @@ import numpy as np
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.search.scatter import NodalScatter
 
-__all__ = ["Hats", "whole_facets"]
+__all__ = ["Hats", "linear_functions", "whole_facets"]
 
 # Vertices at the ends of the edges of facets, in the order of Basix, by number of vertices.
 _EDGES = {2: [(0, 1)], 3: [(1, 2), (0, 2), (0, 1)], 4: [(0, 1), (0, 2), (1, 3), (2, 3)]}
@@ -41,7 +41,7 @@ def whole_facets(segments: Ints, degree: int) -> Ints:
 
 
 @cache
-def _linear(k: int) -> Floats:
+def linear_functions(k: int) -> Floats:
     """Linear functions of the vertices at the nodes of a facet of degree 2, ``(n, k)``."""
     rows = [np.eye(k), *((np.eye(k)[[i]] + np.eye(k)[[j]]) / 2 for i, j in _EDGES[k])]
     if k == 4:
@@ -65,7 +65,7 @@ class Hats:
         self.parents = np.repeat(np.arange(scatter.num_local, dtype=np.int32)[:, None], k, axis=1)
         self.weights = np.zeros((scatter.num_local, k))
         self.weights[:, 0] = 1
-        for node, weights in zip(facets.T[k:], _linear(k)[k:], strict=True):
+        for node, weights in zip(facets.T[k:], linear_functions(k)[k:], strict=True):
             self.parents[node], self.weights[node] = facets[:, :k], weights
 
     def spread(self, values: Floats) -> Floats:

@@ -44,9 +44,7 @@ class MortarPairing(Pairing):
         """Take what does not change in the step."""
         self.x_chosen = x_chosen
         self.area = points.shares.area
-        self.reached = np.concatenate(
-            [candidates.facets.vertices.ravel(), candidates.wholes.ravel()]
-        )
+        self.reached = np.concatenate([candidates.facets.wholes.ravel(), candidates.wholes.ravel()])
         self._candidates, self._points, self._x_n = candidates, points, x_n
         # Nodes of the last call, and their points.
         none = np.empty(0, dtype=np.int32)
@@ -65,14 +63,15 @@ class MortarPairing(Pairing):
     def gaps(self, x: Floats, node: Ints, segment: Ints) -> Floats:
         """Mean distances of the points, see `Pairing.gaps`."""
         points = self._of(node)
-        return points.shares.mean(self._candidates.gap(points, x, points.segment))
+        gap = self._candidates.gap(points, x, points.face) + points.offset
+        return points.shares.mean(gap)
 
     def kinematics(
         self, scheme: str, x: Floats, node: Ints, segment: Ints, free: Floats | None
     ) -> PairKinematics:
         """Evaluate the points of the nodes, see `Pairing.kinematics`."""
         points, candidates = self._of(node), self._candidates
-        contact = candidates.contact(scheme, points, self._x_n, x, points.segment)
+        contact = candidates.contact(scheme, points, self._x_n, x, points.face)
         blocks = PointBlocks(points, candidates, free, contact.tangent)
         mean = _of_nodes(points, contact)
         unknown = None if free is None else free[points.lists].reshape(mean.force.shape)
@@ -81,7 +80,7 @@ class MortarPairing(Pairing):
     def slip(self, law: str, x: Floats, node: Ints, segment: Ints) -> Slip:
         """Sum up the slip of points, see `Pairing.slip`."""
         points = self._of(node)
-        slip = self._candidates.slip(law, points, self._x_n, x, points.segment)
+        slip = self._candidates.slip(law, points, self._x_n, x, points.face)
         if self._frames is None or self._frames[0] is not points:
             self._frames = points, NodalFrames.of(points, slip)
         return MortarSlip(points, slip, self._frames[1])
@@ -90,7 +89,7 @@ class MortarPairing(Pairing):
         """Sum up what all multipliers do to the facets around, see `Pairing.on_nodes`."""
         facets, scatter = self._candidates.facets, self._candidates.scatter
         on_facet = np.zeros(scatter.num_local, dtype=bool)
-        on_facet[facets.vertices] = True
+        on_facet[facets.wholes] = True
         forces = force.reshape(*pairs.dofs.shape, 3) * on_facet[pairs.dofs][:, :, None]
         total = np.zeros((scatter.index_map.size_local, 3))
         scatter.add(total, pairs.dofs, forces)
@@ -120,7 +119,7 @@ class MortarPairing(Pairing):
     def places(self, x: Floats, node: Ints) -> Floats:
         """Coordinates of the points of nodes on the facets below, shape ``(p, 2)``."""
         points = self._of(node)
-        return self._candidates.places(points, x, points.segment)
+        return self._candidates.places(points, x, points.face)
 
 
 class PointBlocks(PairBlocks):
