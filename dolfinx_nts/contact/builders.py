@@ -102,7 +102,8 @@ def all_pairs(
             of self contact are node-to-segment in any case.
         edges: Whether bodies also touch where their sharp edges cross, by a second pair of
             method ``"edge-to-edge"`` for each two groups of bodies that have such edges.
-        smooth: Whether segments between bodies are those of a smooth surface, as in `Surface`.
+        smooth: Whether segments between bodies are those of a smooth surface, as in `Surface`;
+            with method "mortar" both surfaces are smooth.
             Self contact and edges see facets in any case.
 
     Returns:
