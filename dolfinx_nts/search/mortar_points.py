@@ -147,8 +147,8 @@ class MortarPoints:
         reached: Nodes on which the facet of each point depends, and that of its segment,
             shape ``(p, m + n)``.
         phi: Weights of the former in the point, shape ``(p, m)``.
-        segment: Candidate of each point, shape ``(p,)``.
-        face: The same, or what stands for it, see `FacetCandidates.of_points`, ``(p,)``.
+        segment: Candidate of each point, or what stands for it, see `FacetCandidates.of_points`,
+            shape ``(p,)``.
         offset: What the shifts of patches take from the gap of each point where the points were
             chosen, a constant of the step, ``(p,)`` [m]; 0 without patches.
         patch: Numbers from 0 of the facets of both surfaces between which each point is, ``(p,)``.
@@ -158,7 +158,6 @@ class MortarPoints:
     reached: Ints
     phi: Floats
     segment: Ints
-    face: Ints
     offset: Floats
     patch: Ints
     shares: Shares
@@ -219,13 +218,13 @@ class MortarPoints:
         )
         width, whole = 1 + len(candidates.key), candidates.whole[segment]
         _, patch = np.unique(facet.astype(np.int64) * width + whole, return_inverse=True)
-        of_points = phi, segment, segment, np.zeros(len(segment)), patch.astype(np.int32)
+        of_points = phi, segment, np.zeros(len(segment)), patch.astype(np.int32)
         points = cls(reached, *of_points, shares)
-        face = candidates.of_points(points, segment, (x_n, x))
+        segment = candidates.of_points(points, segment, (x_n, x))
         if not is_smooth:
-            return replace(points, face=face)
-        offset = candidates.shortened(points, x, face, facets.rise(facet, x))
-        return replace(points, face=face, offset=offset)
+            return replace(points, segment=segment)
+        offset = candidates.shortened(points, x, segment, facets.rise(facet, x))
+        return replace(points, segment=segment, offset=offset)
 
     @property
     def nodes(self) -> Ints:
@@ -283,7 +282,7 @@ class MortarPoints:
         """Select the points of some nodes, see `ContactPoints.take`."""
         shares, used = self.shares.take(nodes)
         patch = np.unique(self.patch[used], return_inverse=True)[1].astype(np.int32)
-        of_points = self.segment[used], self.face[used], self.offset[used], patch
+        of_points = self.segment[used], self.offset[used], patch
         return MortarPoints(self.reached[used], self.phi[used], *of_points, shares)
 
 

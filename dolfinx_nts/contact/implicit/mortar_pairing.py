@@ -63,7 +63,7 @@ class MortarPairing(Pairing):
     def gaps(self, x: Floats, node: Ints, segment: Ints) -> Floats:
         """Mean distances of the points, see `Pairing.gaps`."""
         points = self._of(node)
-        gap = self._candidates.gap(points, x, points.face) + points.offset
+        gap = self._candidates.gap(points, x, points.segment) + points.offset
         return points.shares.mean(gap)
 
     def kinematics(
@@ -71,7 +71,7 @@ class MortarPairing(Pairing):
     ) -> PairKinematics:
         """Evaluate the points of the nodes, see `Pairing.kinematics`."""
         points, candidates = self._of(node), self._candidates
-        contact = candidates.contact(scheme, points, self._x_n, x, points.face)
+        contact = candidates.contact(scheme, points, self._x_n, x, points.segment)
         blocks = PointBlocks(points, candidates, free, contact.tangent)
         mean = _of_nodes(points, contact)
         unknown = None if free is None else free[points.lists].reshape(mean.force.shape)
@@ -80,7 +80,7 @@ class MortarPairing(Pairing):
     def slip(self, law: str, x: Floats, node: Ints, segment: Ints) -> Slip:
         """Sum up the slip of points, see `Pairing.slip`."""
         points = self._of(node)
-        slip = self._candidates.slip(law, points, self._x_n, x, points.face)
+        slip = self._candidates.slip(law, points, self._x_n, x, points.segment)
         if self._frames is None or self._frames[0] is not points:
             self._frames = points, NodalFrames.of(points, slip)
         return MortarSlip(points, slip, self._frames[1])
@@ -119,7 +119,7 @@ class MortarPairing(Pairing):
     def places(self, x: Floats, node: Ints) -> Floats:
         """Coordinates of the points of nodes on the facets below, shape ``(p, 2)``."""
         points = self._of(node)
-        return self._candidates.places(points, x, points.face)
+        return self._candidates.places(points, x, points.segment)
 
 
 class PointBlocks(PairBlocks):
