@@ -13,7 +13,7 @@ from dolfinx.mesh import exterior_facet_indices
 from dolfinx_nts.common.arguments import instances
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.contact.friction import Coulomb
-from dolfinx_nts.contact.method import EDGES, NODES, Method
+from dolfinx_nts.contact.method import EDGES, MORTAR, NODES, Method
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.model.bodies import Body, common_space
@@ -103,7 +103,8 @@ def all_pairs(
         edges: Whether bodies also touch where their sharp edges cross, by a second pair of
             method ``"edge-to-edge"`` for each two groups of bodies that have such edges, and for
             each `RigidSurface` that has some.
-        smooth: Whether segments between bodies are those of a smooth surface, as in `Surface`.
+        smooth: Whether segments between bodies are those of a smooth surface, as in `Surface`;
+            with method "mortar" both surfaces are smooth.
             Self contact and edges see facets in any case.
 
     Returns:
@@ -158,7 +159,10 @@ def all_pairs(
             is_smooth = smooth and by != EDGES
             target = surface(*segments, smooth=True) if is_smooth else surface(*segments)
             text = f"the {'smooth ' * is_smooth}{what} of {names(segments)}"
-        pairs.append(ContactPair(surface(*nodes), target, enforcement, friction, by))
+        # Both surfaces of surface-to-surface contact may be smooth.
+        is_smooth = smooth and by == MORTAR and isinstance(segments, Sequence)
+        from_nodes = surface(*nodes, smooth=True) if is_smooth else surface(*nodes)
+        pairs.append(ContactPair(from_nodes, target, enforcement, friction, by))
         if bodies[0].V.mesh.comm.rank == 0:
             own = "edges" if by == EDGES else "nodes"
             _logger.info("pair %d: %s of %s against %s", len(pairs), own, names(nodes), text)

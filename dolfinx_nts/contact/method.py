@@ -8,23 +8,25 @@ from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.rigid_cone import RigidCone
+from dolfinx_nts.model.rigid_shapes import RigidSphere
 from dolfinx_nts.model.rigid_surface import RigidSurface
 from dolfinx_nts.model.surfaces import Surface
 
 __all__ = [
-    *("EDGES", "KINDS", "NODES", "Method"),
+    *("EDGES", "KINDS", "MORTAR", "NODES", "Method"),
     *("check_dimension", "check_method", "check_smooth", "check_tie"),
     *("has_patches", "may_be_smooth"),
 ]
 
 Method = Literal["node-to-segment", "mortar", "edge-to-edge"]
 NODES: Method = "node-to-segment"
+MORTAR: Method = "mortar"
 EDGES: Method = "edge-to-edge"
 
 # What texts call contact by each method.
 KINDS = {
     NODES: "contact",
-    "mortar": "surface-to-surface contact",
+    MORTAR: "surface-to-surface contact",
     EDGES: "edge-to-edge contact",
 }
 # Laws of impact of edges; springs have none.
@@ -99,7 +101,8 @@ def check_smooth(pair: Any) -> None:
 
     ``pair`` is as of `check_method`.
     """
-    is_smooth = isinstance(pair.segments, Surface) and pair.segments.smooth
+    surfaces = [pair.segments, pair.nodes] if pair.method == MORTAR else [pair.segments]
+    is_smooth = any(isinstance(each, Surface) and each.smooth for each in surfaces)
     if is_smooth and (wrong := _wrong_with_smooth(pair)):
         raise ValueError(
             f"expected, with smooth segments, {wrong}: segments without smooth=True can do this"
@@ -109,8 +112,10 @@ def check_smooth(pair: Any) -> None:
 def _wrong_with_smooth(pair: Any) -> str:
     """What a pair with smooth segments would have to be, and is not, or "". Local."""
     wrong = ""
-    if pair.method != NODES:
-        wrong = f"method {NODES!r}, given {pair.method!r}"
+    if pair.method == EDGES:
+        wrong = f"method {NODES!r} or {MORTAR!r}, given {pair.method!r}"
+    elif pair.method == MORTAR and (spheres := _spheres(pair)):
+        wrong = f"smooth=True with method {MORTAR!r}, given {spheres[0]!r}"
     elif pair.touches_itself:
         wrong = "two surfaces, given one that touches itself"
     elif pair.is_convective:
@@ -122,6 +127,12 @@ def _wrong_with_smooth(pair: Any) -> str:
     elif is_axisymmetric(pair.nodes.V.mesh):
         wrong = "a mesh that is not axisymmetric, given one"
     return wrong
+
+
+def _spheres(pair: Any) -> list[RigidSphere]:
+    """Spheres that the surfaces of a pair are. Local."""
+    kinds = (pair.segments.smooth, pair.nodes.smooth)
+    return [kind for kind in kinds if isinstance(kind, RigidSphere)]
 
 
 def check_dimension(pair: Any) -> None:

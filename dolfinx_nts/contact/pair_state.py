@@ -12,7 +12,7 @@ from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.history import ContactHistory, begun_anew
-from dolfinx_nts.contact.method import EDGES
+from dolfinx_nts.contact.method import EDGES, MORTAR
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.passes import Passes
 from dolfinx_nts.model.obstacles import Obstacle
@@ -256,9 +256,10 @@ def _search(pair: ContactPair) -> Search:
         return SelfContactSearch(pair.nodes, pair.segments)
     if pair.method == EDGES:
         return EdgeSearch(pair.nodes, pair.segments)
+    if pair.method == MORTAR:
+        return MortarSearch(pair.nodes, pair.segments)
     if isinstance(pair.segments.smooth, RigidSphere):
         return SphereSearch(pair.nodes, pair.segments)
     if pair.segments.smooth:
         return SmoothSearch(pair.nodes, pair.segments, SmoothPatches.of(pair.segments))
-    search = {"node-to-segment": GlobalSearch, "mortar": MortarSearch}[pair.method]
-    return search(pair.nodes, pair.segments)
+    return GlobalSearch(pair.nodes, pair.segments)

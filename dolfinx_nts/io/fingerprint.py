@@ -12,6 +12,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from dolfinx_nts.common.arrays import Array
+from dolfinx_nts.contact.method import MORTAR
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.components import deformation_gradient, dimension
 from dolfinx_nts.fem.node_numbering import input_ids
@@ -118,7 +119,9 @@ def _energy(stepper: Stepper, body: Body) -> str:
 
 
 def _pair(pair: ContactPair, ids: Array, rows: Callable[[Array, Array], str]) -> str:
-    text = f"{rows(pair.nodes.node_ids, pair.nodes.node_ids)} against "
+    text = rows(pair.nodes.node_ids, pair.nodes.node_ids)
+    text += " that are smooth" if pair.method == MORTAR and pair.nodes.smooth is True else ""
+    text += " against "
     if isinstance(pair.segments, Surface):
         text += rows(pair.segments.key, np.sort(ids[pair.segments.segments], axis=1))
         smooth = pair.segments.smooth

@@ -37,6 +37,24 @@ class ContactKinematics(NamedTuple):
     tangent: Floats
     turn: Floats
 
+    def combined(self, weights: Floats) -> "ContactKinematics":
+        """The same by other nodes, of which those of the pairs are linear combinations.
+
+        ``weights`` are theirs in the nodes of the pairs, shape ``(m, k, j)``.
+        """
+        m, k, j = weights.shape
+        to_nodes = weights.swapaxes(1, 2)
+        force, gradient = (
+            (to_nodes @ values.reshape(m, k, 3)).reshape(m, 3 * j)
+            for values in (self.force, self.gradient)
+        )
+        # Rows, then columns as rows of the transposed matrix.
+        tangent = self.tangent
+        for d in (k, j):
+            tangent = (to_nodes @ tangent.reshape(m, k, 9 * d)).reshape(m, 3 * j, 3 * d)
+            tangent = tangent.swapaxes(1, 2)
+        return self._replace(force=force, gradient=gradient, tangent=tangent)
+
 
 class Slip:
     """Slip of pairs in a step by the objective measure, see `cpp/nts/contact/slip.h`.

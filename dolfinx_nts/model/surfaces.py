@@ -61,10 +61,10 @@ class Surface(Declaration):
         facets: Facet tags of the mesh.
         tag: Value of the tag.
         smooth: Whether nodes that touch its segments see a smooth surface through its nodes, by
-            curved patches, instead of flat facets (``search/smooth_patches.py``). Edges at which
-            facets turn by more than 30 degrees stay sharp. Needs degree 1. A `RigidSphere`: nodes
-            see this sphere, on which the facets are, exactly; for a `RigidBody`, which carries the
-            sphere along.
+            curved patches, instead of flat facets (``search/smooth_patches.py``). Surface to
+            surface it touches others with such patches, too. Edges at which facets turn by more
+            than 30 degrees stay sharp. Needs degree 1. A `RigidSphere`: nodes see this sphere, on
+            which the facets are, exactly; for a `RigidBody`, which carries the sphere along.
 
     Attributes:
         V, smooth: The arguments.

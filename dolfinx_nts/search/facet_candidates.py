@@ -1,46 +1,193 @@
 """Segments as parts of facets, which mortar contact touches as a whole."""
 
+from collections.abc import Callable, Sequence
+from typing import Any
+
 import numpy as np
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.search.points import ContactPoints
 from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidates
-from dolfinx_nts.search.whole_facets import equal_mean_weights
+from dolfinx_nts.search.smooth_candidates import weights_of_pairs
+from dolfinx_nts.search.smooth_patches import flat_patch
+from dolfinx_nts.search.whole_facets import linear_functions
 
-__all__ = ["FacetCandidates"]
+__all__ = ["FacetCandidates", "rises"]
 
 
 class FacetCandidates(SegmentCandidates):
     """Segments with the facets that they are parts of, see `SegmentCandidates`.
 
+    Segments say which points face which facet. Gap, force and slip are those of the facet: at
+    degree 2 of the curved one, see `cpp/nts/geometry/facet.h`, and of a smooth surface of the
+    patch on it, shifted to the mean of the facet: a uniform pressure then is the load of the
+    facet at its vertices. Points know what the shifts take from their gaps, see `MortarPoints`.
+
+    Far beside it a curved facet does not stand for the surface. In the methods that evaluate
+    pairs the number of a segment plus the number of all segments stands for the flat facet
+    through the vertices, which goes on as a plane, see `of_points`.
+
     Args:
-        found: The segments.
-        wholes: Nodes of the facet of each segment, shape ``(s, n)``; at degree 1 the segments.
+        found: The segments; with weights those of a smooth surface.
+        wholes: Nodes on which the facet of each segment depends, shape ``(s, n)``: those of it,
+            at degree 1 the vertices, and those of a patch.
 
     Attributes:
         wholes: The argument.
-        weights: Those of these nodes in the vertices of the segments, shape ``(s, k, n)``; None
-            where these are the nodes.
+        whole: Number of the facet of each segment, shape ``(s,)``.
+        weights: Those of the nodes in the control points of shifted patches, ``(s, c, n)``;
+            None without.
+        rise: Weights of the nodes in the way from the shifted patches to where the patches are,
+            ``(s, n)``; None without.
+        has_middles: Whether facets have nodes between their vertices.
     """
 
     def __init__(self, found: FoundSegments, wholes: Ints) -> None:
-        """Tell the nodes in the vertices of segments."""
+        """Number the facets."""
         super().__init__(found)
-        self.wholes = wholes
+        self.wholes, self.rise = wholes, found.rise
+        (s, k), n = self.segments.shape, wholes.shape[1]
+        self.has_middles = found.weights is None and n > k
+        self.whole: Ints = np.arange(s, dtype=np.int32)
+        # Weights of point and nodes in point and control points: of all facets, and of flat ones.
+        self._of_pairs: Floats | None = None
+        self._of_flat: Floats | None = None
         self.weights: Floats | None = None
-        if wholes.shape[1] > self.segments.shape[1]:
-            self.weights = equal_mean_weights(self.segments, wholes)
+        if self.has_middles:
+            number = np.unique(wholes, axis=0, return_inverse=True)[1]
+            self.whole = number.ravel().astype(np.int32)
+            self._of_flat = _among(linear_functions(k), n)
+        elif found.weights is not None:
+            assert found.rise is not None
+            self.weights = found.weights - found.rise[:, None]
+            self._of_pairs = weights_of_pairs(self.weights)
+            self._of_flat = _among(flat_patch(k), n)
+        self._kernels = _FLAT if self._of_flat is None else _CURVED
 
-    def vertices(self, x: Floats) -> tuple[Ints, Floats]:
-        """Rows of positions, ``(s, k)``, and positions of the vertices of all segments [m]."""
-        if self.weights is None:
-            return self.segments, x
-        y = self.weights @ x[self.wholes]
-        return np.arange(len(y) * y.shape[1], dtype=np.int32).reshape(y.shape[:2]), y.reshape(-1, 3)
+    def of_points(self, points: ContactPoints, segment: Ints, states: Sequence[Floats]) -> Ints:
+        """Facet of each point, or the flat one where it is far beside it in a state. Local.
+
+        Returns numbers as of the class, shape ``(m,)``.
+        """
+        if self._of_flat is None:
+            return segment
+        beside = np.zeros(len(segment), dtype=bool)
+        for x in states:
+            xi = self.places(points, x, segment)
+            outside = np.fmax(-xi.min(axis=1), xi.max(axis=1) - 1)
+            if self.segments.shape[1] == 3:
+                outside = np.fmax(outside, xi.sum(axis=1) - 1)
+            # Nor where there is no projection.
+            beside |= ~(outside <= _BESIDE)
+        return np.where(beside, segment + len(self.segments), segment).astype(np.int32)
+
+    def gap(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
+        """Compute the gap of points to the facets of segments, see `Candidates.gap`."""
+        return self._projections(points, x, segment)[1]
+
+    def places(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
+        """Coordinates of points on the facets of segments, shape ``(m, 2)``."""
+        return self._projections(points, x, segment)[0]
+
+    def shortened(self, points: ContactPoints, x: Floats, segment: Ints, rise: Floats) -> Floats:
+        """What the shifts of patches take from the gaps of points, shape ``(m,)`` [m].
+
+        ``rise`` is the way of the points back to where the patches of their facets are, ``(m, 3)``.
+        """
+        pairs, orientation = self.pairs(points, x, segment), self._sense(segment)
+        before = self._kernels["project"](pairs, orientation)[1]
+        pairs[:, 0] += rise
+        if self.rise is not None:
+            pairs[:, 1:] += rises(self.rise, self.wholes, segment % len(self.rise), x)[:, None]
+        taken: Floats = self._kernels["project"](pairs, orientation)[1] - before
+        return taken
+
+    def contact(
+        self, scheme: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints
+    ) -> ContactKinematics:
+        """Evaluate gap and force of pairs, see `Candidates.contact`."""
+        pairs = self._both_states(points, x_n, x, segment)
+        found, weights = ContactKinematics(*self._kernels[scheme](*pairs)), self._weights(segment)
+        return found if weights is None else found.combined(weights)
+
+    def slip(self, law: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints) -> Slip:
+        """Evaluate the slip of pairs by the law "objective", see `Candidates.slip`."""
+        pairs, weights = self._both_states(points, x_n, x, segment), self._weights(segment)
+        *values, frame_n, frame = self._kernels["slip"](*pairs)
+        slip = Slip(*values, frame_n=frame_n, frame=frame, orientation=pairs[2])
+        return slip if weights is None else slip.combined(weights)
 
     def pairs(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
-        """Positions of points and vertices, shape ``(m, 1+k, 3)`` [m]."""
-        if self.weights is None:
-            return super().pairs(points, x, segment)
-        y = self.weights[segment] @ x[self.wholes[segment]]
-        return np.concatenate([points.of(x)[:, None], y], axis=1)
+        """Positions of points and nodes or control points of facets, ``(m, 1+n, 3)`` [m]."""
+        pairs = np.empty((len(segment), 1 + self.wholes.shape[1], 3))
+        pairs[:, 0] = points.of(x)
+        pairs[:, 1:] = x.take(self.wholes.take(segment, axis=0, mode="wrap"), axis=0)
+        weights = self._weights(segment)
+        return pairs if weights is None else weights @ pairs
+
+    def _both_states(
+        self, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints
+    ) -> tuple[Floats, Floats, Floats]:
+        pairs_n, pairs = (self.pairs(points, y, segment) for y in (x_n, x))
+        return pairs_n, pairs, self._sense(segment)
+
+    def _projections(self, points: ContactPoints, x: Floats, segment: Ints) -> tuple[Floats, ...]:
+        pairs = self.pairs(points, x, segment)
+        found: tuple[Floats, ...] = self._kernels["project"](pairs, self._sense(segment))
+        return found
+
+    def _sense(self, segment: Ints) -> Floats:
+        return self.orientation.take(segment, mode="wrap")
+
+    def _weights(self, segment: Ints) -> Floats | None:
+        """Weights of points and nodes in pairs of the kernels; None where these are the pairs."""
+        if self._of_flat is None:
+            return None
+        s = len(self.segments)
+        flat = segment >= s
+        if self._of_pairs is not None:
+            weights: Floats = self._of_pairs[segment % s]
+        elif flat.any():
+            weights = np.tile(np.eye(1 + self.wholes.shape[1]), (len(segment), 1, 1))
+        else:
+            return None
+        weights[flat] = self._of_flat
+        return weights
+
+
+def _among(weights: Floats, n: int) -> Floats:
+    """Weights of vertices in control points, ``(c, k)``, as those of ``n`` nodes in pairs."""
+    of_nodes = np.zeros((1, len(weights), n))
+    of_nodes[0, :, : weights.shape[1]] = weights
+    of_pairs: Floats = weights_of_pairs(of_nodes)[0]
+    return of_pairs
+
+
+def rises(weights: Floats, nodes: Ints, facet: Ints, x: Floats) -> Floats:
+    """Ways from the means of facets to those of their patches, shape ``(m, 3)`` [m].
+
+    ``weights`` and ``nodes`` are those of all facets, ``(s, n)``, ``facet`` the numbers of some.
+    """
+    way: Floats = np.einsum("mn,mni->mi", weights[facet], x[nodes[facet]])
+    return way
+
+
+# How far beside a curved facet [-], in its coordinates, it still stands for the surface.
+_BESIDE = 0.5
+# Kernels of flat facets, and of curved ones and patches, see `Candidates.contact`.
+_FLAT: dict[str, Callable[..., Any]] = {
+    "conserving": _kernels.contact_conserving,
+    "midpoint": _kernels.contact_midpoint,
+    "static": _kernels.contact_static,
+    "project": _kernels.project,
+    "slip": _kernels.slip,
+}
+_CURVED: dict[str, Callable[..., Any]] = {
+    "conserving": _kernels.patch_conserving,
+    "midpoint": _kernels.patch_midpoint,
+    "static": _kernels.patch_static,
+    "project": _kernels.patch_project,
+    "slip": _kernels.patch_slip,
+}

@@ -15,7 +15,7 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Array, Floats, GlobalInts, Ints
 from dolfinx_nts.model.facing import Facing
 from dolfinx_nts.model.kinematics import ContactKinematics
-from dolfinx_nts.search.facet_candidates import FacetCandidates
+from dolfinx_nts.search.facet_candidates import FacetCandidates, rises
 
 __all__ = ["MortarFacets", "MortarPoints", "Shares", "at_nodes"]
 
@@ -34,6 +34,11 @@ class MortarFacets:
         orientation: +1 where a_1 x a_2 points out of the body, otherwise -1, ``(f,)``.
         X: Reference positions of the nodes of the map, shape ``(l, 3)`` [m].
         are_rings: Whether they stand for rings about the axis y.
+        wholes: Nodes on which the points of the facets depend, shape ``(f, m)``: the same, or
+            those of the patches of a smooth surface.
+        of_patches: Weights of these nodes in the control points of the patches, shape
+            ``(f, c, m)``, and in the way back to where the patches are, ``(f, m)``, see
+            `FacetCandidates`; None without patches.
     """
 
     nodes: Ints
@@ -41,7 +46,32 @@ class MortarFacets:
     vertices: Ints
     orientation: Floats
     X: Floats
-    are_rings: bool = False
+    are_rings: bool
+    wholes: Ints
+    of_patches: tuple[Floats, Floats] | None
+
+    def rise(self, facet: Ints, x: Floats) -> Floats:
+        """Ways of points of facets back to where the patches are, shape ``(p, 3)`` [m]."""
+        if self.of_patches is None:
+            return np.zeros((len(facet), 3))
+        return rises(self.of_patches[1], self.wholes, facet, x)
+
+    def patched(self, facet: Ints, phi: Floats) -> Floats:
+        """Weights of nodes at points by the functions ``phi`` of facets there, ``(p, m)``."""
+        if self.of_patches is None:
+            return phi
+        xi, weights = phi @ _CORNERS[phi.shape[1]], self.of_patches[0]
+        values = _kernels.patch_functions(xi, weights.shape[1])
+        patched: Floats = (values[:, None] @ weights[facet])[:, 0]
+        return patched
+
+
+# Vertices of reference cells in their coordinates, by number.
+_CORNERS = {
+    2: np.array([[0.0, 0.0], [1.0, 0.0]]),
+    3: np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]),
+    4: np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]),
+}
 
 
 @dataclass(frozen=True)
@@ -114,19 +144,21 @@ class MortarPoints:
     """Contact points of nodes, see `ContactPoints`. Local.
 
     Attributes:
-        reached: Nodes of the facet of each point, and of that of its segment, ``(p, 2 n)``.
-        phi: Shape functions of the facet there, shape ``(p, n)``.
-        weights: Those of nodes in the vertices of the segment, shape ``(p, k, n)``; None where
-            these are the nodes.
-        segment: Candidate of each point, shape ``(p,)``.
-        patch: Numbers from 0 of the part that facet and segment of each point share, ``(p,)``.
+        reached: Nodes on which the facet of each point depends, and that of its segment,
+            shape ``(p, m + n)``.
+        phi: Weights of the former in the point, shape ``(p, m)``.
+        segment: Candidate of each point, or what stands for it, see `FacetCandidates.of_points`,
+            shape ``(p,)``.
+        offset: What the shifts of patches take from the gap of each point where the points were
+            chosen, a constant of the step, ``(p,)`` [m]; 0 without patches.
+        patch: Numbers from 0 of the facets of both surfaces between which each point is, ``(p,)``.
         shares: Shares of the nodes in them.
     """
 
     reached: Ints
     phi: Floats
-    weights: Floats | None
     segment: Ints
+    offset: Floats
     patch: Ints
     shares: Shares
 
@@ -148,26 +180,27 @@ class MortarPoints:
             x: Positions at which segments are projected on facets.
             reach: Distance up to which facets look for segments [m].
         """
-        (rows, y_n), (_, y) = (candidates.vertices(there) for there in (x_n, x))
+        is_smooth = facets.of_patches is not None or candidates.rise is not None
         facet, segment, weight, phi, psi = _kernels.mortar_points(
             facets.vertices,
             facets.orientation,
             facets.X,
             x_n,
             x,
-            rows,
+            candidates.segments,
             candidates.orientation,
             candidates.key,
-            y_n,
-            y,
+            x_n,
+            x,
             reach,
             facets.are_rings,
+            is_smooth,
         )
         number = np.full(len(x), -1, dtype=np.int32)
         number[facets.nodes] = np.arange(len(facets.nodes), dtype=np.int32)
         on_facet = facets.vertices[facet]
-        reached = np.hstack([on_facet, candidates.wholes[segment]])
-        weights = None if candidates.weights is None else candidates.weights[segment]
+        reached = np.hstack([facets.wholes[facet], candidates.wholes[segment]])
+        phi = facets.patched(facet, phi)
         point, column = np.nonzero(number[on_facet[:, : psi.shape[1]]] >= 0)
         node, value = number[on_facet[point, column]], weight[point] * psi[point, column]
         area = _sums(node, value, len(facets.nodes))
@@ -183,10 +216,15 @@ class MortarPoints:
             of_share,
             value[order] / area[node],
         )
-        _, patch = np.unique(
-            facet.astype(np.int64) * (1 + len(candidates.key)) + segment, return_inverse=True
-        )
-        return cls(reached, phi, weights, segment, patch.astype(np.int32), shares)
+        width, whole = 1 + len(candidates.key), candidates.whole[segment]
+        _, patch = np.unique(facet.astype(np.int64) * width + whole, return_inverse=True)
+        of_points = phi, segment, np.zeros(len(segment)), patch.astype(np.int32)
+        points = cls(reached, *of_points, shares)
+        segment = candidates.of_points(points, segment, (x_n, x))
+        if not is_smooth:
+            return replace(points, segment=segment)
+        offset = candidates.shortened(points, x, segment, facets.rise(facet, x))
+        return replace(points, segment=segment, offset=offset)
 
     @property
     def nodes(self) -> Ints:
@@ -203,15 +241,13 @@ class MortarPoints:
         return _kernels.at_points(self.phi, self.reached, values)
 
     def rows(self, values: Floats, shares: Shares | None = None) -> Floats:
-        """Sum vectors of pairs, ``(p, c, 3 (1 + k))``, to rows of the nodes, ``(m, c, 3 d)``.
+        """Sum vectors of pairs, ``(p, c, 3 (1 + n))``, to rows of the nodes, ``(m, c, 3 d)``.
 
         ``shares`` may have other values than those of the points.
         """
         s = self.shares if shares is None else shares
         lists, place = self._rows
         of_shares = s.start, s.point, s.value, place
-        if self.weights is not None:
-            values = _at_nodes(self.weights, values)
         return _kernels.sum_rows(self.phi, *of_shares, lists.shape[1], values)
 
     @property
@@ -224,40 +260,30 @@ class MortarPoints:
 
     @cached_property
     def _rows(self) -> tuple[Ints, Ints]:
-        """Lists, and places of the nodes of facet and segment of each share in them, (i, 2 n)."""
+        """Lists, and places of the nodes of both facets of each share in them, (i, m + n)."""
         shares = self.shares
         return _rows(shares.nodes, shares.node, self.reached[shares.point])
 
     def blocks(self, factor: Floats, matrix: Floats) -> Floats:
-        """Sum matrices of pairs, ``(p, 3 (1 + k), 3 (1 + k))``, to those of the patches.
+        """Sum matrices of pairs, ``(p, 3 (1 + n), 3 (1 + n))``, to those of the patches.
 
         ``factor`` is that of each point, shape ``(p,)``; the result has the shape
-        ``(b, 6 n, 6 n)``.
+        ``(b, 3 (m + n), 3 (m + n))``.
         """
         count = len(self.patch_nodes)
-        blocks: Floats = _kernels.sum_blocks(self.phi, self.patch, count, factor, matrix)
-        if self.weights is None:
-            return blocks
-        k, n = self.weights.shape[1:]
-        turn = np.zeros((count, 1, 1, n + k, 2 * n))
-        turn[..., :n, :n] = np.eye(n)
-        turn[..., n:, n:] = self.weights[np.unique(self.patch, return_index=True)[1], None, None]
-        blocks = blocks.reshape(count, n + k, 3, n + k, 3).transpose(0, 2, 4, 1, 3)
-        blocks = turn.swapaxes(3, 4) @ blocks @ turn
-        return blocks.transpose(0, 3, 1, 4, 2).reshape(count, 6 * n, 6 * n)
+        return _kernels.sum_blocks(self.phi, self.patch, count, factor, matrix)
 
     @cached_property
     def patch_nodes(self) -> Ints:
-        """Nodes of facet and segment of each patch, shape ``(b, 2 n)``."""
+        """Nodes of both facets of each patch, shape ``(b, m + n)``."""
         return self.reached[np.unique(self.patch, return_index=True)[1]]
 
     def take(self, nodes: Ints) -> "MortarPoints":
         """Select the points of some nodes, see `ContactPoints.take`."""
         shares, used = self.shares.take(nodes)
         patch = np.unique(self.patch[used], return_inverse=True)[1].astype(np.int32)
-        weights = None if self.weights is None else self.weights[used]
-        of_points = self.reached[used], self.phi[used], weights, self.segment[used]
-        return MortarPoints(*of_points, patch, shares)
+        of_points = self.segment[used], self.offset[used], patch
+        return MortarPoints(self.reached[used], self.phi[used], *of_points, shares)
 
 
 def at_nodes(
@@ -269,20 +295,9 @@ def at_nodes(
     the least cosine by which a normal turns, ``(m,)``.
     """
     s, (lists, place) = points.shares, points._rows
-    force, gradient, weights = pairs.force, pairs.gradient, points.weights
-    if weights is not None:
-        force, gradient = (_at_nodes(weights, v[:, None])[:, 0] for v in (force, gradient))
     of_shares = s.start, s.point, s.value, place, lists.shape[1]
-    ends = pairs.gap_n, pairs.gap, pairs.turn
-    return _kernels.sum_contact(points.phi, *of_shares, *ends, force, gradient)
-
-
-def _at_nodes(weights: Floats, values: Floats) -> Floats:
-    """Vectors of pairs with nodes in the place of vertices, ``(p, c, 3 (1 + n))``."""
-    (p, k, n), c = weights.shape, values.shape[1]
-    of_vertices = values[:, :, 3:].reshape(p, c, k, 3)
-    of_nodes = weights.swapaxes(1, 2)[:, None] @ of_vertices
-    return np.concatenate([values[:, :, :3], of_nodes.reshape(p, c, 3 * n)], axis=2)
+    ends = pairs.gap_n + points.offset, pairs.gap + points.offset, pairs.turn
+    return _kernels.sum_contact(points.phi, *of_shares, *ends, pairs.force, pairs.gradient)
 
 
 def _sums(row: Array, values: Floats, num_rows: int) -> Floats:
@@ -298,7 +313,7 @@ def _rows(own: Ints, row: Ints, nodes: Ints) -> tuple[Ints, Ints]:
     """Nodes of the rows, and places of the nodes of shares in them, see `MortarPoints`.
 
     ``own`` is the first node of each row, shape ``(m,)``, ``row`` the row of each share, ``(i,)``,
-    ``nodes`` the nodes that it reaches, ``(i, 2 n)``.
+    ``nodes`` the nodes that it reaches, ``(i, m + n)``.
     """
     # The own node comes before all others; rows without shares have it, too.
     rank = np.where(nodes == own[row][:, None], 0, nodes.astype(np.int64) + 1)

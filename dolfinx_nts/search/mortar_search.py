@@ -10,6 +10,7 @@ from dolfinx_nts.search.facet_candidates import FacetCandidates
 from dolfinx_nts.search.global_search import GlobalSearch, owners_of
 from dolfinx_nts.search.mortar_points import MortarFacets
 from dolfinx_nts.search.segment_candidates import FoundSegments
+from dolfinx_nts.search.smooth_patches import SmoothPatches
 from dolfinx_nts.search.whole_facets import Hats, whole_facets
 
 __all__ = ["MortarCandidates", "MortarSearch"]
@@ -36,7 +37,7 @@ class MortarCandidates(FacetCandidates):
         """Take them."""
         super().__init__(found, wholes)
         self.facets = facets
-        self.hats = None if self.weights is None else _hats(self, facets.vertices)
+        self.hats = _hats(self, facets.vertices) if self.has_middles else None
 
 
 class FacetSearch(GlobalSearch):
@@ -53,6 +54,12 @@ class FacetSearch(GlobalSearch):
         """Offer the nodes of the facets, too."""
         super().__init__(nodes, segments)
         self._k, space = segments.segments.shape[1], segments.V.dofmap.index_map
+        # A sphere has no patches.
+        if segments.smooth is True:
+            patches = SmoothPatches.of(segments)
+            self._offer = patches.ids, patches.owners, *self._offer[2:]
+            self._weights = patches.weights, patches.rise
+            return
         wholes = whole_facets(segments.segments, Element.of(segments.V).degree)
         if wholes is not segments.segments:
             ids, owners, orientation, key, thickness = self._offer
@@ -68,7 +75,8 @@ class FacetSearch(GlobalSearch):
         k, vertices = self._k, found.vertices
         if vertices.shape[1] == k:
             return found, vertices
-        return found._replace(vertices=np.ascontiguousarray(vertices[:, :k])), vertices[:, k:]
+        wholes = vertices[:, k:] if found.weights is None else vertices
+        return found._replace(vertices=np.ascontiguousarray(vertices[:, :k])), wholes
 
 
 class MortarSearch(FacetSearch):
@@ -98,6 +106,9 @@ class MortarSearch(FacetSearch):
         around = first[(near.wholes[first] < space.size_local).any(axis=1)]
         facets, there = near.wholes[around], near.scatter.forward(self._X)
         self._shape = facets.shape
+        self._of_patches: tuple[Floats, Floats] | None = None
+        if near.weights is not None and near.rise is not None:
+            self._of_patches = near.weights[around], near.rise[around]
         out = area_vectors(there[near.segments[around]], near.orientation[around])
         own = area_vectors(there[facets[:, : self._k]], np.ones(len(facets)))
         self._orientation = np.where(np.einsum("fi,fi->f", out, own) > 0, 1.0, -1.0)
@@ -110,7 +121,7 @@ class MortarSearch(FacetSearch):
         self._area: Floats = area[nodes.nodes].astype(np.float64)
         ids = near.scatter.index_map.local_to_global(facets.ravel())
         self._others = ids, owners_of(near.scatter.index_map)[facets.ravel()]
-        self._around = None if near.weights is None else _hats(near, facets)
+        self._around = _hats(near, facets) if near.has_middles else None
 
     def per_area(self, force: Floats, area: Floats) -> Floats:
         """Divide by the areas of vertices, and go on linearly, see `Search.per_area`."""
@@ -130,9 +141,19 @@ class MortarSearch(FacetSearch):
     ) -> MortarCandidates:
         """Add the facets, see `GlobalSearch`."""
         X = np.array(found.scatter.forward(self._X))
-        vertices = others.reshape(self._shape)
+        wholes = others.reshape(self._shape)
+        vertices = (
+            wholes if self._of_patches is None else np.ascontiguousarray(wholes[:, : self._k])
+        )
         facets = MortarFacets(
-            self._nodes.nodes, self._area, vertices, self._orientation, X, self._are_rings
+            self._nodes.nodes,
+            self._area,
+            vertices,
+            self._orientation,
+            X,
+            self._are_rings,
+            wholes,
+            self._of_patches,
         )
         return MortarCandidates(*self._parted(found), facets)
 

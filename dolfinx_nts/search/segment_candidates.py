@@ -29,6 +29,8 @@ class FoundSegments(NamedTuple):
         thickness: Heights of the cells below the segments, ``(s,)`` [m, reference].
         weights: Of the nodes of smooth segments, their vertices and those around, in control
             points, shape ``(s, c, k)``; None of flat segments.
+        rise: Of the same in the way from the mean of each facet to that of its patch, shape
+            ``(s, k)``; None where nothing asks for it.
     """
 
     scatter: NodalScatter
@@ -38,6 +40,7 @@ class FoundSegments(NamedTuple):
     size: Floats
     thickness: Floats
     weights: Floats | None = None
+    rise: Floats | None = None
 
 
 class SegmentCandidates(Candidates):

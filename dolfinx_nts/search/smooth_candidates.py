@@ -12,7 +12,7 @@ from dolfinx_nts.search.points import ContactPoints
 from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidates
 from dolfinx_nts.search.smooth_patches import flat_patch
 
-__all__ = ["SmoothCandidates"]
+__all__ = ["SmoothCandidates", "weights_of_pairs"]
 
 # How far beside the middle of a patch [-], in its coordinates, it still stands for the surface:
 # half of it, and as much beyond an edge.
@@ -35,10 +35,7 @@ class SmoothCandidates(SegmentCandidates):
         super().__init__(found._replace(vertices=np.ascontiguousarray(found.vertices[:, :k])))
         assert found.weights is not None
         self._vertices, self.segments = self.segments, found.vertices
-        # Weights of point and nodes in point and control points, which are a pair for the kernels.
-        s, c, m = found.weights.shape
-        self._weights: Floats = np.zeros((s, 1 + c, 1 + m))
-        self._weights[:, 0, 0], self._weights[:, 1:, 1:] = 1.0, found.weights
+        self._weights = weights_of_pairs(found.weights)
 
     def pair(
         self,
@@ -67,19 +64,7 @@ class SmoothCandidates(SegmentCandidates):
     ) -> ContactKinematics:
         """Evaluate gap and force of pairs, see `Candidates.contact`."""
         found = self._kinematics(scheme, *self._both_states(points, x_n, x, segment))
-        weights = self._weights[segment]
-        m, c, n = weights.shape
-        to_nodes = weights.swapaxes(1, 2)
-        force, gradient = (
-            (to_nodes @ values.reshape(m, c, 3)).reshape(m, 3 * n)
-            for values in (found.force, found.gradient)
-        )
-        # Rows, then columns as rows of the transposed matrix.
-        tangent = found.tangent
-        for d in (c, n):
-            tangent = (to_nodes @ tangent.reshape(m, c, 9 * d)).reshape(m, 3 * n, 3 * d)
-            tangent = tangent.swapaxes(1, 2)
-        return found._replace(force=force, gradient=gradient, tangent=tangent)
+        return found.combined(self._weights[segment])
 
     def slip(self, law: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints) -> Slip:
         """Evaluate the slip of pairs by the law "objective", see `Candidates.slip`."""
@@ -122,3 +107,15 @@ class SmoothCandidates(SegmentCandidates):
     def _patches(self, points: ContactPoints, x: Floats, segment: Ints) -> tuple[Floats, Floats]:
         """Positions of pairs, and orientations of their segments."""
         return self.pairs(points, x, segment), self.orientation.take(segment)
+
+
+def weights_of_pairs(weights: Floats) -> Floats:
+    """Weights of points and nodes in points and control points, which kernels see as pairs.
+
+    ``weights`` are those of nodes in control points, shape ``(s, c, m)``; returns shape
+    ``(s, 1 + c, 1 + m)``.
+    """
+    s, c, m = weights.shape
+    of_pairs: Floats = np.zeros((s, 1 + c, 1 + m))
+    of_pairs[:, 0, 0], of_pairs[:, 1:, 1:] = 1.0, weights
+    return of_pairs

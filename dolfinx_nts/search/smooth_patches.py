@@ -8,12 +8,15 @@ by the control points of Bezier's form, see `cpp/nts/geometry/patch.h`, each a s
 constant weights of sum one: rigid motions carry it along, and planes stay planes.
 """
 
+from functools import cached_property
 from weakref import WeakKeyDictionary
 
 from mpi4py import MPI
 
+import basix
 import numpy as np
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
@@ -56,6 +59,29 @@ class SmoothPatches:
         nodes[turned], weights[turned] = nodes[turned][:, ::-1], -weights[turned][:, ::-1]
         nodes, self.weights = _gathered(surface.V.mesh.comm, vertices, nodes, weights)
         self.ids, self.owners = near.dofs[nodes], near.owners[nodes]
+        self._X = near.X[vertices]
+
+    @cached_property
+    def rise(self) -> Floats:
+        """Weights of the nodes in the way from the mean of each facet to that of its patch.
+
+        Shape ``(s, m)``; means are those over the undeformed facet.
+        """
+        k, c = self._X.shape[1], self.weights.shape[1]
+        cell = {2: "interval", 3: "triangle", 4: "quadrilateral"}[k]
+        # Patches on quadrilaterals are of degree 4 at most, areas of degree 1.
+        xi, weight = basix.make_quadrature(basix.CellType[cell], 5)
+        linear = basix.create_element(basix.ElementFamily.P, basix.CellType[cell], 1)
+        phi, *slopes = linear.tabulate(1, xi)[:, :, :, 0]
+        first, *second = (np.einsum("qk,ski->sqi", slope, self._X) for slope in slopes)
+        across = np.cross(first, second[0]) if second else first
+        area = weight * np.linalg.norm(across, axis=2)
+        area /= area.sum(axis=1, keepdims=True)
+        places = np.column_stack([xi, np.zeros((len(xi), 2 - xi.shape[1]))])
+        control = area @ _kernels.patch_functions(places, c)
+        rise: Floats = np.einsum("sc,scm->sm", control, self.weights)
+        rise[:, :k] -= area @ phi
+        return rise
 
     @classmethod
     def of(cls, surface: Surface) -> "SmoothPatches":

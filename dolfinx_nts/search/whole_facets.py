@@ -2,13 +2,7 @@
 
 Node-to-segment contact knows segments only. Mortar contact integrates over facets with all their
 nodes, in the order of Basix: vertices, middles of edges, middle. Multipliers belong to vertices,
-and act on fields that are linear on the facet. A facet that is touched is replaced by flat
-segments with the same mean: not through its nodes, but through
-
-    y_v = x_v,   y_ab = 4/3 x_ab - (x_a + x_b) / 6
-
-and the tensor product of this in the middle of a quadrilateral. Then uniform pressure on them is
-the consistent load of the functions of degree 2.
+and act on fields that are linear on the facet.
 """
 
 from functools import cache
@@ -18,7 +12,7 @@ import numpy as np
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.search.scatter import NodalScatter
 
-__all__ = ["Hats", "equal_mean_weights", "whole_facets"]
+__all__ = ["Hats", "linear_functions", "whole_facets"]
 
 # Vertices at the ends of the edges of facets, in the order of Basix, by number of vertices.
 _EDGES = {2: [(0, 1)], 3: [(1, 2), (0, 2), (0, 1)], 4: [(0, 1), (0, 2), (1, 3), (2, 3)]}
@@ -47,36 +41,12 @@ def whole_facets(segments: Ints, degree: int) -> Ints:
 
 
 @cache
-def _linear(k: int) -> Floats:
+def linear_functions(k: int) -> Floats:
     """Linear functions of the vertices at the nodes of a facet of degree 2, ``(n, k)``."""
     rows = [np.eye(k), *((np.eye(k)[[i]] + np.eye(k)[[j]]) / 2 for i, j in _EDGES[k])]
     if k == 4:
         rows.append(np.full((1, 4), 1 / 4))
     return np.concatenate(rows)
-
-
-@cache
-def _equal_mean(k: int) -> Floats:
-    """Positions of flat segments with the same mean by those of the nodes, ``(n, n)``."""
-    edges = _EDGES[k]
-    n = k + len(edges) + (k == 4)
-    B = np.eye(n)
-    for middle, ends in enumerate(edges, start=k):
-        B[middle, middle] = 4 / 3
-        B[middle, list(ends)] = -1 / 6
-    if k == 4:
-        B[8] = [*[1 / 36] * 4, *[-2 / 9] * 4, 16 / 9]
-    return B
-
-
-def equal_mean_weights(segments: Ints, facets: Ints) -> Floats:
-    """Weights of the nodes of facets, ``(s, n)``, in the vertices of their segments, ``(s, k)``.
-
-    Local. Returns shape ``(s, k, n)``.
-    """
-    place = (segments[:, :, None] == facets[:, None]).argmax(axis=2)
-    weights: Floats = _equal_mean(segments.shape[1])[place]
-    return weights
 
 
 class Hats:
@@ -95,7 +65,7 @@ class Hats:
         self.parents = np.repeat(np.arange(scatter.num_local, dtype=np.int32)[:, None], k, axis=1)
         self.weights = np.zeros((scatter.num_local, k))
         self.weights[:, 0] = 1
-        for node, weights in zip(facets.T[k:], _linear(k)[k:], strict=True):
+        for node, weights in zip(facets.T[k:], linear_functions(k)[k:], strict=True):
             self.parents[node], self.weights[node] = facets[:, :k], weights
 
     def spread(self, values: Floats) -> Floats:

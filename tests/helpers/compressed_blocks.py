@@ -44,6 +44,7 @@ def compress(
     swirl: float = 0.0,
     jitter: float = 0.0,
     one_point: tuple[str, ...] | None = None,
+    smooth: bool = False,
 ) -> Compressed:
     """Compress blocks with so many cells along an edge. Collective.
 
@@ -59,6 +60,7 @@ def compress(
         swirl: Angle by which the nodes in the middle of the interface are turned within it.
         jitter: Edges of the upper cells by which inner nodes are moved at random, at most.
         one_point: Of the material.
+        smooth: Of both surfaces.
     """
     comm = MPI.COMM_WORLD
 
@@ -80,7 +82,8 @@ def compress(
     V = fem.functionspace(mesh, ("Lagrange", degree, (3,)))
     material = nts.SaintVenantKirchhoff(E=modulus, nu=nu, rho=1.0, one_point=one_point)
     bodies = [nts.Body(V, cells, tag[name], material) for name in ("lower", "upper")]
-    surfaces = [nts.Surface(V, facets, tag[name]) for name in ("upper_bottom", "lower_top")]
+    names = ("upper_bottom", "lower_top")
+    surfaces = [nts.Surface(V, facets, tag[name], smooth=smooth) for name in names]
     down = fem.Constant(mesh, 0.0)
 
     def support(axis: int, value: Any, *sides: str) -> fem.DirichletBC:

@@ -95,7 +95,8 @@ def rings(
     lower = nts.Body(V, tags, 1, nts.NeoHookean(*RUBBER))
     upper = nts.RigidBody(V, tags, 2, RUBBER[2]) if rigid else None
     upper = upper or nts.Body(V, tags, 2, nts.NeoHookean(*RUBBER))
-    pair = nts.ContactPair(nts.boundary_of(upper), nts.boundary_of(lower, smooth=smooth), **laws)
+    nodes = nts.boundary_of(upper, smooth=smooth and laws.get("method") == "mortar")
+    pair = nts.ContactPair(nodes, nts.boundary_of(lower, smooth=smooth), **laws)
     return scheme([lower, upper], [pair], dt=dt)
 
 
@@ -132,7 +133,8 @@ def balls(comm: MPI.Comm, *, smooth: bool = True, cell: str = "hexahedron", **la
     domain, cells, facets, tag = nts.read_mesh(scene, comm)
     V = fem.functionspace(domain, ("Lagrange", 1, (3,)))
     bodies = [nts.Body(V, cells, tag[name], nts.NeoHookean(*RUBBER)) for name in ("lower", "upper")]
-    nodes = nts.Surface(V, facets, tag["upper_outer"])
+    both = smooth and laws.get("method") == "mortar"
+    nodes = nts.Surface(V, facets, tag["upper_outer"], smooth=both)
     segments = nts.Surface(V, facets, tag["lower_outer"], smooth=smooth)
     pair = nts.ContactPair(nodes, segments, **laws)
     return nts.EnergyMomentum(bodies, [pair], dt=0.01)

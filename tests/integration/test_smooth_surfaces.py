@@ -36,10 +36,14 @@ LAWS = {
 }
 
 
+METHODS = pytest.mark.parametrize("method", ["node-to-segment", "mortar"])
+
+
 @pytest.mark.serial
+@METHODS
 @pytest.mark.parametrize("law", LAWS)
-def test_rings_bounce_with_exact_energy_and_momenta(comm, law):
-    first, last, given, active = run(rings(comm, angle=0.4, **LAWS[law]), 30)
+def test_rings_bounce_with_exact_energy_and_momenta(comm, law, method):
+    first, last, given, active = run(rings(comm, angle=0.4, method=method, **LAWS[law]), 30)
     check_balances(first, last, given)
     assert active > 0
     if law in ("elastic", "triangles", "rigid"):
@@ -52,23 +56,27 @@ def test_rings_bounce_with_exact_energy_and_momenta(comm, law):
 @pytest.mark.parametrize(
     "cell", ["hexahedron", pytest.param("tetrahedron", marks=pytest.mark.serial)]
 )
-def test_balls_bounce_with_exact_energy_and_momenta(comm, cell):
-    first, last, given, active = run(balls(comm, cell=cell), 8)
+@METHODS
+def test_balls_bounce_with_exact_energy_and_momenta(comm, cell, method):
+    first, last, given, active = run(balls(comm, cell=cell, method=method), 8)
     check_balances(first, last, given)
     assert active > 0
     assert abs(given) < 1e-10 * first.total_energy
 
 
 @pytest.mark.serial
-def test_friction_of_balls_dissipates_and_keeps_momenta(comm):
-    first, last, given, active = run(balls(comm, friction=nts.Coulomb(0.3)), 8)
+@METHODS
+def test_friction_of_balls_dissipates_and_keeps_momenta(comm, method):
+    first, last, given, active = run(balls(comm, friction=nts.Coulomb(0.3), method=method), 8)
     check_balances(first, last, given)
     assert active > 0
     assert given < -1e-4 * first.total_energy
 
 
-def test_any_number_of_ranks_finds_the_same(comm):
-    steppers = [rings(c, friction=nts.Coulomb(0.3)) for c in (comm, MPI.COMM_SELF)]
+@METHODS
+def test_any_number_of_ranks_finds_the_same(comm, method):
+    how = {"friction": nts.Coulomb(0.3), "method": method}
+    steppers = [rings(c, **how) for c in (comm, MPI.COMM_SELF)]
     for stepper in steppers:
         throw(stepper)
         for _ in range(10):
@@ -90,9 +98,10 @@ def test_other_schemes_keep_linear_momentum_and_nearly_the_energy(comm, scheme):
 
 
 @pytest.mark.serial
-def test_a_resumed_run_is_the_whole_one_and_needs_smooth_segments(comm, tmp_path):
+@METHODS
+def test_a_resumed_run_is_the_whole_one_and_needs_smooth_segments(comm, tmp_path, method):
     whole, part, rest, flat = (
-        rings(comm, friction=nts.Coulomb(0.3), smooth=smooth)
+        rings(comm, friction=nts.Coulomb(0.3), smooth=smooth, method=method)
         for smooth in (True, True, True, False)
     )
     for stepper in (whole, part):

@@ -40,6 +40,21 @@ def test_patch_test_is_passed_whichever_side_is_finer(cell, cells, degree, told)
 
 
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+@pytest.mark.parametrize("cells", [(4, 6), (6, 4)])
+def test_patch_test_is_passed_by_smooth_surfaces(cell, cells, told):
+    """Patches have the mean of their facets, whose load then is that of these."""
+    blocks = compress(*cells, MORTAR, cell=cell, smooth=True)
+    pressure = blocks.stepper.contacts[0].pressure
+    told(
+        f"patch test, {cell}, {cells[0]}:{cells[1]} cells, smooth surfaces",
+        "uniform stress and pressure",
+        f"spread {np.ptp(blocks.stress):.0e}, {np.ptp(pressure) / pressure.mean():.0e}",
+    )
+    assert np.ptp(blocks.stress) <= EXACT
+    assert np.ptp(pressure) <= EXACT * pressure.mean()
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 @pytest.mark.parametrize(("cells", "degree"), [((8, 12), 1), ((5, 4), 1), ((3, 4), 2)])
 def test_patch_test_is_passed_on_a_slope_in_any_position(cell, cells, degree):
     """All sides are pressed alike, so that nothing slides down."""
@@ -51,11 +66,12 @@ def test_patch_test_is_passed_on_a_slope_in_any_position(cell, cells, degree):
     assert np.ptp(pressure) <= EXACT * pressure.mean()
 
 
-def test_patch_test_is_nearly_passed_on_facets_that_are_no_parallelograms(told):
-    blocks = compress(6, 4, MORTAR, swirl=0.5)
+@pytest.mark.parametrize("smooth", [False, True])
+def test_patch_test_is_nearly_passed_on_facets_that_are_no_parallelograms(smooth, told):
+    blocks = compress(6, 4, MORTAR, swirl=0.5, smooth=smooth)
     error = np.abs(blocks.stress - blocks.stress.mean()).max()
     told(
-        "the same, facets that are no parallelograms",
+        "the same, facets that are no parallelograms" + smooth * ", smooth surfaces",
         "uniform stress",
         f"largest error {error:.0e}",
     )

@@ -65,7 +65,7 @@ class FrozenPoints(LocalSearch):
         points = MortarPoints.choose(self.candidates.facets, self.candidates, *ends, self.reach)
         self.pairing = MortarPairing(self.candidates, points, self.x_n, x.copy())
         # The segment with the lowest number stands for those of the points of a node.
-        self.segment = points.shares.first(points.segment)
+        self.segment = points.shares.first(points.segment % len(self.candidates.segments))
         every, trial = self._every, self.approach.x
         gap_n, gap_trial = (
             self.pairing.gaps(end, every, self.segment) for end in (self.x_n, trial)

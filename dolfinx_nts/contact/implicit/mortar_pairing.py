@@ -44,9 +44,7 @@ class MortarPairing(Pairing):
         """Take what does not change in the step."""
         self.x_chosen = x_chosen
         self.area = points.shares.area
-        self.reached = np.concatenate(
-            [candidates.facets.vertices.ravel(), candidates.wholes.ravel()]
-        )
+        self.reached = np.concatenate([candidates.facets.wholes.ravel(), candidates.wholes.ravel()])
         self._candidates, self._points, self._x_n = candidates, points, x_n
         # Nodes of the last call, and their points.
         none = np.empty(0, dtype=np.int32)
@@ -65,7 +63,8 @@ class MortarPairing(Pairing):
     def gaps(self, x: Floats, node: Ints, segment: Ints) -> Floats:
         """Mean distances of the points, see `Pairing.gaps`."""
         points = self._of(node)
-        return points.shares.mean(self._candidates.gap(points, x, points.segment))
+        gap = self._candidates.gap(points, x, points.segment) + points.offset
+        return points.shares.mean(gap)
 
     def kinematics(
         self, scheme: str, x: Floats, node: Ints, segment: Ints, free: Floats | None
@@ -90,7 +89,7 @@ class MortarPairing(Pairing):
         """Sum up what all multipliers do to the facets around, see `Pairing.on_nodes`."""
         facets, scatter = self._candidates.facets, self._candidates.scatter
         on_facet = np.zeros(scatter.num_local, dtype=bool)
-        on_facet[facets.vertices] = True
+        on_facet[facets.wholes] = True
         forces = force.reshape(*pairs.dofs.shape, 3) * on_facet[pairs.dofs][:, :, None]
         total = np.zeros((scatter.index_map.size_local, 3))
         scatter.add(total, pairs.dofs, forces)
@@ -118,10 +117,9 @@ class MortarPairing(Pairing):
         return outside
 
     def places(self, x: Floats, node: Ints) -> Floats:
-        """Coordinates of the points of nodes on their segments, shape ``(p, 2)``."""
+        """Coordinates of the points of nodes on the facets below, shape ``(p, 2)``."""
         points = self._of(node)
-        pairs = self._candidates.pairs(points, x, points.segment)
-        return _kernels.project(pairs, self._candidates.orientation[points.segment])[0]
+        return self._candidates.places(points, x, points.segment)
 
 
 class PointBlocks(PairBlocks):

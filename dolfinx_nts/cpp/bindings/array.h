@@ -1,6 +1,6 @@
 #pragma once
 
-#include "nts/geometry/patch.h"
+#include "nts/geometry/facet.h"
 #include "numpy.h"
 
 #include <concepts>
@@ -180,6 +180,12 @@ struct Patches
   {
     switch (points)
     {
+    case Line3::vertices:
+      return function.template operator()<Line3>();
+    case Tri6::vertices:
+      return function.template operator()<Tri6>();
+    case Quad9::vertices:
+      return function.template operator()<Quad9>();
     case CubicEdge::vertices:
       return function.template operator()<CubicEdge>();
     case CubicTriangle::vertices:
@@ -187,8 +193,8 @@ struct Patches
     case BicubicQuad::vertices:
       return function.template operator()<BicubicQuad>();
     default:
-      throw nb::value_error(("expected patches of 4, 10 or 16 control points, "
-                             "given "
+      throw nb::value_error(("expected patches of 3, 6 or 9 nodes, or of 4, 10 "
+                             "or 16 control points, given "
                              + std::to_string(points))
                                 .c_str());
     }

@@ -68,6 +68,21 @@ auto project_batch(const Doubles& x_pair, const Doubles& orientation)
   return std::tuple(xi, gap, normal, status);
 }
 
+auto patch_functions_batch(const Doubles& xi, std::size_t points)
+{
+  check("xi", xi, {any, 2});
+  const std::size_t m = xi.shape(0);
+  auto values = create<double>({m, points});
+  Patches::dispatch(points,
+                    [&]<class S>()
+                    {
+                      for (std::size_t i = 0; i < m; ++i)
+                        store(S::phi({xi.data()[2 * i], xi.data()[2 * i + 1]}),
+                              view(values), i);
+                    });
+  return values;
+}
+
 auto gap_gradient_batch(const Doubles& x_pair, const Doubles& orientation)
 {
   const std::size_t k = segment_vertices("x_pair", x_pair);
@@ -188,6 +203,8 @@ void kinematics(nb::module_& m)
         nb::arg("orientation"), project_doc);
   m.def("patch_project", &project_batch<Patches>, nb::arg("x_pair"),
         nb::arg("orientation"), project_doc);
+  m.def("patch_functions", &patch_functions_batch, nb::arg("xi"),
+        nb::arg("points"), "(m, 2), c -> weights of control points (m, c)");
   m.def("gap_gradient", &gap_gradient_batch, nb::arg("x_pair"),
         nb::arg("orientation"), "(m, 1+k, 3), (m,) -> (m, 3(1+k))");
   m.def("gap_hessian", &gap_hessian_batch, nb::arg("x_pair"),

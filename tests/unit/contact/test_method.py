@@ -111,7 +111,7 @@ def test_edges_are_a_pair_beside_that_of_the_nodes_but_only_once(boundaries):
 
 
 NOT_SMOOTH = {
-    "method 'node-to-segment', given 'mortar'": {"method": "mortar"},
+    "method 'node-to-segment' or 'mortar', given 'edge-to-edge'": {"method": "edge-to-edge"},
     "friction by the law 'objective', given": {
         "enforcement": nts.Penalty(1.0),
         "friction": nts.Coulomb(0.3, law="convective"),
@@ -146,3 +146,10 @@ def test_smooth_segments_touch_neither_themselves_nor_in_explicit_steps(smooth):
     with pytest.raises(ValueError, match="without smooth=True with CentralDifference, given the"):
         nts.CentralDifference(bodies, [pair])
     assert "smooth=True" in repr(segments) and "smooth" not in repr(nodes)
+
+
+def test_smooth_surfaces_that_touch_each_other_are_asked_for_on_both_sides(smooth):
+    _, nodes, segments = smooth
+    assert nts.ContactPair(segments, nodes, method="mortar").nodes is segments
+    with pytest.raises(ValueError, match="with smooth segments, an enforcement by which"):
+        nts.ContactPair(segments, nodes, nts.Tied(), method="mortar")

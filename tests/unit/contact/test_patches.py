@@ -1,9 +1,14 @@
-"""Smooth segments: kernels of cubic patches, ``geometry/patch*.h`` and ``patch_gradient.h``."""
+"""Smooth segments: kernels of cubic patches and of facets of degree 2.
 
+``geometry/patch*.h``, ``geometry/facet.h`` and ``patch_gradient.h``.
+"""
+
+import basix
 import numpy as np
 import pytest
 
 from dolfinx_nts import _kernels
+from dolfinx_nts.fem.elements import Element
 from reference.bulk import rotation
 
 pytestmark = pytest.mark.serial
@@ -15,13 +20,20 @@ PLACES = {
     "edge": [(i / 3, 0.0) for i in range(4)],
     "triangle": [(i / 3, j / 3) for j in range(4) for i in range(4 - j)],
     "quadrilateral": [(i / 3, j / 3) for j in range(4) for i in range(4)],
+    "edge of degree 2": [(0.0, 0.0), (1.0, 0.0), (0.5, 0.0)],
+    "triangle of degree 2": Element("triangle", 2).points,
+    "quadrilateral of degree 2": Element("quadrilateral", 2).points,
 }
 patches = pytest.mark.parametrize("kind", PLACES)
 
 
 def point(kind, x, xi):
-    """Point of a patch by de Casteljau's algorithm, shape ``(3,)``."""
+    """Point of a patch by de Casteljau's algorithm, or of a facet by Basix, shape ``(3,)``."""
     u, v = xi
+    if kind.endswith("of degree 2"):
+        cell = basix.CellType["interval" if kind.startswith("edge") else kind.split()[0]]
+        element = basix.create_element(basix.ElementFamily.P, cell, 2)
+        return element.tabulate(0, np.array([xi[: len(basix.topology(cell)) - 1]]))[0, 0, :, 0] @ x
     if kind == "triangle":
         net = dict(zip([(i, j) for j in range(4) for i in range(4 - j)], x, strict=True))
         for degree in (2, 1, 0):
@@ -44,7 +56,7 @@ def point(kind, x, xi):
 def states(kind, seed, m=12, change=0.1):
     """Pairs at both ends of steps, ``(2, m, 1 + c, 3)``, of curved patches, and orientations."""
     rng = np.random.default_rng([seed, len(kind)])
-    in_plane = kind == "edge"
+    in_plane = kind.startswith("edge")
     places = np.array(PLACES[kind])
     centre = places.mean(axis=0)
     x = np.zeros((m, 1 + len(places), 3))
@@ -69,7 +81,7 @@ def test_projection_is_where_the_surface_is_across_to_the_node(kind):
     _, x, orientation = states(kind, 1)
     xi, gap, normal, status = _kernels.patch_project(x, orientation)
     assert not status.any()
-    directions = np.eye(2)[: 1 if kind == "edge" else 2]
+    directions = np.eye(2)[: 1 if kind.startswith("edge") else 2]
     for pair, place, g, n in zip(x, xi, gap, normal, strict=True):
         assert np.abs(pair[0] - point(kind, pair[1:], place) - g * n).max() < 1e-13
         for d in STEP * directions:
@@ -83,7 +95,7 @@ def test_gradient_and_tangent_are_derivatives(kind, scheme):
     x_n, x, orientation = states(kind, 2)
     kernel = getattr(_kernels, f"patch_{scheme}")
     *_, gradient, tangent, _ = kernel(x_n, x, orientation)
-    in_plane = np.arange(gradient.shape[1]) % 3 < (2 if kind == "edge" else 3)
+    in_plane = np.arange(gradient.shape[1]) % 3 < (2 if kind.startswith("edge") else 3)
     for column in np.flatnonzero(in_plane):
         node, axis = divmod(column, 3)
         moved = [x.copy(), x.copy()]
@@ -99,7 +111,7 @@ def test_gradient_and_tangent_are_derivatives(kind, scheme):
 @patches
 def test_conserving_force_does_the_work_of_the_gap_and_changes_no_momentum(kind):
     x_n, x, orientation = states(kind, 3, m=40)
-    turn = rotation([0, 0, 1] if kind == "edge" else [1, 2, 3], 0.7)
+    turn = rotation([0, 0, 1] if kind.startswith("edge") else [1, 2, 3], 0.7)
     x = x @ turn.T + [0.3, -0.2, 0.0]
     gap_n, gap, force, *_ = _kernels.patch_conserving(x_n, x, orientation)
     assert np.abs(work(force, x_n, x) - (gap - gap_n)).max() < 1e-13
@@ -114,7 +126,7 @@ def test_conserving_force_does_the_work_of_the_gap_and_changes_no_momentum(kind)
 @patches
 def test_conserving_force_is_continuous_where_a_rigid_motion_is_disturbed(kind):
     x_n, disturbance, orientation = states(kind, 4)
-    turn = rotation([0, 0, 1] if kind == "edge" else [3, 1, 2], 0.8)
+    turn = rotation([0, 0, 1] if kind.startswith("edge") else [3, 1, 2], 0.8)
     rigid = x_n @ turn.T
     exact = _kernels.patch_conserving(x_n, rigid, orientation)[2]
     assert np.abs(work(exact, x_n, rigid)).max() < 1e-13
@@ -128,7 +140,7 @@ def test_conserving_force_is_continuous_where_a_rigid_motion_is_disturbed(kind):
 def test_force_of_a_flat_patch_is_that_of_the_flat_segment(kind):
     x_n, x, orientation = states(kind, 5)
     places = np.array(PLACES[kind])
-    corners = [0, 3] if kind == "edge" else [0, 3, 9]
+    corners = [0, 3] if kind.startswith("edge") else [0, 3, 9]
     shares = np.column_stack([1 - places.sum(axis=1), places])[:, : len(corners)]
     pairs = [y[:, [0, *(1 + c for c in corners)]] for y in (x_n, x)]
     for y in (x_n, x):
@@ -144,11 +156,11 @@ def test_force_of_a_flat_patch_is_that_of_the_flat_segment(kind):
 def test_slip_does_the_work_of_its_force_without_momenta_and_ignores_rigid_motion(kind):
     x_n, x, orientation = states(kind, 6)
     value, force, *_ = _kernels.patch_slip(x_n, x, orientation)
-    for i in range(1 if kind == "edge" else 2):
+    for i in range(1 if kind.startswith("edge") else 2):
         assert np.abs(work(force[:, i], x_n, x) - value[:, i]).max() < 1e-13
         forces = force[:, i].reshape(x.shape)
         assert np.abs(forces.sum(axis=1)).max() < 1e-13
         assert np.abs(np.cross((x_n + x) / 2, forces).sum(axis=1)).max() < 1e-13
-    turn = rotation([0, 0, 1] if kind == "edge" else [3, 1, 2], 1.1)
+    turn = rotation([0, 0, 1] if kind.startswith("edge") else [3, 1, 2], 1.1)
     value = _kernels.patch_slip(x_n, x_n @ turn.T, orientation)[0]
     assert np.abs(value).max() < 1e-13

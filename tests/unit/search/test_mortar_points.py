@@ -1,5 +1,7 @@
 """Contact points of surface-to-surface contact, and how they are summed up for nodes."""
 
+from dataclasses import replace
+
 from mpi4py import MPI
 
 import numpy as np
@@ -49,7 +51,7 @@ def choose(k: int, rng: np.random.Generator, *, upper=3, lower=4, size=0.9, nois
     )
     nodes = np.arange(len(above), dtype=np.int32)
     area = np.full(len(above), size**2 / len(above))
-    surface = MortarFacets(nodes, area, facets, -np.ones(len(facets)), x)
+    surface = MortarFacets(nodes, area, facets, -np.ones(len(facets)), x, False, facets, None)
     candidates = FacetCandidates(found, segments)
     return surface, candidates, x, MortarPoints.choose(surface, candidates, x, x, 1.0)
 
@@ -75,9 +77,9 @@ def test_points_tile_what_is_covered_and_lie_on_their_segments(k, rng):
 def test_points_do_not_depend_on_how_vertices_are_numbered(k, order, rng):
     surface, candidates, x, points = choose(k, rng)
     turns = -1 if order in ([1, 0, 2], [2, 3, 0, 1]) else 1  # mirrored
-    other = MortarFacets(
-        *(surface.nodes, surface.area, surface.vertices[:, order].copy()),
-        *(turns * surface.orientation, surface.X),
+    turned = surface.vertices[:, order].copy()
+    other = replace(
+        surface, vertices=turned, wholes=turned, orientation=turns * surface.orientation
     )
     again = MortarPoints.choose(other, candidates, x, x, 1.0)
     np.testing.assert_allclose(again.shares.area, points.shares.area, rtol=1e-12)
@@ -124,7 +126,8 @@ def slide_over_rim(k: int, way: float, lift):
     sizes = np.full(n, 0.4), np.full(n, 1.0)
     found = FoundSegments(serial_scatter(len(x)), segments, np.ones(n), np.arange(n), *sizes)
     nodes = np.arange(len(above), dtype=np.int32)
-    surface = MortarFacets(nodes, np.full(9, 0.07), facets, -np.ones(len(facets)), x)
+    of_facets = facets, -np.ones(len(facets)), x, False, facets, None
+    surface = MortarFacets(nodes, np.full(9, 0.07), *of_facets)
     points = MortarPoints.choose(surface, FacetCandidates(found, segments), x, x, 1.0)
     return points.shares.mean(points.of(x)[:, 2]), points.shares.area
 
@@ -157,9 +160,7 @@ def test_nodes_beyond_a_rim_are_no_lever(k):
 
 def test_facets_that_look_away_have_no_points(rng):
     surface, candidates, x, _ = choose(4, rng)
-    away = MortarFacets(
-        surface.nodes, surface.area, surface.vertices, -surface.orientation, surface.X
-    )
+    away = replace(surface, orientation=-surface.orientation)
     points = MortarPoints.choose(away, candidates, x, x, 1.0)
     assert len(points.segment) == 0
     assert (points.shares.first(points.segment) == -1).all()
@@ -188,7 +189,8 @@ def test_overlapping_segments_leave_each_point_with_the_nearest(k, rng):
     scatter = serial_scatter(len(x))
     found = FoundSegments(scatter, both, np.ones(n), np.arange(n), np.full(n, 0.4), np.full(n, 1.0))
     nodes = np.arange(len(above), dtype=np.int32)
-    surface = MortarFacets(nodes, np.full(len(above), 0.07), facets, -np.ones(len(facets)), x)
+    of_facets = facets, -np.ones(len(facets)), x, False, facets, None
+    surface = MortarFacets(nodes, np.full(len(above), 0.07), *of_facets)
     points = MortarPoints.choose(surface, FacetCandidates(found, both), x, x, 1.0)
     assert (points.segment < len(first)).all()
     assert points.shares.area.sum() == pytest.approx(0.64, rel=1e-12)

@@ -1,15 +1,14 @@
-"""Facets of degree 2 as mortar contact sees them: nodes, segments of the same mean, hats."""
+"""Facets of degree 2 as mortar contact sees them: nodes and hats."""
 
 from mpi4py import MPI
 
-import basix
 import numpy as np
 import pytest
 
 from dolfinx_nts import compat
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.search.scatter import NodalScatter
-from dolfinx_nts.search.whole_facets import Hats, equal_mean_weights, whole_facets
+from dolfinx_nts.search.whole_facets import Hats, whole_facets
 
 pytestmark = pytest.mark.serial
 
@@ -23,23 +22,6 @@ def test_nodes_of_a_facet_are_found_by_its_segments(cell):
     segments = numbers[element.pieces]
     assert (whole_facets(segments, 2) == numbers).all()
     assert whole_facets(segments, 1) is segments
-
-
-@cells
-def test_segments_have_the_mean_of_their_facet(cell, rng):
-    element = Element(cell, 2)
-    points, weights = basix.make_quadrature(basix.CellType[cell], 4)
-    phi = element.basix.tabulate(0, points)[0, :, :, 0]
-    field = rng.normal(size=len(element.points))
-    wholes = whole_facets(element.pieces, 2)
-    at_vertices = np.einsum("skn,sn->sk", equal_mean_weights(element.pieces, wholes), field[wholes])
-    # Four segments of the same area, in each the mean of linear functions.
-    assert at_vertices.mean() == pytest.approx(weights @ phi @ field / weights.sum(), rel=1e-12)
-    linear = element.points @ [0.3, -0.7] + 0.2
-    at_vertices = np.einsum(
-        "skn,sn->sk", equal_mean_weights(element.pieces, wholes), linear[wholes]
-    )
-    np.testing.assert_allclose(at_vertices, linear[element.pieces], atol=1e-14)
 
 
 @cells

@@ -1,6 +1,6 @@
 #pragma once
 
-#include "nts/geometry/segment.h"
+#include "nts/geometry/patch.h"
 
 #include <type_traits>
 
@@ -8,7 +8,8 @@
 /// Basix, those of degree 1 are the segments.
 ///
 /// `Linear` is the segment type on the same reference cell, whose shape
-/// functions belong to the vertices, which come first.
+/// functions belong to the vertices, which come first. Facets of degree 2 are
+/// smooth segments, too, with their nodes as control points, see `patch.h`.
 namespace nts
 {
 /// @brief Quadratic edge in the plane, see `Line2`.
@@ -16,6 +17,7 @@ struct Line3
 {
   using Linear = Line2;
   static constexpr std::size_t vertices = 3;
+  static constexpr bool is_patch = true, is_plane = true;
   static constexpr Vec2 centre = Line2::centre;
 
   static constexpr std::array<double, 3> phi(const Vec2& xi) noexcept
@@ -33,6 +35,22 @@ struct Line3
   {
     return {slopes(xi[0]), {0, 0, 0}};
   }
+
+  static constexpr std::array<double, 3> curvatures() noexcept
+  {
+    return {4, 4, -8};
+  }
+
+  static constexpr Matrix<3, 3> d2phi(const Vec2&) noexcept
+  {
+    return {curvatures(), {}, {}};
+  }
+
+  static std::array<Vec3, 2> tangents(const std::array<Vec3, 3>& x,
+                                      const Vec2& xi) noexcept
+  {
+    return {combine(slopes(xi[0]), x), out_of_plane(x[1] - x[0])};
+  }
 };
 
 /// @brief Quadratic triangle.
@@ -40,6 +58,7 @@ struct Tri6
 {
   using Linear = Tri3;
   static constexpr std::size_t vertices = 6;
+  static constexpr bool is_patch = true, is_plane = false;
   static constexpr Vec2 centre = Tri3::centre;
 
   static constexpr std::array<double, 6> phi(const Vec2& xi) noexcept
@@ -55,6 +74,17 @@ struct Tri6
     return {{{1 - 4 * c, 4 * a - 1, 0, 4 * b, -4 * b, 4 * (c - a)},
              {1 - 4 * c, 0, 4 * b - 1, 4 * a, 4 * (c - b), -4 * a}}};
   }
+
+  static constexpr Matrix<3, 6> d2phi(const Vec2&) noexcept
+  {
+    return {{{4, 4, 0, 0, 0, -8}, {4, 0, 0, 4, -4, -4}, {4, 0, 4, 0, -8, 0}}};
+  }
+
+  static std::array<Vec3, 2> tangents(const std::array<Vec3, 6>& x,
+                                      const Vec2& xi) noexcept
+  {
+    return tangents_in_space<Tri6>(x, xi);
+  }
 };
 
 /// @brief Biquadratic quadrilateral: products of the functions of `Line3`.
@@ -62,6 +92,7 @@ struct Quad9
 {
   using Linear = Quad4;
   static constexpr std::size_t vertices = 9;
+  static constexpr bool is_patch = true, is_plane = false;
   static constexpr Vec2 centre = Quad4::centre;
   /// Functions of the first and of the second coordinate of each node.
   static constexpr std::array<std::array<std::size_t, 2>, 9> factors = {
@@ -76,6 +107,19 @@ struct Quad9
   {
     return {product(Line3::slopes(xi[0]), Line3::phi({xi[1], 0})),
             product(Line3::phi({xi[0], 0}), Line3::slopes(xi[1]))};
+  }
+
+  static constexpr Matrix<3, 9> d2phi(const Vec2& xi) noexcept
+  {
+    return {product(Line3::curvatures(), Line3::phi({xi[1], 0})),
+            product(Line3::slopes(xi[0]), Line3::slopes(xi[1])),
+            product(Line3::phi({xi[0], 0}), Line3::curvatures())};
+  }
+
+  static std::array<Vec3, 2> tangents(const std::array<Vec3, 9>& x,
+                                      const Vec2& xi) noexcept
+  {
+    return tangents_in_space<Quad9>(x, xi);
   }
 
 private:

@@ -55,7 +55,8 @@ struct Ends
   std::span<const double> X;          ///< reference, of nodes of facets, (l, 3)
   std::span<const double> x_n;        ///< at t_n, the same
   std::span<const double> segments_n; ///< at t_n, of vertices of segments
-  bool are_rings; ///< whether facets stand for rings about the axis x = 0
+  bool are_rings;  ///< whether facets stand for rings about the axis x = 0
+  bool are_smooth; ///< whether there are patches on facets or segments
 };
 
 /// @brief Chooses the contact points of facets F with segments of degree 1.
@@ -250,9 +251,13 @@ private:
   /// @brief Call add(xi, weight) for points by which shape functions are
   /// integrated exactly.
   template <class Add>
-  static void add_rule(const Part& part, Add&& add)
+  void add_rule(const Part& part, Add&& add) const
   {
     if constexpr (n == 9)
+      integrate_fourth(part, add);
+    else if constexpr (k == 2)
+      integrate<S>(part, add);
+    else if (_ends.are_smooth)
       integrate_fourth(part, add);
     else
       integrate<S>(part, add);
