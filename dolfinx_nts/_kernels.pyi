@@ -203,7 +203,9 @@ class CellIntegral:
         rows: _Ints,
         length: int,
     ) -> None: ...
-    def add(self, cells: _Ints, packed: _Floats, constants: _Floats, b: _Floats) -> None: ...
+    def add(
+        self, cells: _Ints, packed: _Floats, constants: _Floats, b: _Floats, sums: _Floats
+    ) -> None: ...
 
 class NodeFacets:
     def __init__(

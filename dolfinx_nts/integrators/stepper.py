@@ -64,11 +64,14 @@ class Stepper(TimeLoop):
     Attributes:
         scheme: What is evaluated at which state of a step.
         supports: The Dirichlet conditions.
+        cell_energies: Strain energy of the present state, and what `Diagnostics.bulk_defect` has
+            of the last step without ``inertia_defect``, where the step knows them [J].
         watch: Watches over overlaps, vertices that pass, and soft springs, and tells them.
     """
 
     scheme: Scheme
     supports: Supports
+    cell_energies: tuple[float, float] | None = None
     bodies = SetOnce[tuple[Body, ...]]()
     pairs = SetOnce[tuple[ContactPair, ...]]()
 
