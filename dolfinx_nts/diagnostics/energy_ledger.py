@@ -1,5 +1,6 @@
 """Ledger of a run, which sums the change of its energy by cause."""
 
+import math
 from dataclasses import fields
 from operator import attrgetter
 
@@ -83,12 +84,14 @@ class EnergyLedger:
         self.num_steps += 1
         self.num_iterations += step.newton_iterations
         self.most_iterations = max(self.most_iterations, step.newton_iterations)
-        self.each["loads"] = self.each["loads"] + step.load_works
-        self.each["supports"] = self.each["supports"] + [r.work for r in step.reactions]
+        if step.load_works:
+            self.each["loads"] = self.each["loads"] + step.load_works
+        if step.reactions:
+            self.each["supports"] = self.each["supports"] + [r.work for r in step.reactions]
         self.drift["unaccounted"] = max(self.drift["unaccounted"], abs(self.unaccounted))
         for name in _CONSERVED:
-            change = float(np.linalg.norm(getattr(balance, name) - getattr(self.first, name)))
-            self.drift[name] = max(self.drift[name], change)
+            change = getattr(balance, name) - getattr(self.first, name)
+            self.drift[name] = max(self.drift[name], math.sqrt(np.dot(change, change)))
 
     def serialize(self, archive: Archive) -> None:
         """Serialize all sums. Collective."""

@@ -17,12 +17,12 @@ from dolfinx_nts.fem.axisymmetry import hoop_gradient, is_axisymmetric
 __all__ = [
     "deformation_gradient",
     "dimension",
+    "existing",
     "gradient",
     "in_space",
     "moments",
     "nodal",
     "resultants",
-    "total_moment",
 ]
 
 
@@ -55,9 +55,7 @@ def resultants(vectors: Floats, V: fem.FunctionSpace) -> Floats:
     Returns:
         A view, shape ``(..., 3)``; in the plane ``(..., 2)``; of rings ``(..., 1)``, along y.
     """
-    if is_axisymmetric(V.mesh):
-        return vectors[..., 1:2]
-    return vectors[..., : dimension(V)]
+    return vectors[..., existing(V)[0]]
 
 
 def moments(vectors: Floats, V: fem.FunctionSpace) -> Floats:
@@ -66,15 +64,14 @@ def moments(vectors: Floats, V: fem.FunctionSpace) -> Floats:
     Returns:
         A view, shape ``(..., 3)``; in the plane ``(..., 1)``, about z; of rings ``(..., 0)``.
     """
+    return vectors[..., existing(V)[1]]
+
+
+def existing(V: fem.FunctionSpace) -> tuple[slice, slice]:
+    """Which components of `resultants` and of `moments` exist in a space. Local."""
     if is_axisymmetric(V.mesh):
-        return vectors[..., 3:]
-    return vectors[..., 2:] if dimension(V) == 2 else vectors
-
-
-def total_moment(x: Floats, vectors: Floats) -> Floats:
-    """Sum of x times vectors, the cross product, both ``(n, 3)``, shape ``(3,)``. Local."""
-    m = x.T @ vectors
-    return np.array([m[1, 2] - m[2, 1], m[2, 0] - m[0, 2], m[0, 1] - m[1, 0]])
+        return slice(1, 2), slice(3, None)
+    return (slice(2), slice(2, None)) if dimension(V) == 2 else (slice(3), slice(3))
 
 
 def gradient(v: Any, *, on_axis: bool = False) -> Any:

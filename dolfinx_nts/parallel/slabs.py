@@ -11,6 +11,7 @@ from mpi4py import MPI
 
 import numpy as np
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Array, Floats, GlobalInts
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import exchanged, joined
@@ -67,7 +68,7 @@ class Slabs:
     def __init__(self, comm: MPI.Comm, ids: GlobalInts) -> None:
         """Find out which rank gets which rows."""
         self._comm = comm
-        self._order = np.argsort(ids)
+        self._order = np.argsort(ids).astype(np.int32)
         ids = ids[self._order]
         bounds = _bounds(comm, ids)
         ends = [0, *np.searchsorted(ids, bounds), len(ids)]
@@ -87,7 +88,7 @@ class Slabs:
             rows: Rows of this rank in the order of its numbers, shape ``(n, ...)``, of the same
                 kind on all ranks.
         """
-        ordered = self._exchanged(rows.take(self._order, axis=0))[self._merge]
+        ordered = self._exchanged(self._in_order(rows))[self._merge]
         return Slab(ordered, self._begin, self._length)
 
     def together(self, fields: Mapping[str, Floats]) -> dict[str, Slab]:
@@ -122,6 +123,12 @@ class Slabs:
         """
         places = np.arange(self._begin, self._begin + len(self._numbers))
         return looked_up(self._comm, ids, self._numbers, places)
+
+    def _in_order(self, rows: Array) -> Array:
+        """Rows in the order of their numbers. Local."""
+        if rows.dtype == np.float64 and (rows.ndim == 1 or rows.shape[1:] == (3,)):
+            return _kernels.take_rows(rows, self._order)  # NumPy takes several times as long
+        return rows.take(self._order, axis=0)
 
     def _exchanged(self, rows: Array) -> Array:
         """Rows from all ranks, in the order of the ranks."""

@@ -271,7 +271,7 @@ class ContactSprings:
             history.active[springs.node] = True
             history.key[number[paired]] = candidates.key[segment[paired]]
             history.gap[number] = gap
-            return replace(history, **slip)
+            return replace(history, **slip) if slip else history
 
         dissipation = slip.get("dissipation", _NO_DISSIPATION)
         return SpringForces(candidates.scatter, springs, dissipation, history)
