@@ -17,14 +17,13 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from dolfinx_nts import _kernels
 from dolfinx_nts.common.arguments import as_call
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.diagnostics.bodies import BodyBalance, BodyDiagnostics
 from dolfinx_nts.diagnostics.cell_energies import CellEnergies
 from dolfinx_nts.diagnostics.contact import ContactDiagnostics
 from dolfinx_nts.diagnostics.names import flat
-from dolfinx_nts.fem.components import in_space, nodal, resultants
+from dolfinx_nts.fem.components import in_space, motion_sums, nodal, resultants
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.bodies import Body
 
@@ -184,7 +183,7 @@ class Diagnostics(ContactDiagnostics):
     def _motion(self) -> Floats:
         """Kinetic energy, linear and angular momentum of this rank, shape ``(7,)``."""
         p = self.stepper.nodal_momentum()
-        return _kernels.motion_sums(self._now().x, p, nodal(self.stepper.v)[: len(p)])
+        return motion_sums(self._now().x, p, nodal(self.stepper.v)[: len(p)])
 
     def _momenta(self, motion: Floats) -> tuple[Floats, Floats]:
         """Linear and angular momentum that exist in the space. Local."""

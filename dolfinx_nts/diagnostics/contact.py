@@ -9,12 +9,11 @@ from mpi4py import MPI
 
 import numpy as np
 
-from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.diagnostics.names import flat, pair_names, part_names
 from dolfinx_nts.diagnostics.present import Present
-from dolfinx_nts.fem.components import existing, in_space, nodal
+from dolfinx_nts.fem.components import bounds, existing, in_space, nodal, resultant
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
@@ -153,7 +152,7 @@ class ContactDiagnostics:
             x = x - in_space(nodal(stepper.u) - nodal(stepper.u_n)) / 2
         parts = np.zeros((len(stepper.contacts), 2, 3))
         for part, pair in zip(parts, stepper.contacts, strict=True):
-            part[:] = _kernels.resultant(x, pair.nodes.nodes, pair.history.force)
+            part[:] = resultant(x, pair.nodes.nodes, pair.history.force)
         total: Floats = self._sum(parts)
         return total
 
@@ -193,7 +192,8 @@ class ContactDiagnostics:
     def min_gap(self) -> float:
         """Least gap of all pairs [m]; NaN if no node faces a segment.
 
-        Pairs whose bounding boxes are farther apart than the least gap found so far are left
+        Where nodes are inside, and the last step has found them, nothing is looked for. Else,
+        pairs whose bounding boxes are farther apart than the least gap found so far are left
         out, and so are segments farther from a node than that. Where no node finds a segment at
         once, nodes look at any distance.
         """
@@ -202,6 +202,11 @@ class ContactDiagnostics:
             least = min(map(_least, now.gaps()), default=np.inf)
             least = reductions.least(self._comm, least)
             return least if least < np.inf else np.nan
+        if (known := self.stepper.known_gaps()) is not None:
+            least = reductions.least(self._comm, min(map(_least, known), default=np.inf))
+            if least < 0:  # as no other gap is
+                return float(least)
+            least = np.inf
         x = now.x
         nearest, farthest = self._distances(x)
         for i in np.argsort(nearest, kind="stable"):
@@ -241,12 +246,12 @@ class ContactDiagnostics:
         """
         pairs = self.stepper.contacts
         # Least coordinates of nodes and segments, and least negative ones.
-        least = np.empty((len(pairs), 2, 2, 3))
+        least: Any = np.empty((len(pairs), 2, 2, 3))
         least[:, :, 0], least[:, :, 1] = np.inf, -np.inf
         for box, pair in zip(least, pairs, strict=True):
             for part, surface in zip(box, (pair.nodes, pair.segments), strict=True):
                 if isinstance(surface, Surface):
-                    part[:] = _kernels.bounds(x, surface.nodes)
+                    part[:] = bounds(x, surface.nodes)
         least[:, :, 1] *= -1
         least = reductions.least(self._comm, least)
         lower, upper = least[:, :, 0], -least[:, :, 1]

@@ -29,6 +29,9 @@ _WORKS = {
     "surface_equilibrium": attrgetter("contact_work.equilibrium"),
     "refund": attrgetter("contact_work.refund"),
 }
+# All causes, and the names of their columns.
+_CAUSES = ("bulk", *_WORKS)
+_NAMES = [f"energy_{cause}" for cause in _CAUSES]
 
 
 class EnergyLedger:
@@ -62,7 +65,7 @@ class EnergyLedger:
         self.step = step
         self.first = self.last = balance
         self.num_steps = self.num_iterations = self.most_iterations = 0
-        self.energy = dict.fromkeys(("bulk", *_WORKS), 0.0)
+        self.energy = dict.fromkeys(_CAUSES, 0.0)
         self.drift = dict.fromkeys((*_CONSERVED, "unaccounted"), 0.0)
         self.each: dict[str, Floats] = {
             "loads": np.zeros(num_loads),
@@ -118,7 +121,7 @@ class EnergyLedger:
         """Sums by name [J]: causes, the remainder, and works from outside and of friction."""
         energy = self.energy
         return {
-            **{f"energy_{cause}": work for cause, work in energy.items()},
+            **dict(zip(_NAMES, energy.values(), strict=True)),
             "energy_unaccounted": self.unaccounted,
             "external_work": energy["loads"] + energy["supports"] + energy["obstacles"],
             "friction_dissipation": -energy["friction"],

@@ -67,7 +67,7 @@ def flat(prefix: str, values: Mapping[str, Any]) -> dict[str, float]:
         if isinstance(value, (float, int)) or np.ndim(value) == 0:  # numpy takes its time
             columns[prefix + name] = value
         else:
-            parts = value.tolist() if isinstance(value, np.ndarray) else map(float, value)
+            parts: Any = value.tolist() if isinstance(value, np.ndarray) else map(float, value)
             columns.update(zip(_of_parts(prefix, name, len(value)), parts, strict=True))
     return columns
 

@@ -11,17 +11,21 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts import _kernels
+from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.axisymmetry import hoop_gradient, is_axisymmetric
 
 __all__ = [
+    "bounds",
     "deformation_gradient",
     "dimension",
     "existing",
     "gradient",
     "in_space",
     "moments",
+    "motion_sums",
     "nodal",
+    "resultant",
     "resultants",
 ]
 
@@ -72,6 +76,35 @@ def existing(V: fem.FunctionSpace) -> tuple[slice, slice]:
     if is_axisymmetric(V.mesh):
         return slice(1, 2), slice(3, None)
     return (slice(2), slice(2, None)) if dimension(V) == 2 else (slice(3), slice(3))
+
+
+def bounds(x: Floats, nodes: Ints) -> Floats:
+    """Least and greatest coordinates of some nodes, ``(2, 3)`` [m]; inf and -inf of none. Local.
+
+    Args:
+        x: Positions of the local nodes, shape ``(l, 3)`` [m].
+        nodes: Some of them, shape ``(n,)``.
+    """
+    return _kernels.bounds(x, nodes)
+
+
+def resultant(x: Floats, nodes: Ints, forces: Floats) -> Floats:
+    """Sum of forces, ``(n, 3)``, and of their moments about the origin, ``(2, 3)``. Local.
+
+    Other arguments are those of `bounds`.
+    """
+    return _kernels.resultant(x, nodes, forces)
+
+
+def motion_sums(x: Floats, p: Floats, v: Floats) -> Floats:
+    """Kinetic energy, linear and angular momentum of nodes, shape ``(7,)``. Local.
+
+    Args:
+        x: Positions of at least these nodes, the first ones, shape ``(l, 3)`` [m].
+        p: Their momenta, shape ``(n, 2)`` or ``(n, 3)`` [kg m/s].
+        v: Their velocities, of the same shape [m/s].
+    """
+    return _kernels.motion_sums(x, p, v)
 
 
 def gradient(v: Any, *, on_axis: bool = False) -> Any:

@@ -213,6 +213,11 @@ class CentralDifference(Stepper):
         momentum: Floats = self.mass[:, None] * self._drift.arrays[2]
         return momentum + self._rigid.more_momentum() if self._rigid.exists else momentum
 
+    def known_gaps(self) -> list[Floats] | None:
+        """Gaps at which the springs were loaded last, see `Stepper.known_gaps`. Local."""
+        known = self._forces.known
+        return [contact.history.gap for contact in self.contacts] if known else None
+
     def _work_of_solvers(self) -> tuple[int, None]:
         return self._bulk.internal.num_assemblies, None
 

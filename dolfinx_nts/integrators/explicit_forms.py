@@ -90,6 +90,10 @@ class ExplicitBulk:
         self.loads = [NodalForce(PackedForm(load.form(u, u)), V) for load in loads]
         self.total: Floats = np.zeros_like(self.internal.values)
         self.strain_energy = 0.0
+        # Forces whose works are told: internal ones, those of damping if there are, and loads.
+        of_damping = self.damping[0].values if damped else None
+        of_loads = (load.values for load in self.loads)
+        self._working: list[Floats | None] = [self.internal.values, of_damping, *of_loads]
 
     def evaluate(self) -> None:
         """Set all forces to those of the present state. Collective."""
@@ -113,10 +117,7 @@ class ExplicitBulk:
         Args:
             du: Displacement of the owned nodes, shape ``(n, 3)`` [m].
         """
-        return [
-            sum(float(np.vdot(part.values, du)) / 2 for part in parts)
-            for parts in ([self.internal], self.damping, *([load] for load in self.loads))
-        ]
+        return [0.0 if force is None else float(np.vdot(force, du)) / 2 for force in self._working]
 
     def _internal_work(
         self, eta: Any, of_energy: Any, material: Hyperelastic, parameters: Any, rho: Any

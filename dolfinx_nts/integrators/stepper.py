@@ -259,6 +259,16 @@ class Stepper(TimeLoop):
             _logger.info("step %d, t = %g: %d iterations, %d active", *numbers)
         return report
 
+    def known_gaps(self) -> list[Floats] | None:
+        """Gaps of the nodes of each pair at the present state, if the last step has found them.
+
+        Local. Those of nodes that are not inside may be missing, as NaN.
+
+        Returns:
+            Arrays of shape ``(n,)`` [m]; None where they are not known.
+        """
+        return None
+
     def look_for_overlaps(self) -> None:
         """Tell, in the log, what overlaps now and was not told before.
 

@@ -259,16 +259,11 @@ class ContactSprings:
             force = springs.force[:, 0]
             # Without friction, which brings the normal itself, the force is along it.
             normal = force / -lambda_N[:, None]
-            history = ContactHistory.at(
-                n,
-                springs.node,
-                lambda_N=lambda_N,
-                energy=springs.energy,
-                force=force,
-                normal=normal,
-            )
+            history, node = ContactHistory.none(n), springs.node
+            history.lambda_N[node], history.energy[node] = lambda_N, springs.energy
+            history.force[node], history.normal[node] = force, normal
+            history.active[node] = True
             paired = segment >= 0
-            history.active[springs.node] = True
             history.key[number[paired]] = candidates.key[segment[paired]]
             history.gap[number] = gap
             return replace(history, **slip) if slip else history

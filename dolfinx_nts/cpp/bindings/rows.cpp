@@ -54,22 +54,6 @@ auto motion_sums_of(const Doubles& x, const Doubles& p, const Doubles& v)
   std::ranges::copy(sums.momentum.moment, all.data() + 4);
   return all;
 }
-
-auto taken(const Doubles& x, const Ints& rows)
-{
-  check("rows", rows, {any});
-  if (x.ndim() == 1)
-  {
-    check_rows("rows: expected rows of x", rows, x.size());
-    auto out = create<double>({rows.size()});
-    take_rows<1>(view(x), view(rows), view(out));
-    return out;
-  }
-  check_points(x, rows);
-  auto out = create<double>({rows.size(), 3});
-  take_rows<3>(view(x), view(rows), view(out));
-  return out;
-}
 } // namespace
 
 void rows(nb::module_& m)
@@ -85,7 +69,5 @@ void rows(nb::module_& m)
         nb::arg("v"),
         "(l, 3), (n, d) momenta at the first rows of x, (n, d) -> kinetic "
         "energy, linear and angular momentum (7,)");
-  m.def("take_rows", &taken, nb::arg("x"), nb::arg("rows"),
-        "(n,) or (n, 3), (r,) -> these rows");
 }
 } // namespace nts::bindings

@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <span>
 
-/// @brief Sums and copies of rows of numbers, each in one pass.
+/// @brief Sums over rows of numbers, each in one pass.
 namespace nts
 {
 /// @brief Row i of x, (n, D), with zeros up to three numbers.
@@ -62,15 +62,5 @@ MotionSums motion_sums(std::span<const double> x, std::span<const double> p,
     sums.momentum.add(vector(x, i), momentum);
   }
   return sums;
-}
-
-/// @brief Copy rows of D numbers.
-template <std::size_t D>
-void take_rows(std::span<const double> x, std::span<const std::int32_t> rows,
-               std::span<double> out) noexcept
-{
-  for (std::size_t i = 0; i < rows.size(); ++i)
-    std::copy_n(x.data() + D * static_cast<std::size_t>(rows[i]), D,
-                out.data() + D * i);
 }
 } // namespace nts
