@@ -3,7 +3,6 @@
 import logging
 from collections.abc import Callable
 from dataclasses import fields
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -73,6 +72,8 @@ class PairState:
         self._told = ""
         self.accepted: ContactHistory | Callable[[], ContactHistory]
         self.accepted = begun_anew(ContactHistory.none(len(pair.nodes.nodes)))
+        # What a function that was accepted gave when it was asked, with this function.
+        self._made: tuple[Any, ContactHistory] | None = None
         pair.attach(self)
 
     @property
@@ -89,11 +90,15 @@ class PairState:
     def history(self) -> ContactHistory:
         """Contact of the last accepted step. Local."""
         accepted = self.accepted
-        return accepted if isinstance(accepted, ContactHistory) else accepted()
+        if isinstance(accepted, ContactHistory):
+            return accepted
+        if self._made is None or self._made[0] is not accepted:
+            self._made = accepted, accepted()
+        return self._made[1]
 
     def accept(self, history: ContactHistory | Callable[[], ContactHistory]) -> None:
         """Remember the contact of a step, or a function that gives it if it is asked for. Local."""
-        self.accepted = history if isinstance(history, ContactHistory) else cache(history)
+        self.accepted = history
 
     def derive_penalty(
         self, stiffness: Callable[[], tuple[Floats, Floats]], stiffer: float

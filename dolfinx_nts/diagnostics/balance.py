@@ -23,7 +23,7 @@ from dolfinx_nts.diagnostics.bodies import BodyBalance, BodyDiagnostics
 from dolfinx_nts.diagnostics.cell_energies import CellEnergies
 from dolfinx_nts.diagnostics.contact import ContactDiagnostics
 from dolfinx_nts.diagnostics.names import flat
-from dolfinx_nts.fem.components import in_space, moments, nodal, resultants, total_moment
+from dolfinx_nts.fem.components import in_space, motion_sums, nodal, resultants
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.bodies import Body
 
@@ -73,11 +73,12 @@ class Balance:
 
     def columns(self) -> dict[str, float]:
         """All numbers by name, with ``_x``, ``_y``, ``_z`` for the parts of a vector. Local."""
-        values = {field.name: getattr(self, field.name) for field in fields(self)}
-        names = list(values)
-        names.insert(names.index("contact_energy") + 1, "total_energy")
-        values["total_energy"] = self.total_energy
-        return flat("", {name: values[name] for name in names})
+        return flat("", {name: getattr(self, name) for name in _COLUMNS})
+
+
+# The total energy comes behind its parts.
+_COLUMNS = [field.name for field in fields(Balance)]
+_COLUMNS.insert(_COLUMNS.index("contact_energy") + 1, "total_energy")
 
 
 class Diagnostics(ContactDiagnostics):
@@ -173,7 +174,7 @@ class Diagnostics(ContactDiagnostics):
         sums = self._sum(np.array([*local, *self._force()]))
         kinetic, strain, defect, stored, active = sums[[0, 7, 8, 9, 10]].tolist()
         linear, angular = self._momenta(sums[:7])
-        force = resultants(sums[11:], self._V)
+        force = sums[11:][self._axes[0]]
         energies = kinetic, strain, stored
         contact = force, int(active), self.min_gap()
         balance = Balance(self.stepper.t, *energies, linear, angular, *contact)
@@ -182,11 +183,8 @@ class Diagnostics(ContactDiagnostics):
     def _motion(self) -> Floats:
         """Kinetic energy, linear and angular momentum of this rank, shape ``(7,)``."""
         p = self.stepper.nodal_momentum()
-        n = len(p)
-        v = nodal(self.stepper.v)[:n]
-        turning = total_moment(self._now().x[:n], in_space(p))
-        return np.array([np.vdot(v, p) / 2, *in_space(np.ones(n) @ p), *turning])
+        return motion_sums(self._now().x, p, nodal(self.stepper.v)[: len(p)])
 
     def _momenta(self, motion: Floats) -> tuple[Floats, Floats]:
         """Linear and angular momentum that exist in the space. Local."""
-        return resultants(motion[1:4], self._V), moments(motion[4:], self._V)
+        return self._parts(np.reshape(motion[1:7], (2, 3)))

@@ -19,7 +19,8 @@ class CellEnergies:
     """Integrates the strain energy and the defect of the stress of a step.
 
     The defect is psi(C) - psi(C_n) - P : (F - F_n), with the stress P of the scheme. Of viscous
-    branches the energy has that of the springs, and the defect also the dissipation.
+    branches the energy has that of the springs, and the defect also the dissipation. Nothing is
+    integrated where the last step has done so.
 
     Args:
         stepper: Stepper whose last step is described.
@@ -27,6 +28,7 @@ class CellEnergies:
 
     def __init__(self, stepper: Stepper) -> None:
         """Let a compiler begin on the kernels. Collective."""
+        self._stepper = stepper
         u, u_n, memory = stepper.u, stepper.u_n, stepper.memory
         V = u.function_space
         F_n, F = deformation_gradient(u_n), deformation_gradient(u)
@@ -53,7 +55,14 @@ class CellEnergies:
         self._ones = np.ones(len(W.dofmap.list))
 
     def total(self) -> Floats:
-        """Energy and defect of the cells of this rank, shape ``(2,)`` [J]. Collective at first."""
+        """Energy and defect of the cells of this rank, shape ``(2,)`` [J]. Collective at first.
+
+        The first rank has those that the last step knows of all ranks.
+        """
+        known = self._stepper.cell_energies
+        if known is not None:
+            is_first = self._stepper.u.function_space.mesh.comm.rank == 0
+            return np.array(known) if is_first else np.zeros(2)
         self._values.fill(0.0)
         if self._form is not None:
             self._form.assemble(self._values)

@@ -82,7 +82,7 @@ class RunColumns:
         }
         for group in self._groups:
             row |= group(step, ledger)
-        return row | self._of_user(row)
+        return row | self._of_user(row) if self._own else row
 
     def _of_user(self, row: Collection[str]) -> dict[str, float]:
         stepper, columns = self._diagnostics.stepper, dict[str, float]()

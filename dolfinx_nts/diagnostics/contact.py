@@ -13,7 +13,7 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.diagnostics.names import flat, pair_names, part_names
 from dolfinx_nts.diagnostics.present import Present
-from dolfinx_nts.fem.components import in_space, moments, nodal, resultants, total_moment
+from dolfinx_nts.fem.components import bounds, existing, in_space, nodal, resultant
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
@@ -96,6 +96,8 @@ class ContactDiagnostics:
         """Take the stepper."""
         self.stepper = stepper
         self._V = stepper.u.function_space
+        # Which components of vectors and of moments exist.
+        self._axes = existing(self._V)
         self._comm: MPI.Comm = self._V.mesh.comm
         self._pair_names = pair_names(stepper.pairs)
         self._has_obstacles = any(isinstance(pair.segments, Obstacle) for pair in stepper.pairs)
@@ -133,7 +135,8 @@ class ContactDiagnostics:
 
     def contact_force(self) -> Floats:
         """Resultant of the last step on the nodes of all pairs, as in a `Balance` [N]."""
-        return resultants(self._sum(self._force()), self._V)
+        force: Floats = self._sum(self._force())[self._axes[0]]
+        return force
 
     def pair_resultants(self) -> Floats:
         """Force [N] and torque [N m] of the last step on the nodes of each pair, ``(p, 2, 3)``.
@@ -149,8 +152,7 @@ class ContactDiagnostics:
             x = x - in_space(nodal(stepper.u) - nodal(stepper.u_n)) / 2
         parts = np.zeros((len(stepper.contacts), 2, 3))
         for part, pair in zip(parts, stepper.contacts, strict=True):
-            force = pair.history.force
-            part[:] = force.sum(axis=0), total_moment(x[pair.nodes.nodes], force)
+            part[:] = resultant(x, pair.nodes.nodes, pair.history.force)
         total: Floats = self._sum(parts)
         return total
 
@@ -190,7 +192,8 @@ class ContactDiagnostics:
     def min_gap(self) -> float:
         """Least gap of all pairs [m]; NaN if no node faces a segment.
 
-        Pairs whose bounding boxes are farther apart than the least gap found so far are left
+        Where nodes are inside, and the last step has found them, nothing is looked for. Else,
+        pairs whose bounding boxes are farther apart than the least gap found so far are left
         out, and so are segments farther from a node than that. Where no node finds a segment at
         once, nodes look at any distance.
         """
@@ -199,6 +202,11 @@ class ContactDiagnostics:
             least = min(map(_least, now.gaps()), default=np.inf)
             least = reductions.least(self._comm, least)
             return least if least < np.inf else np.nan
+        if (known := self.stepper.known_gaps()) is not None:
+            least = reductions.least(self._comm, min(map(_least, known), default=np.inf))
+            if least < 0:  # as no other gap is
+                return float(least)
+            least = np.inf
         x = now.x
         nearest, farthest = self._distances(x)
         for i in np.argsort(nearest, kind="stable"):
@@ -238,14 +246,13 @@ class ContactDiagnostics:
         """
         pairs = self.stepper.contacts
         # Least coordinates of nodes and segments, and least negative ones.
-        least = np.full((len(pairs), 2, 2, 3), np.inf)
+        least: Any = np.empty((len(pairs), 2, 2, 3))
+        least[:, :, 0], least[:, :, 1] = np.inf, -np.inf
         for box, pair in zip(least, pairs, strict=True):
             for part, surface in zip(box, (pair.nodes, pair.segments), strict=True):
                 if isinstance(surface, Surface):
-                    # In rows, which numpy reduces faster than columns.
-                    some = x.T.take(surface.nodes, axis=1)
-                    part[0] = some.min(axis=1, initial=np.inf)
-                    part[1] = -some.max(axis=1, initial=-np.inf)
+                    part[:] = bounds(x, surface.nodes)
+        least[:, :, 1] *= -1
         least = reductions.least(self._comm, least)
         lower, upper = least[:, :, 0], -least[:, :, 1]
         has_box = np.isfinite(least).all(axis=(1, 2, 3))
@@ -272,7 +279,7 @@ class ContactDiagnostics:
     def _parts(self, vectors: Floats) -> tuple[Floats, Floats]:
         """Components of force and torque, shape ``(2, 3)``, that exist in the space."""
         force, torque = vectors
-        return resultants(force, self._V), moments(torque, self._V)
+        return force[self._axes[0]], torque[self._axes[1]]
 
     def _sum(self, values: Any) -> Any:
         return reductions.total(self._comm, values)

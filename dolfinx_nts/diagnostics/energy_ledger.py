@@ -1,5 +1,6 @@
 """Ledger of a run, which sums the change of its energy by cause."""
 
+import math
 from dataclasses import fields
 from operator import attrgetter
 
@@ -28,6 +29,9 @@ _WORKS = {
     "surface_equilibrium": attrgetter("contact_work.equilibrium"),
     "refund": attrgetter("contact_work.refund"),
 }
+# All causes, and the names of their columns.
+_CAUSES = ("bulk", *_WORKS)
+_NAMES = [f"energy_{cause}" for cause in _CAUSES]
 
 
 class EnergyLedger:
@@ -61,7 +65,7 @@ class EnergyLedger:
         self.step = step
         self.first = self.last = balance
         self.num_steps = self.num_iterations = self.most_iterations = 0
-        self.energy = dict.fromkeys(("bulk", *_WORKS), 0.0)
+        self.energy = dict.fromkeys(_CAUSES, 0.0)
         self.drift = dict.fromkeys((*_CONSERVED, "unaccounted"), 0.0)
         self.each: dict[str, Floats] = {
             "loads": np.zeros(num_loads),
@@ -83,12 +87,14 @@ class EnergyLedger:
         self.num_steps += 1
         self.num_iterations += step.newton_iterations
         self.most_iterations = max(self.most_iterations, step.newton_iterations)
-        self.each["loads"] = self.each["loads"] + step.load_works
-        self.each["supports"] = self.each["supports"] + [r.work for r in step.reactions]
+        if step.load_works:
+            self.each["loads"] = self.each["loads"] + step.load_works
+        if step.reactions:
+            self.each["supports"] = self.each["supports"] + [r.work for r in step.reactions]
         self.drift["unaccounted"] = max(self.drift["unaccounted"], abs(self.unaccounted))
         for name in _CONSERVED:
-            change = float(np.linalg.norm(getattr(balance, name) - getattr(self.first, name)))
-            self.drift[name] = max(self.drift[name], change)
+            change = getattr(balance, name) - getattr(self.first, name)
+            self.drift[name] = max(self.drift[name], math.sqrt(np.dot(change, change)))
 
     def serialize(self, archive: Archive) -> None:
         """Serialize all sums. Collective."""
@@ -115,7 +121,7 @@ class EnergyLedger:
         """Sums by name [J]: causes, the remainder, and works from outside and of friction."""
         energy = self.energy
         return {
-            **{f"energy_{cause}": work for cause, work in energy.items()},
+            **dict(zip(_NAMES, energy.values(), strict=True)),
             "energy_unaccounted": self.unaccounted,
             "external_work": energy["loads"] + energy["supports"] + energy["obstacles"],
             "friction_dissipation": -energy["friction"],

@@ -7,6 +7,7 @@ The rule is ``kind_name_quantity``: ``body_ball_mass``, ``pair_ball_outer_plate_
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -64,12 +65,18 @@ def flat(prefix: str, values: Mapping[str, Any]) -> dict[str, float]:
     columns: dict[str, float] = {}
     for name, value in values.items():
         if isinstance(value, (float, int)) or np.ndim(value) == 0:  # numpy takes its time
-            columns[f"{prefix}{name}"] = value
+            columns[prefix + name] = value
         else:
-            axes = (_TURNING if name in _MOMENTS else _AXES)[len(value)]
-            for axis, part in zip(axes, map(float, value), strict=True):
-                columns[f"{prefix}{name}_{axis}"] = part
+            parts: Any = value.tolist() if isinstance(value, np.ndarray) else map(float, value)
+            columns.update(zip(_of_parts(prefix, name, len(value)), parts, strict=True))
     return columns
+
+
+@cache
+def _of_parts(prefix: str, name: str, number: int) -> list[str]:
+    """Names of the columns of a vector."""
+    axes = (_TURNING if name in _MOMENTS else _AXES)[number]
+    return [f"{prefix}{name}_{axis}" for axis in axes]
 
 
 def _words(name: str) -> list[str]:

@@ -26,7 +26,7 @@ class _Rule(NamedTuple):
     """
 
     of: Callable[[Present, PairState, int], Array]
-    joined: Callable[[Array, Array], Array]
+    joined: Callable[[Array | float, Array], Array]
     elsewhere: float = 0.0
     shape: tuple[int, ...] = ()
     needs_friction: bool = False
@@ -73,11 +73,16 @@ def contact_field(stepper: Stepper, name: str) -> Array:
 def _of_contact(now: Present, name: str) -> Array:
     """The same of a state."""
     rule, stepper = _RULES[name], now.stepper
-    values: Array = np.full((len(stepper.node_ids), *rule.shape), rule.elsewhere)
+    shape = len(stepper.node_ids), *rule.shape
+    # Zeros take no time where nobody writes.
+    values: Array = np.full(shape, rule.elsewhere) if rule.elsewhere else np.zeros(shape)
+    is_first = True
     for number, contact in enumerate(stepper.contacts):
         if contact.pair.friction is not None or not rule.needs_friction:
             at = contact.nodes.nodes
-            values[at] = rule.joined(values[at], rule.of(now, contact, number))
+            before = rule.elsewhere if is_first else values[at]
+            values[at] = rule.joined(before, rule.of(now, contact, number))
+            is_first = False
     return values
 
 

@@ -11,19 +11,23 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from dolfinx_nts.common.arrays import Flags, Floats
+from dolfinx_nts import _kernels
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.fem.axisymmetry import hoop_gradient, is_axisymmetric
 
 __all__ = [
+    "bounds",
     "deformation_gradient",
     "dimension",
+    "existing",
     "gradient",
     "in_space",
     "moments",
+    "motion_sums",
     "nodal",
     "possible_motions",
+    "resultant",
     "resultants",
-    "total_moment",
 ]
 
 
@@ -56,9 +60,7 @@ def resultants(vectors: Floats, V: fem.FunctionSpace) -> Floats:
     Returns:
         A view, shape ``(..., 3)``; in the plane ``(..., 2)``; of rings ``(..., 1)``, along y.
     """
-    if is_axisymmetric(V.mesh):
-        return vectors[..., 1:2]
-    return vectors[..., : dimension(V)]
+    return vectors[..., existing(V)[0]]
 
 
 def moments(vectors: Floats, V: fem.FunctionSpace) -> Floats:
@@ -67,9 +69,14 @@ def moments(vectors: Floats, V: fem.FunctionSpace) -> Floats:
     Returns:
         A view, shape ``(..., 3)``; in the plane ``(..., 1)``, about z; of rings ``(..., 0)``.
     """
+    return vectors[..., existing(V)[1]]
+
+
+def existing(V: fem.FunctionSpace) -> tuple[slice, slice]:
+    """Which components of `resultants` and of `moments` exist in a space. Local."""
     if is_axisymmetric(V.mesh):
-        return vectors[..., 3:]
-    return vectors[..., 2:] if dimension(V) == 2 else vectors
+        return slice(1, 2), slice(3, None)
+    return (slice(2), slice(2, None)) if dimension(V) == 2 else (slice(3), slice(3))
 
 
 def possible_motions(V: fem.FunctionSpace) -> Flags:
@@ -83,10 +90,33 @@ def possible_motions(V: fem.FunctionSpace) -> Flags:
     return np.ones({2: 3, 3: 6}[dimension(V)], dtype=bool)
 
 
-def total_moment(x: Floats, vectors: Floats) -> Floats:
-    """Sum of x times vectors, the cross product, both ``(n, 3)``, shape ``(3,)``. Local."""
-    m = x.T @ vectors
-    return np.array([m[1, 2] - m[2, 1], m[2, 0] - m[0, 2], m[0, 1] - m[1, 0]])
+def bounds(x: Floats, nodes: Ints) -> Floats:
+    """Least and greatest coordinates of some nodes, ``(2, 3)`` [m]; inf and -inf of none. Local.
+
+    Args:
+        x: Positions of the local nodes, shape ``(l, 3)`` [m].
+        nodes: Some of them, shape ``(n,)``.
+    """
+    return _kernels.bounds(x, nodes)
+
+
+def resultant(x: Floats, nodes: Ints, forces: Floats) -> Floats:
+    """Sum of forces, ``(n, 3)``, and of their moments about the origin, ``(2, 3)``. Local.
+
+    Other arguments are those of `bounds`.
+    """
+    return _kernels.resultant(x, nodes, forces)
+
+
+def motion_sums(x: Floats, p: Floats, v: Floats) -> Floats:
+    """Kinetic energy, linear and angular momentum of nodes, shape ``(7,)``. Local.
+
+    Args:
+        x: Positions of at least these nodes, the first ones, shape ``(l, 3)`` [m].
+        p: Their momenta, shape ``(n, 2)`` or ``(n, 3)`` [kg m/s].
+        v: Their velocities, of the same shape [m/s].
+    """
+    return _kernels.motion_sums(x, p, v)
 
 
 def gradient(v: Any, *, on_axis: bool = False) -> Any:

@@ -103,20 +103,28 @@ class CellForm:
         kernels: ``"double"``; ``"single"`` where half of the digits are enough; ``"slow"`` of
             double precision, which are soon compiled.
         V: Vector space whose functions are gathered; None: that of the argument.
+        num_sums: How many numbers of each cell the argument has behind a vector of V: their
+            sums over the cells are a result of their own.
 
     Attributes:
         form: The form.
+        sums: Sums over the cells of this rank at the last assembly, shape ``(num_sums,)``.
     """
 
     def __init__(
-        self, form: ufl.Form, kernels: Kernels = "double", V: fem.FunctionSpace | None = None
+        self,
+        form: ufl.Form,
+        kernels: Kernels = "double",
+        V: fem.FunctionSpace | None = None,
+        num_sums: int = 0,
     ) -> None:
         """Compile what tells of the form, and let a compiler begin on its kernels."""
         self.form = form
         described = compile_quickly(form)
         if kernels != "slow":
             begin_batched_kernels(described, is_single=kernels == "single")
-        self._loop_of = partial(_CellLoop, form, kernels, described, V)
+        self.sums: Floats = np.zeros(num_sums)
+        self._loop_of = partial(_CellLoop, form, kernels, described, V, self.sums)
         self._left_out: Ints = _NO_PLACES
 
     @cached_property
@@ -137,7 +145,9 @@ class CellForm:
             self._loop.leave_out(cells)
 
     def assemble(self, b: Floats, most: int | None = None) -> None:
-        """Add the form on the cells of this rank to a vector. Collective at the first use.
+        """Add the form on the cells of this rank to a vector, and set the sums.
+
+        Collective at the first use.
 
         Args:
             b: Values of the local scalar dofs, shape ``(d l,)``, changed in place.
@@ -150,10 +160,16 @@ class _CellLoop:
     """Loop of a `CellForm` over the cells of this rank, with the kernels of its integrals."""
 
     def __init__(
-        self, form: ufl.Form, kernels: Kernels, described: fem.Form, V: fem.FunctionSpace | None
+        self,
+        form: ufl.Form,
+        kernels: Kernels,
+        described: fem.Form,
+        V: fem.FunctionSpace | None,
+        sums: Floats,
     ) -> None:
         W: fem.FunctionSpace = form.arguments()[0].ufl_function_space()
         V = W if V is None else V
+        W, self._sums = V if len(sums) else W, sums
         self._form, made = _compiled(form, kernels, described)
         self._num_cells = len(V.dofmap.list)
         compiled = self._form.ufcx_form
@@ -209,9 +225,10 @@ class _CellLoop:
                 for region, group in zip(self._regions, self._groups, strict=True)
             ]
         constants = cpp.fem.pack_constants(self._form._cpp_object)
+        self._sums.fill(0.0)
         parts = zip(self._integrals, self._cells, self._packed, strict=True)
         for integral, cells, packed in parts:
-            integral.add(cells[:most], packed, constants, b)
+            integral.add(cells[:most], packed, constants, b, self._sums)
 
     def _by_cell(self, cells: Ints, rows: Sequence[Floats]) -> Floats:
         """Put rows of some cells, by integral, into an array with a row for every local cell."""

@@ -97,11 +97,17 @@ class _MeanGradients(MultiFunction):  # type: ignore[misc]
     def grad(self, o: Any) -> Any:
         """Add to the gradient in the middle what the mean has beside it."""
         (v,), axes, d = o.ufl_operands, self._axes, len(self._axes)
-        if any(f.ufl_function_space() != self._V for f in _functions(v)):
+        if not all(self._has(f) for f in _functions(v)):
             return o
         second = ufl.grad(o)
         rest = [[self._times(second, i, slice(m, None, d)) for m in axes] for i in axes]
         return o + ufl.as_matrix(rest)
+
+    def _has(self, function: Any) -> bool:
+        """Whether a function is one of the space, or has such a one in front of numbers."""
+        space, V = function.ufl_function_space(), self._V
+        elements = space.ufl_element().sub_elements
+        return space == V or (len(elements) > 0 and elements[0] == V.ufl_element())
 
     def _times(self, second: Any, i: int, places: slice) -> Any:
         """Second derivatives of a component times numbers of the cell, at the first places."""
@@ -122,12 +128,12 @@ class _RingMeans(_MeanGradients):
 
     def coefficient(self, o: Any) -> Any:
         """Replace the radial component by the mean of that over r, times the radius r."""
-        if o.ufl_function_space() != self._V:
+        if not self._has(o):
             return o
         c, first, r = self._coefficients, ufl.grad(o), ufl.SpatialCoordinate(self._V.mesh)[0]
         mean = o[0] * c[6] + first[0, 0] * c[7] + first[0, 1] * c[8]
         mean += self._times(ufl.grad(first), 0, slice(9, None))
-        return ufl.as_vector([r * mean, o[1]])
+        return ufl.as_vector([r * mean, *(o[i] for i in range(1, len(o)))])
 
     argument = coefficient
 

@@ -69,11 +69,13 @@ class _Forces:
     Attributes:
         acceleration: Acceleration of the owned nodes, shape ``(n, 3)`` [m/s^2].
         power: Sum of force times acceleration on this rank [N m/s^2].
+        strain_energy: Strain energy, on all ranks together [J].
         known: Whether the forces belong to the present state.
     """
 
     acceleration: Floats
     power: float = 0.0
+    strain_energy: float = 0.0
     known: bool = False
 
 
@@ -186,6 +188,7 @@ class CentralDifference(Stepper):
         """Serialize the state, also the forces, so that none are evaluated anew."""
         super().serialize(archive)
         if archive.giving:
+            self.cell_energies = None
             self._begin(self.t, self.t)
             self._rigid.restored()
         self._stability.serialize(archive)
@@ -199,6 +202,7 @@ class CentralDifference(Stepper):
         for number, force in enumerate((forces.acceleration, *self._bulk.forces)):
             force[:] = archive.nodal(f"force/{number}", self.node_ids, force)
         # A step sums it in another order, so that a new sum would differ in the last digit.
+        forces.strain_energy = archive.same("strain_energy", forces.strain_energy)
         stored = archive.local("power", None if archive.giving else [np.array(forces.power)])
         anew = np.vdot(self._bulk.total, forces.acceleration)
         forces.power = float(anew if stored is None else stored[0])
@@ -208,6 +212,11 @@ class CentralDifference(Stepper):
         """Momentum of the owned nodes by the lumped mass, shape ``(n, 3)`` [kg m/s]."""
         momentum: Floats = self.mass[:, None] * self._drift.arrays[2]
         return momentum + self._rigid.more_momentum() if self._rigid.exists else momentum
+
+    def known_gaps(self) -> list[Floats] | None:
+        """Gaps at which the springs were loaded last, see `Stepper.known_gaps`. Local."""
+        known = self._forces.known
+        return [contact.history.gap for contact in self.contacts] if known else None
 
     def _work_of_solvers(self) -> tuple[int, None]:
         return self._bulk.internal.num_assemblies, None
@@ -225,7 +234,7 @@ class CentralDifference(Stepper):
             )
 
     def _state_was_set(self) -> None:
-        self._forces.known = False
+        self._forces.known, self.cell_energies = False, None
         self.watch.forget()
         self._springs.forget()
 
@@ -272,6 +281,7 @@ class CentralDifference(Stepper):
         self._springs.accept()
         np.multiply(self._mobility, self._bulk.total, out=forces.acceleration)
         forces.power = float(np.vdot(self._bulk.total, forces.acceleration))
+        forces.strain_energy = reductions.total(self._comm, self._bulk.strain_energy)
         self._stability.start(self._total_energy(v))
         self._watch(v)
         forces.known = True
@@ -292,7 +302,7 @@ class CentralDifference(Stepper):
         self._way = 0.0 if free else moved
         if not free:
             self._check_passage(way, ways)
-        power, at_start = forces.power, bulk.work(du)
+        power, strained, at_start = forces.power, forces.strain_energy, bulk.work(du)
         held = bulk.total[given] if self.supports.exist else np.empty(0)
         self._evaluate(ways)
         works = [a + b for a, b in zip(at_start, bulk.work(du), strict=True)]
@@ -309,9 +319,9 @@ class CentralDifference(Stepper):
         watch = self.watch.springs
         contact = self._springs.counted(self._positions[: len(du)], du, watch.watches)
         defect = dt**2 / 8 * (forces.power - power)
-        sums = reductions.total(self._comm, [*contact, defect, *works])
+        sums = reductions.total(self._comm, [*contact, defect, bulk.strain_energy, *works])
         num_lost, num_deep, num_segments, num_active, *by_cause = sums[: len(contact)]
-        defect, damping, *loads = sums[len(contact) :]
+        defect, forces.strain_energy, internal, damping, *loads = sums[len(contact) :]
         load, support = sum(loads), sum(reaction.work for reaction in reactions)
         if num_lost:
             self._refuse(self._springs.lost())
@@ -324,6 +334,7 @@ class CentralDifference(Stepper):
         if self._comm.size > 1:
             self.v.x.scatter_forward()
         self.inertia_defect = defect + gained
+        self.cell_energies = forces.strain_energy, forces.strain_energy - strained + internal
         self._springs.accept()
         if num_deep:
             watch.look()
@@ -387,11 +398,10 @@ class CentralDifference(Stepper):
     def _total_energy(self, v: Floats) -> float:
         """Kinetic, strain and contact energy of the present u [J]. Collective."""
         energy = np.vdot(self.mass[:, None] * v, v) / 2
-        energy += self._bulk.strain_energy()
         energy += self._springs.stored
         if self._rigid.exists:
             energy += self._rigid.more_energy(self.mass, v)
-        return float(reductions.total(self._comm, energy))
+        return float(reductions.total(self._comm, energy)) + self._forces.strain_energy
 
     def _watch(self, v: Floats) -> None:
         """Raise if springs yield, the step is too long for the cells, or the energy has grown."""

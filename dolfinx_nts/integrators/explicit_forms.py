@@ -1,15 +1,16 @@
 """Forces of the bodies at one time, with lumped mass, for explicit steps."""
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
+import basix.ufl
 import numpy as np
 import ufl
 from dolfinx import fem, la
 
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.fem.components import deformation_gradient, dimension, gradient
-from dolfinx_nts.fem.jit import compile_form
 from dolfinx_nts.fem.linear_forms import CellForm, PackedForm
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 from dolfinx_nts.model.bodies import Body, bulk_form
@@ -65,30 +66,41 @@ class ExplicitBulk:
         loads: Forces of the loads.
         damping: Forces of damping; empty without damping.
         total: Sum of all, and of what is added to it, shape ``(n, 3)`` [N].
+        strain_energy: Strain energy of the cells of this rank at the last evaluation [J].
     """
 
     def __init__(self, bodies: Sequence[Body], u: fem.Function, loads: Sequence[Load]) -> None:
         """Compile the forms."""
         V = u.function_space
         self._F, self._eta = deformation_gradient(u), ufl.TestFunction(V)
+        # The strain energy of a cell stands behind the forces on its nodes: both have the same
+        # strain, which is computed once.
+        cell = V.mesh.basix_cell()
+        number = basix.ufl.element("DG", cell, 0, dtype=V.mesh.geometry.x.dtype)
+        W = fem.functionspace(V.mesh, basix.ufl.mixed_element([V.ufl_element(), number]))
         self.rate = fem.Function(V)
         self.mass: Floats = lumped_mass(bodies)
         soft = [body for body in bodies if not body.is_rigid]
         damped = [body for body in bodies if body.material.is_damped]
-        works = [(soft, self._internal_work), *([(damped, self._damping_work)] if damped else [])]
-        self.internal, *self.damping = (
-            NodalForce(CellForm(bulk_form(some, work)) if some else None, V) for some, work in works
-        )
+        work = partial(self._internal_work, *ufl.TestFunctions(W))
+        self._cells = CellForm(bulk_form(soft, work), V=V, num_sums=1) if soft else None
+        self.internal = NodalForce(self._cells, V)
+        damping = [bulk_form(damped, self._damping_work)] if damped else []
+        self.damping = [NodalForce(CellForm(form), V) for form in damping]
         self.loads = [NodalForce(PackedForm(load.form(u, u)), V) for load in loads]
-        self._strain_energy = (
-            compile_form(bulk_form(soft, self._strain_energy_density)) if soft else None
-        )
-        # The sum takes the place of the internal forces, which each evaluation makes anew.
-        self.total = self.internal.values
+        self.total: Floats = np.zeros_like(self.internal.values)
+        self.strain_energy = 0.0
+        # Forces whose works are told: internal ones, those of damping if there are, and loads.
+        of_damping = self.damping[0].values if damped else None
+        of_loads = (load.values for load in self.loads)
+        self._working: list[Floats | None] = [self.internal.values, of_damping, *of_loads]
 
     def evaluate(self) -> None:
         """Set all forces to those of the present state. Collective."""
         self.internal.assemble()
+        np.copyto(self.total, self.internal.values)
+        if self._cells is not None:
+            self.strain_energy = float(self._cells.sums[0])
         for part in (*self.loads, *self.damping):
             part.assemble()
             self.total += part.values
@@ -96,28 +108,23 @@ class ExplicitBulk:
     @property
     def forces(self) -> list[Floats]:
         """Forces of the last evaluation, the total first, each ``(n, 3)`` [N]. Local."""
-        return [self.internal.values, *(part.values for part in (*self.loads, *self.damping))]
+        parts = self.internal, *self.loads, *self.damping
+        return [self.total, *(part.values for part in parts)]
 
     def work(self, du: Floats) -> list[float]:
-        """Halves of the works of damping and of each present load on this rank [J]. Local.
+        """Halves of the works of internal forces, damping and each load on this rank [J]. Local.
 
         Args:
             du: Displacement of the owned nodes, shape ``(n, 3)`` [m].
         """
-        damping, *loads = (
-            sum(float(np.vdot(part.values, du)) / 2 for part in parts)
-            for parts in (self.damping, *([load] for load in self.loads))
-        )
-        return [damping, *loads]
+        return [0.0 if force is None else float(np.vdot(force, du)) / 2 for force in self._working]
 
-    def strain_energy(self) -> float:
-        """Strain energy on this rank [J]."""
-        energy = self._strain_energy
-        return 0.0 if energy is None else float(fem.assemble_scalar(energy))
-
-    def _internal_work(self, material: Hyperelastic, parameters: Any, rho: Any) -> Any:
-        P = self._F * material.stress(right_cauchy_green(self._F), **parameters)
-        return -ufl.inner(P, gradient(self._eta))
+    def _internal_work(
+        self, eta: Any, of_energy: Any, material: Hyperelastic, parameters: Any, rho: Any
+    ) -> Any:
+        C = right_cauchy_green(self._F)
+        P = self._F * material.stress(C, **parameters)
+        return of_energy * material.psi(C, **parameters) - ufl.inner(P, gradient(eta))
 
     def _damping_work(self, material: Hyperelastic, parameters: Any, rho: Any) -> Any:
         mesh = self.rate.function_space.mesh
@@ -127,6 +134,3 @@ class ExplicitBulk:
         P = beta * self._F * material.linear_stress(strain_rate, **parameters)
         drag = alpha * rho * ufl.inner(self.rate, self._eta)
         return -drag - ufl.inner(P, gradient(self._eta))
-
-    def _strain_energy_density(self, material: Hyperelastic, parameters: Any, rho: Any) -> Any:
-        return material.psi(right_cauchy_green(self._F), **parameters)

@@ -64,11 +64,14 @@ class Stepper(TimeLoop):
     Attributes:
         scheme: What is evaluated at which state of a step.
         supports: The Dirichlet conditions.
+        cell_energies: Strain energy of the present state, and what `Diagnostics.bulk_defect` has
+            of the last step without ``inertia_defect``, where the step knows them [J].
         watch: Watches over overlaps, vertices that pass, and soft springs, and tells them.
     """
 
     scheme: Scheme
     supports: Supports
+    cell_energies: tuple[float, float] | None = None
     bodies = SetOnce[tuple[Body, ...]]()
     pairs = SetOnce[tuple[ContactPair, ...]]()
 
@@ -255,6 +258,16 @@ class Stepper(TimeLoop):
             numbers = report.step, report.t, report.newton_iterations, report.num_active
             _logger.info("step %d, t = %g: %d iterations, %d active", *numbers)
         return report
+
+    def known_gaps(self) -> list[Floats] | None:
+        """Gaps of the nodes of each pair at the present state, if the last step has found them.
+
+        Local. Those of nodes that are not inside may be missing, as NaN.
+
+        Returns:
+            Arrays of shape ``(n,)`` [m]; None where they are not known.
+        """
+        return None
 
     def look_for_overlaps(self) -> None:
         """Tell, in the log, what overlaps now and was not told before.

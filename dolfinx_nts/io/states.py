@@ -1,7 +1,10 @@
 """States of a run for the files of its fields."""
 
+from collections.abc import Mapping
+
 from mpi4py import MPI
 
+from dolfinx_nts.common.arrays import Array
 from dolfinx_nts.diagnostics.present import Present
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io.fields import RunFields
@@ -30,18 +33,24 @@ class States:
         self._nodes = Slabs(comm, stepper.node_ids)
         self._cells = Slabs(comm, mesh.topology.original_cell_index[:owned])
 
-    def rows(self, now: Present) -> dict[str, Slab]:
+    def rows(self, now: Present, former: Mapping[str, Slab] | None = None) -> dict[str, Slab]:
         """Rows of the present state for this rank. Collective.
 
         Args:
             now: Present state of the stepper.
+            former: Rows of a state that are not needed any more, whose memory is used again.
 
         Returns:
             Values at the nodes by name, shape ``(n,)`` or ``(n, 3)``, and those of the pieces of
             cells, also tensors ``(m, 9)``, by names that begin with ``cells/``.
         """
-        fields = self._nodes.together(self._fields.nodal(now))
-        for name, slab in self._cells.together(self._fields.of_cells()).items():
+        of_nodes: dict[str, Array] = {}
+        of_cells: dict[str, Array] = {}
+        for name, slab in (former or {}).items():
+            room = of_cells if name.startswith(CELLS) else of_nodes
+            room[name.removeprefix(CELLS)] = slab.values
+        fields = self._nodes.together(self._fields.nodal(now), of_nodes)
+        for name, slab in self._cells.together(self._fields.of_cells(), of_cells).items():
             pieces, *shape = slab.values.shape[1:]
             fields[f"{CELLS}{name}"] = slab.split(pieces, *shape)
         return fields

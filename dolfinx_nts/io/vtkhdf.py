@@ -69,6 +69,8 @@ class VtkHdfFile:
         # States that are held back, with step and time, and when they must be written [s].
         self._held: list[tuple[int, float, dict[str, Slab]]] = []
         self._due = 0.0
+        # Written states, whose memory is used again.
+        self._former: list[dict[str, Slab]] = []
 
     def check(self) -> None:
         """Refuse names under which nothing can be written. Local.
@@ -119,7 +121,8 @@ class VtkHdfFile:
         step = self._stepper.step
         if step in self._steps:
             return
-        self._held.append((step, self._stepper.t, self._rows_of(now)))
+        former = self._former.pop() if self._former else None
+        self._held.append((step, self._stepper.t, self._rows_of(now, former)))
         self._steps.add(step)
         if on_root(self._comm, self._must_write):
             self._write_held()
@@ -149,6 +152,7 @@ class VtkHdfFile:
         slabs = {of: [state[of] for state in states] for of in states[0]}
         self._folder.write(self._comm, name, slabs, {"steps": steps, "times": times})
         fields = {of: Field.of(slab) for of, slab in states[0].items()}
+        self._former = list(states)
         block = Block(self._reference(name), steps, times, fields)
         on_root(self._comm, lambda: self._add(block, start))
 

@@ -102,5 +102,6 @@ class RigidBody(Body):
 
 def guided(bodies: Iterable[Body]) -> list[RigidBody]:
     """Rigid bodies with a guide among some bodies, in their order. Local."""
-    rigid = (body for body in bodies if isinstance(body, RigidBody))
+    # Soft bodies are sorted out first, as it takes a look at their class.
+    rigid = (body for body in bodies if body.is_rigid and isinstance(body, RigidBody))
     return [body for body in rigid if body.guide is not None]

@@ -294,19 +294,27 @@ class Surface(Declaration):
         Returns:
             Forces per reference area, of the same shape [Pa].
         """
+        tractions: Floats
+        if self._degree == 1:
+            tractions = force / self.area if force.ndim == 1 else force / self.area[:, None]
+            return tractions
         values = np.column_stack([self.area, force])
-        if Element.of(self.V).degree > 1:
-            node, end = self._middles.T
-            vector = la.vector(self.V.dofmap.index_map, values.shape[1])
-            spread: Floats = vector.array.reshape(-1, values.shape[1])
-            spread[self.nodes] = values
-            given = _TO_END * spread[node]
-            np.add.at(spread, end, given)
-            np.subtract.at(spread, node, given)
-            vector.scatter_reverse(la.InsertMode.add)
-            values = spread[self.nodes]
-        tractions: Floats = values[:, 1:] / values[:, :1]
+        node, end = self._middles.T
+        vector = la.vector(self.V.dofmap.index_map, values.shape[1])
+        spread: Floats = vector.array.reshape(-1, values.shape[1])
+        spread[self.nodes] = values
+        given = _TO_END * spread[node]
+        np.add.at(spread, end, given)
+        np.subtract.at(spread, node, given)
+        vector.scatter_reverse(la.InsertMode.add)
+        values = spread[self.nodes]
+        tractions = values[:, 1:] / values[:, :1]
         return tractions.reshape(force.shape)
+
+    @cached_property
+    def _degree(self) -> int:
+        """Degree of the displacement. Local."""
+        return Element.of(self.V).degree
 
     @cached_property
     def _middles(self) -> Ints:

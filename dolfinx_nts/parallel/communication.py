@@ -37,7 +37,8 @@ def on_root(comm: MPI.Comm, action: Callable[[], T]) -> T:
             result = action()
         except Exception as failure:
             error = portable(failure)
-    result, error = comm.bcast((result, error))
+    if comm.size > 1:
+        result, error = comm.bcast((result, error))
     if error is not None:
         raise error
     return result  # type: ignore[return-value]

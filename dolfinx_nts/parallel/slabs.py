@@ -73,31 +73,38 @@ class Slabs:
         ends = [0, *np.searchsorted(ids, bounds), len(ids)]
         self._sent = np.diff(ends)
         self._received = np.array(comm.alltoall(self._sent.tolist()))
-        self._merge: Any = slice(None)
         numbers = self._exchanged(ids)
-        self._merge = np.argsort(numbers, kind="stable") if comm.size > 1 else slice(None)
+        self._merge = np.argsort(numbers, kind="stable")
         self._numbers: GlobalInts = numbers[self._merge]
         last = np.cumsum(comm.allgather(len(numbers)))
         self._begin, self._length = int(last[comm.rank]) - len(numbers), int(last[-1])
 
-    def slab(self, rows: Array) -> Slab:
+    def slab(self, rows: Array, room: Array | None = None) -> Slab:
         """Bring rows into slabs.
 
         Args:
             rows: Rows of this rank in the order of its numbers, shape ``(n, ...)``, of the same
                 kind on all ranks.
+            room: Contiguous array that is not needed any more, in which the rows of the slab are
+                put if they fit: new memory takes longer than the rows.
         """
-        ordered = self._exchanged(rows.take(self._order, axis=0))[self._merge]
-        return Slab(ordered, self._begin, self._length)
+        if self._comm.size == 1:
+            return Slab(_taken(rows, self._order, room), self._begin, self._length)
+        received = self._exchanged(_taken(rows, self._order))
+        return Slab(_taken(received, self._merge, room), self._begin, self._length)
 
-    def together(self, fields: Mapping[str, Floats]) -> dict[str, Slab]:
+    def together(
+        self, fields: Mapping[str, Floats], room: Mapping[str, Array] | None = None
+    ) -> dict[str, Slab]:
         """Bring rows of several fields into slabs, by one message between any two ranks.
 
         Args:
             fields: Rows of this rank by name, see `slab`.
+            room: Arrays by name, see `slab`; several ranks do not use them.
         """
         if self._comm.size == 1 or not fields:
-            return {name: self.slab(rows) for name, rows in fields.items()}
+            room = room or {}
+            return {name: self.slab(rows, room.get(name)) for name, rows in fields.items()}
         parts = [rows.reshape(len(rows), -1) for rows in fields.values()]
         ends = np.cumsum([part.shape[1] for part in parts])
         every = self.slab(np.concatenate(parts, axis=1, dtype=np.float64))
@@ -136,6 +143,16 @@ class Slabs:
         )
         row.Free()
         return received
+
+
+def _taken(rows: Array, order: GlobalInts, room: Array | None = None) -> Array:
+    """Rows in another order, put in an array of as many numbers of their type if there is one."""
+    shape = len(order), *rows.shape[1:]
+    fits = room is not None and room.dtype == rows.dtype and room.size == np.prod(shape, dtype=int)
+    out = room.reshape(shape) if room is not None and fits else np.empty(shape, rows.dtype)
+    # All numbers are those of rows; NumPy would look first, and take a second array for that.
+    rows.take(order, axis=0, out=out, mode="clip")
+    return out
 
 
 def _bounds(comm: MPI.Comm, ids: GlobalInts) -> GlobalInts:

@@ -257,15 +257,14 @@ class ContactSprings:
             # Without friction, which brings the normal itself, the force is along it.
             force = springs.force[:, : self._num_own].sum(axis=1)
             normal = force / -lambda_N[:, None]
-            history = ContactHistory.at(
-                n, springs.node, lambda_N=lambda_N, energy=springs.energy, normal=normal
-            )
+            history, node = ContactHistory.none(n), springs.node
+            history.lambda_N[node], history.energy[node] = lambda_N, springs.energy
+            history.normal[node], history.active[node] = normal, True
             history.force[:] = on_nodes()
             paired = segment >= 0
-            history.active[springs.node] = True
             history.key[number[paired]] = candidates.key[segment[paired]]
             history.gap[number] = gap
-            return replace(history, **slip)
+            return replace(history, **slip) if slip else history
 
         dissipation = slip.get("dissipation", _NO_DISSIPATION)
         return SpringForces(candidates.scatter, springs, dissipation, history)

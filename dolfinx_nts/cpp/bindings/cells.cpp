@@ -54,17 +54,19 @@ public:
   }
 
   void add(const Ints& cells, const Doubles& packed, const Doubles& constants,
-           const Out<double>& b) const
+           const Out<double>& b, const Out<double>& sums) const
   {
     check("cells", cells, {any});
     check_rows("cells: expected numbers of cells", cells, _nodes.shape(0));
     check("packed", packed, {_nodes.shape(0), _places.size()});
     check_values("b", b, _length * _num_rows);
+    check("sums", sums, {any});
     const CellNodes mesh{view(_X),     view(_vertices), _vertices.shape(1),
                          view(_nodes), _nodes.shape(1), _components};
     const KernelInput input{_gathered, view(packed), view(_places), _width,
                             view(constants)};
-    const CellRows out{view(b), view(_rows), _rows.shape(1), _length};
+    const CellRows out{view(b), view(_rows), _rows.shape(1), _length,
+                       view(sums)};
     std::visit(
         [&]<class Kernel>(const std::vector<Kernel>& kernels)
         { add_cells(std::span(kernels), mesh, view(cells), input, out); },
@@ -150,7 +152,9 @@ void cells(nb::module_& m)
   integral.def(
       "add", &CellIntegral::add, nb::arg("cells"), nb::arg("packed"),
       nb::arg("constants"), nb::arg("b").noconvert(),
+      nb::arg("sums").noconvert(),
       "(m,) of which cells, (c, n) values of other functions, (n,); adds "
-      "to the rows of b, one behind the other");
+      "to the rows of b, one behind the other, and the numbers that cells have "
+      "behind their rows to their sums, (s,)");
 }
 } // namespace nts::bindings

@@ -16,6 +16,7 @@ void contact_schwarz(nanobind::module_& m);
 void friction(nanobind::module_& m);
 void leapfrog(nanobind::module_& m);
 void mortar(nanobind::module_& m);
+void rows(nanobind::module_& m);
 void springs(nanobind::module_& m);
 } // namespace nts::bindings
 
@@ -35,5 +36,6 @@ NB_MODULE(_kernels, m)
   nts::bindings::friction(m);
   nts::bindings::leapfrog(m);
   nts::bindings::mortar(m);
+  nts::bindings::rows(m);
   nts::bindings::springs(m);
 }

@@ -1,5 +1,6 @@
 """Forms over cells against the assembly of DOLFINx."""
 
+import basix.ufl
 import numpy as np
 import pytest
 import ufl
@@ -8,8 +9,10 @@ from ufl.algorithms import expand_derivatives
 
 import dolfinx_nts as nts
 from dolfinx_nts import _kernels
+from dolfinx_nts.fem.components import deformation_gradient
 from dolfinx_nts.fem.jit import compile_form
 from dolfinx_nts.fem.linear_forms import CellForm, PackedForm
+from dolfinx_nts.materials.hyperelastic import right_cauchy_green
 from dolfinx_nts.model.bodies import bulk_form
 from helpers import scenes
 
@@ -157,6 +160,36 @@ def test_parts_of_the_cells_add_up(comm):
 
 
 @pytest.mark.at_most_two_ranks
+@pytest.mark.parametrize(("cell", "degree"), SPACES)
+def test_numbers_behind_a_vector_are_summed_in_the_same_pass(comm, cell, degree):
+    case = Case(comm, cell, degree)
+    V, C = case.V, right_cauchy_green(deformation_gradient(case.u))
+    number = basix.ufl.element("DG", V.mesh.basix_cell(), 0)
+    W = fem.functionspace(V.mesh, basix.ufl.mixed_element([V.ufl_element(), number]))
+    eta, of_energy = ufl.TestFunctions(W)
+
+    def force(eta, material, parameters):
+        return ufl.inner(material.stress(C, **parameters), ufl.grad(eta))
+
+    def energy(material, parameters, rho):
+        return material.psi(C, **parameters)
+
+    def both(material, parameters, rho):
+        return force(eta, material, parameters) + of_energy * energy(material, parameters, rho)
+
+    test_function = ufl.TestFunction(V)
+    forces = bulk_form(case.bodies, lambda law, some, rho: force(test_function, law, some))
+    form, alone = CellForm(bulk_form(case.bodies, both), V=V, num_sums=1), CellForm(forces)
+    energies = compile_form(bulk_form(case.bodies, energy))
+    for _ in range(2):  # sums are those of the last assembly
+        values, expected = np.zeros((2, len(case.u.x.array)))
+        form.assemble(values)
+        alone.assemble(expected)
+        np.testing.assert_allclose(values, expected, rtol=0, atol=1e-13 * abs(expected).max())
+        np.testing.assert_allclose(form.sums, fem.assemble_scalar(energies), rtol=1e-13)
+
+
+@pytest.mark.at_most_two_ranks
 def test_functions_on_facets_are_packed_if_one_changed(comm, packings):
     case = Case(comm)
     work = ufl.inner(case.u, ufl.TestFunction(case.V)) * ufl.ds
@@ -219,8 +252,8 @@ def test_kernel_refuses_what_does_not_fit():
         _kernels.CellIntegral(**good | {"functions": [values[::-1]]})
     none, nothing = np.empty(0, dtype=np.int32), np.empty((1, 0))
     with pytest.raises(ValueError, match="numbers of cells"):
-        integral.add(np.array([1], dtype=np.int32), nothing, np.empty(0), values)
+        integral.add(np.array([1], dtype=np.int32), nothing, np.empty(0), values, np.empty(0))
     with pytest.raises(ValueError, match="packed: expected shape"):
-        integral.add(none, np.zeros((1, 12)), np.empty(0), values)
+        integral.add(none, np.zeros((1, 12)), np.empty(0), values, np.empty(0))
     with pytest.raises(ValueError, match="all values of each node"):
-        integral.add(none, nothing, np.empty(0), values[:9])
+        integral.add(none, nothing, np.empty(0), values[:9], np.empty(0))

@@ -10,6 +10,8 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts.contact.explicit import neighbour_list
+from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.fem.linear_forms import CellForm
 from dolfinx_nts.integrators import central_difference, stability
 from helpers import scenes
 from helpers.boxed import CLOSED, RHO, VOLUME, Box, Ledger, swirl
@@ -426,6 +428,46 @@ def test_step_assembles_the_internal_forces_once_and_searches_rarely(comm):
         stepper.advance()
     assert stepper.statistics.num_forces == num_steps + 1
     assert stepper.contacts[0].search.num_searches <= num_steps / 10
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", once("tetrahedron")])
+def test_energies_of_the_cells_come_with_the_forces(comm, cell, monkeypatch, agree):
+    stepper = blocks(comm, cell=cell).stepper
+    diagnostics, forms = nts.Diagnostics(stepper), []
+    for _ in range(30):
+        stepper.advance()
+    assemble = CellForm.assemble
+    with monkeypatch.context() as patch:
+        patch.setattr(CellForm, "assemble", lambda form, *args: forms.append(assemble(form, *args)))
+        stepper.advance()
+        known = diagnostics.strain_energy(), diagnostics.bulk_defect()
+        assert len(forms) == 1
+        stepper.set_velocity(stepper.bodies[0], (0.0, 0.0, 0.0))
+        integrated = diagnostics.strain_energy(), diagnostics.bulk_defect()
+        assert len(forms) == 3
+    assert agree(known[0] > 0)
+    np.testing.assert_allclose(known, integrated, rtol=0, atol=1e-13 * known[0])
+
+
+def test_least_gap_of_nodes_inside_is_known_without_a_search(comm, monkeypatch):
+    stepper = blocks(comm, friction=nts.Coulomb(0.4)).stepper
+    diagnostics, found, known = nts.Diagnostics(stepper), [], []
+    search = PairState.gap
+    monkeypatch.setattr(PairState, "gap", lambda *args: found.append(search(*args)) or found[-1])
+    for _ in range(100):
+        active = stepper.advance().num_active
+        found.clear()
+        least = diagnostics.min_gap()
+        assert bool(found) == (active == 0)
+        gaps = search(stepper.contacts[0], stepper.x)
+        np.testing.assert_allclose(
+            least, comm.allreduce(np.nanmin(gaps, initial=np.inf), op=MPI.MIN), rtol=0, atol=1e-15
+        )
+        known.append(active > 0)
+    assert any(known) and not all(known)
+    stepper.set_displacement(stepper.bodies[0], (0.0, 0.0, 0.0))
+    diagnostics.min_gap()
+    assert found
 
 
 def test_nodes_in_reach_are_looked_for_only_after_bodies_have_moved(comm, monkeypatch, agree):

@@ -104,6 +104,24 @@ def test_states_are_written_after_a_second_or_when_they_need_memory(tmp_path, ru
     assert len(steps_of(path)) == 8
 
 
+def test_memory_of_written_states_is_used_again(tmp_path, run, monkeypatch):
+    clock = [0.0]
+    monkeypatch.setattr(time, "monotonic", lambda: clock[0])
+    path = tmp_path / "run.vtkhdf"
+    file, places = VtkHdfFile(path, run, RunFields(run)), set()
+    file.open(False)
+    for step in range(20):
+        run.go_to(step)
+        clock[0] += 0.4
+        file.write(Present(run))
+        held = [state["displacement"].values.ctypes.data for _, _, state in file._held]
+        assert len(set(held)) == len(held) <= 3
+        places |= set(held)
+    file.close()
+    assert len(places) <= 3
+    assert steps_of(path) == list(range(20))
+
+
 def test_an_error_leaves_what_was_held_back(tmp_path, run):
     file = VtkHdfFile(tmp_path / "run.vtkhdf", run, RunFields(run))
     run.go_to(0)

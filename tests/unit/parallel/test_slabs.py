@@ -42,6 +42,20 @@ def test_rows_lie_in_the_order_of_their_numbers(comm, mine, agree):
         assert agree(any(np.array_equal(found, e) and found.dtype == e.dtype for e in expected))
 
 
+def test_rows_take_the_place_of_those_that_nobody_needs(comm, mine, agree):
+    slabs, rows = Slabs(comm, mine), table(mine).astype(float)
+    former = slabs.slab(rows + 1).values
+    found = slabs.slab(rows, former)
+    assert agree(found.values is former or np.shares_memory(found.values, former))
+    assert agree(np.array_equal(whole(comm, found), table(NUMBERS)))
+    # One of the same size has room, one of another size or type has none.
+    others = former.ravel(), former[:-1].copy(), former.astype(np.int64)
+    for number, other in enumerate(others):
+        found = slabs.slab(rows, other)
+        assert agree(np.array_equal(whole(comm, found), table(NUMBERS)))
+        assert agree(np.shares_memory(found.values, other) == (number == 0))
+
+
 def test_no_rank_has_many_more_rows_than_others(comm, mine, agree):
     share = len(NUMBERS) / comm.size
     assert agree(abs(len(Slabs(comm, mine).numbers().values) - share) < 0.15 * share)

@@ -123,7 +123,7 @@ void add_batches(std::span<const BatchKernel> kernels, const CellNodes& mesh,
 {
   const auto [all_X, all_vertices, v, all_nodes, k, d] = mesh;
   const auto [functions, packed, places, width, constants] = input;
-  AlignedArray<T> X(3 * v * L), w(width * L), element(out.d * out.k * L);
+  AlignedArray<T> X(3 * v * L), w(width * L), element(out.size() * L);
   const std::vector<T> c(constants.begin(), constants.end());
   const Converted<T> x(all_X);
   std::vector<Converted<T>> values;

@@ -89,13 +89,17 @@ struct KernelInput
   std::span<const double> constants;    ///< their values
 };
 
-/// @brief A vector that integrals over cells are added to.
+/// @brief A vector that integrals over cells are added to, and sums over cells.
 struct CellRows
 {
   std::span<double> b;                ///< (l, d)
   std::span<const std::int32_t> rows; ///< of b, those of the cells, (c, k)
   std::size_t k;                      ///< rows of a cell
   std::size_t d;                      ///< values of a row
+  std::span<double> sums; ///< of the numbers that cells have behind their rows
+
+  /// @brief Values of the element vector of a cell.
+  std::size_t size() const noexcept { return d * k + sums.size(); }
 
   /// @brief Add the element vector of a cell, whose values lie that far apart.
   template <class T>
@@ -104,6 +108,11 @@ struct CellRows
     for (const std::int32_t row : rows.subspan(k * cell, k))
       for (std::size_t j = 0; j < d; ++j, values += apart)
         b[d * static_cast<std::size_t>(row) + j] += *values;
+    for (double& sum : sums)
+    {
+      sum += *values;
+      values += apart;
+    }
   }
 };
 
@@ -120,7 +129,7 @@ inline void add_cells(std::span<const ElementKernel> kernels,
 {
   const auto [all_X, all_vertices, v, all_nodes, k, d] = mesh;
   const auto [functions, packed, places, width, constants] = input;
-  std::vector<double> X(3 * v), w(width), element(out.d * out.k);
+  std::vector<double> X(3 * v), w(width), element(out.size());
   for (const std::int32_t cell : cells)
   {
     const auto c = static_cast<std::size_t>(cell);

@@ -1,0 +1,73 @@
+#include "nts/geometry/rows.h"
+#include "array.h"
+#include "nts/geometry/box.h"
+
+namespace nts::bindings
+{
+namespace
+{
+using Ints = In<std::int32_t>;
+
+/// @brief Rows of x, (n, 3), by their numbers (r,).
+void check_points(const Doubles& x, const Ints& rows)
+{
+  check("x", x, {any, 3});
+  check("rows", rows, {any});
+  check_rows("rows: expected rows of x", rows, x.shape(0));
+}
+
+auto bounds_of(const Doubles& x, const Ints& rows)
+{
+  check_points(x, rows);
+  const Box box = bounds(view(x), view(rows));
+  auto both = create<double>({2, 3});
+  std::ranges::copy(box.lower, both.data());
+  std::ranges::copy(box.upper, both.data() + 3);
+  return both;
+}
+
+auto resultant_of(const Doubles& x, const Ints& rows, const Doubles& vectors)
+{
+  check_points(x, rows);
+  check("vectors", vectors, {rows.size(), 3});
+  const Resultant total = resultant(view(x), view(rows), view(vectors));
+  auto both = create<double>({2, 3});
+  std::ranges::copy(total.sum, both.data());
+  std::ranges::copy(total.moment, both.data() + 3);
+  return both;
+}
+
+auto motion_sums_of(const Doubles& x, const Doubles& p, const Doubles& v)
+{
+  check("p", p, {any, any});
+  const std::size_t n = p.shape(0), d = p.shape(1);
+  check("v", v, {n, d});
+  check("x", x, {any, 3});
+  if (x.shape(0) < n)
+    throw nb::value_error("x: expected a row for each row of p");
+  const MotionSums sums = dispatch_components(
+      d, [&]<std::size_t D>()
+      { return motion_sums<D>(view(x), view(p), view(v)); });
+  auto all = create<double>({7});
+  all.data()[0] = sums.energy;
+  std::ranges::copy(sums.momentum.sum, all.data() + 1);
+  std::ranges::copy(sums.momentum.moment, all.data() + 4);
+  return all;
+}
+} // namespace
+
+void rows(nb::module_& m)
+{
+  m.def("bounds", &bounds_of, nb::arg("x"), nb::arg("rows"),
+        "(n, 3), (r,) -> least and greatest coordinates of these rows (2, 3), "
+        "inf and -inf of none");
+  m.def("resultant", &resultant_of, nb::arg("x"), nb::arg("rows"),
+        nb::arg("vectors"),
+        "(n, 3), (r,), (r, 3) at these rows of x -> their sum and the moment "
+        "about the origin (2, 3)");
+  m.def("motion_sums", &motion_sums_of, nb::arg("x"), nb::arg("p"),
+        nb::arg("v"),
+        "(l, 3), (n, d) momenta at the first rows of x, (n, d) -> kinetic "
+        "energy, linear and angular momentum (7,)");
+}
+} // namespace nts::bindings

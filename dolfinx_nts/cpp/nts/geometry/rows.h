@@ -1,0 +1,66 @@
+#pragma once
+
+#include "nts/geometry/small.h"
+
+#include <algorithm>
+#include <cstdint>
+#include <span>
+
+/// @brief Sums over rows of numbers, each in one pass.
+namespace nts
+{
+/// @brief Row i of x, (n, D), with zeros up to three numbers.
+template <std::size_t D>
+Vec3 in_space(std::span<const double> x, std::size_t i) noexcept
+{
+  Vec3 row = {};
+  std::copy_n(x.data() + D * i, D, row.begin());
+  return row;
+}
+
+/// @brief Sum of vectors and of their moments about the origin.
+struct Resultant
+{
+  Vec3 sum = {}, moment = {};
+
+  void add(const Vec3& x, const Vec3& vector) noexcept
+  {
+    sum += vector;
+    moment += cross(x, vector);
+  }
+};
+
+/// @brief Resultant of vectors (r, 3) at rows (r,) of x, (n, 3).
+inline Resultant resultant(std::span<const double> x,
+                           std::span<const std::int32_t> rows,
+                           std::span<const double> vectors) noexcept
+{
+  Resultant total;
+  for (std::size_t i = 0; i < rows.size(); ++i)
+    total.add(vector(x, rows[i]), vector(vectors, i));
+  return total;
+}
+
+/// @brief Kinetic energy and resultant of momenta.
+struct MotionSums
+{
+  double energy = 0;
+  Resultant momentum = {};
+};
+
+/// @brief Sums of n nodes at the first rows of x, (l, 3), by their momenta and
+/// velocities, (n, D).
+template <std::size_t D>
+MotionSums motion_sums(std::span<const double> x, std::span<const double> p,
+                       std::span<const double> v) noexcept
+{
+  MotionSums sums;
+  for (std::size_t i = 0; i < p.size() / D; ++i)
+  {
+    const Vec3 momentum = in_space<D>(p, i);
+    sums.energy += dot(in_space<D>(v, i), momentum) / 2;
+    sums.momentum.add(vector(x, i), momentum);
+  }
+  return sums;
+}
+} // namespace nts
