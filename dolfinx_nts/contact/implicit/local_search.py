@@ -198,7 +198,10 @@ class LocalSearch:
         before = self.segment[node]
         free, current = node, before
         if self._moves.max(initial=0) >= _MOST_MOVES:
-            free = node[self._moves[node] < _MOST_MOVES]
+            stays = self._moves[node] >= _MOST_MOVES
+            kept = node[stays & (before >= 0)]
+            self.gap[kept] = self.candidates.gap(self.points.take(kept), x, self.segment[kept])
+            free = node[~stays]
             current = self.segment[free]
         found, gap = self.candidates.pair(self.points.take(free), x, current, self.reach, slack)
         self.segment[free], self.gap[free] = found, gap

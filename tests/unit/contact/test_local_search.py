@@ -73,3 +73,15 @@ def test_node_that_is_outside_in_equilibrium_stays_with_what_it_has(scene):
 
 def test_node_that_transmits_force_stays_with_what_it_has(scene):
     assert equilibrium(scene, (0.8, -0.1), held=True) == (0, -1)
+
+
+def test_gap_of_a_node_that_stays_follows_the_node(scene):
+    search, at, node = scene
+    places = [OVER, DEEP, OVER, (0.8, 0.02), (0.8, -0.1)]
+    search.find(search.candidates.scatter.forward(at(OVER)), node, 0)
+    for number, place in enumerate(places[1:], 1):
+        segment, _ = search.find(search.candidates.scatter.forward(at(place)), node, number)
+        if number > 1:
+            assert segment >= 0
+            assert search.gap[node] == pytest.approx(place[1], abs=1e-12)
+    assert search.restless[node].all()

@@ -41,15 +41,14 @@ struct SelfContact
   {
     bool keeps(std::int32_t j, const Projection<S>& p) const noexcept
     {
-      return touches(j, p);
+      return p.gap >= -own.thickness[j]
+             && dot(vector(own.normal, i), p.normal) < 0
+             && own.apart_in_reference(i, j);
     }
 
     bool touches(std::int32_t j, const Projection<S>& p) const noexcept
     {
-      return S::outside(p.xi) <= LocalSearchRule::overhang
-             && p.gap >= -own.thickness[j]
-             && dot(vector(own.normal, i), p.normal) < 0
-             && own.apart_in_reference(i, j);
+      return S::outside(p.xi) <= LocalSearchRule::overhang && keeps(j, p);
     }
 
     const SelfContact& own;
