@@ -41,14 +41,15 @@ struct SelfContact
   {
     bool keeps(std::int32_t j, const Projection<S>& p) const noexcept
     {
-      return p.gap >= -own.thickness[j]
-             && dot(vector(own.normal, i), p.normal) < 0
-             && own.apart_in_reference(i, j);
+      return touches(j, p);
     }
 
     bool touches(std::int32_t j, const Projection<S>& p) const noexcept
     {
-      return S::outside(p.xi) <= LocalSearchRule::overhang && keeps(j, p);
+      return S::outside(p.xi) <= LocalSearchRule::overhang
+             && p.gap >= -own.thickness[j]
+             && dot(vector(own.normal, i), p.normal) < 0
+             && own.apart_in_reference(i, j);
     }
 
     const SelfContact& own;
