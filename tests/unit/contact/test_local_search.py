@@ -27,7 +27,7 @@ def scene(comm):
         parts.add_box(model, "plate", corner=(0, 0, -1), size=(1, 1, 1), cells=(1, 1, 1))
         parts.add_box(model, "box", corner=(1.3, 0.4, 0.1), size=(0.2, 0.2, 0.2), cells=(1, 1, 1))
 
-    mesh, cells, facets, tag = nts.read_mesh(build, comm)
+    mesh, _, facets, tag = nts.read_mesh(build, comm)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     top, bottom = (nts.Surface(V, facets, tag[name]) for name in ("plate_top", "box_bottom"))
     state, X = PairState(nts.ContactPair(bottom, top)), V.tabulate_dof_coordinates()
