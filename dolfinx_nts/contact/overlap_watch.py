@@ -248,8 +248,8 @@ class OverlapWatch:
             )
         return (
             "harmless if it is meant: a press fit comes about in a step of QuasiStatic, from which "
-            "load_state goes on with inertia; where inertia acts at once, elastic impact holds this "
-            "depth, while plastic impact and springs throw the two apart; otherwise move them "
+            "load_state goes on with inertia; where inertia acts at once, elastic impact holds "
+            "this depth, while plastic impact and springs throw the two apart; otherwise move them "
             "apart before the first step"
         )
 
