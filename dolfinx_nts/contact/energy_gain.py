@@ -38,6 +38,7 @@ class EnergyGain:
         works: Mapping[PairState | JointState, ContactWork],
         kinetic: tuple[float, float],
         t: float,
+        negligible: float,
     ) -> None:
         """Look at an accepted step.
 
@@ -45,6 +46,8 @@ class EnergyGain:
             works: Energy that contact gave in the step.
             kinetic: Kinetic energy of all bodies before it and after it [J].
             t: Time at its end [s].
+            negligible: Work that the tolerance of gaps leaves to constraints [J]; bodies at rest
+                that press against each other have no kinetic energy to compare with.
         """
         before, after = kinetic
         self._largest = max(self._largest, before)
@@ -53,7 +56,7 @@ class EnergyGain:
             for state, work in works.items()
         }
         state = max(gains, key=gains.__getitem__, default=None)
-        least = max(before, _PART * after, _REST * self._largest, 2 * self._told)
+        least = max(before, _PART * after, _REST * self._largest, 2 * self._told, negligible)
         if state is None or gains[state] <= least:
             return
         self._told = gain = gains[state]
@@ -62,6 +65,7 @@ class EnergyGain:
                 "at t = %g contact by %r has given the bodies %.3g J in one step, more than their "
                 "kinetic energy of %.3g J before it: constraints have moved nodes out of a surface "
                 "at once, and the motion from here on is wrong; EnergyMomentum with elastic or "
-                "restitution impact gains nothing, and with shorter steps others gain less",
+                "restitution impact gains nothing, and with shorter steps others gain less; bodies "
+                "that begin inside each other part in a step of QuasiStatic before (load_state)",
                 *(t, state.pair.enforcement, gain, before),
             )

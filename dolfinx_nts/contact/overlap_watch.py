@@ -247,9 +247,10 @@ class OverlapWatch:
                 "two apart before the first step, as nothing pushes the rest out"
             )
         return (
-            "harmless if it is meant, as statics, plastic impact and springs push the two apart, "
-            "and elastic impact with inertia holds this depth; otherwise move them apart before "
-            "the first step"
+            "harmless if it is meant: a press fit comes about in a step of QuasiStatic, from which "
+            "load_state goes on with inertia; where inertia acts at once, elastic impact holds "
+            "this depth, while plastic impact and springs throw the two apart; otherwise move them "
+            "apart before the first step"
         )
 
     def _in_run(self, overlap: Overlap) -> str:

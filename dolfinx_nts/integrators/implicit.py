@@ -360,6 +360,12 @@ class ImplicitStepper(Stepper):
         """Advice where only the length of the step is left to change. Collective."""
         return "a smaller dt may help, which StepControl takes where a step fails"
 
+    def _work_of_open_gaps(self, steps: Sequence[ContactStep]) -> float:
+        """Work of multipliers on gaps that count as closed, of this rank, at most [J]. Local."""
+        forces = sum(float(np.abs(step.normal.lambda_N).sum()) for step in steps)
+        digits = newton.last_digits(float(np.abs(self.x).max(initial=0.0)))
+        return forces * newton.closed_within(self._sizes.smallest, digits)
+
     def _accepted(
         self,
         steps: Sequence[ContactStep],
@@ -383,11 +389,13 @@ class ImplicitStepper(Stepper):
         v_n = self.v.x.array[:n].copy()
         defect, settling = self._inertia.accept(steps)
         energies = map(self._forces.kinetic_energy, (v_n, self.v.x.array[:n]))
-        values = -damped, solution.R @ du, near, defect + constraints, *energies, *loaded
+        open_work = self._work_of_open_gaps(steps)
+        values = -damped, solution.R @ du, near, defect + constraints, open_work, *energies, *loaded
         sums = reductions.total(self._comm, list(map(float, values)))
-        damping_work, solver_work, in_reach, self.inertia_defect, before, after, *load_works = sums
+        damping_work, solver_work, in_reach, self.inertia_defect, open_work, *sums = sums
+        before, after, *load_works = sums
         if self._rates.acceleration is not None:
-            self.watch.gains.look(works, (before, after), self.t + dt)
+            self.watch.gains.look(works, (before, after), self.t + dt, open_work)
         inertia = self._lumped_mass * (self.v.x.array[:n] - v_n) / dt
         # Without inertia bodies may press against supports alone.
         internal = self._bulk.forces() if self._rates.acceleration is None else solution.R_bulk

@@ -21,7 +21,7 @@ from dolfinx_nts.solvers.krylov import LinearSolver
 from dolfinx_nts.solvers.line_search import LineSearch
 from dolfinx_nts.solvers.support_way import SupportWay
 
-__all__ = ["ConvergenceError", "NewtonReport", "solve"]
+__all__ = ["ConvergenceError", "NewtonReport", "closed_within", "last_digits", "solve"]
 
 
 _logger = logging.getLogger("dolfinx_nts")
@@ -146,6 +146,21 @@ class Solution:
     report: NewtonReport
 
 
+def last_digits(farthest: float) -> float:
+    """What the last digits of positions up to this far from the origin [m] tell, [m]. Local."""
+    return _LAST_DIGITS * farthest
+
+
+def closed_within(size: float, digits: float) -> float:
+    """Gap up to which one is closed [m], see `solve`. Local.
+
+    Args:
+        size: Size of the smallest cell [m].
+        digits: As of `last_digits` [m].
+    """
+    return max(_GAP_TOLERANCE * size, digits)
+
+
 def solve(
     bulk: Bulk,
     solver: LinearSolver,
@@ -205,9 +220,9 @@ def solve(
     floor = _round_off(bulk, solver.tangent.nodal_stiffness(), sizes)
     nodes = bulk.u.x.array[:n].reshape(-1, dim)
     x = X + in_space(nodes)
-    digits = _LAST_DIGITS * reductions.largest(bulk.comm, float(np.abs(x).max(initial=0.0)))
+    digits = last_digits(reductions.largest(bulk.comm, float(np.abs(x).max(initial=0.0))))
     negligible = max(_INCREMENT_TOLERANCE * size, digits)
-    closed = max(_GAP_TOLERANCE * size, digits)
+    closed = closed_within(size, digits)
     iteration = 0
     while True:
         x = X + in_space(nodes)

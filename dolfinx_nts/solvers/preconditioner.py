@@ -63,20 +63,20 @@ class BulkPreconditioner:
         point: `Tangent.point` of the factors; None before the first.
         num_builds: Factorisations so far.
 
-    ``str`` tells the kind of the factors.
+    ``str`` tells the kind of the factors, of the last ones where the next are not made yet.
     """
 
     def __init__(self, tangent: Tangent, options: PetscOptions) -> None:
         """Create the object, without factors before `build`."""
         self._tangent, self._options = tangent, options
         self._factors: BlockILU | CompleteFactors | _PetscFactors | None = None
-        self._strength = 0
+        self._strength, self._last_kind = 0, ""
         self.point: Sequence[Array] | None = None
         self.num_builds = 0
 
     def __str__(self) -> str:
         """Kind of the factors, empty before the first."""
-        return "" if self._factors is None else str(self._factors)
+        return self._last_kind if self._factors is None else str(self._factors)
 
     @property
     def is_plain(self) -> bool:
@@ -119,7 +119,7 @@ class BulkPreconditioner:
             self.strengthen()
             self._factors = self._made()
         self.point = self._tangent.point
-        self.num_builds += 1
+        self.num_builds, self._last_kind = self.num_builds + 1, str(self._factors)
 
     def strengthen(self, *, fully: bool = False) -> None:
         """Let the next `build` make stronger factors. Local.

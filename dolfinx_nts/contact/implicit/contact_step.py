@@ -189,7 +189,8 @@ class ContactStep:
 
         With any change, equilibrium has to be found again.
         """
-        moved, is_renewed = self.search.reproject(self.x, self.normal.nodes)
+        node = self.normal.nodes
+        moved, is_renewed = self.search.reproject(self.x, node, self.normal.active[node])
         if is_renewed:
             self.normal.renew()
             self._idle = None

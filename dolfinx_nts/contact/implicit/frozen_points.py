@@ -77,7 +77,7 @@ class FrozenPoints(LocalSearch):
         """The points stay; their gaps are not computed here, see `LocalSearch.find`."""
         return self.segment[node], np.zeros(len(node), dtype=bool)
 
-    def reproject(self, x: Floats, node: Ints) -> tuple[int, bool]:
+    def reproject(self, x: Floats, node: Ints, held: Flags) -> tuple[int, bool]:
         """Choose points anew where they have left their segments, see `LocalSearch.reproject`."""
         if self._renewals == self._most_renewals:
             return 0, False

@@ -164,21 +164,44 @@ class LocalSearch:
             self._count(node, moved)
         return segment, moved
 
-    def reproject(self, x: Floats, node: Ints) -> tuple[int, bool]:
+    def reproject(self, x: Floats, node: Ints, held: Flags) -> tuple[int, bool]:
         """Find the segments of nodes in equilibrium, see `find`. Collective.
 
-        Returns how many changed on this rank, and whether the nodes have other contact points.
+        ``held`` tells which of the nodes transmit force, shape ``(m,)``. Returns how many changed
+        on this rank, and whether the nodes have other contact points.
         """
+        self._moves[self._left_inside(x, node[~held])] = _MOST_MOVES - 1
         _, moved = self._find(x, node, self._overhang)
         self._count(node, moved)
         return int(np.count_nonzero(moved)), False
+
+    def _left_inside(self, x: Floats, node: Ints) -> Ints:
+        """Restless nodes that the step has brought into what they face now, unseen. Local.
+
+        What they stay with may be any segment that iterates were near, or none. Of the nodes
+        that transmit no force these are those for which that is wrong: they are inside of the
+        segment which they would have else, and deeper than at t_n.
+        """
+        node = node[self._moves[node] >= _MOST_MOVES]
+        if not len(node):
+            return node
+        points, current = self.points.take(node), self.segment[node]
+        segment, gap = self.candidates.pair(points, x, current, self.reach, self._overhang)
+        inside = ((segment != current) & (gap < 0)).nonzero()[0]
+        node, segment, gap = node[inside], segment[inside], gap[inside]
+        before = self.candidates.gap(self.points.take(node), self.x_n, segment)
+        deeper = gap < np.fmin(before, 0.0) - TOUCHES * self.candidates.size[segment]
+        return node[deeper]
 
     def _find(self, x: Floats, node: Ints, slack: float) -> tuple[Ints, Flags]:
         """Segments of nodes; whether they are others than before."""
         before = self.segment[node]
         free, current = node, before
         if self._moves.max(initial=0) >= _MOST_MOVES:
-            free = node[self._moves[node] < _MOST_MOVES]
+            stays = self._moves[node] >= _MOST_MOVES
+            kept = node[stays & (before >= 0)]
+            self.gap[kept] = self.candidates.gap(self.points.take(kept), x, self.segment[kept])
+            free = node[~stays]
             current = self.segment[free]
         found, gap = self.candidates.pair(self.points.take(free), x, current, self.reach, slack)
         self.segment[free], self.gap[free] = found, gap

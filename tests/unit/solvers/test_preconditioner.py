@@ -186,6 +186,15 @@ def test_failing_krylov_method_falls_back_on_stronger_preconditioners(
     np.testing.assert_allclose(limited.positions(), reference.positions(), atol=1e-10)
 
 
+@pytest.mark.serial
+def test_statistics_name_the_last_factors_where_stronger_ones_are_not_made_yet(comm):
+    stepper = scenes.blocks(comm).stepper
+    stepper.advance()
+    before = stepper.statistics.solver
+    stepper._solver._preconditioner.strengthen()
+    assert stepper.statistics.solver.preconditioner == before.preconditioner != ""
+
+
 @pytest.mark.at_most_two_ranks
 def test_slow_iterations_lead_to_factors_with_fill(comm, monkeypatch, default, agree):
     monkeypatch.setattr("dolfinx_nts.solvers.krylov._FILL_PAYS", 0.0)
