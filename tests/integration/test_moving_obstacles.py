@@ -33,6 +33,7 @@ class Block:
         mesh, tags, facets, tag = nts.read_mesh(build, comm)
         self.comm, self.V = comm, fem.functionspace(mesh, ("Lagrange", 1, (3,)))
         self.body = nts.Body(self.V, tags, tag["block"], RUBBER)
+        self.rigid = nts.RigidBody(self.V, tags, tag["block"], RUBBER.rho)
         self.skin = nts.boundary_of(self.body)
         self.top = nts.Surface(self.V, facets, tag["block_top"])
 
@@ -259,3 +260,22 @@ def test_a_tool_in_what_its_pair_does_not_name_is_told(comm, caplog):
     assert "block is up to 0.1" in text and "inside RigidSphere" in text
     (overlap,) = nts.Diagnostics(stepper).overlaps()
     assert overlap.depth == pytest.approx(0.19, abs=1e-12)
+
+
+@pytest.mark.at_most_two_ranks
+@pytest.mark.parametrize("speed", [0.0, 0.5])
+@pytest.mark.parametrize("angle", [once(0.0), -np.pi / 2])
+def test_obstacle_that_has_turned_returns_e_times_the_speed(comm, speed, angle):
+    # A plane that was declared upright, or level, and lies level below a rigid block.
+    normal = rotation([0, 1, 0], angle).T @ [0, 0, 1]
+    plane = nts.RigidPlane(-0.52 * normal, normal).moving(
+        nts.Motion(translation=lambda t: (0, 0, speed * t), rotation=lambda t: (0, angle, 0))
+    )
+    block = Block(comm, cells=(1, 1, 1))
+    pair = nts.ContactPair(block.skin, plane, nts.LagrangeMultiplier("restitution", e=0.4))
+    stepper = nts.EnergyMomentum([block.rigid], [pair], dt=0.01)
+    stepper.set_velocity(block.rigid, (0.1, 0.0, speed - 1.0))
+    for _ in range(5):
+        stepper.advance()
+    v = stepper.v.x.array.reshape(-1, 3)
+    assert np.abs(v - [0.1, 0.0, speed + 0.4]).max(initial=0.0) < 1e-11

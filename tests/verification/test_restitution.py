@@ -234,9 +234,6 @@ def test_what_cannot_have_a_coefficient_of_restitution_is_refused(comm, refused)
         with refused(ValueError, f"restitution e from 0 to 1, given {e}"):
             nts.LagrangeMultiplier("restitution", e=e)
     law = nts.LagrangeMultiplier("restitution", e=0.5)
-    (old,) = scenes.blocks(comm).stepper.pairs
-    with refused(ValueError, "'edge-to-edge', impact 'elastic' or 'plastic', given .*restitution"):
-        nts.ContactPair(old.nodes, old.segments, law, method="edge-to-edge")
     for scheme, reason in (
         (nts.GeneralizedAlpha, "LagrangeMultiplier.'plastic'. for GeneralizedAlpha"),
         (nts.CentralDifference, "contact by Penalty for an explicit step"),

@@ -54,7 +54,8 @@ class MultiplierContact(NormalContact):
         # Nodes can be between two places, the frame of an obstacle is not.
         self._on_the_way: Floats | None = None
         if law.part in on_the_way and not state.search.frame.moves:
-            self._on_the_way = search.candidates.scatter.forward(on_the_way[law.part])
+            x = state.search.frame.at_end(on_the_way[law.part])
+            self._on_the_way = search.candidates.scatter.forward(x)
         if is_static:
             self._begin_in_touch()
         self._set = ActiveSet(state, law, stiffness, is_static)
@@ -106,7 +107,9 @@ class MultiplierContact(NormalContact):
             return np.asarray((gap - pairs.contact.gap_n) / self._law.part)
         points = search.points.take(pairs.node)
         gradient = search.candidates.contact("static", points, x_n, x_n, pairs.segment).gradient
-        dx = (search.approach.x - x_n).take(pairs.dofs, axis=0)
+        # Gradients are in space.
+        in_space = self._state.search.frame.in_space
+        dx = (in_space(search.approach.x) - in_space(x_n)).take(pairs.dofs, axis=0)
         way: Floats = (gradient * dx.reshape(gradient.shape)).sum(axis=1)
         return way
 
