@@ -279,6 +279,20 @@ class SingleMatrix:
     def multiply(self, x: _Floats, y: _Floats) -> None: ...
 
 def largest_difference(a: _Floats, b: _Floats) -> float: ...
+def slopes_at_nodes(
+    start: _Keys, gradients: _Floats, columns: _Floats, slopes: _Floats
+) -> _Floats: ...
+def essential_nodes(
+    start: _Keys,
+    rank: _Ints,
+    gradients: _Floats,
+    columns: _Floats,
+    slopes: _Floats,
+    size: float,
+) -> npt.NDArray[np.bool_]: ...
+def num_moved(
+    m: int, same: npt.NDArray[np.bool_], now: _Floats, before: _Floats, limit: float
+) -> int: ...
 
 class Elimination:
     def __init__(
