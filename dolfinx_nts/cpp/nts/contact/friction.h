@@ -13,6 +13,22 @@ struct TractionModel
   Matrix<2, 2> stiffness = {}; ///< derivative by the slip [N/m]
 };
 
+/// @brief Whether a node slides by what is known now.
+/// @param[in] mu Coefficient of friction [-].
+/// @param[in] trial Traction if it stuck [N].
+/// @param[in] way Where it goes: a traction or a slip.
+/// @param[in] p Pressing force [N].
+/// @param[in] heading Direction of the traction, of any length.
+/// @param[in] slid Whether it slid in the last iteration; such a node sticks
+/// before it slides the other way.
+inline bool slides(double mu, const Vec2& trial, const Vec2& way, double p,
+                   const Vec2& heading, bool slid) noexcept
+{
+  const double size = std::sqrt(trial[0] * trial[0] + trial[1] * trial[1]);
+  const bool reverses = slid && heading[0] * way[0] + heading[1] * way[1] < 0;
+  return size > mu * std::max(p, 0.) && !reverses;
+}
+
 /// @brief Model stick and slip for one semismooth Newton iteration.
 ///
 /// The condition t - min(1, mu p/|t + c g|) (t + c g) = 0 is linearised and
