@@ -61,6 +61,7 @@ def slides(
     heading: _Floats,
     sliding: npt.NDArray[np.bool_],
 ) -> npt.NDArray[np.bool_]: ...
+def longest_in_cones(v: _Floats, way: _Floats) -> float: ...
 def known_tractions(
     node: _Ints,
     sticks: npt.NDArray[np.bool_],

@@ -155,10 +155,27 @@ void add_tractions(const Doubles& t, const Doubles& rows, Out<double> force)
           += traction[0] * row[d + e] + traction[1] * row[2 * d + e];
   }
 }
+
+double longest_in_cones(const Doubles& v, const Doubles& way)
+{
+  check("v", v, {any, any});
+  check("way", way, {v.shape(0), v.shape(1)});
+  const std::size_t d = v.shape(1);
+  if (d == 0)
+    throw nb::value_error("v: expected a component along the axis of cones");
+  double longest = std::numeric_limits<double>::infinity();
+  for (std::size_t i = 0; i < v.size(); i += d)
+    longest = std::min(longest, longest_in_cone(view(v).subspan(i, d),
+                                                view(way).subspan(i, d)));
+  return longest;
+}
 } // namespace
 
 void friction(nb::module_& m)
 {
+  m.def("longest_in_cones", &longest_in_cones, nb::arg("v"), nb::arg("way"),
+        "(m, d), (m, d) -> how far all vectors stay in cones of right angles, "
+        "in units of ways");
   m.def("slides", &slides_batch, nb::arg("mu"), nb::arg("trial"),
         nb::arg("way"), nb::arg("p"), nb::arg("heading"), nb::arg("sliding"),
         "-, (m, 2), (m, 2), (m,), (m, 2), (m,) -> whether each slides (m,)");

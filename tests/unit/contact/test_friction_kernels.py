@@ -53,3 +53,17 @@ def test_unit_vectors_have_unit_length_or_none(rng):
     length = np.linalg.norm(rows[:, :3], axis=1)
     np.testing.assert_array_equal(unit[2], 0)
     np.testing.assert_allclose(unit * length[:, None], rows[:, :3], rtol=0, atol=1e-14)
+
+
+def test_vectors_stay_in_cones_up_to_the_first_way_out(rng):
+    v, way = rng.normal(size=(2, M, 3))
+    v[:, 0] = 0.1 + np.linalg.norm(v[:, 1:], axis=1)
+    longest = _kernels.longest_in_cones(v, way)
+
+    def distance(part):
+        x = v + part * way
+        return (x[:, 0] - np.linalg.norm(x[:, 1:], axis=1)).min()
+
+    assert abs(distance(longest)) < 1e-13
+    assert distance(longest / 2) > 0
+    assert np.isinf(_kernels.longest_in_cones(v, v))
