@@ -17,6 +17,9 @@ OVERHANG: float
 WALL: float
 DEEPEST: float
 
+def with_vertices(points: _Floats, x: _Floats, vertices: _Ints, segment: _Ints) -> _Floats: ...
+def unit_vectors(rows: _Floats) -> _Floats: ...
+def slip_hessian(w: _Floats, b: _Floats, t: _Floats) -> _Floats: ...
 def project(x_pair: _Floats, orientation: _Floats) -> tuple[_Floats, _Floats, _Floats, _Status]: ...
 def patch_project(
     x_pair: _Floats, orientation: _Floats
@@ -51,6 +54,25 @@ def balance(
     known: _Floats,
     direction: _Floats,
 ) -> _Floats: ...
+def slides(
+    mu: float,
+    trial: _Floats,
+    way: _Floats,
+    p: _Floats,
+    heading: _Floats,
+    sliding: npt.NDArray[np.bool_],
+) -> npt.NDArray[np.bool_]: ...
+def longest_in_cones(v: _Floats, way: _Floats) -> float: ...
+def known_tractions(
+    node: _Ints,
+    sticks: npt.NDArray[np.bool_],
+    explicit: _Floats,
+    stiffness: _Floats,
+    slip: _Floats,
+    modelled: _Floats,
+) -> _Floats: ...
+def with_friction(columns: _Floats, direction: _Floats) -> _Floats: ...
+def add_tractions(t: _Floats, rows: _Floats, force: _Floats) -> None: ...
 def exact_friction(
     mu: float,
     t: _Floats,
@@ -286,6 +308,20 @@ class SingleMatrix:
     def multiply(self, x: _Floats, y: _Floats) -> None: ...
 
 def largest_difference(a: _Floats, b: _Floats) -> float: ...
+def slopes_at_nodes(
+    start: _Keys, gradients: _Floats, columns: _Floats, slopes: _Floats
+) -> _Floats: ...
+def essential_nodes(
+    start: _Keys,
+    rank: _Ints,
+    gradients: _Floats,
+    columns: _Floats,
+    slopes: _Floats,
+    size: float,
+) -> npt.NDArray[np.bool_]: ...
+def num_moved(
+    m: int, same: npt.NDArray[np.bool_], now: _Floats, before: _Floats, limit: float
+) -> int: ...
 
 class Elimination:
     def __init__(

@@ -96,10 +96,7 @@ class Coulomb(Declaration):
             sliding: Whether a node slid in the last iteration, shape ``(m,)``; such a node
                 sticks before it slides the other way.
         """
-        size = np.linalg.norm(trial, axis=1)
-        reverses = sliding & (np.einsum("mi,mi->m", heading, way) < 0)
-        flags: Flags = (size > self.mu * np.maximum(p, 0.0)) & ~reverses
-        return flags
+        return _kernels.slides(self.mu, trial, way, p, heading, sliding)
 
     def spring(
         self, trial: Floats, p: Floats, eps_T: Floats, heading: Floats, sliding: Flags

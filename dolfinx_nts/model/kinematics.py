@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.vectors import cross
 
@@ -148,12 +149,7 @@ class Slip:
     def hessian(self, t: Floats) -> Floats:
         """Second derivative of t . slip by the coordinates, ``(m, d, d)`` [N/m]."""
         w, b = self.second
-        m, k = w.shape
-        outer = w[:, :, None] * (t[:, :1] * b[:, 0] + t[:, 1:] * b[:, 1])[:, None, :]
-        hessian: Floats = np.zeros((m, k, 3, k, 3))
-        for i in range(3):
-            np.add(outer, outer.transpose(0, 2, 1), out=hessian[:, :, i, :, i])
-        return hessian.reshape(m, 3 * k, 3 * k)
+        return _kernels.slip_hessian(w, b, t)
 
 
 class ConvectiveSlip(Slip):

@@ -153,10 +153,7 @@ class SegmentCandidates(Candidates):
 
     def pairs(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
         """Positions of points and vertices, shape ``(m, 1+k, 3)`` [m]."""
-        pairs = np.empty((len(segment), 1 + self.segments.shape[1], 3))
-        pairs[:, 0] = points.of(x)
-        pairs[:, 1:] = x.take(self.segments.take(segment, axis=0), axis=0)
-        return pairs
+        return _kernels.with_vertices(points.of(x), x, self.segments, segment)
 
     def _both_states(
         self, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints

@@ -120,9 +120,4 @@ def tangents_of(blocks: ContactBlocks) -> Iterator[tuple[Array, Floats]]:
 
 def slopes_at_nodes(blocks: ContactBlocks) -> Floats:
     """The part of the slopes in the tangent of the constrained nodes, ``(m, d, d)``."""
-    d, length = blocks.normal.shape[1], np.diff(blocks.start)[:, None, None]
-    first, width = d * d * blocks.start[:-1, None, None], d * length
-    entries = first + width * np.arange(d)[:, None] + np.arange(d)
-    gradients, columns = blocks.gradients.ravel()[entries], blocks.columns.ravel()[entries]
-    parts: Floats = columns.transpose(0, 2, 1) @ blocks.slopes @ gradients
-    return parts
+    return _kernels.slopes_at_nodes(blocks.start, blocks.gradients, blocks.columns, blocks.slopes)

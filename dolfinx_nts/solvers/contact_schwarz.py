@@ -154,12 +154,10 @@ def _essential(contacts: ContactBlocks, least: float) -> ContactBlocks:
     is_large = np.abs(contacts.tangent).max(axis=(1, 2), initial=0.0) > least
     m, d = contacts.normal.shape
     k = len(contacts.nodes) // max(m, 1)  # pairs have lists of one length
-    rows = [part.reshape(m, d, k, d) for part in (contacts.gradients, contacts.columns)]
-    held = (np.arange(d) < contacts.rank[:, None])[:, :, None, None]
-    keeps = np.any([(np.abs(part) * held).max(axis=(1, 3)) > _NEGLIGIBLE for part in rows], axis=0)
-    keeps[:, :1] = True
-    keeps[contacts.slopes.any(axis=(1, 2))] = True
+    constraints = contacts.start, contacts.rank, contacts.gradients, contacts.columns
+    keeps = _kernels.essential_nodes(*constraints, contacts.slopes, _NEGLIGIBLE).reshape(m, k)
     everywhere = np.broadcast_to(keeps[:, None], (m, d, k))
+    rows = (part.reshape(m, d, k, d) for part in (contacts.gradients, contacts.columns))
     gradients, columns = (part[everywhere] for part in rows)
     return contacts._replace(
         start=starts(np.count_nonzero(keeps, axis=1)),
@@ -184,9 +182,8 @@ def _moved(now: ContactBlocks, then: ContactBlocks) -> float:
         return 0.0
     if len(now.nodes) != len(then.nodes):
         return 1.0
-    others = (now.nodes != then.nodes).reshape(m, -1).any(axis=1)
-    differences = np.abs(now.gradients - then.gradients).reshape(m, -1).max(axis=1, initial=0.0)
-    return float(np.mean(others | (differences > _OTHER_GRADIENT)))
+    same = now.nodes == then.nodes
+    return _kernels.num_moved(m, same, now.gradients, then.gradients, _OTHER_GRADIENT) / m
 
 
 def _change(now: ContactBlocks, then: ContactBlocks, slopes_then: Floats) -> float:

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 
 __all__ = ["ConeSolution", "solve"]
@@ -173,7 +174,7 @@ def _central(W: Floats, q: Floats, d: int) -> tuple[Floats, Floats] | None:
         given = W, of_slip, differs, inverse
 
         df, dv = _direction(known, *given)
-        way = min(1.0, _longest(f, df), _longest(v, dv))
+        way = min(1.0, _kernels.longest_in_cones(f, df), _kernels.longest_in_cones(v, dv))
         reached = float(_product(f + way * df, v + way * dv)[:, 0].mean())
         aim = max(min(1.0, max(reached / mean, 0.0) ** 2), _AIM if error < _DIFFERS else _FIRST_AIM)
         if part < _OFF_CENTRE:
@@ -182,7 +183,9 @@ def _central(W: Floats, q: Floats, d: int) -> tuple[Floats, Floats] | None:
         else:
             second = way**2 * _product(df, dv)
             df, dv = _direction(known - aim * mean * unit + second, *given)
-        part = min(1.0, _INSIDE * min(_longest(f, df), _longest(v, dv)))
+        part = min(
+            1.0, _INSIDE * min(_kernels.longest_in_cones(f, df), _kernels.longest_in_cones(v, dv))
+        )
         f, v = f + part * df, v + part * dv
     return None
 
@@ -210,17 +213,3 @@ def _product(a: Floats, b: Floats) -> Floats:
     product = a[:, :1] * b + b[:, :1] * a
     product[:, 0] = np.einsum("mi,mi->m", a, b)
     return product
-
-
-def _longest(v: Floats, way: Floats) -> float:
-    """How far vectors in the interior of cones can go, in units of ways, all ``(m, d)``."""
-    tangential: Any = np.linalg.norm(v[:, 1:], axis=1)
-    a = way[:, 0] ** 2 - np.einsum("mi,mi->m", way[:, 1:], way[:, 1:])
-    b = v[:, 0] * way[:, 0] - np.einsum("mi,mi->m", v[:, 1:], way[:, 1:])
-    c = (v[:, 0] - tangential) * (v[:, 0] + tangential)
-    under = b**2 - a * c
-    divisor = np.sqrt(np.maximum(under, 0.0)) - b
-    meets = (under >= 0) & (divisor > 0)
-    falls = way[:, 0] < 0
-    ways: Any = np.concatenate([c[meets] / divisor[meets], -v[falls, 0] / way[falls, 0]])
-    return float(ways.min(initial=np.inf))

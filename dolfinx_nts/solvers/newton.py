@@ -384,6 +384,8 @@ def _round_off_of_contact(states: Sequence[ContactContribution], x: Floats) -> f
     friction that turns with the last digits.
     """
     slopes = sum(float(np.vdot(state.slopes, state.slopes)) for state in states)
+    if slopes == 0:
+        return 0.0
     return float(np.finfo(np.float64).eps * np.abs(x).max(initial=0.0) * np.sqrt(slopes))
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from dolfinx_nts.common.arrays import Array, Flags, Floats, Ints
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
-from dolfinx_nts.solvers.contact_blocks import rows_of, tangents_of
+from dolfinx_nts.solvers.contact_blocks import ContactBlocks, rows_of, tangents_of
 from dolfinx_nts.solvers.elimination import ActivePairs
 from dolfinx_nts.solvers.rigid_motion import RigidColumns
 from dolfinx_nts.solvers.rigid_reduction import Reduced, reduced
@@ -173,23 +173,25 @@ class SaddlePointSystem:
         start, columns, values = rows.scalars()
         here = (np.arange(first, last) + shift[comm.rank]).astype(np.int32)
         A.setValuesIJV(start.astype(np.int32), saddle(columns), values, addv=True, rowmap=here)
-        multiplier = last + int(shift[comm.rank])
-        right = np.empty(n)
-        right[: last - first] = -R
+        multipliers = (last + shift[comm.rank] + np.arange(sum(counts))).astype(np.int32)
+        begin = np.arange(len(multipliers) + 1, dtype=np.int32)
+        diagonal = np.full(len(multipliers), -compliance)
+        A.setValuesIJV(begin, multipliers, diagonal, addv=True, rowmap=multipliers)
+        right = np.concatenate([-R, *(-p.excess[_held(p.blocks)] for p in pairs)])
+        done = 0
         for p in pairs:
             blocks = p.global_blocks()
             d = blocks.normal.shape[1]
             for nodes, tangent in tangents_of(blocks):
                 dofs = saddle((d * nodes[:, None] + np.arange(d)).ravel())
                 A.setValues(dofs, dofs, tangent, addv=True)
-            for i, (nodes, gradients, forces) in enumerate(rows_of(blocks)):
+            ranks = map(int, blocks.rank)
+            for (nodes, gradients, forces), rank in zip(rows_of(blocks), ranks, strict=True):
+                own = multipliers[done : done + rank]
                 dofs = saddle((d * nodes[:, None] + np.arange(d)).ravel())
-                for a in range(blocks.rank[i]):
-                    A.setValues(dofs, multiplier, forces[a], addv=True)
-                    A.setValues(multiplier, dofs, gradients[a], addv=True)
-                    A.setValue(multiplier, multiplier, -compliance, addv=True)
-                    right[multiplier - first - shift[comm.rank]] = -p.excess[i, a]
-                    multiplier += 1
+                A.setValues(dofs, own, np.ascontiguousarray(forces[:rank].T), addv=True)
+                A.setValues(own, dofs, gradients[:rank], addv=True)
+                done += rank
         A.assemble()
         return A, right, counts
 
@@ -233,6 +235,12 @@ class SaddlePointSystem:
                 column += 1
         total: Floats = reductions.total(self._tangent.comm, resistance)
         return total
+
+
+def _held(blocks: ContactBlocks) -> Flags:
+    """Which rows of the constraints count, shape ``(m, d)``. Local."""
+    flags: Flags = np.arange(blocks.normal.shape[1]) < blocks.rank[:, None]
+    return flags
 
 
 def _solution(A: Any, right: Floats, num_multipliers: int) -> Floats:

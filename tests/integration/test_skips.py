@@ -6,6 +6,8 @@ import pytest
 import dolfinx_nts as nts
 from dolfinx_nts import parts
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
+from dolfinx_nts.contact.implicit.multiplier import MultiplierContact
+from dolfinx_nts.contact.implicit.stick_slip import Friction
 from dolfinx_nts.integrators import sleeping
 from dolfinx_nts.solvers import krylov
 from helpers import scenes
@@ -275,6 +277,25 @@ def test_deformable_bodies_have_pairs_of_multipliers_made_once_in_an_iteration(c
     reports = list(scene.stepper.run(12 * scene.stepper.dt))
     assert max(report.num_active for report in reports) > 0
     assert len(made) == sum(report.newton_iterations for report in reports)
+
+
+@pytest.mark.serial
+def test_without_friction_nodes_are_balanced_again_only_where_some_change(comm, monkeypatch):
+    scene = scenes.ball_plate(comm)
+    balances, looks = [], []
+    balance, update = Friction.balance, MultiplierContact.update
+    monkeypatch.setattr(Friction, "balance", lambda *args: balances.append(args) or balance(*args))
+
+    def counted(*args):
+        balances.clear()
+        changes = update(*args)
+        looks.append((bool(changes), len(balances)))
+        return changes
+
+    monkeypatch.setattr(MultiplierContact, "update", counted)
+    reports = list(scene.stepper.run(12 * scene.stepper.dt))
+    assert max(report.num_active for report in reports) > 0
+    assert set(looks) == {(False, 1), (True, 2)}
 
 
 @pytest.mark.serial

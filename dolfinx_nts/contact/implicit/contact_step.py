@@ -13,6 +13,7 @@ from mpi4py import MPI
 import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.common.parts import counts_of_parts
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Tied
 from dolfinx_nts.contact.history import ContactHistory, ContactWork
 from dolfinx_nts.contact.implicit.contributions import ContactContribution, PairKinematics
@@ -169,18 +170,17 @@ class ContactStep:
         R = None if R_bulk is None else in_space(R_bulk)
         changed += self.normal.update(pairs, x, R, self.friction, iteration)
         self._count(pairs.node)
-        # Without a previous iteration the set of active pairs is new.
-        num_active = int(np.count_nonzero(self.normal.active[pairs.node]))
-        contribution = self._contribution(pairs, changed if iteration else num_active)
+        if iteration == 0:  # without a previous one the set of active pairs is new
+            changed = int(np.count_nonzero(self.normal.active[pairs.node]))
+        contribution = self._contribution(pairs, changed)
         if not (self.may_touch or reductions.anywhere(self._comm, len(self.normal.nodes) > 0)):
             self._idle = contribution
         return contribution
 
     def _count(self, node: Ints) -> None:
         """Count the active pairs of all ranks, of which ``node`` are these. Collective."""
-        active = node[self.normal.active[node]]
-        counts = np.diff(np.searchsorted(active, bounds(self.state)))
-        counts = reductions.total(self._comm, counts)
+        ends = np.searchsorted(node, bounds(self.state))
+        counts = reductions.total(self._comm, counts_of_parts(self.normal.active[node], ends))
         self.num_active = int(counts.sum())
         self.touched |= counts > 0
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.implicit.pair_blocks import PairBlocks
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
@@ -61,14 +62,14 @@ class PairKinematics:
         self.force, self.gradients = np.zeros((2, m, 3, d))
         self.excess = np.zeros((m, 3))
         self.force[:, 0], self.gradients[:, 0] = contact.force, contact.gradient
-        self.columns, self.normal = self.force, _unit(contact.gradient[:, :3])
+        self.columns, self.normal = self.force, _kernels.unit_vectors(contact.gradient)
         self.fixed: Flags = np.zeros(m, dtype=bool)
         if free is not None:
             self.columns = self.force * free[:, None]
             self.gradients[:, 0] *= free
             self.normal *= free[:, :3]
             self.fixed = ~(np.linalg.norm(self.normal, axis=1) > _FREE_NORMAL)
-            self.normal = _unit(self.normal)
+            self.normal = _kernels.unit_vectors(self.normal)
 
     def add_slip(self, slip: Slip, never_sticks: Flags) -> None:
         """Fill the tangential parts; ``never_sticks`` are pairs without friction, ``(m,)``."""
@@ -105,13 +106,6 @@ class PairKinematics:
         if valid.all():
             return 0
         return int(np.count_nonzero(~valid & (active | np.isnan(self.contact.gap))))
-
-
-def _unit(vectors: Floats) -> Floats:
-    """Vectors, ``(m, 3)``, of unit length, or zero."""
-    length = np.linalg.norm(vectors, axis=1)
-    unit: Floats = vectors / np.where(length > 0, length, 1.0)[:, None]
-    return unit
 
 
 class ContactContribution(NamedTuple):

@@ -7,7 +7,7 @@ from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.given_up import GivenUp
 from dolfinx_nts.contact.implicit.mortar_slip import MortarSlip, NodalFrames
-from dolfinx_nts.contact.implicit.pair_blocks import PairBlocks, with_friction
+from dolfinx_nts.contact.implicit.pair_blocks import PairBlocks
 from dolfinx_nts.contact.implicit.pairing import Pairing
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.search.mortar_points import MortarPoints, at_nodes
@@ -188,7 +188,7 @@ class PointBlocks(PairBlocks):
             total = np.zeros((self._scatter.index_map.size_local, 3))
             self._scatter.add(total, self.dofs, tractions.reshape(*self.dofs.shape, 3))
             force = force + self.gathered(total)
-            columns = with_friction(columns, direction)
+            columns = _kernels.with_friction(columns, direction)
         system = self.given_up.system(rank, columns, normal, transposed=True)
         solution = system.solve(-np.einsum("mi,mci->mc", force, system.directions))
         multipliers = np.zeros((len(rank), 3))

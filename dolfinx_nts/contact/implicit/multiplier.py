@@ -130,7 +130,10 @@ class MultiplierContact(NormalContact):
         friction.follow_contact(pairs, before, active)
         changes += friction.update(pairs, -lambda_N, active, iteration)
         self.active[node] = active
-        self.lambda_N[node] = self._balance(pairs, R, lambda_N, active, friction)
+        # Otherwise the same balance would follow from the same decisions.
+        if changes or self._state.pair.friction is not None:
+            lambda_N = self._balance(pairs, R, lambda_N, active, friction)
+        self.lambda_N[node] = lambda_N
         return changes
 
     def _balance(

@@ -8,7 +8,7 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 
-__all__ = ["OwnBlocks", "PairBlocks", "with_friction"]
+__all__ = ["OwnBlocks", "PairBlocks"]
 
 
 class PairBlocks(ABC):
@@ -68,7 +68,7 @@ class PairBlocks(ABC):
             columns: Force per multiplier, shape ``(m, 3, 3 d)``.
             rank: Number of multipliers, 0, 1 or all components of the space, ``(m,)``.
             friction: Tractions that the multipliers balance too, shape ``(m, 2)`` [N], and
-                direction of those per pressing force, see `with_friction`; None without any.
+                direction of those per pressing force; None without any.
 
         Returns:
             Shape ``(m, 3)`` [N]; others than these multipliers mean nothing.
@@ -157,13 +157,3 @@ class OwnBlocks(PairBlocks):
         """Move node by node, see `PairBlocks.close_gaps`."""
         normal = normal[:, : u.shape[1]]
         _kernels.close_gaps(self.dofs[:, 0], held, gap, normal, gradients, farthest, u)
-
-
-def with_friction(columns: Floats, direction: Floats) -> Floats:
-    """Forces per multiplier, ``(m, 3, d)``, with the friction that scales with the normal one.
-
-    ``direction`` is that of the traction per pressing force, shape ``(m, 2)``.
-    """
-    mixed: Floats = columns.copy()
-    mixed[:, 0] -= np.einsum("mi,mij->mj", direction, columns[:, 1:])
-    return mixed

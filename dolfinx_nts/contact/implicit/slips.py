@@ -25,6 +25,7 @@ class Slips:
         size: Size of the segments of each node, shape ``(n,)`` [m].
 
     Attributes:
+        present: Slips in the last evaluation, 0 where they are none, shape ``(n, 2)`` [m].
         modelled: Slips at which tractions were modelled last, shape ``(n, 2)`` [m].
     """
 
@@ -33,18 +34,21 @@ class Slips:
         n = len(size)
         self._size = size
         self.modelled: Floats = np.zeros((n, 2))
-        self._present: Floats = np.zeros((n, 2))
+        self.present: Floats = np.zeros((n, 2))
         self._all: Floats = np.zeros((n, 2))
         self._predicted: Floats = np.full((n, 2), np.nan)
 
     def measure(self, pairs: PairKinematics) -> None:
         """Take the measured slips of ``m`` pairs, of which constraints see what is not none."""
         node, value = pairs.node, pairs.slip.value
+        if not pairs.fixed.any():  # then constraints see all
+            self._all[node] = self.present[node] = value
+            return
         predicted = self._predicted[node]
         is_same = length_of(value - predicted) <= ROUNDING * self._size[node]
         is_same &= pairs.fixed
         self._all[node] = np.where(is_same[:, None], predicted, value)
-        self._present[node] = self.without_none(pairs, self._all[node])
+        self.present[node] = self.without_none(pairs, self._all[node])
         none = np.where(pairs.fixed, _STILL * self._size[node], 0.0)
         left = np.maximum(length_of(self._all[node]) - none, 0.0)
         pairs.excess[:, 1:] = with_length(self._all[node], left)
@@ -64,7 +68,7 @@ class Slips:
 
     def of(self, node: Ints) -> Floats:
         """Slips of nodes in the last evaluation, 0 where they are none, shape ``(m, 2)`` [m]."""
-        slips: Floats = self._present[node]
+        slips: Floats = self.present[node]
         return slips
 
 

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.friction import Coulomb, TractionModel, slip_energy, transport
 from dolfinx_nts.contact.implicit.active_set import ROUNDING, BlockPivoting
@@ -11,7 +12,6 @@ from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.joint_decision import DecidedFriction, NoFriction
 from dolfinx_nts.contact.implicit.lagged_limit import LaggedLimit
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
-from dolfinx_nts.contact.implicit.pair_blocks import with_friction
 from dolfinx_nts.contact.implicit.slips import Slips, with_length
 from dolfinx_nts.contact.joint_state import JointState, bounds, segment_sizes
 from dolfinx_nts.contact.pair_state import PairState
@@ -198,7 +198,8 @@ class StickSlip(Friction):
 
     def update(self, pairs: PairKinematics, p: Floats, active: Flags, iteration: int) -> int:
         """Decide on stick and slip, and model the traction, see `Friction.update`."""
-        node, slip, before = pairs.node, pairs.slip, self.sliding[pairs.node]
+        node, slip = pairs.node, pairs.slip
+        before, on_axis = self.sliding[node], self._on_axis[node]
         eps_T, law, model = self._state.eps_T, self._law, self._model
         if eps_T is not None:
             old, c = self._state.history, eps_T[node]
@@ -226,7 +227,7 @@ class StickSlip(Friction):
             # where it is not known yet how much a node presses that has just arrived.
             excess = np.linalg.norm(trial, axis=1) - law.mu * limiting
             is_open = (np.abs(excess) <= self._rounding[node]) | (active & (p == 0))
-            after = np.where(is_open, before, after) | self._on_axis[node]
+            after = np.where(is_open, before, after) | on_axis
             flips, violators = self._pivoting.select(active & (after != before), node, iteration)
             sliding = np.where(active, before ^ flips, after)
         if eps_T is not None:
@@ -234,8 +235,9 @@ class StickSlip(Friction):
         else:
             known = float(iteration > 0)  # multipliers of the first guess mean nothing
             new = self._exact(pairs, known * t, value, known * limiting, heading, sliding)
-        for part in new:
-            part[self._on_axis[node]] = 0.0
+        if on_axis.any():
+            for part in new:
+                part[on_axis] = 0.0
         self._limit.heading[node] = new.direction
         if lags.any():
             new.explicit[lags] += limiting[lags, None] * new.direction[lags]
@@ -265,6 +267,9 @@ class StickSlip(Friction):
         Where the displacement of a node is not its own, a traction that slides has its length,
         and keeps its direction where there is no slip.
         """
+        if not pairs.fixed.any():
+            c = _SLIP_WEIGHT * self._stiffness[pairs.node]
+            return self._law.exact(t, slip, p, c, heading, sliding)
         own, limit = ~pairs.fixed, self._law.mu * np.maximum(p, 0.0)
         t = np.where((own | ~sliding)[:, None], t, with_length(t, limit))
         weight = np.where(own, _SLIP_WEIGHT, _DIRECTION_WEIGHT)
@@ -279,8 +284,8 @@ class StickSlip(Friction):
 
     def balance(self, pairs: PairKinematics, R: Floats, active: Flags) -> Floats:
         """Balance with tractions, sticking nodes in all directions, see `Friction.balance`."""
-        node, known = pairs.node, self._known(pairs, active)
-        stick = self.sticks(node, active) & ~pairs.fixed
+        node, stick = pairs.node, self._own_sticks(pairs, active)
+        known = self._known(node, stick)
         rank = np.where(stick, self._dim, active & ~pairs.fixed).astype(np.int32)
         direction = self._model.direction[node]
         friction = known, direction
@@ -296,31 +301,35 @@ class StickSlip(Friction):
         """Set tractions of sliding nodes by their model, see `Friction.follow_multipliers`."""
         node = pairs.node
         slides = active & ~self.sticks(node, active)
-        traction = self._known(pairs, active) - lambda_N[:, None] * self._model.direction[node]
+        known = self._known(node, self._own_sticks(pairs, active))
+        traction = known - lambda_N[:, None] * self._model.direction[node]
         self.traction[node[slides]] = traction[slides]
 
-    def _known(self, pairs: PairKinematics, active: Flags) -> Floats:
-        """Tractions that do not scale with the pressing force, shape ``(m, 2)`` [N]."""
-        node = pairs.node
-        explicit: Floats = self._model.explicit[node]
-        if not self._has_spring:
-            turned = self._slips.of(node) - self._slips.modelled[node]
-            explicit = explicit + np.einsum("mij,mj->mi", self._model.stiffness[node], turned)
-        stick = self.sticks(node, active) & ~pairs.fixed
-        return np.where(stick[:, None], 0.0, explicit)
+    def _own_sticks(self, pairs: PairKinematics, active: Flags) -> Flags:
+        """Nodes held by multipliers in displacements of their own, shape ``(m,)``."""
+        return self.sticks(pairs.node, active) & ~pairs.fixed
+
+    def _known(self, node: Ints, sticks: Flags) -> Floats:
+        """Tractions that do not scale with the pressing force, ``(m, 2)`` [N], 0 where held."""
+        explicit, _, stiffness = self._model
+        if self._has_spring:
+            known: Floats = explicit[node]
+            return known
+        slips = self._slips.present, self._slips.modelled
+        return _kernels.known_tractions(node, sticks, explicit, stiffness, *slips)
 
     def add_to(
         self, pairs: PairKinematics, active: Flags, force: Floats, tangent: Floats
     ) -> tuple[Floats, Floats]:
         """Add tractions to forces and tangents, see `Friction.add_to`."""
-        node, along = pairs.node, pairs.force[:, 1:]
+        node = pairs.node
         t, slides = self.traction[node], active & ~self.sticks(node, active)
-        force += np.einsum("mi,mij->mj", t, along)
+        _kernels.add_tractions(t, pairs.force, force)
         tangent += pairs.slip.tangent(t)
         slopes = np.zeros((len(node), 3, 3))
         slopes[slides, 1:, 1:] = self._model.stiffness[node[slides]]
         direction = np.where(slides[:, None], self._model.direction[node], 0.0)
-        return with_friction(pairs.columns, direction), slopes
+        return _kernels.with_friction(pairs.columns, direction), slopes
 
     def scheme_work(self, pairs: PairKinematics, dx: Floats) -> Floats:
         """Work of tractions at the end of the step, see `Friction.scheme_work`."""

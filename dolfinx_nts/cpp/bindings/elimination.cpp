@@ -1,4 +1,5 @@
 #include "elimination.h"
+#include "nts/solvers/contact_changes.h"
 
 namespace nts::bindings
 {
@@ -47,6 +48,75 @@ double largest_difference(const Doubles& a, const Doubles& b)
   }
   return largest;
 }
+
+/// @brief Constraints of nodes with B components, by arrays of these sizes.
+template <std::size_t B>
+ConstraintLists<B>
+constraint_lists(const In<std::int64_t>& start, const Doubles& gradients,
+                 const Doubles& columns, const Doubles& slopes)
+{
+  check("start", start, {slopes.shape(0) + 1});
+  check("slopes", slopes, {any, B, B});
+  const auto begin = view(start);
+  if (begin.front() != 0 || !std::ranges::is_sorted(begin))
+    throw nb::value_error("start: expected where lists begin, and the end");
+  for (const Doubles* rows : {&gradients, &columns})
+    if (rows->size() != B * B * static_cast<std::size_t>(begin.back()))
+      throw nb::value_error(
+          "gradients and columns: expected a block for each node of the lists");
+  return {begin, view(gradients), view(columns), view(slopes)};
+}
+
+Out<double> slopes_at_nodes_batch(const In<std::int64_t>& start,
+                                  const Doubles& gradients,
+                                  const Doubles& columns, const Doubles& slopes)
+{
+  check("slopes", slopes, {any, any, any});
+  const std::size_t m = slopes.shape(0), components = slopes.shape(1);
+  auto parts = create<double>({m, components, components});
+  dispatch_components(components,
+                      [&]<std::size_t B>()
+                      {
+                        slopes_at_nodes<B>(constraint_lists<B>(start, gradients,
+                                                               columns, slopes),
+                                           view(parts));
+                      });
+  return parts;
+}
+
+Out<bool> essential_nodes_batch(const In<std::int64_t>& start,
+                                const In<std::int32_t>& rank,
+                                const Doubles& gradients,
+                                const Doubles& columns, const Doubles& slopes,
+                                double size)
+{
+  check("slopes", slopes, {rank.size(), any, any});
+  const std::size_t components = slopes.shape(1);
+  for (const std::int32_t constraints : view(rank))
+    if (constraints < 0 || static_cast<std::size_t>(constraints) > components)
+      throw nb::value_error("rank: expected at most all components");
+  Out<bool> keeps
+      = create<bool>({gradients.size() / (components * components)});
+  dispatch_components(components,
+                      [&]<std::size_t B>()
+                      {
+                        essential_nodes<B>(constraint_lists<B>(start, gradients,
+                                                               columns, slopes),
+                                           view(rank), size, view(keeps));
+                      });
+  return keeps;
+}
+
+std::size_t num_moved_batch(std::size_t m, const In<bool>& same,
+                            const Doubles& now, const Doubles& before,
+                            double limit)
+{
+  if (m == 0 || same.size() % m || now.size() % m
+      || now.size() != before.size())
+    throw nb::value_error("expected as many nodes and numbers for each of m "
+                          "constraints, now and before");
+  return num_moved(m, view(same), view(now), view(before), limit);
+}
 } // namespace
 
 void elimination(nb::module_& m)
@@ -81,6 +151,21 @@ void elimination(nb::module_& m)
   m.def("largest_difference", &largest_difference, nb::arg("a"), nb::arg("b"),
         "Largest absolute difference of the values of two arrays of one size, "
         "NaN where there is one");
+  m.def("slopes_at_nodes", &slopes_at_nodes_batch, nb::arg("start"),
+        nb::arg("gradients"), nb::arg("columns"), nb::arg("slopes"),
+        "(m + 1,), B B l numbers, the same, (m, B, B) -> F^T S G at the "
+        "constrained nodes, (m, B, B)");
+  m.def("essential_nodes", &essential_nodes_batch, nb::arg("start"),
+        nb::arg("rank"), nb::arg("gradients"), nb::arg("columns"),
+        nb::arg("slopes"), nb::arg("size"),
+        "(m + 1,), (m,), B B l numbers, the same, (m, B, B), - -> whether "
+        "nodes of lists have a part above a size, or slopes, or are "
+        "constrained, (l,)");
+  m.def("num_moved", &num_moved_batch, nb::arg("m"), nb::arg("same"),
+        nb::arg("now"), nb::arg("before"), nb::arg("limit"),
+        "-, (l,) whether nodes are those of before, gradients, the same -> "
+        "number of m constraints of which a node is another or an entry "
+        "differs by more than a limit");
   m.def("close_gaps", &close_gaps_batch, nb::arg("nodes"), nb::arg("moves"),
         nb::arg("gap"), nb::arg("normal"), nb::arg("gradients"),
         nb::arg("farthest"), nb::arg("x").noconvert(),

@@ -192,10 +192,88 @@ auto average_gradient_batch(const Doubles& invariants_n,
       });
   return W;
 }
+
+auto with_vertices(const Doubles& points, const Doubles& x,
+                   const In<std::int32_t>& vertices,
+                   const In<std::int32_t>& segment)
+{
+  const std::size_t m = segment.size();
+  check("segment", segment, {m});
+  check("points", points, {m, 3});
+  check("x", x, {any, 3});
+  check("vertices", vertices, {any, any});
+  const std::size_t k = vertices.shape(1);
+  check_rows("segment: expected rows of vertices", segment, vertices.shape(0));
+  auto pairs = create<double>({m, 1 + k, 3});
+  double* out = pairs.data();
+  for (std::size_t i = 0; i < m; ++i)
+  {
+    out = std::copy_n(points.data() + 3 * i, 3, out);
+    for (const std::int32_t row : view(vertices).subspan(
+             k * static_cast<std::size_t>(segment.data()[i]), k))
+    {
+      if (row < 0 || static_cast<std::size_t>(row) >= x.shape(0))
+        throw nb::value_error("vertices: expected rows of x");
+      out = std::copy_n(x.data() + 3 * row, 3, out);
+    }
+  }
+  return pairs;
+}
+
+auto unit_vectors(const Doubles& rows)
+{
+  check("rows", rows, {any, any});
+  const std::size_t m = rows.shape(0), d = rows.shape(1);
+  if (d < 3)
+    throw nb::value_error("rows: expected three components at least");
+  auto unit = create<double>({m, 3});
+  for (std::size_t i = 0; i < m; ++i)
+  {
+    const double* v = rows.data() + d * i;
+    const double length = std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+    for (std::size_t c = 0; c < 3; ++c)
+      unit.data()[3 * i + c] = v[c] / (length > 0 ? length : 1);
+  }
+  return unit;
+}
+
+auto slip_hessian_batch(const Doubles& w, const Doubles& b, const Doubles& t)
+{
+  check("w", w, {any, any});
+  const std::size_t m = w.shape(0), k = w.shape(1);
+  check("b", b, {m, 2, k});
+  check("t", t, {m, 2});
+  auto hessian = create<double>({m, 3 * k, 3 * k});
+  std::fill_n(hessian.data(), hessian.size(), 0.0);
+  std::vector<double> along(k);
+  for (std::size_t i = 0; i < m; ++i)
+  {
+    const double* weight = w.data() + k * i;
+    for (std::size_t K = 0; K < k; ++K)
+      along[K] = t.data()[2 * i] * b.data()[2 * k * i + K]
+                 + t.data()[2 * i + 1] * b.data()[2 * k * i + k + K];
+    for (std::size_t K = 0; K < k; ++K)
+      for (std::size_t L = 0; L < k; ++L)
+        for (std::size_t c = 0; c < 3; ++c)
+          hessian.data()[3 * k * (3 * (k * i + K) + c) + 3 * L + c]
+              = weight[K] * along[L] + weight[L] * along[K];
+  }
+  return hessian;
+}
 } // namespace
 
 void kinematics(nb::module_& m)
 {
+  m.def("with_vertices", &with_vertices, nb::arg("points"), nb::arg("x"),
+        nb::arg("vertices"), nb::arg("segment"),
+        "(m, 3), (l, 3), (s, k) rows of x, (m,) -> points and the vertices of "
+        "their segments (m, 1+k, 3)");
+  m.def("unit_vectors", &unit_vectors, nb::arg("rows"),
+        "(m, d), of which three count -> of unit length, or zero (m, 3)");
+  m.def("slip_hessian", &slip_hessian_batch, nb::arg("w"), nb::arg("b"),
+        nb::arg("t"),
+        "(m, k), (m, 2, k), (m, 2) -> second derivative of t . slip by the "
+        "coordinates (m, 3k, 3k), see nts/contact/slip.h");
   constexpr const char* project_doc
       = "(m, 1+k, 3), (m,) -> xi (m, 2), gap (m,), normal (m, 3), status (m,): "
         "0 converged, 1 not (NaN)";

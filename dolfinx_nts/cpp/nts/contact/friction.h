@@ -2,6 +2,9 @@
 
 #include "nts/geometry/small.h"
 
+#include <limits>
+#include <span>
+
 /// @brief Coulomb friction of a node that sticks and slides without springs.
 namespace nts
 {
@@ -12,6 +15,22 @@ struct TractionModel
   Vec2 direction = {};         ///< factor of the pressing force p [-]
   Matrix<2, 2> stiffness = {}; ///< derivative by the slip [N/m]
 };
+
+/// @brief Whether a node slides by what is known now.
+/// @param[in] mu Coefficient of friction [-].
+/// @param[in] trial Traction if it stuck [N].
+/// @param[in] way Where it goes: a traction or a slip.
+/// @param[in] p Pressing force [N].
+/// @param[in] heading Direction of the traction, of any length.
+/// @param[in] slid Whether it slid in the last iteration; such a node sticks
+/// before it slides the other way.
+inline bool slides(double mu, const Vec2& trial, const Vec2& way, double p,
+                   const Vec2& heading, bool slid) noexcept
+{
+  const double size = std::sqrt(trial[0] * trial[0] + trial[1] * trial[1]);
+  const bool reverses = slid && heading[0] * way[0] + heading[1] * way[1] < 0;
+  return size > mu * std::max(p, 0.) && !reverses;
+}
 
 /// @brief Model stick and slip for one semismooth Newton iteration.
 ///
@@ -59,6 +78,32 @@ inline TractionModel exact_friction(double mu, const Vec2& t, const Vec2& slip,
       model.stiffness[i][j] = turn * c * across[i][j];
   }
   return model;
+}
+
+/// @brief How far a vector in the interior of a cone of right angles can go, in
+/// units of its way; infinity where it never leaves the cone.
+/// @param[in] v, way Vectors, their part along the axis first.
+inline double longest_in_cone(std::span<const double> v,
+                              std::span<const double> way) noexcept
+{
+  double across = 0, ways = 0, both = 0;
+  for (std::size_t c = 1; c < v.size(); ++c)
+  {
+    across += v[c] * v[c];
+    ways += way[c] * way[c];
+    both += v[c] * way[c];
+  }
+  const double tangential = std::sqrt(across);
+  const double a = way[0] * way[0] - ways, b = v[0] * way[0] - both,
+               c = (v[0] - tangential) * (v[0] + tangential);
+  const double under = b * b - a * c;
+  const double divisor = std::sqrt(std::max(under, 0.)) - b;
+  double longest = std::numeric_limits<double>::infinity();
+  if (under >= 0 && divisor > 0)
+    longest = c / divisor;
+  if (way[0] < 0)
+    longest = std::min(longest, -v[0] / way[0]);
+  return longest;
 }
 
 /// @brief Multipliers of a node that balance the force on it: one along its

@@ -1,0 +1,114 @@
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <functional>
+#include <span>
+
+/// @brief How far constraints and tangent of contact are from those for which
+/// factors were made, and what of them factors need.
+///
+/// Nodes do not count here: theirs are the numbers of any partition.
+namespace nts
+{
+/// @brief Constraints with lists of nodes, see `Elimination`.
+template <std::size_t B>
+struct ConstraintLists
+{
+  std::span<const std::int64_t> start;
+  std::span<const double> gradients, columns, slopes;
+
+  std::size_t size() const noexcept { return start.size() - 1; }
+
+  /// @brief Number of nodes in the list of constraint i.
+  std::size_t length(std::size_t i) const noexcept
+  {
+    return static_cast<std::size_t>(start[i + 1] - start[i]);
+  }
+
+  /// @brief Row a of constraint i of gradients or columns, B numbers a node.
+  const double* row(std::span<const double> rows, std::size_t i,
+                    std::size_t a) const noexcept
+  {
+    return rows.data() + B * B * start[i] + B * a * length(i);
+  }
+
+  /// @brief S of constraint i, row by row.
+  std::span<const double> slope(std::size_t i) const noexcept
+  {
+    return slopes.subspan(B * B * i, B * B);
+  }
+
+  bool has_slope(std::size_t i) const noexcept
+  {
+    return std::ranges::any_of(slope(i), [](double s) { return s != 0; });
+  }
+};
+
+/// @brief The part F^T S G of the slopes in the tangent of each constrained
+/// node, (m, B, B).
+template <std::size_t B>
+void slopes_at_nodes(const ConstraintLists<B>& lists,
+                     std::span<double> parts) noexcept
+{
+  std::ranges::fill(parts, 0.);
+  for (std::size_t i = 0; i < lists.size(); ++i)
+    if (lists.has_slope(i))
+      for (std::size_t c = 0; c < B; ++c)
+        for (std::size_t b = 0; b < B; ++b)
+        {
+          double force = 0;
+          for (std::size_t a = 0; a < B; ++a)
+            force += lists.row(lists.columns, i, a)[c]
+                     * lists.slope(i)[B * a + b];
+          for (std::size_t d = 0; d < B; ++d)
+            parts[B * (B * i + c) + d]
+                += force * lists.row(lists.gradients, i, b)[d];
+        }
+}
+
+/// @brief Number of m constraints that reach other nodes than before, or have
+/// gradients of which an entry has changed by more than a limit.
+/// @param[in] same Whether the nodes are those of before, (l,).
+/// @param[in] now, before Gradients.
+inline std::size_t num_moved(std::size_t m, std::span<const bool> same,
+                             std::span<const double> now,
+                             std::span<const double> before,
+                             double limit) noexcept
+{
+  std::size_t count = 0;
+  const std::size_t k = same.size() / m, n = now.size() / m;
+  for (std::size_t i = 0; i < m; ++i)
+  {
+    bool moved = !std::ranges::all_of(same.subspan(k * i, k), std::identity{});
+    for (std::size_t e = n * i; !moved && e < n * (i + 1); ++e)
+      moved = std::abs(now[e] - before[e]) > limit;
+    count += moved;
+  }
+  return count;
+}
+
+/// @brief Whether nodes have a part in constraints, or in slopes, above a
+/// size, (l,); constrained nodes always have.
+/// @param[in] rank Number of constraints of each list, (m,).
+template <std::size_t B>
+void essential_nodes(const ConstraintLists<B>& lists,
+                     std::span<const std::int32_t> rank, double size,
+                     std::span<bool> keeps) noexcept
+{
+  for (std::size_t i = 0; i < lists.size(); ++i)
+  {
+    const bool all = lists.has_slope(i);
+    for (std::size_t K = 0; K < lists.length(i); ++K)
+    {
+      bool keep = K == 0 || all;
+      for (std::size_t a = 0; a < static_cast<std::size_t>(rank[i]); ++a)
+        for (const auto& rows : {lists.gradients, lists.columns})
+          for (std::size_t c = 0; c < B; ++c)
+            keep = keep || std::abs(lists.row(rows, i, a)[B * K + c]) > size;
+      keeps[lists.start[i] + K] = keep;
+    }
+  }
+}
+} // namespace nts

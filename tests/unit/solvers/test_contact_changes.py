@@ -1,0 +1,62 @@
+"""How far contacts are from those for which factors were made, and what factors need of them."""
+
+import numpy as np
+import pytest
+
+from dolfinx_nts import _kernels
+from dolfinx_nts.solvers.contact_blocks import ContactBlocks, rows_of, slopes_at_nodes
+from helpers.contact_blocks import blocks, kinds
+
+pytestmark = pytest.mark.serial
+
+
+@kinds
+def test_slopes_at_nodes_are_those_of_the_tangent_there(kind, rng):
+    whole = ContactBlocks(*blocks(kind, rng))
+    found = slopes_at_nodes(whole)
+    for part, slope, (_, gradients, columns) in zip(
+        found, whole.slopes, rows_of(whole), strict=True
+    ):
+        expected = (columns.T @ slope @ gradients)[:3, :3]
+        np.testing.assert_allclose(part, expected, rtol=0, atol=1e-14)
+
+
+@kinds
+def test_nodes_are_essential_that_constraints_or_slopes_reach(kind, rng):
+    whole = ContactBlocks(*blocks(kind, rng))
+    size = 0.5
+    constraints = whole.start, whole.rank, whole.gradients, whole.columns
+    keeps = np.split(_kernels.essential_nodes(*constraints, whole.slopes, size), whole.start[1:-1])
+    assert kind == 0 or not all(part.all() for part in keeps)
+    for part, rank, slope, (_, *rows) in zip(
+        keeps, whole.rank, whole.slopes, rows_of(whole), strict=True
+    ):
+        largest = [
+            np.abs(row[:rank]).reshape(rank, len(part), 3).max(axis=(0, 2), initial=0.0)
+            for row in rows
+        ]
+        expected = np.maximum(*largest) > size
+        expected[0] = True
+        np.testing.assert_array_equal(part, expected | slope.any())
+
+
+def test_constraints_have_moved_to_other_nodes_or_gradients(rng):
+    before = rng.normal(size=(4, 3, 6))
+    now, same = before.copy(), np.ones((4, 2), dtype=bool)
+    now[0, 2, 5] += 0.1
+    assert _kernels.num_moved(4, same.ravel(), now, before, 0.2) == 0
+    now[1, 2, 5] -= 0.3
+    same[1:3, 1] = False
+    assert _kernels.num_moved(4, same.ravel(), now, before, 0.2) == 2
+    with pytest.raises(ValueError, match="expected as many nodes"):
+        _kernels.num_moved(3, same.ravel(), now, before, 0.2)
+
+
+def test_wrong_lists_of_constraints_are_refused(rng):
+    start, _, rank, _, gradients, columns, slopes, *_ = blocks("ragged", rng)
+    with pytest.raises(ValueError, match="expected a block for each node"):
+        _kernels.slopes_at_nodes(start, gradients[:-9], columns, slopes)
+    with pytest.raises(ValueError, match="expected where lists begin"):
+        _kernels.slopes_at_nodes(start[::-1].copy(), gradients, columns, slopes)
+    with pytest.raises(ValueError, match="expected at most all components"):
+        _kernels.essential_nodes(start, rank + 1, gradients, columns, slopes, 0.5)
