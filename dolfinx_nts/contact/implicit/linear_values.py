@@ -46,7 +46,8 @@ class LinearValues:
         values = measured
         if self._last is not None:
             last, x_last, before, slopes = self._last
-            dx = (x - x_last).take(last.dofs, axis=0).reshape(len(last.node), -1)
+            dx = (x - x_last).take(last.dofs, axis=0)
+            dx = dx.reshape(len(slopes), slopes.shape[-1])
             self._segment[:] = -1
             self._segment[last.node] = last.segment
             self._values[last.node] = before + np.einsum("m...d,md->m...", slopes, dx)
