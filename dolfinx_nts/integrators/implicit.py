@@ -122,6 +122,7 @@ class ImplicitStepper(Stepper):
         if free:
             self._bulk.stabilisation = self._free_bodies.resistance
             self._tangent.shift = self._free_bodies.shift
+            self._tangent.num_free = self._free_bodies.num_motions
             self._tangent.forget()
         share = partial(self._rates.inertia_share, self._lumped_mass)
         self._solver = LinearSolver(self._bulk, self._tangent, share, petsc_options)

@@ -15,12 +15,14 @@ class AddedStiffness:
     Attributes:
         shift: Stiffness of the owned nodes that holds them a little, shape ``(n, 1)``, or of all
             [N/m].
+        num_free: Number of rigid motions that it holds a little.
         drag: The same of a resistance that acts for a while, see `Drag`.
     """
 
     def __init__(self) -> None:
         """Begin without any."""
         self.shift: Floats | float = 0.0
+        self.num_free = 0
         self.drag: Floats | float = 0.0
 
     def added(self, held: Floats | float, *, is_exact: bool) -> Floats | float:

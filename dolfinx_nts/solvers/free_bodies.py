@@ -186,6 +186,7 @@ class FreeBodies:
     Attributes:
         bodies: The argument.
         force: What inertia carries at the owned nodes, shape ``(n, 3)`` [N].
+        num_motions: Number of their free motions.
         shift: Stiffness that the tangent gets in addition, shape ``(n, 1)`` [N/m].
     """
 
@@ -205,7 +206,7 @@ class FreeBodies:
         self._stiffness = _HOLD / _SHIFT * float((sums[:, 0] / sums[:, 1]).max())
         ends = np.cumsum([0, *(body.motions.shape[1] for body in bodies)])
         self._columns = [slice(a, b) for a, b in pairwise(ends)]
-        self._num_motions = int(ends[-1])
+        self.num_motions = int(ends[-1])
         self._told = _TOLD / _GROWN  # what was told last
         self.begin()
         for body in self.bodies:
@@ -246,7 +247,7 @@ class FreeBodies:
         if not self.bodies:
             return R
         total = R.reshape(self.force.shape) + self.force
-        motions = np.zeros((self._num_motions, *total.shape))
+        motions = np.zeros((self.num_motions, *total.shape))
         for body, columns in zip(self.bodies, self._columns, strict=True):
             motions[columns, body.nodes] = body.at(x[body.nodes])[..., : total.shape[1]]
         pressing = sum(float(np.abs(step.normal.lambda_N).sum()) for step in steps)
@@ -348,7 +349,7 @@ class FreeBodies:
         Nodes that slide resist motions along the surface by their friction alone, which is
         nothing where contact does not press.
         """
-        n = self._num_motions
+        n = self.num_motions
         products, counts = np.zeros((n, n)), np.zeros(n)
         for step, state in zip(steps, states, strict=True):
             label = step.candidates.scatter.forward(in_space(self._label))[:, 0]

@@ -42,9 +42,10 @@ __all__ = ["LinearSolver"]
 # factors cost more.
 _REBUILD_COST, _STRONG_REBUILD_COST = 15.0, 40.0
 # Iterations per decade of reduction from which on the next stronger factors are cheaper
-# than new ones of the same kind; and from which on those with fill are cheaper than those
-# without, if these decades have shown it.
-_SLOW, _FILL_PAYS, _DECADES_SHOW = 15.0, 6.0, 4.0
+# than new ones of the same kind; from which on those with fill are cheaper than those
+# without, if these decades have shown it; and from which on new complete factors are of a matrix
+# too far from the derivative.
+_SLOW, _FILL_PAYS, _DECADES_SHOW, _EXACT_PAYS = 15.0, 6.0, 4.0, 4.0
 # Cells that waves cross in a step, from which on this is known beforehand.
 _MOST_CROSSINGS = 50.0
 # How often the number of systems doubles for which a method that failed is not tried.
@@ -295,7 +296,8 @@ class LinearSolver:
         """Whether stronger factors are cheaper. Local."""
         age = self._age
         pays = self._preconditioner.is_plain and age.decades > _DECADES_SHOW
-        return (is_new and age.rate > _SLOW) or (pays and age.rate > _FILL_PAYS)
+        is_far = self._preconditioner.is_complete and age.fresh > _EXACT_PAYS
+        return (is_new and age.rate > _SLOW) or (pays and age.rate > _FILL_PAYS) or is_far
 
     def _solve_krylov(self, R: Floats, elimination: Elimination, rtol: float) -> Floats | None:
         bulk = self._operator.bulk

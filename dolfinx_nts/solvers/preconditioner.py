@@ -19,18 +19,25 @@ __all__ = ["BulkPreconditioner"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Strengths of factors: incomplete ones, those with fill, and complete ones or multigrid; where
-# the latter are in single precision, there is one more in double precision.
-_PLAIN, _FILLED, _STRONG = range(3)
+# Kinds of factors: incomplete ones, those with fill, complete ones in single and in double
+# precision, complete ones of the derivative itself, and multigrid.
+_PLAIN, _FILLED, _ROUNDED, _COMPLETE, _EXACT, _MULTIGRID = range(6)
 # Unknowns up to which a complete factorisation is cheaper than multigrid.
 _DIRECT_UP_TO = 50_000
 # Options of multigrid: one sweep with incomplete factors smooths best (stiff bodies).
-_MULTIGRID = {
+_MULTIGRID_OPTIONS = {
     "pc_type": "gamg",
     "mg_levels_ksp_type": "richardson",
     "mg_levels_ksp_max_it": 1,
     "mg_levels_pc_type": "asm",
     "mg_levels_sub_pc_type": "ilu",
+}
+# Options of complete factors that count negative pivots, on several ranks without ScaLAPACK.
+_INERTIA_OPTIONS = {
+    "pc_type": "cholesky",
+    "pc_factor_mat_solver_type": "mumps",
+    "mat_mumps_icntl_13": 1,
+    "mat_mumps_icntl_24": 1,
 }
 # Preconditioners of PETSc that do with blocks of nodes what takes twice as long with
 # scalars; of the others, many know scalars only.
@@ -43,7 +50,9 @@ class BulkPreconditioner:
     The first are `BlockILU`, the next ones the same with fill, and the strong ones
     complete factors, or multigrid where unknowns are many. On one rank complete ones that follow
     slow iterations are first `CompleteFactors`, then those of MUMPS, which several ranks, and
-    statics, have from the start.
+    statics, have from the start. All of these are of a definite matrix near the derivative. Where
+    it is far from it, as in plastic flow, those of the derivative itself are the last, as long as
+    it is definite, too.
     What PETSc makes of the user's options takes the place of both incomplete ones.
 
     Args:
@@ -61,7 +70,7 @@ class BulkPreconditioner:
         """Create the object, without factors before `build`."""
         self._tangent, self._options = tangent, options
         self._factors: BlockILU | CompleteFactors | _PetscFactors | None = None
-        self._strength = _PLAIN
+        self._strength = 0
         self.point: Sequence[Array] | None = None
         self.num_builds = 0
 
@@ -72,17 +81,22 @@ class BulkPreconditioner:
     @property
     def is_plain(self) -> bool:
         """Whether the factors are the first ones of the project's own choice."""
-        return self._strength == _PLAIN and not self._options.bulk
+        return self._kind == _PLAIN and not self._options.bulk
 
     @property
     def is_strong(self) -> bool:
         """Whether complete ones or multigrid have taken over."""
-        return self._strength >= _STRONG
+        return self._kind > _FILLED
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether they are complete ones in double precision of a matrix near the derivative."""
+        return self._kind == _COMPLETE
 
     @property
     def is_strongest(self) -> bool:
         """Whether there are no stronger ones."""
-        return self._strength > _STRONG or (self.is_strong and not self._has_rounded)
+        return self._kind == self._kinds[-1]
 
     @property
     def gives_way(self) -> bool:
@@ -95,10 +109,10 @@ class BulkPreconditioner:
     @property
     def has_responses(self) -> bool:
         """Whether `responses` are good and affordable: of factors with fill, or complete ones."""
-        return self._is_small and self._strength > _PLAIN
+        return self._is_small and self._kind != _PLAIN
 
     def build(self) -> None:
-        """Assemble and factorise the matrix near the tangent. Collective."""
+        """Assemble and factorise the tangent, or the matrix near it. Collective."""
         self._tangent.assemble_nearby()
         self._factors = self._factors or self._made()
         while not self._factors.build():
@@ -111,8 +125,8 @@ class BulkPreconditioner:
         """Let the next `build` make stronger factors. Local.
 
         Args:
-            fully: Whether to make the strongest ones at once: single precision is too coarse
-                where inertia does little.
+            fully: Whether to make complete ones in double precision, or multigrid, at once: single
+                precision is too coarse where inertia does little.
         """
         is_of_user = self._options.bulk and not self.is_strong
         if is_of_user and self._tangent.rows.index_map.comm.rank == 0:
@@ -123,7 +137,8 @@ class BulkPreconditioner:
             _logger.warning(text, str(self))
         fully |= bool(self._options.bulk)
         at_once = fully and not self.is_strong
-        self._strength = _STRONG + self._has_rounded if at_once else self._strength + 1
+        most = self._kinds.index(_COMPLETE if self._is_small else _MULTIGRID)
+        self._strength = most if at_once else self._strength + 1
         self._factors = None
 
     def apply(self, pc: Any, r: Any, z: Any) -> None:
@@ -163,26 +178,32 @@ class BulkPreconditioner:
     @property
     def _is_small(self) -> bool:
         """Whether complete factors are the stronger ones."""
-        return bool(
-            self._tangent.rows.dim * self._tangent.rows.index_map.size_global <= _DIRECT_UP_TO
-        )
+        return self._tangent.num_unknowns <= _DIRECT_UP_TO
 
     @property
-    def _has_rounded(self) -> bool:
-        """Whether there are complete factors in single precision."""
-        return self._is_small and self._tangent.rows.index_map.comm.size == 1
+    def _kind(self) -> int:
+        """Kind of the present factors."""
+        return self._kinds[self._strength]
+
+    @property
+    def _kinds(self) -> Sequence[int]:
+        """Kinds of factors, each one stronger than those before."""
+        if not self._is_small:
+            return _PLAIN, _FILLED, _MULTIGRID
+        rounded = (_ROUNDED,) if self._tangent.comm.size == 1 else ()
+        return _PLAIN, _FILLED, *rounded, _COMPLETE, _EXACT
 
     def _made(self) -> "BlockILU | CompleteFactors | _PetscFactors":
         """Factors of the present kind, without values. Collective."""
-        tangent, options = self._tangent, self._options
-        if self.is_strong and not self.is_strongest:
+        tangent, options, kind = self._tangent, self._options, self._kind
+        if kind == _ROUNDED:
             return CompleteFactors(tangent.rows, tangent.X)
         if self.is_strong:
-            make, prefix = _complete if self._is_small else _multigrid, f"{options.prefix}strong_"
-            return _PetscFactors(lambda: make(tangent, prefix))
+            make = {_COMPLETE: _complete, _EXACT: _of_derivative, _MULTIGRID: _multigrid}[kind]
+            return _PetscFactors(lambda: make(tangent, f"{options.prefix}strong_"))
         if options.bulk:
             return _PetscFactors(lambda: _chosen(tangent, options))
-        return BlockILU(tangent.rows, fill=self._strength == _FILLED)
+        return BlockILU(tangent.rows, fill=kind == _FILLED)
 
 
 class _PetscFactors:
@@ -239,6 +260,25 @@ def _complete(tangent: Tangent, prefix: str) -> tuple[Any, ...]:
         return (_from_options(matrix, matrix, prefix),)
 
 
+def _of_derivative(tangent: Tangent, prefix: str) -> tuple[Any, ...]:
+    """Complete factors of the derivative where it is definite, elsewhere those near it. Collective.
+
+    Where it is not, they would let the soft motions of an instability grow without bounds. Free
+    bodies may turn under the forces that press them together: there contact resists.
+    """
+    tangent.assemble_exact()
+    matrix = tangent.matrix(scalar=True)
+    matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+    with _options(prefix, _INERTIA_OPTIONS):
+        pc = _from_options(matrix, matrix, prefix)
+    num_negative, num_zero, _ = pc.getFactorMatrix().getInertia()
+    if num_negative + num_zero <= tangent.num_free:
+        return (pc,)
+    pc.destroy()
+    tangent.assemble_nearby()
+    return _complete(tangent, prefix)
+
+
 def _multigrid(tangent: Tangent, prefix: str) -> tuple[Any, ...]:
     """Multigrid whose finest level works in single precision. Collective.
 
@@ -246,7 +286,7 @@ def _multigrid(tangent: Tangent, prefix: str) -> tuple[Any, ...]:
     this level, which are scalar and in double precision.
     """
     operator = SinglePrecisionOperator(tangent.rows)
-    with _options(prefix, _MULTIGRID):
+    with _options(prefix, _MULTIGRID_OPTIONS):
         pc = _from_options(operator.matrix(), tangent.matrix(scalar=True), prefix)
     finest = pc.getMGLevels() - 1
     factors = BlockILU(tangent.rows)

@@ -38,7 +38,7 @@ class Tangent(AddedStiffness):
 
     Attributes:
         comm: Communicator of the mesh.
-        shift, drag: Those of `AddedStiffness`.
+        shift, num_free, drag: Those of `AddedStiffness`.
         num_assembled: Matrices assembled so far. It tells the values of the
             last one from those of others.
         point: What `restore` needs to make the last matrix again: the values
@@ -73,6 +73,12 @@ class Tangent(AddedStiffness):
         """Owned rows of the last matrix, unit rows where u is given."""
         assert self._rows is not None
         return self._rows
+
+    @property
+    def num_unknowns(self) -> int:
+        """Number of rows on all ranks. Local."""
+        dofmap = self._u.function_space.dofmap
+        return int(dofmap.index_map.size_global * dofmap.index_map_bs)
 
     @property
     def X(self) -> Floats:

@@ -6,6 +6,8 @@ from petsc4py import PETSc
 
 import numpy as np
 import pytest
+from dolfinx import fem
+from dolfinx.mesh import CellType, create_rectangle, meshtags
 
 import dolfinx_nts as nts
 from dolfinx_nts import _kernels
@@ -156,7 +158,7 @@ def test_a_choice_of_the_user_has_to_fail_before_another_takes_its_place(
     monkeypatch.setattr("dolfinx_nts.solvers.projected_krylov._MAX_ITERATIONS", 3)
     for _ in range(NUM_STEPS // 2):
         stepper.advance()
-    assert stepper.statistics.solver.preconditioner == "LU"
+    assert stepper.statistics.solver.preconditioner == "CHOLESKY"
     said = [(r.levelno, r.getMessage()) for r in caplog.records]
     text = (
         "JACOBI of petsc_options fails, and stronger factors take its place: harmless for the "
@@ -224,7 +226,7 @@ def test_multigrid_in_single_precision_converges_as_that_of_petsc(comm, monkeypa
     # Before and after the coarser levels.
     counts = len(smoothed), len(multiplied)
     assert min(counts) >= 2 * iterations > 0
-    expected, others = run(preconditioner._MULTIGRID)
+    expected, others = run(preconditioner._MULTIGRID_OPTIONS)
     assert (len(smoothed), len(multiplied)) == counts
     # Each run has a partition of its own.
     assert abs(iterations - others) <= 2
@@ -254,6 +256,7 @@ def test_complete_factors_in_single_precision_serve_as_well_as_those_of_mumps(
 ):
     # Slow iterations would choose them one after the other.
     monkeypatch.setattr(krylov, "_MOST_CROSSINGS", np.inf)
+    monkeypatch.setattr(krylov, "_EXACT_PAYS", np.inf)
     ends, iterations = [], []
     for strength, kind in ((2, "LU in single precision"), (3, "LU")):
         scene = scenes.sliding_blocks(comm, nts.LagrangeMultiplier(), None, n=3, nu=nu)
@@ -266,6 +269,36 @@ def test_complete_factors_in_single_precision_serve_as_well_as_those_of_mumps(
         iterations.append(work.num_iterations)
     np.testing.assert_allclose(*ends, atol=AGREEMENT)
     assert iterations[0] < 1.2 * iterations[1] + 5
+
+
+@pytest.mark.at_most_two_ranks
+def test_plastic_flow_takes_factors_of_the_derivative_itself(comm, agree):
+    # Its tangent is a few hundredths of that of elasticity, of which all other factors are.
+    mesh = create_rectangle(comm, [(0, 0), (1, 1)], [6, 6], CellType.quadrilateral)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+    every_cell = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
+    cells = meshtags(mesh, 2, every_cell, np.ones_like(every_cell))
+    metal = nts.J2Plasticity(E=2e11, nu=0.3, rho=7.8e3, yield_stress=3e8, hardening=5e8)
+    body = nts.Body(V, cells, 1, metal)
+    lid = nts.RigidPlane((0, 1), (0, -1))
+    pressed = lid.moving(nts.Motion(translation=lambda t: (0.0, -0.01 * t)))
+    pairs = [
+        nts.ContactPair(nts.boundary_of(body), plate, friction=nts.Coulomb(0.1))
+        for plate in (nts.RigidPlane((0, 0), (0, 1)), pressed)
+    ]
+    stepper = nts.QuasiStatic([body], pairs, dt=1.0)
+    for _ in range(5):
+        stepper.advance()
+    factors, before = stepper._solver._preconditioner, Snapshot()
+    assert agree(factors.is_strongest and not factors.is_complete)
+    stepper.serialize(before)
+    iterations = stepper.statistics.solver.num_iterations
+    num_newton = stepper.advance().newton_iterations
+    assert agree(stepper.statistics.solver.num_iterations - iterations < 12 * num_newton)
+    once = positions(stepper)
+    stepper.serialize(before.rewind())
+    stepper.advance()
+    np.testing.assert_allclose(positions(stepper), once, atol=1e-13)
 
 
 @pytest.mark.at_most_two_ranks
