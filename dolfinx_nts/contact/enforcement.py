@@ -236,17 +236,6 @@ class Penalty(Declaration):
         energy: Floats = 0.5 * eps_N * np.minimum(gap, 0.0) ** 2
         return energy
 
-    def force_at(self, gap: Floats, loaded: Flags, eps_N: Floats) -> tuple[Floats, Floats]:
-        """Compute the multiplier of statics, where a step has no begin, see `force`. Local.
-
-        Args:
-            gap: Gap at the end, shape ``(m,)`` [m].
-            loaded: Whether the slope is that of a loaded spring, shape ``(m,)``: so is that of
-                a node which has just touched.
-            eps_N: Stiffness, shape ``(m,)`` [N/m].
-        """
-        return eps_N * np.minimum(gap, 0.0), np.where(loaded, eps_N, 0.0)
-
     def force(
         self, gap_n: Floats, gap: Floats, eps_N: Floats, share: float = 0.5
     ) -> tuple[Floats, Floats]:

@@ -19,6 +19,7 @@ from dolfinx_nts.solvers.drag import Drag
 from dolfinx_nts.solvers.free_bodies import FreeBodies
 from dolfinx_nts.solvers.krylov import LinearSolver
 from dolfinx_nts.solvers.line_search import LineSearch
+from dolfinx_nts.solvers.segment_choice import SegmentChoice
 from dolfinx_nts.solvers.support_way import SupportWay
 
 __all__ = ["ConvergenceError", "NewtonReport", "closed_within", "last_digits", "solve"]
@@ -213,7 +214,7 @@ def solve(
     given = 0  # iterations after each other in which given displacements violate constraints
     polished = False
     balanced = True  # multipliers from the normal balance at the nodes
-    reprojects_early = not inertia
+    segments = SegmentChoice(bulk.comm, steps, not inertia)
     way = SupportWay(bulk)
     free.begin()
     search = LineSearch(bulk) if jumps else None
@@ -272,17 +273,13 @@ def solve(
             rounding = _GAP_ROUNDING * np.abs(x).max(initial=0.0)
             if reductions.anywhere(bulk.comm, excess > rounding):
                 converged = False
-        # Without inertia nodes slide far, and their segments are known before the end.
-        settled = reprojects_early and iteration > 0 and not changed and norm <= _SETTLED * scale
+        is_near = iteration > 0 and not changed and norm <= _SETTLED * scale
         if at_rest and iteration == 0 and norm <= _SMALL_RESIDUAL * scale:
             converged = not violated
         elif converged and not free.settles():
             continue
-        elif (converged or settled) and steps:
-            reprojects_early = reprojects_early and not settled
-            # Points of whole facets are laid anew in equilibrium only.
-            these = [step for step in steps if converged or step.search.pairing.follows]
-            moved = reductions.total(bulk.comm, sum(step.reproject() for step in these))
+        elif steps:
+            moved = segments.renew(norm, is_near=is_near, converged=converged)
             if moved:  # this is, or nearly so, the equilibrium on segments that nodes have left
                 changes += moved
                 norms.pop()

@@ -21,7 +21,7 @@ class Belt(NamedTuple):
     pair: nts.ContactPair
 
 
-def belt(dt: float) -> Belt:
+def belt(dt: float, enforcement: nts.LagrangeMultiplier | nts.Penalty | None = None) -> Belt:
     """A belt that is pulled more and more until t = 1, and drawn from then on."""
     arc = RADIUS * ANGLE
 
@@ -39,7 +39,7 @@ def belt(dt: float) -> Belt:
     body = nts.Body(V, data.cells, data.tag["belt"], nts.NeoHookean(E=1e7, nu=0.0, rho=1e3))
     left, inner = (nts.Surface(V, data.facets, data.tag[f"belt_{s}"]) for s in ("left", "bottom"))
     pulley = nts.RigidSphere(centre=(0, 0), radius=RADIUS)
-    pair = nts.ContactPair(inner, pulley, friction=nts.Coulomb(MU))
+    pair = nts.ContactPair(inner, pulley, enforcement, nts.Coulomb(MU))
     slack = nts.Traction(left, lambda t: (0, -PULL / THICKNESS * min(t, 1.0)))
     right = fem.locate_dofs_topological(V, 1, data.facets.find(data.tag["belt_right"]))
     drawn = fem.Function(V)

@@ -306,11 +306,12 @@ class ContactStep:
         """Residual and tangent from multipliers and tractions. Local."""
         active, lambda_N = self.normal.active[pairs.node], self.normal.lambda_N[pairs.node]
         force = lambda_N[:, None] * pairs.contact.force
-        tangent = pairs.blocks.tangent(lambda_N)
+        turning, slope = self.normal.tangent(pairs.node)
+        tangent = pairs.blocks.tangent(turning)
         rank = self.normal.rank(active)
         rank[self.friction.sticks(pairs.node, active)] = self._unknown.dim
         columns, slopes = self.friction.add_to(pairs, active, force, tangent)
-        slopes[:, 0, 0] = self.normal.slope
+        slopes[:, 0, 0] = slope
         residual = pairs.blocks.restrict(force, tangent)
         failed = pairs.failures(active)
         return ContactContribution(

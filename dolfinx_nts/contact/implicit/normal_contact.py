@@ -97,10 +97,13 @@ class NormalContact(ABC):
     def rank(self, active: Flags) -> Ints:
         """Number of normal constraints of each pair, shape ``(m,)``. Local."""
 
-    @property
-    def slope(self) -> Floats | float:
-        """Derivative of the multipliers of the last pairs by their gaps, ``(m,)`` [N/m]. Local."""
-        return 0.0
+    def tangent(self, node: Ints) -> tuple[Floats, Floats | float]:
+        """Multipliers of the last pairs in linear systems. Local.
+
+        Returns those with which the directions of their forces change, shape ``(m,)`` [N], and
+        their derivative by the gaps, ``(m,)`` [N/m].
+        """
+        return self.lambda_N[node], 0.0
 
     def energy(self, pairs: PairKinematics) -> tuple[Floats, Floats]:
         """Energy of springs [J], and gap at which they begin [m], both ``(m,)``. Local."""

@@ -6,11 +6,13 @@ from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.friction import slip_energy
 from dolfinx_nts.contact.history import NEVER
+from dolfinx_nts.contact.implicit.active_set import ROUNDING
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
+from dolfinx_nts.contact.implicit.linear_values import LinearValues
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.implicit.normal_contact import NormalContact
 from dolfinx_nts.contact.implicit.stick_slip import Friction
-from dolfinx_nts.contact.joint_state import JointState
+from dolfinx_nts.contact.joint_state import JointState, bounds, segment_sizes
 from dolfinx_nts.contact.pair_state import PairState
 
 __all__ = ["PenaltyContact"]
@@ -43,6 +45,11 @@ class PenaltyContact(NormalContact):
         if self._is_static:
             self._begin_in_touch()
         self._slope: Floats = np.empty(0)  # derivative of lambda_N by the gap [N/m]
+        # Gaps and forces by the linear system, in statics.
+        self._linear_gaps = LinearValues(len(self.active))
+        self._linear_force: Floats = np.zeros(len(self.active))
+        size = np.repeat(segment_sizes(state), np.diff(bounds(state)))
+        self._rounding: Floats = ROUNDING * size
 
     def update(
         self, pairs: PairKinematics, x: Floats, R: Floats | None, friction: Friction, iteration: int
@@ -59,14 +66,51 @@ class PenaltyContact(NormalContact):
             offset = self._offset(pairs)
             gap_n, gap = pairs.contact.gap_n - offset, pairs.contact.gap - offset
             if self._is_static:
-                active = (gap < 0) | ((iteration == 0) & self.active[node])
-                lambda_N, self._slope = self._law.force_at(gap, active, eps_N)
+                return self._update_statics(pairs, x, gap, offset, friction, iteration)
             else:
                 lambda_N, self._slope = self._law.force(gap_n, gap, eps_N, self._share)
                 active = lambda_N < 0
         changes = friction.update(pairs, -lambda_N, active, iteration)
         self.active[node], self.lambda_N[node] = active, lambda_N
         return changes
+
+    def _update_statics(
+        self,
+        pairs: PairKinematics,
+        x: Floats,
+        gap: Floats,
+        offset: Floats,
+        friction: Friction,
+        iteration: int,
+    ) -> int:
+        """Compute the forces of springs that the linear system loads, see `LinearValues`.
+
+        ``gap`` are those less the ``offset`` at which springs begin, both ``(m,)`` [m]. In the
+        first iteration forces are those of the last step.
+        """
+        node, eps_N, before = pairs.node, self._eps_N[pairs.node], self.active[pairs.node]
+        contact = pairs.contact
+        linear = self._linear_gaps.of(pairs, x, contact.gap, contact.gradient)
+        if iteration == 0:
+            linear = np.where(before & (self.lambda_N[node] < 0), self.lambda_N[node] / eps_N, gap)
+            active = before | (linear < 0)
+        else:
+            linear, active = linear - offset, linear < offset
+        self._slope = np.where(active, eps_N, 0.0)
+        self._linear_force[node] = np.where(active, eps_N * np.minimum(linear, 0.0), 0.0)
+        self.active[node], self.lambda_N[node] = active, np.where(active, eps_N * gap, 0.0)
+        # In equilibrium springs do not pull.
+        rounding = np.maximum(self._rounding[node], ROUNDING * np.abs(x).max(initial=0.0))
+        pulls = (active != (gap < 0)) & (np.abs(gap) > rounding)
+        changes = friction.update(
+            pairs, -self.lambda_N[node], active, iteration, -self._linear_force[node]
+        )
+        return changes + int(np.count_nonzero(pulls))
+
+    def renew(self) -> None:
+        """Go on with other contact points, whose gaps are not known."""
+        super().renew()
+        self._linear_gaps.forget()
 
     def needs(self, x: Floats, node: Ints) -> Flags:
         """Whether springs may be loaded at either end, see `NormalContact.needs`. Local."""
@@ -81,10 +125,10 @@ class PenaltyContact(NormalContact):
         """Springs are no constraints."""
         return np.zeros(len(active), dtype=np.int32)
 
-    @property
-    def slope(self) -> Floats:
-        """Stiffness of the springs, see `NormalContact.slope`."""
-        return self._slope
+    def tangent(self, node: Ints) -> tuple[Floats, Floats | float]:
+        """Forces, by the linear system in statics, and stiffness, see `NormalContact.tangent`."""
+        force = self._linear_force if self._is_static else self.lambda_N
+        return force[node], self._slope
 
     def energy(self, pairs: PairKinematics) -> tuple[Floats, Floats]:
         """Energy of the springs and gap at which they begin, see `NormalContact.energy`."""

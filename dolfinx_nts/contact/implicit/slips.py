@@ -9,6 +9,7 @@ import numpy as np
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.implicit.active_set import ROUNDING
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
+from dolfinx_nts.contact.implicit.linear_values import LinearValues
 
 __all__ = ["Slips", "length_of", "with_length"]
 
@@ -23,24 +24,36 @@ class Slips:
 
     Args:
         size: Size of the segments of each node, shape ``(n,)`` [m].
+        follow_linear: Whether slips by the linear system are told from measured ones, as those
+            of springs are in statics, see `LinearValues`.
 
     Attributes:
         present: Slips in the last evaluation, 0 where they are none, shape ``(n, 2)`` [m].
         modelled: Slips at which tractions were modelled last, shape ``(n, 2)`` [m].
+        linear: Slips of the last evaluation by the linear system, the same shape [m].
+        turning: Tractions of springs that go with them, the same shape [N].
     """
 
-    def __init__(self, size: Floats) -> None:
+    def __init__(self, size: Floats, follow_linear: bool = False) -> None:
         """Begin without any slip."""
         n = len(size)
+        self.linear, self.turning = np.zeros((n, 2)), np.zeros((n, 2))
+        self._values = LinearValues(n, 2) if follow_linear else None
         self._size = size
         self.modelled: Floats = np.zeros((n, 2))
         self.present: Floats = np.zeros((n, 2))
         self._all: Floats = np.zeros((n, 2))
         self._predicted: Floats = np.full((n, 2), np.nan)
 
-    def measure(self, pairs: PairKinematics) -> None:
-        """Take the measured slips of ``m`` pairs, of which constraints see what is not none."""
+    def measure(self, pairs: PairKinematics, x: Floats) -> None:
+        """Take the measured slips of ``m`` pairs, of which constraints see what is not none.
+
+        ``x`` are positions with ghosts, shape ``(l, 3)`` [m].
+        """
         node, value = pairs.node, pairs.slip.value
+        self.linear[node] = value
+        if self._values is not None:
+            self.linear[node] = self._values.of(pairs, x, value, pairs.slip.gradient)
         if not pairs.fixed.any():  # then constraints see all
             self._all[node] = self.present[node] = value
             return

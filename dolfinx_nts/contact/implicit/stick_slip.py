@@ -6,6 +6,7 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.friction import Coulomb, TractionModel, slip_energy, transport
 from dolfinx_nts.contact.implicit.active_set import ROUNDING, BlockPivoting
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
@@ -75,12 +76,19 @@ class Friction:
         """Active nodes held by multipliers in the tangent plane, shape ``(m,)``."""
         return np.zeros(len(node), dtype=bool)
 
-    def update(self, pairs: PairKinematics, p: Floats, active: Flags, iteration: int) -> int:
+    def update(
+        self,
+        pairs: PairKinematics,
+        p: Floats,
+        active: Flags,
+        iteration: int,
+        linear: Floats | None = None,
+    ) -> int:
         """Decide on stick and slip, and model the traction. Collective.
 
         ``p`` is the pressing force, shape ``(m,)`` [N], and ``iteration`` counts the Newton
-        iterations of the step from 0. Returns how many pairs of this rank contradict their
-        state.
+        iterations of the step from 0; ``linear`` is the pressing force by the linear system, None
+        where that is p. Returns how many pairs of this rank contradict their state.
         """
         return 0
 
@@ -160,7 +168,7 @@ class StickSlip(Friction):
         size = np.repeat(segment_sizes(state), np.diff(ends))
         self._rounding = ROUNDING * stiffness * size
         self.decided = None if self._has_spring else self._Decided(self)
-        self._slips = Slips(size)
+        self._slips = Slips(size, follow_linear=is_static and self._has_spring)
         # Where nothing moves nodes stick until they are found to slide, as bodies may have no
         # other hold.
         self.sliding = history.sliding | (~history.active & (not is_static))
@@ -179,7 +187,7 @@ class StickSlip(Friction):
         if self._acts_at_end:
             slip = slip.at_end()
         pairs.add_slip(slip, self._on_axis[pairs.node])
-        self._slips.measure(pairs)
+        self._slips.measure(pairs, x)
 
     def follow_contact(self, pairs: PairKinematics, before: Flags, active: Flags) -> None:
         """Release nodes, and let new ones stick that come within the cone of friction."""
@@ -196,17 +204,25 @@ class StickSlip(Friction):
         flags: Flags = active & ~self.sliding[node] & (not self._has_spring)
         return flags
 
-    def update(self, pairs: PairKinematics, p: Floats, active: Flags, iteration: int) -> int:
+    def update(
+        self,
+        pairs: PairKinematics,
+        p: Floats,
+        active: Flags,
+        iteration: int,
+        linear: Floats | None = None,
+    ) -> int:
         """Decide on stick and slip, and model the traction, see `Friction.update`."""
         node, slip = pairs.node, pairs.slip
         before, on_axis = self.sliding[node], self._on_axis[node]
         eps_T, law, model = self._state.eps_T, self._law, self._model
+        measured, p = p, p if linear is None else linear
         if eps_T is not None:
             old, c = self._state.history, eps_T[node]
             t = transport(old.traction[node], old.normal[node], slip.frame_n, slip.normal_n)
         else:
             t, c = self.traction[node], _SLIP_WEIGHT * self._stiffness[node]
-        value = slip.value if eps_T is not None else self._slips.of(node)
+        value = self._slips.of(node) if eps_T is None else self._slips.linear[node]
         trial = t + c[:, None] * value
         way = trial if eps_T is not None else value
         lags = self._pivoting.changes_singly(node) & (not self._has_spring)
@@ -238,6 +254,10 @@ class StickSlip(Friction):
         if on_axis.any():
             for part in new:
                 part[on_axis] = 0.0
+        of_slip = np.zeros_like(value)
+        if eps_T is not None:
+            of_slip = np.einsum("mij,mj->mi", new.stiffness, slip.value - value)
+            new.explicit[:] += of_slip
         self._limit.heading[node] = new.direction
         if lags.any():
             new.explicit[lags] += limiting[lags, None] * new.direction[lags]
@@ -248,8 +268,11 @@ class StickSlip(Friction):
         for values, part in zip(model, new, strict=True):
             values[node] = part
         modelled = (sliding | (eps_T is not None))[:, None]
-        traction = new.explicit + p[:, None] * new.direction
+        traction = new.explicit + measured[:, None] * new.direction
         self.traction[node] = np.where(modelled, traction, self.traction[node])
+        if eps_T is not None:
+            turning = traction - of_slip + (p - measured)[:, None] * new.direction
+            self._slips.turning[node] = np.where(active[:, None], turning, 0.0)
         self.release(node[~active])
         return violators
 
@@ -325,7 +348,8 @@ class StickSlip(Friction):
         node = pairs.node
         t, slides = self.traction[node], active & ~self.sticks(node, active)
         _kernels.add_tractions(t, pairs.force, force)
-        tangent += pairs.slip.tangent(t)
+        is_linear = isinstance(self._state.pair.enforcement, Penalty)
+        tangent += pairs.slip.tangent(self._slips.turning[node] if is_linear else t)
         slopes = np.zeros((len(node), 3, 3))
         slopes[slides, 1:, 1:] = self._model.stiffness[node[slides]]
         direction = np.where(slides[:, None], self._model.direction[node], 0.0)

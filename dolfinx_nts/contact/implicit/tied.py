@@ -95,7 +95,14 @@ class Bond(StickSlip):
     def follow_contact(self, pairs: PairKinematics, before: Flags, active: Flags) -> None:
         """Change nothing, as no tied node comes or goes."""
 
-    def update(self, pairs: PairKinematics, p: Floats, active: Flags, iteration: int) -> int:
+    def update(
+        self,
+        pairs: PairKinematics,
+        p: Floats,
+        active: Flags,
+        iteration: int,
+        linear: Floats | None = None,
+    ) -> int:
         """Keep all sticking, see `Friction.update`."""
         self._slips.modelled[pairs.node] = pairs.slip.value
         return 0

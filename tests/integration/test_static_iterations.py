@@ -1,0 +1,51 @@
+"""Newton iterations of statics where contact, stick and slip change at many nodes in one step."""
+
+import numpy as np
+import pytest
+from dolfinx import fem
+
+import dolfinx_nts as nts
+from helpers.belt import ANGLE, MU, PULL, RADIUS, THICKNESS, belt
+from helpers.plane import blocks
+
+pytestmark = pytest.mark.at_most_two_ranks
+
+
+def pressed_and_drawn(**laws) -> nts.QuasiStatic:
+    """A block that is pressed into another one by 0.05 m until t = 1, and drawn over it then."""
+    scene = blocks(width=12, material=nts.NeoHookean(1e5, 0.3, 1e3))
+    V, u = scene.V, fem.Function(scene.V)
+    low = fem.locate_dofs_geometrical(V, lambda x: np.isclose(x[1], -0.5))
+    top = fem.locate_dofs_geometrical(V, lambda x: np.isclose(x[1], 1.02))
+
+    def update(t):
+        u.x.array.reshape(-1, 2)[top] = 0.1 * max(t - 1, 0), -0.07 * min(t, 1)
+
+    pair = nts.ContactPair(scene.nodes, scene.segments, **laws)
+    bcs = [fem.dirichletbc(u, dofs) for dofs in (low, top)]
+    bodies = [scene.lower, scene.upper]
+    return nts.QuasiStatic(bodies, [pair], dt=0.25, bcs=bcs, update=update)
+
+
+@pytest.mark.parametrize(("mu", "most"), [(0.0, 40), (0.3, 55)])
+def test_mortar_points_are_laid_anew_before_equilibrium(mu, most):
+    """Equilibrium on points that will not stay need not be found to the last digit."""
+    friction = nts.Coulomb(mu) if mu else None
+    stepper = pressed_and_drawn(friction=friction, method="mortar")
+    assert sum(step.newton_iterations for step in stepper.run(until=2.0)) <= most
+
+
+@pytest.mark.serial
+def test_springs_hold_a_belt_with_few_iterations():
+    """Gaps that are left where it turns and goes around, times stiffness, decide on nothing."""
+    stepper = belt(0.1, nts.Penalty()).stepper
+    iterations = []
+    for step in stepper.run(until=1.4):
+        iterations.append(step.newton_iterations)
+        (reaction,) = step.reactions
+    # Laid on, pulled more and more, and drawn until all of it slides: without contact that changes
+    # a step takes 4, and no step fails.
+    assert max(iterations[1:10]) <= 6
+    assert sum(iterations) <= 200
+    ratio = np.exp(MU * ANGLE * RADIUS / (RADIUS + THICKNESS / 2))
+    assert reaction.force[0] / PULL == pytest.approx(ratio, rel=1e-2)

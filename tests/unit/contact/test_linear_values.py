@@ -1,0 +1,39 @@
+"""Values of springs by the linear system, pair by pair."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from dolfinx_nts.contact.implicit.linear_values import LinearValues
+
+
+def pairs(node, segment):
+    """Pairs of nodes of one point each."""
+    node = np.array(node, dtype=np.int32)
+    return SimpleNamespace(node=node, segment=np.array(segment, dtype=np.int32), dofs=node[:, None])
+
+
+@pytest.mark.parametrize("shape", [(), (2,)])
+def test_values_follow_gradients_on_the_same_segment(shape, rng):
+    values, x = LinearValues(4, *shape), rng.normal(size=(4, 3))
+    first, measured = pairs([0, 2, 3], [5, 6, 7]), rng.normal(size=(3, *shape))
+    gradients = rng.normal(size=(3, *shape, 3))
+    assert values.of(first, x, measured, gradients) is measured
+    moved, later = x + rng.normal(size=x.shape), rng.normal(size=(3, *shape))
+    found = values.of(pairs([0, 1, 3], [5, 6, 8]), moved, later, gradients)
+    expected = measured[0] + gradients[0] @ (moved - x)[0]
+    np.testing.assert_allclose(found[0], expected, rtol=1e-14)
+    np.testing.assert_array_equal(found[1:], later[1:])  # a new pair, and another segment
+
+
+@pytest.mark.parametrize("shape", [(), (2,)])
+def test_pairs_come_and_go(shape):
+    values, x = LinearValues(2, *shape), np.zeros((2, 3))
+    none, gradients = np.zeros((0, *shape)), np.zeros((0, *shape, 3))
+    for _ in range(2):
+        assert len(values.of(pairs([], []), x, none, gradients)) == 0
+    one = np.ones((1, *shape))
+    np.testing.assert_array_equal(values.of(pairs([1], [0]), x, one, np.zeros((1, *shape, 3))), one)
+    values.forget()
+    assert values.of(pairs([1], [0]), x, one, np.zeros((1, *shape, 3))) is one
