@@ -251,11 +251,11 @@ class ContactSprings:
         lambda_N = (stiffness * gap)[inside]
         slip = self._friction.add_to(springs, candidates, x_n, x, segment[inside], -lambda_N)
 
-        on_nodes = self._on_own_side(springs, candidates)
+        on_nodes, own = self._on_own_side(springs, candidates), slice(self._num_own)
 
         def history() -> ContactHistory:
             # Without friction, which brings the normal itself, the force is along it.
-            force = springs.force[:, : self._num_own].sum(axis=1)
+            force = springs.force[:, own].sum(axis=1)
             normal = force / -lambda_N[:, None]
             history, node = ContactHistory.none(n), springs.node
             history.lambda_N[node], history.energy[node] = lambda_N, springs.energy
