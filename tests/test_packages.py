@@ -1,0 +1,46 @@
+"""What a release uploads: the archive of the sources, and a wheel made of it alone."""
+
+import os
+import re
+import subprocess
+import sys
+import tarfile
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.serial
+
+PROJECT = Path(__file__).parents[1]
+
+
+def run(*command: object, folder: Path, path: Path | None = None) -> str:
+    """Return what a command prints in a folder, with packages of a path before all others."""
+    of_caller = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+    environment = of_caller | ({} if path is None else {"PYTHONPATH": str(path)})
+    words = list(map(str, command))
+    done = subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def test_wheel_made_of_the_archive_runs_the_script_of_the_readme(tmp_path):
+    archive_of = "from scikit_build_core.build import build_sdist; build_sdist({!r})"
+    run(sys.executable, "-c", archive_of.format(str(tmp_path)), folder=PROJECT)
+    (archive,) = tmp_path.glob("*.tar.gz")
+    pip = sys.executable, "-m", "pip"
+    alone = "--quiet", "--no-deps", "--no-index"
+    run(*pip, "wheel", *alone, "--no-build-isolation", archive, folder=tmp_path)
+    (wheel,) = tmp_path.glob("*.whl")
+    site = tmp_path / "site"
+    run(*pip, "install", *alone, "--target", site, wheel, folder=tmp_path)
+    with tarfile.open(archive) as sources:
+        sources.extractall(tmp_path, filter="data")
+    (unpacked,) = tmp_path.glob("dolfinx_nts-*/README.md")
+    (script,) = re.findall(r"```python\n(.*?)```", unpacked.read_text(), re.DOTALL)
+    origin = "import dolfinx_nts; print(dolfinx_nts.__file__)\n"
+    # The sources beside the script are not what is installed.
+    python = sys.executable, "-P", "-c"
+    printed = run(*python, origin + script, folder=unpacked.parent, path=site)
+    assert printed.startswith(str(site)) and "100 steps from t = 0 to 1 s" in printed
+    assert (unpacked.parent / "ball_plate.vtkhdf").exists()
