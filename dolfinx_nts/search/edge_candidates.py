@@ -34,8 +34,9 @@ _WEIGHTS = np.array(
 )
 # Sines of angles [-] above which edges that meet anew count as crossing: between the edges, and
 # between the normal of the crossing and the facets at the edges, which it must lie between. A pair
-# that is held stays until they are below the second ones. What edges of length l sink in unseen is
-# about l times these, before a node meets a facet.
+# that is held stays until they are below the second ones, and so far an edge may also lie on a
+# facet at the other one from the start, unless facets lie on each other. What edges of length l
+# sink in unseen is about l times these, before a node meets a facet.
 _CROSSING, _BETWEEN = (0.01, 0.005), (1e-3, -0.05)
 # Part of an edge [-] by which a crossing is beyond its end but for round-off.
 _ROUNDING = 1e-9
@@ -252,9 +253,12 @@ class EdgeCandidates(SegmentCandidates):
         if not len(pair):
             return _Found(pair, crossing.gap, is_beyond, crossing.gap)
         angles = self._between(x, pair, crossing.normal)
-        sense = np.where(angles[:, 0] > 0, 1.0, -1.0)
+        sense = np.where(angles.sum(axis=1) > 0, 1.0, -1.0)
         gap = sense * crossing.gap
-        faces: Flags = np.all(sense[:, None] * angles > _BETWEEN[0], axis=1)
+        first, second = (sense[:, None] * angles).reshape(-1, 2, 2).min(axis=2).T
+        lies_on_facet = np.maximum(first, second) > -_BETWEEN[1]
+        least = np.where(lies_on_facet, _BETWEEN[1], _BETWEEN[0])
+        faces: Flags = np.minimum(first, second) > least
         # Beyond a convex corner there is nothing to be inside of; outside of it the nearest
         # points of lines are beyond ends by as much as the lines are apart.
         faces &= ~is_beyond | (beyond * self._lengths[pair] <= gap)

@@ -27,6 +27,7 @@ from dolfinx_nts.solvers.elimination import ActivePairs
 from dolfinx_nts.solvers.rigid_motion import RigidColumns
 from dolfinx_nts.solvers.rigid_reduction import Reduced, reduced
 from dolfinx_nts.solvers.tangent import Tangent
+from dolfinx_nts.solvers.whole_factors import solved
 
 __all__ = ["SaddlePointSystem", "WholeSystem"]
 
@@ -251,18 +252,7 @@ def _solution(A: Any, right: Floats, num_multipliers: int) -> Floats:
     if A.size[0] <= _DENSE:
         first, last = A.getOwnershipRange()
         return _gathered(A, right, num_multipliers).solution()[first:last]
-    x, b = A.createVecs()
-    b.array[:] = right
-    ksp = PETSc.KSP().create(A.comm)
-    ksp.setOperators(A)
-    ksp.setType("preonly")
-    ksp.getPC().setType("lu")
-    ksp.getPC().setFactorSolverType("mumps")
-    ksp.solve(b, x)
-    solution: Floats = x.array.copy()
-    for item in (ksp, b, x):
-        item.destroy()
-    return solution
+    return solved(A, right)
 
 
 def _gathered(A: Any, right: Floats, num_multipliers: int) -> WholeSystem:

@@ -11,7 +11,7 @@ from dolfinx_nts.search.edge_candidates import EdgeCandidates
 from helpers.corners import corners
 from helpers.crossing import crossed, deepest
 from helpers.once import once
-from helpers.scenes import Motion, gathered
+from helpers.scenes import Motion, boxes, distribute, gathered
 from helpers.separation import separation
 from reference.bulk import rotation
 
@@ -177,10 +177,10 @@ def test_an_edge_that_passes_beside_the_end_of_another_meets_nothing(comm, enfor
 
 
 @pytest.mark.serial
-@pytest.mark.parametrize("slope", [0.3, 0.03, 0.003])
-def test_edges_that_are_nearly_flat_on_a_face_are_seen(comm, slope):
+@pytest.mark.parametrize("slope", [0.3, 0.03, 0.003, 0.0])
+def test_edges_that_are_nearly_or_quite_flat_on_a_face_are_seen(comm, slope):
     # A cube lies with a face nearly flat on the edge of the other: unseen it could go in by the
-    # slope times its length until its corner comes.
+    # slope times its length until its corner comes, and for ever where it is quite flat.
     scene = crossed(comm, is_rigid=True, n=1)
     edges, x = scene.stepper.contacts[-1], scene.stepper.x
     upper = scene.bodies["upper"].nodes
@@ -192,6 +192,34 @@ def test_edges_that_are_nearly_flat_on_a_face_are_seen(comm, slope):
     points, none = edges.facets.points(x), np.full(len(edges.nodes.nodes), -1, dtype=np.int32)
     _, gap = candidates.pair(points, candidates.scatter.forward(x), none, 0.1)
     assert np.nanmin(gap) == pytest.approx(-0.001, rel=1e-9)
+
+
+@pytest.mark.serial
+def test_an_edge_that_is_pressed_flat_on_a_face_between_its_nodes_does_not_sink_in(comm):
+    # The ridge of the lower block lies between two rows of nodes of the face above it.
+    data = boxes([(1, 1, 1), (3, 1, 2)], [(1.0, 1.2, 1.0), (1.0, 1.0, 0.5)])
+    ridge, upper = (np.unique(data.cells[data.body == body]) for body in (0, 1))
+    data.X[ridge] -= data.X[ridge].mean(axis=0)
+    data.X[ridge] = data.X[ridge] @ rotation([0, 1, 0], np.pi / 4).T
+    data.X[upper] += -data.X[upper].mean(axis=0) + [0.02, 0.0, np.sqrt(0.5) + 0.251]
+    mesh, cells, _, tag = distribute(comm, data)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    soft, stiff = (nts.NeoHookean(E, 0.3, 1.0) for E in (1.0e4, 1.0e6))
+    bodies = [nts.Body(V, cells, tag["body 0"], stiff), nts.Body(V, cells, tag["body 1"], soft)]
+    moved = fem.Function(V)
+
+    def update(t):
+        moved.interpolate(lambda x: np.array([0 * x[0], 0 * x[0], 0 * x[0] - t]))
+
+    low = fem.locate_dofs_geometrical(V, lambda x: x[2] < 0.1)
+    high = fem.locate_dofs_geometrical(V, lambda x: x[2] > np.sqrt(0.5) + 0.4)
+    bcs = [fem.dirichletbc(np.zeros(3), low, V), fem.dirichletbc(moved, high)]
+    pairs = nts.all_pairs(bodies, edges=True)
+    stepper = nts.QuasiStatic(bodies, pairs, dt=0.02, bcs=bcs, update=update)
+    for _ in range(3):
+        report = stepper.advance()
+    assert report.reactions[0].force[2] > 50
+    assert deepest(nts.Diagnostics(stepper)) < 1e-3
 
 
 @pytest.mark.serial

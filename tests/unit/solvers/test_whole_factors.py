@@ -1,0 +1,39 @@
+"""Factors of a whole system get as much room as their pivots need."""
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import pytest
+
+from dolfinx_nts.solvers.whole_factors import solved
+
+
+def constrained(n, m, rng):
+    """Matrix of n soft springs in a row with m constraints, whose diagonal is nearly nothing."""
+    soft = 1e-6 * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
+    gradients = np.eye(m, n)
+    rows, columns = np.repeat(np.arange(m), 3), rng.integers(0, n, 3 * m)
+    np.add.at(gradients, (rows, columns), rng.normal(size=3 * m))
+    return np.block([[soft, gradients.T], [gradients, -1e-14 * np.eye(m)]])
+
+
+def as_sparse(A):
+    """The matrix for PETSc."""
+    rows, columns = np.nonzero(A)
+    start = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=len(A)))])
+    csr = start.astype(np.int32), columns.astype(np.int32), A[rows, columns]
+    matrix = PETSc.Mat().createAIJ(A.shape, csr=csr, comm=MPI.COMM_SELF)
+    matrix.assemble()
+    return matrix
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize(("n", "m"), [(300, 200), (300, 290)])
+def test_systems_of_many_constraints_are_solved(n, m):
+    # The room that MUMPS estimates does for the first, and not for the second.
+    rng = np.random.default_rng(0)
+    A, x = constrained(n, m, rng), rng.normal(size=n + m)
+    matrix = as_sparse(A)
+    assert solved(matrix, A @ x) == pytest.approx(x, abs=1e-6)
+    matrix.destroy()
