@@ -17,10 +17,10 @@ DEPTH = 0.03  # of the node below the top of the block [m]
 BESIDE = 0.14  # of the node beside its edge, within 15 % of the length of the facet [m]
 
 
-def corner_first(tilt=np.deg2rad(38.0)):
+def corner_first():
     """Edges of a cube from its lowest corner, columns of a rotation; its diagonal leans to +y."""
     up, lean = np.array([0, 0, 1.0]), np.array([0, 1.0, 0])
-    first = tilt - np.arccos(1 / np.sqrt(3))
+    first = np.deg2rad(38.0) - np.arccos(1 / np.sqrt(3))
     edge = np.cos(first) * up + np.sin(first) * lean
     diagonal = np.cos(first) * lean - np.sin(first) * up
     across = np.array([1.0, 0, 0])
@@ -35,7 +35,7 @@ def scene(beside, *, height=-DEPTH, x=0.5):
     """
     data = boxes([(1, 1, 1)] * 2, [(1.0, 1.0, 1.0)] * 2)
     block, cube = (np.unique(data.cells[data.body == i]) for i in range(2))
-    data.X[block] -= data.X[block].min(axis=0) + [0, 0, 1]
+    data.X[block] -= data.X[block].min(axis=0) + np.array([0.0, 0.0, 1.0])
     unit = data.X[cube] - data.X[cube].min(axis=0)
     data.X[cube] = unit @ corner_first().T + [x, -beside, height]
     mesh, cells, _, tag = distribute(MPI.COMM_SELF, data)
@@ -74,7 +74,7 @@ def test_a_node_that_comes_from_beside_a_sharp_edge_has_no_segment(x):
 
 @pytest.mark.parametrize("scheme", [nts.CentralDifference, nts.EnergyMomentum])
 def test_a_corner_that_moves_beside_a_block_feels_nothing(scheme):
-    V, bodies, corner = scene(0.2)
+    _, bodies, corner = scene(0.2)
     pairs = nts.all_pairs(bodies, enforcement=nts.Penalty(4.0e4), edges=True)
     pairs += [nts.ContactPair(p.segments, p.nodes, p.enforcement) for p in pairs[:1]]
     stepper = scheme(bodies, pairs, dt=1e-3)
