@@ -327,6 +327,17 @@ class LinearSolver:
         du: Floats = (particular + x).ravel()
         return du
 
+    def nodal_resistance(self) -> Floats:
+        """What resists at each owned node, shape ``(n,)`` [N/m]. Collective.
+
+        The matrix knows nothing of rigid bodies, whose nodes have the mean stiffness of others:
+        there it is that or inertia, whichever is more.
+        """
+        resistance, rigid = self.tangent.nodal_stiffness().copy(), self._operator.bulk.rigid.nodes
+        inertia = self._nodal(self._inertia())[rigid, 0]
+        resistance[rigid] = np.maximum(resistance[rigid], inertia)
+        return resistance
+
     def _nodal(self, values: Floats) -> Floats:
         """Values of dofs by nodes, shape ``(n, d)``. Local."""
         return values.reshape(-1, self._operator.bulk.rigid.dim)

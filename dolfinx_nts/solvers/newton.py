@@ -218,7 +218,7 @@ def solve(
     way = SupportWay(bulk)
     free.begin()
     search = LineSearch(bulk) if jumps else None
-    floor = _round_off(bulk, solver.tangent.nodal_stiffness(), sizes)
+    floor = _round_off(bulk, solver.nodal_resistance(), sizes)
     nodes = bulk.u.x.array[:n].reshape(-1, dim)
     x = X + in_space(nodes)
     digits = last_digits(reductions.largest(bulk.comm, float(np.abs(x).max(initial=0.0))))
@@ -367,7 +367,8 @@ def _round_off(bulk: Bulk, stiffness: Floats, sizes: CellSizes) -> float:
     """Norm of the residual that rounding leaves in any case [N]. Collective.
 
     A strain is known up to eps, and up to eps |u|/h; with the stiffness k of
-    a node and the size h of its cells this is a force of eps k (h + |u|).
+    a node and the size h of its cells this is a force of eps k (h + |u|). Where
+    bodies are rigid k is that of inertia, whose increment is known up to eps |u|.
     """
     u = np.linalg.norm(bulk.u.x.array[: bulk.num_owned].reshape(-1, bulk.rigid.dim), axis=1)
     forces = np.finfo(np.float64).eps * stiffness * (sizes.nodal + u)

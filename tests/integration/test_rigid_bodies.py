@@ -49,6 +49,22 @@ def test_tumbling_about_the_intermediate_axis_keeps_energy_and_angular_momentum(
     assert np.abs(turn().T @ turn() - np.eye(3)).max() < 1e-12
 
 
+@pytest.mark.serial
+@pytest.mark.parametrize("v", [1e-10, 1e-14, 0.0])
+def test_a_body_far_from_its_start_may_be_almost_at_rest(v):
+    # No force is larger than what rounding of its displacement makes of its inertia.
+    stepper, _ = brick(0.01, np.zeros(3))
+    body = stepper.bodies[0]
+    stepper.set_displacement(body, (1.0, -2.0, 3.0))
+    stepper.set_velocity(body, (v, 2 * v, 0.0))
+    for _ in range(3):
+        stepper.advance()
+    nodes = body.nodes
+    velocity = stepper.v.x.array.reshape(-1, 3)[nodes]
+    assert np.abs(velocity - [v, 2 * v, 0.0]).max() < 1e-12
+    assert np.abs(stepper.u.x.array.reshape(-1, 3)[nodes] - [1.0, -2.0, 3.0]).max() < 1e-11
+
+
 def run(scene, num_steps=25):
     """Balances at the start and the end, work of contact, and most active nodes."""
     diagnostics = nts.Diagnostics(scene.stepper)

@@ -117,14 +117,11 @@ Projection<S> project(const Pair<S>& pair, double orientation) noexcept
   return {};
 }
 
-/// @brief Distance of a node to a segment that ends at its edges [m].
-/// @param[in] pair Node and segment.
-/// @param[in] p Their projection, converged.
+/// @brief Point of the edges of a segment that is nearest to a node [m].
 template <class S>
-double distance(const Pair<S>& pair, const Projection<S>& p) noexcept
+Vec3 nearest_of_edges(const Pair<S>& pair) noexcept
 {
-  if (S::outside(p.xi) <= 0)
-    return std::abs(p.gap);
+  Vec3 found = pair.segment[0];
   double nearest = INFINITY;
   for (const auto& [begin, end] : S::edges)
   {
@@ -133,8 +130,23 @@ double distance(const Pair<S>& pair, const Projection<S>& p) noexcept
     const double square = dot(edge, edge);
     const double part
         = square > 0 ? std::clamp(dot(r, edge) / square, 0., 1.) : 0;
-    nearest = std::min(nearest, norm(r - part * edge));
+    const double away = norm(r - part * edge);
+    if (away < nearest)
+    {
+      nearest = away;
+      found = pair.segment[begin] + part * edge;
+    }
   }
-  return nearest;
+  return found;
+}
+
+/// @brief Distance of a node to a segment that ends at its edges [m].
+/// @param[in] pair Node and segment.
+/// @param[in] p Their projection, converged.
+template <class S>
+double distance(const Pair<S>& pair, const Projection<S>& p) noexcept
+{
+  return S::outside(p.xi) <= 0 ? std::abs(p.gap)
+                               : norm(pair.node - nearest_of_edges(pair));
 }
 } // namespace nts

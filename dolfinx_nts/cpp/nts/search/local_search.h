@@ -20,6 +20,8 @@ struct LocalSearchRule
   /// Deeper below a segment than this a node belongs to another side of the
   /// body.
   static constexpr double depth = 0.5;
+  /// Cosine of the angle between normals from which on an edge is sharp [-].
+  static constexpr double sharp = 0.86602540378443865; // 30 degrees
 };
 
 /// @brief The segment that a node faces, and where.
@@ -103,6 +105,40 @@ struct NearestOnSide
   double height = 0;         ///< largest distance from the plane of one [m]
 };
 
+/// @brief Whether a node is beyond a sharp convex edge of a segment: beside it,
+/// and in front of another one at the nearest point of its edges, which turns
+/// away from it. There is nothing beyond to be inside of.
+/// @param[in] node Position [m].
+/// @param[in] i The segment.
+/// @param[in] p Projection of the node on it.
+/// @param[in] surface The segments.
+/// @param[in] tree The tree over them.
+template <class S>
+bool is_beyond_sharp_edge(const Vec3& node, std::int32_t i,
+                          const Projection<S>& p,
+                          const SegmentSurface<S>& surface, const Tree& tree)
+{
+  if (S::outside(p.xi) <= LocalSearchRule::hysteresis)
+    return false;
+  constexpr double same = 1e-6; // point of two segments, relative to one [-]
+  const Vec3 there = nearest_of_edges<S>({node, surface.segment(i)});
+  const double margin = same * surface.size(i);
+  bool is_beyond = false;
+  tree.nearest(there, margin,
+               [&](std::int32_t other)
+               {
+                 const Pair<S> at = {there, surface.segment(other)};
+                 const double sense = surface.orientation[other];
+                 const Projection<S> edge = project(at, sense);
+                 if (other != i && edge.converged && distance(at, edge) < margin
+                     && dot(edge.normal, p.normal) < LocalSearchRule::sharp)
+                   is_beyond
+                       = is_beyond || dot(node - there, edge.normal) > margin;
+                 return margin;
+               });
+  return is_beyond;
+}
+
 /// @brief Find a node's segment.
 ///
 /// A node stays with its current segment while it is over it. Otherwise it gets
@@ -110,7 +146,9 @@ struct NearestOnSide
 /// an edge sharper than a right angle a node may be in front of one segment and
 /// behind another, both equally near: it is on that side on which it is farther
 /// from their planes. A node that lies off the nearest segment (`overhang`,
-/// `depth`) has none.
+/// `depth`) has none. Nor has one that is behind it and beyond a sharp convex
+/// edge, unless it had a segment on the same side of that edge: it came from
+/// beside the body, not through the plane of the segment.
 /// @param[in] node Position [m].
 /// @param[in] current Segment of the previous choice, or -1.
 /// @param[in] slack By how much xi may be outside the current segment [-].
@@ -209,6 +247,18 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
   if (!found || !may.confirms(found->projection, nearest))
     return {};
   const Projection<S>& p = found->projection;
+  const auto had_its_side = [&]() noexcept
+  {
+    if (current < 0)
+      return false;
+    const Projection<S> before = project_on(current);
+    return before.converged
+           && dot(before.normal, p.normal) >= LocalSearchRule::sharp;
+  };
+  if (p.gap < -tie * surface.size(found->segment)
+      && is_beyond_sharp_edge(node, found->segment, p, surface, segments)
+      && !had_its_side())
+    return {};
   return {found->segment, p.xi, p.gap, p.normal};
 }
 } // namespace nts
