@@ -62,10 +62,8 @@ class LineSearch:
         resistance = self._bulk.rounded_action(du.reshape(self._start.shape))
         works = np.array([-du @ R, du @ resistance.ravel()])
         self._work, self._of_bulk = map(float, reductions.total(self._bulk.comm, works))
-        # Parts that are too short and too long. Increments that are too long to be made as a whole
-        # turn bodies by more than their tangent knows, and have no zero that is worth finding.
+        # Parts that are too short and too long.
         self._short, self._long = 0.0, np.inf
-        self._is_whole = part == 1.0
 
     def cuts(self, R_bulk: Floats) -> bool:
         """Cut the increment that was made, if it went too far, or was cut too much.
@@ -82,15 +80,14 @@ class LineSearch:
         # Constraints that close gaps do work, too.
         work = max(self._work, self._of_bulk)
         rest = change + self._part * (work - self._of_bulk) - work
-        is_enclosed = self._is_whole and self._cuts > 0
-        if not (abs(rest) if is_enclosed else rest) > _OVERSHOOT * work:
+        if not (abs(rest) if self._cuts else rest) > _OVERSHOOT * work:
             return False
         if rest > 0:
             self._long = self._part
         else:
             self._short = self._part
         chord = self._part * work / (work + rest)
-        self._part = 0.5 * (self._short + self._long) if is_enclosed else chord
+        self._part = 0.5 * (self._short + self._long) if self._cuts else chord
         self._cuts += 1
         increment = self._part * self._du.reshape(self._start.shape)
         self._nodes[:] = self._bulk.rigid.moved(self._start, increment)
