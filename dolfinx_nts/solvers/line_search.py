@@ -9,12 +9,9 @@ each time. Along an increment :math:`\Delta u` the virtual work of the balance,
 .. math:: g(s) = \Delta u \cdot R(u + s \Delta u),
 
 begins with :math:`g(0) = -E < 0` and would be 0 at :math:`s = 1` if the tangent told all. Bodies
-that resist by more have :math:`g(1) > 0`, and the way is cut to where a chord has its zero. As the
-resistance comes late, with the point that ceases to flow, that may be far too short a way: the zero
-lies between a way that is too short and one that is too long, and halving finds it, until the
-virtual work is less than half of what it was. Chords would creep from either side. Contact is taken
-as the linear system has it: the work of its constraints and springs is what is left of E beside
-that of the bodies, :math:`E_b = \Delta u \cdot K \Delta u`.
+that resist by more have :math:`g(1) > 0`, and the way is cut to where a chord has its zero. Contact
+is taken as the linear system has it: the work of its constraints and springs is what is left of E
+beside that of the bodies, :math:`E_b = \Delta u \cdot K \Delta u`.
 """
 
 import numpy as np
@@ -27,9 +24,8 @@ from dolfinx_nts.solvers.bulk import Bulk
 __all__ = ["LineSearch"]
 
 # Virtual work at the end of an increment, relative to that at its start [-], from which on it is
-# cut, or made longer after a cut; and how often. Increments that are too short without a cut are
-# left as they are: others follow.
-_OVERSHOOT, _MOST_CUTS = 0.5, 10
+# cut; and how often. Increments that are too short are left as they are: others follow.
+_OVERSHOOT, _MOST_CUTS = 0.5, 6
 
 
 class LineSearch:
@@ -62,11 +58,9 @@ class LineSearch:
         resistance = self._bulk.rounded_action(du.reshape(self._start.shape))
         works = np.array([-du @ R, du @ resistance.ravel()])
         self._work, self._of_bulk = map(float, reductions.total(self._bulk.comm, works))
-        # Parts that are too short and too long.
-        self._short, self._long = 0.0, np.inf
 
     def cuts(self, R_bulk: Floats) -> bool:
-        """Cut the increment that was made, if it went too far, or was cut too much.
+        """Cut the increment that was made, if it went too far.
 
         Args:
             R_bulk: Residual of the bodies after it, shape ``(d n,)`` [N].
@@ -80,14 +74,9 @@ class LineSearch:
         # Constraints that close gaps do work, too.
         work = max(self._work, self._of_bulk)
         rest = change + self._part * (work - self._of_bulk) - work
-        if not (abs(rest) if self._cuts else rest) > _OVERSHOOT * work:
+        if not rest > _OVERSHOOT * work:
             return False
-        if rest > 0:
-            self._long = self._part
-        else:
-            self._short = self._part
-        chord = self._part * work / (work + rest)
-        self._part = 0.5 * (self._short + self._long) if self._cuts else chord
+        self._part *= work / (work + rest)
         self._cuts += 1
         increment = self._part * self._du.reshape(self._start.shape)
         self._nodes[:] = self._bulk.rigid.moved(self._start, increment)
