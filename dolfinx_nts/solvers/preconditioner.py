@@ -69,6 +69,7 @@ class BulkPreconditioner:
     def __init__(self, tangent: Tangent, options: PetscOptions) -> None:
         """Create the object, without factors before `build`."""
         self._tangent, self._options = tangent, options
+        self._kinds = _kinds(tangent)
         self._factors: BlockILU | CompleteFactors | _PetscFactors | None = None
         self._strength, self._last_kind = 0, ""
         self.point: Sequence[Array] | None = None
@@ -109,7 +110,7 @@ class BulkPreconditioner:
     @property
     def has_responses(self) -> bool:
         """Whether `responses` are good and affordable: of factors with fill, or complete ones."""
-        return self._is_small and self._kind != _PLAIN
+        return _MULTIGRID not in self._kinds and self._kind != _PLAIN
 
     def build(self) -> None:
         """Assemble and factorise the tangent, or the matrix near it. Collective."""
@@ -137,7 +138,7 @@ class BulkPreconditioner:
             _logger.warning(text, str(self))
         fully |= bool(self._options.bulk)
         at_once = fully and not self.is_strong
-        most = self._kinds.index(_COMPLETE if self._is_small else _MULTIGRID)
+        most = self._kinds.index(_MULTIGRID if _MULTIGRID in self._kinds else _COMPLETE)
         self._strength = most if at_once else self._strength + 1
         self._factors = None
 
@@ -176,22 +177,9 @@ class BulkPreconditioner:
             tangent.restore(last)
 
     @property
-    def _is_small(self) -> bool:
-        """Whether complete factors are the stronger ones."""
-        return self._tangent.num_unknowns <= _DIRECT_UP_TO
-
-    @property
     def _kind(self) -> int:
         """Kind of the present factors."""
         return self._kinds[self._strength]
-
-    @property
-    def _kinds(self) -> Sequence[int]:
-        """Kinds of factors, each one stronger than those before."""
-        if not self._is_small:
-            return _PLAIN, _FILLED, _MULTIGRID
-        rounded = (_ROUNDED,) if self._tangent.comm.size == 1 else ()
-        return _PLAIN, _FILLED, *rounded, _COMPLETE, _EXACT
 
     def _made(self) -> "BlockILU | CompleteFactors | _PetscFactors":
         """Factors of the present kind, without values. Collective."""
@@ -204,6 +192,14 @@ class BulkPreconditioner:
         if options.bulk:
             return _PetscFactors(lambda: _chosen(tangent, options))
         return BlockILU(tangent.rows, fill=kind == _FILLED)
+
+
+def _kinds(tangent: Tangent) -> Sequence[int]:
+    """Kinds of factors of a tangent, each one stronger than those before. Local."""
+    if tangent.num_unknowns > _DIRECT_UP_TO:
+        return _PLAIN, _FILLED, _MULTIGRID
+    rounded = (_ROUNDED,) if tangent.comm.size == 1 else ()
+    return _PLAIN, _FILLED, *rounded, _COMPLETE, _EXACT
 
 
 class _PetscFactors:
