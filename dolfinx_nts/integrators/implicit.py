@@ -349,7 +349,7 @@ class ImplicitStepper(Stepper):
     ) -> newton.ConvergenceError:
         """Error that says why all attempts have failed; steps and states are of the last."""
         return StepFailure(attempts, steps, states, self._comm).error(
-            f"step {self.step + 1} from t = {self.t:g} to {self.t + self.dt:g}",
+            f"step {self.step + 1} from t = {self.t:.10g} to {self.t + self.dt:.10g}",
             self.bodies,
             self.contacts,
             self.watch.springs.yielding(),
