@@ -13,6 +13,7 @@ from dolfinx_nts.contact.implicit.normal_contact import NormalContact
 from dolfinx_nts.contact.implicit.stick_slip import Friction
 from dolfinx_nts.contact.joint_state import JointState, bounds, segment_sizes
 from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.parallel import reductions
 
 __all__ = ["MultiplierContact"]
 
@@ -131,7 +132,8 @@ class MultiplierContact(NormalContact):
         changes += friction.update(pairs, -lambda_N, active, iteration)
         self.active[node] = active
         # Otherwise the same balance would follow from the same decisions.
-        if changes or self._state.pair.friction is not None:
+        comm = self._state.nodes.V.mesh.comm
+        if self._state.pair.friction is not None or reductions.anywhere(comm, changes > 0):
             lambda_N = self._balance(pairs, R, lambda_N, active, friction)
         self.lambda_N[node] = lambda_N
         return changes
