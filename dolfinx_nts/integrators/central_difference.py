@@ -214,7 +214,7 @@ class CentralDifference(Stepper):
         return momentum + self._rigid.more_momentum() if self._rigid.exists else momentum
 
     def known_gaps(self) -> list[Floats] | None:
-        """Gaps at which the springs were loaded last, see `Stepper.known_gaps`. Local."""
+        """Gaps at which the springs were loaded last, see ``Stepper.known_gaps``. Local."""
         known = self._forces.known
         return [contact.history.gap for contact in self.contacts] if known else None
 
