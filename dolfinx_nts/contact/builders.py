@@ -160,8 +160,8 @@ def all_pairs(
             target = surface(*segments, smooth=True) if is_smooth else surface(*segments)
             text = f"the {'smooth ' * is_smooth}{what} of {names(segments)}"
         # Both surfaces of surface-to-surface contact may be smooth.
-        is_smooth = smooth and by == MORTAR and isinstance(segments, Sequence)
-        from_nodes = surface(*nodes, smooth=True) if is_smooth else surface(*nodes)
+        are_both = smooth and by == MORTAR and isinstance(segments, Sequence)
+        from_nodes = surface(*nodes, smooth=True) if are_both else surface(*nodes)
         pairs.append(ContactPair(from_nodes, target, enforcement, friction, by))
         if bodies[0].V.mesh.comm.rank == 0:
             own = "edges" if by == EDGES else "nodes"

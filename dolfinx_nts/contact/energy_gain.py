@@ -65,7 +65,8 @@ class EnergyGain:
                 "at t = %g contact by %r has given the bodies %.3g J in one step, more than their "
                 "kinetic energy of %.3g J before it: constraints have moved nodes out of a surface "
                 "at once, and the motion from here on is wrong; EnergyMomentum with elastic or "
-                "restitution impact gains nothing, and with shorter steps others gain less; bodies "
-                "that begin inside each other part in a step of QuasiStatic before (load_state)",
+                "restitution impact gains nothing, and with shorter steps others gain less; where "
+                "bodies begin inside each other, let a step of QuasiStatic part them, and go on "
+                "from it by load_state",
                 *(t, state.pair.enforcement, gain, before),
             )

@@ -72,7 +72,7 @@ class PairState:
         self._told = ""
         self.accepted: ContactHistory | Callable[[], ContactHistory]
         self.accepted = begun_anew(ContactHistory.none(len(pair.nodes.nodes)))
-        # What a function that was accepted gave when it was asked, with this function.
+        # The contact that an accepted function has computed, with the function: once is enough.
         self._made: tuple[Any, ContactHistory] | None = None
         pair.attach(self)
 

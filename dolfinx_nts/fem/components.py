@@ -80,10 +80,10 @@ def existing(V: fem.FunctionSpace) -> tuple[slice, slice]:
 
 
 def possible_motions(V: fem.FunctionSpace) -> Flags:
-    """Which translations and rotations leave bodies in a space as they are, ``(k,)``. Local.
+    """Which translations and rotations are motions of a rigid body in a space, ``(k,)``. Local.
 
-    Translations in x, y, z and rotations about these axes, in the plane in x, y and about z: all
-    of them do, but of rings that along y alone.
+    Translations in x, y, z and rotations about these axes, in the plane in x, y and about z. All
+    of them are; of a ring only the translation along y keeps its radius.
     """
     if is_axisymmetric(V.mesh):
         return np.array([False, True, False])

@@ -21,7 +21,7 @@ from dolfinx_nts.common.vectors import cross
 from dolfinx_nts.model.frames import Frame
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.search.candidates import Candidates
-from dolfinx_nts.search.edges import Edges, boxes_within
+from dolfinx_nts.search.edges import Edges, pairs_within
 from dolfinx_nts.search.points import ContactPoints, NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter
 from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidates
@@ -158,10 +158,7 @@ class EdgeCandidates(SegmentCandidates):
         reach: float,
     ) -> "EdgeCandidates":
         """Pair the edges whose boxes are within reach [m]; ``num_others`` are on all ranks."""
-        pairs = boxes_within(own.boxes(x), other.boxes(x), reach)
-        key = num_others * own.key[pairs[:, 0]] + other.key[pairs[:, 1]]
-        order = np.argsort(key)
-        return cls(scatter, own, other, pairs[order], key[order], x)
+        return cls(scatter, own, other, *pairs_within(own, other, num_others, x, reach), x)
 
     def pair(
         self,

@@ -8,7 +8,7 @@ from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.common.vectors import cross
 from dolfinx_nts.search.sharp_edges import unit_normals
 
-__all__ = ["Edges", "boxes_within"]
+__all__ = ["Edges", "pairs_within"]
 
 # Most boxes of edges that are compared at once.
 _AT_ONCE = 1 << 20
@@ -57,7 +57,20 @@ class Edges:
         return np.column_stack([np.einsum("mi,mi->m", side, axis) for side in sides])
 
 
-def boxes_within(first: Boxes, second: Boxes, reach: float) -> Ints:
+def pairs_within(
+    own: Edges, other: Edges, num_others: int, x: Floats, reach: float
+) -> tuple[Ints, GlobalInts]:
+    """Pairs of edges whose boxes are within reach [m], ``(c, 2)``, by their keys, ``(c,)``. Local.
+
+    ``num_others`` is the number of the other edges on all ranks.
+    """
+    pairs = _boxes_within(own.boxes(x), other.boxes(x), reach)
+    key = num_others * own.key[pairs[:, 0]] + other.key[pairs[:, 1]]
+    order = np.argsort(key)
+    return pairs[order], key[order]
+
+
+def _boxes_within(first: Boxes, second: Boxes, reach: float) -> Ints:
     """Boxes of two groups that are within reach [m] of each other, shape ``(c, 2)``."""
     found: list[Ints] = [np.empty((0, 2), dtype=np.int32)]
     (lower, upper), (least, greatest) = first, second

@@ -16,6 +16,24 @@ from dolfinx_nts.search.whole_facets import linear_functions
 
 __all__ = ["FacetCandidates", "rises"]
 
+# How far beside a curved facet [-], in its coordinates, it still stands for the surface.
+_BESIDE = 0.5
+# Kernels of flat facets, and of curved ones and patches, see `Candidates.contact`.
+_FLAT: dict[str, Callable[..., Any]] = {
+    "conserving": _kernels.contact_conserving,
+    "midpoint": _kernels.contact_midpoint,
+    "static": _kernels.contact_static,
+    "project": _kernels.project,
+    "slip": _kernels.slip,
+}
+_CURVED: dict[str, Callable[..., Any]] = {
+    "conserving": _kernels.patch_conserving,
+    "midpoint": _kernels.patch_midpoint,
+    "static": _kernels.patch_static,
+    "project": _kernels.patch_project,
+    "slip": _kernels.patch_slip,
+}
+
 
 class FacetCandidates(SegmentCandidates):
     """Segments with the facets that they are parts of, see `SegmentCandidates`.
@@ -172,22 +190,3 @@ def rises(weights: Floats, nodes: Ints, facet: Ints, x: Floats) -> Floats:
     """
     way: Floats = np.einsum("mn,mni->mi", weights[facet], x[nodes[facet]])
     return way
-
-
-# How far beside a curved facet [-], in its coordinates, it still stands for the surface.
-_BESIDE = 0.5
-# Kernels of flat facets, and of curved ones and patches, see `Candidates.contact`.
-_FLAT: dict[str, Callable[..., Any]] = {
-    "conserving": _kernels.contact_conserving,
-    "midpoint": _kernels.contact_midpoint,
-    "static": _kernels.contact_static,
-    "project": _kernels.project,
-    "slip": _kernels.slip,
-}
-_CURVED: dict[str, Callable[..., Any]] = {
-    "conserving": _kernels.patch_conserving,
-    "midpoint": _kernels.patch_midpoint,
-    "static": _kernels.patch_static,
-    "project": _kernels.patch_project,
-    "slip": _kernels.patch_slip,
-}

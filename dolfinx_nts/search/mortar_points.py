@@ -19,6 +19,13 @@ from dolfinx_nts.search.facet_candidates import FacetCandidates, rises
 
 __all__ = ["MortarFacets", "MortarPoints", "Shares", "at_nodes"]
 
+# Vertices of reference cells in their coordinates, by number.
+_CORNERS = {
+    2: np.array([[0.0, 0.0], [1.0, 0.0]]),
+    3: np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]),
+    4: np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]),
+}
+
 # Part of its area [-] of which a node needs points to carry a multiplier.
 _LEAST_COVERED = 1e-6
 
@@ -64,14 +71,6 @@ class MortarFacets:
         values = _kernels.patch_functions(xi, weights.shape[1])
         patched: Floats = (values[:, None] @ weights[facet])[:, 0]
         return patched
-
-
-# Vertices of reference cells in their coordinates, by number.
-_CORNERS = {
-    2: np.array([[0.0, 0.0], [1.0, 0.0]]),
-    3: np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]),
-    4: np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]),
-}
 
 
 @dataclass(frozen=True)

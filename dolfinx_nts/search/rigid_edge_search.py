@@ -11,7 +11,7 @@ from dolfinx_nts.model.rigid_surface import RigidSurface
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.search.candidates import Candidates
 from dolfinx_nts.search.edge_candidates import RigidEdgeCandidates
-from dolfinx_nts.search.edges import Edges, boxes_within
+from dolfinx_nts.search.edges import Edges, pairs_within
 from dolfinx_nts.search.obstacle_candidates import ObstacleSearch
 from dolfinx_nts.search.sharp_edges import SharpEdges, sharp_between
 
@@ -68,10 +68,8 @@ class RigidEdgeSearch(ObstacleSearch):
         """Pair edges whose boxes are within reach [m]."""
         self._covered = self.positions(x)[0], reach
         x, (own, other) = np.concatenate([self._scatter.forward(x), self._corners]), self._edges
-        pairs = boxes_within(own.boxes(x), other.boxes(x), reach)
-        key = self._num_others * own.key[pairs[:, 0]] + other.key[pairs[:, 1]]
-        order = np.argsort(key)
-        edges = self._scatter, own, other, pairs[order], key[order], x
+        found = pairs_within(own, other, self._num_others, x, reach)
+        edges = self._scatter, own, other, *found, x
         self.candidates = RigidEdgeCandidates(self._corners, self.frame, *edges)
 
     def serialize(self, archive: Archive, name: str) -> None:

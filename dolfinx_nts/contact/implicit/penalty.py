@@ -42,14 +42,15 @@ class PenaltyContact(NormalContact):
         super().__init__(state, search)
         self._law, self._eps_N, self._is_static = law, state.eps_N, is_static
         self._share = share
-        if self._is_static:
-            self._begin_in_touch()
         self._slope: Floats = np.empty(0)  # derivative of lambda_N by the gap [N/m]
         # Gaps and forces by the linear system, in statics.
-        self._linear_gaps = LinearValues(len(self.active))
-        self._linear_force: Floats = np.zeros(len(self.active))
-        size = np.repeat(segment_sizes(state), np.diff(bounds(state)))
-        self._rounding: Floats = ROUNDING * size
+        n = len(self.active) if is_static else 0
+        self._linear_gaps, self._linear_force = LinearValues(n), np.zeros(n)
+        self._rounding: Floats = np.empty(0)
+        if self._is_static:
+            self._begin_in_touch()
+            size = np.repeat(segment_sizes(state), np.diff(bounds(state)))
+            self._rounding = ROUNDING * size
 
     def update(
         self, pairs: PairKinematics, x: Floats, R: Floats | None, friction: Friction, iteration: int
