@@ -18,8 +18,11 @@ __all__ = ["flat", "pair_names", "part_names"]
 
 # Longest name [characters]; longer ones would hide the quantity.
 _LONGEST = 40
-# Words without meaning in a column, as in "the boundary of ball".
-_LEFT_OUT = {"a", "an", "the", "of"}
+# Words before a name that have no meaning in a column, as in "the boundary of ball". Names of the
+# user's own keep all of theirs: a body may be called "a".
+_LEFT_OUT = re.compile(
+    r"\ba (?=part of the boundary\b|(moving )?[A-Z])|\b(of )?the (?=boundary\b)|(?<=\bboundary )of "
+)
 # Axes of the parts of a vector, by their number. Of rings vectors have one part along their axis;
 # moments of the plane, and they alone, have one about z.
 _AXES = {0: "", 1: "y", 2: "xy", 3: "xyz"}
@@ -49,7 +52,7 @@ def part_names(kind: str, names: Iterable[str]) -> list[str]:
 
 def pair_names(pairs: Iterable[ContactPair]) -> list[str]:
     """Names of contact pairs by those of their two sides. Local."""
-    return part_names("pair", (pair.between.replace(" and ", " ") for pair in pairs))
+    return part_names("pair", (pair.between.replace(" and ", ", ") for pair in pairs))
 
 
 def flat(prefix: str, values: Mapping[str, Any]) -> dict[str, float]:
@@ -81,6 +84,5 @@ def _of_parts(prefix: str, name: str, number: int) -> list[str]:
 
 def _words(name: str) -> list[str]:
     """Words of a name in lower case; those of ``RigidPlane`` are two."""
-    apart = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", name)
-    words = re.findall(r"[^\W_]+", apart.lower())
-    return [word for word in words if word not in _LEFT_OUT] or ["unnamed"]
+    apart = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", _LEFT_OUT.sub("", name))
+    return re.findall(r"[^\W_]+", apart.lower()) or ["unnamed"]

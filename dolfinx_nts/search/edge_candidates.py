@@ -212,12 +212,23 @@ class EdgeCandidates(SegmentCandidates):
 
     def near(self, points: ContactPoints, x: Floats, reach: float) -> Ints:
         """Find the carriers of edges whose boxes are near those of others, see `Candidates`."""
-        sides = ((edges, self._pairs[:, i]) for i, edges in enumerate(self._edges))
-        (lower, upper), (least, greatest) = (edges.boxes(x, some) for edges, some in sides)
-        close = ((lower <= greatest + reach) & (least <= upper + reach)).all(axis=1)
+        every = np.arange(len(self._pairs), dtype=np.int32)
         carries = np.zeros(len(x), dtype=bool)
-        carries[self._carrier[close]] = True
+        carries[self._carrier[self._within(x, every, reach)]] = True
         return np.flatnonzero(carries[points.nodes]).astype(np.int32)
+
+    def _within(self, x: Floats, pair: Ints, reach: float, overhang: float = 0.0) -> Ints:
+        """Those of pairs whose boxes are within reach [m].
+
+        The other edge goes on beyond both of its ends, by ``overhang`` times its length.
+        """
+        (lower, upper), (least, greatest) = (edges.boxes(x) for edges in self._edges)
+        beyond = overhang * (greatest - least) + reach
+        least, greatest = least - beyond, greatest + beyond
+        for i in range(3):  # the first direction leaves out most of them
+            own, other = self._pairs[pair].T
+            pair = pair[(lower[own, i] <= greatest[other, i]) & (least[other, i] <= upper[own, i])]
+        return pair
 
     def _held(self, x: Floats, candidate: Ints, slack: float) -> "_Found":
         """Those of present candidates that may stay."""
@@ -235,13 +246,15 @@ class EdgeCandidates(SegmentCandidates):
 
     def _met(self, x: Floats, pair: Ints, reach: float) -> "_Found":
         """Those of pairs that cross, in the sense in which their edges face each other."""
+        reach = max(reach, self._deepest.max())
+        pair = self._within(x, pair, reach, OVERHANG)
         crossing = self._crossing(x, pair)
         own, other = crossing.places.T
         # What crosses where two own edges meet crosses the one that begins there. Of the other
         # edges the carrier chooses one, if need be beyond an end, where these make an angle.
         beyond = np.abs(other - 0.5) - 0.5
         some = np.flatnonzero(
-            (np.abs(crossing.gap) <= max(reach, self._deepest.max()))
+            (np.abs(crossing.gap) <= reach)
             & ((own >= -_ROUNDING) & (own < 1 - _ROUNDING))
             & ((beyond <= OVERHANG) & (crossing.sine > _CROSSING[0]))
         ).astype(np.int32)

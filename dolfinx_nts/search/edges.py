@@ -39,9 +39,9 @@ class Edges:
         ends, facets = np.ascontiguousarray(rows[:, :2]), rows[:, 2:]
         return cls(ends, facets.reshape(-1, 2, facets.shape[1] // 2), key, thickness)
 
-    def boxes(self, x: Floats, some: Ints | None = None) -> Boxes:
-        """Least and greatest coordinates of some edges or of all, both ``(e, 3)`` [m]."""
-        ends = x[self.ends if some is None else self.ends[some]]
+    def boxes(self, x: Floats) -> Boxes:
+        """Least and greatest coordinates of the edges, both ``(e, 3)`` [m]."""
+        ends = x[self.ends]
         return ends.min(axis=1), ends.max(axis=1)
 
     def between(self, x: Floats, edge: Ints, n: Floats) -> Floats:

@@ -8,15 +8,25 @@ from dolfinx_nts.diagnostics.names import flat, part_names
 pytestmark = pytest.mark.serial
 
 
-def test_names_of_parts_are_words_without_articles_and_letters_that_a_column_cannot_have():
-    names = ["Ball outer a RigidPlane", "the boundary of tube itself", "body 7", "Größe (mm)"]
-    expected = ["ball_outer_rigid_plane", "boundary_tube_itself", "7", "größe_mm"]
-    assert part_names("body", names) == expected
+def test_names_of_parts_are_words_without_letters_that_a_column_cannot_have():
+    names = ["Ball outer RigidPlane", "body 7", "Größe (mm)"]
+    assert part_names("body", names) == ["ball_outer_rigid_plane", "7", "größe_mm"]
+
+
+def test_what_stands_before_a_name_is_left_out_and_words_of_the_name_are_kept():
+    names = [
+        *("a moving RigidPlane", "the boundary of tube", "a part of the boundary of tube"),
+        *("a", "a_rim", "rim", "end of the rod", "the boundary of a, a RigidSphere"),
+    ]
+    assert part_names("body", names) == [
+        *("moving_rigid_plane", "boundary_tube", "part_boundary_tube"),
+        *("a", "a_rim", "rim", "end_of_the_rod", "boundary_a_rigid_sphere"),
+    ]
 
 
 def test_names_that_are_alike_too_long_or_empty_get_numbers():
     assert part_names("pair", ["a b", "c", "A-B", 50 * "d", "%"]) == [
-        *("b_1", "c", "b_3", "4", "unnamed"),
+        *("a_b_1", "c", "a_b_3", "4", "unnamed"),
     ]
 
 

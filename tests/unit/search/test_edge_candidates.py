@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from dolfinx_nts import compat
+from dolfinx_nts.common.vectors import cross
+from dolfinx_nts.search import edge_candidates
 from dolfinx_nts.search.edge_candidates import EdgeCandidates
 from dolfinx_nts.search.edges import Edges
 from dolfinx_nts.search.points import NodalPoints
@@ -83,6 +85,26 @@ def test_what_crosses_where_two_edges_meet_crosses_one_of_them():
         x = crossed(shift=(0.0, shift))
         found.append(candidates(x).pair(CARRIER, x, NONE, 1.0)[0][0] >= 0)
     assert sorted(found) == [False, True]
+
+
+def test_only_edges_within_reach_are_crossed(monkeypatch, rng):
+    crossed_pairs = []
+    monkeypatch.setattr(
+        edge_candidates, "cross", lambda a, b: crossed_pairs.append(len(a)) or cross(a, b)
+    )
+    x = crossed(gap=5.0)
+    pairs = candidates(x, reach=10.0)
+    assert pairs.pair(CARRIER, x, NONE, 4.0)[0][0] < 0
+    assert not any(crossed_pairs)
+    assert pairs.pair(CARRIER, x, NONE, 6.0)[0][0] >= 0
+    assert any(crossed_pairs)
+    # Also beyond an end of the other edge, and whichever way they are turned.
+    for shift in rng.uniform(-0.7, 0.7, (50, 2)):
+        x = crossed(0.3, shift, turn=rng.uniform(0.5, 2.5)) @ rotation(rng.normal(size=3), 2.0).T
+        pairs = candidates(x, reach=10.0)
+        (anywhere, gap), (near, _) = (pairs.pair(CARRIER, x, NONE, r) for r in (np.inf, 0.31))
+        assert near[0] == anywhere[0]
+        assert gap[0] == pytest.approx(0.3) or anywhere[0] < 0
 
 
 def test_a_pair_stays_until_it_is_well_beyond_an_end_and_in_its_sense_when_it_turns():
