@@ -56,8 +56,9 @@ class State(ABC):
         self.node_ids = input_ids(V)[: V.dofmap.index_map.size_local]
         self._comm: MPI.Comm = V.mesh.comm
         self._X: Floats = V.tabulate_dof_coordinates()
-        self._dt = fem.Constant(V.mesh, 0.0)
         self.dt = dt
+        # Of the present step, or of the last one, which diagnostics evaluate after it.
+        self._dt = fem.Constant(V.mesh, self.dt)
 
     @property
     def t(self) -> float:
@@ -76,15 +77,10 @@ class State(ABC):
     @dt.setter
     def dt(self, dt: float) -> None:
         self._check_dt(dt)
-        self._set_dt(dt)
+        self._usual_dt = float(dt)
 
     def _check_dt(self, dt: float) -> None:
         positive("a step dt", dt)
-
-    def _set_dt(self, dt: float) -> None:
-        # Beside the constant, which takes 1 % of a small explicit step to read.
-        self._usual_dt = float(dt)
-        self._dt.value = dt
 
     @contextmanager
     def _steps_of(self, dt: float) -> Iterator[None]:
@@ -94,7 +90,7 @@ class State(ABC):
             self.dt = dt
             yield
         finally:
-            self._set_dt(usual)
+            self._usual_dt = usual
 
     @contextmanager
     def _step_of_one_length(self) -> Iterator[None]:
@@ -102,7 +98,7 @@ class State(ABC):
         dt = self._usual_dt
         yield
         if (given := self._usual_dt) != dt:
-            self._set_dt(dt)
+            self._usual_dt = dt
             raise ValueError(
                 f"expected dt to be set between two steps, given {given:g} within a step of "
                 f"{dt:g}: not in update or in a load, but in the loop over run()"
@@ -118,13 +114,15 @@ class State(ABC):
 
         What ``update`` and the functions of loads remember is not part of it.
         """
-        self._set_dt(archive.same("dt", self.dt))
+        self._usual_dt = archive.same("dt", self.dt)
         self.inertia_defect = archive.same("inertia_defect", self.inertia_defect)
         self._serialize_motion(archive)
 
     def _serialize_motion(self, archive: Archive) -> None:
         self.t = archive.same("t", self.t)
         self.t_n = archive.same("t_n", self.t_n)
+        if archive.giving and self.t > self.t_n:
+            self._dt.value = self.t - self.t_n
         self.step = archive.same("step", self.step)
         for name, function in (("u", self.u), ("v", self.v), ("u_n", self.u_n)):
             serialize_nodal(archive, name, function, self.node_ids)

@@ -232,6 +232,7 @@ class Stepper(TimeLoop):
                 steps, or ranks have different ``dt``. The state is as before the call.
         """
         self._check_state()
+        self._dt.value = self.dt
         if self._was_displaced:
             self._look_at_start()
         moving = [contact for contact in self.contacts if contact.search.may_move]

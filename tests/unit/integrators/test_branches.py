@@ -51,6 +51,24 @@ def test_branches_only_take_energy_and_all_of_it_is_accounted_for(comm, cell, sc
     check_dissipation(comm, cell, rubber(), scheme)
 
 
+def test_the_defect_of_a_step_is_that_of_its_own_length(comm):
+    box = Box(comm, material=rubber())
+    stepper = nts.EnergyMomentum([box.body], dt=0.02)
+    stepper.set_velocity(box.body, swirl)
+    diagnostics = nts.Diagnostics(stepper)
+    energy, tiny = diagnostics.balance().kinetic_energy, 1e-12
+    for step in stepper.run(until=0.05):  # the last one is half as long
+        assert abs(diagnostics.bulk_defect()) <= tiny * energy, step
+    stepper.dt = 0.01  # of the next one
+    assert abs(diagnostics.bulk_defect()) <= tiny * energy
+    saved = Snapshot()
+    stepper.serialize(saved)
+    stepper.dt = 0.03
+    stepper.advance()
+    stepper.serialize(saved.rewind())
+    assert abs(diagnostics.bulk_defect()) <= tiny * energy
+
+
 def test_impacts_of_viscous_blocks_lose_what_the_branches_take(comm):
     stepper = scene(comm, SCHEMES["branches"]).stepper
     ledger = Ledger(stepper)
