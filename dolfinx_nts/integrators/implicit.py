@@ -57,9 +57,11 @@ from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers import newton
 from dolfinx_nts.solvers.cell_sizes import cell_sizes
+from dolfinx_nts.solvers.convergence import closed_within, last_digits
 from dolfinx_nts.solvers.drag import Drag
 from dolfinx_nts.solvers.free_bodies import FreeBodies, FreeBody, find_free_bodies
 from dolfinx_nts.solvers.krylov import LinearSolver
+from dolfinx_nts.solvers.newton_report import ConvergenceError, NewtonReport
 from dolfinx_nts.solvers.statistics import SolverStatistics
 
 __all__ = ["ImplicitStepper"]
@@ -209,7 +211,7 @@ class ImplicitStepper(Stepper):
         self._rates.begin(self._forces_at_start, self._free, self._bulk.rigid, at_rest)
         starts = [Start(name, self._led(u), u) for name, u in self._rates.starts().items()]
         problem = self._problem(starts, load)
-        reports: dict[str, newton.NewtonReport] = {}
+        reports: dict[str, NewtonReport] = {}
         for start in self._attempts(starts, reports) if self._tries else ():
             steps, solution = self._solve(start, problem)
             if self._sleeping.must_wake(steps):
@@ -245,14 +247,14 @@ class ImplicitStepper(Stepper):
         return StepProblem(self.x, self._X + self._in_space(trial.u), on_the_way, load, force_scale)
 
     def _attempts(
-        self, starts: Iterable[Start], failed: Mapping[str, newton.NewtonReport]
+        self, starts: Iterable[Start], failed: Mapping[str, NewtonReport]
     ) -> Iterator[Start]:
         """Starts to try in turn; ``failed`` has the reports of those before, by their names."""
         yield from starts
 
     def _judged(
-        self, steps: Sequence[ContactStep], report: newton.NewtonReport, problem: StepProblem
-    ) -> newton.NewtonReport:
+        self, steps: Sequence[ContactStep], report: NewtonReport, problem: StepProblem
+    ) -> NewtonReport:
         """Report of an attempt, with the reason why its solution cannot be accepted, if any."""
         if not report.converged:
             return report
@@ -344,11 +346,11 @@ class ImplicitStepper(Stepper):
 
     def _failure(
         self,
-        attempts: Mapping[str, newton.NewtonReport],
+        attempts: Mapping[str, NewtonReport],
         steps: Sequence[ContactStep],
         states: Sequence[ContactContribution],
         advice: str,
-    ) -> newton.ConvergenceError:
+    ) -> ConvergenceError:
         """Error that says why all attempts have failed; steps and states are of the last."""
         return StepFailure(attempts, steps, states, self._comm).error(
             f"step {self.step + 1} from t = {self.t:.10g} to {self.t + self.dt:.10g}",
@@ -365,14 +367,14 @@ class ImplicitStepper(Stepper):
     def _work_of_open_gaps(self, steps: Sequence[ContactStep]) -> float:
         """Work of multipliers on gaps that count as closed, of this rank, at most [J]. Local."""
         forces = sum(float(np.abs(step.normal.lambda_N).sum()) for step in steps)
-        digits = newton.last_digits(float(np.abs(self.x).max(initial=0.0)))
-        return forces * newton.closed_within(self._sizes.smallest, digits)
+        digits = last_digits(float(np.abs(self.x).max(initial=0.0)))
+        return forces * closed_within(self._sizes.smallest, digits)
 
     def _accepted(
         self,
         steps: Sequence[ContactStep],
         solution: newton.Solution,
-        attempts: Collection[newton.NewtonReport],
+        attempts: Collection[NewtonReport],
         load: float,
     ) -> StepReport:
         """Set the velocity and the contact by the solution, and compute all works.

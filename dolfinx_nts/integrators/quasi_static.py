@@ -19,6 +19,7 @@ from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers import newton
 from dolfinx_nts.solvers.drag import Drag
+from dolfinx_nts.solvers.newton_report import NewtonReport
 
 __all__ = ["QuasiStatic"]
 
@@ -79,7 +80,7 @@ class QuasiStatic(ImplicitStepper):
             )
 
     def _attempts(
-        self, starts: Iterable[Start], failed: Mapping[str, newton.NewtonReport]
+        self, starts: Iterable[Start], failed: Mapping[str, NewtonReport]
     ) -> Iterator[Start]:
         """Starts to try in turn; if the first is not decided, all nodes stick at first next.
 
