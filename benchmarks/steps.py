@@ -128,6 +128,11 @@ class Run:
         # Forces of the bulk as DOLFINx assembles them, by the kernels of FFCx.
         self._ffcx = PackedForm(self._bulk._residual._bodies.form) if self._solver else None
         self._forces = np.zeros_like(stepper.u.x.array)
+        if self._solver:
+            # What is compiled when it is first needed is no part of a step.
+            zero = np.zeros((len(stepper.node_ids), stepper.u.x.block_size))
+            self._bulk.rounding(zero)
+            self._bulk.action(zero)
         for _ in range(skipped):
             stepper.advance()
 

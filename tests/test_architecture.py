@@ -43,8 +43,8 @@ LIBRARIES = {
     "imageio_ffmpeg": {"plotting"},
     "ufl": {"fem", "materials", "model", "solvers", "integrators", "diagnostics", "plotting", "io"},
     "dolfinx_nts._kernels": {
-        *("fem", "model", "search", "contact", "contact.implicit", "contact.explicit"),
-        *("solvers", "integrators"),
+        *("parallel", "fem", "model", "search", "contact", "contact.implicit"),
+        *("contact.explicit", "solvers", "integrators"),
     },
 }
 

@@ -11,7 +11,7 @@ from dolfinx_nts.diagnostics.present import Present
 from dolfinx_nts.fem.components import in_space, nodal
 from dolfinx_nts.integrators.stepper import Stepper
 
-__all__ = ["contact_field", "nodal_fields"]
+__all__ = ["contact_field", "contact_fields", "nodal_fields"]
 
 
 class _Rule(NamedTuple):
@@ -55,6 +55,16 @@ _RULES = {
     ),
     "accumulated_slip": _Rule(lambda now, pair, i: pair.history.slip, np.add, 0.0, (), True),
 }
+
+
+def contact_fields(stepper: Stepper) -> list[str]:
+    """Names of the fields of contact that a stepper has, see `nodal_fields`. Local."""
+    has_friction = any(pair.friction is not None for pair in stepper.pairs)
+    return [
+        name
+        for name, rule in _RULES.items()
+        if stepper.pairs and (has_friction or not rule.needs_friction)
+    ]
 
 
 def contact_field(stepper: Stepper, name: str) -> Array:
@@ -112,8 +122,6 @@ def nodal_fields(now: Present) -> dict[str, Array]:
         "displacement": in_space(nodal(stepper.u)[:n]),
         "velocity": in_space(nodal(stepper.v)[:n]),
     }
-    has_friction = any(pair.friction is not None for pair in stepper.pairs)
-    for name, rule in _RULES.items():
-        if stepper.pairs and (has_friction or not rule.needs_friction):
-            fields[name] = _of_contact(now, name)
+    for name in contact_fields(stepper):
+        fields[name] = _of_contact(now, name)
     return fields

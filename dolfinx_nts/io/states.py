@@ -4,7 +4,10 @@ from collections.abc import Mapping
 
 from mpi4py import MPI
 
+import numpy as np
+
 from dolfinx_nts.common.arrays import Array
+from dolfinx_nts.diagnostics.nodal_fields import contact_fields
 from dolfinx_nts.diagnostics.present import Present
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io.fields import RunFields
@@ -31,6 +34,10 @@ class States:
         comm: MPI.Comm = mesh.comm
         owned = mesh.topology.index_map(mesh.topology.dim).size_local
         self._nodes = Slabs(comm, stepper.node_ids)
+        # Elsewhere nothing changes from state to state.
+        touching = [contact.nodes.nodes for contact in stepper.contacts]
+        changed = np.unique(np.concatenate([np.empty(0, dtype=np.int32), *touching]))
+        self._changed = dict.fromkeys(contact_fields(stepper), changed)
         self._cells = Slabs(comm, mesh.topology.original_cell_index[:owned])
 
     def rows(self, now: Present, former: Mapping[str, Slab] | None = None) -> dict[str, Slab]:
@@ -49,7 +56,7 @@ class States:
         for name, slab in (former or {}).items():
             room = of_cells if name.startswith(CELLS) else of_nodes
             room[name.removeprefix(CELLS)] = slab.values
-        fields = self._nodes.together(self._fields.nodal(now), of_nodes)
+        fields = self._nodes.together(self._fields.nodal(now), of_nodes, self._changed)
         for name, slab in self._cells.together(self._fields.of_cells(), of_cells).items():
             pieces, *shape = slab.values.shape[1:]
             fields[f"{CELLS}{name}"] = slab.split(pieces, *shape)

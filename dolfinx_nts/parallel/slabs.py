@@ -11,7 +11,8 @@ from mpi4py import MPI
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Array, Floats, GlobalInts
+from dolfinx_nts import _kernels
+from dolfinx_nts.common.arrays import Array, Floats, GlobalInts, Ints
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import exchanged, joined
 
@@ -68,6 +69,8 @@ class Slabs:
         """Find out which rank gets which rows."""
         self._comm = comm
         self._order = np.argsort(ids)
+        # On one rank, the place of each row in the slab.
+        self._place = np.argsort(self._order)
         ids = ids[self._order]
         bounds = _bounds(comm, ids)
         ends = [0, *np.searchsorted(ids, bounds), len(ids)]
@@ -79,7 +82,7 @@ class Slabs:
         last = np.cumsum(comm.allgather(len(numbers)))
         self._begin, self._length = int(last[comm.rank]) - len(numbers), int(last[-1])
 
-    def slab(self, rows: Array, room: Array | None = None) -> Slab:
+    def slab(self, rows: Array, room: Array | None = None, changed: Ints | None = None) -> Slab:
         """Bring rows into slabs.
 
         Args:
@@ -87,24 +90,36 @@ class Slabs:
                 kind on all ranks.
             room: Contiguous array that is not needed any more, in which the rows of the slab are
                 put if they fit: new memory takes longer than the rows.
+            changed: Rows of this rank that may differ from those in the room, which has been
+                the slab of others of this kind; None: all.
         """
         if self._comm.size == 1:
+            if room is not None and changed is not None:
+                room[self._place[changed]] = rows[changed]
+                return Slab(room, self._begin, self._length)
             return Slab(_taken(rows, self._order, room), self._begin, self._length)
         received = self._exchanged(_taken(rows, self._order))
         return Slab(_taken(received, self._merge, room), self._begin, self._length)
 
     def together(
-        self, fields: Mapping[str, Floats], room: Mapping[str, Array] | None = None
+        self,
+        fields: Mapping[str, Floats],
+        room: Mapping[str, Array] | None = None,
+        changed: Mapping[str, Ints] | None = None,
     ) -> dict[str, Slab]:
         """Bring rows of several fields into slabs, by one message between any two ranks.
 
         Args:
             fields: Rows of this rank by name, see `slab`.
             room: Arrays by name, see `slab`; several ranks do not use them.
+            changed: Rows of some of the fields by name, see `slab`.
         """
         if self._comm.size == 1 or not fields:
-            room = room or {}
-            return {name: self.slab(rows, room.get(name)) for name, rows in fields.items()}
+            room, changed = room or {}, changed or {}
+            return {
+                name: self.slab(rows, room.get(name), changed.get(name))
+                for name, rows in fields.items()
+            }
         parts = [rows.reshape(len(rows), -1) for rows in fields.values()]
         ends = np.cumsum([part.shape[1] for part in parts])
         every = self.slab(np.concatenate(parts, axis=1, dtype=np.float64))
@@ -148,10 +163,13 @@ class Slabs:
 def _taken(rows: Array, order: GlobalInts, room: Array | None = None) -> Array:
     """Rows in another order, put in an array of as many numbers of their type if there is one."""
     shape = len(order), *rows.shape[1:]
-    fits = room is not None and room.dtype == rows.dtype and room.size == np.prod(shape, dtype=int)
+    width = int(np.prod(shape[1:], dtype=int))
+    fits = room is not None and room.dtype == rows.dtype and room.size == len(order) * width
     out = room.reshape(shape) if room is not None and fits else np.empty(shape, rows.dtype)
-    # All numbers are those of rows; NumPy would look first, and take a second array for that.
-    rows.take(order, axis=0, out=out, mode="clip")
+    if rows.dtype == np.float64:
+        _kernels.take_rows(rows.reshape(-1, width), order, out.reshape(-1, width))
+    else:
+        rows.take(order, axis=0, out=out)
     return out
 
 

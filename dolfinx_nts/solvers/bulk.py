@@ -53,7 +53,7 @@ class Bulk:
         *,
         jumps: bool = False,
     ) -> None:
-        """Create the compiled forms of the residual and of its derivative."""
+        """Compile the forms of the residual, and prepare those of its derivative."""
         V = u.function_space
         self.comm: MPI.Comm = V.mesh.comm
         self.u = u

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from functools import partial
+from functools import cached_property
 
 import numpy as np
 import ufl
@@ -24,7 +24,7 @@ _SAMPLE = 512
 
 
 class Derivative:
-    """Derivative of linear forms by u in a direction.
+    """Derivative of linear forms by u in a direction, which is taken when it is first asked for.
 
     Args:
         forms: Forms, that of the bodies first, then those of loads.
@@ -37,19 +37,15 @@ class Derivative:
     """
 
     def __init__(self, forms: Sequence[ufl.Form], u: fem.Function, *, jumps: bool = False) -> None:
-        """Compile what every run needs."""
+        """Take the forms."""
         self.rounded: Kernels = "double" if jumps else "single"
         self._direction = fem.Function(u.function_space)
         # DOLFINx takes 2 us each time that it is asked for the array.
         self._values: Floats = self._direction.x.array
-        V = u.function_space
+        self._forms, self._u, V = forms, u, u.function_space
         nodes = V.dofmap.index_map
         self._comm, self._num_owned = nodes.comm, dimension(V) * nodes.size_local
-        derivatives = [
-            expand_derivatives(ufl.derivative(form, u, self._direction)) for form in forms
-        ]
-        self._new = partial(NodalSum, derivatives, V)
-        self._sums = {kernels: self._new(kernels) for kernels in (self.rounded, _EXACT)}
+        self._sums: dict[Kernels, NodalSum] = {}
         self._left_out: Ints = np.empty(0, dtype=np.int32)
 
     @property
@@ -86,17 +82,26 @@ class Derivative:
     def by(self, kernels: Kernels) -> NodalSum:
         """Forms of the derivative with some kernels. Collective."""
         if kernels not in self._sums:
-            # Without contact nobody needs double precision, which takes time to compile.
-            self._sums[kernels] = self._new(kernels)
+            # Bodies that fly need none, and without contact nobody needs double precision: all of
+            # them take time to compile.
+            V = self._u.function_space
+            self._sums[kernels] = NodalSum(self._derivatives, V, kernels)
             self._sums[kernels].leave_out(self._left_out)
         return self._sums[kernels]
+
+    @cached_property
+    def _derivatives(self) -> list[ufl.Form]:
+        """The derivative of each form."""
+        u, direction = self._u, self._direction
+        return [expand_derivatives(ufl.derivative(form, u, direction)) for form in self._forms]
 
     def rounding(self) -> float:
         """Error of the rounded derivative, relative, on a sample of cells. Collective.
 
         It depends on the law, and on displacements in sizes of cells.
         """
-        rounded, exact = (self._sums[each].sample(_SAMPLE) for each in (self.rounded, _EXACT))
+        sums = [self.by(kernels) for kernels in (self.rounded, _EXACT)]
+        rounded, exact = (each.sample(_SAMPLE) for each in sums)
         error = rounded - exact
         squares = [float(error @ error), float(exact @ exact)]
         part, whole = reductions.total(self._comm, squares)

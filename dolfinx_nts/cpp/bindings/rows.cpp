@@ -26,6 +26,18 @@ auto bounds_of(const Doubles& x, const Ints& rows)
   return both;
 }
 
+void take_rows_of(const Doubles& x, const In<std::int64_t>& rows,
+                  const Out<double>& out)
+{
+  check("x", x, {any, any});
+  check("rows", rows, {any});
+  check("out", out, {rows.size(), x.shape(1)});
+  for (const std::int64_t row : view(rows))
+    if (row < 0 || static_cast<std::size_t>(row) >= x.shape(0))
+      throw nb::value_error("rows: expected rows of x");
+  take_rows(view(x), view(rows), view(out));
+}
+
 auto resultant_of(const Doubles& x, const Ints& rows, const Doubles& vectors)
 {
   check_points(x, rows);
@@ -61,6 +73,8 @@ void rows(nb::module_& m)
   m.def("bounds", &bounds_of, nb::arg("x"), nb::arg("rows"),
         "(n, 3), (r,) -> least and greatest coordinates of these rows (2, 3), "
         "inf and -inf of none");
+  m.def("take_rows", &take_rows_of, nb::arg("x"), nb::arg("rows"),
+        nb::arg("out").noconvert(), "(n, w), (r,), set to these rows (r, w)");
   m.def("resultant", &resultant_of, nb::arg("x"), nb::arg("rows"),
         nb::arg("vectors"),
         "(n, 3), (r,), (r, 3) at these rows of x -> their sum and the moment "

@@ -2,13 +2,18 @@
 
 import re
 
+from mpi4py import MPI
+
+import basix
 import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
-from dolfinx.mesh import GhostMode, meshtags
+from dolfinx.mesh import CellType, GhostMode, create_box, create_rectangle, meshtags
 
 import dolfinx_nts as nts
+from dolfinx_nts.fem.components import deformation_gradient
+from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.model.bodies import bulk_form, check_bodies
 from dolfinx_nts.model.inverted_cells import VolumeRatio
 from helpers import scenes
@@ -114,6 +119,37 @@ def test_inverted_cell_is_named_by_its_input_number_and_place(comm, cell, agree)
     number = int(text.split()[1])
     # Node 0 lies in hexahedron 0, or in the tetrahedra cut from it.
     assert agree(number < (6 if cell == "tetrahedron" else 1))
+
+
+@pytest.mark.parametrize(
+    ("cell", "degree", "makes_rings"),
+    [
+        ("hexahedron", 2, False),
+        ("tetrahedron", 1, False),
+        ("triangle", 2, False),
+        ("quadrilateral", 1, True),
+    ],
+)
+def test_least_volume_ratio_is_that_of_the_deformation_gradient(cell, degree, makes_rings):
+    kind, dim = getattr(CellType, cell), 3 if cell.endswith("hedron") else 2
+    create = create_box if dim == 3 else create_rectangle
+    mesh = create(MPI.COMM_SELF, [(0.2, 0, 0)[:dim], (1.4, 1, 0.7)[:dim]], (3, 2, 2)[:dim], kind)
+    if makes_rings:
+        nts.axisymmetric(mesh)
+    V = fem.functionspace(mesh, ("Lagrange", degree, (dim,)))
+    u, number = fem.Function(V), 5
+    u.x.array[:] = 1e-3 * np.random.default_rng(1).normal(size=len(u.x.array))
+    node = V.dofmap.cell_dofs(number)[0]
+    u.x.array[dim * node : dim * (node + 1)] = 2.0
+    degree = Element.of(V).stress_degree
+    points, _ = basix.make_quadrature(basix.CellType[cell], degree)
+    ratio = fem.Expression(ufl.det(deformation_gradient(u)), points)
+    cells = np.arange(mesh.topology.index_map(dim).size_local, dtype=np.int32)
+    values = ratio.eval(mesh, cells).min(axis=1)
+    text = VolumeRatio(u).inverted()
+    worst = np.argmin(values)
+    assert text.startswith(f"cell {mesh.topology.original_cell_index[worst]} near")
+    assert text.endswith(f"det F = {values[worst]:.3g}")
 
 
 def test_bodies_must_fill_the_mesh_once(comm, refused):

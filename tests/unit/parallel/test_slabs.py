@@ -56,6 +56,15 @@ def test_rows_take_the_place_of_those_that_nobody_needs(comm, mine, agree):
         assert agree(np.shares_memory(found.values, other) == (number == 0))
 
 
+def test_only_rows_that_change_are_put_in_the_room_of_a_former_slab(comm, mine, agree):
+    slabs, rows = Slabs(comm, mine), table(mine).astype(float)
+    former = slabs.slab(rows).values
+    changed = np.flatnonzero(mine % 2 == 0).astype(np.int32)
+    rows[changed] += 1
+    found = whole(comm, slabs.slab(rows, former, changed))
+    assert agree(np.array_equal(found, table(NUMBERS) + (NUMBERS % 2 == 0)[:, None]))
+
+
 def test_no_rank_has_many_more_rows_than_others(comm, mine, agree):
     share = len(NUMBERS) / comm.size
     assert agree(abs(len(Slabs(comm, mine).numbers().values) - share) < 0.15 * share)

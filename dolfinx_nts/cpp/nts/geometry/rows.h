@@ -18,6 +18,26 @@ Vec3 in_space(std::span<const double> x, std::size_t i) noexcept
   return row;
 }
 
+/// @brief Take rows of x in another order, which lie far apart in memory.
+/// @param[in] x Rows of w numbers, (n, w).
+/// @param[in] rows Their numbers, (r,).
+/// @param[out] out These rows, (r, w).
+inline void take_rows(std::span<const double> x,
+                      std::span<const std::int64_t> rows,
+                      std::span<double> out) noexcept
+{
+  // Rows that are asked for in time arrive while others are copied.
+  constexpr std::size_t ahead = 24;
+  const std::size_t width = rows.empty() ? 0 : out.size() / rows.size();
+  for (std::size_t i = 0; i < rows.size(); ++i)
+  {
+    if (i + ahead < rows.size())
+      __builtin_prefetch(x.data() + width * rows[i + ahead]);
+    for (std::size_t k = 0; k < width; ++k)
+      out[width * i + k] = x[width * rows[i] + k];
+  }
+}
+
 /// @brief Sum of vectors and of their moments about the origin.
 struct Resultant
 {
