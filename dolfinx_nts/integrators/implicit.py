@@ -200,7 +200,8 @@ class ImplicitStepper(Stepper):
             raise ValueError(f"expected finite loads, given loads of {load} N in this step")
         self._bulk.rigid.begin(self._owned(self.u_n.x.array))
         at_rest = partial(self._is_at_rest, load)
-        self._rates.begin(self._forces_at_start, self._free, self._bulk.rigid, at_rest)
+        forces = self._forces_at_start
+        self._rates.begin(forces, self._free, self._bulk.rigid, at_rest, self._led)
         guesses = self._rates.starts()
         starts = {name: self._start(u) for name, u in guesses.items()}
         x = self.x, self._X + self._in_space(starts[self._rates.trial])
@@ -298,6 +299,14 @@ class ImplicitStepper(Stepper):
             u = trial.array.copy()
             trial.array[:] = u_n
         return u
+
+    def _led(self) -> Floats:
+        """Displacements that supports and guides give in the step at the owned dofs [m]."""
+        # Where guides rest, rigid bodies move by round-off, which has no direction.
+        start = self._start if self._bulk.rigid.guides.move else self.supports.applied
+        u_n = self.u_n.x.array
+        led: Floats = (start(u_n) - u_n)[: self._bulk.num_owned]
+        return led
 
     def _take_back_supports(self, guess: Floats) -> None:
         """Let supports with a long way be where they are in a guess ``(d l,)`` [m]. Collective.
