@@ -184,6 +184,7 @@ class _NewmarkRates(Rates):
         free: Floats | None,
         rigid: RigidMotion,
         at_rest: Callable[[], bool],
+        led: Callable[[], Floats],
     ) -> None:
         """Set the acceleration of a state that was set by M a = f, without contact."""
         if self._known:

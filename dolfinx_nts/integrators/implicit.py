@@ -209,8 +209,9 @@ class ImplicitStepper(Stepper):
             raise ValueError(f"expected finite loads, given loads of {load} N in this step")
         self._bulk.rigid.begin(self._owned(self.u_n.x.array))
         at_rest = partial(self._is_at_rest, load)
-        self._rates.begin(self._forces_at_start, self._free, self._bulk.rigid, at_rest)
-        starts = [Start(name, self._led(u), u) for name, u in self._rates.starts().items()]
+        forces = self._forces_at_start
+        self._rates.begin(forces, self._free, self._bulk.rigid, at_rest, self._led)
+        starts = [Start(name, self._admissible(u), u) for name, u in self._rates.starts().items()]
         problem = self._problem(starts, load)
         reports: dict[str, NewtonReport] = {}
         for start in self._attempts(starts, reports) if self._tries else ():
@@ -240,7 +241,7 @@ class ImplicitStepper(Stepper):
         """What is given in the step that begins; ``load`` is the norm of its loads [N]."""
         trial = next(start for start in starts if start.name == self._rates.trial)
         on_the_way = {
-            part: self._X + self._in_space(self._led(trial.guess, part))
+            part: self._X + self._in_space(self._admissible(trial.guess, part))
             for part in _held_parts(() if self._is_static else self.pairs)
         }
         v = self.v.x.array[: len(self._lumped_mass)]
@@ -287,7 +288,7 @@ class ImplicitStepper(Stepper):
         for contact in self.contacts:
             contact.derive_penalty(stiffness, stiffer)
 
-    def _led(self, u: Floats, part: float = 1.0) -> Floats:
+    def _admissible(self, u: Floats, part: float = 1.0) -> Floats:
         """Displacements u of the local dofs [m] as supports and rigid bodies let them be.
 
         With a part of the step, displacements after that part of the way from those at its start.
@@ -303,6 +304,14 @@ class ImplicitStepper(Stepper):
             u = trial.array.copy()
             trial.array[:] = u_n
         return u
+
+    def _led(self) -> Floats:
+        """Displacements that supports and guides give in the step at the owned dofs [m]."""
+        # Where guides rest, rigid bodies move by round-off, which has no direction.
+        start = self._admissible if self._bulk.rigid.guides.move else self.supports.applied
+        u_n = self.u_n.x.array
+        led: Floats = (start(u_n) - u_n)[: self._bulk.num_owned]
+        return led
 
     def _take_back_supports(self, guess: Floats) -> None:
         """Let supports with a long way be where they are in a guess ``(d l,)`` [m]. Collective.

@@ -89,7 +89,7 @@ class ConsistentInertia(Inertia):
         is_partial = rates.acceleration is None and any(body.is_rigid for body in bodies)
         make = TangentOfAllCells if is_partial else Tangent
         self.bulk = Bulk(*works, jumps=memory.flows)
-        self.tangent = make(*works, forms.nearby_tangent())
+        self.tangent = make(*works, forms.nearby_tangent(), [body.nodes for body in bodies])
         damping = forms.dissipation()
         self._dissipation = None if damping is None else compile_form(damping)
 

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Any, ClassVar
 
+import numpy as np
 import ufl
 from dolfinx import fem
 
@@ -14,6 +15,7 @@ from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.jit import assembled, compile_form
 from dolfinx_nts.integrators.state import State, serialize_nodal
 from dolfinx_nts.model.bodies import Body, bulk_form
+from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.rigid_motion import RigidMotion
 
 __all__ = ["ConsistentMass", "MidpointRates", "NoRates", "Rates"]
@@ -103,6 +105,7 @@ class Rates(ABC):
         free: Floats | None,
         rigid: RigidMotion,
         at_rest: Callable[[], bool],
+        led: Callable[[], Floats],
     ) -> None:
         """Prepare a step.
 
@@ -113,6 +116,8 @@ class Rates(ABC):
                 None if all are unknown.
             rigid: Motion of the rigid bodies, which has begun the step.
             at_rest: Tells whether loads and supports are still those of the last step.
+            led: Returns the displacements that supports and guides give in the step at the owned
+                dofs, ``(d n,)`` [m], 0 at others.
         """
 
     def accept(self) -> float:
@@ -154,14 +159,28 @@ class MidpointRates(Rates):
 
 
 class NoRates(Rates):
-    """Absence of inertia: the velocity stays zero, and time only counts the load."""
+    """Absence of inertia: the velocity stays zero, and time only counts the load.
+
+    Bodies go on as in the last step at first while supports and guides do. Where these begin, stop,
+    turn or come back, as where what has been pressed is drawn sideways or let go, nodes beside
+    them would be torn away, and the last state is the better start.
+    """
 
     acceleration = None
+
+    def __init__(self, state: State, dt: fem.Constant, bodies: Sequence[Body]) -> None:
+        """Begin where nothing moves."""
+        super().__init__(state, dt, bodies)
+        self._comm = self.u.function_space.mesh.comm
+        # Rates of what supports and guides give, in the last step and in the present one [m/s].
+        self._led = fem.Function(self.u.function_space)
+        self._now: Floats = np.zeros(0)
+        self._goes_on = False
 
     @property
     def trial(self) -> str:  # type: ignore[override]
         """Name of the first start."""
-        return "last" if self.at_rest else "extrapolated"
+        return "extrapolated" if self._goes_on else "last"
 
     def begin(
         self,
@@ -169,9 +188,24 @@ class NoRates(Rates):
         free: Floats | None,
         rigid: RigidMotion,
         at_rest: Callable[[], bool],
+        led: Callable[[], Floats],
     ) -> None:
-        """Do not extrapolate where nothing changes."""
+        """Find out whether bodies are likely to go on as in the last step."""
+        now: Floats = led() / float(self.dt.value)
+        self._now = now
+        last, motion = (f.x.array[: len(now)] for f in (self._led, self.mean_velocity))
+        vectors = now, last, now - last, motion
+        squares = [float(v @ v) for v in vectors]
+        *lengths, change, moved = map(float, reductions.total(self._comm, squares))
+        # Of one length they are less than 60 degrees apart.
+        is_near = change == 0 or change < max(lengths)
         self.at_rest = at_rest()
+        self._goes_on = moved > 0 and is_near and not self.at_rest
+
+    def accept(self) -> float:
+        """Note what was given in the step, see `Rates.accept`."""
+        self._led.x.array[: len(self._now)] = self._now
+        return super().accept()
 
     def inertia_share(self, mass: Floats) -> Floats:
         """Zero, because the tangent has no inertia."""
@@ -180,9 +214,14 @@ class NoRates(Rates):
     def starts(self) -> dict[str, Floats]:
         """Displacements from which Newton's method is tried in turn, by name. Local."""
         u_n, dt = self.u_n.x.array, float(self.dt.value)
-        if self.at_rest:
+        if not self._goes_on:
             return {"last": u_n}
         return {"extrapolated": u_n + dt * self.mean_velocity.x.array, "last": u_n}
+
+    def serialize(self, archive: Archive, ids: GlobalInts) -> None:
+        """Serialize also what was given in the last step, see `Rates.serialize`."""
+        super().serialize(archive, ids)
+        serialize_nodal(archive, "given_velocity", self._led, ids)
 
     def _set_velocity(self) -> float:
         return 0.0

@@ -107,7 +107,8 @@ class ResolvedImpact(Inertia):
         acceleration = rates.mean_acceleration
         self.bulk = RedistributedBulk(residual, u, bcs, loads, mass, acceleration, factor)
         self.tangent = RedistributedTangent(
-            residual, u, bcs, loads, forms.nearby_tangent(), mass, rates.dt, factor
+            *(residual, u, bcs, loads, forms.nearby_tangent(), [body.nodes for body in bodies]),
+            *(mass, rates.dt, factor),
         )
         self._stiffness = self._undeformed_stiffness(scheme.stress_share)
         fixed = self.bulk.supports.fixed

@@ -227,7 +227,7 @@ class RedistributedTangent(Tangent):
     """Matrix of the bodies with a redistributed mass, for preconditioners.
 
     Args:
-        residual, u, bcs, loads, nearby: Arguments of `Tangent`.
+        residual, u, bcs, loads, nearby, bodies: Arguments of `Tangent`.
         mass: The mass.
         dt: Length of a step, on which the factor depends [s].
         factor: As of `RedistributedBulk`.
@@ -240,12 +240,13 @@ class RedistributedTangent(Tangent):
         bcs: Sequence[fem.DirichletBC],
         loads: Sequence[ufl.Form],
         nearby: ufl.Form,
+        bodies: Sequence[Ints],
         mass: RedistributedMass,
         dt: fem.Constant,
         factor: Callable[[], float],
     ) -> None:
         """Find the entries of the mass that this rank has a place for."""
-        super().__init__(residual, u, bcs, loads, nearby)
+        super().__init__(residual, u, bcs, loads, nearby, bodies)
         self._inputs.append(dt.value)
         self._factor = factor
         V = u.function_space

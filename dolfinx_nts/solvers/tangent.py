@@ -35,6 +35,7 @@ class Tangent(AddedStiffness):
         loads: Virtual work of loads, each linear in the test function [N].
         nearby: Bilinear form near the derivative that is definite whatever
             the state, for preconditioners; None: the derivative itself.
+        bodies: Nodes of each body, for what stiffness is expected of them.
 
     Attributes:
         comm: Communicator of the mesh.
@@ -52,6 +53,7 @@ class Tangent(AddedStiffness):
         bcs: Sequence[fem.DirichletBC],
         loads: Sequence[ufl.Form] = (),
         nearby: ufl.Form | None = None,
+        bodies: Sequence[Ints] = (),
     ) -> None:
         """Create the forms; that of the derivative is compiled when it is needed."""
         super().__init__()
@@ -64,7 +66,7 @@ class Tangent(AddedStiffness):
         self._nearby = None if nearby is None else CellMatrix(expand_derivatives(nearby))
         self._inputs = _inputs(forms if nearby is None else [*forms, nearby])
         self._rows: BlockCSR | None = None
-        self._stiffness = NodalStiffness(u.function_space, self._supports.fixed)
+        self._stiffness = NodalStiffness(u.function_space, self._supports.fixed, bodies)
         self.point: Sequence[Array] | None = None
         self.num_assembled = 0
 

@@ -49,3 +49,44 @@ def test_springs_hold_a_belt_with_few_iterations():
     assert sum(iterations) <= 200
     ratio = np.exp(MU * ANGLE * RADIUS / (RADIUS + THICKNESS / 2))
     assert reaction.force[0] / PULL == pytest.approx(ratio, rel=1e-2)
+
+
+def test_what_turns_or_comes_back_is_no_more_work_than_what_begins():
+    """Nodes do not go on as in the last step where the supports that lead them do not."""
+    scene = blocks(width=12, material=nts.NeoHookean(1e5, 0.49, 1e3))
+    u = fem.Function(scene.V)
+    low, top = (
+        fem.locate_dofs_geometrical(scene.V, lambda x, y=y: np.isclose(x[1], y))
+        for y in (-0.5, 1.02)
+    )
+
+    def update(t):
+        """Press down until t = 1, draw sideways until t = 2, wait until t = 3, and go back."""
+        way = 0.2 * min(max(t - 1, 0), 1, 4 - t), -0.2 * min(t, 1, 4 - t)
+        u.x.array.reshape(-1, 2)[top] = way
+
+    pair = nts.ContactPair(scene.nodes, scene.segments, friction=nts.Coulomb(1.0))
+    bcs = [fem.dirichletbc(u, dofs) for dofs in (low, top)]
+    bodies = [scene.lower, scene.upper]
+    stepper = nts.QuasiStatic(bodies, [pair], dt=0.25, bcs=bcs, update=update)
+    iterations = [step.newton_iterations for step in stepper.run(until=3.5)]
+    assert max(iterations) <= 8
+    assert sum(iterations[8:12]) == 0
+
+
+def test_a_first_step_that_fails_is_not_tried_twice_from_the_same_state():
+    """There is no last step whose motion might go on."""
+    scene = blocks(material=nts.NeoHookean(1e5, 0.3, 1e3))
+    low = fem.locate_dofs_geometrical(scene.V, lambda x: np.isclose(x[1], -0.5))
+    top = nts.Surface.where(scene.V, lambda x: np.isclose(x[1], 1.02))
+    stepper = nts.QuasiStatic(
+        [scene.lower, scene.upper],
+        [nts.ContactPair(scene.nodes, scene.segments, friction=nts.Coulomb(0.3))],
+        dt=1.0,
+        bcs=[fem.dirichletbc(np.zeros(2), low, scene.V)],
+        loads=[nts.Traction(top, (0, -1e7))],
+    )
+    with pytest.raises(nts.ConvergenceError) as error:
+        stepper.advance()
+    assert "from the last state" in str(error.value)
+    assert "extrapolated" not in str(error.value)

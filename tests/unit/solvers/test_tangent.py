@@ -66,3 +66,30 @@ def test_given_displacements_do_not_count_as_stiffness_in_any_units(comm, E):
     np.testing.assert_allclose(supported[at_end], free[at_end], rtol=1e-12)
     known = comm.allreduce([*supported[within | at_end]])
     np.testing.assert_allclose(supported[x < 0.1], np.mean(known), rtol=1e-12)
+
+
+def test_a_soft_body_keeps_its_stiffness_beside_a_stiff_one(comm):
+    """Rubber that lies on steel, of which springs and many tests take their scale."""
+
+    def build(model):
+        parts.add_rectangle(model, "below", corner=(0, 0), size=(3, 1), cells=(3, 2))
+        parts.add_rectangle(model, "above", corner=(1, 1), size=(1, 1), cells=(2, 2))
+
+    mesh, cells, _, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+    above = nts.Body(V, cells, tag["above"], nts.NeoHookean(E=1e6, nu=0.3, rho=1e3))
+    soft, stiff = (
+        nts.Body(V, cells, tag["below"], nts.NeoHookean(E=E, nu=0.3, rho=1e3)) for E in (1e6, 2e11)
+    )
+    held = fem.locate_dofs_geometrical(V, lambda x: x[1] > 1.99)
+    bcs = [fem.dirichletbc(np.zeros(2), held, V)]
+    alone, beside = (
+        nts.QuasiStatic([above, below], dt=1.0, bcs=bcs)._tangent.nodal_stiffness()
+        for below in (soft, stiff)
+    )
+    nodes = above.nodes[above.nodes < len(alone)]
+    is_free = V.tabulate_dof_coordinates()[nodes, 1] < 1.99
+    np.testing.assert_allclose(beside[nodes[is_free]], alone[nodes[is_free]], rtol=1e-12)
+    # Held nodes have the mean stiffness of their own body.
+    known = comm.allreduce([*beside[nodes[is_free]]])
+    np.testing.assert_allclose(beside[nodes[~is_free]], np.mean(known), rtol=1e-12)
