@@ -27,6 +27,7 @@ from dolfinx_nts.fem.jit import assembled, compile_quickly
 from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.model.rigid_shapes import RigidSphere
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.parallel.communication import places_among_all
 from dolfinx_nts.parallel.errors import agreed
 
 __all__ = [
@@ -163,7 +164,8 @@ class Surface(Declaration):
         self.thickness: Floats = Element.of(V).degree * (
             np.abs(height[mine]) / _CENTRE[Element.of(V).cell]
         )
-        self.key = self._number()
+        ids = np.sort(input_ids(V)[self.segments], axis=1)
+        self.key = places_among_all(mesh.comm, ids)
         x = X[self.segments]
         if isinstance(smooth, RigidSphere):
             self._check_sphere(smooth, x)
@@ -327,17 +329,6 @@ class Surface(Declaration):
                 if end != node:
                     rows.append(cells[:, [node, end]])
         return np.unique(np.concatenate(rows), axis=0)
-
-    def _number(self) -> GlobalInts:
-        """Number all segments in the order of the numbers of their nodes. Collective."""
-        comm = self.V.mesh.comm
-        mine = np.sort(input_ids(self.V)[self.segments], axis=1)
-        parts = comm.allgather(mine)
-        order = np.lexsort(np.concatenate(parts).T[::-1])
-        key = np.empty(len(order), dtype=np.int64)
-        key[order] = np.arange(len(order))
-        first = sum(len(part) for part in parts[: comm.rank])
-        return key[first : first + len(mine)]
 
 
 def sharpest_corner(surface: Surface) -> float:
