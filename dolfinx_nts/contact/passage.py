@@ -17,7 +17,8 @@ from dolfinx_nts.contact.method import EDGES
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.model.obstacles import Obstacle
-from dolfinx_nts.model.surfaces import Surface, diameters
+from dolfinx_nts.model.segments import diameters
+from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.model.trajectories import Trajectories, passages
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined
