@@ -9,7 +9,7 @@ from mpi4py import MPI
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from dolfinx_nts.meshing.gmsh import add_box, add_hollow_ball, add_solid_ball
+from dolfinx_nts.meshing.parts import add_box, add_hollow_ball, add_solid_ball
 
 __all__ = [
     "ELEMENTS",

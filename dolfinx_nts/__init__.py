@@ -33,8 +33,10 @@ from dolfinx_nts.materials.plasticity import J2Plasticity
 from dolfinx_nts.meshing import parts
 from dolfinx_nts.meshing.gmsh import MeshData, read_mesh
 from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.body_loads import BodyForce, Gravity
+from dolfinx_nts.model.form_load import FormLoad
 from dolfinx_nts.model.guide import Guide
-from dolfinx_nts.model.loads import BodyForce, FormLoad, Gravity, Load, Pressure, Traction
+from dolfinx_nts.model.loads import Load
 from dolfinx_nts.model.motion import Motion
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.reaction import Reaction
@@ -43,6 +45,7 @@ from dolfinx_nts.model.rigid_body import RigidBody
 from dolfinx_nts.model.rigid_cone import RigidCone
 from dolfinx_nts.model.rigid_shapes import RigidCylinder, RigidPlane, RigidSphere
 from dolfinx_nts.model.rigid_surface import RigidSurface
+from dolfinx_nts.model.surface_loads import Pressure, Traction
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel.errors import end_together
 from dolfinx_nts.search.overlaps import Overlap

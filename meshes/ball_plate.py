@@ -8,7 +8,7 @@ from pathlib import Path
 
 import gmsh
 
-from dolfinx_nts.meshing.gmsh import add_box, add_hollow_ball
+from dolfinx_nts.meshing.parts import add_box, add_hollow_ball
 
 
 def write(path: Path) -> None:

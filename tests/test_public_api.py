@@ -36,7 +36,8 @@ objects = pytest.mark.parametrize("name", sorted(OBJECTS))
 
 # What users call: the names of the package, and these modules beside it.
 BESIDE = (
-    *("meshing.gmsh", "meshing.parts", "diagnostics.balance", "io.recorder"),
+    *("meshing.gmsh", "meshing.boxes", "meshing.balls", "meshing.rings"),
+    *("diagnostics.balance", "io.recorder"),
     *("plotting.pictures", "plotting.diagrams"),
 )
 FOR_USERS = sorted(

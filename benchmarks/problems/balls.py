@@ -10,7 +10,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from benchmarks.scenes import ELEMENTS, SCHEMES, Scene, ball_on_plate
-from dolfinx_nts.meshing.gmsh import add_torus
+from dolfinx_nts.meshing.parts import add_torus
 
 __all__ = ["ball", "ball_on_wall", "tori"]
 

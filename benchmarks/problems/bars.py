@@ -11,7 +11,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from benchmarks.scenes import ELEMENTS, SCHEMES, Scene
-from dolfinx_nts.meshing.gmsh import add_box
+from dolfinx_nts.meshing.parts import add_box
 
 __all__ = ["LENGTH", "SPEED", "bar_on_bar", "bar_on_wall"]
 

@@ -9,7 +9,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from benchmarks.scenes import ELEMENTS, SCHEMES, Scene
-from dolfinx_nts.meshing.gmsh import add_box
+from dolfinx_nts.meshing.parts import add_box
 
 __all__ = ["braking_block", "paraboloid", "pressed_block"]
 

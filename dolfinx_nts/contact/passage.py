@@ -17,9 +17,11 @@ from dolfinx_nts.contact.method import EDGES
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.model.obstacles import Obstacle
-from dolfinx_nts.model.surfaces import Surface, diameters
+from dolfinx_nts.model.segments import diameters
+from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.model.trajectories import Trajectories, passages
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.parallel.communication import joined
 from dolfinx_nts.search.candidates import Candidates
 from dolfinx_nts.search.points import ContactPoints
 
@@ -145,7 +147,7 @@ def passing_message(comm: MPI.Comm, what: str, ids: GlobalInts, advice: str) -> 
     """
     if not reductions.anywhere(comm, len(ids) > 0):
         return ""
-    everywhere = np.unique(np.concatenate(comm.allgather(ids)))
+    everywhere = np.unique(joined(comm, ids))
     where = f"{len(everywhere)} {what} pass through a surface that they face: {listed(everywhere)}"
     return f"{where}; {advice}"
 

@@ -17,7 +17,8 @@ from dolfinx_nts.contact.method import EDGES
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.passage import passing_message, through_to_another_side
 from dolfinx_nts.model.closed_boundaries import outward_triangles, triangles_at
-from dolfinx_nts.model.surfaces import Surface, diameters
+from dolfinx_nts.model.segments import diameters
+from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.global_search import GlobalSearch
 from dolfinx_nts.search.nodal_facets import NodalFacets

@@ -14,6 +14,7 @@ from dolfinx_nts.model.connected_bodies import connected
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.parallel.communication import joined
 
 __all__ = ["check_start", "warn_of_bodies_without_pair"]
 
@@ -48,7 +49,7 @@ def check_start(state: PairState, t: float, x: Floats, x_before: Floats | None =
     new = depth > allowed
     if x_before is not None:
         new &= ~(depth <= obstacle.depth(place(x_before[nodes])) + allowed)
-    ids = np.sort(np.concatenate(comm.allgather(pair.nodes.node_ids[new])))
+    ids = np.sort(joined(comm, pair.nodes.node_ids[new]))
     if len(ids):
         deepest = reductions.largest(comm, float(depth[new].max(initial=0.0)))
         raise ValueError(

@@ -191,7 +191,7 @@ class NoRates(Rates):
         led: Callable[[], Floats],
     ) -> None:
         """Find out whether bodies are likely to go on as in the last step."""
-        now: Floats = led() / float(self.dt.value)
+        now: Floats = 1 / float(self.dt.value) * led()
         self._now = now
         last, motion = (f.x.array[: len(now)] for f in (self._led, self.mean_velocity))
         vectors = now, last, now - last, motion

@@ -39,6 +39,7 @@ from dolfinx_nts.model.extrapolation import extrapolate, group_of_nodes
 from dolfinx_nts.model.inverted_cells import VolumeRatio
 from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.parallel.communication import joined
 from dolfinx_nts.solvers.held_gaps import Holds
 from dolfinx_nts.solvers.redistributed_mass import (
     RedistributedBulk,
@@ -120,7 +121,7 @@ class ResolvedImpact(Inertia):
         n = V.dofmap.index_map.size_local
         self._X = V.tabulate_dof_coordinates()[:n, : dimension(V)]
         group = group_of_nodes(bodies)[:n]
-        numbers = np.unique(np.concatenate(self._comm.allgather(group[massless])))
+        numbers = np.unique(joined(self._comm, group[massless]))
         self._groups = [np.flatnonzero(group == number).astype(np.int32) for number in numbers]
         self._group_of = np.searchsorted(numbers, group)
         possible = possible_motions(V)
@@ -249,7 +250,7 @@ class ResolvedImpact(Inertia):
         part: Floats = np.zeros(len(costs.energy))
         for number, most in enumerate(budget):
             mine = costs.group == number
-            energies = np.sort(np.concatenate(self._comm.allgather(costs.energy[mine])))
+            energies = np.sort(joined(self._comm, costs.energy[mine]))
             sums = np.concatenate([[0.0], np.cumsum(energies)])
             num_paid = int(np.count_nonzero(sums[1:] <= most))
             rest = sums[-1] - sums[num_paid]

@@ -20,6 +20,7 @@ from dolfinx_nts.integrators.rigid import redundant
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.parallel.communication import joined
 from dolfinx_nts.solvers.newton_report import ConvergenceError, NewtonReport
 
 __all__ = ["StepFailure"]
@@ -182,4 +183,4 @@ class StepFailure:
     def _listed(self, parts: Iterable[GlobalInts]) -> str:
         """Text with some numbers of nodes from all ranks, empty without. Collective."""
         mine = np.concatenate([np.empty(0, dtype=np.int64), *parts])
-        return listed(np.unique(np.concatenate(self._comm.allgather(mine))))
+        return listed(np.unique(joined(self._comm, mine)))

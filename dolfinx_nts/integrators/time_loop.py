@@ -28,6 +28,7 @@ from dolfinx_nts.integrators.step_control import ROUND_OFF, EvenSteps, StepContr
 from dolfinx_nts.integrators.step_loop import StepLoop
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.loads import Load
+from dolfinx_nts.parallel.communication import joined
 from dolfinx_nts.parallel.meeting import meet
 from dolfinx_nts.solvers.newton_report import ConvergenceError
 
@@ -227,7 +228,7 @@ class TimeLoop(State):
             for pair, now, then in zip(self.contacts, after, before, strict=True)
         ]
         none = np.empty(0, dtype=np.int64)
-        nodes = np.unique(np.concatenate(self._comm.allgather(np.concatenate([none, *new]))))
+        nodes = np.unique(joined(self._comm, np.concatenate([none, *new])))
         if len(nodes):
             raise ConvergenceError(
                 f"step {self.step} to t = {self.t:g} brings {len(nodes)} nodes more than "

@@ -107,7 +107,9 @@ def _described(path: Path) -> tuple[str, str, dict[str, Kind]]:
         )
     kinds: dict[str, Kind] = {}
 
-    def add(name: str, item: Any) -> None:
+    def add(name: str | bytes, item: Any) -> None:
+        if isinstance(name, bytes):  # not UTF-8
+            raise ValueError(f"it has {name!r}, a name that is no text")
         if isinstance(item, h5py.Dataset):
             kinds[name] = Kind(item.shape, item.dtype.str)
 

@@ -1,7 +1,7 @@
 """Meshes with named regions, read from gmsh, and simple bodies to fill its models with."""
 
-from dolfinx_nts.meshing.gmsh import (
-    MeshData,
+from dolfinx_nts.meshing.gmsh import MeshData, read_mesh
+from dolfinx_nts.meshing.parts import (
     add_bowl,
     add_box,
     add_hollow_ball,
@@ -9,7 +9,6 @@ from dolfinx_nts.meshing.gmsh import (
     add_ring,
     add_solid_ball,
     add_torus,
-    read_mesh,
 )
 
 __all__ = [

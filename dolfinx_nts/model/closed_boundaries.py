@@ -16,7 +16,7 @@ from dolfinx.mesh import exterior_facet_indices
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.model.bodies import Body, common_space
-from dolfinx_nts.model.surfaces import area_vectors, diameters
+from dolfinx_nts.model.segments import area_vectors, diameters
 from dolfinx_nts.parallel import reductions
 
 __all__ = [

@@ -114,7 +114,7 @@ def extrapolate(bodies: Sequence[Body], nodes: Ints) -> Extrapolation:
         distance[group[some, None] != below.group] = np.inf
         rows += [_row(x, d, below) for x, d in zip(X[some], distance, strict=True)]
     ids = input_ids(V)[nodes[[row is None for row in rows]]]
-    thin = np.sort(np.concatenate(comm.allgather(ids)))
+    thin = np.sort(joined(comm, ids))
     if len(thin):
         raise ValueError(
             "expected two layers of nodes below a surface with impact 'resolved', which carry "

@@ -10,7 +10,7 @@ from dolfinx_nts.model.facing import Facing
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.rims import is_nearest_a_rim
-from dolfinx_nts.model.surfaces import area_vectors, diameters
+from dolfinx_nts.model.segments import area_vectors, diameters
 from dolfinx_nts.model.trajectories import Trajectories, passages
 
 __all__ = ["RigidSurface"]

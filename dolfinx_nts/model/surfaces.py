@@ -6,7 +6,6 @@ one segment, a facet of degree 2 four on its nodes. Positions are x = X + u; no 
 moves the mesh.
 """
 
-import itertools
 from collections.abc import Callable
 from functools import cached_property
 from typing import Any
@@ -26,26 +25,23 @@ from dolfinx_nts.fem.elements import Element, check_space, check_tag
 from dolfinx_nts.fem.nodal_areas import nodal_areas
 from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.model.rigid_shapes import RigidSphere
+from dolfinx_nts.model.segments import NEIGHBOURS, area_vectors, diameters
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.parallel.communication import places_among_all
 from dolfinx_nts.parallel.errors import agreed
 
-__all__ = [
-    *("NEIGHBOURS", "Smooth", "Surface"),
-    *("area_vectors", "boundary_facets", "diameters", "sharpest_corner"),
-]
+__all__ = ["Smooth", "Surface", "boundary_facets", "sharpest_corner"]
 
 # Length of an edge, relative to the largest segment [-], that is 0 but for round-off.
 _NO_LENGTH = 1e-12
 # Part [-] of the force and area of a node in the middle that is moved to each vertex around it:
 # a uniform pressure has no force at the vertices of triangles of degree 2.
 _TO_END = 1 / 8
-# Distance of the centre of a cell from a side, relative to the height of the cell above it [-],
-# by number of vertices of the side: in a tetrahedron 1/4, in a hexahedron 1/2.
+# Distance of the centre of a cell from one of its facets, relative to the height of the cell above
+# the facet [-].
 _CENTRE = {"tetrahedron": 1 / 4, "triangle": 1 / 3, "hexahedron": 1 / 2, "quadrilateral": 1 / 2}
 # How far vertices of a surface may be off the sphere that is its shape, relative to the radius [-].
 _ON_SPHERE = 1e-3
-# Vertices next to each corner of a segment, in Basix order, by its number of vertices.
-NEIGHBOURS = {3: [(1, 2), (2, 0), (0, 1)], 4: [(1, 2), (0, 3), (0, 3), (1, 2)]}
 
 # What segments look like to nodes, see `Surface`.
 Smooth = bool | RigidSphere
@@ -165,7 +161,8 @@ class Surface(Declaration):
         self.thickness: Floats = Element.of(V).degree * (
             np.abs(height[mine]) / _CENTRE[Element.of(V).cell]
         )
-        self.key = self._number()
+        ids = np.sort(input_ids(V)[self.segments], axis=1)
+        self.key = places_among_all(mesh.comm, ids)
         x = X[self.segments]
         if isinstance(smooth, RigidSphere):
             self._check_sphere(smooth, x)
@@ -327,17 +324,6 @@ class Surface(Declaration):
                     rows.append(cells[:, [node, end]])
         return np.unique(np.concatenate(rows), axis=0)
 
-    def _number(self) -> GlobalInts:
-        """Number all segments in the order of the numbers of their nodes. Collective."""
-        comm = self.V.mesh.comm
-        mine = np.sort(input_ids(self.V)[self.segments], axis=1)
-        parts = comm.allgather(mine)
-        order = np.lexsort(np.concatenate(parts).T[::-1])
-        key = np.empty(len(order), dtype=np.int64)
-        key[order] = np.arange(len(order))
-        first = sum(len(part) for part in parts[: comm.rank])
-        return key[first : first + len(mine)]
-
 
 def sharpest_corner(surface: Surface) -> float:
     """Find the least sine of an angle between two edges of a segment. Collective.
@@ -360,23 +346,6 @@ def sharpest_corner(surface: Surface) -> float:
     good = np.minimum(length_a, length_b) > _NO_LENGTH * surface.size
     sine = np.divide(area, length_a * length_b, out=np.zeros_like(area), where=good)
     return float(reductions.least(surface.V.mesh.comm, sine.min(initial=1.0)))
-
-
-def diameters(x: Floats) -> Floats:
-    """Compute the longest distance between two vertices of each segment. Local.
-
-    Args:
-        x: Positions of the vertices, shape ``(s, k, 3)`` [m].
-
-    Returns:
-        Distances, shape ``(s,)`` [m].
-    """
-    squared: Floats = np.zeros(len(x))
-    for one, other in itertools.combinations(range(x.shape[1]), 2):
-        edge = x[:, one] - x[:, other]
-        np.maximum(squared, np.einsum("si,si->s", edge, edge), out=squared)
-    lengths: Floats = np.sqrt(squared)
-    return lengths
 
 
 def boundary_facets(V: fem.FunctionSpace, predicate: Callable[[Any], Any]) -> Ints:
@@ -406,25 +375,3 @@ def boundary_facets(V: fem.FunctionSpace, predicate: Callable[[Any], Any]) -> In
 
     facets: Ints = locate_entities_boundary(V.mesh, V.mesh.topology.dim - 1, checked)
     return facets
-
-
-def area_vectors(vertices: Floats, orientation: Floats) -> Floats:
-    """Compute the mean normal of each segment, scaled to its area. Local.
-
-    Args:
-        vertices: Positions in Basix order, shape ``(s, k, 3)`` [m].
-        orientation: Orientations of the segments as in `Surface`, ``(s,)``.
-
-    Returns:
-        Vectors that point out of the body, shape ``(s, 3)`` [m^2], of edges in the plane [m].
-    """
-    first = vertices[:, -1] - vertices[:, 0]
-    if vertices.shape[1] == 2:
-        along: Floats = orientation[:, None] * np.cross(first, [0.0, 0.0, 1.0])
-        return along
-    second = vertices[:, 2] - vertices[:, 1]
-    # Half of the product of the diagonals of a quadrilateral, or of two edges of a triangle.
-    if vertices.shape[1] == 3:
-        first, second = vertices[:, 1] - vertices[:, 0], first
-    vectors: Floats = orientation[:, None] * np.cross(first, second) / 2
-    return vectors

@@ -7,10 +7,10 @@ from mpi4py import MPI
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Array
+from dolfinx_nts.common.arrays import Array, GlobalInts
 from dolfinx_nts.parallel.errors import portable
 
-__all__ = ["exchanged", "joined", "on_root"]
+__all__ = ["exchanged", "joined", "on_root", "places_among_all"]
 
 T = TypeVar("T")
 
@@ -77,3 +77,21 @@ def joined(comm: MPI.Comm, values: Array) -> Array:
         All rows; on one rank the very array.
     """
     return np.concatenate(comm.allgather(values)) if comm.size > 1 else values
+
+
+def places_among_all(comm: MPI.Comm, rows: GlobalInts) -> GlobalInts:
+    """Places of rows when those of all ranks are sorted by their columns. Collective.
+
+    Args:
+        comm: Communicator.
+        rows: Rows of this rank, of which no two ranks have the same, shape ``(n, k)``.
+
+    Returns:
+        Places from 0 on, the same on any partition, shape ``(n,)``.
+    """
+    parts = comm.allgather(rows)
+    order = np.lexsort(np.concatenate(parts).T[::-1])
+    places = np.empty(len(order), dtype=np.int64)
+    places[order] = np.arange(len(order))
+    first = sum(len(part) for part in parts[: comm.rank])
+    return places[first : first + len(rows)]

@@ -1,37 +1,21 @@
-"""Sharp edges that cross: an edge of the nodes' surface with an edge of another.
+"""Sharp edges that cross: an edge of the nodes' surface with an edge of another."""
 
-Two edges are as far apart as the lines on which they lie. That distance is the one of a point
-from the plane of a triangle: with ends a_1, a_2 and b_1, b_2
-
-    g = (a_1 - b_1) . n,  n along (a_2 - a_1) x (b_2 - b_1)
-
-is that of a_1 from the triangle of b_1, b_1 + a_2 - a_1 and b_2. All of these are linear in the
-nodes, with weights of sum one, so that whatever the kernels of triangles conserve they conserve
-here: work, forces and moments carry over with the transposed weights.
-"""
-
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from dolfinx_nts import _kernels
 from dolfinx_nts._kernels import DEEPEST, HYSTERESIS, OVERHANG
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
-from dolfinx_nts.common.vectors import cross
-from dolfinx_nts.model.frames import Frame
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.search.candidates import Candidates
+from dolfinx_nts.search.crossings import WEIGHTS, Crossing
 from dolfinx_nts.search.edges import Edges, pairs_within
-from dolfinx_nts.search.points import ContactPoints, NodalPoints
+from dolfinx_nts.search.points import ContactPoints
 from dolfinx_nts.search.scatter import NodalScatter
 from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidates
 
-__all__ = ["EdgeCandidates", "RigidEdgeCandidates"]
+__all__ = ["EdgeCandidates"]
 
-# Corners of the triangle and the point (rows) by the nodes of a pair: a_1, a_2, b_1, b_2.
-_WEIGHTS = np.array(
-    [[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [-1.0, 1.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
-)
 # Sines of angles [-] above which edges that meet anew count as crossing: between the edges, and
 # between the normal of the crossing and the facets at the edges, which it must lie between. A pair
 # that is held stays until they are below the second ones, and so far an edge may also lie on a
@@ -42,44 +26,6 @@ _CROSSING, _BETWEEN = (0.01, 0.005), (1e-3, -0.05)
 _ROUNDING = 1e-9
 # By how much deeper another edge must be than the present one, in edges [-], to be taken for it.
 _DEEPER = 0.01
-
-
-class _Crossing(NamedTuple):
-    """How edges cross: gap for the normal along their product, places, and angles.
-
-    Attributes:
-        gap: Shape ``(m,)`` [m].
-        normal: Unit vectors, shape ``(m, 3)``.
-        places: Where the nearest points are on both edges, from 0 to 1, ``(m, 2)``.
-        sine: Of the angle between the edges, shape ``(m,)``.
-    """
-
-    gap: Floats
-    normal: Floats
-    places: Floats
-    sine: Floats
-
-    @classmethod
-    def of(cls, a: Floats, b: Floats) -> "_Crossing":
-        """Cross edges by their ends, both ``(m, 2, 3)`` [m]."""
-        first, second, between = a[:, 1] - a[:, 0], b[:, 1] - b[:, 0], b[:, 0] - a[:, 0]
-        product = cross(first, second)
-        area = np.linalg.norm(product, axis=1)
-        lengths = np.linalg.norm(first, axis=1) * np.linalg.norm(second, axis=1)
-        tiny = np.finfo(float).tiny
-        square = np.maximum(area**2, tiny)
-        places = [
-            np.einsum("mi,mi->m", cross(between, along), product) / square
-            for along in (second, first)
-        ]
-        normal = product / np.maximum(area, tiny)[:, None]
-        gap = -np.einsum("mi,mi->m", between, normal)
-        sine = area / np.maximum(lengths, tiny)
-        return cls(gap, normal, np.column_stack(places), sine)
-
-    def take(self, some: Ints | Flags) -> "_Crossing":
-        """Select some of the pairs."""
-        return _Crossing(*(values[some] for values in self))
 
 
 class _Found(NamedTuple):
@@ -119,7 +65,9 @@ class EdgeCandidates(SegmentCandidates):
     """
 
     # Those of the nodes that have unknowns.
-    _weights = _WEIGHTS
+    _weights = WEIGHTS
+    # Springs of facets would see facets.
+    penalty_forces = Candidates.penalty_forces
 
     def __init__(
         self,
@@ -197,19 +145,6 @@ class EdgeCandidates(SegmentCandidates):
         segment[where], gap[where] = candidate[order[first]], gaps[order[first]]
         return segment, gap
 
-    def penalty_forces(
-        self,
-        points: NodalPoints,
-        x: Floats,
-        current: Ints,
-        reach: float,
-        numbers: Ints,
-        stiffness: Floats,
-    ) -> tuple[Ints, Floats, _kernels.Springs]:
-        """Load the springs of crossings inside, by their gradients; see `Candidates`."""
-        values = points, x, current, reach, numbers, stiffness
-        return Candidates.penalty_forces(self, *values)
-
     def near(self, points: ContactPoints, x: Floats, reach: float) -> Ints:
         """Find the carriers of edges whose boxes are near those of others, see `Candidates`."""
         every = np.arange(len(self._pairs), dtype=np.int32)
@@ -275,10 +210,10 @@ class EdgeCandidates(SegmentCandidates):
         candidate = (2 * pair + (sense > 0)).astype(np.int32)[faces]
         return _Found(candidate, gap[faces], is_beyond[faces], gap[faces])
 
-    def _crossing(self, x: Floats, pair: Ints) -> _Crossing:
+    def _crossing(self, x: Floats, pair: Ints) -> Crossing:
         """How the edges of some pairs cross."""
         ends = (edges.ends[self._pairs[pair, i]] for i, edges in enumerate(self._edges))
-        return _Crossing.of(*(x[rows] for rows in ends))
+        return Crossing.of(*(x[rows] for rows in ends))
 
     def _between(self, x: Floats, pair: Ints, normal: Floats) -> Floats:
         """Sines of the angles between normals, ``(m, 3)``, and those of facets, ``(m, 4)``.
@@ -296,7 +231,7 @@ class EdgeCandidates(SegmentCandidates):
 
     def pairs(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
         """Positions of the points and triangles that stand for edges, ``(m, 4, 3)`` [m]."""
-        return _WEIGHTS @ super().pairs(points, x, segment)
+        return WEIGHTS @ super().pairs(points, x, segment)
 
     def contact(
         self, scheme: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints
@@ -317,63 +252,3 @@ class EdgeCandidates(SegmentCandidates):
     def is_at_rim(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:
         """All may leave: beyond an end another edge or a facet goes on."""
         return np.ones(len(segment), dtype=bool)
-
-
-class RigidEdgeCandidates(EdgeCandidates):
-    """Edges that cross those of a rigid obstacle, see `EdgeCandidates`; pairs are an own edge.
-
-    Positions are those in the frame of the obstacle, and both ends of the other edges are rows
-    behind those of the map.
-
-    Args:
-        corners: Vertices of the obstacle, shape ``(n, 3)`` [m].
-        frame: Frame of the obstacle in the present step.
-        *edges: As of `EdgeCandidates`.
-
-    Attributes:
-        frame: The argument.
-    """
-
-    _weights = _WEIGHTS[:, :2]
-
-    def __init__(self, corners: Floats, frame: Frame, *edges: Any) -> None:
-        """Let nobody see vertices that have no unknowns."""
-        super().__init__(*edges)
-        self._corners, self.frame = corners, frame
-        self._triangles, self.segments = self.segments, self.segments[:, :1]
-
-    def _with_corners(self, x: Floats) -> Floats:
-        """Positions of the nodes of the map and of the obstacle's vertices [m]."""
-        return np.concatenate([x[: self.scatter.num_local], self._corners])
-
-    def pair(
-        self,
-        points: ContactPoints,
-        x: Floats,
-        current: Ints,
-        reach: float,
-        slack: float = HYSTERESIS,
-    ) -> tuple[Ints, Floats]:
-        """Choose an edge that crosses one of each carrier, see `Candidates.pair`."""
-        return super().pair(points, self._with_corners(x), current, reach, slack)
-
-    def near(self, points: ContactPoints, x: Floats, reach: float) -> Ints:
-        """Find the carriers of edges near those of the obstacle, see `Candidates.near`."""
-        return super().near(points, self._with_corners(x), reach)
-
-    def pairs(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
-        """Positions of the points and triangles that stand for edges, ``(m, 4, 3)`` [m]."""
-        pairs = np.empty((len(segment), len(_WEIGHTS), 3))
-        pairs[:, 0] = points.of(x)
-        pairs[:, 1:] = self._with_corners(x)[self._triangles[segment]]
-        return _WEIGHTS @ pairs
-
-    def contact(
-        self, scheme: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints
-    ) -> ContactKinematics:
-        """Evaluate gap and force of pairs of edges, see `Candidates.contact`."""
-        return self.frame.turned(scheme, super().contact(scheme, points, x_n, x, segment))
-
-    def slip(self, law: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints) -> Slip:
-        """Evaluate the slip of the nearest points at t_n, see `Candidates.slip`."""
-        return self.frame.turned_slip(super().slip(law, points, x_n, x, segment))

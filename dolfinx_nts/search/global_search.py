@@ -12,7 +12,8 @@ from dolfinx import common
 from dolfinx_nts import compat
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
-from dolfinx_nts.model.surfaces import Surface, diameters
+from dolfinx_nts.model.segments import diameters
+from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel.communication import exchanged
 from dolfinx_nts.search.candidates import Search
 from dolfinx_nts.search.scatter import NodalScatter

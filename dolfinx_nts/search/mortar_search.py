@@ -5,7 +5,8 @@ import numpy as np
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.axisymmetry import is_axisymmetric
 from dolfinx_nts.fem.elements import Element
-from dolfinx_nts.model.surfaces import Surface, area_vectors
+from dolfinx_nts.model.segments import area_vectors
+from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.search.facet_candidates import FacetCandidates
 from dolfinx_nts.search.global_search import GlobalSearch, owners_of
 from dolfinx_nts.search.mortar_points import MortarFacets

@@ -7,7 +7,8 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.model.facing import Facing
-from dolfinx_nts.model.surfaces import NEIGHBOURS, Surface
+from dolfinx_nts.model.segments import NEIGHBOURS
+from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.search.global_search import GlobalSearch
 from dolfinx_nts.search.points import NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter

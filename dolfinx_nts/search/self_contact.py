@@ -17,7 +17,8 @@ from itertools import chain, permutations
 import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
-from dolfinx_nts.model.surfaces import Surface, area_vectors
+from dolfinx_nts.model.segments import area_vectors
+from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.search.global_search import GlobalSearch
 from dolfinx_nts.search.points import ContactPoints
 from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidates

@@ -9,8 +9,10 @@ import numpy as np
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.model.rims import FACET_EDGES, SHARP
-from dolfinx_nts.model.surfaces import Surface, area_vectors
+from dolfinx_nts.model.segments import area_vectors
+from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.parallel.communication import places_among_all
 from dolfinx_nts.search.global_search import GlobalSearch, owners_of
 from dolfinx_nts.search.segment_candidates import SegmentCandidates
 
@@ -60,7 +62,7 @@ class SharpEdges:
         *_, thickness = near.of_segments
         self.thickness: Floats = thickness[facets[mine]].min(axis=1)
         comm: MPI.Comm = V.mesh.comm
-        self.key = _order_among_all(comm, ids[self.nodes])
+        self.key = places_among_all(comm, ids[self.nodes])
         self.total = reductions.total(comm, len(self.key))
 
     @classmethod
@@ -154,13 +156,3 @@ def _is_sharp(X: Floats, outward: Ints, edges: Ints, facets: Ints) -> Flags:
     beyond = corners[:, 1].mean(axis=1) - X[edges].mean(axis=1)
     flags: Flags = (cosine < SHARP) & (np.einsum("ei,ei->e", normals[:, 0], beyond) < 0)
     return flags
-
-
-def _order_among_all(comm: MPI.Comm, own: GlobalInts) -> GlobalInts:
-    """Place of rows of two numbers in the order of the rows of all ranks. Collective."""
-    parts = comm.allgather(own)
-    order = np.lexsort(np.concatenate(parts).T[::-1])
-    place = np.empty(len(order), dtype=np.int64)
-    place[order] = np.arange(len(order))
-    first = sum(len(part) for part in parts[: comm.rank])
-    return place[first : first + len(own)]

@@ -6,7 +6,8 @@ from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.model.rigid_shapes import RigidSphere
-from dolfinx_nts.model.surfaces import Surface, area_vectors
+from dolfinx_nts.model.segments import area_vectors
+from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined
 from dolfinx_nts.search.global_search import owners_of

@@ -6,7 +6,7 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats
-from dolfinx_nts.model.surfaces import area_vectors
+from dolfinx_nts.model.segments import area_vectors
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined
 

@@ -156,6 +156,7 @@ def test_damaged_and_foreign_files_are_refused_with_the_reason(comm, folder, ref
         (b"something else", "signature"),
         (foreign, "HDF5 file of another kind"),
         (flipped, "values are damaged"),
+        (whole.replace(b"start_time\0", b"start_tim\xff\0"), "a name that is no text"),
     ):
         comm.barrier()
         if comm.rank == 0:
@@ -174,9 +175,9 @@ def test_any_damage_to_a_checkpoint_is_refused_or_harmless(folder, rng):
     whole, u = path.read_bytes(), stepper.u.x.array.copy()
     refused = 0
     # What HDF5 and the description of the scene need lies at the start.
-    for begin in range(0, 6000, 40):
+    for begin in range(0, 6000, 100):
         damaged = bytearray(whole)
-        at = begin + rng.integers(40)
+        at = begin + rng.integers(100)
         damaged[at : at + 8] = rng.bytes(8)
         path.write_bytes(damaged)
         try:
@@ -185,7 +186,7 @@ def test_any_damage_to_a_checkpoint_is_refused_or_harmless(folder, rng):
             assert str(error).startswith("expected a ")
             refused += 1
         assert np.array_equal(stepper.u.x.array, u)
-    assert 25 < refused < 150
+    assert 10 < refused < 60
 
 
 def test_a_table_that_is_too_short_or_foreign_is_refused(comm, folder, refused):

@@ -104,7 +104,7 @@ def bounce(build: Any) -> np.ndarray:
     stepper = thrown(MPI.COMM_SELF, build)
     diagnostics = nts.Diagnostics(stepper)
     t, force = np.array(
-        [(step.t, diagnostics.balance().contact_force[2]) for step in stepper.run(0.36)]
+        [(step.t, diagnostics.balance().contact_force[2]) for step in stepper.run(0.312)]
     ).T
     assert force[force.argmax() :].min() == 0  # It has left.
     return np.array([force.sum() * stepper.dt, force @ t / force.sum()])

@@ -183,7 +183,7 @@ def test_tumbling_cubes_do_not_enter_each_other_at_their_edges(comm):
     depths = []
     for edges in (True, False):
         stepper = tumbling(comm, edges, **laws)
-        first, last, given, least = run(stepper, 0.73, every=5)
+        first, last, given, least = run(stepper, 0.73, every=10)
         assert not edges or abs(last.total_energy - first.total_energy - given) < (
             5e-3 * last.total_energy
         )

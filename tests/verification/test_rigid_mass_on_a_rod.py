@@ -5,6 +5,8 @@ wave comes back from the clamp at tau = 2, and exp(-tau) + 2 (3 - tau) exp(2 - t
 long as it is positive.
 """
 
+from functools import cache
+
 from mpi4py import MPI
 
 import numpy as np
@@ -29,6 +31,7 @@ def exact(tau):
     return np.where(tau < 2, np.exp(-tau), np.maximum(second, 0.0))
 
 
+@cache
 def velocity(num_cells, *, is_round=False):
     """Velocity of the mass over v at the end of each step, in which a wave passes a cell.
 

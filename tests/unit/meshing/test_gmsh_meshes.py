@@ -13,9 +13,9 @@ import pytest
 from dolfinx import fem
 from dolfinx.mesh import MeshTags, entities_to_geometry
 
-from dolfinx_nts.meshing.gmsh import MeshData, add_box, add_hollow_ball, read_mesh
+from dolfinx_nts.meshing.gmsh import MeshData, read_mesh
 from dolfinx_nts.meshing.mixed_cells import gmsh_options
-from dolfinx_nts.meshing.parts import add_rectangle
+from dolfinx_nts.meshing.parts import add_box, add_hollow_ball, add_rectangle
 from helpers.gmsh_models import BOX, ROUNDING, count, measure
 
 pytestmark = pytest.mark.at_most_two_ranks

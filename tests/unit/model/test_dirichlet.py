@@ -5,7 +5,8 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from dolfinx_nts.model.loads import Gravity, Pressure, Traction
+from dolfinx_nts.model.body_loads import Gravity
+from dolfinx_nts.model.surface_loads import Pressure, Traction
 from helpers import scenes
 from helpers.boxed import CLOSED, RHO, RUBBER, SIZE, SOLVED, VOLUME, Box, Ledger, swirl
 from helpers.once import once

@@ -9,7 +9,8 @@ from dolfinx.mesh import GhostMode, meshtags
 
 import dolfinx_nts as nts
 from dolfinx_nts.meshing.gmsh import read_mesh
-from dolfinx_nts.model.surfaces import area_vectors, sharpest_corner
+from dolfinx_nts.model.segments import area_vectors
+from dolfinx_nts.model.surfaces import sharpest_corner
 from helpers import scenes
 
 # Of sums over some hundred facets of lengths of about one.

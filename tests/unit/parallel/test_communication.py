@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dolfinx_nts.parallel.communication import exchanged, on_root
+from dolfinx_nts.parallel.communication import exchanged, joined, on_root, places_among_all
 
 
 def table(ids):
@@ -28,3 +28,16 @@ def test_first_rank_acts_alone_and_all_get_the_result(comm, agree):
 def test_error_of_the_first_rank_is_raised_on_all(comm, refused):
     with refused(FileNotFoundError, "No such file"):
         on_root(comm, lambda: open("/nowhere/at/all"))
+
+
+def test_rows_of_all_ranks_stand_in_the_order_of_the_ranks(comm, agree):
+    own = table(np.arange(comm.rank + 1))
+    expected = np.concatenate([table(np.arange(rank + 1)) for rank in range(comm.size)])
+    assert agree(np.array_equal(joined(comm, own), expected))
+
+
+def test_places_of_rows_do_not_depend_on_the_partition(comm, agree, rng):
+    rows = np.array([(i, j) for i in range(5) for j in range(4)])
+    shuffled = rng.permutation(len(rows))
+    mine = np.array_split(shuffled, comm.size)[comm.rank]
+    assert agree(np.array_equal(places_among_all(comm, rows[mine]), mine))

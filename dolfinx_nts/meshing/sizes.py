@@ -1,0 +1,23 @@
+"""Checks of sizes that round bodies share. Local."""
+
+__all__ = ["check_cells", "check_radii"]
+
+
+def check_radii(inner: float, outer: float) -> None:
+    """Check the radii of a wall [m].
+
+    Raises:
+        ValueError: They are not positive and ascending.
+    """
+    if not 0 < inner < outer:
+        raise ValueError(f"expected 0 < inner < outer radius, given {inner}, {outer}")
+
+
+def check_cells(*numbers: int, least: int = 1) -> None:
+    """Check numbers of cells.
+
+    Raises:
+        ValueError: One is below the least.
+    """
+    if min(numbers) < least:
+        raise ValueError(f"expected at least {least} cells, given {numbers}")

@@ -1,0 +1,75 @@
+"""Loads that users write as forms."""
+
+from collections.abc import Callable
+from typing import Any
+
+import ufl
+from dolfinx import fem
+
+from dolfinx_nts.common.arguments import as_call
+from dolfinx_nts.model.loads import Load
+from dolfinx_nts.parallel.errors import agreed
+
+__all__ = ["FormLoad"]
+
+
+class FormLoad(Load):
+    r"""A load that you write as a form: a source, a spring, a follower. Collective.
+
+    The sign is that of the right-hand side of a DOLFINx problem, so that ``inner(f, eta) * dx``
+    pushes along f. Functions and constants in the form may be set by ``update`` of the stepper.
+    The load may act on all bodies. In an axisymmetric mesh the form needs the factor 2 pi x[0]
+    itself.
+
+    Args:
+        V: Space of the displacement.
+        work: Form that is linear in the test function of V; or a function ``work(u, eta, t)``
+            that returns it. It gets the displacement in the middle of a step (at its end in
+            `QuasiStatic` and `CentralDifference`, between both in `GeneralizedAlpha`), a test
+            function, and the time of the load, a ``fem.Constant`` [s]. UFL derives the tangent.
+
+    Attributes:
+        V: The space.
+
+    Raises:
+        TypeError: ``work`` is no form, or returns none.
+        ValueError: The form is not linear in the test function of V.
+
+    Example:
+        >>> springs = lambda u, eta, t: -200.0 * ufl.inner(u, eta) * ufl.ds  # N/m^3
+        >>> load = nts.FormLoad(V, springs)
+    """
+
+    def __init__(self, V: fem.FunctionSpace, work: ufl.Form | Callable[..., ufl.Form]) -> None:
+        """Check the form; a function is called at the reference state and time 0."""
+        self.V, self._work = V, work
+        self._t = fem.Constant(V.mesh, 0.0)
+        u = fem.Function(V)
+        with agreed(V.mesh.comm, "make a FormLoad"):
+            form: Any = self.form(u, u)
+        if not isinstance(form, ufl.Form):
+            raise TypeError(f"expected a form of virtual work, given {type(form).__name__}")
+        try:
+            spaces = [argument.ufl_function_space() for argument in form.arguments()]
+        except ValueError as error:
+            raise ValueError(f"expected a form linear in one test function, {error}") from error
+        if len(spaces) != 1 or spaces[0] != V:
+            raise ValueError(
+                "expected a form linear in the test function of the bodies' space, "
+                f"given one with {len(spaces)} arguments"
+            )
+
+    def __repr__(self) -> str:
+        """Name of the function, or that it is a form. Local."""
+        return as_call(self, work=self._work)
+
+    def update(self, t: float) -> None:
+        """Set the time in the form, see `Load.update`."""
+        self._t.value = t
+
+    def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
+        """Virtual work in a step, see `Load.form`."""
+        # Forms can be called as well, with other arguments.
+        if isinstance(self._work, ufl.Form) or not callable(self._work):
+            return self._work
+        return self._work((u_n + u) / 2, ufl.TestFunction(self.V), self._t)

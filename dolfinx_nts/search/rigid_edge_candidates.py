@@ -1,0 +1,75 @@
+"""Sharp edges that cross those of a rigid obstacle."""
+
+from typing import Any
+
+import numpy as np
+
+from dolfinx_nts._kernels import HYSTERESIS
+from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.model.frames import Frame
+from dolfinx_nts.model.kinematics import ContactKinematics, Slip
+from dolfinx_nts.search.crossings import WEIGHTS
+from dolfinx_nts.search.edge_candidates import EdgeCandidates
+from dolfinx_nts.search.points import ContactPoints
+
+__all__ = ["RigidEdgeCandidates"]
+
+
+class RigidEdgeCandidates(EdgeCandidates):
+    """Edges that cross those of a rigid obstacle, see `EdgeCandidates`; pairs are an own edge.
+
+    Positions are those in the frame of the obstacle, and both ends of the other edges are rows
+    behind those of the map.
+
+    Args:
+        corners: Vertices of the obstacle, shape ``(n, 3)`` [m].
+        frame: Frame of the obstacle in the present step.
+        *edges: As of `EdgeCandidates`.
+
+    Attributes:
+        frame: The argument.
+    """
+
+    _weights = WEIGHTS[:, :2]
+
+    def __init__(self, corners: Floats, frame: Frame, *edges: Any) -> None:
+        """Let nobody see vertices that have no unknowns."""
+        super().__init__(*edges)
+        self._corners, self.frame = corners, frame
+        self._triangles, self.segments = self.segments, self.segments[:, :1]
+
+    def _with_corners(self, x: Floats) -> Floats:
+        """Positions of the nodes of the map and of the obstacle's vertices [m]."""
+        return np.concatenate([x[: self.scatter.num_local], self._corners])
+
+    def pair(
+        self,
+        points: ContactPoints,
+        x: Floats,
+        current: Ints,
+        reach: float,
+        slack: float = HYSTERESIS,
+    ) -> tuple[Ints, Floats]:
+        """Choose an edge that crosses one of each carrier, see `Candidates.pair`."""
+        return super().pair(points, self._with_corners(x), current, reach, slack)
+
+    def near(self, points: ContactPoints, x: Floats, reach: float) -> Ints:
+        """Find the carriers of edges near those of the obstacle, see `Candidates.near`."""
+        return super().near(points, self._with_corners(x), reach)
+
+    def pairs(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
+        """Positions of the points and triangles that stand for edges, ``(m, 4, 3)`` [m]."""
+        pairs = np.empty((len(segment), len(WEIGHTS), 3))
+        pairs[:, 0] = points.of(x)
+        pairs[:, 1:] = self._with_corners(x)[self._triangles[segment]]
+        return WEIGHTS @ pairs
+
+    def contact(
+        self, scheme: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints
+    ) -> ContactKinematics:
+        """Evaluate gap and force of pairs of edges, see `Candidates.contact`."""
+        return self.frame.turned(scheme, super().contact(scheme, points, x_n, x, segment))
+
+    def slip(self, law: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints) -> Slip:
+        """Evaluate the slip of the nearest points at t_n, see `Candidates.slip`."""
+        return self.frame.turned_slip(super().slip(law, points, x_n, x, segment))
