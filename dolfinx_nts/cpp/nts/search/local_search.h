@@ -139,10 +139,32 @@ bool is_beyond_sharp_edge(const Vec3& node, std::int32_t i,
   return is_beyond;
 }
 
+/// @brief Whether a surface goes on from one segment to another beside it.
+///
+/// They have a vertex in common and turn by no more than a right angle: a node
+/// that is over both, or beside one by a small part of it, is behind the other
+/// by no more than this. Where they turn farther, one hangs over the other.
+/// @param[in] i, n A segment and its normal.
+/// @param[in] j, m Another segment and its normal.
+/// @param[in] surface The segments.
+template <class S>
+bool continues(std::int32_t i, const Vec3& n, std::int32_t j, const Vec3& m,
+               const SegmentSurface<S>& surface) noexcept
+{
+  const auto of_other = surface.vertices.subspan(S::vertices * j, S::vertices);
+  return dot(n, m) >= 0
+         && std::ranges::any_of(
+             surface.vertices.subspan(S::vertices * i, S::vertices),
+             [&](std::int32_t vertex) noexcept
+             { return std::ranges::find(of_other, vertex) != of_other.end(); });
+}
+
 /// @brief Find a node's segment.
 ///
-/// A node stays with its current segment while it is over it. Otherwise it gets
-/// the nearest segment; the lowest key wins a tie, as at edges and vertices. At
+/// A node stays with its current segment while it is over it, unless it is in
+/// front of it and has entered another part of the surface meanwhile: its
+/// nearest segment is another one, over which it is and behind which, and no
+/// continuation of the current one. Otherwise it gets the nearest segment; the lowest key wins a tie, as at edges and vertices. At
 /// an edge sharper than a right angle a node may be in front of one segment and
 /// behind another, both equally near: it is on that side on which it is farther
 /// from their planes. A node that lies off the nearest segment (`overhang`,
@@ -151,7 +173,8 @@ bool is_beyond_sharp_edge(const Vec3& node, std::int32_t i,
 /// beside the body, not through the plane of the segment.
 /// @param[in] node Position [m].
 /// @param[in] current Segment of the previous choice, or -1.
-/// @param[in] slack By how much xi may be outside the current segment [-].
+/// @param[in] slack By how much xi may be outside the current segment [-]; if
+/// infinite, a node that stays does not look at others.
 /// @param[in] reach Largest distance of interest [m].
 /// @param[in] surface The segments.
 /// @param[in] tree Returns the tree over the segments; called only if needed.
@@ -175,16 +198,23 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
                || p.gap >= -LocalSearchRule::depth * surface.size(i));
   };
 
+  Found kept;
   if (current >= 0)
   {
     const Projection<S> p = project_on(current);
     if (over(p, current, slack) && p.gap <= reach && may.keeps(current, p))
-      return {current, p.xi, p.gap, p.normal};
+    {
+      kept = {current, p.xi, p.gap, p.normal};
+      if (p.gap <= tie * surface.size(current) || std::isinf(slack))
+        return kept;
+      reach = p.gap;
+    }
   }
+  const bool stays = kept.segment >= 0;
 
   const Tree& segments = tree();
   if (!may.faces_any(segments))
-    return {};
+    return kept;
   NearestOnSide<S> front, behind;
   double nearest = reach;
   int patience = may.patience();
@@ -225,7 +255,8 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
     const auto& found = behind.height > front.height ? behind : front;
     return found.segment >= 0
                    && over(found.projection, found.segment,
-                           LocalSearchRule::overhang)
+                           stays ? LocalSearchRule::hysteresis
+                                 : LocalSearchRule::overhang)
                ? &found
                : nullptr;
   };
@@ -236,7 +267,7 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
     segments.nearest(node, reach, look,
                      [&](std::int32_t branch) { return may.enters(branch); });
     if (!chosen())
-      return {};
+      return kept;
     // Only now all that is nearer counts: it may be what the node faces
     // instead, or in front of which it is.
     nearest += more * surface.size(chosen()->segment);
@@ -245,8 +276,13 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
   }
   const NearestOnSide<S>* found = chosen();
   if (!found || !may.confirms(found->projection, nearest))
-    return {};
+    return kept;
   const Projection<S>& p = found->projection;
+  if (stays
+      && (p.gap >= 0
+          || continues(current, kept.normal, found->segment, p.normal,
+                       surface)))
+    return kept;
   const auto had_its_side = [&]() noexcept
   {
     if (current < 0)
@@ -258,7 +294,7 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
   if (p.gap < -tie * surface.size(found->segment)
       && is_beyond_sharp_edge(node, found->segment, p, surface, segments)
       && !had_its_side())
-    return {};
+    return kept;
   return {found->segment, p.xi, p.gap, p.normal};
 }
 } // namespace nts
