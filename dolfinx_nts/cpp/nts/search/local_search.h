@@ -22,6 +22,9 @@ struct LocalSearchRule
   static constexpr double depth = 0.5;
   /// Cosine of the angle between normals from which on an edge is sharp [-].
   static constexpr double sharp = 0.86602540378443865; // 30 degrees
+  /// The same from which on one segment beside another may hang over it: more
+  /// than a right angle, which edges of many bodies have but for round-off.
+  static constexpr double hanging = -0.1;
 };
 
 /// @brief The segment that a node faces, and where.
@@ -51,10 +54,24 @@ struct SegmentSurface
     return positions;
   }
 
-  /// @brief Bounding box of a segment.
-  Box box(std::size_t i) const noexcept
+  /// @brief Rows of the vertices of a segment.
+  std::span<const std::int32_t> vertices_of(std::size_t i) const noexcept
   {
-    return bounds(x, vertices.subspan(S::vertices * i, S::vertices));
+    return vertices.subspan(S::vertices * i, S::vertices);
+  }
+
+  /// @brief Bounding box of a segment.
+  Box box(std::size_t i) const noexcept { return bounds(x, vertices_of(i)); }
+
+  /// @brief Outward normal in the centre of a segment, of any length.
+  Vec3 normal(std::size_t i) const noexcept
+  {
+    const auto positions = segment(i);
+    const std::array<Vec3, 2> edge = S::directions(positions);
+    const Vec3 mixed = combine(S::d2phi(), positions);
+    return orientation[i]
+           * cross(edge[0] + S::centre[1] * mixed,
+                   edge[1] + S::centre[0] * mixed);
   }
 
   /// @brief Diameter of a segment [m].
@@ -139,24 +156,39 @@ bool is_beyond_sharp_edge(const Vec3& node, std::int32_t i,
   return is_beyond;
 }
 
-/// @brief Whether a surface goes on from one segment to another beside it.
+/// @brief Whether a surface goes on from a node's segment to another one.
 ///
-/// They have a vertex in common and turn by no more than a right angle: a node
-/// that is over both, or beside one by a small part of it, is behind the other
-/// by no more than this. Where they turn farther, one hangs over the other.
-/// @param[in] i, n A segment and its normal.
-/// @param[in] j, m Another segment and its normal.
-/// @param[in] surface The segments.
+/// They have a vertex in common, and none hangs over the other (`hanging`): a
+/// node that is over the first, or beside it by a small part of it, is behind
+/// the other by no more than this.
 template <class S>
-bool continues(std::int32_t i, const Vec3& n, std::int32_t j, const Vec3& m,
+bool continues(const Found& own, std::int32_t other,
                const SegmentSurface<S>& surface) noexcept
 {
-  const auto of_other = surface.vertices.subspan(S::vertices * j, S::vertices);
-  return dot(n, m) >= 0
-         && std::ranges::any_of(
-             surface.vertices.subspan(S::vertices * i, S::vertices),
-             [&](std::int32_t vertex) noexcept
-             { return std::ranges::find(of_other, vertex) != of_other.end(); });
+  const auto first = surface.vertices_of(own.segment),
+             second = surface.vertices_of(other);
+  if (std::ranges::find_first_of(first, second) == first.end())
+    return false;
+  const Vec3 normal = surface.normal(other);
+  return dot(own.normal, normal) >= LocalSearchRule::hanging * norm(normal);
+}
+
+/// @brief Whether a node in front of its segment may have entered another part
+/// of the surface: one that is nearer than its segment, and no continuation.
+template <class S>
+bool may_have_entered(const Vec3& node, const Found& own,
+                      const SegmentSurface<S>& surface, const Tree& tree)
+{
+  bool may = false;
+  tree.nearest(node, own.gap,
+               [&](std::int32_t i)
+               {
+                 may = i != own.segment && !continues(own, i, surface)
+                       && surface.box(i).squared_distance(node)
+                              <= own.gap * own.gap;
+                 return may ? NAN : own.gap;
+               });
+  return may;
 }
 
 /// @brief Find a node's segment.
@@ -164,13 +196,14 @@ bool continues(std::int32_t i, const Vec3& n, std::int32_t j, const Vec3& m,
 /// A node stays with its current segment while it is over it, unless it is in
 /// front of it and has entered another part of the surface meanwhile: its
 /// nearest segment is another one, over which it is and behind which, and no
-/// continuation of the current one. Otherwise it gets the nearest segment; the lowest key wins a tie, as at edges and vertices. At
-/// an edge sharper than a right angle a node may be in front of one segment and
-/// behind another, both equally near: it is on that side on which it is farther
-/// from their planes. A node that lies off the nearest segment (`overhang`,
-/// `depth`) has none. Nor has one that is behind it and beyond a sharp convex
-/// edge, unless it had a segment on the same side of that edge: it came from
-/// beside the body, not through the plane of the segment.
+/// continuation of the current one. Otherwise it gets the nearest segment; the
+/// lowest key wins a tie, as at edges and vertices. At an edge sharper than a
+/// right angle a node may be in front of one segment and behind another, both
+/// equally near: it is on that side on which it is farther from their planes. A
+/// node that lies off the nearest segment (`overhang`, `depth`) has none. Nor
+/// has one that is behind it and beyond a sharp convex edge, unless it had a
+/// segment on the same side of that edge: it came from beside the body, not
+/// through the plane of the segment.
 /// @param[in] node Position [m].
 /// @param[in] current Segment of the previous choice, or -1.
 /// @param[in] slack By how much xi may be outside the current segment [-]; if
@@ -213,7 +246,8 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
   const bool stays = kept.segment >= 0;
 
   const Tree& segments = tree();
-  if (!may.faces_any(segments))
+  if ((stays && !may_have_entered(node, kept, surface, segments))
+      || !may.faces_any(segments))
     return kept;
   NearestOnSide<S> front, behind;
   double nearest = reach;
@@ -278,10 +312,7 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
   if (!found || !may.confirms(found->projection, nearest))
     return kept;
   const Projection<S>& p = found->projection;
-  if (stays
-      && (p.gap >= 0
-          || continues(current, kept.normal, found->segment, p.normal,
-                       surface)))
+  if (stays && (p.gap >= 0 || continues(kept, found->segment, surface)))
     return kept;
   const auto had_its_side = [&]() noexcept
   {
