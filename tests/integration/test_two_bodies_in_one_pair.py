@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from dolfinx import fem
 
 import dolfinx_nts as nts
-from dolfinx import fem
 from helpers.scenes import boxes, distribute
 
 EDGE, SPEED, SPRING = 0.6, 1.0, 2.0e3  # of the cube [m], of what strikes [m/s], [N/m]
@@ -60,9 +60,7 @@ def momentum(stepper, body):
 
 @pytest.mark.serial
 @steps_
-def test_a_cube_over_the_floor_is_struck_by_another_body_of_the_pair(
-    comm, scheme, enforcement, dt
-):
+def test_a_cube_over_the_floor_is_struck_by_another_body_of_the_pair(comm, scheme, enforcement, dt):
     stepper, cube, striker = struck(comm, scheme, enforcement, dt, is_rigid=True)
     light, heavy = 10 * EDGE**3, 10.0
     reduced = light * heavy / (light + heavy)

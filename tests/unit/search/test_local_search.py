@@ -42,9 +42,7 @@ def bumpy_surface(k, n=6, height=0.08):
     return np.concatenate([quads[:, [0, 1, 2]], quads[:, [3, 1, 2]]]), np.repeat([1.0, -1.0], n * n)
 
 
-def find(
-    nodes, segments, orientation, *, current=None, reach=np.inf, key=None, slack=HYSTERESIS
-):
+def find(nodes, segments, orientation, *, current=None, reach=np.inf, key=None, slack=HYSTERESIS):
     nodes = np.atleast_2d(np.asarray(nodes, dtype=np.float64))
     current = np.full(len(nodes), -1) if current is None else np.atleast_1d(current)
     key = np.arange(len(segments)) if key is None else np.asarray(key)
@@ -221,7 +219,8 @@ def test_segment_out_of_reach_is_not_kept():
 def test_node_in_front_of_its_segment_sees_that_it_is_inside_of_another_body(depth):
     floor, (lid, _) = two_squares()[0][0], two_squares()[0]
     # Above the node, turned down, hangs the lower side of a block.
-    segments, orientation = np.stack([floor, lid + [0, 0, 0.3]]), np.array([1.0, -1.0])
+    above, orientation = np.array([0, 0, 0.3]), np.array([1.0, -1.0])
+    segments = np.stack([floor, lid + above])
     node = [0.4, 0.4, 0.3 + depth]
     (segment,), _, (gap,), _ = find(node, segments, orientation, current=0)
     assert segment == 1 and abs(gap + depth) < ROUNDING
@@ -240,14 +239,16 @@ def test_node_in_a_groove_sees_a_wall_that_hangs_over_its_floor(angle, sees):
     """Beside a wall that does not, the node stays with the floor until it is off it."""
     angle = np.deg2rad(angle)
     up = np.array([-np.cos(angle), 0, np.sin(angle)])
-    x = np.array([[1.0, 0, 0], [0, 0, 0], [1, 1, 0], [0, 1, 0], *(up * [-1, 0, 1] + [[0, 0, 0], [0, 1, 0]])])
+    x = np.array(
+        [[1.0, 0, 0], [0, 0, 0], [1, 1, 0], [0, 1, 0], *(up * [-1, 0, 1] + [[0, 0, 0], [0, 1, 0]])]
+    )
     vertices = np.array([[0, 1, 2, 3], [1, 4, 3, 5]], dtype=np.int32)
     kernel = _kernels.Segments(vertices, -np.ones(2), np.arange(2))
     along, normal = x[4], np.array([np.sin(angle), 0, -np.cos(angle)])
     node = 0.5 * HYSTERESIS * along + [0, 0.5, 0] - 1e-3 * HYSTERESIS * normal
     current = np.zeros(1, dtype=np.int32)
     where = current, HYSTERESIS, np.inf, x
-    (segment,), _, (gap,), _ = kernel.pair(node[None], *where, *anything(node[None], vertices))
+    (segment,), *_ = kernel.pair(node[None], *where, *anything(node[None], vertices))
     assert segment == sees
 
 
