@@ -42,14 +42,14 @@ def bumpy_surface(k, n=6, height=0.08):
     return np.concatenate([quads[:, [0, 1, 2]], quads[:, [3, 1, 2]]]), np.repeat([1.0, -1.0], n * n)
 
 
-def find(nodes, segments, orientation, *, current=None, reach=np.inf, key=None):
+def find(nodes, segments, orientation, *, current=None, reach=np.inf, key=None, slack=HYSTERESIS):
     nodes = np.atleast_2d(np.asarray(nodes, dtype=np.float64))
     current = np.full(len(nodes), -1) if current is None else np.atleast_1d(current)
     key = np.arange(len(segments)) if key is None else np.asarray(key)
     vertices = np.arange(segments[..., 0].size, dtype=np.int32).reshape(segments.shape[:2])
     orientation = np.asarray(orientation, dtype=np.float64)
     kernel = _kernels.Segments(vertices, orientation, key.astype(np.int64))
-    where = current.astype(np.int32), _kernels.HYSTERESIS, reach, segments.reshape(-1, 3)
+    where = current.astype(np.int32), slack, reach, segments.reshape(-1, 3)
     return kernel.pair(nodes, *where, *anything(nodes, segments))
 
 
@@ -213,6 +213,43 @@ def test_segment_out_of_reach_is_not_kept():
     segments, orientation = two_squares()
     assert find([0.5, 0.5, 0.3], segments, orientation, current=0, reach=0.4)[0][0] == 0
     assert find([0.5, 0.5, 0.5], segments, orientation, current=0, reach=0.4)[0][0] == -1
+
+
+@pytest.mark.parametrize("depth", [1e-6, 0.05, 0.2])
+def test_node_in_front_of_its_segment_sees_that_it_is_inside_of_another_body(depth):
+    floor, (lid, _) = two_squares()[0][0], two_squares()[0]
+    # Above the node, turned down, hangs the lower side of a block.
+    above, orientation = np.array([0, 0, 0.3]), np.array([1.0, -1.0])
+    segments = np.stack([floor, lid + above])
+    node = [0.4, 0.4, 0.3 + depth]
+    (segment,), _, (gap,), _ = find(node, segments, orientation, current=0)
+    assert segment == 1 and abs(gap + depth) < ROUNDING
+    # In front of both, or inside of the first, it keeps what it has.
+    for height in (0.3 - 1e-6, 0.2, -1e-6):
+        assert find([0.4, 0.4, height], segments, orientation, current=0)[0][0] == 0
+    # So it does beside the block, below the plane of its lower side.
+    beside = segments + np.array([[0.0], [0.5]])[..., None] * [1, 0, 0]
+    assert find(node, beside, orientation, current=0)[0][0] == 0
+    # Iterates of a step do not look.
+    assert find(node, segments, orientation, current=0, slack=np.inf)[0][0] == 0
+
+
+@pytest.mark.parametrize(("angle", "sees"), [(150, False), (95, False), (60, True), (30, True)])
+def test_node_in_a_groove_sees_a_wall_that_hangs_over_its_floor(angle, sees):
+    """Beside a wall that does not, the node stays with the floor until it is off it."""
+    angle = np.deg2rad(angle)
+    up = np.array([-np.cos(angle), 0, np.sin(angle)])
+    x = np.array(
+        [[1.0, 0, 0], [0, 0, 0], [1, 1, 0], [0, 1, 0], *(up * [-1, 0, 1] + [[0, 0, 0], [0, 1, 0]])]
+    )
+    vertices = np.array([[0, 1, 2, 3], [1, 4, 3, 5]], dtype=np.int32)
+    kernel = _kernels.Segments(vertices, -np.ones(2), np.arange(2))
+    along, normal = x[4], np.array([np.sin(angle), 0, -np.cos(angle)])
+    node = 0.5 * HYSTERESIS * along + [0, 0.5, 0] - 1e-3 * HYSTERESIS * normal
+    current = np.zeros(1, dtype=np.int32)
+    where = current, HYSTERESIS, np.inf, x
+    (segment,), *_ = kernel.pair(node[None], *where, *anything(node[None], vertices))
+    assert segment == sees
 
 
 @segments_

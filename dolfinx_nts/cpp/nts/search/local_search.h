@@ -22,6 +22,9 @@ struct LocalSearchRule
   static constexpr double depth = 0.5;
   /// Cosine of the angle between normals from which on an edge is sharp [-].
   static constexpr double sharp = 0.86602540378443865; // 30 degrees
+  /// The same from which on one segment beside another may hang over it: more
+  /// than a right angle, which edges of many bodies have but for round-off.
+  static constexpr double hanging = -0.1;
 };
 
 /// @brief The segment that a node faces, and where.
@@ -51,10 +54,24 @@ struct SegmentSurface
     return positions;
   }
 
-  /// @brief Bounding box of a segment.
-  Box box(std::size_t i) const noexcept
+  /// @brief Rows of the vertices of a segment.
+  std::span<const std::int32_t> vertices_of(std::size_t i) const noexcept
   {
-    return bounds(x, vertices.subspan(S::vertices * i, S::vertices));
+    return vertices.subspan(S::vertices * i, S::vertices);
+  }
+
+  /// @brief Bounding box of a segment.
+  Box box(std::size_t i) const noexcept { return bounds(x, vertices_of(i)); }
+
+  /// @brief Outward normal in the centre of a segment, of any length.
+  Vec3 normal(std::size_t i) const noexcept
+  {
+    const auto positions = segment(i);
+    const std::array<Vec3, 2> edge = S::directions(positions);
+    const Vec3 mixed = combine(S::d2phi(), positions);
+    return orientation[i]
+           * cross(edge[0] + S::centre[1] * mixed,
+                   edge[1] + S::centre[0] * mixed);
   }
 
   /// @brief Diameter of a segment [m].
@@ -139,19 +156,58 @@ bool is_beyond_sharp_edge(const Vec3& node, std::int32_t i,
   return is_beyond;
 }
 
+/// @brief Whether a surface goes on from a node's segment to another one.
+///
+/// They have a vertex in common, and none hangs over the other (`hanging`): a
+/// node that is over the first, or beside it by a small part of it, is behind
+/// the other by no more than this.
+template <class S>
+bool continues(const Found& own, std::int32_t other,
+               const SegmentSurface<S>& surface) noexcept
+{
+  const auto first = surface.vertices_of(own.segment),
+             second = surface.vertices_of(other);
+  if (std::ranges::find_first_of(first, second) == first.end())
+    return false;
+  const Vec3 normal = surface.normal(other);
+  return dot(own.normal, normal) >= LocalSearchRule::hanging * norm(normal);
+}
+
+/// @brief Whether a node in front of its segment may have entered another part
+/// of the surface: one that is nearer than its segment, and no continuation.
+template <class S>
+bool may_have_entered(const Vec3& node, const Found& own,
+                      const SegmentSurface<S>& surface, const Tree& tree)
+{
+  bool may = false;
+  tree.nearest(node, own.gap,
+               [&](std::int32_t i)
+               {
+                 may = i != own.segment && !continues(own, i, surface)
+                       && surface.box(i).squared_distance(node)
+                              <= own.gap * own.gap;
+                 return may ? NAN : own.gap;
+               });
+  return may;
+}
+
 /// @brief Find a node's segment.
 ///
-/// A node stays with its current segment while it is over it. Otherwise it gets
-/// the nearest segment; the lowest key wins a tie, as at edges and vertices. At
-/// an edge sharper than a right angle a node may be in front of one segment and
-/// behind another, both equally near: it is on that side on which it is farther
-/// from their planes. A node that lies off the nearest segment (`overhang`,
-/// `depth`) has none. Nor has one that is behind it and beyond a sharp convex
-/// edge, unless it had a segment on the same side of that edge: it came from
-/// beside the body, not through the plane of the segment.
+/// A node stays with its current segment while it is over it, unless it is in
+/// front of it and has entered another part of the surface meanwhile: its
+/// nearest segment is another one, over which it is and behind which, and no
+/// continuation of the current one. Otherwise it gets the nearest segment; the
+/// lowest key wins a tie, as at edges and vertices. At an edge sharper than a
+/// right angle a node may be in front of one segment and behind another, both
+/// equally near: it is on that side on which it is farther from their planes. A
+/// node that lies off the nearest segment (`overhang`, `depth`) has none. Nor
+/// has one that is behind it and beyond a sharp convex edge, unless it had a
+/// segment on the same side of that edge: it came from beside the body, not
+/// through the plane of the segment.
 /// @param[in] node Position [m].
 /// @param[in] current Segment of the previous choice, or -1.
-/// @param[in] slack By how much xi may be outside the current segment [-].
+/// @param[in] slack By how much xi may be outside the current segment [-]; if
+/// infinite, a node that stays does not look at others.
 /// @param[in] reach Largest distance of interest [m].
 /// @param[in] surface The segments.
 /// @param[in] tree Returns the tree over the segments; called only if needed.
@@ -175,16 +231,24 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
                || p.gap >= -LocalSearchRule::depth * surface.size(i));
   };
 
+  Found kept;
   if (current >= 0)
   {
     const Projection<S> p = project_on(current);
     if (over(p, current, slack) && p.gap <= reach && may.keeps(current, p))
-      return {current, p.xi, p.gap, p.normal};
+    {
+      kept = {current, p.xi, p.gap, p.normal};
+      if (p.gap <= tie * surface.size(current) || std::isinf(slack))
+        return kept;
+      reach = p.gap;
+    }
   }
+  const bool stays = kept.segment >= 0;
 
   const Tree& segments = tree();
-  if (!may.faces_any(segments))
-    return {};
+  if ((stays && !may_have_entered(node, kept, surface, segments))
+      || !may.faces_any(segments))
+    return kept;
   NearestOnSide<S> front, behind;
   double nearest = reach;
   int patience = may.patience();
@@ -225,7 +289,8 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
     const auto& found = behind.height > front.height ? behind : front;
     return found.segment >= 0
                    && over(found.projection, found.segment,
-                           LocalSearchRule::overhang)
+                           stays ? LocalSearchRule::hysteresis
+                                 : LocalSearchRule::overhang)
                ? &found
                : nullptr;
   };
@@ -236,7 +301,7 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
     segments.nearest(node, reach, look,
                      [&](std::int32_t branch) { return may.enters(branch); });
     if (!chosen())
-      return {};
+      return kept;
     // Only now all that is nearer counts: it may be what the node faces
     // instead, or in front of which it is.
     nearest += more * surface.size(chosen()->segment);
@@ -245,8 +310,10 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
   }
   const NearestOnSide<S>* found = chosen();
   if (!found || !may.confirms(found->projection, nearest))
-    return {};
+    return kept;
   const Projection<S>& p = found->projection;
+  if (stays && (p.gap >= 0 || continues(kept, found->segment, surface)))
+    return kept;
   const auto had_its_side = [&]() noexcept
   {
     if (current < 0)
@@ -258,7 +325,7 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
   if (p.gap < -tie * surface.size(found->segment)
       && is_beyond_sharp_edge(node, found->segment, p, surface, segments)
       && !had_its_side())
-    return {};
+    return kept;
   return {found->segment, p.xi, p.gap, p.normal};
 }
 } // namespace nts
