@@ -62,6 +62,9 @@ _NEARLY_SOLVED = 1e3
 # all at once, and the period of that later: in between multipliers tell, as they do at points of
 # which round-off decides whether they stick.
 _FIRST_DECISIONS, _DECISION_PERIOD = 3, 5
+# Residual without inertia, relative to the forces at work [-], below which nodes are decided on one
+# by one: factors of an earlier state do not tell which of them hardly stick or hardly slide.
+_MARGINAL = 1e-5
 # Reduction of the residual [-] that is too little if states do not contradict themselves.
 _LITTLE_REDUCTION = 0.1
 # Reductions asked of the linear solver [-]: the least; the first, as active sets let
@@ -309,12 +312,16 @@ def solve(
             )
             return Solution(states, R, R_bulk, forces, report)
 
-        # Without inertia nothing but contact resists the motions of rigid bodies.
-        far = norm > _SMALL_RESIDUAL * scale
-        slow = iteration == 0 or (far and norm > _LITTLE_REDUCTION * norms[-2])
-        if inertia and _may_decide(iteration) and (slow or changed or violated):
+        if inertia:
+            far = norm > _SMALL_RESIDUAL * scale
+            slow = iteration == 0 or (far and norm > _LITTLE_REDUCTION * norms[-2])
+            doubtful = slow or changed or violated
+        else:  # forces of the first guess tell little, and states that are to stick do so
+            far = iteration > 0 and norm > _MARGINAL * scale
+            doubtful = changed and far and not begins_sticking
+        if doubtful and _may_decide(iteration):
             with timings.phase("solve"):
-                decided = solver.decided(R, steps, states)
+                decided = solver.decided(R, steps, states, inertia)
             if decided is not None:
                 states = decided
                 R = R_bulk + contact_residual(steps, states, (len(X), dim))
