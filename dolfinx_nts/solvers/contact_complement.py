@@ -102,7 +102,7 @@ class ContactComplement:
 
     def _reach(self, contacts: Sequence[ContactBlocks]) -> GlobalInts:
         """Have the columns of the nodes that contacts reach; returns these nodes. Collective."""
-        nodes = np.unique(np.concatenate([b.nodes for b in contacts]))
+        nodes: GlobalInts = np.unique(np.concatenate([b.nodes for b in contacts]))
         nodes = np.union1d(nodes, np.concatenate([b.tangent_nodes.ravel() for b in contacts]))
         if self._version != self._bulk.num_builds:
             self._forget([])
@@ -160,7 +160,8 @@ class ContactComplement:
     @property
     def _among_reached(self) -> Floats:
         """Flexibility S of the nodes that contacts reach."""
-        return self._flexibility[np.ix_(self._reached, self._reached)]
+        flexibility: Floats = self._flexibility[np.ix_(self._reached, self._reached)]
+        return flexibility
 
     def _at_known(self, z: Floats) -> Floats:
         """Values at the nodes of the columns, of those at the owned nodes. Collective."""
