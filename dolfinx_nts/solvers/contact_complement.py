@@ -13,7 +13,8 @@ are forces and gradients of the constraints. With :math:`z_0 = B r` and the flex
 .. math:: (1 + S C) s + S F \lambda = U^T z_0, \qquad G^T s = 0,
 
 a dense system, and then :math:`z = z_0 - B U (C s + F \lambda)`. The columns of B U belong to
-nodes, not to the state of the contacts, and serve as long as the factors.
+nodes, not to the state of the contacts, and serve as long as the factors. They also tell how the
+forces of all contacts move all of them, see `contact_decisions`.
 """
 
 from collections.abc import Sequence
@@ -21,10 +22,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arrays import Array, Floats, GlobalInts
+from dolfinx_nts.common.arrays import Array, Flags, Floats, GlobalInts
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.contact_blocks import ContactBlocks
-from dolfinx_nts.solvers.elimination import Elimination
+from dolfinx_nts.solvers.elimination import ActivePairs, Elimination
 from dolfinx_nts.solvers.preconditioner import BulkPreconditioner
 from dolfinx_nts.solvers.tangent import Tangent
 
@@ -63,10 +64,45 @@ class ContactComplement:
         Args:
             elimination: Active pairs.
         """
-        comm = self._tangent.comm
-        parts = comm.allgather([pairs.global_blocks() for pairs in elimination.pairs])
-        contacts = [blocks for part in parts for blocks in part]
-        nodes = np.unique(np.concatenate([b.nodes for b in contacts]))
+        contacts = self._gathered(elimination.pairs)
+        nodes = self._reach(contacts)
+        self._response = _response(self._among_reached, *_dense(nodes, contacts, self._dim))
+
+    def condensed(
+        self, R: Floats, pairs: Sequence[ActivePairs], is_point: Flags, present: Floats
+    ) -> tuple[Floats, Floats] | None:
+        """How forces at points move them, see `contact_decisions.System`. Collective."""
+        # Forces that turn with surfaces make bodies unstable whose stress the factors do not know.
+        contacts = [
+            blocks._replace(tangent_nodes=blocks.tangent_nodes[:0], tangent=blocks.tangent[:0])
+            for blocks in self._gathered(pairs)
+        ]
+        nodes = self._reach(contacts)
+        C, F, G = _dense(nodes, contacts, self._dim)
+        excess = [p.excess[np.arange(self._dim) < p.blocks.rank[:, None]] for p in pairs]
+        parts = self._tangent.comm.allgather(excess)
+        gaps = np.concatenate([values for part in parts for values in part])
+        alone = self._bulk.responses(-np.asfortranarray(R[:, None]))
+        S, s = self._among_reached, self._at_known(alone)[self._reached]
+        by_points = S @ F[:, is_point]
+        A, m = _system(S, C, F[:, ~is_point], G[~is_point]), len(s)
+        right = np.zeros((len(A), 1 + len(present)))
+        right[:m] = np.column_stack([s + by_points @ present, by_points])
+        right[m:, 0] = -gaps[~is_point]
+        try:
+            motions = G[is_point] @ np.linalg.solve(A, right)[:m]
+        except np.linalg.LinAlgError:
+            return None
+        return motions[:, 1:], motions[:, 0] + gaps[is_point]
+
+    def _gathered(self, pairs: Sequence[ActivePairs]) -> list[ContactBlocks]:
+        """Pairs of all ranks, rank by rank. Collective."""
+        parts = self._tangent.comm.allgather([some.global_blocks() for some in pairs])
+        return [blocks for part in parts for blocks in part]
+
+    def _reach(self, contacts: Sequence[ContactBlocks]) -> GlobalInts:
+        """Have the columns of the nodes that contacts reach; returns these nodes. Collective."""
+        nodes: GlobalInts = np.unique(np.concatenate([b.nodes for b in contacts]))
         nodes = np.union1d(nodes, np.concatenate([b.tangent_nodes.ravel() for b in contacts]))
         if self._version != self._bulk.num_builds:
             self._forget([])
@@ -80,11 +116,8 @@ class ContactComplement:
             self._solve()
         known = self._known
         order = np.argsort(known)
-        dim = self._tangent.rows.dim
-        self._reached = _dofs(order[np.searchsorted(known, nodes, sorter=order)], dim)
-        self._response = _response(
-            self._flexibility[np.ix_(self._reached, self._reached)], nodes, contacts, dim
-        )
+        self._reached = _dofs(order[np.searchsorted(known, nodes, sorter=order)], self._dim)
+        return nodes
 
     def correct(self, _r: Floats, z: Floats) -> None:
         """Correct the solution of the bulk. Collective.
@@ -92,11 +125,7 @@ class ContactComplement:
         Args:
             z: Values at the owned nodes, shape ``(n, d)``, overwritten.
         """
-        owned, place = self._owned(self._known)
-        known = np.zeros(len(self._flexibility))
-        d = self._tangent.rows.dim
-        known[_dofs(place, d)] = z[owned].ravel()
-        known = reductions.total(self._tangent.comm, known)
+        d, known = self._dim, self._at_known(z)
         force = np.zeros_like(known)
         force[self._reached] = self._response @ known[self._reached]
         if self._bulk.is_strong:
@@ -105,6 +134,7 @@ class ContactComplement:
                 z -= (columns @ part).reshape(-1, d)
             return
         # To apply incomplete factors costs less than to read all columns.
+        owned, place = self._owned(self._known)
         forces = np.zeros((z.size, 1), order="F")
         forces[_dofs(owned, d), 0] = force[_dofs(place, d)]
         z -= self._bulk.responses(forces).reshape(-1, d)
@@ -121,6 +151,25 @@ class ContactComplement:
     def _known(self) -> GlobalInts:
         """Nodes of the columns, in their order."""
         return np.concatenate([np.empty(0, dtype=np.int64), *self._batches])
+
+    @property
+    def _dim(self) -> int:
+        """Components of a node."""
+        return self._tangent.rows.dim
+
+    @property
+    def _among_reached(self) -> Floats:
+        """Flexibility S of the nodes that contacts reach."""
+        flexibility: Floats = self._flexibility[np.ix_(self._reached, self._reached)]
+        return flexibility
+
+    def _at_known(self, z: Floats) -> Floats:
+        """Values at the nodes of the columns, of those at the owned nodes. Collective."""
+        owned, place = self._owned(self._known)
+        values = np.zeros(len(self._flexibility))
+        values[_dofs(place, self._dim)] = z.reshape(-1, self._dim)[owned].ravel()
+        total: Floats = reductions.total(self._tangent.comm, values)
+        return total
 
     def _forget(self, batches: Sequence[Array]) -> None:
         """Have nodes, whose columns are not known, with the present factors."""
@@ -155,13 +204,12 @@ def _dofs(nodes: Array, d: int) -> Array:
     return dofs
 
 
-def _response(
-    flexibility: Floats, nodes: GlobalInts, contacts: Sequence[ContactBlocks], d: int
-) -> Floats:
-    """Forces C s + F lambda by the displacements U^T z_0, shape ``(d k, d k)``.
+def _dense(
+    nodes: GlobalInts, contacts: Sequence[ContactBlocks], d: int
+) -> tuple[Floats, Floats, Floats]:
+    """Tangent C, ``(d k, d k)``, forces F, ``(d k, m)``, and gradients G^T of ``m`` constraints.
 
     Args:
-        flexibility: U^T B U, the same shape.
         nodes: Those that contact reaches, ascending, shape ``(k,)``.
         contacts: Constraints and tangents, which reach no others.
         d: Components of a node.
@@ -189,14 +237,21 @@ def _response(
         of_blocks = of_blocks.reshape(blocks.tangent.shape[:2])
         entry = n * of_blocks[:, :, None] + of_blocks[:, None]
         C += np.bincount(entry.ravel(), blocks.tangent.ravel(), n * n).reshape(n, n)
-    forces: Floats = np.vstack(F).T
-    m = forces.shape[1]
-    whole = np.block(
-        [[np.eye(n) + flexibility @ C, flexibility @ forces], [np.vstack(G), np.zeros((m, m))]]
-    )
+    return C, np.vstack(F).T, np.vstack(G)
+
+
+def _system(S: Floats, C: Floats, F: Floats, G: Floats) -> Floats:
+    """Matrix of the dense system for s and lambda, of the matrices of `_dense`."""
+    n, m = F.shape
+    return np.block([[np.eye(n) + S @ C, S @ F], [G, np.zeros((m, m))]])
+
+
+def _response(S: Floats, C: Floats, F: Floats, G: Floats) -> Floats:
+    """Forces C s + F lambda by the displacements U^T z_0, shape ``(d k, d k)``."""
+    n, m = F.shape
     try:
-        solution = np.linalg.solve(whole, np.eye(n + m, n))
+        solution = np.linalg.solve(_system(S, C, F, G), np.eye(n + m, n))
     except np.linalg.LinAlgError:  # as the system of contact and bulk: nothing helps
         return np.zeros((n, n))
-    response: Floats = np.hstack([C, forces]) @ solution
+    response: Floats = np.hstack([C, F]) @ solution
     return response

@@ -1,12 +1,13 @@
 """How the preconditioner of the bulk is corrected for contact: nearby, or wherever it is felt."""
 
+from collections.abc import Sequence
 from typing import Protocol
 
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.common.arrays import Flags, Floats
 from dolfinx_nts.solvers.contact_complement import ContactComplement
 from dolfinx_nts.solvers.contact_schwarz import ContactSchwarz
-from dolfinx_nts.solvers.elimination import Elimination
+from dolfinx_nts.solvers.elimination import ActivePairs, Elimination
 from dolfinx_nts.solvers.preconditioner import BulkPreconditioner
 from dolfinx_nts.solvers.tangent import Tangent
 
@@ -15,6 +16,8 @@ __all__ = ["ContactCorrections"]
 # Iterations per decade, with factors of the bulk that know responses, from which on a correction
 # around the contacts is poor; and nodes in contact up to which the dense complement is cheaper.
 _POOR, _MOST_NODES = 4.0, 100
+# Forces at points up to which it costs little to decide on all of them.
+_MOST_FORCES = 300
 # Decades that count at least, as a solve that asks for less takes an iteration, too.
 _FEWEST_DECADES = 0.3
 # Reduction that the complement gives at little cost, and that saves iterations of Newton's
@@ -85,6 +88,18 @@ class ContactCorrections:
     def correct(self, r: Floats, z: Floats) -> None:
         """Correct the result z of the bulk for r, nodal vectors of shape ``(n, 3)``."""
         self._present.correct(r, z)
+
+    def condensed(
+        self, R: Floats, pairs: Sequence[ActivePairs], is_point: Flags, present: Floats
+    ) -> tuple[Floats, Floats] | None:
+        """How forces at points move them, see `contact_decisions.System`.
+
+        None where there are many, and without good factors of the bulk.
+        """
+        is_known = self._bulk.point is not None and self._bulk.has_responses
+        if not is_known or len(present) > _MOST_FORCES:
+            return None
+        return self._complement.condensed(R, pairs, is_point, present)
 
     def serialize(self, archive: Archive, active_version: int) -> None:
         """Serialize what a later step goes on with, after the factors of the bulk.

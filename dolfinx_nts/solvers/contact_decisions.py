@@ -1,11 +1,15 @@
-"""Decisions on contact, stick and slip of all points of a small linear system at once.
+"""Decisions on contact, stick and slip of all points of a linear system at once.
 
 Multipliers of points that share the unknowns of rigid bodies tell little about single points: where
-four corners stick, three of them may carry the friction or all. States that follow from them point
-by point change to and fro. See `friction_cones` for what decides instead.
+four corners stick, three of them may carry the friction or all. Nor do those of a body that begins
+to slide, where each node that slides loads its neighbours. States that follow from multipliers
+point by point change to and fro. See `friction_cones` for what decides instead.
 """
 
 from collections.abc import Sequence
+from typing import Protocol
+
+from mpi4py import MPI
 
 import numpy as np
 
@@ -18,9 +22,28 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers import friction_cones
 from dolfinx_nts.solvers.elimination import ActivePairs
 from dolfinx_nts.solvers.friction_cones import ConeSolution
-from dolfinx_nts.solvers.saddle_point import SaddlePointSystem, WholeSystem
 
-__all__ = ["decided", "may_be_decided"]
+__all__ = ["System", "decided", "may_be_decided"]
+
+
+class System(Protocol):
+    """A linear system that can be condensed to points of contact."""
+
+    def condensed(
+        self, R: Floats, pairs: Sequence[ActivePairs], is_point: Flags, present: Floats
+    ) -> tuple[Floats, Floats] | None:
+        """Motions y = W f + q of points by the forces on them. Collective.
+
+        Args:
+            R: Residual on the owned dofs [N].
+            pairs: Pairs, active or not, whose constraints are among the unknowns.
+            is_point: Which constraints, of all ranks, are of the ``m`` points.
+            present: Their multipliers in the residual, shape ``(d m,)`` [N].
+
+        Returns:
+            W, shape ``(d m, d m)`` [m/N], and q, shape ``(d m,)`` [m]. None where the system is
+            large or has no solution.
+        """
 
 
 def may_be_decided(steps: Sequence[ContactStep]) -> bool:
@@ -29,7 +52,8 @@ def may_be_decided(steps: Sequence[ContactStep]) -> bool:
 
 
 def decided(
-    system: SaddlePointSystem,
+    system: System,
+    comm: MPI.Comm,
     R: Floats,
     steps: Sequence[ContactStep],
     states: Sequence[ContactContribution],
@@ -38,6 +62,7 @@ def decided(
 
     Args:
         system: Linear system of the iteration.
+        comm: Communicator of the mesh.
         R: Residual on the owned dofs [N].
         steps: Contact attempts, which take over what is decided.
         states: Their last evaluations.
@@ -47,9 +72,8 @@ def decided(
         friction is near, as active sets are found without that; in large systems; where no forces
         obey.
     """
-    comm = system.comm
-    present = reductions.total(comm, np.array([len(state.active) for state in states])) > 0
-    takes_part = [bool(p) and _takes_part(step) for p, step in zip(present, steps, strict=True)]
+    near = reductions.total(comm, np.array([len(state.active) for state in states])) > 0
+    takes_part = [bool(n) and _takes_part(step) for n, step in zip(near, steps, strict=True)]
     deciding = [i for i, takes in enumerate(takes_part) if takes]
     laws = {i: law for i in deciding if (law := steps[i].friction.decided) is not None}
     if not may_be_decided([steps[i] for i in deciding]):
@@ -63,16 +87,15 @@ def decided(
                 state = _with_all_rows(state, dim)
             pairs.append(ActivePairs(step.candidates, state, dim))
             is_decided.append(np.full(int(pairs[-1].blocks.rank.sum()), takes_part[i]))
-    whole = system.whole(R, pairs)
-    if whole is None:
-        return None
     own = (
         np.concatenate([_multipliers(steps[i], states[i])[:, :dim] for i in deciding]),
         np.concatenate([laws[i].coefficients(states[i].pairs.node) for i in deciding]),
         np.concatenate(is_decided),
     )
     parts = comm.allgather(own)
-    found = _solution(whole, *(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+    present, mu, is_point = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    condensed = system.condensed(R, pairs, is_point, present.ravel())
+    found = None if condensed is None else _solution(*condensed, mu, dim)
     if found is None:
         return None
     new, first = list(states), sum(len(part[0]) for part in parts[: comm.rank])
@@ -108,30 +131,12 @@ def _with_all_rows(state: ContactContribution, dim: int) -> ContactContribution:
     )
 
 
-def _solution(
-    whole: WholeSystem, present: Floats, mu: Floats, is_decided: Flags
-) -> ConeSolution | None:
-    """Forces and motions of all points that obey Coulomb's law. Local.
+def _solution(W: Floats, q: Floats, mu: Floats, dim: int) -> ConeSolution | None:
+    """Forces and motions of ``m`` points that obey Coulomb's law, see `System`. Local.
 
-    Args:
-        whole: System with all their forces as unknowns.
-        present: Multipliers of the residual, ``(m, d)`` [N].
-        mu: Coefficients of friction, shape ``(m,)`` [-].
-        is_decided: Which multipliers of the system are theirs.
+    ``mu`` are coefficients of friction, shape ``(m,)`` [-].
     """
-    mine = np.zeros(len(whole.right), dtype=bool)
-    mine[whole.is_multiplier] = is_decided
-    A, right, forces = whole.matrix, whole.right, present.ravel()
-    columns = A[~mine][:, mine]
-    try:
-        moved = np.linalg.solve(
-            A[~mine][:, ~mine], np.column_stack([right[~mine] + columns @ forces, columns])
-        )
-    except np.linalg.LinAlgError:
-        return None
-    motions = A[mine][:, ~mine] @ moved
-    W, q = motions[:, 1:], motions[:, 0] - right[mine]
-    without = np.zeros(present.shape, dtype=bool)
+    without = np.zeros((len(mu), dim), dtype=bool)
     without[:, 1:] = mu[:, None] == 0
     none = without.ravel()
     W[none], W[:, none], q[none] = 0.0, 0.0, 0.0

@@ -22,7 +22,7 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.active_sets import ActiveSets
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.contact_corrections import ContactCorrections
-from dolfinx_nts.solvers.contact_decisions import decided, may_be_decided
+from dolfinx_nts.solvers.contact_decisions import System, decided, may_be_decided
 from dolfinx_nts.solvers.elimination import ActivePairs, Elimination, active_pairs
 from dolfinx_nts.solvers.petsc_options import PetscOptions
 from dolfinx_nts.solvers.preconditioner import BulkPreconditioner
@@ -227,28 +227,48 @@ class LinearSolver:
         return du, [next(increments) if step.num_active else np.empty(0) for step in steps]
 
     def decided(
-        self, R: Floats, steps: Sequence[ContactStep], states: Sequence[ContactContribution]
+        self,
+        R: Floats,
+        steps: Sequence[ContactStep],
+        states: Sequence[ContactContribution],
+        inertia: bool,
     ) -> tuple[ContactContribution, ...] | None:
         """States of contact that obey all conditions of the linear system. Collective.
-
-        Where pairs are eliminated, and in large systems, nothing is decided: multipliers tell node
-        by node.
 
         Args:
             R: Residual on the owned dofs, shape ``(d n,)`` [N].
             steps: Contact attempts.
             states: Their pairs.
+            inertia: Whether there is any.
 
         Returns:
             The pairs with these states, None if nothing was decided, see `contact_decisions`.
         """
-        if not (self._saddle.may_be_small and may_be_decided(steps)):
+        if not may_be_decided(steps):
             return None
-        pairs = active_pairs(steps, states, self._operator.bulk.rigid.dim)
+        system = self._decidable(steps, states, inertia)
+        if system is None:
+            return None
+        return decided(system, self._operator.bulk.comm, R, steps, states)
+
+    def _decidable(
+        self, steps: Sequence[ContactStep], states: Sequence[ContactContribution], inertia: bool
+    ) -> System | None:
+        """The system whose points may be decided on all at once. Collective.
+
+        With inertia these are the points of small systems in which nothing is eliminated;
+        elsewhere multipliers tell node by node. Without, where nodes feel each other far around,
+        those of all bodies that supports hold.
+        """
+        bulk = self._operator.bulk
+        if not inertia:
+            is_held = not (bulk.rigid.exists or self.tangent.num_free)
+            return self._contacts if is_held else None
+        if not self._saddle.may_be_small:
+            return None
+        pairs = active_pairs(steps, states, bulk.rigid.dim)
         self._active_sets.number(pairs)
-        if not (pairs and self._active_sets.are_coupled(pairs)):
-            return None
-        return decided(self._saddle, R, steps, states)
+        return self._saddle if pairs and self._active_sets.are_coupled(pairs) else None
 
     @property
     def statistics(self) -> SolverStatistics:

@@ -169,11 +169,11 @@ def solve(
         if converged or reason:
             return Solution(states, R, R_bulk, forces, convergence.report(reason))
 
-        # Without inertia nothing but contact resists the motions of rigid bodies.
-        contradicts = seen.changed or seen.is_open or convergence.is_slow(seen)
-        if inertia and _may_decide(iteration) and contradicts:
+        # States that are to stick at first do so.
+        may_decide = _may_decide(iteration) and (inertia or not begins_sticking)
+        if may_decide and convergence.doubts(seen):
             with timings.phase("solve"):
-                decided = solver.decided(R, steps, states)
+                decided = solver.decided(R, steps, states, inertia)
             if decided is not None:
                 states = decided
                 R = R_bulk + contact_residual(steps, states, (len(X), dim))

@@ -29,7 +29,7 @@ from dolfinx_nts.solvers.rigid_reduction import Reduced, reduced
 from dolfinx_nts.solvers.tangent import Tangent
 from dolfinx_nts.solvers.whole_factors import solved
 
-__all__ = ["SaddlePointSystem", "WholeSystem"]
+__all__ = ["SaddlePointSystem"]
 
 
 # Compliance that constraints have, relative to that of the stiffest node [-]: those that
@@ -43,7 +43,7 @@ _DEPENDENT = 1e-9
 _NO_STIFFNESS = 1e-300  # stiffness of a rank without nodes, which divides [N/m]
 
 
-class WholeSystem(NamedTuple):
+class _WholeSystem(NamedTuple):
     """A system of ``n`` unknowns, all of it.
 
     Attributes:
@@ -75,6 +75,19 @@ class WholeSystem(NamedTuple):
             return x
         x[~last], x[last] = y[: len(y) - k], independent @ y[len(y) - k :]
         return x
+
+    def condensed(self, is_point: Flags, present: Floats) -> tuple[Floats, Floats] | None:
+        """How forces at points move them, see `contact_decisions.System`. Local."""
+        mine = np.zeros(len(self.right), dtype=bool)
+        mine[self.is_multiplier] = is_point
+        A, right = self.matrix, self.right
+        columns = A[~mine][:, mine]
+        known = np.column_stack([right[~mine] + columns @ present, columns])
+        try:
+            motions = A[mine][:, ~mine] @ np.linalg.solve(A[~mine][:, ~mine], known)
+        except np.linalg.LinAlgError:
+            return None
+        return motions[:, 1:], motions[:, 0] - right[mine]
 
 
 class SaddlePointSystem:
@@ -125,13 +138,15 @@ class SaddlePointSystem:
         deformable = self._bulk.num_owned - rigid.dim * len(rigid.nodes)
         return bool(reductions.total(self.comm, deformable) <= _DENSE)
 
-    def whole(self, R: Floats, pairs: Sequence[ActivePairs]) -> WholeSystem | None:
-        """The system on every rank if it is small, otherwise None. Collective.
+    def condensed(
+        self, R: Floats, pairs: Sequence[ActivePairs], is_point: Flags, present: Floats
+    ) -> tuple[Floats, Floats] | None:
+        """How forces at points move them, see `contact_decisions.System`. Collective."""
+        whole = self._whole(R, pairs)
+        return None if whole is None else whole.condensed(is_point, present)
 
-        Args:
-            R: Residual on the owned dofs [N].
-            pairs: Pairs, active or not, whose constraints are among the unknowns.
-        """
+    def _whole(self, R: Floats, pairs: Sequence[ActivePairs]) -> _WholeSystem | None:
+        """The system on every rank if it is small, otherwise None. Collective."""
         A, right, counts = self._assembled(R, pairs)
         if not self._bulk.rigid.exists:
             found = _gathered(A, right, sum(counts)) if A.size[0] <= _DENSE else None
@@ -255,11 +270,11 @@ def _solution(A: Any, right: Floats, num_multipliers: int) -> Floats:
     return solved(A, right)
 
 
-def _gathered(A: Any, right: Floats, num_multipliers: int) -> WholeSystem:
+def _gathered(A: Any, right: Floats, num_multipliers: int) -> _WholeSystem:
     """A system on every rank; the last unknowns of each one are multipliers. Collective."""
     dense = A.convert("dense", PETSc.Mat())
     is_multiplier = np.arange(len(right)) >= len(right) - num_multipliers
     part = np.array(dense.getDenseArray()), np.array(right), is_multiplier
     dense.destroy()
     parts = A.comm.tompi4py().allgather(part)
-    return WholeSystem(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+    return _WholeSystem(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))

@@ -36,6 +36,43 @@ def test_mortar_points_are_laid_anew_before_equilibrium(mu, most):
 
 
 @pytest.mark.serial
+@pytest.mark.parametrize(("dt", "most", "longest"), [(0.1, 75, 10), (1.0, 16, 8)])
+def test_a_belt_begins_to_slide_with_few_iterations(dt, most, longest):
+    """All nodes are decided on at once: one by one they take 103 iterations, and 43."""
+    iterations = []
+    for step in belt(dt).stepper.run(until=max(1.4, 2 * dt)):
+        iterations.append(step.newton_iterations)
+        (reaction,) = step.reactions
+    assert max(iterations) <= longest
+    assert sum(iterations) <= most
+    ratio = np.exp(MU * ANGLE * RADIUS / (RADIUS + THICKNESS / 2))
+    assert reaction.force[0] / PULL == pytest.approx(ratio, rel=1e-2)
+
+
+def test_a_strip_begins_to_slide_with_few_iterations(comm):
+    """Its top is pressed and drawn, so that slip spreads inwards; one by one nodes take up to 7."""
+
+    def build(model):
+        size = {"corner": (0, 0), "size": (6, 0.5), "cells": (60, 4)}
+        nts.parts.add_rectangle(model, "strip", **size)
+
+    mesh, cells, facets, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+    strip = nts.Body(V, cells, tag["strip"], nts.NeoHookean(E=1e6, nu=0.3, rho=1e3))
+    led = fem.Constant(mesh, np.zeros(2))
+    top = fem.locate_dofs_topological(V, 1, facets.find(tag["strip_top"]))
+
+    def update(t):
+        led.value[:] = 0.05 * max(t - 0.1, 0), -0.01 * min(t / 0.1, 1)
+
+    bottom = nts.Surface(V, facets, tag["strip_bottom"])
+    pair = nts.ContactPair(bottom, nts.RigidPlane((0, 0), (0, 1)), friction=nts.Coulomb(0.3))
+    bcs = [fem.dirichletbc(led, top, V)]
+    stepper = nts.QuasiStatic([strip], [pair], dt=0.1, bcs=bcs, update=update)
+    assert max(step.newton_iterations for step in stepper.run(until=0.6)) <= 5
+
+
+@pytest.mark.serial
 def test_springs_hold_a_belt_with_few_iterations():
     """Gaps that are left where it turns and goes around, times stiffness, decide on nothing."""
     stepper = belt(0.1, nts.Penalty()).stepper

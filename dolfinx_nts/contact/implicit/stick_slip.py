@@ -409,7 +409,7 @@ class StickSlip(Friction):
             model = of._exact(pairs, t, slip, p, t, of.sliding[node])
             for part in model:
                 part[of._on_axis[node]] = 0.0
-            of._slips.modelled[node] = slip
+            of._slips.modelled[node], of._limit.heading[node] = slip, model.direction
             for values, part in zip(of._model, model, strict=True):
                 values[node] = part
             of.traction[node] = np.where(active[:, None], t, 0.0)

@@ -2,6 +2,8 @@
 
 from types import SimpleNamespace
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
 
@@ -58,6 +60,32 @@ def test_whole_system_is_solved(comm, kind, is_strong, rng):
     saddle = np.block([[bulk.K + C, F], [G.T, zero]])
     expected = np.linalg.solve(saddle, np.concatenate([r, zero[0]]))
     np.testing.assert_allclose(z, expected[: 3 * NODES], rtol=0, atol=ROUNDING)
+
+
+@kinds
+def test_forces_at_points_move_them_as_the_whole_system_does(comm, kind, rng):
+    """Forces that turn with surfaces are left out, and constraints of others are held."""
+    bulk, arrays = Bulk(comm, rng), blocks(kind, rng)
+    without = ContactBlocks(*arrays)
+    _, G, F, C = dense(*without._replace(tangent=0 * without.tangent))
+    (pairs,) = elimination(MPI.COMM_SELF, arrays).pairs
+    pairs.blocks, pairs.excess = ContactBlocks(*arrays), rng.normal(size=(len(arrays[2]), 3))
+    rows = np.arange(3) < arrays[2][:, None]
+    is_point = rng.random(F.shape[1]) < 0.6
+    present, f = rng.normal(size=(2, int(is_point.sum())))
+    R = rng.normal(size=3 * NODES)
+    complement = ContactComplement(bulk.tangent, bulk)
+    own = [pairs] if comm.rank == comm.size - 1 else []
+    part = slice(3 * bulk.first, 3 * bulk.last)
+    W, q = complement.condensed(R[part], own, is_point, present)
+    held = ~is_point
+    zero = np.zeros((int(held.sum()),) * 2)
+    saddle = np.block([[bulk.K + C, F[:, held]], [G[:, held].T, zero]])
+    excess = pairs.excess[rows]
+    right = np.concatenate([-R + F[:, is_point] @ (present + f), -excess[held]])
+    z = np.linalg.solve(saddle, right)[: 3 * NODES]
+    expected = G[:, is_point].T @ z + excess[is_point]
+    np.testing.assert_allclose(W @ f + q, expected, rtol=0, atol=ROUNDING)
 
 
 def test_columns_belong_to_nodes_and_factors(comm, rng):
