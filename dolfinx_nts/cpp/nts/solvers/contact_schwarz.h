@@ -17,7 +17,8 @@
 ///
 /// for what the preconditioner of the bulk has left; E E^T, scaled, fills the
 /// directions that are given up, in which neither right-hand sides nor results
-/// have a part. Rows and factors are in single precision.
+/// have a part. Rows and factors are in single precision; those of K are taken
+/// when contacts first need them, and serve for all later ones.
 ///
 /// Contact nodes are eliminated first. With friction or springs, C ties them
 /// to the nodes of their segments by stiffnesses far above those of the bulk,
@@ -82,7 +83,7 @@ public:
   }
 
   /// @brief Remove all contacts; their memory is used again.
-  void clear() noexcept
+  void clear()
   {
     for (const std::int32_t node : _nodes)
       _number[node] = -1;
@@ -123,19 +124,18 @@ public:
     for (const std::int32_t node : _nodes)
       for (std::size_t c = 0; c < B; ++c)
         largest = std::max(largest, std::abs(z[B * node + c]));
-    const double scale = power_of_two(largest);
+    const double scale = power_of_two(largest), back = 1 / scale;
     for (const std::int32_t node : _nodes)
       for (std::size_t c = 0; c < B; ++c)
         _z[B * node + c]
             = without_dust(static_cast<float>(scale * z[B * node + c]));
     _x.resize(B * _size);
-    const auto subtract
-        = [&](std::size_t p, const PackedRows<B>& rows, std::size_t e,
-              std::size_t end)
+    const auto subtract = [&](std::size_t p, const PackedRows<B>& rows,
+                              std::size_t e, std::size_t end)
     {
       const Column<B> product = rows.product(e, end, _z.data());
       for (std::size_t c = 0; c < B; ++c)
-        _x[B * p + c] -= static_cast<double>(product[c]) / scale;
+        _x[B * p + c] -= back * static_cast<double>(product[c]);
     };
     for (std::size_t p = 0; p < _size; ++p)
     {
@@ -411,19 +411,19 @@ private:
                          constraint->left[a] * _constrained.value[e]);
       }
       if (constrainer[p])
-        _projected.add(static_cast<std::int32_t>(p),
-                       constrainer[p]->given_up
-                           * static_cast<float>(_scale
-                                                * _stiffness[_nodes[p]]));
+        _projected.add(
+            static_cast<std::int32_t>(p),
+            constrainer[p]->given_up
+                * static_cast<float>(_scale * _stiffness[_nodes[p]]));
       _projected.end_row();
     }
   }
 
   BlockMatrix<B> _K;
-  std::vector<double> _stiffness;    // mean entry on the diagonal of each node
-  double _scale;                     // of what is in single precision
-  PackedRows<B> _rows;               // of K that contacts have needed, scaled
-  std::vector<std::int64_t> _taken;  // where that of each node begins, or -1
+  std::vector<double> _stiffness;   // mean entry on the diagonal of each node
+  double _scale;                    // of what is in single precision
+  PackedRows<B> _rows;              // of K that contacts have needed, scaled
+  std::vector<std::int64_t> _taken; // where that of each node begins, or -1
   std::vector<Constraint> _constraints;
   std::vector<Tangent> _tangents;
   PackedRows<B> _tangent_rows;       // theirs, scaled
@@ -433,7 +433,7 @@ private:
   BlockRows<B> _constrained;         // (K + C) Z at constrained nodes
   BlockRows<B> _projected;           // A
   IncompleteFactors<B> _factors;
-  std::vector<float> _z;             // at all columns
+  std::vector<float> _z; // at all columns
   std::vector<double> _x;
 };
 } // namespace nts
