@@ -36,16 +36,20 @@ class SerialSubdomain:
     """
 
     def __init__(self, rows: BlockCSR) -> None:
-        """Create factors that read the rows in place."""
-        self._factors = _kernels.ContactSchwarz(rows.start, rows.column, rows.value)
+        """Create the object, without factors before `build`."""
+        self._rows, self._version = rows, -1
+        self._factors: _kernels.ContactSchwarz
 
     def build(self, contacts: Sequence[ContactBlocks], version: int) -> None:
         """Choose the nodes for some contacts, and factorise.
 
         Args:
             contacts: Constraints and tangent of each contact pair.
-            version: Number of the matrix's values, which are read anyway.
+            version: Number of the matrix's values, of which factors remember rows.
         """
+        if version != self._version:
+            rows, self._version = self._rows, version
+            self._factors = _kernels.ContactSchwarz(rows.start, rows.column, rows.value)
         self._factors.clear()
         for blocks in contacts:
             self._factors.add(blocks.kernel())

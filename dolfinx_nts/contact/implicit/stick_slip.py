@@ -191,8 +191,11 @@ class StickSlip(Friction):
 
     def follow_contact(self, pairs: PairKinematics, before: Flags, active: Flags) -> None:
         """Release nodes, and let new ones stick that come within the cone of friction."""
-        self.release(pairs.node[before & ~active])
-        arrives = active & ~before
+        changes = active != before
+        if not changes.any():
+            return
+        arrives = changes & active
+        self.release(pairs.node[changes & before])
         arrived = pairs.node[arrives]
         slip = np.linalg.norm(pairs.slip.value[arrives], axis=1)
         slides = slip > self._law.mu * np.abs(pairs.excess[arrives, 0])

@@ -97,8 +97,8 @@ void contact_schwarz(nb::module_& m)
       "the contacts, see nts/solvers/contact_schwarz.h")
       .def(nb::init<In<std::int64_t>, In<std::int32_t>, Doubles>(),
            nb::arg("start"), nb::arg("column"), nb::arg("value"),
-           "Matrix of B x B blocks, B = 2 or 3, that is read, not copied: "
-           "(n + 1,), (b,), (B B b,)")
+           "Matrix of B x B blocks, B = 2 or 3, whose rows are read when "
+           "contacts first need them: (n + 1,), (b,), (B B b,)")
       .def("clear", &BoundContactSchwarz::clear, "Remove all contacts")
       .def("add", &BoundContactSchwarz::add, nb::arg("contacts"),
            "Add constraints and blocks of the tangent")

@@ -203,17 +203,18 @@ public:
     value.clear();
   }
 
-  /// @brief Block of the last row, which no `end_row` has ended; zero if new.
-  Columns<B>& operator[](std::int32_t j)
+  /// @brief Add to a block of the last row, which no `end_row` has ended.
+  void add(std::int32_t j, const Columns<B>& A)
   {
     std::int64_t& place = _place[j];
-    if (place < start.back())
+    if (place >= start.back())
     {
-      place = static_cast<std::int64_t>(column.size());
-      column.push_back(j);
-      value.push_back({});
+      value[place] += A;
+      return;
     }
-    return value[place];
+    place = static_cast<std::int64_t>(column.size());
+    column.push_back(j);
+    value.push_back(A);
   }
 
   void end_row() { start.push_back(static_cast<std::int64_t>(column.size())); }
@@ -265,7 +266,18 @@ public:
                   B * sizeof(float));
   }
 
+  std::size_t size() const noexcept { return _node.size(); }
+
   std::int32_t node(std::size_t e) const noexcept { return _node[e]; }
+
+  Columns<B> block(std::size_t e) const noexcept
+  {
+    Columns<B> result;
+    for (std::size_t c = 0; c < B; ++c)
+      std::memcpy(&result.column[c], (*this)[e] + B * c,
+                  sizeof(result.column[c]));
+    return result;
+  }
 
   /// @brief A packed block.
   const float* operator[](std::size_t e) const noexcept

@@ -17,7 +17,8 @@
 ///
 /// for what the preconditioner of the bulk has left; E E^T, scaled, fills the
 /// directions that are given up, in which neither right-hand sides nor results
-/// have a part. Rows and factors are in single precision.
+/// have a part. Rows and factors are in single precision; those of K are taken
+/// when contacts first need them, and serve for all later ones.
 ///
 /// Contact nodes are eliminated first. With friction or springs, C ties them
 /// to the nodes of their segments by stiffnesses far above those of the bulk,
@@ -33,14 +34,24 @@ template <std::size_t B>
 class ContactSchwarz
 {
 public:
-  /// @param[in] K Bulk tangent; columns beyond its rows are of nodes that
-  /// are not changed.
-  explicit ContactSchwarz(const BlockMatrix<B>& K) : _K(K)
+  /// @param[in] K Bulk tangent, whose values must stay as they are; columns
+  /// beyond its rows are of nodes that are not changed.
+  explicit ContactSchwarz(const BlockMatrix<B>& K)
+      : _K(K), _stiffness(K.start.size() - 1), _taken(K.start.size() - 1, -1)
   {
-    std::size_t columns = K.start.size() - 1;
-    for (const std::int32_t column : K.column)
-      columns = std::max(columns, static_cast<std::size_t>(column) + 1);
+    std::size_t columns = _stiffness.size();
+    for (std::size_t i = 0; i < _stiffness.size(); ++i)
+      for (std::int64_t e = K.start[i]; e < K.start[i + 1]; ++e)
+      {
+        const auto column = static_cast<std::size_t>(K.column[e]);
+        columns = std::max(columns, column + 1);
+        if (column == i)
+          for (std::size_t d = 0; d < B; ++d)
+            _stiffness[i] += std::abs(K[e][(B + 1) * d]) / B;
+      }
+    _scale = power_of_two(largest(_stiffness));
     _number.assign(columns, -1);
+    _z.resize(B * columns);
   }
 
   /// @brief Nodes of the columns of K, at least those of its rows.
@@ -59,24 +70,26 @@ public:
     {
       const auto nodes = e.tangent_nodes.subspan(k * p, k);
       const double* C = e.tangent.data() + n * n * p;
-      Tangent& tangent = _tangents.emplace_back();
-      tangent.nodes.assign(nodes.begin(), nodes.end());
-      tangent.blocks.resize(k * k);
-      for (std::size_t a = 0; a < k; ++a)
-        for (std::size_t b = 0; b < k; ++b)
-          for (std::size_t c = 0; c < B; ++c)
-            std::copy_n(C + n * (B * a + c) + B * b, B,
-                        tangent.blocks[k * a + b][c].begin());
+      add_tangent(nodes,
+                  [&](std::size_t a, std::size_t b)
+                  {
+                    Block<B> block;
+                    for (std::size_t c = 0; c < B; ++c)
+                      std::copy_n(C + n * (B * a + c) + B * b, B,
+                                  block[c].begin());
+                    return block;
+                  });
     }
   }
 
   /// @brief Remove all contacts; their memory is used again.
-  void clear() noexcept
+  void clear()
   {
     for (const std::int32_t node : _nodes)
       _number[node] = -1;
     _constraints.clear();
     _tangents.clear();
+    _tangent_rows.resize(0);
     _nodes.clear();
     _size = 0;
   }
@@ -86,13 +99,10 @@ public:
   bool build()
   {
     number_nodes();
-    double largest = 0;
     for (std::size_t p = 0; p < _size; ++p)
-      largest = std::max(largest, stiffness(p));
-    _scale = power_of_two(largest);
-    take_rows();
+      take_row(_nodes[p]);
     make_projected();
-    return _factors.factorise(_made.projected, contacts_first());
+    return _factors.factorise(_projected, contacts_first());
   }
 
   /// @brief Constrain z = B r and correct it at the nodes of the subdomain.
@@ -114,22 +124,32 @@ public:
     for (const std::int32_t node : _nodes)
       for (std::size_t c = 0; c < B; ++c)
         largest = std::max(largest, std::abs(z[B * node + c]));
-    const double scale = power_of_two(largest);
-    _z.resize(B * _nodes.size());
-    for (std::size_t p = 0; p < _nodes.size(); ++p)
+    const double scale = power_of_two(largest), back = 1 / scale;
+    for (const std::int32_t node : _nodes)
       for (std::size_t c = 0; c < B; ++c)
-        _z[B * p + c]
-            = without_dust(static_cast<float>(scale * z[B * _nodes[p] + c]));
+        _z[B * node + c]
+            = without_dust(static_cast<float>(scale * z[B * node + c]));
     _x.resize(B * _size);
-    std::size_t e = 0;
+    const auto subtract = [&](std::size_t p, const PackedRows<B>& rows,
+                              std::size_t e, std::size_t end)
+    {
+      const Column<B> product = rows.product(e, end, _z.data());
+      for (std::size_t c = 0; c < B; ++c)
+        _x[B * p + c] -= back * static_cast<double>(product[c]);
+    };
     for (std::size_t p = 0; p < _size; ++p)
     {
-      const Column<B> product = _rows.product(
-          e, static_cast<std::size_t>(_made.all.start[p + 1]), _z.data());
       for (std::size_t c = 0; c < B; ++c)
-        _x[B * p + c] = _scale * r[B * _nodes[p] + c]
-                        - static_cast<double>(product[c]) / scale;
+        _x[B * p + c] = _scale * r[B * _nodes[p] + c];
+      const std::size_t e = _taken[_nodes[p]];
+      subtract(p, _rows, e, e + _K.row(_nodes[p]).size());
     }
+    for (const Tangent& tangent : _tangents)
+      for (std::size_t a = 0, k = tangent.nodes.size(); a < k; ++a)
+      {
+        const std::size_t e = tangent.first + k * a;
+        subtract(_number[tangent.nodes[a]], _tangent_rows, e, e + k);
+      }
     for (const Constraint& constraint : _constraints)
     {
       const std::size_t s = B * _number[constraint.nodes[0]];
@@ -164,16 +184,22 @@ private:
   struct Tangent
   {
     std::vector<std::int32_t> nodes;
-    std::vector<Block<B>> blocks; // (nodes, nodes)
+    std::size_t first; // of its (nodes, nodes) blocks among the rows of all
   };
 
-  /// @brief Rows that `build` makes, in memory that is used again.
-  struct Made
+  /// @brief Add a block of the tangent.
+  /// @param[in] block Returns its part of two of the nodes, by positions.
+  template <class GetBlock>
+  void add_tangent(std::span<const std::int32_t> nodes, const GetBlock& block)
   {
-    BlockRows<B> all;         // of K + C
-    BlockRows<B> constrained; // times Z, those of constrained nodes
-    BlockRows<B> projected;
-  };
+    const std::size_t k = nodes.size(), first = _tangent_rows.size();
+    _tangents.push_back({{nodes.begin(), nodes.end()}, first});
+    _tangent_rows.resize(first + k * k);
+    for (std::size_t a = 0; a < k; ++a)
+      for (std::size_t b = 0; b < k; ++b)
+        _tangent_rows.put(first + k * a + b, nodes[b],
+                          Columns<B>::of(block(a, b), _scale));
+  }
 
   /// @brief Add the block of the tangent F_a S_ab G_b^T of node i.
   void add_slopes(const Elimination<B>& e, std::size_t i)
@@ -181,25 +207,23 @@ private:
     const Matrix<B, B> S = e.slope(i);
     if (S == Matrix<B, B>{})
       return;
-    const auto list = e.list(i);
-    const std::size_t k = list.size();
-    Tangent& tangent = _tangents.emplace_back();
-    tangent.nodes.assign(list.begin(), list.end());
-    tangent.blocks.resize(k * k);
-    for (std::size_t a = 0; a < B; ++a)
-      for (std::size_t b = 0; b < B; ++b)
-      {
-        if (S[a][b] == 0)
-          continue;
-        const double* F = e.row(e.columns, i, a);
-        const double* G = e.row(e.gradients, i, b);
-        for (std::size_t K = 0; K < k; ++K)
-          for (std::size_t L = 0; L < k; ++L)
-            for (std::size_t c = 0; c < B; ++c)
-              for (std::size_t d = 0; d < B; ++d)
-                tangent.blocks[k * K + L][c][d]
-                    += S[a][b] * F[B * K + c] * G[B * L + d];
-      }
+    add_tangent(e.list(i),
+                [&](std::size_t K, std::size_t L)
+                {
+                  Block<B> block = {};
+                  for (std::size_t a = 0; a < B; ++a)
+                    for (std::size_t b = 0; b < B; ++b)
+                    {
+                      if (S[a][b] == 0)
+                        continue;
+                      const double* F = e.row(e.columns, i, a) + B * K;
+                      const double* G = e.row(e.gradients, i, b) + B * L;
+                      for (std::size_t c = 0; c < B; ++c)
+                        for (std::size_t d = 0; d < B; ++d)
+                          block[c][d] += S[a][b] * F[c] * G[d];
+                    }
+                  return block;
+                });
   }
 
   /// @brief For each node of the subdomain, the items in whose lists it is,
@@ -296,27 +320,16 @@ private:
       _number[_nodes[p]] = static_cast<std::int32_t>(p);
   }
 
-  /// @brief Take the rows of K + C, with all their columns, scaled, also for
-  /// products.
-  void take_rows()
+  /// @brief Take a row of K, scaled, unless it has been before.
+  void take_row(std::int32_t node)
   {
-    const auto tangents = by_node(_tangents);
-    BlockRows<B>& rows = _made.all;
-    rows.clear(_nodes.size());
-    for (std::size_t p = 0; p < _size; ++p)
-    {
-      for (std::int64_t e = _K.start[_nodes[p]]; e < _K.start[_nodes[p] + 1];
-           ++e)
-        rows[_number[_K.column[e]]] = _K.block(e, _scale);
-      for (const auto& [tangent, a] : tangents[p])
-        for (std::size_t b = 0; b < tangent->nodes.size(); ++b)
-          rows[_number[tangent->nodes[b]]] += Columns<B>::of(
-              tangent->blocks[tangent->nodes.size() * a + b], _scale);
-      rows.end_row();
-    }
-    _rows.resize(rows.column.size());
-    for (std::size_t e = 0; e < rows.column.size(); ++e)
-      _rows.put(e, rows.column[e], rows.value[e]);
+    if (_taken[node] >= 0)
+      return;
+    std::size_t place = _rows.size();
+    _taken[node] = static_cast<std::int64_t>(place);
+    _rows.resize(place + _K.row(node).size());
+    for (std::int64_t e = _K.start[node]; e < _K.start[node + 1]; ++e)
+      _rows.put(place++, _K.column[e], _K.block(e, _scale));
   }
 
   /// @brief Order of elimination: contact nodes, then all others.
@@ -332,11 +345,11 @@ private:
     return order;
   }
 
-  /// @brief Make Z~^T rows Z + E E^T in the subdomain.
+  /// @brief Make the rows of A in the subdomain.
   void make_projected()
   {
-    auto& [rows, constrained, result] = _made;
     const auto constraints = by_node(_constraints);
+    const auto tangents = by_node(_tangents);
     std::vector<const Constraint*> constrainer(_size, nullptr); // of each node
     for (const Constraint& constraint : _constraints)
     {
@@ -345,77 +358,82 @@ private:
         present = &constraint;
     }
 
-    const auto add_row = [&, &rows = rows](std::size_t p, BlockRows<B>& sum)
+    // Blocks of a row of K or C, times Z.
+    const auto add_blocks = [&](const PackedRows<B>& blocks, std::size_t e,
+                                std::size_t count, BlockRows<B>& sum)
     {
-      for (std::int64_t e = rows.start[p]; e < rows.start[p + 1]; ++e)
+      for (const std::size_t end = e + count; e < end; ++e)
       {
-        const std::int32_t q = rows.column[e];
-        if (static_cast<std::size_t>(q) >= _size)
+        const auto q = static_cast<std::size_t>(_number[blocks.node(e)]);
+        if (q >= _size)
           continue;
         if (const Constraint* constraint = constrainer[q])
           for (std::size_t b = 0; b < constraint->nodes.size(); ++b)
-            sum[_number[constraint->nodes[b]]]
-                += rows.value[e] * constraint->right[b];
+            sum.add(_number[constraint->nodes[b]],
+                    blocks.block(e) * constraint->right[b]);
         else
-          sum[q] += rows.value[e];
+          sum.add(static_cast<std::int32_t>(q), blocks.block(e));
+      }
+    };
+    const auto add_row = [&](std::size_t p, BlockRows<B>& sum)
+    {
+      add_blocks(_rows, _taken[_nodes[p]], _K.row(_nodes[p]).size(), sum);
+      for (const auto& [tangent, a] : tangents[p])
+      {
+        const std::size_t k = tangent->nodes.size();
+        add_blocks(_tangent_rows, tangent->first + k * a, k, sum);
       }
     };
     // Z~^T adds rows of constrained nodes to those that the constraints reach.
-    constrained.clear(_size);
+    _constrained.clear(_size);
     std::vector<std::size_t> place(_size, 0); // in them
     for (std::size_t p = 0; p < _size; ++p)
       if (constrainer[p])
       {
-        place[p] = constrained.size();
-        add_row(p, constrained);
-        constrained.end_row();
+        place[p] = _constrained.size();
+        add_row(p, _constrained);
+        _constrained.end_row();
       }
-    result.clear(_size);
+    _projected.clear(_size);
     for (std::size_t p = 0; p < _size; ++p)
     {
       if (!constrainer[p])
-        add_row(p, result);
+        add_row(p, _projected);
       for (const auto& [constraint, a] : constraints[p])
       {
         const std::size_t node = _number[constraint->nodes[0]];
         if (constrainer[node] != constraint)
           continue;
         const std::size_t i = place[node];
-        for (std::int64_t e = constrained.start[i];
-             e < constrained.start[i + 1]; ++e)
-          result[constrained.column[e]]
-              += constraint->left[a] * constrained.value[e];
+        for (std::int64_t e = _constrained.start[i];
+             e < _constrained.start[i + 1]; ++e)
+          _projected.add(_constrained.column[e],
+                         constraint->left[a] * _constrained.value[e]);
       }
       if (constrainer[p])
-        result[static_cast<std::int32_t>(p)]
-            += constrainer[p]->given_up
-               * static_cast<float>(_scale * stiffness(p));
-      result.end_row();
+        _projected.add(
+            static_cast<std::int32_t>(p),
+            constrainer[p]->given_up
+                * static_cast<float>(_scale * _stiffness[_nodes[p]]));
+      _projected.end_row();
     }
   }
 
-  /// @brief Mean size of the entries on the diagonal of K at a node.
-  double stiffness(std::size_t p) const noexcept
-  {
-    double sum = 0;
-    for (std::int64_t e = _K.start[_nodes[p]]; e < _K.start[_nodes[p] + 1]; ++e)
-      if (_K.column[e] == _nodes[p])
-        for (std::size_t d = 0; d < B; ++d)
-          sum += std::abs(_K[e][(B + 1) * d]);
-    return sum / B;
-  }
-
   BlockMatrix<B> _K;
+  std::vector<double> _stiffness;   // mean entry on the diagonal of each node
+  double _scale;                    // of what is in single precision
+  PackedRows<B> _rows;              // of K that contacts have needed, scaled
+  std::vector<std::int64_t> _taken; // where that of each node begins, or -1
   std::vector<Constraint> _constraints;
   std::vector<Tangent> _tangents;
+  PackedRows<B> _tangent_rows;       // theirs, scaled
   std::vector<std::int32_t> _nodes;  // of the subdomain, then those outside
   std::vector<std::int32_t> _number; // of each node, -1 where there is none
   std::size_t _size = 0;             // of the subdomain
-  PackedRows<B> _rows;               // of K + C, times _scale as the factors
-  Made _made;
-  double _scale = 1;
+  BlockRows<B> _constrained;         // (K + C) Z at constrained nodes
+  BlockRows<B> _projected;           // A
   IncompleteFactors<B> _factors;
-  std::vector<float> _z;
+  std::vector<float> _z; // at all columns
   std::vector<double> _x;
 };
 } // namespace nts
