@@ -179,9 +179,9 @@ def _opened(source: Any) -> Iterator[Any]:
             # gmsh would run a file that it does not recognise as a script.
             if not file.read(16).startswith((b"$MeshFormat", b"$Comments")):
                 raise ValueError(
-                    f"expected a gmsh mesh (.msh), given {source}: gmsh makes one of a geometry "
-                    "(gmsh -3 part.geo, or part.step); of what DOLFINx has read by itself, as by "
-                    "XDMFFile, take mesh and tags as they are, without read_mesh"
+                    f"expected a gmsh mesh (.msh), given {source}: mesh a geometry first (gmsh -3 "
+                    "part.geo, or part.step); a mesh and tags that DOLFINx reads by itself "
+                    "(XDMFFile) can be used without read_mesh"
                 )
     elif not callable(source):
         raise TypeError(f"expected a path, a gmsh model or a function, given {source!r}")
@@ -258,8 +258,8 @@ def _without_bodies(model: Any) -> str:
                 f"model.addPhysicalGroup({dim}, [number, ...], name=...) for each body"
             )
     return (
-        "a model without any: shapes of model.occ or model.geo are in the model after "
-        "synchronize() of the same, and only then in physical groups"
+        "a model without either: call synchronize() of model.occ or model.geo after adding "
+        "shapes, and before making physical groups"
     )
 
 
@@ -298,8 +298,8 @@ def _inspect(model: Any, cell_dim: int) -> tuple[dict[str, int], dict[int, int]]
             hint = (
                 "put each region into one group only"
                 if groups
-                else f"model.addPhysicalGroup({dim}, [{entity}], name=...) makes a body of it, and "
-                "what is only an aid of the construction has to be removed"
+                else f"make it a body by model.addPhysicalGroup({dim}, [{entity}], name=...), or "
+                "remove it if it was only an aid to the construction"
             )
             raise ValueError(f"expected one physical group, given {where}: {hint}")
         if groups and list(given) != [expected[dim]]:
