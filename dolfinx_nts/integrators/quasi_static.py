@@ -35,7 +35,7 @@ def _end_stress(material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> An
 
 
 class QuasiStatic(ImplicitStepper):
-    """Finds the equilibrium at the end of each step; the time only counts the load.
+    """Finds the equilibrium at the end of each step, without inertia.
 
     Contact is closed, g = 0: without motion there is no impact, so that the kind of impact of a
     multiplier does not matter. Friction follows the slip from step to step. Bodies
