@@ -37,7 +37,7 @@ def _end_stress(material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> An
 class QuasiStatic(ImplicitStepper):
     """Finds the equilibrium at the end of each step, without inertia.
 
-    Contact is closed, g = 0: without motion there is no impact, so that the kind of impact of a
+    Time only counts the load. Contact is closed, g = 0: without motion there is no impact, so that the kind of impact of a
     multiplier does not matter. Friction follows the slip from step to step. Bodies
     that only contact holds are found and named in the log. The tangent, not the balance, gets a
     small stiffness for them; motions that contact without friction does not resist are not
