@@ -37,9 +37,9 @@ def _end_stress(material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> An
 class QuasiStatic(ImplicitStepper):
     """Finds the equilibrium at the end of each step, without inertia.
 
-    Time only counts the load. Contact is closed, g = 0: without motion there is no impact, so that the kind of impact of a
-    multiplier does not matter. Friction follows the slip from step to step. Bodies
-    that only contact holds are found and named in the log. The tangent, not the balance, gets a
+    Time only counts the load. Contact is closed, g = 0: without motion there is no impact, so
+    that the kind of impact of a multiplier does not matter. Friction follows the slip from step
+    to step. Bodies that only contact holds are found and named in the log. The tangent, not the balance, gets a
     small stiffness for them; motions that contact without friction does not resist are not
     made, and forces in them are left to inertia while they are below 1 % (inertia relief: zero
     where there is an equilibrium, and told otherwise). A step in which nothing holds a body is
