@@ -59,7 +59,8 @@ from dolfinx_nts.solvers import newton
 from dolfinx_nts.solvers.cell_sizes import cell_sizes
 from dolfinx_nts.solvers.convergence import closed_within, last_digits
 from dolfinx_nts.solvers.drag import Drag
-from dolfinx_nts.solvers.free_bodies import FreeBodies, FreeBody, find_free_bodies
+from dolfinx_nts.solvers.free_bodies import FreeBody, find_free_bodies
+from dolfinx_nts.solvers.inertia_relief import InertiaRelief
 from dolfinx_nts.solvers.krylov import LinearSolver
 from dolfinx_nts.solvers.newton_report import ConvergenceError, NewtonReport
 from dolfinx_nts.solvers.statistics import SolverStatistics
@@ -121,11 +122,11 @@ class ImplicitStepper(Stepper):
             free = find_free_bodies(bodies, self._bulk, self._tangent, X)
         dim = self._bulk.rigid.dim
         mass = self._lumped_mass[::dim]
-        self._free_bodies = FreeBodies(free, self._tangent, mass, dim)
+        self._inertia_relief = InertiaRelief(free, self._tangent, mass, dim)
         if free:
-            self._bulk.stabilisation = self._free_bodies.resistance
-            self._tangent.shift = self._free_bodies.shift
-            self._tangent.num_free = self._free_bodies.num_motions
+            self._bulk.stabilisation = self._inertia_relief.resistance
+            self._tangent.shift = self._inertia_relief.shift
+            self._tangent.num_free = self._inertia_relief.num_motions
             self._tangent.forget()
         share = partial(self._rates.inertia_share, self._lumped_mass)
         self._solver = LinearSolver(self._bulk, self._tangent, share, petsc_options)
@@ -222,7 +223,7 @@ class ImplicitStepper(Stepper):
                 return self._accepted(steps, solution, reports.values(), load)
             if solution.report.is_hopeless:
                 break
-        advice = self._free_bodies.advice() or self._time_helps()
+        advice = self._inertia_relief.advice() or self._time_helps()
         hopeless = any(report.is_hopeless for report in reports.values())
         if self._relaxes and not hopeless and (found := self._elsewhere(starts[-1], problem)):
             steps, solution = found
@@ -387,7 +388,7 @@ class ImplicitStepper(Stepper):
             history, works[step.state] = step.accepted(pairs)
             step.state.accept(history)
         self.watch.springs.look()
-        self._free_bodies.tell(steps)
+        self._inertia_relief.tell(steps)
         du = (self.u.x.array - self.u_n.x.array)[:n]
         reactions, constraints = self._reactions.of(steps, solution, self.x, self._owned(du))
         self.memory.accept()
@@ -458,7 +459,7 @@ class ImplicitStepper(Stepper):
             if after:
                 go_on_from(steps, after)
         # Bodies that only contact holds go as far as it takes to touch others.
-        if not (all_awake or self._free_bodies.bodies):
+        if not (all_awake or self._inertia_relief.bodies):
             self._sleeping.find(self.v.x.array, self.u_n.x.array, steps)
         self._take_back_supports(start.guess)
         solution = newton.solve(
@@ -466,7 +467,7 @@ class ImplicitStepper(Stepper):
             self._solver,
             steps,
             self._X[: len(self.node_ids)],
-            free=self._free_bodies,
+            relief=self._inertia_relief,
             at_rest=self._rates.at_rest and drag is None,
             sizes=self._sizes,
             force_scale=problem.force_scale,

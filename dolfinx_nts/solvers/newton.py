@@ -16,7 +16,7 @@ from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.cell_sizes import CellSizes
 from dolfinx_nts.solvers.convergence import Convergence, Iterate
 from dolfinx_nts.solvers.drag import Drag
-from dolfinx_nts.solvers.free_bodies import FreeBodies
+from dolfinx_nts.solvers.inertia_relief import InertiaRelief
 from dolfinx_nts.solvers.krylov import LinearSolver
 from dolfinx_nts.solvers.line_search import LineSearch
 from dolfinx_nts.solvers.newton_report import NewtonReport
@@ -77,7 +77,7 @@ def solve(
     steps: Sequence[ContactStep],
     X: Floats,
     *,
-    free: FreeBodies,
+    relief: InertiaRelief,
     at_rest: bool,
     sizes: CellSizes,
     force_scale: float,
@@ -96,7 +96,7 @@ def solve(
         solver: Solver of the linear systems.
         steps: Contact attempts.
         X: Reference positions of the owned nodes, shape ``(n, 3)`` [m].
-        free: Bodies that contact alone may hold.
+        relief: Keeps bodies in place that contact alone may hold.
         at_rest: Whether nothing has changed since a solution, which then still is one.
         sizes: Those of the cells.
         force_scale: Norm of the forces known before the step [N].
@@ -119,7 +119,7 @@ def solve(
     balanced = True  # multipliers from the normal balance at the nodes
     segments = SegmentChoice(bulk.comm, steps, not inertia)
     way = SupportWay(bulk)
-    free.begin()
+    relief.begin()
     search = LineSearch(bulk) if jumps else None
     farthest = float(np.abs(X + in_space(nodes)).max(initial=0.0))
     convergence = Convergence(
@@ -143,11 +143,11 @@ def solve(
                 if search.cuts(R_bulk):
                     continue
                 search.forget()
-        R_nodes = R_bulk.reshape(-1, dim) - free.force if balanced else None
+        R_nodes = R_bulk.reshape(-1, dim) - relief.force if balanced else None
         with timings.phase("contact"):
             states = tuple(step.evaluate(x, R_nodes, iteration) for step in steps)
             R_contact = contact_residual(steps, states, (len(X), dim))
-        R = free.relieve(R_bulk - free.force.ravel() + R_contact, x, force_scale, steps, states)
+        R = relief.relieve(R_bulk - relief.force.ravel() + R_contact, x, force_scale, steps, states)
         R = way.pull(bulk.rigid.balance(nodes, R.reshape(-1, dim)).ravel())
         iterate = Iterate(x, states, R, R_bulk, R_contact, forces)
         seen = convergence.measure(iterate, is_led=way.is_over)
@@ -155,7 +155,7 @@ def solve(
         converged = seen.solves
         if at_rest and iteration == 0 and seen.is_small:
             converged = not seen.is_open
-        elif converged and not free.settles():
+        elif converged and not relief.settles():
             continue
         elif steps:
             is_near = iteration > 0 and seen.is_near
@@ -183,7 +183,7 @@ def solve(
             if not inertia:
                 rtol = min(rtol, _STATIC_REDUCTION)
             du, dlambda = solver.solve(R, steps, states, rtol)
-        du = way.follow(free.restrain(du))
+        du = way.follow(relief.restrain(du))
         balanced = dlambda is None
         if dlambda is not None:
             for step, state, d in zip(steps, states, dlambda, strict=True):
