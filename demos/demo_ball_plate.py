@@ -2,38 +2,38 @@
 
 # # A rubber ball strikes a plate
 #
-# A hollow ball flies obliquely onto a free plate. Two schemes compute the
-# same impact, and one of them keeps the energy.
+# A hollow ball strikes a free plate at an angle. Two schemes compute the
+# same impact, and only one of them conserves the energy.
 #
 # You will learn
 #
 # - how to describe two bodies and the contact between them,
 # - how to record and draw a run,
-# - what the energy does at an impact.
+# - what happens to the energy in an impact.
 #
 # ## Problem
 #
 # Ball: outer radius 1 m, inner radius 0.8 m, flying with
-# v = (0, 1, -1) m/s. Plate: 4 m x 4 m x 0.4 m, at rest. Both are of
-# St. Venant-Kirchhoff rubber, E = 100 kPa, $\nu$ = 0.4, $\rho$ = 1000 kg/m³.
-# No supports and no gravity: linear and angular momentum and the energy of
-# the whole are constant (Franke, Hesch, Betsch 2011).
+# v = (0, 1, -1) m/s. Plate: 4 m x 4 m x 0.4 m, at rest. Both are made of
+# rubber (St. Venant-Kirchhoff, E = 100 kPa, $\nu$ = 0.4, $\rho$ = 1000 kg/m³).
+# There are no supports and no gravity, so the total linear momentum, angular
+# momentum and energy are constant (Franke, Hesch, Betsch 2011).
 #
 # ## Equations
 #
-# In a step from $t_n$ to $t_{n+1} = t_n + \Delta t$, with the mass matrix $M$,
-# the positions $x$, the multipliers $\lambda_N \le 0$ of the active nodes:
+# A step from $t_n$ to $t_{n+1} = t_n + \Delta t$ solves, with the mass matrix
+# $M$, the positions $x$ and the multipliers $\lambda_N \le 0$ of the active nodes,
 #
 # $$ \frac{2}{\Delta t} M \left( \frac{x_{n+1} - x_n}{\Delta t} - v_n \right)
 #    + f_{int} + \sum \lambda_N F = 0, \tag{1} $$
 #
 # and the velocity follows from $v_{n+1} = 2 (x_{n+1} - x_n) / \Delta t - v_n$.
 #
-# `Midpoint` takes the stress and the contact force F at the mean of both
-# states, and its nodes lose their impact energy: they must have no gap at
-# $t_{n+1}$. `EnergyMomentum` takes the stress and F from difference quotients
-# of energy and gap, and a node keeps the gap with which it came (within
-# half a step), so that contact does no work:
+# `Midpoint` evaluates the stress and the contact force F at the mean of both
+# states. With plastic impact its nodes lose their impact energy, because
+# their gaps must be closed at $t_{n+1}$. `EnergyMomentum` takes the stress and
+# F from difference quotients of energy and gap. With elastic impact a node
+# keeps the gap that it had when contact was detected, so contact does no work:
 #
 # $$ E_{n+1} - E_n = -\sum \lambda_N \, (g_{n+1} - g_n) = 0. \tag{2} $$
 
@@ -67,8 +67,8 @@ V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
 
 # ## Bodies and contact
 #
-# Tags have the names of the mesh's physical groups. The nodes of the ball
-# must not pass the segments of the plate.
+# `tag` maps the names of gmsh's physical groups to tag numbers. The nodes of
+# the ball must not pass through the segments of the plate.
 
 # +
 rubber = nts.SaintVenantKirchhoff(E=1.0e5, nu=0.4, rho=1.0e3, one_point=())  # Pa, -, kg/m^3
@@ -80,13 +80,13 @@ plate_top = nts.Surface(V, facets, tag["plate_top"])
 
 # ## Both schemes
 #
-# The recorder writes one row of balances a step, and fields for ParaView
+# The recorder writes one row of balances per step, and fields for ParaView
 # every fifth step.
 
 
 # +
 def strike(name, scheme, impact):
-    """Compute the impact, with files that begin with ``name``; also returns a picture."""
+    """Compute the impact, write files that begin with ``name``, and return two pictures."""
     contact = nts.ContactPair(ball_outer, plate_top, nts.LagrangeMultiplier(impact))
     stepper = scheme([ball, plate], [contact], dt=dt)  # s
     stepper.set_velocity(ball, (0.0, 1.0, -1.0))  # m/s
@@ -106,17 +106,16 @@ midpoint, _, _ = strike("ball_plate_midpoint", nts.Midpoint, "plastic")
 # -
 
 # ## Pictures
-
 #
-# In the middle of the impact the ball, here cut open, is flat where it touches;
+# The ball, here cut open, is flat where it touches the plate.
 
 picture
 
-# its underside carries the contact pressure,
+# This is the contact pressure on its underside.
 
 pressure
 
-# and a part of the kinetic energy is strain energy.
+# During the impact, a part of the kinetic energy becomes strain energy.
 
 plotting.energies("ball_plate.csv", "ball_plate_energies.png")
 
@@ -124,7 +123,7 @@ plotting.energies("ball_plate.csv", "ball_plate_energies.png")
 
 plotting.momenta("ball_plate.csv", "ball_plate_momenta.png")
 
-# The energy does with one of the schemes:
+# The energy changes with one of the schemes:
 
 # +
 plotting.energy_error(
@@ -138,13 +137,13 @@ plotting.energy_error(
 
 # ## Checks
 #
-# The mass of the meshed ball, 1983.755251 kg, by the Gauss rule of an
-# independent program, gives the energy m (1 + 1)/2, the linear momentum
-# m (0, 1, -1) and, with the centre (0, -0.5, 1.05), the angular momentum
-# about the origin. Both schemes keep the momenta, the energy-momentum
-# scheme keeps the energy as well. The other run loses 0.1 % of it; the
-# last columns of its table say how: -2.6 J by nodes that stop at impact
-# (activation), +0.8 J by nodes that change to another segment, and
+# An independent program gives the mass of the meshed ball, 1983.755251 kg.
+# From it follow the energy m (1 + 1)/2, the linear momentum m (0, 1, -1)
+# and, with the centre (0, -0.5, 1.05), the angular momentum about the
+# origin. Both schemes conserve the momenta, and the energy-momentum scheme
+# conserves the energy as well. The other run loses 0.1 % of the energy; the
+# last columns of its table say how: -2.6 J at nodes that stop in the impact
+# (activation), +0.8 J at nodes that change to another segment, and
 # -0.04 J by the midpoint rule itself (bulk, persistent contact).
 
 # +
@@ -160,7 +159,7 @@ for record in (energy_momentum, midpoint):
         assert 1e-4 < drift < 2e-3, drift
 
 if mesh.comm.rank == 0:
-    print(f"Tables (.csv), fields (.vtkhdf) and pictures (.png) lie in {Path.cwd()}")
+    print(f"Tables (.csv), fields (.vtkhdf) and pictures (.png) are in {Path.cwd()}")
 # -
 
 # ## Reference

@@ -2,14 +2,14 @@
 
 # # A bar strikes a wall
 #
-# The impact of a bar has an exact solution, so that force and duration of
+# The impact of a bar has an exact solution, so the force and the duration of
 # contact can be checked.
 #
 # You will learn
 #
 # - how to build a body without a mesh file,
 # - how to use a rigid obstacle,
-# - how well a mesh of one hundred cells meets the wave solution.
+# - how well a mesh of one hundred cells reproduces the wave solution.
 #
 # ## Problem
 #
@@ -18,12 +18,12 @@
 #
 # ## Equations
 #
-# A wave of the stress $-\rho c v$, $c = \sqrt{E/\rho}$, runs to the free end and
-# comes back as one of release. In between the wall feels the force
+# A wave with the stress $-\rho c v$, $c = \sqrt{E/\rho}$, runs to the free end and
+# comes back as a release wave. Until then the force on the wall is
 #
 # $$ F = \rho c v A, \qquad 0 < t < 2 L / c, \tag{1} $$
 #
-# and then the bar leaves it, unstressed, with the velocity -v.
+# and then the bar leaves the wall, free of stress, with the velocity -v.
 
 # +
 import os
@@ -47,7 +47,7 @@ dt = length / num_cells / c  # s, in which the wave passes a cell
 
 # ## Mesh, body and contact
 #
-# `read_mesh` takes files, live gmsh models, or a function that fills one.
+# `read_mesh` takes a file, a live gmsh model, or a function that fills a model.
 
 
 # +
@@ -78,12 +78,12 @@ after = diagnostics.balance()
 
 # ## Pictures
 #
-# The kinetic energy becomes strain energy and comes back.
+# The kinetic energy becomes strain energy and is then recovered.
 
 plotting.energies("bar_impact.csv", "bar_impact_energies.png")
 
-# Multipliers of elastic impact alternate from step to step, as the node at
-# the wall does; the force shown is the mean of two steps.
+# The multipliers of an elastic impact alternate from step to step, as do the
+# nodes at the wall; the force shown is the mean of two steps.
 
 # +
 if mesh.comm.rank == 0:
@@ -100,8 +100,8 @@ if mesh.comm.rank == 0:
 
 # ## Checks
 #
-# The energy is constant in any case. After the impact the impulse is
-# $2 \rho L A v$, and the force was (1) for $2 L/c$, each within 2 %.
+# The energy is constant. The impulse must be $2 \rho L A v$, the duration
+# $2 L/c$ and the mean force that of (1), each within 2 %.
 
 # +
 assert abs(after.total_energy / before.total_energy - 1) < 1e-10

@@ -2,24 +2,25 @@
 
 # # A ball in a bowl
 #
-# A rubber ball slides without friction in a rubber bowl: a pendulum.
+# A rubber ball slides without friction in a rubber bowl, like a pendulum.
 #
 # You will learn
 #
 # - how to hold a body by boundary conditions,
-# - how contact runs over curved, faceted surfaces of both bodies,
-# - that a mesh's facets are part of the result.
+# - how contact moves over curved, faceted surfaces of both bodies,
+# - that the facets of the mesh affect the result.
 #
 # ## Problem
 #
-# Bowl: radius 1 m inside, 1.1 m outside, held at the outer surface. Ball:
-# r = 0.3 m, released 30 degrees beside the bottom; g = 9.81 m/s², both
-# E = 1 MPa, $\nu$ = 0.3, $\rho$ = 1000 kg/m³.
+# The bowl has an inner radius of 1 m and an outer radius of 1.1 m, and is fixed
+# at the outer surface. The ball has r = 0.3 m and is released 30 degrees from
+# the bottom; g = 9.81 m/s². Both have E = 1 MPa, $\nu$ = 0.3 and
+# $\rho$ = 1000 kg/m³.
 #
 # ## Equations
 #
-# The centre moves as a pendulum of the length l = 1 m - r; with the
-# amplitude $\alpha$ it passes the bottom after
+# The centre moves like a pendulum of length l = 1 m - r. With the
+# amplitude $\alpha$, it passes the bottom after
 #
 # $$ \frac{T}{4} = \frac{\pi}{2} \sqrt{\frac{l}{g}}
 #    \left( 1 + \frac{\alpha^2}{16} + \dots \right). \tag{1} $$
@@ -82,9 +83,9 @@ plotting.snapshot(stepper, "bowl.png", camera=(0, -0.8, 0.6))
 
 # ## Checks
 #
-# The energy is the work of gravity, to 1e-9 of the ball's m g l. The ball
-# passes the bottom at the time (1) within 3 % and comes as far on the
-# other side within 10 %: some of its energy is vibration.
+# The energy equals the work of gravity, to 1e-9 of the ball's m g l. The ball
+# passes the bottom at the time (1) within 3 %. On the other side it comes as
+# far within 10 %, because some of its energy has become vibration.
 
 # +
 weight = 1e3 * 4 / 3 * np.pi * r**3 * g

@@ -3,24 +3,24 @@
 # # A ball on a drum
 #
 # A rubber ball falls onto the middle of a round plate that is clamped at its rim, and bounces.
-# Nothing changes around the axis: half a section of both is all that has to be meshed.
+# Nothing changes around the axis, so only half of the cross-section has to be meshed.
 #
 # You will learn
 #
-# - how a mesh of the plane becomes one of rings: `nts.axisymmetric(mesh)`,
-# - what numbers mean there: masses, forces and energies of whole bodies, as in space,
-# - which of the momenta exist, and what holds nodes on the axis.
+# - how to turn a plane mesh into one of bodies of revolution: `nts.axisymmetric(mesh)`,
+# - that masses, forces and energies are those of the whole bodies,
+# - which momenta exist, and what holds the nodes on the axis.
 #
 # ## Problem
 #
-# x is the radius, y the axis. The ball has a radius of 0.1 m, the plate one of 0.4 m and a
-# thickness of 12 mm; neo-Hooke, E = 1 MPa and 20 MPa, $\nu$ = 0.45, $\rho$ = 1000 kg/m³. The ball
-# comes with 3 m/s.
+# The coordinate x is the radius, and y is the axis. The ball has a radius of 0.1 m; the plate
+# has a radius of 0.4 m and a thickness of 12 mm. Both are neo-Hookean with E = 1 MPa (ball) and
+# 20 MPa (plate), $\nu$ = 0.45, $\rho$ = 1000 kg/m³. The ball arrives at 3 m/s.
 #
 # ## Equations
 #
-# Beside its part in the plane the deformation gradient has the stretch of circles, and integrals
-# go around the axis:
+# The deformation gradient has one more component, the stretch of circles around the axis, and
+# integrals go around the axis:
 #
 # $$ F_{33} = 1 + \frac{u_x}{x}, \qquad dV = 2 \pi x\, dx\, dy. \tag{1} $$
 
@@ -55,7 +55,7 @@ def build(model):
 
 
 mesh, cells, facets, tag = nts.read_mesh(build, MPI.COMM_WORLD)
-nts.axisymmetric(mesh)  # before all that is made of the mesh
+nts.axisymmetric(mesh)  # before anything else is made from the mesh
 V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
 ball = nts.Body(V, cells, tag["ball"], nts.NeoHookean(E=1e6, nu=0.45, rho=1e3))
 plate = nts.Body(V, cells, tag["plate"], nts.NeoHookean(E=2e7, nu=0.45, rho=1e3))
@@ -82,7 +82,7 @@ with nts.Recorder("drum", stepper, every=5, columns_of=("supports", "bodies")) a
             picture = plotting.snapshot(stepper, "drum.png")
 # -
 
-# Stress when the plate gives way; the axis is on the left.
+# This is the stress while the ball bends the plate; the axis is on the left.
 
 picture
 
@@ -90,8 +90,9 @@ plotting.energies("drum.csv", "drum_energies.png")
 
 # ## Checks
 #
-# The ball has the mass of a ball, but for its facets. The axial momentum, the only one there is,
-# changes by the impulse of the clamp, and the ledger explains all changes of the energy.
+# The mass of the ball is that of a sphere, within the error of its facets. The axial momentum,
+# which is the only one, changes by the impulse of the clamp. The ledger explains all changes of
+# the energy.
 
 # +
 assert abs(mass / (4 / 3 * np.pi * radius**3 * 1e3) - 1) < 0.005

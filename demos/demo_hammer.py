@@ -2,30 +2,31 @@
 
 # # A hammer on a rod
 #
-# A rigid body has mass and inertia and moves freely. Here one strikes a clamped
+# A `RigidBody` has mass and inertia, and moves freely. Here one strikes a clamped
 # rod, for which St. Venant gave the exact solution.
 #
 # You will learn
 #
-# - how to declare a rigid body,
+# - how to define a rigid body,
 # - how to read its velocity and the force on it,
-# - how well force, duration and rebound are met.
+# - how accurate the force, the duration of contact and the rebound are.
 #
 # ## Problem
 #
-# Rod of length L = 10, cross-section A = 1, E = $\rho$ = 1, $\nu$ = 0, so that
-# c = 1, clamped below. A rigid block of the mass of the rod, M = $\rho$ A L,
-# falls on it with the velocity v = 0.01. No units, no gravity.
+# The rod has the length L = 10, the cross-section A = 1, E = $\rho$ = 1 and
+# $\nu$ = 0, so that c = 1, and is clamped at its lower end. A rigid block with
+# the same mass, M = $\rho$ A L, strikes it with the velocity v = 0.01. All
+# quantities are without units, and there is no gravity.
 #
 # ## Equations
 #
 # The rod pushes back with $\rho c v A\, s(\tau)$, $\tau = c t / L$. A wave returns
-# from the clamp at $\tau = 2$, when the force jumps to its greatest value:
+# from the clamp at $\tau = 2$, when the force jumps to its largest value:
 #
 # $$ s = e^{-\tau}, \quad \tau < 2, \qquad
 #    s = e^{-\tau} + 2\,(3 - \tau)\, e^{2 - \tau}, \quad 2 < \tau < 3.07, \tag{1} $$
 #
-# and at $\tau = 3 + e^{-2}/2$ the hammer leaves with 0.69 of its speed.
+# and at $\tau = 3 + e^{-2}/2$ the hammer leaves with 0.69 times its initial speed.
 
 # +
 import os
@@ -55,8 +56,8 @@ def exact(tau):
 
 # ## Mesh and bodies
 #
-# A rigid body is meshed, for its shape, its mass and its inertia; its cells have
-# no unknowns. Nodes of the rod touch the segments of the hammer.
+# The mesh of a rigid body gives its shape, its mass and its inertia; its cells
+# have no unknowns. The nodes of the rod touch the segments of the hammer.
 
 
 # +
@@ -96,9 +97,10 @@ after = diagnostics.balance()
 
 plotting.energies("hammer.csv", "hammer_energies.png")
 
-# The force is the change of the hammer's momentum. An elastic impact sends nodes
-# back as fast as they came, so they touch in every other step: the picture shows
-# the mean of two steps, with a dent where the nodes change their turn.
+# The force is the change of the hammer's momentum per time. An elastic impact
+# sends nodes back as fast as they came, so they touch in every other step. The
+# picture shows the mean of two steps; it has a dent where the nodes change
+# from touching in even steps to odd ones, or back.
 
 # +
 tau = np.arange(len(speed)) / num_cells
@@ -116,9 +118,9 @@ if mesh.comm.rank == 0:
 
 # ## Checks
 #
-# The energy is constant. Duration and rebound are exact within 2 %, and so is the
-# impulse of the wave that returns: its front, with the greatest force, is a jump,
-# which a mesh smears and overshoots.
+# The energy is constant. The duration and the rebound are exact within 2 %. The
+# front of the returning wave, with the largest force, is a jump, which a mesh
+# smears and overshoots; therefore its impulse is checked, also within 2 %.
 
 # +
 assert abs(after.total_energy / before.total_energy - 1) < 1e-10

@@ -2,30 +2,30 @@
 
 # # Hertz contact
 #
-# Half a ball is pressed on a rigid plane; by symmetry a quarter of it will do.
+# Half a ball is pressed onto a rigid plane. By symmetry, a quarter of this half is enough.
 #
 # You will learn
 #
-# - how to step loads without inertia (`QuasiStatic`),
-# - how to use symmetry and to move a support,
-# - how to get pressures at nodes.
+# - how to apply a load in steps without inertia (`QuasiStatic`),
+# - how to use symmetry, and how to move a support,
+# - how to get the contact pressure at nodes.
 #
 # ## Problem
 #
-# Ball: R = 1 m, E = 1 Pa, $\nu$ = 0.3; its middle plane goes down by
-# d = 1e-4 m. Tetrahedra, six in the radius of contact.
+# The ball has R = 1 m, E = 1 Pa and $\nu$ = 0.3; its middle plane moves down
+# by d = 1e-4 m. The mesh has six tetrahedra across the radius of contact.
 #
 # ## Equations
 #
-# With $1/E^* = (1 - \nu^2)/E$ and the force $F$ (Johnson, Contact Mechanics,
-# ch. 4)
+# With $1/E^* = (1 - \nu^2)/E$ and the force $F$, Hertz's solution is (Johnson,
+# Contact Mechanics, ch. 4)
 #
 # $$ a = \left( \frac{3 F R}{4 E^*} \right)^{1/3}, \qquad
 #    p = p_0 \sqrt{1 - r^2/a^2}, \qquad
 #    p_0 = \left( \frac{6 F E^{*2}}{\pi^3 R^2} \right)^{1/3}. \tag{1} $$
 #
-# Moments of the nodal forces f give a and $p_0$ without a search for the
-# edge: $\sum f r^2 = \tfrac{2}{5} F a^2$, $\sum f p = \tfrac{3}{4} F p_0$.
+# Moments of the nodal forces f give a and $p_0$ without locating the edge of
+# contact: $\sum f r^2 = \tfrac{2}{5} F a^2$, $\sum f p = \tfrac{3}{4} F p_0$.
 
 # +
 import os
@@ -72,7 +72,8 @@ ball = nts.Body(V, cells, tag["ball"], nts.SaintVenantKirchhoff(E, nu, 1.0))
 
 # ## Symmetry, support and contact
 #
-# Surfaces by place: the planes of symmetry, the middle plane, the rest.
+# The surfaces are found by their coordinates: the planes of symmetry, the
+# middle plane, and the rest.
 
 # +
 tiny, way = 1e-9, fem.Constant(mesh, 0.0)
@@ -94,7 +95,8 @@ surface = nts.boundary_of(ball, where=lambda x: x[0] ** 2 + x[1] ** 2 + (x[2] - 
 pair = nts.ContactPair(surface, nts.RigidPlane((0, 0, 0), (0, 0, 1)))
 
 stepper = nts.QuasiStatic([ball], [pair], dt=1 / full, bcs=bcs, update=update)
-# The table gets the way, and the force of theory on a quarter of the ball.
+# Two columns of our own in the table hold the displacement and the theoretical force on the
+# quarter.
 columns = {
     "way": lambda s: depth * s.t,
     "force_of_Hertz": lambda s: E_star / 3 * (depth * s.t) ** 1.5,
@@ -106,8 +108,8 @@ with nts.Recorder("hertz", stepper, own_columns=columns) as record:
 
 # ## Checks
 #
-# Radius and greatest pressure (1) of the computed force within 2 and 4 %,
-# with six cells in the radius of contact.
+# The radius of contact and the largest pressure are those of (1) for the
+# computed force, within 2 and 4 %.
 
 # +
 f, p = -pair.history.lambda_N, pair.pressure
@@ -125,7 +127,7 @@ assert abs(pressure / p_0 - 1) < 0.04
 
 # ## Pictures
 #
-# The force over the way; then the pressure over the radius.
+# The pictures show the force over the displacement, and the pressure over the radius.
 
 plotting.force_displacement(
     "hertz.csv", "way", ["contact_force_z", "force_of_Hertz"], "hertz_force.png"

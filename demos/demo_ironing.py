@@ -2,30 +2,31 @@
 
 # # Ironing and rolling
 #
-# A rigid roller presses a dent into a rubber block and moves along: held fast
-# it irons the block, turned along it rolls.
+# A rigid roller presses a dent into a rubber block and moves along it. Without
+# rotation it irons the block; with the right rotation it rolls.
 #
 # You will learn
 #
 # - how to prescribe the motion of an obstacle,
 # - how to get the force on it,
-# - what friction does at a tool that slides or turns.
+# - how friction acts on a tool that slides or rolls.
 #
 # ## Problem
 #
-# A cylinder of radius R = 10 mm goes 2 mm into the top of a block, 60 mm x 10 mm x
-# 15 mm of rubber (E = 1 MPa), whose bottom is held, and then 30 mm along it; $\mu$ = 0.3.
-# All is slow, so that there is no inertia. Where nodes begin to slide steps may fail; they are
-# cut then.
+# A cylinder of radius R = 10 mm moves 2 mm down into the top of a rubber block
+# (60 mm x 10 mm x 15 mm, E = 1 MPa), whose bottom is fixed, and then 30 mm along it;
+# $\mu$ = 0.3. The motion is slow, so inertia is neglected. Steps in which nodes begin to slide
+# may fail, and are then halved.
 #
 # ## Equations
 #
-# A point X of the tool is at
+# At the time t, a point X of the tool is at
 #
 # $$ x(t) = c + d(t) + R(t) (X - c). \tag{1} $$
 #
-# If the roller is held, all nodes slide, and the drag is $H \approx \mu N$. If it turns by the
-# angle s/R with its way s, hardly anything slides, and it needs nearly no drag.
+# with the displacement d, the rotation R(t) and the centre c. If the roller does not rotate, all
+# nodes slide, and the drag is $H \approx \mu N$. If it rotates by the angle s/R while it moves by
+# s, hardly anything slides, and there is almost no drag.
 
 # +
 import os
@@ -61,13 +62,13 @@ top = nts.Surface(V, facets, tag["block_top"])
 
 # ## The motion of the tool
 #
-# Without inertia the time only counts the steps: one second is one step. The
-# displacement and the rotation vector are functions of it.
+# Without inertia, time only counts the steps: one second is one step. The
+# displacement and the rotation vector are functions of time.
 
 
 # +
 def place(t):
-    """Depth and way of the axis [m]."""
+    """Depth and distance of the axis [m]."""
     return min(t / pressing, 1.0) * depth, max(t - pressing, 0.0) / (full - pressing) * way
 
 
@@ -83,7 +84,7 @@ def rolling(t):
 
 
 def run(name, rotation=None):
-    """Press the roller and move it along; returns stepper, times, and force on it [N]."""
+    """Press the roller and move it along; return the stepper, times [s] and forces on it [N]."""
     motion = nts.Motion(displacement, rotation, centre=axis)
     roller = nts.RigidCylinder(point=axis, axis=(0, 1, 0), radius=radius).moving(motion)
     contact = nts.ContactPair(top, roller, friction=nts.Coulomb(mu))
@@ -105,7 +106,7 @@ rolled, roll_times, roll_force = run("ironing_rolled", rolling)
 
 # ## Pictures
 #
-# The tool is drawn where it is at the end.
+# The tool is drawn at its final position.
 
 plotting.snapshot(ironed, "ironing.png")
 
@@ -123,8 +124,8 @@ if mesh.comm.rank == 0:
 
 # ## Checks
 #
-# Sliding drags with the coefficient of friction, within 5 % as the dent is oblique; rolling with a
-# tenth of that at most.
+# Drag over press is the coefficient of friction for the iron, within 5 % because the surface of
+# the dent is inclined. For the roll it is at most a tenth of that.
 
 # +
 assert min(iron_force[-1, 2], roll_force[-1, 2]) > 0

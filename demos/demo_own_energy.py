@@ -2,30 +2,30 @@
 
 # # Your own energy
 #
-# Two bars of a fibre-reinforced rubber strike a wall. Along its fibres the
-# rubber is four times as stiff, so the wave is twice as fast.
+# Two bars of a fibre-reinforced rubber strike a wall. Along the fibres the
+# rubber is four times as stiff as across them, so the wave is twice as fast.
 #
 # You will learn
 #
 # - how to write a strain energy as one UFL function,
 # - how parameters get their values,
-# - that no other line changes.
+# - that nothing else in the script changes.
 #
 # ## Problem
 #
 # Bars of 1 m x 0.02 m x 0.02 m fly at v = 0.1 m/s towards the wall x = 0.
-# Rubber: $\mu$ = 0.5 MPa, $\rho$ = 1000 kg/m³; fibres: k = 3 MPa, in the
-# direction x in the one bar and y in the other.
+# Rubber: $\mu$ = 0.5 MPa, $\rho$ = 1000 kg/m³. Fibres: k = 3 MPa, along x in
+# one bar and along y in the other.
 #
 # ## Equations
 #
-# With the right Cauchy-Green tensor C and the direction a of the fibres
+# With the right Cauchy-Green tensor C and the fibre direction a, the energy is
 #
 # $$ \psi = \tfrac{\mu}{2} (\mathrm{tr}\, C - 3 - \ln \det C)
 #         + \tfrac{k}{8} (a \cdot C a - 1)^2. \tag{1} $$
 #
-# For small strain Young's modulus is $2 \mu + k$ along the fibres, $2 \mu$ across
-# them, without lateral strain. A bar of the modulus E touches the wall for
+# For small strains, Young's modulus is $2 \mu + k$ along the fibres and $2 \mu$
+# across them, without lateral strain. A bar with the modulus E touches the wall for
 #
 # $$ 2 L / c, \qquad c = \sqrt{E / \rho}. \tag{2} $$
 
@@ -50,7 +50,7 @@ num_steps = int(os.environ.get("NTS_DEMO_STEPS", str(full)))  # The tests shorte
 
 # ## Energy
 #
-# The function gets C and the parameters by name.
+# The function receives C and the parameters by name.
 
 
 # +
@@ -83,7 +83,7 @@ for bar in bars:
 
 # ## Run
 #
-# A snapshot is taken when the wave has just turned in the bar along the fibres.
+# A snapshot is taken when the wave has just been reflected in the bar with fibres along x.
 
 # +
 diagnostics = nts.Diagnostics(stepper)
@@ -101,8 +101,8 @@ picture
 
 # ## Checks
 #
-# The energy to round-off, for any energy function; the durations of contact
-# (2) within 2 %.
+# The energy is constant to round-off, as it is for any energy function. The
+# durations of contact are those of (2), within 2 %.
 
 # +
 assert abs(diagnostics.balance().total_energy / start - 1) < 1e-10

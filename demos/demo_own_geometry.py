@@ -2,13 +2,13 @@
 
 # # Your own geometry
 #
-# A plastic bracket with a rubber pad under its foot drops on the floor.
+# A plastic bracket with a rubber pad under its foot drops onto the floor.
 #
 # You will learn
 #
-# - how to go from the operations of a CAD kernel to bodies,
+# - how to turn a model of gmsh's CAD kernel into bodies,
 # - that parts of a fragmented solid share nodes and need no contact,
-# - how to let everything touch everything: `all_pairs`.
+# - how to let any body touch any other: `all_pairs`.
 #
 # ## Problem
 #
@@ -18,8 +18,8 @@
 #
 # ## Equations
 #
-# The floor gives each step the impulse of its contact force. With
-# multipliers and elastic impact it does no work:
+# In each step, the momentum changes by the impulse of the floor's contact
+# force. With multipliers and elastic impact, this force does no work:
 #
 # $$ p_{n+1} - p_n = \Delta t \, F_{n+1/2}, \qquad E_{n+1} = E_n. \tag{1} $$
 
@@ -41,8 +41,8 @@ num_steps = int(os.environ.get("NTS_DEMO_STEPS", str(full)))  # The tests shorte
 
 # ## Geometry
 #
-# Plain gmsh: nothing here belongs to this package. The fillet's curve is
-# found by a bounding box; `fragment` makes bracket and pad share nodes.
+# This is plain gmsh; nothing here belongs to this package. A bounding box finds
+# the curve of the fillet, and `fragment` makes bracket and pad share nodes.
 
 
 # +
@@ -72,8 +72,8 @@ pad = nts.Body(V, cells, tag["pad"], nts.NeoHookean(E=5e6, nu=0.4, rho=1000.0))
 
 # ## Contact and run
 #
-# Bracket and pad share nodes, so `all_pairs` leaves a single pair, that of
-# both with the floor, 0.1 mm below.
+# Bracket and pad share nodes, so `all_pairs` makes a single pair: both of them
+# with the floor, which is 0.1 mm below.
 
 # +
 floor = nts.RigidPlane((0, 0, -0.0101), (0, 0, 1))
@@ -93,7 +93,7 @@ with nts.Recorder("own_geometry", stepper, every=5) as record:
 after = diagnostics.balance()
 # -
 
-# The bracket after the impact, and the energies of the run.
+# The pictures show the bracket after the impact, and the energies of the run.
 
 picture
 
@@ -101,9 +101,9 @@ plotting.energies("own_geometry.csv", "own_geometry_energies.png")
 
 # ## Checks
 #
-# Equations (1) to round-off, and the mass: foot, upright, and what the
-# fillet fills, r^2 (1 - pi/4) a unit of length, up to its facets. At the end
-# the bracket is on its way up.
+# Equations (1) hold to round-off. The mass is that of foot, upright and fillet
+# (of which the cross-section is $r^2 (1 - \pi/4)$), within the error of the
+# fillet's facets. At the end the bracket moves up.
 
 # +
 one = fem.form(fem.Constant(mesh, 1.0) * ufl.dx(domain=mesh))

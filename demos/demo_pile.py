@@ -2,27 +2,27 @@
 
 # # A pile of balls
 #
-# Twelve soft rubber balls sink in a box of liquid and rest as a pile.
+# Twelve soft rubber balls sink in a box of liquid and come to rest as a pile.
 #
 # You will learn
 #
-# - how to let any body touch any other, and rigid walls,
-# - how to compute explicitly, with a step that leaves room for cells that
-#   get smaller,
-# - how to damp.
+# - how to let bodies touch each other and rigid walls,
+# - how to use explicit steps, with a margin for cells that get smaller,
+# - how to add damping.
 #
 # ## Problem
 #
-# Balls of radius 0.1 m in two layers, the rows shifted against each other;
-# E = 30 kPa, $\nu$ = 0.3, $\rho$ = 1000 kg/m³. Box 0.7 m x 0.48 m, friction 0.3
-# everywhere, g = 9.81 m/s², drag $\alpha$ = 6/s times the momentum, without
-# which rubber would bounce for a long time, and stiffness damping 0.2 ms
-# against the noise of contact by springs.
+# The balls have a radius of 0.1 m and lie in two layers with staggered rows;
+# E = 30 kPa, $\nu$ = 0.3, $\rho$ = 1000 kg/m³. The box is 0.7 m x 0.48 m wide, the
+# coefficient of friction is 0.3 everywhere, and g = 9.81 m/s². The liquid is a
+# drag of $\alpha$ = 6/s times the momentum, without which the balls would bounce
+# for a long time. Stiffness damping of 0.2 ms reduces the noise of the contact
+# springs.
 #
 # ## Equations
 #
-# Whatever the balls do, the vertical force $F_z$ of floor and walls has the
-# impulse, with the total mass m and momentum $p_z$,
+# Whatever the balls do, with their total mass m and momentum $p_z$, the impulse
+# of the vertical force $F_z$ of floor and walls is
 #
 # $$ \int_0^\tau F_z \, dt = m g \tau + p_z(\tau)
 #    + \alpha \int_0^\tau p_z \, dt, \tag{1} $$
@@ -69,9 +69,9 @@ balls = [nts.Body(V, cells, tag[f"ball {i}"], rubber) for i in range(len(centres
 
 # ## Contact
 #
-# `all_pairs` logs what it builds: 11 pairs in which each two balls meet once,
-# and one for each wall. The springs let some balls sink into each other by a
-# tenth of a facet, which the log tells once for each two of them.
+# `all_pairs` logs what it makes: 11 pairs, in which any two balls are combined
+# once, and one pair for each wall. The springs let some balls sink into each
+# other by a tenth of a facet, which the log reports once for any two of them.
 
 # +
 walls = [
@@ -99,15 +99,15 @@ with nts.Recorder("pile", stepper, every=100) as record:
         drag += alpha * diagnostics.linear_momentum()[2] * step.dt
 # -
 
-# The balls at rest.
+# These are the balls at rest.
 
 plotting.snapshot(stepper, "pile.png", camera=(1.5, -1.2, 0.7))
 
 # ## Checks
 #
-# Equation (1) up to the error of the sums, of first order in the step. At the
-# end less than a hundredth of the greatest kinetic energy is left, the floor
-# carries the weight within 5 %, and no ball has left the box.
+# Equation (1) holds up to the error of the sums, which is of first order in the
+# step. At the end less than a hundredth of the largest kinetic energy is left,
+# the floor carries the weight within 5 %, and no ball has left the box.
 
 # +
 mass = mesh.comm.allreduce(stepper.mass.sum())

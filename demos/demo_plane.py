@@ -2,29 +2,31 @@
 
 # # A race in the plane
 #
-# A solid disc rolls down a slope behind a ring, catches up with it and strikes it.
+# A solid disc and a ring roll down a slope. The disc is faster, catches up with the ring and
+# strikes it.
 #
 # You will learn
 #
-# - how a scene in two dimensions is made: a mesh of surfaces from gmsh, `V` of shape `(2,)`,
-#   points and vectors of two coordinates,
-# - that pairs, obstacles, loads, ledger, files and pictures are those of three dimensions,
-# - what numbers mean there: those of one metre of thickness.
+# - how to set up a scene in two dimensions: a gmsh model of surfaces, `V` of shape `(2,)`,
+#   points and vectors with two coordinates,
+# - that pairs, obstacles, loads, ledger, files and pictures work as in three dimensions,
+# - that forces, masses and energies are those of one metre of thickness.
 #
 # ## Problem
 #
-# Radii 0.5 m, the ring is 0.2 m thick; neo-Hooke, E = 3 MPa, $\nu$ = 0.3,
-# $\rho$ = 1000 kg/m³, in plane strain. The slope, a rigid line, has 20 degrees, $\mu$ = 0.5;
-# the bodies start 0.05 m apart.
+# Both bodies have a radius of 0.5 m, and the ring is 0.2 m thick. They are neo-Hookean,
+# E = 3 MPa, $\nu$ = 0.3, $\rho$ = 1000 kg/m³, in plane strain. The slope is a rigid line at an
+# angle of 20 degrees, $\mu$ = 0.5. The bodies start 0.05 m apart.
 #
 # ## Equations
 #
-# A rigid wheel with the radius of gyration $k$ rolls down with
+# A rigid wheel with the radius of gyration $k$ rolls down with the acceleration
 #
 # $$ a = \frac{g \sin\theta}{1 + k^2 / R^2}, \qquad
 #    k^2 = \tfrac{1}{2} (R^2 + r^2), \tag{1} $$
 #
-# where $r$ is the inner radius, 0 for the disc: 2/3 and 0.60 of $g \sin\theta$.
+# where $r$ is the inner radius. This is 2/3 of $g \sin\theta$ for the disc, where $r = 0$, and
+# 0.60 of it for the ring.
 
 # +
 import os
@@ -89,11 +91,12 @@ with nts.Recorder("plane", stepper, every=10, columns_of=("obstacles", "loads"))
             forces = plotting.contact(stepper, "plane_contact.png", pair=1)
 # -
 
-# Stress while the disc strikes the ring. Grey is what is behind the road.
+# This is the stress while the disc strikes the ring. The grey area is below the road.
 
 picture
 
-# The pressure below both, in N/m² as in space, and the forces on their nodes.
+# This is the contact pressure below both bodies, in N/m² as in space, with the forces on their
+# nodes.
 
 forces
 
@@ -101,8 +104,8 @@ plotting.energies("plane.csv", "plane_energies.png")
 
 # ## Checks
 #
-# After half a second, before they meet, disc and ring have rolled as far as rigid wheels
-# within 3 %, and the ledger explains all changes of the energy.
+# After half a second, before they meet, the disc and the ring have rolled as far as rigid
+# wheels, within 3 %. The ledger explains all changes of the energy.
 
 # +
 if num_steps == full:

@@ -2,25 +2,26 @@
 
 # # A punch in its guide
 #
-# A round steel punch is pressed into a rubber block. A guide lets it slide up and down only; what
-# drives it is a force, the guide itself, or a spring that hangs on the guide.
+# A round rigid punch is pressed into a rubber block. A guide lets it slide up and down only. It is
+# driven in three ways: by a force, by the guide itself, and by a spring that hangs on the guide.
 #
 # You will learn
 #
-# - how a `Guide` leads a `RigidBody`, and a `Force` drives the direction that it leaves free,
-# - how to get the reaction of the guide where the displacement is given,
+# - how a `Guide` leads a `RigidBody`, and how a `Force` drives the direction that is left free,
+# - how to get the reaction of the guide if the displacement is prescribed,
 # - how to put a spring between a tool and its guide.
 #
 # ## Problem
 #
-# Plane strain, without inertia. The punch is a disc of radius R = 10 mm. The block, 60 mm x 20 mm
-# of rubber (neo-Hooke, E = 1 MPa, $\nu$ = 0.45), is held at its bottom; $\mu$ = 0.3. The largest
-# force is 1.5 kN for each metre of depth, the stiffness of the spring k = 450 kN/m².
+# The scene is in plane strain and without inertia. The punch is a disc of radius R = 10 mm. The
+# rubber block, 60 mm x 20 mm (neo-Hooke, E = 1 MPa, $\nu$ = 0.45), is fixed at its bottom;
+# $\mu$ = 0.3. Per metre of thickness, the largest force is 1.5 kN, and the stiffness of the
+# spring is k = 450 kN/m.
 #
 # ## Equations
 #
-# The depth d of the punch and its force P belong together, whoever is the cause. With a spring of
-# stiffness k, whose upper end has gone down by s,
+# The depth d of the punch and its force P are related by one curve, whatever drives the punch.
+# With a spring of stiffness k, whose upper end has moved down by s,
 #
 # $$ P(d) = k\, (s - d). \tag{1} $$
 
@@ -64,7 +65,7 @@ held = fem.dirichletbc(np.zeros(2), bottom, V)
 
 # ## Three drives
 #
-# Time only counts the load, from 0 to 1. The punch gives the segments, as rigid bodies do.
+# Time only measures the load, from 0 to 1. Rigid bodies should be segments, so the punch is.
 
 
 # +
@@ -110,11 +111,11 @@ _, hung = press("punch_spring", nts.Guide(slides="y"), by_spring)
 
 # ## Pictures
 #
-# The block at the end of the first run.
+# This is the block at the end of the first run.
 
 plotting.snapshot(stepper, "punch.png")
 
-# All three give points of one curve.
+# The points of all three runs lie on one curve.
 
 # +
 if mesh.comm.rank == 0:
@@ -133,8 +134,9 @@ if mesh.comm.rank == 0:
 
 # ## Checks
 #
-# The force of the block on its support is that of the drive; led by its guide, the punch needs the
-# same force at the same depth; and the spring pulls by what it is stretched.
+# The force of the block on its support equals that of the drive. When the guide leads the punch,
+# it needs the same force at the same depth. The force of the spring is its stiffness times its
+# change of length.
 
 # +
 applied = largest * steps

@@ -2,29 +2,30 @@
 
 # # Resume after an interruption
 #
-# A rubber ball drops on the floor. In the middle of the impact somebody
-# presses Ctrl-C; the same script, started again, goes on.
+# A rubber ball drops onto the floor. In the middle of the impact somebody
+# presses Ctrl-C. The same script, started again, continues the run.
 #
 # You will learn
 #
-# - how to write checkpoints and how to resume: two arguments,
-# - that the resumed run is the uninterrupted one,
+# - how to write checkpoints and how to resume, with two arguments,
+# - that the resumed run gives the same results as an uninterrupted one,
 # - that its table has no gap.
 #
 # ## Problem
 #
-# Solid ball, R = 0.1 m, E = 0.1 MPa, $\nu$ = 0.4, 1000 kg/m³, its lowest
-# point at z = 5 mm; it falls with $v_0$ = 0.5 m/s and g = 9.81 m/s² on the
-# plane z = 0.
+# The ball is solid, with R = 0.1 m, E = 0.1 MPa, $\nu$ = 0.4 and
+# $\rho$ = 1000 kg/m³. Its lowest point starts at z = 5 mm, with the velocity
+# $v_0$ = 0.5 m/s downwards; g = 9.81 m/s², and the floor is the plane z = 0.
 #
 # ## Equations
 #
-# What the floor gives is what the ball gains, less its weight:
+# The impulse of the floor is the change of the ball's momentum plus the
+# impulse that balances its weight:
 #
 # $$ \sum_n f_n h = p(t) - p(0) + m g t. \tag{1} $$
 #
-# The left side is summed over rows of the table, some written before and
-# some after the interruption.
+# The left side is summed over the rows of the table, some of which are written
+# before the interruption and some after it.
 
 # +
 import os
@@ -79,9 +80,9 @@ def run(name, resume=False, interrupt_at=None):
 
 # ## Three runs
 #
-# Ctrl-C takes effect when a step is complete and a checkpoint is written. A
-# script of your own has `resume=True` from the start: without a checkpoint it
-# begins anew.
+# Ctrl-C takes effect when the current step is complete and a checkpoint is
+# written. In your own script, set `resume=True` from the start: if there is no
+# checkpoint, the run simply starts from the beginning.
 
 # +
 run("resume_whole")
@@ -94,7 +95,8 @@ resumed, first = run("resume", resume=True)
 
 # ## Pictures
 #
-# The ball at the end, and the force of the floor, without a gap at the interruption.
+# The pictures show the ball at the end, and the force of the floor, which has no gap at the
+# interruption.
 
 plotting.snapshot(resumed, "resume.png")
 
@@ -102,9 +104,9 @@ plotting.forces("resume.csv", "resume_forces.png")
 
 # ## Checks
 #
-# The resumed run started where the interrupted one stopped. Its rows are
-# those of the uninterrupted run, the impulse of the floor is that of equation
-# (1), the energy is constant but for the work of the weight.
+# The resumed run starts where the interrupted one stopped, and its rows are
+# those of the uninterrupted run. The impulse of the floor is that of equation
+# (1), and the energy changes only by the work of the weight.
 
 # +
 assert first == middle

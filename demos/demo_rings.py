@@ -2,28 +2,29 @@
 
 # # Two soft rings
 #
-# A thin ring strikes another one off the centre, and friction spins both.
+# A thin ring strikes another one off-centre, and friction makes both spin.
 #
 # You will learn
 #
-# - what exact Coulomb friction without a tangential spring does,
-# - that friction keeps both momenta,
+# - what exact Coulomb friction, without a tangential spring, does,
+# - that friction conserves linear and angular momentum,
 # - how the ledger accounts for the energy.
 #
 # ## Problem
 #
-# Diameter 20 m, wall 0.3 m, width 1 m; St. Venant-Kirchhoff,
-# E = 20 MPa, $\nu$ = 1/6, $\rho$ = 1000 kg/m³. One ring is at rest, the other
-# flies at 4 m/s along a line that misses the first centre by 5 m; $\mu$ = 0.3.
+# Both rings have a diameter of 20 m, a wall of 0.3 m and a width of 1 m
+# (St. Venant-Kirchhoff, E = 20 MPa, $\nu$ = 1/6, $\rho$ = 1000 kg/m³). One ring
+# is at rest. The other flies at 4 m/s along a line that passes the centre of
+# the first at a distance of 5 m; $\mu$ = 0.3.
 #
 # ## Equations
 #
-# With the multipliers of a node, $t_N \le 0$ and $t_T$,
+# The multipliers of a node, $t_N \le 0$ and $t_T$, satisfy Coulomb's law,
 #
 # $$ |t_T| \le -\mu t_N, \qquad
 #    \text{slip} = 0 \text{ where } |t_T| < -\mu t_N, \tag{1} $$
 #
-# and the energy of a step changes by the slip's work alone,
+# and the energy changes only by the work of the slip,
 #
 # $$ E_{n+1} - E_n = -\mu \sum |t_N| \, |\text{slip}|. \tag{2} $$
 
@@ -76,7 +77,8 @@ with nts.Recorder("rings", stepper, every=10) as record:
             picture = plotting.snapshot(stepper, "rings.png", camera=(0, 0, 1))
 # -
 
-# The rings in contact; then where the energy is, with what friction took, and the momenta.
+# The pictures show the rings in contact, then the energies with the part that friction took,
+# and the momenta.
 
 picture
 
@@ -86,8 +88,9 @@ plotting.momenta("rings.csv", "rings_momenta.png")
 
 # ## Checks
 #
-# Momenta to round-off, energy and dissipation together to 1e-9. In the
-# whole impact friction takes some per cent of the energy.
+# The momenta are constant to round-off, and so is the sum of energy and
+# dissipation, to 1e-9. Over the whole impact, friction takes a few per cent of
+# the energy.
 
 # +
 after = nts.Diagnostics(stepper).balance()

@@ -2,30 +2,30 @@
 
 # # From sliding to rolling
 #
-# A bowling ball slides at first; friction slows it down and turns it until
+# A bowling ball slides at first; friction slows it down and spins it up until
 # it rolls.
 #
 # You will learn
 #
 # - how to add friction and gravity,
-# - how to let a load grow,
-# - what the energy ledger tells about friction.
+# - how to make a load grow with time,
+# - what the energy ledger says about friction.
 #
 # ## Problem
 #
 # Solid ball, R = 1 m, on the plane z = 0, thrown with $v_0$ = 0.3 m/s and
-# without spin; $\mu$ = 0.3, g = 10 m/s². It is stiff (E = 100 GPa), and
-# gravity grows within 5 ms, so that it hardly vibrates.
+# without spin; $\mu$ = 0.3, g = 10 m/s². The ball is stiff (E = 100 GPa), and
+# gravity is increased within 5 ms, so that it hardly vibrates.
 #
 # ## Equations
 #
-# While it slides, friction $\mu m g$ slows it down and turns it; with the
-# moment of inertia $I = \tfrac{2}{5} m R^2$
+# While the ball slides, friction $\mu m g$ slows it down and spins it up. With
+# the moment of inertia $I = \tfrac{2}{5} m R^2$,
 #
 # $$ v = v_0 - \mu g t, \qquad R \omega = \tfrac{5}{2} \mu g t, \tag{1} $$
 #
-# until $v = R \omega$: it rolls with $v = \tfrac{5}{7} v_0$ from $t = 2 v_0/(7 \mu g)$ on.
-# Two sevenths of its energy are gone then.
+# until $v = R \omega$. From $t = 2 v_0/(7 \mu g)$ on, it rolls with $v = \tfrac{5}{7} v_0$.
+# Friction has then taken two sevenths of its energy.
 
 # +
 import os
@@ -65,7 +65,7 @@ contact = nts.ContactPair(nts.boundary_of(ball), floor, friction=nts.Coulomb(mu)
 
 # ## Run
 #
-# The dissipation of each step is that of the nodes that slide.
+# The dissipation of a step is the sum over the nodes that slide.
 
 # +
 stepper = nts.EnergyMomentum([ball], [contact], dt=dt, loads=[nts.Gravity([ball], gravity)])
@@ -85,7 +85,7 @@ end = diagnostics.balance().total_energy
 
 # ## Pictures
 #
-# The displacements tell that the ball rolls; its speed falls to that of a
+# The displacements show that the ball rolls. Its speed decreases to that of a
 # rigid ball.
 
 plotting.snapshot(stepper, "rolling.png", colour="displacement")
@@ -104,8 +104,8 @@ if mesh.comm.rank == 0:
 
 # ## Checks
 #
-# Energy, dissipation and work of gravity balance to round-off; the ball
-# rolls with 5/7 of its speed within 1 %.
+# Energy, dissipation and work of gravity balance to round-off. The ball
+# rolls with 5/7 of its initial speed, within 1 %.
 
 # +
 assert abs((end + dissipation - work) / start - 1) < 1e-9

@@ -2,27 +2,27 @@
 
 # # Strong scaling
 #
-# Run it on some numbers of ranks, one after the other in one folder:
+# Run this script on several numbers of ranks, one after the other, in one folder:
 #
 #     for n in 1 2 4; do mpirun -n $n python3 demo_scaling.py; done
 #
-# Each run adds a line to `scaling.csv`, prints and draws all lines.
+# Each run adds a line to `scaling.csv`, then prints and draws all lines.
 #
 # You will learn
 #
-# - that a script needs no change for several ranks,
-# - where the time goes: `stepper.timings`,
+# - that a script needs no change to run on several ranks,
+# - where the time is spent: `stepper.timings`,
 # - that the result does not depend on the number of ranks.
 #
 # ## Problem
 #
-# The ball and the plate of the first demo, finer: 20 736 hexahedra in the
-# ball and 3 200 in the plate, about 120 000 unknowns; 20 steps of 2 ms, in
-# which the ball flies 0.02 m and then touches.
+# The scene is that of the first tutorial with a finer mesh: 20 736 hexahedra
+# in the ball and 3 200 in the plate, about 120 000 unknowns. In 20 steps of
+# 2 ms, the ball flies 0.02 m and then touches the plate.
 #
 # ## Equations
 #
-# With the times $t_1$ and $t_n$ on one and on n ranks, speed and efficiency are
+# With the times $t_1$ and $t_n$ on one and on n ranks, speed-up and efficiency are
 #
 # $$ s_n = \frac{t_1}{t_n}, \qquad e_n = \frac{s_n}{n}. \tag{1} $$
 
@@ -78,8 +78,8 @@ seconds = comm.allreduce(MPI.Wtime() - begin, MPI.MAX) / len(active)
 
 # ## Checks
 #
-# The energy is constant on any number of ranks, and energies and the number
-# of active nodes are those of the other runs in the folder.
+# The energy is constant on any number of ranks, and the energies and the
+# number of active nodes are those of the other runs in the folder.
 
 # +
 end = diagnostics.balance()

@@ -2,31 +2,33 @@
 
 # # Self contact: the collapse of a tube
 #
-# A soft tube under outer pressure buckles, flattens, and touches itself.
+# A soft tube under external pressure buckles, flattens, and touches itself.
 #
 # You will learn
 #
-# - how a surface touches itself: it is both sides of a contact pair,
-# - what may touch what: nodes and segments that face each other, but no
-#   neighbours on the mesh and not the other side of the same wall,
+# - how to let a surface touch itself: use it as both sides of a contact pair,
+# - what can touch what: nodes and segments that face each other, except
+#   neighbours on the mesh and the other side of the same wall,
 # - how to follow a load through buckling.
 #
 # ## Problem
 #
-# A slice of a tube, radius R = 1 m, wall t = 0.1 m, in plane strain with
-# $\nu$ = 0, E = 1 MPa. It is out of round by 1 %, so that it buckles in a known
-# direction. The pressure p on the outside follows the wall.
+# The scene is a slice of a tube with the radius R = 1 m and the wall t = 0.1 m,
+# in plane strain with $\nu$ = 0 and E = 1 MPa. It is out of round by 1 %, so that
+# it buckles in a known direction. The pressure p on the outside stays normal to
+# the deformed wall.
 #
 # ## Equations
 #
-# An inextensible ring with bending stiffness EI has the curvature kappa(s)
+# The curvature $\kappa(s)$ of an inextensible ring with the bending stiffness EI satisfies
 #
 # $$ \kappa'' + \kappa^3/2 - C \kappa = \frac{p}{EI}, \tag{1} $$
 #
-# with a constant C. It buckles at $p R^3/EI = 3$, and opposite points touch at
-# 5.247 [1]. The middle lines of walls of thickness t = 0.1 R are still t apart
-# when these touch: the solution of (1) gets there at 4.968. The outside is
-# longer than the middle line, where p acts in (1), by (R + t/2)/R.
+# with a constant C. The ring buckles at $p R^3/EI = 3$, and opposite points touch
+# at 5.247 [1]. When walls of thickness t = 0.1 R touch, their middle lines are
+# still t apart; the solution of (1) reaches this state at 4.968. In (1) the
+# pressure acts on the middle line; here it acts on the outside, which is longer
+# by the factor (R + t/2)/R.
 #
 # [1] J. E. Flaherty, J. B. Keller, S. I. Rubinow, Post buckling behavior of
 # elastic tubes and rings with opposite sides in contact, SIAM J. Appl. Math.
@@ -64,8 +66,8 @@ inner, outer = (nts.Surface(V, facets, tag[f"tube_{side}"]) for side in ("inner"
 
 # ## Contact, support and load
 #
-# `nts.all_pairs([tube], self_contact=[tube])` would take the whole boundary;
-# only the inside can touch here.
+# `nts.all_pairs([tube], self_contact=[tube])` would use the whole boundary;
+# here only the inside can touch.
 
 # +
 contact = nts.ContactPair(nodes=inner, segments=inner)
@@ -95,7 +97,7 @@ stepper = nts.QuasiStatic([tube], [contact], dt=dt, bcs=bcs, loads=[load], updat
 
 # ## Run
 #
-# With a control, a step in which the walls meet may be cut.
+# With a `StepControl`, a step that fails when the walls meet is halved.
 
 # +
 path = []  # pressure, distance of the walls, contact force
@@ -115,9 +117,10 @@ plotting.snapshot(stepper, "self_contact.png", camera=(0, 0, 1))
 
 # ## Checks
 #
-# From where the line through the forces of the last steps begins, the pressure
-# at which the walls touch is that of (1) within 3 %: the bending stiffness of
-# linear cells is 1 % too high. The walls do not pass each other.
+# A straight line through the contact forces of the last steps is extrapolated
+# to zero. The pressure found in this way, at which the walls touch, agrees with
+# (1) within 3 %; the bending stiffness of linear cells is 1 % too high. The
+# walls do not pass through each other.
 
 # +
 p, gap, force = np.array(path).T

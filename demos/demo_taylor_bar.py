@@ -2,30 +2,30 @@
 
 # # Taylor's bar
 #
-# A copper rod strikes a rigid wall with 227 m/s. Its foot flows into a mushroom, and the shape
-# that remains tells how hard the metal is.
+# A copper rod strikes a rigid wall at 227 m/s. Its foot spreads like a mushroom, and the final
+# shape shows how hard the metal is.
 #
 # You will learn
 #
-# - how to take a metal that yields (`J2Plasticity`),
+# - how to use a metal that yields (`J2Plasticity`),
 # - how to let a body of revolution strike a wall (`axisymmetric`),
-# - what the ledger says of plastic flow, and how to get the plastic strain.
+# - what the ledger says about plastic flow, and how to get the plastic strain.
 #
 # ## Problem
 #
-# Length 32.4 mm, radius 3.2 mm; E = 117 GPa, $\nu$ = 0.35, $\rho$ = 8930 kg/m³, yield stress
-# 0.4 GPa, hardening modulus 0.1 GPa. The wall has no friction.
+# The rod has a length of 32.4 mm and a radius of 3.2 mm; E = 117 GPa, $\nu$ = 0.35,
+# $\rho$ = 8930 kg/m³, yield stress 0.4 GPa, hardening modulus 0.1 GPa. The wall has no friction.
 #
 # ## Equations
 #
 # The von Mises stress is at most $\sigma_y = \sigma_0 + H \alpha$, with the equivalent plastic
-# strain $\alpha$. In a step of `EnergyMomentum` flow takes the energy
+# strain $\alpha$. In a step of `EnergyMomentum`, plastic flow takes the energy
 #
 # $$ D = t\, (W_{tr} - W_n) - (W_{n+1} - W_n) \ge 0 \tag{1} $$
 #
-# of the elastic energy $W$, where $t$ is the part of the trial stress that the yield stress
-# leaves; the page on what is solved derives it. Other programs that hold the
-# foot on the wall find a length of 21.4 to 21.5 mm and a radius of 6.97 to 7.24 mm after 80 μs.
+# from the elastic energy $W$, where $t$ is the ratio of the yield stress to the trial stress; the
+# page on the method derives it. Other programs, which keep the foot on the wall, find a length
+# of 21.4 to 21.5 mm and a radius of 6.97 to 7.24 mm after 80 μs.
 
 # +
 import os
@@ -74,14 +74,15 @@ with nts.Recorder("taylor_bar", stepper, every=20, own_columns=columns) as recor
 picture = plotting.snapshot(stepper, "taylor_bar.png")
 # -
 
-# The von Mises stress that remains. The rim of the foot has lifted off the wall.
+# This is the remaining von Mises stress. The rim of the foot has lifted off the wall.
 
 picture
 
 # ## Checks
 #
-# Flow never gives energy back, and the ledger explains all changes of the energy. The length is
-# that of other programs; the rim, which lifts off, is a little wider than a foot that is held.
+# Plastic flow never gives energy back, and the ledger explains all changes of the energy. The
+# length agrees with other programs. The rim, which can lift off here, is a little wider than
+# that of a foot that is kept on the wall.
 
 # +
 strain = mesh.comm.allreduce(float(fields.plastic_strain().x.array.max(initial=0)), MPI.MAX)
@@ -99,7 +100,7 @@ if mesh.comm.rank == 0:
 
 # ## Pictures
 #
-# Almost all of the kinetic energy is dissipated (1).
+# Almost all of the kinetic energy is dissipated by (1).
 
 if mesh.comm.rank == 0:
     figure, axes = plt.subplots(figsize=(6.4, 4), dpi=250, layout="constrained")

@@ -2,20 +2,21 @@
 
 # # Two tori
 #
-# A soft hollow torus falls, tilted, on another one; both are free.
+# A soft hollow torus strikes another one at an angle; both are free.
 #
 # You will learn
 #
-# - how to use a body of the package twice, turned,
-# - how to take the whole boundary of a body as a surface,
-# - that large deformations and sliding contact keep all invariants.
+# - how to use a predefined shape twice, in different orientations,
+# - how to use the whole boundary of a body as a surface,
+# - that energy and momenta are conserved through large deformations and sliding contact.
 #
 # ## Problem
 #
-# Circle of radius 76, tube from 19.5 to 24; neo-Hooke, E = 2250,
-# $\nu$ = 0.3, $\rho$ = 0.1; the upper one, its axis turned by 45 degrees and
-# 20 off the centre, comes with the velocity 30 (Yang and Laursen 2008;
-# any consistent units).
+# The circle of each torus has the radius 76, and its tube the radii 19.5
+# (inside) and 24 (outside); neo-Hooke, E = 2250, $\nu$ = 0.3, $\rho$ = 0.1. The
+# axis of the upper torus is tilted by 45 degrees, and its centre is offset by
+# 20. It arrives with the velocity 30 (Yang and Laursen 2008). Any consistent
+# units will do.
 #
 # ## Equations
 #
@@ -71,13 +72,13 @@ with nts.Recorder("tori", stepper, every=6) as record:
 
 # ## Pictures
 #
-# The tori in contact, and the whole run, coloured by the speed.
+# The pictures show the tori in contact, and the whole run, coloured by the speed.
 
 picture
 
 plotting.animate("tori.vtkhdf", "tori.gif", colour="velocity", limits=(0, 60), fps=8)
 
-# Energies and momenta.
+# These are the energies and the momenta.
 
 plotting.energies("tori.csv", "tori_energies.png")
 
@@ -85,8 +86,8 @@ plotting.momenta("tori.csv", "tori_momenta.png")
 
 # ## Checks
 #
-# The invariants (1) to round-off, relative to their size. At the end the
-# tori have parted, and a part of the energy is vibration.
+# The invariants (1) are constant to round-off, relative to their size. At the
+# end the tori have separated, and a part of the energy is vibration.
 
 # +
 after = nts.Diagnostics(stepper).balance()

@@ -80,6 +80,7 @@ html_sidebars = {"gallery": [], "index": []}
 html_theme_options = {
     "header_links_before_dropdown": 8,
     "navbar_align": "left",
+    "navbar_persistent": ["search-button"],
     "navigation_with_keys": False,
     "secondary_sidebar_items": ["page-toc"],
     "show_nav_level": 2,

@@ -2,7 +2,8 @@
 
 import math
 import reprlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from inspect import signature
 from numbers import Real
 from typing import Any
 
@@ -12,6 +13,7 @@ from dolfinx_nts.common.arrays import Floats
 
 __all__ = [
     "as_call",
+    "check_call",
     "finite",
     "instances",
     "kind_of",
@@ -52,6 +54,35 @@ def _text(value: Any) -> str:
 def kind_of(item: object) -> str:
     """What the message of an error calls an object that is of a wrong class. Local."""
     return f"the class {item.__name__}" if isinstance(item, type) else type(item).__name__
+
+
+def check_call(
+    kind: type[Any], arguments: Iterable[Any], options: Mapping[str, Any], hint: str = ""
+) -> None:
+    """Check that a class takes the arguments of a call. Local.
+
+    Args:
+        kind: The class.
+        arguments: Arguments by place.
+        options: Arguments by name.
+        hint: What the message says besides of the arguments that the class takes.
+
+    Raises:
+        TypeError: An argument is missing, or the class knows none of its name or place.
+    """
+    call = signature(kind.__init__)
+    try:
+        call.bind(None, *arguments, **options)
+    except TypeError as error:
+        _, *taken = call.parameters.values()
+        names = ", ".join(f"**{p.name}" if p.kind == p.VAR_KEYWORD else p.name for p in taken)
+        required = [p for p in taken if p.default is p.empty and p.kind != p.VAR_KEYWORD]
+        needed = " and ".join(p.name for p in required)
+        given = ", ".join([*map(kind_of, arguments), *(f"{name}=" for name in options)])
+        raise TypeError(
+            f"expected {kind.__name__}({names}), of which {needed} must be given{hint}, "
+            f"given {kind.__name__}({given}): {error}"
+        ) from None
 
 
 def instances(kind: type[Any], items: Iterable[Any]) -> tuple[Any, ...]:

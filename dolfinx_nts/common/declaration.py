@@ -4,15 +4,18 @@ from abc import ABCMeta
 from inspect import Signature, signature
 from typing import Any, Generic, TypeVar, cast
 
+from dolfinx_nts.common.arguments import check_call
+
 __all__ = ["Declaration", "SetOnce"]
 
 T = TypeVar("T")
 
 
 class _Completing(ABCMeta):
-    """Metaclass that closes an object when its ``__init__`` is done."""
+    """Metaclass that checks the call, and closes an object when its ``__init__`` is done."""
 
     def __call__(cls, *args: Any, **kwargs: Any) -> Any:
+        check_call(cls, args, kwargs)
         item = super().__call__(*args, **kwargs)
         item._is_complete = True
         return item

@@ -82,7 +82,7 @@ def all_pairs(
     edges: bool = False,
     smooth: bool = False,
 ) -> list[ContactPair]:
-    """Make the contact pairs by which any body may touch any other. Collective.
+    """Make the contact pairs that let any body touch any other. Collective.
 
     n bodies need n - 1 pairs. They are sorted by their longest facets. The first pair is that
     of the nodes of the finer half with the segments of the coarser half; the next ones are
@@ -194,7 +194,7 @@ def two_half_passes(
     enforcement: Penalty | None = None,
     friction: Coulomb | None = None,
 ) -> list[ContactPair]:
-    """Make two pairs of two surfaces, so that both sides are contact nodes. Collective.
+    """Make two contact pairs, so that the nodes of both surfaces are checked. Collective.
 
     Each pair has springs of half the stiffness. No side is preferred, and nodes of neither sink
     into the other: for surfaces of similar meshes, or where it is unknown which is finer.

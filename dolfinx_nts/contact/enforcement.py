@@ -24,7 +24,7 @@ TOUCHES = 1e-9
 
 
 class LagrangeMultiplier(Declaration):
-    r"""Exact contact by a multiplier at each active node, which holds the gap of the node.
+    r"""Exact contact by a Lagrange multiplier at each active node.
 
     The complementarity of a step on the segment used in it is
 
@@ -147,7 +147,7 @@ class LagrangeMultiplier(Declaration):
 
 
 class Tied(LagrangeMultiplier):
-    """Nodes that are tied to what they lie on, for good: a mesh tie.
+    """Ties nodes permanently to the surface on which they lie.
 
     Multipliers hold the gap and the slip of each tied node in every step, and pull as well as
     push. Nodes are tied where they are in the first step: those within reach of a segment, whose

@@ -176,7 +176,9 @@ def check_space(V: fem.FunctionSpace) -> None:
     ):
         raise ValueError(
             f"expected the space functionspace(mesh, ('Lagrange', 1, ({dim},))), or of degree 2, "
-            f"given {element} with block size {V.dofmap.index_map_bs}"
+            f"given {'a discontinuous one' if element.discontinuous else 'one'} of the family "
+            f"{element.family_name}, degree {element.degree} and values of shape "
+            f"{element.reference_value_shape}"
         )
     degree = compat.geometry_degree(mesh)
     if degree not in (1, element.degree):
@@ -199,12 +201,14 @@ def check_tag(V: fem.FunctionSpace, tags: MeshTags, tag: int, dim: int, name: st
 
     Raises:
         TypeError: ``tags`` is no MeshTags, or ``tag`` no integer.
-        ValueError: The dimension is wrong, or no rank has the value.
+        ValueError: The dimension is wrong, the tags belong to another mesh, or no rank has the
+            value.
     """
     if not isinstance(tags, MeshTags):
         raise TypeError(f"expected MeshTags as {name}, given {type(tags).__name__}")
     if isinstance(tag, bool) or not isinstance(tag, int | np.integer):
-        raise TypeError(f"expected an integer tag, given {tag!r}")
+        hint = f": read_mesh returns tags by name, tag[{tag!r}]" if isinstance(tag, str) else ""
+        raise TypeError(f"expected an integer tag, given {tag!r}{hint}")
     if tags.dim != dim:
         raise ValueError(
             f"expected {name} of dimension {dim}, given tags of dimension {tags.dim}: bodies are "
@@ -212,6 +216,11 @@ def check_tag(V: fem.FunctionSpace, tags: MeshTags, tag: int, dim: int, name: st
         )
     comm = V.mesh.comm
     meet(comm, f"look for tag {tag} in {name}")
+    if compat.cpp_object(tags.topology) is not compat.cpp_object(V.mesh.topology):
+        raise ValueError(
+            f"expected {name} of the mesh of the function space, given those of another mesh: "
+            "each call of read_mesh makes a mesh and tags of its own"
+        )
     values = sorted(set().union(*comm.allgather(set(tags.values.tolist()))))
     if tag not in values:
         raise ValueError(f"expected a tag out of {values} in {name}, given {tag}")

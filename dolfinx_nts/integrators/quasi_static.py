@@ -35,19 +35,20 @@ def _end_stress(material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> An
 
 
 class QuasiStatic(ImplicitStepper):
-    """Finds the equilibrium at the end of each step; the time only counts the load.
+    """Finds the equilibrium at the end of each step, without inertia.
 
-    Contact is closed, g = 0: without motion there is no impact, so that the kind of impact of a
-    multiplier does not matter. Friction follows the slip from step to step. Bodies
-    that only contact holds are found and named in the log. The tangent, not the balance, gets a
-    small stiffness for them; motions that contact without friction does not resist are not
-    made, and forces in them are left to inertia while they are below 1 % (inertia relief: zero
-    where there is an equilibrium, and told otherwise). A step in which nothing holds a body is
-    refused with its name. Where Newton's method finds no equilibrium near the last one, as at a
-    limit load or where facets let bodies roll, they go to another one against a viscous
-    resistance, which vanishes: the equilibrium is as exact as any other, and the log tells it. The
-    velocity stays zero, a step with another one is refused, and damping has no effect. Arguments,
-    attributes and errors are those of `EnergyMomentum`. Collective, as are all its methods.
+    Time only counts the load. Contact is closed, g = 0: without motion there is no impact, so
+    that the kind of impact of a multiplier does not matter. Friction follows the slip from step
+    to step. Bodies that only contact holds are found and named in the log. The tangent, not the
+    balance, gets a small stiffness for them; motions that contact without friction does not
+    resist are not made, and forces in them are left to inertia while they are below 1 %
+    (inertia relief: zero where there is an equilibrium, and told otherwise). A step in which
+    nothing holds a body is refused with its name. Where Newton's method finds no equilibrium
+    near the last one, as at a limit load or where facets let bodies roll, they go to another
+    one against a viscous resistance, which vanishes: the equilibrium is as exact as any other,
+    and the log tells it. The velocity stays zero, a step with another one is refused, and
+    damping has no effect. Arguments, attributes and errors are those of `EnergyMomentum`.
+    Collective, as are all its methods.
 
     Example:
         >>> ends = fem.locate_dofs_geometrical(V, lambda x: (x[2] < 0.01) | (x[2] > 1.0))

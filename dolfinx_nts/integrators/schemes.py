@@ -26,7 +26,7 @@ def _conserving_stress(material: Hyperelastic, parameters: Any, F_n: Any, F: Any
 
 
 class Midpoint(ImplicitStepper):
-    """Midpoint rule, with stress and contact gradient at the mean of both states, to compare with.
+    """Midpoint rule, with stress and contact gradient at the mean state, for comparison.
 
     It conserves both momenta but not the energy (Franke, Hesch and Betsch 2011, eqs. 47-52).
     Arguments, attributes and errors are those of `EnergyMomentum`. Collective, as are all its

@@ -17,6 +17,7 @@ from dolfinx_nts.fem.axisymmetry import axis_nodes, is_axisymmetric
 from dolfinx_nts.fem.components import dimension, in_space, nodal
 from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.speed_limit import warn_of_speed
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.errors import agreed
 
@@ -147,9 +148,12 @@ class State(ABC):
     def set_velocity(self, body: Body, value: Any) -> None:
         """Set the velocity of a body [m/s], before the first step or between steps.
 
-        Arguments and errors are those of `set_displacement`.
+        Arguments and errors are those of `set_displacement`. Before the first step a body that is
+        faster than waves in it is logged as a warning.
         """
         self._set(self.v, body, value)
+        if self.step == 0:
+            warn_of_speed(body, nodal(self.v)[body.nodes])
 
     def _set(self, function: fem.Function, body: Body, value: Any) -> None:
         self._check_body(body)

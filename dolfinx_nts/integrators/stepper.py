@@ -8,14 +8,13 @@ import logging
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from inspect import Parameter, signature
 from typing import Any
 
 import numpy as np
 from dolfinx import fem
 
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arguments import as_call, instances, kind_of
+from dolfinx_nts.common.arguments import as_call, check_call, instances
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.declaration import SetOnce
 from dolfinx_nts.common.timing import Timings
@@ -77,19 +76,8 @@ class Stepper(TimeLoop):
 
     def __new__(cls, *arguments: Any, **options: Any) -> Any:
         """Name the class, and the arguments it takes, if others are given."""
-        call = signature(cls.__init__)
-        try:
-            call.bind(None, *arguments, **options)
-        except TypeError as error:
-            _, *taken = call.parameters.values()
-            names = ", ".join(p.name for p in taken)
-            needed = " and ".join(p.name for p in taken if p.default is Parameter.empty)
-            given = ", ".join([*map(kind_of, arguments), *(f"{name}=" for name in options)])
-            raise TypeError(
-                f"expected {cls.__name__}({names}), of which {needed} must be given, bodies and "
-                "pairs first and all others by name (dt=, the length of a step [s]), "
-                f"given {cls.__name__}({given}): {error}"
-            ) from None
+        hint = ", bodies and pairs first and all others by name (dt=, the length of a step [s])"
+        check_call(cls, arguments, options, hint)
         return super().__new__(cls)
 
     def __init__(

@@ -37,7 +37,7 @@ class _Kept(NamedTuple):
 
 
 def load_state(path: str | Path, stepper: Stepper) -> tuple[str, ...]:
-    """Start a stepper from the checkpoint of a run whose scene was another one. Collective.
+    """Start a stepper from the checkpoint of another scene. Collective.
 
     Only the mesh and the degree must be the same. Loads, supports, materials, laws, pairs, the
     integrator and the number of ranks may differ. Time, number of the step, displacements and

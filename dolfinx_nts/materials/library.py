@@ -133,7 +133,7 @@ class NeoHookean(Hyperelastic):
 
 
 class MooneyRivlin(Hyperelastic):
-    r"""Mooney-Rivlin material for rubber, of both isochoric invariants. Local.
+    r"""Mooney-Rivlin material for rubber, with both isochoric invariants. Local.
 
     :math:`\psi = c_{10} (\bar I_1 - 3) + c_{01} (\bar I_2 - 3) + \kappa/2\, (J - 1)^2`; the
     shear modulus of small strains is 2 (c10 + c01).
@@ -185,7 +185,7 @@ class MooneyRivlin(Hyperelastic):
 
 
 class Yeoh(Hyperelastic):
-    r"""Yeoh material for rubber that stiffens, of the first isochoric invariant. Local.
+    r"""Yeoh material for rubber that stiffens, with the first isochoric invariant. Local.
 
     :math:`\psi = \sum_{i=1}^3 c_{i0} (\bar I_1 - 3)^i + \kappa/2\, (J - 1)^2`; the shear
     modulus of small strains is 2 c10.

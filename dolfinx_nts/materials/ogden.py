@@ -22,7 +22,7 @@ __all__ = ["Ogden"]
 
 
 class Ogden(Hyperelastic):
-    r"""Ogden material for rubber, of powers of the isochoric principal stretches. Local.
+    r"""Ogden material for rubber, with powers of the isochoric principal stretches. Local.
 
     :math:`\psi = \sum_p \mu_p/\alpha_p\, (\bar\lambda_1^{\alpha_p} + \bar\lambda_2^{\alpha_p} +
     \bar\lambda_3^{\alpha_p} - 3) + \kappa/2\, (J - 1)^2` with :math:`\bar\lambda_k = J^{-1/3}

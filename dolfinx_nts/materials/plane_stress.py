@@ -15,7 +15,7 @@ __all__ = ["PlaneStress"]
 
 
 class PlaneStress(Hyperelastic):
-    r"""Makes a sheet in plane stress of a material, for bodies in two dimensions. Local.
+    r"""Turns a material into that of a sheet in plane stress, in two dimensions. Local.
 
     The thickness follows in closed form, which some laws have; others are refused. A law of your
     own may be given as an energy of the entries of C in the plane: it has no stress along z either.

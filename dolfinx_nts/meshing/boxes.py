@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from dolfinx_nts.meshing.discrete_entities import add_discrete_entity
 from dolfinx_nts.meshing.structured_blocks import SIDES, add_body, hexahedra, quadrangles
 
 __all__ = ["add_box", "add_rectangle"]
@@ -94,8 +95,8 @@ def add_rectangle(
     x[:, :2] = corner + np.argwhere(ids) / cells * size
     quads = np.stack([ids[:-1, :-1], ids[1:, :-1], ids[1:, 1:], ids[:-1, 1:]], axis=-1)
     sides = {"left": ids[0], "right": ids[-1], "bottom": ids[:, 0], "top": ids[:, -1]}
-    curves = [model.addDiscreteEntity(1) for _ in sides]
-    surface = model.addDiscreteEntity(2, boundary=curves)
+    curves = [add_discrete_entity(model, 1) for _ in sides]
+    surface = add_discrete_entity(model, 2, curves)
     model.mesh.addNodes(2, surface, ids.ravel(), x.ravel())
     model.mesh.addElementsByType(surface, kind, [], quads[..., corners].ravel())
     model.addPhysicalGroup(2, [surface], name=name)

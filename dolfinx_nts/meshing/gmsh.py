@@ -178,7 +178,11 @@ def _opened(source: Any) -> Iterator[Any]:
         with Path(source).open("rb") as file:
             # gmsh would run a file that it does not recognise as a script.
             if not file.read(16).startswith((b"$MeshFormat", b"$Comments")):
-                raise ValueError(f"expected a gmsh mesh (.msh), given {source}")
+                raise ValueError(
+                    f"expected a gmsh mesh (.msh), given {source}: mesh a geometry first (gmsh -3 "
+                    "part.geo, or part.step); a mesh and tags that DOLFINx reads by itself "
+                    "(XDMFFile) can be used without read_mesh"
+                )
     elif not callable(source):
         raise TypeError(f"expected a path, a gmsh model or a function, given {source!r}")
     initialised = gmsh.isInitialized()
@@ -227,21 +231,36 @@ def _cells_first(model: Any, dim: int) -> Iterator[None]:
 
 def _dimension(model: Any) -> int:
     """Find the dimension of the cells of a gmsh model, and check that there are bodies."""
-    if not model.getPhysicalGroups(3) and (model.getEntities(3) or not model.getPhysicalGroups(2)):
-        raise ValueError(
-            "expected physical volumes (gmsh addPhysicalGroup(3, ...)), or without volumes "
-            "physical surfaces, given none"
-        )
     if model.getPhysicalGroups(3):
         return 3
+    if model.getEntities(3) or not model.getPhysicalGroups(2):
+        raise ValueError(
+            "expected physical volumes, or in a model without volumes physical surfaces, as "
+            f"bodies, given {_without_bodies(model)}"
+        )
     x = model.mesh.getNodes()[1].reshape(-1, 3)
     if np.abs(x[:, 2]).max(initial=0) > _FLAT * np.ptp(x[:, :2], axis=0).max(initial=0):
         low, high = x[:, 2].min(), x[:, 2].max()
         raise ValueError(
             "expected physical volumes, or surfaces in the plane z = 0, given surfaces from "
-            f"z = {low:g} up to z = {high:g}"
+            f"z = {low:g} up to z = {high:g}: bodies are solid, there are no shells; mesh their "
+            "volumes, gmsh.model.mesh.generate(3), and put these into physical groups"
         )
     return 2
+
+
+def _without_bodies(model: Any) -> str:
+    """Say what a gmsh model without bodies has, and what would make bodies of it."""
+    for dim in (3, 2):
+        if count := len(model.getEntities(dim)):
+            return (
+                f"{count} {_KINDS[dim]}{'s' * (count > 1)} in no physical group: call "
+                f"model.addPhysicalGroup({dim}, [number, ...], name=...) for each body"
+            )
+    return (
+        "a model without either: call synchronize() of model.occ or model.geo after adding "
+        "shapes, and before making physical groups"
+    )
 
 
 def _inspect(model: Any, cell_dim: int) -> tuple[dict[str, int], dict[int, int]]:
@@ -265,6 +284,8 @@ def _inspect(model: Any, cell_dim: int) -> tuple[dict[str, int], dict[int, int]]
                 "; of second order those without prisms, of one kind and with all their nodes "
                 "(Mesh.SecondOrderIncomplete = 0), or call gmsh.model.mesh.setOrder(1)"
             )
+        if not len(types):
+            hint = f": call gmsh.model.mesh.generate({cell_dim}) before read_mesh reads the model"
         raise ValueError(f"expected {_CELLS[cell_dim]}, given {names(types)}{hint}")
     expected = families[types[0]]
     num_facets: dict[int, int] = {}
@@ -275,11 +296,12 @@ def _inspect(model: Any, cell_dim: int) -> tuple[dict[str, int], dict[int, int]]
         is_cell, is_facet = dim == cell_dim, dim == cell_dim - 1
         if (is_cell and len(given) and len(groups) != 1) or (is_facet and len(groups) > 1):
             hint = (
-                "; put a region into one group only, and add shapes of model.occ before nts.parts, "
-                "as their numbers clash otherwise"
+                "put each region into one group only"
+                if groups
+                else f"make it a body by model.addPhysicalGroup({dim}, [{entity}], name=...), or "
+                "remove it if it was only an aid to the construction"
             )
-            hint *= bool(groups)
-            raise ValueError(f"expected one physical group, given {where}{hint}")
+            raise ValueError(f"expected one physical group, given {where}: {hint}")
         if groups and list(given) != [expected[dim]]:
             raise ValueError(f"{where}: expected {names([expected[dim]])}, given {names(given)}")
         if is_facet and groups:

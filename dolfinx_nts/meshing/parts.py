@@ -1,9 +1,9 @@
-"""Simple bodies for a gmsh model, of hexahedra or tetrahedra, in the plane rectangles.
+"""Simple bodies for a gmsh model: boxes, balls, bowls, rings, tori and rectangles.
 
-There are boxes (also bars and plates), hollow and solid balls, bowls, rings and tori. Each
-function adds one body with named surfaces to a live model, and `read_mesh` makes the mesh of
-all of them. Bodies do not share nodes. All functions are local: they are called on the rank
-that holds the model.
+Their cells are hexahedra or tetrahedra, in the plane quadrilaterals or triangles. Each function
+adds one body with named surfaces to a live model, and `read_mesh` makes the mesh of all of them.
+Bodies do not share nodes. All functions are local: they are called on the rank that holds the
+model.
 """
 
 from dolfinx_nts.meshing.balls import add_bowl, add_hollow_ball, add_solid_ball

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dolfinx_nts.common.arrays import Floats, GlobalInts
+from dolfinx_nts.meshing.discrete_entities import add_discrete_entity
 
 __all__ = ["SIDES", "Block", "add_body", "hexahedra", "join", "quadrangles"]
 
@@ -131,8 +132,8 @@ def add_body(
     volume_type, surface_type = _CELLS[cell]
     split = cell == "tetrahedron"
     first = int(model.mesh.getMaxNodeTag()) + 1
-    entities = [model.addDiscreteEntity(2) for _ in surfaces]
-    volume = model.addDiscreteEntity(3, boundary=entities)
+    entities = [add_discrete_entity(model, 2) for _ in surfaces]
+    volume = add_discrete_entity(model, 3, entities)
     model.mesh.addNodes(3, volume, first + np.arange(x.size // 3), x.ravel())
     cells = first + (_tetrahedra(cells.reshape(-1, 8)) if split else cells)
     model.mesh.addElementsByType(volume, volume_type, [], cells.ravel())

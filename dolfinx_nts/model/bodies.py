@@ -181,7 +181,10 @@ def common_space(bodies: Sequence[Body]) -> fem.FunctionSpace:
     if not bodies:
         raise ValueError("expected at least one body, given none")
     if any(body.V != bodies[0].V for body in bodies):
-        raise ValueError("expected bodies in one function space, given several")
+        raise ValueError(
+            "expected bodies in one function space, given several: make one V on a mesh that has "
+            "all bodies, and pass it to each Body"
+        )
     return bodies[0].V
 
 
@@ -208,6 +211,7 @@ def check_bodies(bodies: Sequence[Body]) -> fem.FunctionSpace:
     if free or shared:
         raise ValueError(
             "expected every cell in exactly one body, "
-            f"given {free} cells in none and {shared} in several"
+            f"given {free} cells in none and {shared} in several: make one Body or "
+            "RigidBody for each tag of cells"
         )
     return V

@@ -51,7 +51,11 @@ class Supports:
         given = instances(fem.DirichletBC, bcs)
         for i, bc in enumerate(given):
             if not V._cpp_object.contains(compat.cpp_object(bc.function_space)):
-                raise ValueError(f"expected bcs on the space of the bodies, but not bcs[{i}]")
+                raise ValueError(
+                    f"expected bcs on the space of the bodies, given bcs[{i}] on another: pass "
+                    "the V of the bodies, or V.sub(i) for one direction, to locate_dofs_... and "
+                    "to dirichletbc"
+                )
         self._names = [f"bcs[{i}]" for i in range(len(given))]
         self.conditions = given
         if is_axisymmetric(V.mesh):

@@ -14,7 +14,7 @@ __all__ = ["FormLoad"]
 
 
 class FormLoad(Load):
-    r"""A load that you write as a form: a source, a spring, a follower. Collective.
+    r"""A load given as a UFL form, such as a spring or a follower force. Collective.
 
     The sign is that of the right-hand side of a DOLFINx problem, so that ``inner(f, eta) * dx``
     pushes along f. Functions and constants in the form may be set by ``update`` of the stepper.

@@ -14,7 +14,7 @@ __all__ = ["Guide"]
 
 
 class Guide(Declaration):
-    r"""Declares in which directions a rigid body moves freely; in the others it is led. Local.
+    r"""Declares in which directions a rigid body moves freely, and leads it in the others. Local.
 
     The body slides along and turns about the given directions, which stay as they are in space.
     All else is held, or moves as ``motion`` says: the part of the displacement of the guided

@@ -11,7 +11,7 @@ __all__ = ["Reaction", "reactions_of", "total_reactions"]
 
 
 class Reaction(NamedTuple):
-    """What a support, or the guide of a rigid body, did to bodies in a step, the same on all ranks.
+    """Force, moment and work of a support or a guide in a step, the same on all ranks.
 
     The force is the one of the scheme: its product with the increment of the displacement is
     the work of the support, and with loads and contact forces it is the rate of the momentum.

@@ -39,7 +39,7 @@ class _Resultant(LoadOnBody):
 
 
 class Force(_Resultant):
-    """Dead force on a body as a whole, at its centre of mass: spread as its weight is. Collective.
+    """Dead force on a body as a whole, distributed like its weight. Collective.
 
     Args:
         body: The body, such as a rigid one that a guide leaves free along the force.
@@ -71,7 +71,7 @@ class Force(_Resultant):
 
 
 class Moment(_Resultant):
-    r"""Moment on a body as a whole, without a resultant; it keeps its direction. Collective.
+    r"""Moment on a body as a whole, with a fixed direction and no resultant force. Collective.
 
     Its work on a rigid body in a step is :math:`M \cdot \theta` with the Cayley vector
     :math:`\theta`, 2 tan(angle/2) along the axis of the turn: a moment that is given in space has

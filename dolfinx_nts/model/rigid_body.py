@@ -17,7 +17,7 @@ __all__ = ["RigidBody", "guided"]
 
 
 class RigidBody(Body):
-    """A body that does not deform, and moves freely or as a guide lets it. Collective.
+    """A body that does not deform, and moves freely or along a guide. Collective.
 
     Mass, centre of mass and inertia are those of its mesh. Other bodies meet it by its surface,
     as that of any body, and it may share nodes with deformable bodies, which are then bonded to

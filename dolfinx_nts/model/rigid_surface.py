@@ -17,7 +17,7 @@ __all__ = ["RigidSurface"]
 
 
 class RigidSurface(Obstacle):
-    """A surface of triangles or quadrilaterals that bodies cannot enter. Local.
+    """A surface of triangles or quadrilaterals that bodies cannot pass through. Local.
 
     Args:
         points: Positions of the vertices, shape ``(n, 3)`` [m], the same on all ranks.

@@ -235,7 +235,10 @@ class Surface(Declaration):
             ValueError: No rank gives a facet, or one is not on the boundary.
         """
         if not reductions.total(V.mesh.comm, len(facets)):
-            raise ValueError("expected facets of the boundary, given none")
+            raise ValueError(
+                f"expected facets of the boundary, given none: the mesh has {_extent(V)}, and a "
+                "facet is taken if all its vertices are in the place; compare by np.isclose"
+            )
         ordered = np.sort(facets).astype(np.int32)
         tags = meshtags(V.mesh, V.mesh.topology.dim - 1, ordered, np.ones_like(ordered))
         return cls(V, tags, NamedTag(1, name), smooth=smooth)
@@ -375,3 +378,13 @@ def boundary_facets(V: fem.FunctionSpace, predicate: Callable[[Any], Any]) -> In
 
     facets: Ints = locate_entities_boundary(V.mesh, V.mesh.topology.dim - 1, checked)
     return facets
+
+
+def _extent(V: fem.FunctionSpace) -> str:
+    """Text with the least and the largest coordinates of the nodes. Collective."""
+    X = V.tabulate_dof_coordinates()[:, : dimension(V)]
+    low = reductions.least(V.mesh.comm, X.min(axis=0, initial=np.inf))
+    high = reductions.largest(V.mesh.comm, X.max(axis=0, initial=-np.inf))
+    size = np.abs([low, high]).max()
+    ends = zip("xyz", *(np.array([low, high]) / size).round(9) * size + 0.0, strict=False)
+    return ", ".join(f"{axis} from {a:.6g} to {b:.6g}" for axis, a, b in ends)

@@ -91,7 +91,7 @@ def test_bodies_that_no_pair_lets_touch_another_are_named(comm, caplog):
 def test_surface_in_a_space_of_another_degree_is_refused(comm, refused):
     mesh, _, facets, tag = nts.read_mesh(scenes.BALL_PLATE, comm)
     V = fem.functionspace(mesh, ("Lagrange", 3, (3,)))
-    with refused(ValueError, r"\('Lagrange', 1, \(3,\)\).*given .*block size 3"):
+    with refused(ValueError, r"\('Lagrange', 1, \(3,\)\).*given .*degree 3"):
         nts.Surface(V, facets, tag["ball_outer"])
 
 

@@ -62,3 +62,15 @@ def test_a_class_derived_from_a_declaration_sets_its_own_attributes():
     assert wall.height == 2.0
     with pytest.raises(AttributeError, match="make another Wall with it"):
         wall.height = 3.0
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize(
+    ("arguments", "options", "given"),
+    [((), {"E": 1e5, "nu": 0.3}, "E=, nu="), ((1e5,), {"nu": 0.3, "density": 1}, "float, nu=")],
+    ids=["missing", "unknown"],
+)
+def test_missing_argument_is_named_with_all_that_the_class_takes(arguments, options, given):
+    expected = r"expected NeoHookean\(E, nu, rho, .*\), of which E and nu and rho must be given"
+    with pytest.raises(TypeError, match=rf"{expected}, given NeoHookean\({given}.*'rho'"):
+        nts.NeoHookean(*arguments, **options)

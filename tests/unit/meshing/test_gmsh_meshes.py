@@ -163,7 +163,7 @@ def test_tags_are_read_only(comm):
 def test_group_without_a_name_is_called_by_its_tag(comm, model):
     if model:
         unit_box(model)
-        model.addPhysicalGroup(3, [1], tag=41)
+        model.addPhysicalGroup(3, model.getEntitiesForPhysicalGroup(3, 1), tag=41)
         model.removePhysicalGroups([(3, 1)])
         model.removePhysicalName("box_top")
     data = read_mesh(model, comm)
@@ -179,8 +179,9 @@ def test_volume_and_surface_may_share_a_name_only_with_the_same_tag(comm, model)
         model.setPhysicalName(2, 7, "box")
     refuse(comm, model, ValueError, "one tag for 'box', given 1 and 7")
     if model:
+        top = model.getEntitiesForPhysicalGroup(2, 7)
         model.removePhysicalGroups([(2, 7)])
-        model.addPhysicalGroup(2, [6], tag=1, name="box")
+        model.addPhysicalGroup(2, top, tag=1, name="box")
     data = read_mesh(model, comm)
     assert data.tag["box"] == 1
     assert measure(data, "box") == pytest.approx(1, rel=ROUNDING)
@@ -366,7 +367,7 @@ def test_mesh_without_physical_volumes_is_refused(comm, model):
     if model:
         unit_box(model)
         model.removePhysicalGroups([(3, 1)])
-    refuse(comm, model, ValueError, r"expected physical volumes .*, given none")
+    refuse(comm, model, ValueError, r"expected physical volumes, .*given 1 volume in no")
 
 
 @pytest.mark.parametrize("order, incomplete", [(2, 1), (3, 0)])
@@ -396,7 +397,7 @@ def test_volume_without_cells_is_refused(comm, model):
     if model:
         unit_box(model)
         model.addPhysicalGroup(3, [model.addDiscreteEntity(3)])
-    refuse(comm, model, ValueError, r"volume 2 .*expected Hexahedron 8, given no elements")
+    refuse(comm, model, ValueError, r"volume \d+ .*expected Hexahedron 8, given no elements")
 
 
 def test_untagged_volume_is_refused(comm, model):
@@ -404,19 +405,90 @@ def test_untagged_volume_is_refused(comm, model):
         unit_box(model)
         unit_box(model)
         model.removePhysicalGroups([(3, 8)])
-    refuse(comm, model, ValueError, r"expected one physical group, given volume 2 .*\[\]")
+    refuse(comm, model, ValueError, r"expected one physical group, given volume \d+ .*\[\]")
 
 
 @pytest.mark.serial
-def test_shapes_of_the_cad_kernel_come_before_parts():
+@pytest.mark.parametrize("first", ["part", "shape"])
+def test_parts_and_shapes_of_the_cad_kernel_go_together_in_the_plane(first):
+    """Half a disc is made of two shapes, whose numbers were those of the rectangle."""
+
     def build(model):
-        add_rectangle(model, "a", corner=(0, 0), size=(1, 1), cells=(2, 2))
-        disc = model.occ.addDisk(0, 3, 0, 1, 1)
+        def part():
+            add_rectangle(model, "part", corner=(0, -1), size=(1, 1), cells=(2, 2))
+
+        def shape():
+            disc = model.occ.addDisk(0, 1.2, 0, 1, 1)
+            right = model.occ.addRectangle(0, 0, 0, 3, 3)
+            ((_, half),), _ = model.occ.intersect([(2, disc)], [(2, right)])
+            model.occ.synchronize()
+            model.addPhysicalGroup(2, [half], name="shape")
+            model.mesh.setSize(model.getEntities(0), 0.3)
+            model.mesh.setRecombine(2, half)
+            model.mesh.generate(2)
+
+        for add in (part, shape) if first == "part" else (shape, part):
+            add()
+
+    mesh, cells, facets, tag = read_mesh(build, MPI.COMM_SELF)
+    num_cells = {name: len(cells.find(tag[name])) for name in ("part", "shape")}
+    assert sum(num_cells.values()) == mesh.topology.index_map(2).size_local
+    assert num_cells["part"] >= 4
+    assert all(
+        len(facets.find(tag[f"part_{side}"])) >= 2 for side in ("left", "right", "bottom", "top")
+    )
+
+
+@pytest.mark.serial
+def test_parts_and_shapes_of_the_cad_kernel_go_together_in_space():
+    def build(model):
+        box = {"corner": (0, 0, -1), "size": (1, 1, 1), "cells": (2, 2, 2)}
+        add_box(model, "part", **box, cell="tetrahedron")
+        ball = model.occ.addSphere(0.5, 0.5, 0.6, 0.5)
         model.occ.synchronize()
-        model.addPhysicalGroup(2, [disc], name="b")
+        model.addPhysicalGroup(3, [ball], name="shape")
+        model.mesh.setSize(model.getEntities(0), 0.4)
+        model.mesh.generate(3)
+
+    mesh, cells, facets, tag = read_mesh(build, MPI.COMM_SELF)
+    assert len(cells.find(tag["part"])) == 48
+    assert len(cells.find(tag["shape"])) == mesh.topology.index_map(3).size_local - 48 > 0
+    assert len(facets.find(tag["part_top"])) == 8
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize(
+    ("synchronize", "dims", "meshed", "match"),
+    [
+        (False, (), 0, r"given a model without either: .*synchronize\(\)"),
+        (True, (), 3, r"given 1 volume in no physical group: .*addPhysicalGroup\(3"),
+        (True, (2,), 3, r"given 1 volume in no physical group"),
+        (True, (3,), 2, r"given no elements: call gmsh\.model\.mesh\.generate\(3\)"),
+    ],
+)
+def test_model_without_bodies_is_refused_with_what_helps(synchronize, dims, meshed, match):
+    def build(model):
+        model.occ.addBox(0, 0, 0, 1, 1, 1)
+        if synchronize:
+            model.occ.synchronize()
+        for dim in dims:
+            model.addPhysicalGroup(dim, [1], name=f"dim {dim}")
+        model.mesh.generate(meshed)
+
+    with pytest.raises(ValueError, match=match):
+        read_mesh(build, MPI.COMM_SELF)
+
+
+@pytest.mark.serial
+def test_shell_is_refused():
+    def build(model):
+        model.occ.addSphere(0, 0, 0, 1)
+        model.occ.remove([(3, 1)])
+        model.occ.synchronize()
+        model.addPhysicalGroup(2, [1], name="shell")
         model.mesh.generate(2)
 
-    with pytest.raises(ValueError, match=r"one physical group, .*model\.occ before nts\.parts"):
+    with pytest.raises(ValueError, match=r"given surfaces from z = -1 up to z = 1: .*no shells"):
         read_mesh(build, MPI.COMM_SELF)
 
 
@@ -424,8 +496,8 @@ def test_shapes_of_the_cad_kernel_come_before_parts():
 def test_region_in_two_groups_is_refused(comm, model, dim):
     if model:
         unit_box(model)
-        model.addPhysicalGroup(dim, [1], tag=30)
-    refuse(comm, model, ValueError, r"one physical group, given (volume|surface) 1 .*, 30\]")
+        model.addPhysicalGroup(dim, [model.getEntities(dim)[0][1]], tag=30)
+    refuse(comm, model, ValueError, r"one physical group, given (volume|surface) \d+ .*, 30\]")
 
 
 def test_triangles_on_hexahedra_are_refused(comm, model):
@@ -434,7 +506,7 @@ def test_triangles_on_hexahedra_are_refused(comm, model):
         surface = model.addDiscreteEntity(2)
         model.mesh.addElementsByType(surface, 2, [], [1, 2, 3])
         model.addPhysicalGroup(2, [surface])
-    refuse(comm, model, ValueError, r"surface 7 .*expected Quadrilateral 4, given Triangle 3")
+    refuse(comm, model, ValueError, r"surface \d+ .*expected Quadrilateral 4, given Triangle 3")
 
 
 def test_surface_away_from_the_cells_is_refused(comm, model):
@@ -450,7 +522,7 @@ def test_facets_in_two_surfaces_are_refused(comm, model):
     if model:
         unit_box(model)
         surface = model.addDiscreteEntity(2)
-        _, _, (top,) = model.mesh.getElements(2, 6)
+        _, _, (top,) = model.mesh.getElements(2, model.getEntitiesForPhysicalGroup(2, 7)[0])
         model.mesh.addElementsByType(surface, 3, [], top)
         model.addPhysicalGroup(2, [surface], tag=50)
     refuse(comm, model, ValueError, "surface (7|50): expected 4 facets of cells, given ")

@@ -108,7 +108,7 @@ def test_elements_in_no_group_are_refused_as_ever(comm):
         add_box(model, "b", **BOX | {"corner": (0, 0, 2)}, cell="tetrahedron")
         model.removePhysicalGroups([(3, model.getPhysicalGroups(3)[-1][1])])
 
-    with pytest.raises(ValueError, match=r"expected one physical group, given volume 2"):
+    with pytest.raises(ValueError, match=r"expected one physical group, given volume \d+"):
         read_mesh(build, comm)
 
 

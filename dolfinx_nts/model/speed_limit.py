@@ -1,0 +1,49 @@
+"""Bodies that are faster than the waves in them, which mostly have units that do not fit."""
+
+import logging
+import math
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.parallel import reductions
+
+__all__ = ["warn_of_speed", "wave_speed"]
+
+_logger = logging.getLogger("dolfinx_nts")
+
+# Numbers of the strains 11, 22 and 33 among those of ``Hyperelastic.moduli``.
+_STRETCHES = [0, 3, 5]
+
+
+def wave_speed(body: Body) -> float:
+    """Speed of P-waves along an axis, the fastest, in the undeformed body [m/s]. Local.
+
+    It is infinite in a rigid body, and where the moduli vary in space.
+    """
+    if body.is_rigid or body.material.has_fields:
+        return math.inf
+    stiffest = body.material.moduli.diagonal()[_STRETCHES].max()
+    return math.sqrt(stiffest / body.material.rho)
+
+
+def warn_of_speed(body: Body, v: Floats) -> None:
+    """Warn of a body that is given more speed than waves in it have. Collective.
+
+    Args:
+        body: The body.
+        v: Velocities of its local nodes, shape ``(n, d)`` [m/s].
+    """
+    comm = body.V.mesh.comm
+    fastest = reductions.largest(comm, float(np.linalg.norm(v, axis=1).max(initial=0.0)))
+    waves = wave_speed(body)
+    if fastest > waves and comm.rank == 0:
+        _logger.warning(
+            "%s moves at up to %.3g, faster than waves in it (%.3g): harmless if all bodies move "
+            "together; otherwise an impact will crush it, so check that lengths, E, rho and "
+            "velocity are in consistent units (m, Pa, kg/m^3, m/s, or mm, MPa, t/mm^3, mm/s)",
+            body.name,
+            fastest,
+            waves,
+        )
