@@ -210,7 +210,7 @@ class ImplicitStepper(Stepper):
         self._bulk.rigid.begin(self._owned(self.u_n.x.array))
         at_rest = partial(self._is_at_rest, load)
         forces = self._forces_at_start
-        self._rates.begin(forces, self._free, self._bulk.rigid, at_rest, self._led)
+        self._rates.begin(forces, self._free, self._bulk.rigid, at_rest, self._given_ways)
         starts = [Start(name, self._admissible(u), u) for name, u in self._rates.starts().items()]
         problem = self._problem(starts, load)
         reports: dict[str, NewtonReport] = {}
@@ -305,13 +305,13 @@ class ImplicitStepper(Stepper):
             trial.array[:] = u_n
         return u
 
-    def _led(self) -> Floats:
+    def _given_ways(self) -> Floats:
         """Displacements that supports and guides give in the step at the owned dofs [m]."""
         # Where guides rest, rigid bodies move by round-off, which has no direction.
-        start = self._admissible if self._bulk.rigid.guides.move else self.supports.applied
+        led = self._admissible if self._bulk.rigid.guides.move else self.supports.applied
         u_n = self.u_n.x.array
-        led: Floats = (start(u_n) - u_n)[: self._bulk.num_owned]
-        return led
+        ways: Floats = (led(u_n) - u_n)[: self._bulk.num_owned]
+        return ways
 
     def _take_back_supports(self, guess: Floats) -> None:
         """Let supports with a long way be where they are in a guess ``(d l,)`` [m]. Collective.

@@ -191,11 +191,9 @@ class NoRates(Rates):
         led: Callable[[], Floats],
     ) -> None:
         """Find out whether bodies are likely to go on as in the last step."""
-        now: Floats = 1 / float(self.dt.value) * led()
-        self._now = now
+        self._now = now = np.divide(led(), float(self.dt.value))
         last, motion = (f.x.array[: len(now)] for f in (self._led, self.mean_velocity))
-        vectors = now, last, now - last, motion
-        squares = [float(v @ v) for v in vectors]
+        squares = [float(v @ v) for v in (now, last, now - last, motion)]
         *lengths, change, moved = map(float, reductions.total(self._comm, squares))
         # Of one length they are less than 60 degrees apart.
         is_near = change == 0 or change < max(lengths)
