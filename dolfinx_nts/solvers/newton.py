@@ -316,9 +316,9 @@ def solve(
             far = norm > _SMALL_RESIDUAL * scale
             slow = iteration == 0 or (far and norm > _LITTLE_REDUCTION * norms[-2])
             doubtful = slow or changed or violated
-        else:  # forces of the first guess tell little, and states that are to stick do so
+        else:  # forces of the first guess tell little, one node can change by itself
             far = iteration > 0 and norm > _MARGINAL * scale
-            doubtful = changed and far and not begins_sticking
+            doubtful = changed > 1 and far and not begins_sticking
         if doubtful and _may_decide(iteration):
             with timings.phase("solve"):
                 decided = solver.decided(R, steps, states, inertia)
