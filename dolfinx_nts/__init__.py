@@ -46,7 +46,7 @@ from dolfinx_nts.model.rigid_surface import RigidSurface
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel.errors import end_together
 from dolfinx_nts.search.overlaps import Overlap
-from dolfinx_nts.solvers.newton import ConvergenceError
+from dolfinx_nts.solvers.newton_report import ConvergenceError
 
 __version__ = "0.2.0"
 
