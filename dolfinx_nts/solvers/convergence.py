@@ -38,11 +38,11 @@ _LAST_DIGITS = 4 * float(np.finfo(np.float64).eps)
 # Number of long increments from which on a step with inertia, whose starts are near its end, is
 # given up.
 _MOST_LONG = 12
+# Reduction of the residual [-] that is too little if states do not contradict themselves.
+_LITTLE_REDUCTION = 0.1
 # Residual without inertia, relative to the forces at work [-], below which nodes are decided on one
 # by one: factors of an earlier state do not tell which of them hardly stick or hardly slide.
 _MARGINAL = 1e-5
-# Reduction of the residual [-] that is too little if states do not contradict themselves.
-_LITTLE_REDUCTION = 0.1
 
 
 class Iterate(NamedTuple):
@@ -222,11 +222,19 @@ class Convergence:
         self._num_long += is_long
         self.iteration += 1
 
-    def doubts(self, seen: Measures) -> bool:
-        """Whether contact, stick and slip of an iterate are likely to change. Local."""
-        if not self._inertia:  # forces of the first guess tell little
-            return bool(seen.changed and self.iteration and seen.norm > _MARGINAL * seen.scale)
-        if seen.changed or seen.is_open or self.iteration == 0:
+    def is_doubtful(self, seen: Measures) -> bool:
+        """Whether states of contact should be decided on all at once. Local.
+
+        Without inertia forces of the first guess tell little, and one node changes by itself.
+        """
+        if self._inertia:
+            return seen.changed > 0 or seen.is_open or self._is_slow(seen)
+        is_far = self.iteration > 0 and seen.norm > _MARGINAL * seen.scale
+        return is_far and seen.changed > 1
+
+    def _is_slow(self, seen: Measures) -> bool:
+        """Whether the last increment has not brought the iterate much nearer. Local."""
+        if self.iteration == 0:
             return True
         return not seen.is_small and seen.norm > _LITTLE_REDUCTION * self.norms[-2]
 

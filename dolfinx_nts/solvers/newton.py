@@ -169,9 +169,7 @@ def solve(
         if converged or reason:
             return Solution(states, R, R_bulk, forces, convergence.report(reason))
 
-        # States that are to stick at first do so.
-        may_decide = _may_decide(iteration) and (inertia or not begins_sticking)
-        if may_decide and convergence.doubts(seen):
+        if convergence.is_doubtful(seen) and _may_decide(iteration) and not begins_sticking:
             with timings.phase("solve"):
                 decided = solver.decided(R, steps, states, inertia)
             if decided is not None:
