@@ -57,14 +57,14 @@ _RULES = {
 }
 
 
-def contact_fields(stepper: Stepper) -> list[str]:
-    """Names of the fields of contact that a stepper has, see `nodal_fields`. Local."""
+def contact_fields(stepper: Stepper) -> dict[str, float]:
+    """Values at nodes without a pair by the names of the fields of contact. Local."""
     has_friction = any(pair.friction is not None for pair in stepper.pairs)
-    return [
-        name
+    return {
+        name: rule.elsewhere
         for name, rule in _RULES.items()
         if stepper.pairs and (has_friction or not rule.needs_friction)
-    ]
+    }
 
 
 def contact_field(stepper: Stepper, name: str) -> Array:

@@ -16,7 +16,7 @@ from dolfinx_nts.common.arrays import Array, Floats, GlobalInts, Ints
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import exchanged, joined
 
-__all__ = ["Slab", "Slabs", "looked_up"]
+__all__ = ["Slab", "Slabs", "Some", "looked_up"]
 
 # Numbers by which each rank describes where its own lie, if it has as many as the others [-].
 _SAMPLES = 64
@@ -55,6 +55,23 @@ class Slab(NamedTuple):
         return Slab(self.values.reshape(-1, *shape), number * self.begin, number * self.length)
 
 
+class Some(NamedTuple):
+    """Rows of an array; all others have one value.
+
+    Attributes:
+        rows: Numbers of the rows.
+        elsewhere: Value of the others.
+    """
+
+    rows: Ints
+    elsewhere: float
+
+    def elsewhere_of(self, shape: tuple[int, ...]) -> Floats:
+        """Array of the value of the others."""
+        # Zeros take no time where nobody writes.
+        return np.full(shape, self.elsewhere) if self.elsewhere else np.zeros(shape)
+
+
 class Slabs:
     """Brings numbered rows of all ranks into slabs. Collective, as are its methods.
 
@@ -82,7 +99,7 @@ class Slabs:
         last = np.cumsum(comm.allgather(len(numbers)))
         self._begin, self._length = int(last[comm.rank]) - len(numbers), int(last[-1])
 
-    def slab(self, rows: Array, room: Array | None = None, changed: Ints | None = None) -> Slab:
+    def slab(self, rows: Array, room: Array | None = None, some: Some | None = None) -> Slab:
         """Bring rows into slabs.
 
         Args:
@@ -90,13 +107,14 @@ class Slabs:
                 kind on all ranks.
             room: Contiguous array that is not needed any more, in which the rows of the slab are
                 put if they fit: new memory takes longer than the rows.
-            changed: Rows of this rank that may differ from those in the room, which has been
-                the slab of others of this kind; None: all.
+            some: Rows of this rank that may differ from one value. The room, if there is one, has
+                been the slab of rows of which the same may.
         """
         if self._comm.size == 1:
-            if room is not None and changed is not None:
-                room[self._place[changed]] = rows[changed]
-                return Slab(room, self._begin, self._length)
+            if some is not None:
+                values = some.elsewhere_of(rows.shape) if room is None else room
+                values[self._place[some.rows]] = rows[some.rows]
+                return Slab(values, self._begin, self._length)
             return Slab(_taken(rows, self._order, room), self._begin, self._length)
         received = self._exchanged(_taken(rows, self._order))
         return Slab(_taken(received, self._merge, room), self._begin, self._length)
@@ -105,19 +123,19 @@ class Slabs:
         self,
         fields: Mapping[str, Floats],
         room: Mapping[str, Array] | None = None,
-        changed: Mapping[str, Ints] | None = None,
+        some: Mapping[str, Some] | None = None,
     ) -> dict[str, Slab]:
         """Bring rows of several fields into slabs, by one message between any two ranks.
 
         Args:
             fields: Rows of this rank by name, see `slab`.
             room: Arrays by name, see `slab`; several ranks do not use them.
-            changed: Rows of some of the fields by name, see `slab`.
+            some: Rows that may differ from one value by name, see `slab`.
         """
         if self._comm.size == 1 or not fields:
-            room, changed = room or {}, changed or {}
+            room, some = room or {}, some or {}
             return {
-                name: self.slab(rows, room.get(name), changed.get(name))
+                name: self.slab(rows, room.get(name), some.get(name))
                 for name, rows in fields.items()
             }
         parts = [rows.reshape(len(rows), -1) for rows in fields.values()]

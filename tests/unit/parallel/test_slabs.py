@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dolfinx_nts.parallel.slabs import Slab, Slabs, looked_up
+from dolfinx_nts.parallel.slabs import Slab, Slabs, Some, looked_up
 
 # Numbers as those of vertices, and of middles of edges, which need 62 bits.
 NUMBERS = np.concatenate([3 * np.arange(200), 2**31 * np.arange(1, 1801) + 5])
@@ -56,13 +56,17 @@ def test_rows_take_the_place_of_those_that_nobody_needs(comm, mine, agree):
         assert agree(np.shares_memory(found.values, other) == (number == 0))
 
 
-def test_only_rows_that_change_are_put_in_the_room_of_a_former_slab(comm, mine, agree):
-    slabs, rows = Slabs(comm, mine), table(mine).astype(float)
-    former = slabs.slab(rows).values
-    changed = np.flatnonzero(mine % 2 == 0).astype(np.int32)
-    rows[changed] += 1
-    found = whole(comm, slabs.slab(rows, former, changed))
-    assert agree(np.array_equal(found, table(NUMBERS) + (NUMBERS % 2 == 0)[:, None]))
+def test_only_some_rows_differ_from_the_others(comm, mine, agree):
+    slabs, is_even = Slabs(comm, mine), NUMBERS % 2 == 0
+    some = Some(np.flatnonzero(mine % 2 == 0).astype(np.int32), 7.0)
+    former = None
+    for shift in (0.0, 0.5):
+        rows = table(mine) + shift
+        rows[mine % 2 != 0] = 7.0
+        found = slabs.slab(rows, former, some)
+        expected = np.where(is_even[:, None], table(NUMBERS) + shift, 7.0)
+        assert agree(np.array_equal(whole(comm, found), expected))
+        former = found.values
 
 
 def test_no_rank_has_many_more_rows_than_others(comm, mine, agree):
