@@ -49,7 +49,7 @@ from dolfinx_nts.model.surface_loads import Pressure, Traction
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel.errors import end_together
 from dolfinx_nts.search.overlaps import Overlap
-from dolfinx_nts.solvers.newton import ConvergenceError
+from dolfinx_nts.solvers.newton_report import ConvergenceError
 
 __version__ = "0.2.0"
 

@@ -44,7 +44,7 @@ from dolfinx_nts.model.loads import Load
 from dolfinx_nts.model.reaction import Reaction
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.meeting import meet
-from dolfinx_nts.solvers.newton import ConvergenceError
+from dolfinx_nts.solvers.newton_report import ConvergenceError
 
 __all__ = ["CentralDifference"]
 

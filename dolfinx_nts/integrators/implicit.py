@@ -33,6 +33,7 @@ from dolfinx_nts.contact.massless import is_resolved, massless_nodes
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.components import in_space
+from dolfinx_nts.integrators.attempt import Start, StepProblem
 from dolfinx_nts.integrators.inertia import ConsistentInertia, Inertia
 from dolfinx_nts.integrators.rates import MidpointRates
 from dolfinx_nts.integrators.reactions import Reactions
@@ -56,9 +57,12 @@ from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers import newton
 from dolfinx_nts.solvers.cell_sizes import cell_sizes
+from dolfinx_nts.solvers.convergence import closed_within, last_digits
 from dolfinx_nts.solvers.drag import Drag
-from dolfinx_nts.solvers.free_bodies import FreeBodies, FreeBody, find_free_bodies
+from dolfinx_nts.solvers.free_bodies import FreeBody, find_free_bodies
+from dolfinx_nts.solvers.inertia_relief import InertiaRelief
 from dolfinx_nts.solvers.krylov import LinearSolver
+from dolfinx_nts.solvers.newton_report import ConvergenceError, NewtonReport
 from dolfinx_nts.solvers.statistics import SolverStatistics
 
 __all__ = ["ImplicitStepper"]
@@ -93,7 +97,7 @@ class ImplicitStepper(Stepper):
         """Check the arguments, and compile the forms of the scheme."""
         super().__init__(bodies, pairs, dt=dt, loads=loads, update=update)
         self._rates = self.scheme.rates(self, self._dt, bodies)
-        if self._rates.acceleration is None:
+        if self._is_static:
             check_statics(self.bodies)
         ends = self.scheme.ends_for_loads(self.u_n, self.u)
         works = [load.form(*ends) for load in self.loads]
@@ -113,16 +117,16 @@ class ImplicitStepper(Stepper):
         # For the size of forces, where lumped masses are exact enough.
         self._lumped_mass: Floats = np.repeat(lumped_mass(bodies), self._bulk.rigid.dim)
         free: Sequence[FreeBody] = ()
-        if self._rates.acceleration is None:
+        if self._is_static:
             X = self._X[: len(self.node_ids)]
             free = find_free_bodies(bodies, self._bulk, self._tangent, X)
         dim = self._bulk.rigid.dim
         mass = self._lumped_mass[::dim]
-        self._free_bodies = FreeBodies(free, self._tangent, mass, dim)
+        self._inertia_relief = InertiaRelief(free, self._tangent, mass, dim)
         if free:
-            self._bulk.stabilisation = self._free_bodies.resistance
-            self._tangent.shift = self._free_bodies.shift
-            self._tangent.num_free = self._free_bodies.num_motions
+            self._bulk.stabilisation = self._inertia_relief.resistance
+            self._tangent.shift = self._inertia_relief.shift
+            self._tangent.num_free = self._inertia_relief.num_motions
             self._tangent.forget()
         share = partial(self._rates.inertia_share, self._lumped_mass)
         self._solver = LinearSolver(self._bulk, self._tangent, share, petsc_options)
@@ -137,9 +141,14 @@ class ImplicitStepper(Stepper):
             self._bulk,
             self.bodies,
             at_mean=self.scheme.loads_at == "mean",
-            is_static=self._rates.acceleration is None,
+            is_static=self._is_static,
         )
         self._forces = StepForces(self._bulk, self._lumped_mass)
+
+    @property
+    def _is_static(self) -> bool:
+        """Whether there is no inertia. Local."""
+        return self._rates.acceleration is None
 
     def serialize(self, archive: Archive) -> None:
         """Serialize the state, also that of the rates and of the linear solver."""
@@ -193,7 +202,7 @@ class ImplicitStepper(Stepper):
         return super()._turns() + self._bulk.rigid.guides.turns()
 
     def _step(self) -> StepReport:
-        """Try Newton's method from several displacements, until one succeeds."""
+        """Try Newton's method from several states, until one succeeds."""
         self._choose_springs()
         load = self._forces.norm(self._forces.loads()) if self.loads else 0.0
         if not np.isfinite(load):
@@ -201,67 +210,63 @@ class ImplicitStepper(Stepper):
         self._bulk.rigid.begin(self._owned(self.u_n.x.array))
         at_rest = partial(self._is_at_rest, load)
         self._rates.begin(self._forces_at_start, self._free, self._bulk.rigid, at_rest)
-        guesses = self._rates.starts()
-        starts = {name: self._start(u) for name, u in guesses.items()}
-        x = self.x, self._X + self._in_space(starts[self._rates.trial])
-        on_the_way = {
-            part: self._X + self._in_space(self._start(guesses[self._rates.trial], part))
-            for part in _held_parts(self.pairs if self._rates.acceleration is not None else ())
-        }
-        v = self.v.x.array[: len(self._lumped_mass)]
-        force_scale = self._forces.scale(load, v, self.dt)
-        attempts: dict[str, newton.NewtonReport] = {}
-        in_turn = self._attempts(starts, attempts) if self._tries else ()
-        for name, start, begins_sticking in in_turn:
-            of_start = starts[start], guesses[start], x, on_the_way, force_scale
-            solve = partial(self._solve, *of_start, begins_sticking=begins_sticking)
-            steps, solution = solve()
+        starts = [Start(name, self._led(u), u) for name, u in self._rates.starts().items()]
+        problem = self._problem(starts, load)
+        reports: dict[str, NewtonReport] = {}
+        for start in self._attempts(starts, reports) if self._tries else ():
+            steps, solution = self._solve(start, problem)
             if self._sleeping.must_wake(steps):
-                steps, solution = solve(all_awake=True)
-            attempts[name] = solution.report
-            if solution.report.converged:
-                way = _kernels.farthest(self.x, x[0])
-                self._way = reductions.largest(self._comm, way)
-                reason = self._wrong(steps, x[0])
-                if not reason:
-                    self.watch.vertices.accept()
-                    self._forces.load = load
-                    return self._accepted(steps, solution, attempts.values())
-                attempts[name] = replace(solution.report, reason=reason)
+                steps, solution = self._solve(start, problem, all_awake=True)
+            reports[start.name] = self._judged(steps, solution.report, problem)
+            if reports[start.name].converged:
+                self.watch.vertices.accept()
+                return self._accepted(steps, solution, reports.values(), load)
             if solution.report.is_hopeless:
                 break
-        advice = self._free_bodies.advice() or self._time_helps()
-        hopeless = any(report.is_hopeless for report in attempts.values())
-        given = starts["last"], guesses["last"], x, force_scale
-        elsewhere = self._elsewhere(*given) if self._relaxes and not hopeless else None
-        if elsewhere is not None:
-            steps, solution = elsewhere
-            attempts["relaxed"] = solution.report
+        advice = self._inertia_relief.advice() or self._time_helps()
+        hopeless = any(report.is_hopeless for report in reports.values())
+        if self._relaxes and not hopeless and (found := self._elsewhere(starts[-1], problem)):
+            steps, solution = found
+            reports["relaxed"] = solution.report
             if solution.report.converged:
-                self._forces.load = load
-                report = self._accepted(steps, solution, attempts.values())
+                report = self._accepted(steps, solution, reports.values(), load)
                 self._rates.forget()  # It does not go on like that.
                 return report
             advice += f"; {IF_IT_MOVES}"
         self.u.x.array[:] = self.u_n.x.array
-        raise self._failure(attempts, steps, solution.states, advice)
+        raise self._failure(reports, steps, solution.states, advice)
+
+    def _problem(self, starts: Iterable[Start], load: float) -> StepProblem:
+        """What is given in the step that begins; ``load`` is the norm of its loads [N]."""
+        trial = next(start for start in starts if start.name == self._rates.trial)
+        on_the_way = {
+            part: self._X + self._in_space(self._led(trial.guess, part))
+            for part in _held_parts(() if self._is_static else self.pairs)
+        }
+        v = self.v.x.array[: len(self._lumped_mass)]
+        force_scale = self._forces.scale(load, v, self.dt)
+        return StepProblem(self.x, self._X + self._in_space(trial.u), on_the_way, load, force_scale)
 
     def _attempts(
-        self, starts: Iterable[str], failed: Mapping[str, newton.NewtonReport]
-    ) -> Iterator[tuple[str, str, bool]]:
-        """Attempts in turn: name, name of the start, and whether all nodes stick at first.
+        self, starts: Iterable[Start], failed: Mapping[str, NewtonReport]
+    ) -> Iterator[Start]:
+        """Starts to try in turn; ``failed`` has the reports of those before, by their names."""
+        yield from starts
 
-        ``failed`` are the reports of those before.
-        """
-        yield from ((name, name, False) for name in starts)
+    def _judged(
+        self, steps: Sequence[ContactStep], report: NewtonReport, problem: StepProblem
+    ) -> NewtonReport:
+        """Report of an attempt, with the reason why its solution cannot be accepted, if any."""
+        if not report.converged:
+            return report
+        way = _kernels.farthest(self.x, problem.x_n)
+        self._way = reductions.largest(self._comm, way)
+        return replace(report, reason=self._wrong(steps, problem.x_n))
 
     def _elsewhere(
-        self, start: Floats, guess: Floats, x: tuple[Floats, Floats], force_scale: float
+        self, start: Start, problem: StepProblem
     ) -> tuple[list[ContactStep], newton.Solution] | None:
-        """Look for a solution far from the last state, where none is near; None: not with inertia.
-
-        Arguments are those of `_solve` from the last state.
-        """
+        """Look for a solution far from the last state, the start; None: not with inertia."""
         return None
 
     def _choose_springs(self) -> None:
@@ -278,11 +283,11 @@ class ImplicitStepper(Stepper):
                 known.append(spring_stiffness(static, self.bodies, mass, self._rates))
             return known[0]
 
-        stiffer = _STIFF if self._rates.acceleration is None else _RESOLVED
+        stiffer = _STIFF if self._is_static else _RESOLVED
         for contact in self.contacts:
             contact.derive_penalty(stiffness, stiffer)
 
-    def _start(self, u: Floats, part: float = 1.0) -> Floats:
+    def _led(self, u: Floats, part: float = 1.0) -> Floats:
         """Displacements u of the local dofs [m] as supports and rigid bodies let them be.
 
         With a part of the step, displacements after that part of the way from those at its start.
@@ -342,11 +347,11 @@ class ImplicitStepper(Stepper):
 
     def _failure(
         self,
-        attempts: Mapping[str, newton.NewtonReport],
+        attempts: Mapping[str, NewtonReport],
         steps: Sequence[ContactStep],
         states: Sequence[ContactContribution],
         advice: str,
-    ) -> newton.ConvergenceError:
+    ) -> ConvergenceError:
         """Error that says why all attempts have failed; steps and states are of the last."""
         return StepFailure(attempts, steps, states, self._comm).error(
             f"step {self.step + 1} from t = {self.t:.10g} to {self.t + self.dt:.10g}",
@@ -363,124 +368,138 @@ class ImplicitStepper(Stepper):
     def _work_of_open_gaps(self, steps: Sequence[ContactStep]) -> float:
         """Work of multipliers on gaps that count as closed, of this rank, at most [J]. Local."""
         forces = sum(float(np.abs(step.normal.lambda_N).sum()) for step in steps)
-        digits = newton.last_digits(float(np.abs(self.x).max(initial=0.0)))
-        return forces * newton.closed_within(self._sizes.smallest, digits)
+        digits = last_digits(float(np.abs(self.x).max(initial=0.0)))
+        return forces * closed_within(self._sizes.smallest, digits)
 
     def _accepted(
         self,
         steps: Sequence[ContactStep],
         solution: newton.Solution,
-        attempts: Collection[newton.NewtonReport],
+        attempts: Collection[NewtonReport],
+        load: float,
     ) -> StepReport:
-        """Set the velocity and the contact by the solution, and compute all works."""
-        dt, n = self.dt, len(self._lumped_mass)
+        """Set the velocity and the contact by the solution, and compute all works.
+
+        ``attempts`` are the reports of all attempts, ``load`` is the norm of the loads [N].
+        """
+        n = len(self._lumped_mass)
         works = {}
         for step, pairs in zip(steps, solution.states, strict=True):
             history, works[step.state] = step.accepted(pairs)
             step.state.accept(history)
         self.watch.springs.look()
-        self._free_bodies.tell(steps)
+        self._inertia_relief.tell(steps)
         du = (self.u.x.array - self.u_n.x.array)[:n]
         reactions, constraints = self._reactions.of(steps, solution, self.x, self._owned(du))
         self.memory.accept()
         damped = self._inertia.dissipated()
-        loaded = [load @ du for load in self._bulk.loads()]
-        near = sum(len(step.candidates.size) for step in steps)
         v_n = self.v.x.array[:n].copy()
         defect, settling = self._inertia.accept(steps)
-        energies = map(self._forces.kinetic_energy, (v_n, self.v.x.array[:n]))
-        open_work = self._work_of_open_gaps(steps)
-        values = -damped, solution.R @ du, near, defect + constraints, open_work, *energies, *loaded
-        sums = reductions.total(self._comm, list(map(float, values)))
-        damping_work, solver_work, in_reach, self.inertia_defect, open_work, *sums = sums
-        before, after, *load_works = sums
-        if self._rates.acceleration is not None:
-            self.watch.gains.look(works, (before, after), self.t + dt, open_work)
-        inertia = self._lumped_mass * (self.v.x.array[:n] - v_n) / dt
+        v = self.v.x.array[:n]
+        of_this_rank = {
+            "damping": -damped,
+            "solver": solution.R @ du,
+            "inertia": defect + constraints,
+            "open gaps": self._work_of_open_gaps(steps),
+            "segments": sum(len(step.candidates.size) for step in steps),
+            "before": self._forces.kinetic_energy(v_n),
+            "after": self._forces.kinetic_energy(v),
+        }
+        of_loads = [force @ du for force in self._bulk.loads()]
+        values = list(map(float, [*of_this_rank.values(), *of_loads]))
+        sums = reductions.total(self._comm, values)
+        total, load_works = dict(zip(of_this_rank, sums, strict=False)), sums[len(of_this_rank) :]
+        self.inertia_defect, t = total["inertia"], self.t + self.dt
+        if not self._is_static:
+            kinetic = total["before"], total["after"]
+            self.watch.gains.look(works, kinetic, t, total["open gaps"])
         # Without inertia bodies may press against supports alone.
-        internal = self._bulk.forces() if self._rates.acceleration is None else solution.R_bulk
+        internal = self._bulk.forces() if self._is_static else solution.R_bulk
+        internal = internal - self._lumped_mass * (v - v_n) / self.dt
         # What keeps a body rigid is no force of the balance.
-        forces = self._bulk.rigid.without(self._owned(internal - inertia))
-        self._forces.internal = self._forces.norm(forces.ravel())
+        self._forces.accept(load, self._bulk.rigid.without(self._owned(internal)).ravel())
         return StepReport(
             step=self.step + 1,
-            t=self.t + dt,
-            dt=dt,
+            t=t,
+            dt=self.dt,
             newton_iterations=sum(attempt.iterations for attempt in attempts),
             active_set_changes=solution.report.active_set_changes,
             residual_norms=solution.report.residual_norms,
             num_active=solution.report.num_active,
-            num_segments=int(in_reach),
+            num_segments=int(total["segments"]),
             num_sleeping=len(self._sleeping.bodies),
             contact_work=sum(works.values(), settling),
-            damping_work=damping_work,
-            solver_work=solver_work,
+            damping_work=total["damping"],
+            solver_work=total["solver"],
             load_works=tuple(load_works),
             reactions=reactions,
         )
 
     def _solve(
         self,
-        start: Floats,
-        guess: Floats,
-        x: tuple[Floats, Floats],
-        on_the_way: Mapping[float, Floats],
-        force_scale: float,
+        start: Start,
+        problem: StepProblem,
+        *,
         all_awake: bool = False,
         drag: Drag | None = None,
         after: Sequence[ContactStep] = (),
-        begins_sticking: bool = False,
     ) -> tuple[list[ContactStep], newton.Solution]:
-        """Solve the step from a displacement; ``x`` are positions at its start and on trial.
+        """Solve the step.
 
-        ``guess`` is that displacement before supports and rigid bodies have changed it;
-        ``on_the_way`` is that of `ContactStep`; ``drag`` resists all motions; contact begins as
-        it was at the end of the attempts ``after``, one for each pair, if there are any.
-        ``begins_sticking`` is that of `ContactStep`.
+        Args:
+            start: Where Newton's method starts.
+            problem: What is given in the step.
+            all_awake: Whether bodies that sleep are computed, too.
+            drag: Resistance to all motions, if any.
+            after: Contact at the end of an attempt, as which it begins here, if there was one.
         """
-        self.u.x.array[:] = start
+        self.u.x.array[:] = start.u
         with self.timings.phase("contact"):
-            mass = self._lumped_mass[:: self._bulk.rigid.dim]
-            stiffness = contact_stiffness(
-                self._tangent.nodal_stiffness(), self.bodies, mass, self._rates
-            )
-            is_static, share = self._rates.acceleration is None, self.scheme.stress_share
-            of_nodes = stiffness, self._free
-            rigid = self._bulk.rigid.nodes
-            states: Sequence[PairState | JointState] = self._sleeping.states
-            if not is_static:
-                way = reductions.largest(self._comm, _kernels.farthest(*x))
-                states = [state for state in states if may_face(state, x[0], way)]
-            steps = [
-                ContactStep(
-                    *(state, self.scheme.contact, *x, *of_nodes, is_static, rigid, on_the_way),
-                    share,
-                    begins_sticking,
-                )
-                for state in states
-            ]
+            steps = self._contact_steps(problem, start.begins_sticking)
             if after:
                 go_on_from(steps, after)
         # Bodies that only contact holds go as far as it takes to touch others.
-        if not (all_awake or self._free_bodies.bodies):
+        if not (all_awake or self._inertia_relief.bodies):
             self._sleeping.find(self.v.x.array, self.u_n.x.array, steps)
-        self._take_back_supports(guess)
+        self._take_back_supports(start.guess)
         solution = newton.solve(
             self._bulk,
             self._solver,
             steps,
             self._X[: len(self.node_ids)],
-            free=self._free_bodies,
+            relief=self._inertia_relief,
             at_rest=self._rates.at_rest and drag is None,
             sizes=self._sizes,
-            force_scale=force_scale,
-            inertia=self._rates.acceleration is not None,
+            force_scale=problem.force_scale,
+            inertia=not self._is_static,
             jumps=self.memory.flows,
             timings=self.timings,
             drag=drag,
-            begins_sticking=begins_sticking,
+            begins_sticking=start.begins_sticking,
         )
         return steps, solution
+
+    def _contact_steps(self, problem: StepProblem, begins_sticking: bool) -> list[ContactStep]:
+        """Contact of the pairs that may touch, at the beginning of an attempt."""
+        mass = self._lumped_mass[:: self._bulk.rigid.dim]
+        stiffness = contact_stiffness(
+            self._tangent.nodal_stiffness(), self.bodies, mass, self._rates
+        )
+        x_n, x_trial = problem.x_n, problem.x_trial
+        states: Sequence[PairState | JointState] = self._sleeping.states
+        if not self._is_static:
+            way = reductions.largest(self._comm, _kernels.farthest(x_n, x_trial))
+            states = [state for state in states if may_face(state, x_n, way)]
+        return [
+            ContactStep(
+                *(state, self.scheme.contact, x_n, x_trial, stiffness, self._free, self._is_static),
+                self._bulk.rigid.nodes,
+                problem.on_the_way,
+                self.scheme.stress_share,
+                begins_sticking,
+            )
+            for state in states
+        ]
 
     def _work_of_solvers(self) -> tuple[int, SolverStatistics]:
         return self._bulk.num_assembled[0], self._solver.statistics

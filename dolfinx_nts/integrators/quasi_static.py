@@ -10,6 +10,7 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
+from dolfinx_nts.integrators.attempt import Start, StepProblem
 from dolfinx_nts.integrators.implicit import ImplicitStepper
 from dolfinx_nts.integrators.rates import NoRates
 from dolfinx_nts.integrators.relaxation import PseudoStep, Relaxation
@@ -18,6 +19,7 @@ from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers import newton
 from dolfinx_nts.solvers.drag import Drag
+from dolfinx_nts.solvers.newton_report import NewtonReport
 
 __all__ = ["QuasiStatic"]
 
@@ -78,28 +80,29 @@ class QuasiStatic(ImplicitStepper):
             )
 
     def _attempts(
-        self, starts: Iterable[str], failed: Mapping[str, newton.NewtonReport]
-    ) -> Iterator[tuple[str, str, bool]]:
-        """Attempts in turn; after the first one, if it was not decided, all nodes stick at first.
+        self, starts: Iterable[Start], failed: Mapping[str, NewtonReport]
+    ) -> Iterator[Start]:
+        """Starts to try in turn; if the first is not decided, all nodes stick at first next.
 
         Where others slide before Newton's method is near to an equilibrium, bodies that friction
         alone holds, as what rolls, go far by that, and what slid then may go on to do so without
         any contradiction but that of others.
         """
-        first, *others = super()._attempts(starts, failed)
+        first, *others = starts
+        last = others[-1] if others else first
         yield first
         has_friction = any(pair.friction for pair in self.pairs)
         if has_friction and any(report.is_undecided for report in failed.values()):
-            yield "sticking", "last", True
+            yield replace(last, name="sticking", begins_sticking=True)
         yield from others
 
     def _elsewhere(
-        self, start: Floats, guess: Floats, x: tuple[Floats, Floats], force_scale: float
+        self, start: Start, problem: StepProblem
     ) -> tuple[list[ContactStep], newton.Solution]:
         """Let bodies go to an equilibrium against a resistance, see `Relaxation`."""
-        self.u.x.array[:] = guess
+        self.u.x.array[:] = start.guess
         drag, n = Drag(self._bulk, self._tangent), self._bulk.num_owned
-        last, trial = self._X + self._in_space(guess), x[1]
+        x_n, last = problem.x_n, self._X + self._in_space(start.guess)
         steps: list[ContactStep] = []
         after: list[ContactStep] = []
         solution: newton.Solution
@@ -107,29 +110,27 @@ class QuasiStatic(ImplicitStepper):
         def attempt(part: float) -> PseudoStep:
             """Solve from the last state."""
             nonlocal steps, solution
-            with drag.acting(part, guess[:n]):
+            acting = drag if part else None
+            with drag.acting(part, start.guess[:n]):
                 steps, solution = self._solve(
-                    *(start, guess, (x[0], trial), {}, force_scale),
-                    all_awake=True,
-                    drag=drag if part else None,
-                    after=after,
+                    start, problem, all_awake=True, drag=acting, after=after
                 )
             report = solution.report
             way, self._way = (
                 reductions.largest(self._comm, _kernels.farthest(self.x, there))
-                for there in (last, x[0])
+                for there in (last, x_n)
             )
             if report.converged:
-                wrong = self._volume_ratio.inverted() if part else self._wrong(steps, x[0])
+                wrong = self._volume_ratio.inverted() if part else self._wrong(steps, x_n)
                 report = replace(report, reason=wrong)
             return PseudoStep(report, way, self._way)
 
         def accept() -> None:
             """Make it the last state."""
-            nonlocal start, guess, last, trial, after
-            start = guess = self.u.x.array.copy()
-            last = trial = self.x
-            after = steps
+            nonlocal start, problem, last, after
+            u = self.u.x.array.copy()
+            start, last, after = replace(start, u=u, guess=u), self.x, steps
+            problem = replace(problem, x_trial=last)
 
         size = self._sizes.smallest
         relaxation = Relaxation(attempt, accept, farthest=self._extent(), size=size)

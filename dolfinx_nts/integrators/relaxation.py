@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from dolfinx_nts.integrators.resistance import Resistance
-from dolfinx_nts.solvers.newton import NewtonReport
+from dolfinx_nts.solvers.newton_report import NewtonReport
 
 __all__ = ["IF_IT_MOVES", "PseudoStep", "Relaxation"]
 

@@ -21,7 +21,7 @@ from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined
-from dolfinx_nts.solvers import newton
+from dolfinx_nts.solvers.newton_report import ConvergenceError, NewtonReport
 
 __all__ = ["StepFailure"]
 
@@ -47,7 +47,7 @@ class StepFailure:
 
     def __init__(
         self,
-        attempts: Mapping[str, newton.NewtonReport],
+        attempts: Mapping[str, NewtonReport],
         steps: Sequence[ContactStep],
         states: Sequence[ContactContribution],
         comm: MPI.Comm,
@@ -63,7 +63,7 @@ class StepFailure:
         contacts: Sequence[PairState],
         yielding: Sequence[PairState],
         advice: str,
-    ) -> newton.ConvergenceError:
+    ) -> ConvergenceError:
         """Error with all reasons. Collective.
 
         Args:
@@ -101,7 +101,7 @@ class StepFailure:
             advice = "; ".join(stiffer)
         else:
             reasons = "; ".join([reasons, *stiffer])
-        return newton.ConvergenceError(
+        return ConvergenceError(
             f"{step} failed {reasons}; the state is that of the last accepted step: "
             f"{self._prescribed() or advice}",
             list(self._attempts.values()),

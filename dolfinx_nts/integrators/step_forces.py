@@ -45,6 +45,10 @@ class StepForces:
         self.internal = archive.same("internal_force", self.internal)
         self.load = archive.same("load_norm", self.load)
 
+    def accept(self, load: float, internal: Floats) -> None:
+        """Keep norm of the loads [N] and internal forces of the owned dofs [N] of a step."""
+        self.load, self.internal = load, self.norm(internal)
+
     def loads(self) -> Floats:
         """Forces of all loads on the owned dofs [N]."""
         total: Floats = np.sum([np.zeros_like(self._mass), *self._bulk.loads()], axis=0)

@@ -30,7 +30,7 @@ from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.loads import Load
 from dolfinx_nts.parallel.communication import joined
 from dolfinx_nts.parallel.meeting import meet
-from dolfinx_nts.solvers.newton import ConvergenceError
+from dolfinx_nts.solvers.newton_report import ConvergenceError
 
 __all__ = ["TimeLoop"]
 

@@ -22,7 +22,7 @@ from dolfinx_nts.io.summary import Summary
 from dolfinx_nts.model.rigid_body import guided
 from dolfinx_nts.parallel.meeting import meet
 from dolfinx_nts.parallel.signals import Interrupts
-from dolfinx_nts.solvers.newton import ConvergenceError
+from dolfinx_nts.solvers.newton_report import ConvergenceError
 
 __all__ = ["Recorder"]
 

@@ -1,0 +1,279 @@
+"""Inertia relief: statics of bodies that nothing but contact holds.
+
+The tangent of such a body is singular where contact does not hold it. Two things help, both of
+which leave the equilibrium as it is:
+
+- The tangent, not the residual, gets a small stiffness: an iteration moves a body less far than
+  it would like to.
+- Motions that the present contacts do not resist either, such as those along a smooth plane, are
+  not made. What is out of balance in them is given to the inertia of the body (inertia relief):
+  it vanishes where there is an equilibrium, and is only taken away while it is negligible.
+"""
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.implicit.contact_step import ContactStep
+from dolfinx_nts.contact.implicit.contributions import ContactContribution
+from dolfinx_nts.fem.components import in_space
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.solvers.free_bodies import FreeBody
+from dolfinx_nts.solvers.tangent import Tangent
+
+__all__ = ["InertiaRelief"]
+
+_logger = logging.getLogger("dolfinx_nts")
+
+# Stiffness that the tangent of a free body has in addition, relative to that of its nodes [-].
+_SHIFT = 1e-9
+# How much more of it a body has that is driven away from where it is [-].
+_FALLING = 1e3
+# Stiffness that it has against motions which nothing resists, relative to the sum of these [-].
+_HOLD = 1.0
+# Mean square of the slopes of gaps along a motion [-] up to which contact does not resist it.
+_NEUTRAL = 1e-3
+# Force in motions that nothing resists, relative to those at work [-], that may be left to
+# inertia: in a solution, where facets of curved surfaces and nodes that do not match make up so
+# much, and on the way to one, where a larger one drives the body to another place.
+_NEGLIGIBLE, _DRIVING = 1e-2, 0.3
+# The same from which on a run says so: less is round-off; and by how much it grows until a run
+# says so again.
+_TOLD, _GROWN = 1e-9, 3.0
+
+
+@dataclass(frozen=True)
+class _Relief:
+    """Motions that are not made, and what inertia carries in them.
+
+    Attributes:
+        motions: The motions at the owned nodes, shape ``(k, 3 n)`` [-].
+        weighted: The same times mass [kg].
+        gram: Products of both, shape ``(k, k)`` [kg].
+        force: What inertia carries, shape ``(n, 3)`` [N].
+        share: Its part of the forces at work [-].
+        driven: What is driven away, in words; empty if nothing is.
+    """
+
+    motions: Floats
+    weighted: Floats
+    gram: Floats
+    force: Floats
+    share: float = 0.0
+    driven: str = ""
+
+    @classmethod
+    def none(cls, nodal: Floats) -> "_Relief":
+        """Keep nothing; ``nodal`` has the shape of the force."""
+        empty = np.zeros((0, nodal.size))
+        return cls(empty, empty, np.zeros((0, 0)), np.zeros_like(nodal))
+
+
+class InertiaRelief:
+    """Keeps free bodies in place where nothing drives them away. Collective.
+
+    Args:
+        bodies: The free bodies.
+        tangent: Matrix of the bulk.
+        mass: Lumped masses of the owned nodes, shape ``(n,)`` [kg].
+        dim: Components of the displacement at a node.
+
+    Attributes:
+        bodies: The argument.
+        force: What inertia carries at the owned nodes, shape ``(n, 3)`` [N].
+        num_motions: Number of their free motions.
+        shift: Stiffness that the tangent gets in addition, shape ``(n, 1)`` [N/m].
+    """
+
+    def __init__(
+        self, bodies: Sequence[FreeBody], tangent: Tangent, mass: Floats, dim: int
+    ) -> None:
+        """Choose the stiffness."""
+        self.bodies, self._mass = tuple(bodies), mass[:, None]
+        self._comm: MPI.Comm = tangent.comm
+        self.shift = np.zeros_like(self._mass)
+        self._label = np.zeros((len(mass), dim))  # number of the body, from 1
+        for number, body in enumerate(bodies, start=1):
+            self.shift[body.nodes, 0] = _SHIFT * tangent.nodal_stiffness()[body.nodes]
+            self._label[body.nodes] = number
+        parts = [[self.shift[b.nodes].sum(), self._mass[b.nodes].sum()] for b in bodies]
+        sums: Floats = reductions.total(self._comm, np.array([[0.0, 1.0], *parts]))
+        self._stiffness = _HOLD / _SHIFT * float((sums[:, 0] / sums[:, 1]).max())
+        ends = np.cumsum([0, *(body.motions.shape[1] for body in bodies)])
+        self._columns = [slice(a, b) for a, b in pairwise(ends)]
+        self.num_motions = int(ends[-1])
+        self._told = _TOLD / _GROWN  # what was told last
+        self.begin()
+        for body in self.bodies:
+            if self._comm.rank == 0:
+                _logger.info("only contact can hold %s", body)
+
+    def begin(self) -> None:
+        """Begin a solution, without any force."""
+        self._limit = _DRIVING
+        self._relief = _Relief.none(self._label)
+        self._driven: list[str] = []
+
+    @property
+    def force(self) -> Floats:
+        """What inertia carries at the owned nodes, shape ``(n, 3)`` [N]. Local."""
+        return self._relief.force
+
+    def relieve(
+        self,
+        R: Floats,
+        x: Floats,
+        scale: float,
+        steps: Sequence[ContactStep],
+        states: Sequence[ContactContribution],
+    ) -> Floats:
+        """Take away what is out of balance in motions that nothing resists.
+
+        Args:
+            R: Residual less the present `force`, shape ``(3 n,)`` [N].
+            x: Positions of the owned nodes, shape ``(n, 3)`` [m].
+            scale: Norm of the forces at work [N].
+            steps: Contact attempts.
+            states: Their pairs.
+
+        Returns:
+            Residual less the new `force`.
+        """
+        if not self.bodies:
+            return R
+        total = R.reshape(self.force.shape) + self.force
+        motions = np.zeros((self.num_motions, *total.shape))
+        for body, columns in zip(self.bodies, self._columns, strict=True):
+            motions[columns, body.nodes] = body.at(x[body.nodes])[..., : total.shape[1]]
+        pressing = sum(float(np.abs(step.normal.lambda_N).sum()) for step in steps)
+        pressing = reductions.total(self._comm, pressing)
+        neutral = self._neutral(steps, states, pressing > _NEGLIGIBLE * scale)
+        motions = np.einsum("ik,inj->knj", neutral, motions)
+        modes = motions.reshape(len(motions), R.size)
+        weighted = (self._mass * motions).reshape(len(motions), R.size)
+        sums = np.column_stack([weighted @ modes.T, modes @ total.ravel()])
+        sums = reductions.total(self._comm, sums)
+        gram, f = sums[:, :-1], sums[:, -1]
+        force, driven = float(np.linalg.norm(f)), ""
+        share = force / (pressing + scale or 1.0)
+        if share > _NEGLIGIBLE:
+            parts = [np.linalg.norm(neutral[columns] @ f) for columns in self._columns]
+            body = self.bodies[int(np.argmax(parts))]
+            driven = f"no support or contact holds {body} against {force:.3g} N"
+        self._driven.append(driven)
+        if len(f) and share <= self._limit:
+            carried = (np.linalg.solve(gram, f) @ weighted).reshape(total.shape)
+            self._relief = _Relief(modes, weighted, gram, carried, share, driven)
+        else:
+            self._relief = replace(_Relief.none(self._label), driven=driven)
+        return (total - self.force).ravel()
+
+    def resistance(self, x: Floats) -> Floats:
+        """Act as the stiffness of the tangent beside that of the forms, both ``(n, 3)``."""
+        relief = self._relief
+        y = (_FALLING if relief.driven else 1.0) * self.shift * x
+        if len(relief.gram):
+            amount = self._amount(x.ravel())
+            y += self._stiffness * (amount @ relief.weighted).reshape(x.shape)
+        return y
+
+    def settles(self) -> bool:
+        """Whether what was taken away is negligible; otherwise bodies move from now on. Local."""
+        settled = self._relief.share <= _NEGLIGIBLE
+        if not settled:
+            self._limit = _NEGLIGIBLE
+        return settled
+
+    def advice(self) -> str:
+        """Say what would help where there is no solution; "" without free bodies. Local."""
+        # What the last iterate is driven by is left to chance once bodies fly about.
+        told = [driven for driven in self._driven if driven]
+        if len(told) > len(self._driven) / 2:
+            return (
+                f"{told[-1]}; bcs, friction or inertia (EnergyMomentum) would, or a "
+                "start nearer to what it is to touch"
+            )
+        if not self.bodies:
+            return ""
+        names = "; ".join(map(str, self.bodies))
+        return f"only contact holds {names}: bcs or friction against these motions may help"
+
+    def tell(self, steps: Sequence[ContactStep]) -> None:
+        """Warn of what inertia has to carry in a solution with these contacts. Local.
+
+        Once, and again where it has grown, as bodies deform or slide.
+        """
+        if self._relief.share <= _GROWN * self._told:
+            return
+        self._told = self._relief.share
+        if self._comm.rank == 0:
+            names = "; ".join(map(str, self.bodies))
+            holds = f"only contact without friction holds {names}"
+            remedy = "bcs or friction against these motions carry it"
+            if any(step.state.pair.friction for step in steps):
+                holds = (
+                    f"contact leaves {names} motions that it does not resist: friction holds "
+                    "nothing where nothing presses, nor contact without friction along a surface"
+                )
+                remedy = "bcs, or contact that presses, carry it"
+            _logger.warning(
+                "%s; it leaves %.1e of the forces at work unbalanced, which is harmless where "
+                "that is little enough: otherwise %s",
+                holds,
+                self._relief.share,
+                remedy,
+            )
+
+    def restrain(self, du: Floats) -> Floats:
+        """Take away the part of increments, ``(3 n,)`` [m], that is a motion nothing resists."""
+        if not len(self._relief.gram):
+            return du
+        kept: Floats = du - self._amount(du) @ self._relief.motions
+        return kept
+
+    def _amount(self, du: Floats) -> Any:
+        """Parts of displacements, ``(3 n,)`` [m], that are the motions nothing resists."""
+        moments = reductions.total(self._comm, self._relief.weighted @ du)
+        return np.linalg.solve(self._relief.gram, moments)
+
+    def _neutral(
+        self, steps: Sequence[ContactStep], states: Sequence[ContactContribution], presses: bool
+    ) -> Floats:
+        """Motions that contacts do not resist, as sums of free ones, ``(free, neutral)``.
+
+        Nodes that slide resist motions along the surface by their friction alone, which is
+        nothing where contact does not press.
+        """
+        n = self.num_motions
+        products, counts = np.zeros((n, n)), np.zeros(n)
+        for step, state in zip(steps, states, strict=True):
+            label = step.candidates.scatter.forward(in_space(self._label))[:, 0]
+            x = step.state.search.frame.in_space(step.x)
+            dofs, gradients = state.pairs.dofs, state.pairs.gradients
+            gradients, dofs = gradients[state.active].copy(), dofs[state.active]
+            if not presses:
+                gradients[state.rank[state.active] == 1, 1:] = 0
+            slopes = np.zeros((n, len(dofs), 3))
+            for number, body in enumerate(self.bodies, start=1):
+                columns = self._columns[number - 1]
+                of_body = label[dofs] == number
+                motions = body.at(x[dofs]) * of_body[:, :, None]
+                motions = motions.reshape(len(motions), len(dofs), gradients.shape[2])
+                slopes[columns] = np.einsum("mid,kmd->kmi", gradients, motions)
+                counts[columns] += np.count_nonzero(of_body.any(axis=1))
+            rows = slopes.reshape(n, 3 * len(dofs))
+            products += rows @ rows.T
+        sums = reductions.total(self._comm, np.column_stack([products, counts]))
+        if not np.isfinite(sums).all():  # pairs that do not project fail the step
+            return np.zeros((n, 0))
+        weight = 1 / np.sqrt(np.maximum(sums[:, -1], 1.0))
+        values, vectors = np.linalg.eigh(sums[:, :-1] * weight * weight[:, None])
+        neutral: Floats = weight[:, None] * vectors[:, values < _NEUTRAL]
+        return neutral

@@ -1,0 +1,61 @@
+"""What Newton's method reports of one attempt at a step, and the error if all have failed."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+__all__ = ["ConvergenceError", "NewtonReport"]
+
+
+@dataclass(frozen=True)
+class NewtonReport:
+    """What the iteration did, and why it stopped.
+
+    Attributes:
+        iterations: Linear solves.
+        active_set_changes: Pairs that changed, summed over iterations.
+        residual_norms: Euclidean norm of the residual before each
+            linear solve, and the last one [N].
+        num_active: Active pairs at the end.
+        reason: Why the iteration stopped, empty if it converged.
+        is_hopeless: Whether it would stop as well from any other start.
+        is_undecided: Whether it stopped while states of nodes contradicted their conditions.
+    """
+
+    iterations: int
+    active_set_changes: int
+    residual_norms: tuple[float, ...]
+    num_active: int
+    reason: str
+    is_hopeless: bool = False
+    is_undecided: bool = False
+
+    @property
+    def converged(self) -> bool:
+        """Whether the iteration found a solution."""
+        return not self.reason
+
+    def __str__(self) -> str:
+        """Reason and the last residual norms."""
+        norms = ", ".join(f"{norm:.2e}" for norm in self.residual_norms[-6:])
+        return f"{self.reason} (iteration {self.iterations}, |R| ... {norms} N)"
+
+
+class ConvergenceError(RuntimeError):
+    """A step could not be solved; the last accepted state is intact.
+
+    Attributes:
+        reports: One report for each attempt.
+
+    Example:
+        >>> stepper.set_velocity(other, (0.0, 0.0, -100.0))  # too fast for steps of 0.01 s
+        >>> try:
+        ...     step = stepper.advance()
+        ... except nts.ConvergenceError as error:
+        ...     print(len(error.reports), stepper.t)
+        3 0.0
+    """
+
+    def __init__(self, message: str, reports: Sequence[NewtonReport]) -> None:
+        """Create the error with a message."""
+        super().__init__(message)
+        self.reports = tuple(reports)
