@@ -148,7 +148,7 @@ def solve(
             states = tuple(step.evaluate(x, R_nodes, iteration) for step in steps)
             R_contact = contact_residual(steps, states, (len(X), dim))
         R = relief.relieve(R_bulk - relief.force.ravel() + R_contact, x, force_scale, steps, states)
-        R = way.pull(bulk.rigid.balance(nodes, R.reshape(-1, dim)).ravel())
+        R = way.pull(bulk.rigid.balance(nodes, R.reshape(-1, dim)).ravel(), convergence.target)
         iterate = Iterate(x, states, R, R_bulk, R_contact, forces)
         seen = convergence.measure(iterate, is_led=way.is_over)
 
@@ -175,7 +175,8 @@ def solve(
             if decided is not None:
                 states = decided
                 R = R_bulk + contact_residual(steps, states, (len(X), dim))
-                R = way.pull(bulk.rigid.balance(nodes, R.reshape(-1, dim)).ravel())
+                R = bulk.rigid.balance(nodes, R.reshape(-1, dim)).ravel()
+                R = way.pull(R, convergence.target)
         with timings.phase("solve"):
             rtol = _forcing(convergence.norms, seen.target)
             if not inertia:

@@ -47,18 +47,20 @@ class SupportWay:
         """Whether all displacements are as given. Local."""
         return self._left is None
 
-    def pull(self, R: Floats) -> Floats:
+    def pull(self, R: Floats, target: float) -> Floats:
         """Add the forces of supports that move in this iteration to a residual.
 
         Args:
             R: Residual on the owned dofs, of rigid bodies their balance, shape ``(d n,)`` [N].
+            target: Norm of the residual of a solution [N], for which supports need not wait: where
+                all of a body is led, they add no forces.
         """
         if self._left is None:
             return R
         forces = self._bulk.action(self._left, moves_given=True)
         forces = self._bulk.rigid.project(np.zeros_like(forces), forces).ravel()
         squares = reductions.total(self._bulk.comm, np.array([R @ R, forces @ forces]))
-        has_followed = squares[0] <= _FOLLOWED**2 * squares[1]
+        has_followed = squares[0] <= max(_FOLLOWED**2 * squares[1], target**2)
         is_rest = self._largest(self._left) <= _REST * self._length
         self._moves = bool(not self._has_begun or has_followed or is_rest)
         self._has_begun = True

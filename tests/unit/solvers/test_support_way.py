@@ -154,3 +154,29 @@ def test_supports_go_on_where_contact_holds_a_rigid_body(comm, bonded):
     (step,) = stepper.run(until=1.0)
     force = [reaction.force[1] for reaction in step.reactions]
     assert force[0] > 1e3 and abs(sum(force)) < 1e-6 * force[0]
+
+
+def test_a_body_that_supports_lead_as_a_whole_is_not_waited_for(comm):
+    # It turns by so much that it goes in parts, none of which adds forces to others.
+    def build(model):
+        for name, corner in (("led", (0.0, 1.0)), ("loaded", (0.0, 0.0))):
+            parts.add_rectangle(model, name, corner=corner, size=(0.9, 0.5), cells=(3, 2))
+
+    mesh, cells, _, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+    bodies = [nts.Body(V, cells, tag[name], nts.NeoHookean(1e5, 0.3, 1e3)) for name in ("led", "loaded")]
+    u = fem.Function(V)
+    X = V.tabulate_dof_coordinates()[:, :2]
+    led = fem.locate_dofs_geometrical(V, lambda x: x[1] > 0.9)
+    foot = fem.locate_dofs_geometrical(V, lambda x: x[1] < 0.1)
+    angle = 0.25
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+    def update(t):
+        u.x.array.reshape(-1, 2)[led] = X[led] @ (turn - np.eye(2)).T
+
+    bcs = [fem.dirichletbc(np.zeros(2), foot, V), fem.dirichletbc(u, led)]
+    weight = nts.Gravity(bodies, (0.0, -9.81))
+    stepper = nts.QuasiStatic(bodies, [], dt=1.0, bcs=bcs, loads=[weight], update=update)
+    assert stepper.advance().newton_iterations <= 12
+    np.testing.assert_array_equal(stepper.u.x.array[2 * led], u.x.array[2 * led])
