@@ -15,6 +15,7 @@ from dolfinx import fem
 from dolfinx.mesh import MeshTags
 
 from dolfinx_nts import compat
+from dolfinx_nts.common.arguments import kind_of
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.axisymmetry import is_axisymmetric
 from dolfinx_nts.parallel.meeting import meet
@@ -151,8 +152,9 @@ def check_space(V: fem.FunctionSpace) -> None:
     """
     if not isinstance(V, fem.FunctionSpace):
         raise TypeError(
-            f"expected a function space as the first argument, given {type(V).__name__}: first "
-            "the space, then the tags of the mesh"
+            f"expected a function space as the first argument, given {kind_of(V)}: "
+            "fem.functionspace(mesh, (\"Lagrange\", 1, (3,))) makes one, in the plane with (2,); "
+            "a body has its own as body.V"
         )
     mesh = V.mesh
     cell = mesh.topology.cell_name()

@@ -46,6 +46,9 @@ def test_wrong_tags_of_bodies_and_surfaces_are_named(comm, refused):
         nts.Body(V, facets, tag["ball_outer"], rubber)
     with refused(TypeError, "function space as the first argument, given MeshTags"):
         nts.Body(cells, V, tag["ball"], rubber)
+    ball = nts.Body(V, cells, tag["ball"], rubber)
+    with refused(TypeError, "first argument, given Body: .* a body has its own as body.V"):
+        nts.Surface.where(ball, lambda x: x[2] < 0.1)
 
 
 def test_mesh_of_single_precision_is_refused(comm, refused):
