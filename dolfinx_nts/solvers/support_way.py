@@ -19,7 +19,7 @@ __all__ = ["SupportWay", "behind", "largest_strain"]
 
 # Largest change of displacements within a cell in an increment with moving supports, relative to
 # the size of the cell [-].
-_LARGEST_STRAIN = 0.1
+_LARGEST_STRAIN = 0.05
 # Residual, relative to what the way that is left would add to it [-], at which supports go on.
 _FOLLOWED = 1e-4
 # Parts of the way [-]: a rest for which nothing waits, as the forces that it would add are lost in
