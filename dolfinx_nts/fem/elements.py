@@ -153,7 +153,7 @@ def check_space(V: fem.FunctionSpace) -> None:
     if not isinstance(V, fem.FunctionSpace):
         raise TypeError(
             f"expected a function space as the first argument, given {kind_of(V)}: "
-            "fem.functionspace(mesh, (\"Lagrange\", 1, (3,))) makes one, in the plane with (2,); "
+            'fem.functionspace(mesh, ("Lagrange", 1, (3,))) makes one, in the plane with (2,); '
             "a body has its own as body.V"
         )
     mesh = V.mesh
