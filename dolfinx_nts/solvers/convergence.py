@@ -130,7 +130,6 @@ class Convergence:
     Attributes:
         iteration: Number of linear systems solved so far.
         norms: Norms of the residuals before each of them, and the last one [N].
-        target: Norm of the residual of a solution, by the forces of the last iterate [N].
     """
 
     def __init__(
@@ -155,7 +154,6 @@ class Convergence:
         )
         self.iteration = 0
         self.norms: list[float] = []
-        self.target = 0.0
         self._du_norm, self._num_long = np.inf, 0
         self._changes, self._last_change = 0, -np.inf
         # Iterates after each other in which given displacements violate constraints.
@@ -189,7 +187,6 @@ class Convergence:
         scale = max(scales.forces, reaction) + contact_norm
         # With inertia the round-off is that of the heaviest body, too much for others.
         target = max(_RESIDUAL_TOLERANCE * scale, 0.0 if self._inertia else scales.rounding)
-        self.target = target
         is_small = norm <= max(_SMALL_RESIDUAL * scale, scales.rounding, steep)
         is_balanced = norm <= target or (is_small and self._du_norm <= scales.increment)
         solves = is_balanced and is_led and not (num_open or changed)

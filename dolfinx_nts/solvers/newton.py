@@ -118,7 +118,7 @@ def solve(
     nodes = bulk.u.x.array[: bulk.num_owned].reshape(-1, dim)
     balanced = True  # multipliers from the normal balance at the nodes
     segments = SegmentChoice(bulk.comm, steps, not inertia)
-    way = SupportWay(bulk)
+    way, target = SupportWay(bulk), 0.0  # of the last residual, as it is measured
     relief.begin()
     search = LineSearch(bulk) if jumps else None
     farthest = float(np.abs(X + in_space(nodes)).max(initial=0.0))
@@ -148,9 +148,10 @@ def solve(
             states = tuple(step.evaluate(x, R_nodes, iteration) for step in steps)
             R_contact = contact_residual(steps, states, (len(X), dim))
         R = relief.relieve(R_bulk - relief.force.ravel() + R_contact, x, force_scale, steps, states)
-        R = way.pull(bulk.rigid.balance(nodes, R.reshape(-1, dim)).ravel(), convergence.target)
+        R = way.pull(bulk.rigid.balance(nodes, R.reshape(-1, dim)).ravel(), target)
         iterate = Iterate(x, states, R, R_bulk, R_contact, forces)
         seen = convergence.measure(iterate, is_led=way.is_over)
+        target = seen.target
 
         converged = seen.solves
         if at_rest and iteration == 0 and seen.is_small:
@@ -175,8 +176,7 @@ def solve(
             if decided is not None:
                 states = decided
                 R = R_bulk + contact_residual(steps, states, (len(X), dim))
-                R = bulk.rigid.balance(nodes, R.reshape(-1, dim)).ravel()
-                R = way.pull(R, convergence.target)
+                R = way.pull(bulk.rigid.balance(nodes, R.reshape(-1, dim)).ravel(), target)
         with timings.phase("solve"):
             rtol = _forcing(convergence.norms, seen.target)
             if not inertia:
