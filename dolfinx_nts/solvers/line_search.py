@@ -9,9 +9,11 @@ each time. Along an increment :math:`\Delta u` the virtual work of the balance,
 .. math:: g(s) = \Delta u \cdot R(u + s \Delta u),
 
 begins with :math:`g(0) = -E < 0` and would be 0 at :math:`s = 1` if the tangent told all. Bodies
-that resist by more have :math:`g(1) > 0`, and the way is cut to where a chord has its zero. Contact
-is taken as the linear system has it: the work of its constraints and springs is what is left of E
-beside that of the bodies, :math:`E_b = \Delta u \cdot K \Delta u`.
+that resist by more have :math:`g(1) > 0`. The resistance may come late on the way, with the points
+that cease to flow, and be a hundred times E then, so that a chord has its zero far too early. The
+zero is enclosed by halving instead, until the work is less than half of E. Contact is taken as the
+linear system has it: the work of its constraints and springs is what is left of E beside that of
+the bodies, :math:`E_b = \Delta u \cdot K \Delta u`.
 """
 
 import numpy as np
@@ -24,8 +26,9 @@ from dolfinx_nts.solvers.bulk import Bulk
 __all__ = ["LineSearch"]
 
 # Virtual work at the end of an increment, relative to that at its start [-], from which on it is
-# cut; and how often. Increments that are too short are left as they are: others follow.
-_OVERSHOOT, _MOST_CUTS = 0.5, 6
+# cut, or made longer after a cut; and how often. Increments that are too short as a whole are left
+# as they are: others follow.
+_LEFT, _MOST_CUTS = 0.5, 8
 
 
 class LineSearch:
@@ -54,13 +57,14 @@ class LineSearch:
             R_bulk: Part of the bodies in it, shape ``(d n,)`` [N].
         """
         self._du, self._part, self._cuts = du, part, 0
+        self._short, self._long = 0.0, part
         self._start, self._R_bulk = self._nodes.copy(), R_bulk
         resistance = self._bulk.rounded_action(du.reshape(self._start.shape))
         works = np.array([-du @ R, du @ resistance.ravel()])
         self._work, self._of_bulk = map(float, reductions.total(self._bulk.comm, works))
 
     def cuts(self, R_bulk: Floats) -> bool:
-        """Cut the increment that was made, if it went too far.
+        """Cut the increment that was made, if it went too far, or was cut too much.
 
         Args:
             R_bulk: Residual of the bodies after it, shape ``(d n,)`` [N].
@@ -74,9 +78,13 @@ class LineSearch:
         # Constraints that close gaps do work, too.
         work = max(self._work, self._of_bulk)
         rest = change + self._part * (work - self._of_bulk) - work
-        if not rest > _OVERSHOOT * work:
+        if not (abs(rest) if self._cuts else rest) > _LEFT * work:
             return False
-        self._part *= work / (work + rest)
+        if rest > 0:
+            self._long = self._part
+        else:
+            self._short = self._part
+        self._part = 0.5 * (self._short + self._long)
         self._cuts += 1
         increment = self._part * self._du.reshape(self._start.shape)
         self._nodes[:] = self._bulk.rigid.moved(self._start, increment)

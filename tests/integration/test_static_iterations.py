@@ -88,6 +88,43 @@ def test_springs_hold_a_belt_with_few_iterations():
     assert reaction.force[0] / PULL == pytest.approx(ratio, rel=1e-2)
 
 
+@pytest.mark.serial
+def test_a_strip_of_metal_bends_around_a_circle_with_few_iterations(comm):
+    """Few points cease to flow, late on the way of increments that chords cut to a twentieth."""
+
+    def build(model):
+        size = {"corner": (-0.03, 0), "size": (0.06, 0.001), "cells": (80, 4)}
+        nts.parts.add_rectangle(model, "strip", **size)
+
+    mesh, cells, facets, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+    metal = nts.J2Plasticity(70e9, 0.3, 2700, yield_stress=150e6, hardening=300e6)
+    W = V.sub(0)
+    middle, _ = fem.locate_dofs_geometrical((W, W.collapse()[0]), lambda x: np.isclose(x[0], 0))
+    down = nts.Motion(translation=lambda t: (0.0, -0.025 * t))
+    rollers = [nts.RigidSphere((x, 0.006), 0.005).moving(down) for x in (-0.0213, 0.0213)]
+    obstacles = {"bottom": [nts.RigidSphere((0.0, -0.015), 0.015)], "top": rollers}
+    stepper = nts.QuasiStatic(
+        [nts.Body(V, cells, tag["strip"], metal)],
+        [
+            nts.ContactPair(
+                nts.Surface(V, facets, tag[f"strip_{side}"]),
+                obstacle,
+                enforcement=nts.LagrangeMultiplier("plastic"),
+                friction=nts.Coulomb(0.1),
+            )
+            for side, each in obstacles.items()
+            for obstacle in each
+        ],
+        dt=0.025,
+        bcs=[fem.dirichletbc(np.float64(0), middle, W)],
+    )
+    # In the first step contact is found.
+    _, *later = (step.newton_iterations for step in stepper.run(until=0.25))
+    assert max(later) <= 18
+    assert sum(later) <= 105
+
+
 def test_what_turns_or_comes_back_is_no_more_work_than_what_begins():
     """Nodes do not go on as in the last step where the supports that lead them do not."""
     scene = blocks(width=12, material=nts.NeoHookean(1e5, 0.49, 1e3))

@@ -15,10 +15,10 @@ pytestmark = pytest.mark.at_most_two_ranks
 STRETCH = np.array([[0.1], [-0.05], [-0.05]])  # to twenty strains of yield
 
 
-@pytest.fixture
-def stepper(comm):
+@pytest.fixture(params=[20.0, 1.0], ids=["much hardening", "little hardening"])
+def stepper(comm, request):
     """Stepper of a box of metal with hardly any mass that is stretched until all of it flows."""
-    metal = nts.J2Plasticity(1.0e3, 0.3, 1e-9, yield_stress=5.0, hardening=20.0)
+    metal = nts.J2Plasticity(1.0e3, 0.3, 1e-9, yield_stress=5.0, hardening=request.param)
     box = Box(comm, material=metal)
     stepper = nts.EnergyMomentum([box.body], dt=0.02)
     stepper.u.interpolate(lambda X: STRETCH * X)
@@ -58,8 +58,8 @@ def test_an_increment_into_flow_the_other_way_ends_where_its_work_does(comm, ste
         num_cuts += 1
         now = bulk.forces()
     assert first > 0.5 * work
-    assert 0 < num_cuts <= 6
-    assert rest(now) <= 0.5 * work
+    assert 0 < num_cuts <= 8
+    assert abs(rest(now)) <= 0.5 * work  # neither too far nor much too short
     moved = stepper.u.x.array[: bulk.num_owned] - start
     part = reductions.total(comm, float(moved @ du)) / reductions.total(comm, float(du @ du))
     np.testing.assert_allclose(moved, part * du, atol=1e-14)
