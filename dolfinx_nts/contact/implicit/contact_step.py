@@ -194,7 +194,7 @@ class ContactStep:
         if is_renewed:
             self.normal.renew()
             self._idle = None
-        return moved
+        return moved + self.normal.choose_anew(self.x)
 
     def close_gaps(self, contribution: ContactContribution, x: Floats, u: Floats) -> None:
         """Move owned nodes to where multipliers want them, see `NormalContact.close_gaps`.

@@ -185,13 +185,27 @@ class LocalSearch:
         node = node[self._moves[node] >= _MOST_MOVES]
         if not len(node):
             return node
+        sunk, segment, _ = self.sunk(x, node, TOUCHES)
+        return sunk[segment != self.segment[sunk]]
+
+    def sunk(self, x: Floats, node: Ints, least: float) -> tuple[Ints, Ints, Floats]:
+        """Find those of some nodes that a step has brought into the segments that they meet.
+
+        Args:
+            x: Positions with ghosts at the end of the step, shape ``(l, 3)`` [m].
+            node: Positions among the surface's nodes, shape ``(m,)``.
+            least: By how much they are deeper than at t_n, relative to the segment's size [-].
+
+        Returns:
+            The nodes, their segments there, and the gaps to these [m].
+        """
         points, current = self.points.take(node), self.segment[node]
         segment, gap = self.candidates.pair(points, x, current, self.reach, self._overhang)
-        inside = ((segment != current) & (gap < 0)).nonzero()[0]
+        inside = (gap < 0).nonzero()[0]
         node, segment, gap = node[inside], segment[inside], gap[inside]
         before = self.candidates.gap(self.points.take(node), self.x_n, segment)
-        deeper = gap < np.fmin(before, 0.0) - TOUCHES * self.candidates.size[segment]
-        return node[deeper]
+        deeper = gap < np.fmin(before, 0.0) - least * self.candidates.size[segment]
+        return node[deeper], segment[deeper], gap[deeper]
 
     def _find(self, x: Floats, node: Ints, slack: float) -> tuple[Ints, Flags]:
         """Segments of nodes; whether they are others than before."""

@@ -52,6 +52,13 @@ class NormalContact(ABC):
         """Choose the nodes that may transmit force, shape ``(n,)``. Collective."""
         return self._search.approach.segment >= 0
 
+    def choose_anew(self, x: Floats) -> int:
+        """Choose the nodes again that may transmit force, if those chosen are the wrong ones.
+
+        ``x`` is an equilibrium. Returns for how many nodes of this rank it does so. Collective.
+        """
+        return 0
+
     def _begin_in_touch(self) -> None:
         """Let nodes that lie on their segments be active until forces say otherwise. Local."""
         self.active |= self._eligible & self._search.touches
