@@ -82,9 +82,6 @@ class MultiplierContact(NormalContact):
         if isinstance(self._state, JointState):  # with segments of other bodies
             return eligible
         urgency = 2 * history.active + (np.fmin(approach.gap_n, approach.gap) < 0)
-        # A node that goes beyond the rim of what it faces must not keep those from being held on
-        # which that rests then.
-        urgency[np.isnan(approach.gap)] = -1
         urgency[self._sunk] = 4
         nodes = self._state.nodes
         chosen = candidates.independent(nodes, approach.segment, eligible, urgency)
