@@ -18,13 +18,14 @@ from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Tied
 from dolfinx_nts.contact.history import ContactHistory, ContactWork
 from dolfinx_nts.contact.implicit.contributions import ContactContribution, PairKinematics
 from dolfinx_nts.contact.implicit.crossing_edges import CrossingEdges
+from dolfinx_nts.contact.implicit.friction import Friction
 from dolfinx_nts.contact.implicit.frozen_points import FrozenPoints, SettlingPoints, TiedPoints
 from dolfinx_nts.contact.implicit.joint_decision import Decision
 from dolfinx_nts.contact.implicit.local_search import LocalSearch, StaticSearch, last_segments
 from dolfinx_nts.contact.implicit.multiplier import MultiplierContact
 from dolfinx_nts.contact.implicit.normal_contact import NormalContact, go_on
 from dolfinx_nts.contact.implicit.penalty import PenaltyContact
-from dolfinx_nts.contact.implicit.stick_slip import Friction, StickSlip
+from dolfinx_nts.contact.implicit.stick_slip import StickSlip
 from dolfinx_nts.contact.implicit.tied import Bond, TiedContact
 from dolfinx_nts.contact.joint_state import JointState, bounds, members
 from dolfinx_nts.contact.pair_state import PairState

@@ -8,9 +8,9 @@ from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.implicit.active_set import ActiveSet
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
+from dolfinx_nts.contact.implicit.friction import Friction
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.implicit.normal_contact import NormalContact
-from dolfinx_nts.contact.implicit.stick_slip import Friction
 from dolfinx_nts.contact.joint_state import JointState, bounds, segment_sizes
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.parallel import reductions

@@ -6,8 +6,8 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
+from dolfinx_nts.contact.implicit.friction import Friction
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
-from dolfinx_nts.contact.implicit.stick_slip import Friction
 from dolfinx_nts.contact.joint_state import JointState
 from dolfinx_nts.contact.pair_state import PairState
 

@@ -8,10 +8,10 @@ from dolfinx_nts.contact.friction import slip_energy
 from dolfinx_nts.contact.history import NEVER
 from dolfinx_nts.contact.implicit.active_set import ROUNDING
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
+from dolfinx_nts.contact.implicit.friction import Friction
 from dolfinx_nts.contact.implicit.linear_values import LinearValues
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.implicit.normal_contact import NormalContact
-from dolfinx_nts.contact.implicit.stick_slip import Friction
 from dolfinx_nts.contact.joint_state import JointState, bounds, segment_sizes
 from dolfinx_nts.contact.pair_state import PairState
 

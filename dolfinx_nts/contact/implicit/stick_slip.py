@@ -1,4 +1,4 @@
-"""Stick, slip and traction of the nodes of a pair in one attempt at a step."""
+"""Coulomb friction of the nodes of a pair in one attempt at a step."""
 
 from typing import Any
 
@@ -10,16 +10,16 @@ from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.friction import Coulomb, TractionModel, slip_energy, transport
 from dolfinx_nts.contact.implicit.active_set import ROUNDING, BlockPivoting
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
-from dolfinx_nts.contact.implicit.joint_decision import DecidedFriction, NoFriction
+from dolfinx_nts.contact.implicit.friction import Friction
+from dolfinx_nts.contact.implicit.joint_decision import NoFriction
 from dolfinx_nts.contact.implicit.lagged_limit import LaggedLimit
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.implicit.slips import Slips, with_length
 from dolfinx_nts.contact.joint_state import JointState, bounds, segment_sizes
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.axisymmetry import axis_nodes
-from dolfinx_nts.fem.components import dimension
 
-__all__ = ["Friction", "StickSlip"]
+__all__ = ["StickSlip"]
 
 # Weight of slip in the test for stick, relative to the stiffness of a node [-]: it changes the
 # path of Newton's method, not the solution.
@@ -27,105 +27,6 @@ _SLIP_WEIGHT = 0.1
 # The same in the direction of sliding where the displacement of a node is not its own [-]: others
 # may decide on a slip that is small.
 _DIRECTION_WEIGHT = 1e7
-
-
-class Friction:
-    """Tangential forces of the nodes of a pair: none, unless a law says otherwise.
-
-    Methods are local, but for `update`. In them ``pairs`` are ``m`` pairs, a part of the ``n``
-    nodes of the surface, ``node`` their positions among these, shape ``(m,)``, and ``active``
-    tells which pairs transmit force, shape ``(m,)``.
-
-    Args:
-        state: State of the contact pair.
-
-    Attributes:
-        dim: Components of the displacement in which a node that sticks is held.
-        sliding: Nodes that slide where they are active, shape ``(n,)``.
-        traction: Traction in the frames of the segments at t_n, shape ``(n, 2)`` [N].
-        flips: How often a node has changed between stick and slip, shape ``(n,)``.
-        decided: Takes over what is decided on all pairs at once; None where springs decide.
-    """
-
-    decided: DecidedFriction | None
-
-    def __init__(self, state: PairState | JointState) -> None:
-        """Let all nodes slide, without traction."""
-        n = len(state.nodes.nodes)
-        self._state, self._dim = state, dimension(state.nodes.V)
-        self.decided = NoFriction()
-        self.sliding: Flags = np.ones(n, dtype=bool)
-        self.traction: Floats = np.zeros((n, 2))
-        self.flips: Ints = np.zeros(n, dtype=np.int32)
-
-    def go_on_from(self, other: "Friction") -> None:
-        """Begin with the nodes that stick in another attempt, and its tractions. Local."""
-        self.sliding, self.traction = other.sliding.copy(), other.traction.copy()
-
-    def measure(self, pairs: PairKinematics, x: Floats) -> None:
-        """Add the slip of the pairs to their kinematics; x has ghosts, shape ``(l, 3)`` [m]."""
-
-    def release(self, node: Ints) -> None:
-        """Forget the traction of nodes that have become inactive."""
-        self.traction[node] = 0.0
-
-    def follow_contact(self, pairs: PairKinematics, before: Flags, active: Flags) -> None:
-        """Release nodes active only ``before``, shape ``(m,)``; choose how new ones begin."""
-
-    def sticks(self, node: Ints, active: Flags) -> Flags:
-        """Active nodes held by multipliers in the tangent plane, shape ``(m,)``."""
-        return np.zeros(len(node), dtype=bool)
-
-    def update(
-        self,
-        pairs: PairKinematics,
-        p: Floats,
-        active: Flags,
-        iteration: int,
-        linear: Floats | None = None,
-    ) -> int:
-        """Decide on stick and slip, and model the traction. Collective.
-
-        ``p`` is the pressing force, shape ``(m,)`` [N], and ``iteration`` counts the Newton
-        iterations of the step from 0; ``linear`` is the pressing force by the linear system, None
-        where that is p. Returns how many pairs of this rank contradict their state.
-        """
-        return 0
-
-    def balance(self, pairs: PairKinematics, R: Floats, active: Flags) -> Floats:
-        """Normal multipliers of active pairs that balance the residual. Collective.
-
-        Sets the tractions that go with them. ``R`` is the residual at the nodes of the pairs,
-        shape ``(m, 3)`` [N]; the result, ``(m,)`` [N], means nothing for other pairs.
-        """
-        rank = (active & ~pairs.fixed).astype(np.int32)
-        return pairs.blocks.balance(pairs.normal, R, pairs.columns, rank, None)[:, 0]
-
-    def follow_multipliers(self, pairs: PairKinematics, lambda_N: Floats, active: Flags) -> None:
-        """Set tractions of sliding nodes by multipliers, ``(m,)`` [N], that were solved for."""
-
-    def add_to(
-        self, pairs: PairKinematics, active: Flags, force: Floats, tangent: Floats
-    ) -> tuple[Floats, Floats]:
-        """Add tractions to forces, ``(m, d)`` [N], and tangents of `PairBlocks`.
-
-        Returns columns and slopes of the `ContactContribution`, without those of normal springs.
-        """
-        return pairs.columns, np.zeros((len(pairs.node), 3, 3))
-
-    def scheme_work(self, pairs: PairKinematics, dx: Floats) -> Floats:
-        """Work of tractions that is neither dissipated nor stored, shape ``(m,)`` [J].
-
-        ``dx`` is the displacement of the pairs in the step, shape ``(m, d)`` [m].
-        """
-        return np.zeros(len(pairs.node))
-
-    def accepted(self, pairs: PairKinematics, x: Floats) -> tuple[Floats, dict[str, Any]]:
-        """Energy of the springs, ``(n,)`` [J], and what the history remembers, by its names.
-
-        ``x`` are the positions with ghosts at the end of the step, shape ``(l, 3)`` [m].
-        """
-        return np.zeros(len(self.flips)), {"slip": self._state.history.slip.copy()}
 
 
 class StickSlip(Friction):
@@ -230,17 +131,9 @@ class StickSlip(Friction):
         way = trial if eps_T is not None else value
         lags = self._pivoting.changes_singly(node) & (not self._has_spring)
         limiting = self._limit.pressing(node, p, lags)
-        sliding, violators, heading = before, 0, way
-        if iteration == 0:
-            # A node that does not move yet has the direction in which it slid before.
-            old = self._state.history
-            last = transport(old.traction[node], old.normal[node], slip.frame_n, slip.normal_n)
-            heading = np.where(np.any(way != 0, axis=1)[:, None], way, last)
-        else:
-            # With p < 0, which may pass, a traction points backwards.
-            heading = np.where(before[:, None], self._limit.heading[node], self.traction[node])
-            arrives = ~np.any(heading != 0, axis=1)
-            heading = np.where(arrives[:, None], way, heading)
+        heading = self._heading(pairs, way, iteration)
+        sliding, violators = before, 0
+        if iteration > 0:
             after = law.slides(trial, way, limiting, heading, before)
             # At the limit, as where loads rest after sliding, round-off must not decide, nor
             # where it is not known yet how much a node presses that has just arrived.
@@ -278,6 +171,24 @@ class StickSlip(Friction):
             self._slips.turning[node] = np.where(active[:, None], turning, 0.0)
         self.release(node[~active])
         return violators
+
+    def _heading(self, pairs: PairKinematics, way: Floats, iteration: int) -> Floats:
+        """Directions in which nodes slide or would slide, shape ``(m, 2)``. Local.
+
+        ``way`` is the slip of the pairs, shape ``(m, 2)`` [m], or with springs their trial
+        traction [N].
+        """
+        node = pairs.node
+        if iteration == 0:
+            # A node that does not move yet has the direction in which it slid before.
+            old, slip = self._state.history, pairs.slip
+            last = transport(old.traction[node], old.normal[node], slip.frame_n, slip.normal_n)
+            return np.where(np.any(way != 0, axis=1)[:, None], way, last)
+        # With p < 0, which may pass, a traction points backwards.
+        slid = self.sliding[node][:, None]
+        heading = np.where(slid, self._limit.heading[node], self.traction[node])
+        arrives = ~np.any(heading != 0, axis=1)
+        return np.where(arrives[:, None], way, heading)
 
     def _exact(
         self,

@@ -10,9 +10,10 @@ from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.enforcement import Tied
 from dolfinx_nts.contact.friction import Coulomb
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
+from dolfinx_nts.contact.implicit.friction import Friction
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.implicit.multiplier import MultiplierContact
-from dolfinx_nts.contact.implicit.stick_slip import Friction, StickSlip
+from dolfinx_nts.contact.implicit.stick_slip import StickSlip
 from dolfinx_nts.contact.joint_state import JointState
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.parallel import reductions
