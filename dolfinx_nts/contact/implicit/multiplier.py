@@ -9,7 +9,7 @@ from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.implicit.active_set import ActiveSet
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.friction import Friction
-from dolfinx_nts.contact.implicit.local_search import LocalSearch
+from dolfinx_nts.contact.implicit.local_search import LocalSearch, sunk
 from dolfinx_nts.contact.implicit.normal_contact import NormalContact
 from dolfinx_nts.contact.joint_state import JointState, bounds, segment_sizes
 from dolfinx_nts.contact.pair_state import PairState
@@ -90,11 +90,12 @@ class MultiplierContact(NormalContact):
 
     def choose_anew(self, x: Floats) -> int:
         """Let nodes be held that others barred and the step has sunk, see `NormalContact`."""
+        if not (self._choices and self._state.pair.touches_itself):
+            return 0
         search, approach = self._search, self._search.approach
         barred = self._barred.nonzero()[0].astype(np.int32)
-        node, segment, gap = search.sunk(x, barred, _SUNK)
-        comm = self._state.nodes.V.mesh.comm
-        if not (self._choices and reductions.anywhere(comm, len(node) > 0)):
+        node, segment, gap = sunk(search, x, barred, _SUNK)
+        if not reductions.anywhere(self._state.nodes.V.mesh.comm, len(node) > 0):
             return 0
         self._choices -= 1
         self._sunk[node] = True
