@@ -88,8 +88,9 @@ class MultiplierContact(NormalContact):
         self._barred = eligible & ~chosen
         return chosen
 
-    def choose_anew(self, x: Floats) -> int:
+    def renew(self, x: Floats, *, moved: bool) -> int:
         """Let nodes be held that others barred and the step has sunk, see `NormalContact`."""
+        super().renew(x, moved=moved)
         if not (self._choices and self._state.pair.touches_itself):
             return 0
         search, approach = self._search, self._search.approach
@@ -102,7 +103,7 @@ class MultiplierContact(NormalContact):
         search.segment[node], search.gap[node] = segment, gap
         faces = (self._eligible | self._sunk) & (search.segment >= 0)
         approach.segment[faces] = search.segment[faces]
-        self.renew()
+        self._begin(self.active, self.lambda_N)
         return len(node)
 
     @property
