@@ -4,6 +4,8 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+from dolfinx import fem
+from dolfinx.mesh import meshtags
 
 import dolfinx_nts as nts
 from dolfinx_nts.io import checkpoint
@@ -89,6 +91,53 @@ def test_whole_boundary_of_a_ring_touches_itself_as_its_inside_does(comm):
         assert most > 0
         found.append(stepper.u.x.array.copy())
     assert np.abs(found[1] - found[0]).max(initial=0.0) < 1e-9
+
+
+def bars(comm):
+    """Two bars of one body, the upper one shifted to the left by 0.3 m; the surface of both."""
+
+    def build(model):
+        nts.parts.add_rectangle(model, "low", corner=(0, 0), size=(3, 1), cells=(3, 1))
+        nts.parts.add_rectangle(model, "up", corner=(-0.3, 1.1), size=(3, 1), cells=(3, 1))
+
+    mesh, cells, facets, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+    whole = meshtags(mesh, 2, cells.indices, np.ones_like(cells.values))
+    inner = np.sort(np.concatenate([facets.find(tag[name]) for name in ("low_top", "up_bottom")]))
+    surface = nts.Surface(V, meshtags(mesh, 1, inner, np.ones_like(inner)), 1)
+    outer = np.concatenate([facets.find(tag[name]) for name in ("low_bottom", "up_top")])
+    return nts.Body(V, whole, 1, RUBBER), surface, outer
+
+
+@pytest.mark.at_most_two_ranks
+@pytest.mark.parametrize("side", [1, -1])
+def test_corner_is_held_where_the_other_wall_ends_before_it(comm, side):
+    body, surface, outer = bars(comm)
+    V, given = body.V, fem.Function(body.V)
+
+    def move(t):
+        """Lower the upper bar by 0.12 m in the first step, tilt it by 0.1 in the second one."""
+        tilt = 0.1 * side * (t - 1)
+
+        def at(x):
+            above = x[1] > 2
+            return np.stack([0 * x[0], above * (-0.12 - tilt * (x[0] - 1.35))])
+
+        given.interpolate(at)
+
+    bc = fem.dirichletbc(given, fem.locate_dofs_topological(V, 1, outer))
+    pair = nts.ContactPair(surface, surface)
+    stepper = nts.QuasiStatic([body], [pair], dt=1, bcs=[bc], update=move)
+    for _ in stepper.run(2):
+        pass
+    X, x = (
+        np.concatenate(comm.allgather(each[body.nodes]))
+        for each in (V.tabulate_dof_coordinates(), stepper.x)
+    )
+    low, up = (np.unique(np.column_stack([X[:, 0], x])[X[:, 1] == y], axis=0) for y in (1.0, 1.1))
+    depths = [np.interp(low[:, 1], up[:, 1], -up[:, 2], left=-np.inf, right=-np.inf) + low[:, 2]]
+    depths += [np.interp(up[:, 1], low[:, 1], low[:, 2], left=-np.inf, right=-np.inf) - up[:, 2]]
+    assert max(map(np.max, depths)) < 0.02
 
 
 @pytest.mark.serial

@@ -193,9 +193,8 @@ class ContactStep:
         node = self.normal.nodes
         moved, is_renewed = self.search.reproject(self.x, node, self.normal.active[node])
         if is_renewed:
-            self.normal.renew()
             self._idle = None
-        return moved
+        return moved + self.normal.renew(self.x, moved=is_renewed)
 
     def close_gaps(self, contribution: ContactContribution, x: Floats, u: Floats) -> None:
         """Move owned nodes to where multipliers want them, see `NormalContact.close_gaps`.

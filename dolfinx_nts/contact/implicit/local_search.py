@@ -15,7 +15,7 @@ from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["Approach", "LocalSearch", "StaticSearch", "last_segments", "may_face"]
+__all__ = ["Approach", "LocalSearch", "StaticSearch", "last_segments", "may_face", "sunk"]
 
 # How often a node may change its segment in a step, after which it stays with the last one.
 _MOST_MOVES = 2
@@ -185,13 +185,9 @@ class LocalSearch:
         node = node[self._moves[node] >= _MOST_MOVES]
         if not len(node):
             return node
-        points, current = self.points.take(node), self.segment[node]
-        segment, gap = self.candidates.pair(points, x, current, self.reach, self._overhang)
-        inside = ((segment != current) & (gap < 0)).nonzero()[0]
-        node, segment, gap = node[inside], segment[inside], gap[inside]
-        before = self.candidates.gap(self.points.take(node), self.x_n, segment)
-        deeper = gap < np.fmin(before, 0.0) - TOUCHES * self.candidates.size[segment]
-        return node[deeper]
+        inside, segment, _ = sunk(self, x, node, TOUCHES)
+        others: Ints = inside[segment != self.segment[inside]]
+        return others
 
     def _find(self, x: Floats, node: Ints, slack: float) -> tuple[Ints, Flags]:
         """Segments of nodes; whether they are others than before."""
@@ -224,6 +220,28 @@ class StaticSearch(LocalSearch):
     """Nodes without inertia, which slide over edges where these are, see `LocalSearch`."""
 
     _overhang = _STATIC_OVERHANG
+
+
+def sunk(search: LocalSearch, x: Floats, node: Ints, least: float) -> tuple[Ints, Ints, Floats]:
+    """Find those of some nodes that a step has brought into the segments that they meet. Local.
+
+    Args:
+        search: What the nodes face.
+        x: Positions with ghosts at the end of the step, shape ``(l, 3)`` [m].
+        node: Positions among the surface's nodes, shape ``(m,)``.
+        least: By how much they are deeper than at t_n, relative to the segment's size [-].
+
+    Returns:
+        The nodes, their segments there, and the gaps to these [m].
+    """
+    candidates, points, current = search.candidates, search.points, search.segment[node]
+    overhang = search._overhang
+    segment, gap = candidates.pair(points.take(node), x, current, search.reach, overhang)
+    inside = (gap < 0).nonzero()[0]
+    node, segment, gap = node[inside], segment[inside], gap[inside]
+    before = candidates.gap(points.take(node), search.x_n, segment)
+    deeper = gap < np.fmin(before, 0.0) - least * candidates.size[segment]
+    return node[deeper], segment[deeper], gap[deeper]
 
 
 def last_segments(search: LocalSearch, other: LocalSearch) -> Ints:

@@ -9,7 +9,7 @@ from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.implicit.active_set import ActiveSet
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.friction import Friction
-from dolfinx_nts.contact.implicit.local_search import LocalSearch
+from dolfinx_nts.contact.implicit.local_search import LocalSearch, sunk
 from dolfinx_nts.contact.implicit.normal_contact import NormalContact
 from dolfinx_nts.contact.joint_state import JointState, bounds, segment_sizes
 from dolfinx_nts.contact.pair_state import PairState
@@ -20,6 +20,9 @@ __all__ = ["MultiplierContact"]
 # Gap, relative to the size of a segment [-], up to which nodes are moved along their normals
 # between Newton iterations.
 _CLOSE = 0.01
+# Depth, relative to the size of a segment [-], by which a step may make a node deeper that another
+# one keeps from being held, and how often nodes are chosen anew in a step because of that.
+_SUNK, _MOST_CHOICES = 0.05, 2
 
 
 class MultiplierContact(NormalContact):
@@ -51,6 +54,10 @@ class MultiplierContact(NormalContact):
         # would do work if it had to become 0 again.
         stays = not (search.pairing.follows or is_static)
         self._stays: Flags = state.history.active & stays
+        # Nodes that may not be held beside others, those of them that have sunk in, and how often
+        # nodes may still be chosen anew.
+        self._barred, self._sunk = np.zeros((2, len(state.history.active)), dtype=bool)
+        self._choices = _MOST_CHOICES
         super().__init__(state, search)
         # Nodes can be between two places, the frame of an obstacle is not.
         self._on_the_way: Floats | None = None
@@ -72,11 +79,32 @@ class MultiplierContact(NormalContact):
             # change either, lest nodes are let go under load where segments are shorter.
             size = np.repeat(segment_sizes(self._state), np.diff(bounds(self._state)))
             eligible &= self._law.eligible(approach.gap_n, approach.gap, size, history.active)
-        urgency = 2 * history.active + (np.fmin(approach.gap_n, approach.gap) < 0)
         if isinstance(self._state, JointState):  # with segments of other bodies
             return eligible
+        urgency = 2 * history.active + (np.fmin(approach.gap_n, approach.gap) < 0)
+        urgency[self._sunk] = 4
         nodes = self._state.nodes
-        return candidates.independent(nodes, approach.segment, eligible, urgency)
+        chosen = candidates.independent(nodes, approach.segment, eligible, urgency)
+        self._barred = eligible & ~chosen
+        return chosen
+
+    def renew(self, x: Floats, *, moved: bool) -> int:
+        """Let nodes be held that others barred and the step has sunk, see `NormalContact`."""
+        super().renew(x, moved=moved)
+        if not (self._choices and self._state.pair.touches_itself):
+            return 0
+        search, approach = self._search, self._search.approach
+        barred = self._barred.nonzero()[0].astype(np.int32)
+        node, segment, gap = sunk(search, x, barred, _SUNK)
+        if not reductions.anywhere(self._state.nodes.V.mesh.comm, len(node) > 0):
+            return 0
+        self._choices -= 1
+        self._sunk[node] = True
+        search.segment[node], search.gap[node] = segment, gap
+        faces = (self._eligible | self._sunk) & (search.segment >= 0)
+        approach.segment[faces] = search.segment[faces]
+        self._begin(self.active, self.lambda_N)
+        return len(node)
 
     @property
     def may_touch(self) -> Flags:

@@ -44,9 +44,14 @@ class NormalContact(ABC):
         self.active: Flags = active & self._eligible
         self.lambda_N: Floats = np.where(self.active, lambda_N, 0.0)
 
-    def renew(self) -> None:
-        """Go on with other contact points within the step. Collective."""
-        self._begin(self.active, self.lambda_N)
+    def renew(self, x: Floats, *, moved: bool) -> int:
+        """Go on in an equilibrium x: with other contact points within the step, if they moved.
+
+        Returns for how many nodes of this rank others are to transmit force instead. Collective.
+        """
+        if moved:
+            self._begin(self.active, self.lambda_N)
+        return 0
 
     def choose(self) -> Flags:
         """Choose the nodes that may transmit force, shape ``(n,)``. Collective."""

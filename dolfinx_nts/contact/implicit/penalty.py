@@ -108,10 +108,11 @@ class PenaltyContact(NormalContact):
         )
         return changes + int(np.count_nonzero(pulls))
 
-    def renew(self) -> None:
+    def renew(self, x: Floats, *, moved: bool) -> int:
         """Go on with other contact points, whose gaps are not known."""
-        super().renew()
-        self._linear_gaps.forget()
+        if moved:
+            self._linear_gaps.forget()
+        return super().renew(x, moved=moved)
 
     def needs(self, x: Floats, node: Ints) -> Flags:
         """Whether springs may be loaded at either end, see `NormalContact.needs`. Local."""
