@@ -19,10 +19,10 @@ from dolfinx_nts.common.arguments import as_call
 from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
 from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.common.named_tag import NamedTag
-from dolfinx_nts.fem.axisymmetry import is_on_axis
+from dolfinx_nts.fem.axisymmetry import is_on_axis, of_rings
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.elements import Element, check_space, check_tag
-from dolfinx_nts.fem.nodal_areas import nodal_areas
+from dolfinx_nts.fem.jit import assembled, compile_quickly
 from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.model.rigid_shapes import RigidSphere
 from dolfinx_nts.model.segments import NEIGHBOURS, area_vectors, diameters
@@ -133,8 +133,6 @@ class Surface(Declaration):
         on_facet, pieces = (
             of_cells[rows, np.array(nodes)[number]] for nodes in zip(*sides, strict=True)
         )
-        # Cell of each owned facet, and number of the facet in it.
-        self._sides = cells[owned], number[owned]
         segments: Ints = on_facet.reshape(-1, on_facet.shape[2])
         outward = (X[on_facet].mean(axis=2) - X[pieces].mean(axis=2)).reshape(-1, 3)
         mine = np.repeat(owned, on_facet.shape[1])
@@ -278,7 +276,10 @@ class Surface(Declaration):
         It is the integral of the node's shape function, of rings around their whole
         circumference. Collective at the first use.
         """
-        area: Floats = nodal_areas(self.V, *self._sides)[self.nodes]
+        eta = ufl.TestFunction(self.V)
+        form = compile_quickly(of_rings(eta[0], self.V.mesh) * self.measure())
+        area: Floats = assembled(form).reshape(-1, dimension(self.V))
+        area = area[self.nodes, 0]
         return area
 
     def per_area(self, force: Floats) -> Floats:
