@@ -7,7 +7,7 @@ import pytest
 
 from dolfinx_nts import compat
 from dolfinx_nts.common.vectors import cross
-from dolfinx_nts.search import edge_candidates
+from dolfinx_nts.search import crossings
 from dolfinx_nts.search.edge_candidates import EdgeCandidates
 from dolfinx_nts.search.edges import Edges
 from dolfinx_nts.search.points import NodalPoints
@@ -90,7 +90,7 @@ def test_what_crosses_where_two_edges_meet_crosses_one_of_them():
 def test_only_edges_within_reach_are_crossed(monkeypatch, rng):
     crossed_pairs = []
     monkeypatch.setattr(
-        edge_candidates, "cross", lambda a, b: crossed_pairs.append(len(a)) or cross(a, b)
+        crossings, "cross", lambda a, b: crossed_pairs.append(len(a)) or cross(a, b)
     )
     x = crossed(gap=5.0)
     pairs = candidates(x, reach=10.0)
