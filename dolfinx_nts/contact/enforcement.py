@@ -31,22 +31,23 @@ class LagrangeMultiplier(Declaration):
     .. math:: 0 \le -\lambda_N \perp g_{n+1} - g_{ref} \ge 0.
 
     Args:
-        impact: What a node does that meets a segment. ``"elastic"``: it holds the gap with
-            which it came, g_ref = g_n, so that contact does no work in any step (persistency,
-            after Laursen and Chawla 1997) and the energy-momentum scheme conserves the total
-            energy exactly; only nodes that touch, or would pass through within the step, are
-            eligible. ``"plastic"``: g_ref = 0 (Franke, Hesch, Betsch 2011, eq. 58), by which
-            the impact energy of the node dissipates. ``"resolved"``: elastic impact of nodes
-            without mass, which nodes below the surface carry for them, so that forces follow
-            the wave in the body: second order in time where steps are shorter than a wave takes
-            through a cell. It is for `EnergyMomentum`, without springs of friction, at degree 1.
-            ``"restitution"``: a node leaves with ``e`` times the speed with which it came,
-            wherever in the step it arrives, as g_ref = g_n + (1 - e)/2 min(h dg_n/dt, 0); the
-            energy-momentum scheme never gains energy by it, and with e = 1 it is elastic.
-            It is for contact by all methods.
-        e: Coefficient of restitution of ``"restitution"``, from 0 to 1 [-]. It is that of
-            nodes: a body that swings bounces by its waves too, the less by its nodes the finer
-            the mesh, so that ``e`` tells how a body bounces only if it is stiff.
+        impact: What happens when a node meets a segment. ``"elastic"``: the node keeps the gap
+            that it had at the start of the step, g_ref = g_n, so that contact does no work in
+            any step (persistency, after Laursen and Chawla 1997) and the energy-momentum scheme
+            conserves the total energy exactly. Only nodes that touch, or would pass through
+            within the step, can become active. ``"plastic"``: the gap is closed, g_ref = 0
+            (Franke, Hesch, Betsch 2011, eq. 58), which dissipates the impact energy of the node.
+            ``"resolved"``: elastic impact of surface nodes without mass; the nodes below the
+            surface carry their mass, so that the force follows the waves in the body. It is of
+            second order in time if a step is shorter than the time in which a wave crosses a
+            cell, and is available in `EnergyMomentum`, at degree 1, without tangential springs.
+            ``"restitution"``: the node leaves with ``e`` times the speed with which it arrived,
+            wherever in the step it arrives: g_ref = g_n + (1 - e)/2 min(h dg_n/dt, 0). The
+            energy-momentum scheme never gains energy by it; e = 1 is elastic impact. It is
+            available in all methods of contact.
+        e: Coefficient of restitution of ``"restitution"``, from 0 to 1 [-]. It applies to nodes.
+            A soft body also rebounds by its waves, all the more the finer its mesh is, so that
+            ``e`` is the coefficient of restitution of the whole body only if it is stiff.
 
     Attributes:
         impact: The argument.

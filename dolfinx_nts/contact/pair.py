@@ -56,31 +56,30 @@ class AcceptedContact(Protocol):
 class ContactPair(Declaration):
     """Declares that nodes of a surface may touch segments of another, or a rigid obstacle.
 
-    Collective. A surface may be both: then it touches itself. A node then touches segments that
-    face it, but neither neighbours on the mesh nor the other side of its own wall
-    (``cpp/nts/search/self_contact.h``), and must not move by more than a cell of the wall in a
-    step. Springs act from both sides; multipliers go to nodes of which none is a vertex of the
-    segment of another.
+    Collective. For self contact, give the same surface twice. A node then touches the segments
+    that face it, but neither its neighbours on the mesh nor the other side of its own wall
+    (``cpp/nts/search/self_contact.h``), and it must not move by more than one cell of the wall
+    in a step. Springs act from both sides. Multipliers act at some of the nodes only, so that
+    none of these is a vertex of a segment that another one touches.
 
-    A pair may be given to several steppers, which do not disturb each other:
-    ``stepper.contacts`` has what each of them remembers. As long as one stepper has the pair,
-    `history`, `pressure`, `gap` and ``str`` of the pair are those of this stepper. ``str``
-    tells the laws and, after the first step, least and greatest stiffness of springs, given or
-    derived.
+    Several steppers may use the same pair without disturbing each other: each of them keeps what
+    it remembers of the pair in ``stepper.contacts``. While only one stepper uses the pair, its
+    `history`, `pressure`, `gap` and ``str`` are those of that stepper. ``str`` gives the laws
+    and, after the first step, the smallest and the largest stiffness of the springs.
 
     Args:
         nodes: Surface whose nodes may touch.
-        segments: Surface whose segments are touched, or a rigid obstacle.
-        enforcement: How contact is enforced; None: by multipliers with elastic impact.
-        friction: Law of friction; None: none.
-        method: ``"node-to-segment"``: each node holds its distance from the segment that it
-            faces. ``"mortar"``: surface to surface, each node holds the mean distance of the
-            facets around it, weighted with a dual shape function (Wohlmuth 2000); it transmits
-            a uniform pressure exactly, wherever nodes of the two surfaces lie. At degree 2 the
-            vertices hold it. ``"edge-to-edge"``: edges of the nodes' surface hold their distance
-            from edges of the other one, or of a `RigidSurface`, that they cross, where both are
-            convex and turn by more than 30 degrees. It adds to a pair of the same surfaces by one
-            of the other methods, which do not see such edges.
+        segments: Surface whose segments they may touch, or a rigid obstacle.
+        enforcement: Law of normal contact. None means Lagrange multipliers with elastic impact.
+        friction: Law of friction. None means contact without friction.
+        method: ``"node-to-segment"``: each node is kept from entering the segment that it faces.
+            ``"mortar"``: surface-to-surface contact. Each node constrains the mean gap of the
+            facets around it, weighted with a dual shape function (Wohlmuth 2000); a uniform
+            pressure is transmitted exactly, wherever the nodes of the two surfaces lie. At
+            degree 2 only vertices carry multipliers. ``"edge-to-edge"``: edges of the first
+            surface are kept from crossing edges of the second one, or of a `RigidSurface`, if
+            both edges are convex and turn by more than 30 degrees. Use it in addition to a pair
+            of the same surfaces by one of the other methods, which do not see such edges.
 
     Attributes:
         nodes, segments, enforcement, method: The arguments.
