@@ -190,20 +190,20 @@ class Penalty(Declaration):
     the energy-momentum scheme conserves the energy of bodies and springs.
 
     Args:
-        eps_N: Stiffness of the spring at a node [N/m]; None: the static stiffness of the node
-            itself, or of the stiffest vertex of the segments if that is less, whatever the
-            length of steps, so that steps which resolve a cell are of second order in time. A
-            node then sinks in by about as much as its cell is pressed together: in an impact by
-            v/c of the height of the cell, speed over wave speed. Without inertia ten times that
-            stiffness. Where neither side deforms, it is half the mass of the lighter rigid body
-            over the square of the first step, so that what strikes at one point sinks in by
-            about its way in a step or two; without inertia ten times that of the stiffest node
-            that deforms.
+        eps_N: Stiffness of the spring at a node [N/m]. None: the static stiffness of the node
+            itself, or that of the stiffest vertex of the segments if that is less; in statics,
+            ten times that. It does not depend on the length of the steps, so that steps which
+            resolve a cell are of second order in time. A node then penetrates about as far as
+            its cell is compressed: in an impact by v/c of the height of the cell, where v is
+            the speed of the impact and c the speed of waves. Between bodies that do not deform,
+            None means half the mass of the lighter one divided by the square of the first step,
+            so that a body which strikes at one point penetrates about as far as it moves in one
+            or two steps; in statics, ten times the stiffness of the stiffest node that deforms.
 
     Attributes:
         eps_N: The argument.
-        share: Part of the stiffness that a spring has, and that of friction with it [-]: 1, or
-            what `halved` left of it.
+        share: Factor on the stiffness of the springs, normal and tangential [-]: 1, or less
+            after `halved`.
 
     Raises:
         ValueError: ``eps_N`` is not positive.

@@ -16,10 +16,10 @@ __all__ = ["Guide"]
 class Guide(Declaration):
     r"""Declares in which directions a rigid body moves freely, and leads it in the others. Local.
 
-    The body slides along and turns about the given directions, which stay as they are in space.
-    All else is held, or moves as ``motion`` says: the part of the displacement of the guided
-    point that no slide is free for, and the rotation of a body that does not turn freely. Loads
-    drive the free directions, and the guide takes their rest as its reaction.
+    The body slides along and turns about the given directions, which are fixed in space. All
+    other motions are held at zero or prescribed by ``motion``: the displacement of the guided
+    point in the directions that do not slide, and the rotation of a body that does not turn
+    freely. Loads drive the free directions; the reaction of the guide balances the rest of them.
 
     Args:
         slides: Axes along which the point of the body moves freely: letters as in ``"z"`` or

@@ -56,11 +56,12 @@ class Surface(Declaration):
         V: Vector space of the displacement, ``("Lagrange", 1, (3,))`` or of degree 2.
         facets: Facet tags of the mesh.
         tag: Value of the tag.
-        smooth: Whether nodes that touch its segments see a smooth surface through its nodes, by
-            curved patches, instead of flat facets (``search/smooth_patches.py``). Surface to
-            surface it touches others with such patches, too. Edges at which facets turn by more
-            than 30 degrees stay sharp. Needs degree 1. A `RigidSphere`: nodes see this sphere, on
-            which the facets are, exactly; for a `RigidBody`, which carries the sphere along.
+        smooth: Whether contact sees curved patches through the nodes of the surface instead of
+            its flat facets (``search/smooth_patches.py``): nodes that touch its segments and, in
+            surface-to-surface contact, the surface itself. Edges at which facets turn by more
+            than 30 degrees stay sharp. Needs degree 1. With a `RigidSphere`, contact sees that
+            sphere exactly; the surface must be that of a `RigidBody`, which carries the sphere
+            along, with all its vertices on the sphere.
 
     Attributes:
         V, smooth: The arguments.
