@@ -78,13 +78,13 @@ def table(runs: dict[str, list[dict[str, float]]]) -> str:
     Returns:
         The table.
     """
-    heads = ["variant", "energy at the end", "change [-]"]
+    heads = ["variant", "energy at the end", "change [%]"]
     heads += [cause.replace("_", " ") for cause in CAUSES]
     lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
     for name, rows in runs.items():
         start, end = rows[0], rows[-1]
-        change = end["total_energy"] / start["total_energy"] - 1
-        cells = [name, f"{end['total_energy']:.2f}", _told(change, ".1e")]
+        change = 100 * (end["total_energy"] / start["total_energy"] - 1)
+        cells = [name, f"{end['total_energy']:.2f}", _told(change, ".2g")]
         cells += [_told(end[f"energy_{cause}"], "+.3g") for cause in CAUSES]
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines) + f"\n\nEnergies in joules; 0 is less than {ROUND_OFF:g}.\n"
