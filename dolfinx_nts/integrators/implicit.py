@@ -235,7 +235,7 @@ class ImplicitStepper(Stepper):
                 return report
             advice += f"; {IF_IT_MOVES}"
         self.u.x.array[:] = self.u_n.x.array
-        raise self._failure(reports, steps, solution.states, advice)
+        raise self._failure(reports, steps, solution.end.states, advice)
 
     def _problem(self, starts: Iterable[Start], load: float) -> StepProblem:
         """What is given in the step that begins; ``load`` is the norm of its loads [N]."""
@@ -393,7 +393,7 @@ class ImplicitStepper(Stepper):
         """
         n = len(self._lumped_mass)
         works = {}
-        for step, pairs in zip(steps, solution.states, strict=True):
+        for step, pairs in zip(steps, solution.end.states, strict=True):
             history, works[step.state] = step.accepted(pairs)
             step.state.accept(history)
         self.watch.springs.look()
@@ -407,7 +407,7 @@ class ImplicitStepper(Stepper):
         v = self.v.x.array[:n]
         of_this_rank = {
             "damping": -damped,
-            "solver": solution.R @ du,
+            "solver": solution.end.R @ du,
             "inertia": defect + constraints,
             "open gaps": self._work_of_open_gaps(steps),
             "segments": sum(len(step.candidates.size) for step in steps),
@@ -423,7 +423,7 @@ class ImplicitStepper(Stepper):
             kinetic = total["before"], total["after"]
             self.watch.gains.look(works, kinetic, t, total["open gaps"])
         # Without inertia bodies may press against supports alone.
-        internal = self._bulk.forces() if self._is_static else solution.R_bulk
+        internal = self._bulk.forces() if self._is_static else solution.end.R_bulk
         internal = internal - self._lumped_mass * (v - v_n) / self.dt
         # What keeps a body rigid is no force of the balance.
         self._forces.accept(load, self._bulk.rigid.without(self._owned(internal)).ravel())

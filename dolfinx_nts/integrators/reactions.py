@@ -55,8 +55,8 @@ class Reactions:
         supports, rigid = self._bulk.supports, self._bulk.rigid
         fixed, (n, d) = supports.fixed, du.shape
         # The residual of a state has no forces on given displacements; ``force`` has all.
-        everywhere = [state._replace(residual=state.force) for state in solution.states]
-        force = solution.forces + contact_residual(steps, everywhere, (n, d))
+        everywhere = [state._replace(residual=state.force) for state in solution.end.states]
+        force = solution.end.forces + contact_residual(steps, everywhere, (n, d))
         if self._at_mean:
             x = x.copy()
             x[:n] -= in_space(du) / 2

@@ -9,7 +9,6 @@ import numpy as np
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual, predict
-from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
@@ -59,15 +58,14 @@ _AIM, _NEAR = 0.3, 1e3
 
 @dataclass(frozen=True)
 class Solution:
-    """State of the contacts at the end of the iteration, with the residuals [N].
+    """Where the iteration ended, and what it did.
 
-    ``forces`` is the residual of the bodies on all dofs, given or not.
+    Attributes:
+        end: Forces and contact of the last iterate.
+        report: What was done, and why it stopped.
     """
 
-    states: tuple[ContactContribution, ...]
-    R: Floats
-    R_bulk: Floats
-    forces: Floats
+    end: Iterate
     report: NewtonReport
 
 
@@ -168,7 +166,7 @@ def solve(
         reason = convergence.failure(seen, most, is_solution=converged)
         _logger.debug("iteration %d: |R| = %.3e N", iteration, seen.norm)
         if converged or reason:
-            return Solution(states, R, R_bulk, forces, convergence.report(reason))
+            return Solution(iterate, convergence.report(reason))
 
         if convergence.is_doubtful(seen) and _may_decide(iteration) and not begins_sticking:
             with timings.phase("solve"):
