@@ -10,7 +10,8 @@ import numpy.typing as npt
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from helpers import scenes
+from helpers import box_meshes
+from helpers.scene import gathered
 
 Array = npt.NDArray[np.float64]
 
@@ -43,14 +44,14 @@ class Box:
     ) -> None:
         """Distribute the mesh. Collective."""
         self.comm, self.cell = comm, cell
-        data = scenes.boxes([(3, 3, 3) if hollow else shape], [size], cell)
+        data = box_meshes.boxes([(3, 3, 3) if hollow else shape], [size], cell)
         if hollow:
             grid = np.arange(64).reshape(4, 4, 4)
             self.corners = grid[1:3, 1:3, 1:3].ravel()
             keep = ~np.isin(data.cells, self.corners).all(axis=1)
             surfaces = data.surfaces | {"cavity": self.corners}
             data = replace(data, cells=data.cells[keep], body=data.body[keep], surfaces=surfaces)
-        self.mesh, self.cells, self.facets, self.tag = scenes.distribute(comm, data)
+        self.mesh, self.cells, self.facets, self.tag = box_meshes.distribute(comm, data)
         self.V = fem.functionspace(self.mesh, ("Lagrange", 1, (3,)))
         self.body = nts.Body(self.V, self.cells, self.tag["body 0"], material)
 
@@ -67,7 +68,7 @@ class Box:
 
     def positions(self, stepper: nts.EnergyMomentum | nts.Midpoint) -> Array:
         """Positions of all nodes, by number in the input. Collective."""
-        return scenes.gathered(self.V, stepper.x)
+        return gathered(self.V, stepper.x)
 
     def cavity_volume(self, stepper: nts.EnergyMomentum | nts.Midpoint) -> float:
         """Volume enclosed by the facets of the cavity. Collective."""

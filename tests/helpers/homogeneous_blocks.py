@@ -7,7 +7,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from helpers import scenes
+from helpers import box_meshes
 
 Array = npt.NDArray[np.float64]
 SIDES = {"x0": (0, 0), "x1": (0, 1), "y0": (1, 0), "y1": (1, 1)}
@@ -41,14 +41,14 @@ def deform(
         Piola-Kirchhoff stress [Pa].
     """
     Q = np.eye(3) if Q is None else Q
-    data = scenes.boxes([(n, n, 2) for n in cells], [(1, 1, 0.5)] * 2, cell)
+    data = box_meshes.boxes([(n, n, 2) for n in cells], [(1, 1, 0.5)] * 2, cell)
     X = data.X
     X[np.unique(data.cells[data.body == 1]), 2] += 0.5
     for side, (axis, place) in SIDES.items():
         data.surfaces[side] = np.flatnonzero(X[:, axis] == place)
     X[:, 2] += slope * (X[:, 0] - 0.5) * (1 - np.abs(2 * X[:, 2] - 1))
     X[:] = X @ Q.T
-    mesh, tags, facets, tag = scenes.distribute(MPI.COMM_WORLD, data)
+    mesh, tags, facets, tag = box_meshes.distribute(MPI.COMM_WORLD, data)
     V = fem.functionspace(mesh, ("Lagrange", degree, (3,)))
     material = nts.SaintVenantKirchhoff(1.0, 0.3, 1.0)
     bodies = [nts.Body(V, tags, tag[f"body {number}"], material) for number in (0, 1)]

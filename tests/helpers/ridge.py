@@ -6,7 +6,8 @@ import numpy as np
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from helpers.scenes import Motion, Scene, boxes, distribute
+from helpers.box_meshes import boxes, distribute
+from helpers.scene import Motion, Scene
 from reference.bulk import rotation
 
 __all__ = ["box_corners", "over_ridge", "ridge"]

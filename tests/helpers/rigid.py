@@ -10,7 +10,8 @@ from dolfinx import fem
 from dolfinx.mesh import meshtags
 
 import dolfinx_nts as nts
-from helpers.scenes import Motion, Scene, boxes, distribute
+from helpers.box_meshes import boxes, distribute
+from helpers.scene import Motion, Scene
 from reference.bulk import rotation
 
 __all__ = ["CENTRE", "bonded", "brick", "eulers", "hinged", "impact", "pressed", "spin"]

@@ -11,8 +11,9 @@ from dolfinx.mesh import create_unit_cube
 
 import dolfinx_nts as nts
 from dolfinx_nts import parts
-from helpers import scenes
+from helpers import box_meshes, scenes
 from helpers.once import once
+from helpers.scene import input_ids
 
 pytestmark = pytest.mark.at_most_two_ranks
 
@@ -114,7 +115,7 @@ def test_state_that_is_no_number_is_refused(comm, bad, name, refused, agree):
     stepper = scene.stepper
     values = {"displacement": stepper.u, "velocity": stepper.v}[name].x.array
     # One dof of one node, which one rank owns.
-    values.reshape(-1, 3)[scenes.input_ids(stepper.u.function_space) == 33, 1] = bad
+    values.reshape(-1, 3)[input_ids(stepper.u.function_space) == 33, 1] = bad
     before = stepper.u.x.array.copy(), stepper.v.x.array.copy(), stepper.pairs[0].history
     with refused(ValueError, f"expected a finite {name}, given 1 dofs that are not"):
         stepper.advance()
@@ -144,8 +145,8 @@ def test_element_that_inverts_is_named_with_its_place_and_time(comm, scheme, ref
 
 def test_element_that_inverts_on_one_rank_is_named_on_all(comm, refused):
     # Only the first cell: its rank alone can see it.
-    data = scenes.boxes([(4, 1, 1)], [(4.0, 1.0, 1.0)])
-    mesh, cells, _, tag = scenes.distribute(
+    data = box_meshes.boxes([(4, 1, 1)], [(4.0, 1.0, 1.0)])
+    mesh, cells, _, tag = box_meshes.distribute(
         comm, data, owner=lambda middle: np.arange(len(middle)) % comm.size
     )
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
@@ -158,9 +159,9 @@ def test_element_that_inverts_on_one_rank_is_named_on_all(comm, refused):
 
 def test_empty_surface_of_a_file_is_no_tag(comm, refused):
     # A named surface without a facet is missing in the mesh file.
-    data = scenes.boxes([(2, 2, 1)], [(1.0, 1.0, 0.5)])
+    data = box_meshes.boxes([(2, 2, 1)], [(1.0, 1.0, 0.5)])
     data.surfaces["nothing"] = np.array([0])
-    mesh, _, facets, tag = scenes.distribute(comm, data)
+    mesh, _, facets, tag = box_meshes.distribute(comm, data)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     with refused(ValueError, rf"expected a tag out of \[1, 2\] in facets, given {tag['nothing']}"):
         nts.Surface(V, facets, tag["nothing"])

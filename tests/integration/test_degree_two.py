@@ -13,11 +13,12 @@ import dolfinx_nts as nts
 from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.tangent import Tangent
-from helpers import scenes
+from helpers import box_meshes, scenes
 from helpers.boxed import Ledger
 from helpers.interrupted import SCHEMES, with_law
 from helpers.once import once
 from helpers.readers import read_grids
+from helpers.step_parts import step_forms
 
 pytestmark = pytest.mark.at_most_two_ranks
 
@@ -124,8 +125,8 @@ def test_surfaces_conserve_what_they_should(comm, cell, laws):
 @cells_
 @pytest.mark.parametrize("obstacle", ["plane", once("sphere")])
 def test_obstacles_stop_all_nodes(comm, cell, obstacle):
-    data = scenes.boxes([(2, 2, 2)], [(1.0, 0.8, 0.6)], cell)
-    mesh, cells, _, tag = scenes.distribute(comm, data)
+    data = box_meshes.boxes([(2, 2, 2)], [(1.0, 0.8, 0.6)], cell)
+    mesh, cells, _, tag = box_meshes.distribute(comm, data)
     V = fem.functionspace(mesh, ("Lagrange", 2, (3,)))
     body = nts.Body(V, cells, tag["body 0"], nts.SaintVenantKirchhoff(*scenes.BLOCK_RUBBER))
     below = {
@@ -184,7 +185,7 @@ def test_tangent_is_the_derivative_of_the_residual(comm, cell):
     scene.run(3)
     s = scene.stepper
     s.u_n.x.array[:] = s.u.x.array
-    bulk = Bulk(scenes.step_forms(s).residual(), s.u, [])
+    bulk = Bulk(step_forms(s).residual(), s.u, [])
     V, n = s.u.function_space, bulk.num_owned
     X = V.tabulate_dof_coordinates()[: n // 3]
     d = np.sin(3 * X[:, [1, 2, 0]] + np.arange(3))
@@ -205,7 +206,7 @@ def test_tangent_is_the_derivative_of_the_residual(comm, cell):
         remainders.append(norm(bulk.forces() - R - step * slope))
     assert np.log2(remainders[0] / remainders[1]) >= 1.9
     at(u)
-    tangent = Tangent(scenes.step_forms(s).residual(), s.u, [])
+    tangent = Tangent(step_forms(s).residual(), s.u, [])
     tangent.assemble_exact()
     matrix = tangent.matrix(scalar=False)
     x, y = matrix.createVecs()
@@ -217,8 +218,8 @@ def test_tangent_is_the_derivative_of_the_residual(comm, cell):
 @cells_
 def test_energy_of_bending_is_exact(comm, cell):
     """Pure bending u = (xz, 0, -x^2/2) k: the energy of the exact field."""
-    data = scenes.boxes([(2, 1, 1)], [(2.0, 0.5, 0.2)], cell)
-    mesh, cells, _, tag = scenes.distribute(comm, data)
+    data = box_meshes.boxes([(2, 1, 1)], [(2.0, 0.5, 0.2)], cell)
+    mesh, cells, _, tag = box_meshes.distribute(comm, data)
     V = fem.functionspace(mesh, ("Lagrange", 2, (3,)))
     E, k = 1e3, 1e-5
     body = nts.Body(V, cells, tag["body 0"], nts.SaintVenantKirchhoff(E, 0.0, 1.0))
@@ -273,8 +274,8 @@ def test_files_show_all_nodes_and_checkpoints_go_on(comm, tmp_path, cell, scheme
 @cells_
 def test_pressure_of_a_uniform_load_is_uniform(comm, cell):
     """Nodal forces of a pressure, of which vertices of triangles have none."""
-    data = scenes.boxes([(3, 2, 1)], [(1.2, 1.0, 0.5)], cell)
-    mesh, _, facets, tag = scenes.distribute(comm, data)
+    data = box_meshes.boxes([(3, 2, 1)], [(1.2, 1.0, 0.5)], cell)
+    mesh, _, facets, tag = box_meshes.distribute(comm, data)
     V = fem.functionspace(mesh, ("Lagrange", 2, (3,)))
     top = nts.Surface(V, facets, tag["top 0"])
     force = np.column_stack([3 * top.area, 0 * top.area, -2 * top.area])
@@ -285,9 +286,9 @@ def test_pressure_of_a_uniform_load_is_uniform(comm, cell):
 
 @cells_
 def test_matching_blocks_pass_the_patch_test(comm, cell):
-    data = scenes.boxes([(4, 4, 1), (4, 4, 1)], [(1.0, 1.0, 0.5)] * 2, cell)
+    data = box_meshes.boxes([(4, 4, 1), (4, 4, 1)], [(1.0, 1.0, 0.5)] * 2, cell)
     data.X[len(data.X) // 2 :, 2] += 0.5
-    mesh, cells, facets, tag = scenes.distribute(comm, data)
+    mesh, cells, facets, tag = box_meshes.distribute(comm, data)
     V = fem.functionspace(mesh, ("Lagrange", 2, (3,)))
     E = 1.0
     material = nts.SaintVenantKirchhoff(E, 0.3, 1.0)

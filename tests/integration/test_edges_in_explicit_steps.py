@@ -11,7 +11,7 @@ import pytest
 import dolfinx_nts as nts
 from helpers.corners import corners
 from helpers.crossing import crossed, deepest, tumbling
-from helpers.scenes import gathered
+from helpers.scene import gathered
 from helpers.separation import separation
 
 SPRINGS = nts.Penalty(2.0e4)

@@ -11,7 +11,7 @@ import dolfinx_nts as nts
 from helpers.corners import corners
 from helpers.once import once
 from helpers.ridge import box_corners, over_ridge
-from helpers.scenes import Motion, gathered
+from helpers.scene import Motion, gathered
 from helpers.separation import separation
 
 explicit = partial(over_ridge, scheme=nts.CentralDifference, dt=1e-3, enforcement=nts.Penalty())

@@ -8,10 +8,11 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts.search.edge_candidates import EdgeCandidates
+from helpers.box_meshes import boxes, distribute
 from helpers.corners import corners
 from helpers.crossing import crossed, deepest
 from helpers.once import once
-from helpers.scenes import Motion, boxes, distribute, gathered
+from helpers.scene import Motion, gathered
 from helpers.separation import separation
 from reference.bulk import rotation
 

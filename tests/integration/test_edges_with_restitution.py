@@ -6,7 +6,7 @@ import pytest
 import dolfinx_nts as nts
 from helpers.crossing import PLACE, VELOCITY, crossed
 from helpers.once import once
-from helpers.scenes import Motion
+from helpers.scene import Motion
 
 MASS = 10.0  # of a cube [kg]
 

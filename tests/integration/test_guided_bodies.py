@@ -10,7 +10,7 @@ from dolfinx_nts.plotting.stress import von_mises
 from helpers.once import once, once_except
 from helpers.plane import blocks
 from helpers.rigid import CENTRE, hinged, pressed, spin
-from helpers.scenes import Scene
+from helpers.scene import Scene
 from reference.bulk import rotation
 
 STICK = nts.Coulomb(mu=0.3)

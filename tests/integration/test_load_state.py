@@ -10,7 +10,8 @@ import pytest
 import dolfinx_nts as nts
 from dolfinx_nts.io import checkpoint
 from helpers.once import once
-from helpers.scenes import BLOCK_STEP, blocks, gathered
+from helpers.scene import gathered
+from helpers.scenes import BLOCK_STEP, blocks
 
 pytestmark = pytest.mark.at_most_two_ranks
 

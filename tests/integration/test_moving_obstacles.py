@@ -11,7 +11,7 @@ from dolfinx import fem
 import dolfinx_nts as nts
 from dolfinx_nts import parts
 from helpers.once import once
-from helpers.scenes import gathered
+from helpers.scene import gathered
 from reference.bulk import rotation
 
 # Of the ledger and the momenta, relative to what the tool gives.

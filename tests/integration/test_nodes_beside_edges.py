@@ -9,7 +9,7 @@ from dolfinx import fem
 import dolfinx_nts as nts
 from dolfinx_nts.search.global_search import GlobalSearch
 from dolfinx_nts.search.nodal_facets import NodalFacets
-from helpers.scenes import boxes, distribute
+from helpers.box_meshes import boxes, distribute
 
 pytestmark = pytest.mark.serial
 

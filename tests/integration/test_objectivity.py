@@ -5,6 +5,7 @@ import pytest
 
 import dolfinx_nts as nts
 from helpers import scenes
+from helpers.scene import Motion
 
 pytestmark = pytest.mark.serial
 
@@ -20,7 +21,7 @@ cells_ = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 @cells_
 @pytest.mark.parametrize("impact", ["elastic", "plastic"])
 def test_moved_blocks_have_moved_results(comm, scheme, cell, impact, rng):
-    motion = scenes.Motion.random(rng)
+    motion = Motion.random(rng)
     fixed, moved = (
         scenes.blocks(comm, scheme, nts.LagrangeMultiplier(impact), cell=cell, motion=m)
         for m in (None, motion)
@@ -34,7 +35,7 @@ def test_moved_blocks_have_moved_results(comm, scheme, cell, impact, rng):
 
 
 def test_moved_ball_and_plate_have_moved_results(comm, rng):
-    motion = scenes.Motion.random(rng)
+    motion = Motion.random(rng)
     fixed, moved = (scenes.ball_plate(comm, shift=scenes.NO_TIES, motion=m) for m in (None, motion))
     before, after = fixed.run(15), moved.run(15)
     difference = np.abs(moved.positions() - motion(fixed.positions())).max()

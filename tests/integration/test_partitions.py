@@ -7,7 +7,7 @@ import pytest
 from dolfinx import fem, mesh
 
 import dolfinx_nts as nts
-from helpers import plane, scenes
+from helpers import box_meshes, plane, scenes
 from helpers.interrupted import SCHEMES, layers_of
 from stress.run import CASES
 
@@ -32,7 +32,7 @@ def compare(one, other, num_steps, numbers=None):
     )
     positions = other.positions()
     if numbers is not None:
-        positions = scenes.in_numbers(positions, numbers)
+        positions = box_meshes.in_numbers(positions, numbers)
     moved = np.abs(positions - one.positions()).max()
     active = first.num_active == second.num_active
     comm = MPI.COMM_WORLD

@@ -12,7 +12,8 @@ import pytest
 import dolfinx_nts as nts
 from helpers.once import once
 from helpers.readers import read_grids
-from helpers.scenes import BLOCK_STEP, blocks, gathered, input_ids
+from helpers.scene import gathered, input_ids
+from helpers.scenes import BLOCK_STEP, blocks
 
 pytestmark = pytest.mark.at_most_two_ranks
 

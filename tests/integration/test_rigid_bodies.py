@@ -8,10 +8,11 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts.integrators.rigid import redundant
+from helpers.box_meshes import boxes, distribute
 from helpers.once import once
 from helpers.plane import blocks, throw
 from helpers.rigid import bonded, brick, eulers, impact, spin
-from helpers.scenes import Motion, boxes, distribute
+from helpers.scene import Motion
 from reference.bulk import rotation
 
 RHO = 2.0

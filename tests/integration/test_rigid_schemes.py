@@ -12,7 +12,7 @@ import dolfinx_nts as nts
 from helpers.once import once
 from helpers.plane import blocks, throw
 from helpers.rigid import CENTRE, bonded, brick, eulers, hinged, impact, pressed
-from helpers.scenes import Motion
+from helpers.scene import Motion
 
 STICK = nts.Coulomb(mu=0.3)
 SCHEMES = {

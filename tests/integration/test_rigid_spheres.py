@@ -10,11 +10,12 @@ import dolfinx_nts as nts
 from dolfinx_nts.search.points import NodalPoints
 from dolfinx_nts.search.smooth_patches import SmoothPatches
 from dolfinx_nts.search.sphere_frame import SphereFrame
+from helpers.box_meshes import boxes, distribute
 from helpers.collision import check_balances, collide
 from helpers.once import once
 from helpers.rigid import spin
 from helpers.round import rings
-from helpers.scenes import boxes, distribute, gathered
+from helpers.scene import gathered
 
 CENTRE, RADIUS = np.array([0.52, 0.48, 0.805]), 0.3
 OMEGA, SPEED = np.array([0.5, -3.0, 2.0]), np.array([0.4, 0.1, -1.5])

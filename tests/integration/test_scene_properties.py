@@ -10,7 +10,7 @@ import pytest
 
 import dolfinx_nts as nts
 from helpers.once import once
-from helpers.scenes import gathered
+from helpers.scene import gathered
 from stress.parts import box, rotation
 from stress.rows import Case, Setup, run
 from stress.world import Touch, World

@@ -10,7 +10,7 @@ from dolfinx_nts.contact.implicit.friction import Friction
 from dolfinx_nts.contact.implicit.multiplier import MultiplierContact
 from dolfinx_nts.integrators import sleeping
 from dolfinx_nts.solvers import krylov
-from helpers import scenes
+from helpers import box_meshes, scenes
 from helpers.once import once, once_except
 
 pytestmark = pytest.mark.at_most_two_ranks
@@ -161,11 +161,11 @@ def test_what_moves_a_body_wakes_it(comm, reason):
 
 @pytest.mark.parametrize("struck", ["elastic", once("rigid")])
 def test_bodies_that_share_nodes_sleep_together(comm, struck):
-    data = scenes.boxes([(2, 2, 4), (1, 1, 1)], [(1.0, 1.0, 1.2), (0.5, 0.4, 0.3)])
+    data = box_meshes.boxes([(2, 2, 4), (1, 1, 1)], [(1.0, 1.0, 1.2), (0.5, 0.4, 0.3)])
     falling = np.unique(data.cells[data.body == 1])
     data.X[falling] += [0.27, 0.36, 1.21]
     data.body[data.X[data.cells].mean(axis=1)[:, 2] < 0.6] = 2
-    mesh, cells, facets, tag = scenes.distribute(comm, data)
+    mesh, cells, facets, tag = box_meshes.distribute(comm, data)
     V = scenes.fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     rubber = nts.NeoHookean(1e3, 0.3, 10.0)
     block, base = (nts.Body(V, cells, tag[f"body {i}"], rubber) for i in (1, 2))

@@ -11,7 +11,7 @@ import dolfinx_nts as nts
 from dolfinx_nts.integrators import implicit
 from helpers.collision import check_balances, collide
 from helpers.round import balls, marble, rings, throw
-from helpers.scenes import gathered
+from helpers.scene import gathered
 
 
 def run(stepper, num_steps):

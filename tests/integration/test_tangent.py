@@ -13,6 +13,8 @@ from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.tangent import Tangent
 from helpers import scenes
 from helpers.once import once
+from helpers.scene import gathered, input_ids
+from helpers.step_parts import following, step_forms
 
 pytestmark = pytest.mark.at_most_two_ranks
 
@@ -48,13 +50,13 @@ class System:
         s = self.stepper = scene.stepper
         self.comm = comm
         s.u_n.x.array[:] = s.u.x.array
-        self.bulk = Bulk(scenes.step_forms(s).residual(), s.u, [])
+        self.bulk = Bulk(step_forms(s).residual(), s.u, [])
         V = s.u.function_space
         self.owned = V.dofmap.index_map.size_local
         self.X = V.tabulate_dof_coordinates()[: self.owned]
         # A state that is neither that at t_n nor a rigid motion of it.
         trial = s.u.x.array + 2 * s.dt * s.v.x.array
-        ids = scenes.input_ids(V)
+        ids = input_ids(V)
         self.numbers = ids[: self.owned]
         noise = 0.01 * np.random.default_rng(1).normal(size=(V.dofmap.index_map.size_global, 3))
         self.u = trial.reshape(-1, 3)[: self.owned] + noise[self.numbers]
@@ -89,7 +91,7 @@ class System:
             scatter = step.candidates.scatter
             local = scatter.forward(d)[state.pairs.dofs].reshape(state.force.shape)
             values = np.einsum("mab,mb->ma", state.tangent, local)
-            values += scenes.following(state, local)
+            values += following(state, local)
             forces = np.zeros((scatter.num_local, 3))
             np.add.at(forces, state.pairs.dofs.ravel(), values.reshape(-1, 3))
             K_d = K_d + scatter.reverse(forces)
@@ -99,7 +101,7 @@ class System:
 
     def everywhere(self, values):
         V = self.stepper.u.function_space
-        return scenes.gathered(V, values.reshape(-1, 3))
+        return gathered(V, values.reshape(-1, 3))
 
     def constraints(self, gaps):
         return np.concatenate(self.comm.allgather(np.concatenate([*gaps, np.empty(0)])))
@@ -156,7 +158,7 @@ def test_matrix_and_action_of_the_bulk_are_the_same(comm, scheme, cell):
     system = System(comm, scheme, cell, None, contact=False)
     system.states(system.u)
     d = system.direction(4)
-    tangent = Tangent(scenes.step_forms(system.stepper).residual(), system.stepper.u, [])
+    tangent = Tangent(step_forms(system.stepper).residual(), system.stepper.u, [])
     tangent.assemble_exact()
     K = tangent.matrix(scalar=False)
     x, y = K.createVecs()

@@ -7,9 +7,10 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
+from helpers.box_meshes import boxes, distribute
 from helpers.once import once
 from helpers.plane import blocks
-from helpers.scenes import Motion, Scene, boxes, distribute
+from helpers.scene import Motion, Scene
 
 LAW = nts.SaintVenantKirchhoff(1e3, 0.3, 10.0, one_point=())
 OMEGA = np.array([0.5, -1.0, 2.0])

@@ -14,6 +14,7 @@ import pytest
 
 import dolfinx_nts as nts
 from helpers import scenes
+from helpers.scene import History, Scene, Totals, local_momentum
 
 # Of the energy at any step, relative to the start.
 ENERGY_TOLERANCE = 1e-10
@@ -41,8 +42,8 @@ class Hold(nts.LagrangeMultiplier):
 class Run:
     """What a run leaves behind, one entry for each step."""
 
-    scene: scenes.Scene
-    history: scenes.History
+    scene: Scene
+    history: History
     impulse: np.ndarray
     smallest_gap: np.ndarray
     tension: float
@@ -63,8 +64,8 @@ def run(scheme, enforcement, dt, until) -> Run:
     scene = scenes.ball_plate(MPI.COMM_WORLD, scheme, enforcement, dt=dt)
     (pair,) = scene.stepper.pairs
     comm = scene.comm
-    totals, ball = scenes.Totals(scene), scenes.local_momentum(scene, "ball")
-    history = scenes.History([totals.row()], [])
+    totals, ball = Totals(scene), local_momentum(scene, "ball")
+    history = History([totals.row()], [])
     impulse, smallest_gap, tension = [np.zeros(3)], [], 0.0
     for report in scene.stepper.run(until):
         history.reports.append(report)
@@ -147,7 +148,7 @@ def test_newton_needs_few_iterations(elastic):
 @pytest.mark.serial
 def test_impulse_on_the_nodes_is_the_change_of_momentum_of_the_ball(elastic):
     # The force of a step acts over its length.
-    mass, momentum = scenes.local_momentum(elastic.scene, "ball")()
+    mass, momentum = local_momentum(elastic.scene, "ball")()
     change = momentum - mass * np.array([0, 1, -1])
     np.testing.assert_allclose(elastic.impulse[-1], change, atol=LINEAR_TOLERANCE * mass * 100)
 

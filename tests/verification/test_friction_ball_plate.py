@@ -16,6 +16,7 @@ import pytest
 import dolfinx_nts as nts
 from benchmarks.scenes import ball_on_plate
 from helpers import scenes
+from helpers.scene import History, Scene, Totals
 
 END, STEP = 1.0, 0.01
 # Kinetic and strain energy at the end, and total dissipation [J].
@@ -62,7 +63,7 @@ LABELS = {
 class Run:
     """A run with friction, one entry for each step."""
 
-    history: scenes.History
+    history: History
     stored: np.ndarray
     dissipation: np.ndarray
     least_dissipation: float
@@ -96,9 +97,9 @@ def run(name: str, until: float) -> Run:
     )
     stepper = scheme(list(bodies.values()), [pair], dt=STEP)
     stepper.set_velocity(bodies["ball"], (0.0, 1.0, -1.0))
-    scene = scenes.Scene(stepper, bodies, scenes.BALL_PLATE_RUBBER)
-    totals = scenes.Totals(scene)
-    history = scenes.History([totals.row()], [])
+    scene = Scene(stepper, bodies, scenes.BALL_PLATE_RUBBER)
+    totals = Totals(scene)
+    history = History([totals.row()], [])
     stored, dissipation, least = [], [], 0.0
     for report in stepper.run(until):
         history.reports.append(report)

@@ -9,9 +9,10 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from helpers import scenes
+from helpers import box_meshes, scenes
 from helpers.compressed_blocks import compress
 from helpers.homogeneous_blocks import deform
+from helpers.scene import History, Scene
 from reference.bulk import rotation
 
 pytestmark = pytest.mark.serial
@@ -95,7 +96,7 @@ def test_patch_test_by_springs_is_passed_but_for_their_compliance():
 
 
 @cache
-def impact(method: str) -> tuple[scenes.Scene, scenes.History]:
+def impact(method: str) -> tuple[Scene, History]:
     """Throw the hollow ball against the plate."""
     scene = scenes.ball_plate(MPI.COMM_WORLD, method=method)
     return scene, scene.run(40)
@@ -149,13 +150,13 @@ def test_plastic_impact_loses_energy_only_where_nodes_arrive(scheme):
 @cache
 def tilted_impact(method: str, swapped: bool, tilt: float) -> tuple[float, float]:
     """Change of the velocity of a tilted block that falls on another; error of the energy."""
-    data = scenes.boxes([(4, 4, 2), (6, 6, 3)], [(1, 1, 0.5), (0.8, 0.8, 0.6)])
+    data = box_meshes.boxes([(4, 4, 2), (6, 6, 3)], [(1, 1, 0.5), (0.8, 0.8, 0.6)])
     upper = np.unique(data.cells[data.body == 1])
     middle = np.array([0.4, 0.4, 0.3])
     turned = (data.X[upper] - middle) @ rotation([1, 0.3, 0], tilt).T
     data.X[upper] = turned + middle + [0.1, 0.05, 0.0]
     data.X[upper, 2] += 0.51 - data.X[upper, 2].min()
-    mesh, cells, facets, tag = scenes.distribute(MPI.COMM_WORLD, data)
+    mesh, cells, facets, tag = box_meshes.distribute(MPI.COMM_WORLD, data)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     material = nts.SaintVenantKirchhoff(1e5, 0.3, 1000.0, one_point=())
     bodies = [nts.Body(V, cells, tag[f"body {number}"], material) for number in (0, 1)]
@@ -236,12 +237,12 @@ def sliding_bulge(comm: MPI.Comm) -> tuple[nts.EnergyMomentum, nts.Diagnostics]:
     The node in the middle touches first; the facets around it rise, so that their outer nodes
     pass the rim high above it.
     """
-    data = scenes.boxes([(4, 4, 2), (2, 2, 2)], [(1, 1, 0.5), (0.8, 0.8, 0.4)])
+    data = box_meshes.boxes([(4, 4, 2), (2, 2, 2)], [(1, 1, 0.5), (0.8, 0.8, 0.4)])
     upper = np.unique(data.cells[data.body == 1])
     X = data.X[upper]
     X[:, 2] += 0.5 * ((X[:, :2] - 0.4) ** 2).sum(axis=1) * (1 - X[:, 2] / 0.4)
     data.X[upper] = X + np.array([0.15, 0.1, 0.503])
-    mesh, cells, facets, tag = scenes.distribute(comm, data)
+    mesh, cells, facets, tag = box_meshes.distribute(comm, data)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     material = nts.SaintVenantKirchhoff(1e5, 0.3, 1000.0, one_point=())
     bodies = [nts.Body(V, cells, tag[f"body {number}"], material) for number in (0, 1)]

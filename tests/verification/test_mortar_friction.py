@@ -10,6 +10,7 @@ import pytest
 import dolfinx_nts as nts
 from helpers import scenes
 from helpers.homogeneous_blocks import deform
+from helpers.scene import Motion, Scene, Totals
 
 pytestmark = pytest.mark.serial
 
@@ -24,13 +25,13 @@ NUM_STEPS = 25
 
 
 @cache
-def impact(law: str, method: str = "mortar") -> tuple[scenes.Scene, dict[str, np.ndarray]]:
+def impact(law: str, method: str = "mortar") -> tuple[Scene, dict[str, np.ndarray]]:
     """Throw the hollow ball against the plate at an angle; energies and momenta by step."""
     enforcement, friction = LAWS[law]
     scene = scenes.ball_plate(
         MPI.COMM_WORLD, enforcement=enforcement, friction=friction, method=method
     )
-    totals, rows = scenes.Totals(scene), {"nodes": [], "total": [], "dissipation": []}
+    totals, rows = Totals(scene), {"nodes": [], "total": [], "dissipation": []}
     rows["total"].append(totals.row())
     for _ in range(NUM_STEPS):
         assert scene.stepper.advance().newton_iterations <= 10
@@ -83,7 +84,7 @@ def test_linear_systems_with_friction_need_no_complete_factors():
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 def test_moved_bodies_have_moved_results(law, cell, rng):
     """Friction is the same in all directions of the surface."""
-    motion = scenes.Motion.random(rng)
+    motion = Motion.random(rng)
 
     def stepper(bodies, pairs, dt):
         pairs = [

@@ -17,7 +17,7 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from helpers import scenes
+from helpers import box_meshes
 
 pytestmark = pytest.mark.serial
 
@@ -60,10 +60,10 @@ class Scale:
 QUARTER, EIGHTH = Scale(0.002, 0.2, 2.2), Scale(0.0005, 0.1, 2.5)
 
 
-def blocks(upper: int, lower: int, scale: Scale) -> scenes.Input:
+def blocks(upper: int, lower: int, scale: Scale) -> box_meshes.Input:
     """Return both blocks, whose cells grow from the origin."""
     shapes = [(n, n, max(4, n // 2)) for n in (lower, upper)]
-    data = scenes.boxes(shapes, [(1, 1, 1), (1, 1, 1)])
+    data = box_meshes.boxes(shapes, [(1, 1, 1), (1, 1, 1)])
     X = (1 - scale.least) * data.X**scale.power + scale.least * data.X
     below = np.unique(data.cells[data.body == 0])
     X[below, 2] *= -1
@@ -77,7 +77,7 @@ def blocks(upper: int, lower: int, scale: Scale) -> scenes.Input:
 def pressed(method: str, upper: int, lower: int, swapped: bool, scale: Scale = QUARTER) -> Pressure:
     """Press the upper block down by its top in three steps."""
     data = blocks(upper, lower, scale)
-    mesh, cells, facets, tag = scenes.distribute(MPI.COMM_WORLD, data)
+    mesh, cells, facets, tag = box_meshes.distribute(MPI.COMM_WORLD, data)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     material = nts.SaintVenantKirchhoff(E, NU, 1.0, one_point=())
     bodies = [nts.Body(V, cells, tag[f"body {number}"], material) for number in (0, 1)]

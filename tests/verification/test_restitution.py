@@ -5,7 +5,7 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from helpers import scenes
+from helpers import box_meshes, scenes
 from helpers.once import once
 
 pytestmark = pytest.mark.at_most_two_ranks
@@ -24,7 +24,9 @@ def drop(comm, e, phase, scheme):
         Its velocity to the wall at the end over that before, and its relative loss of energy by
         the balance and by the ledger.
     """
-    mesh, cells, facets, tag = scenes.distribute(comm, scenes.boxes([(1, 1, 1)], [(0.2,) * 3]))
+    mesh, cells, facets, tag = box_meshes.distribute(
+        comm, box_meshes.boxes([(1, 1, 1)], [(0.2,) * 3])
+    )
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     cube = nts.Body(V, cells, tag["body 0"], nts.SaintVenantKirchhoff(1e9, 0.0, 1e3))
     pair = nts.ContactPair(
@@ -124,10 +126,10 @@ def test_surfaces_without_rebound_press_without_hopping(told):
 @pytest.mark.parametrize("e", [0.5, 0.0])
 @pytest.mark.parametrize("phase", [0.05, 0.65])
 def test_stiff_body_leaves_a_surface_with_a_part_of_its_speed(e, phase):
-    data = scenes.boxes([(2, 2, 1), (3, 3, 1)], [(0.2,) * 3, (0.4, 0.4, 0.1)])
+    data = box_meshes.boxes([(2, 2, 1), (3, 3, 1)], [(0.2,) * 3, (0.4, 0.4, 0.1)])
     below = np.unique(data.cells[data.body == 1])
     data.X[below] -= [0.1, 0.1, 0.1 + (1 + phase) * STEP * SPEED]
-    mesh, cells, facets, tag = scenes.distribute(scenes.MPI.COMM_SELF, data)
+    mesh, cells, facets, tag = box_meshes.distribute(scenes.MPI.COMM_SELF, data)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     steel = nts.SaintVenantKirchhoff(1e9, 0.0, 1e3)
     cube, plate = (nts.Body(V, cells, tag[f"body {i}"], steel) for i in range(2))
@@ -147,11 +149,11 @@ def test_stiff_body_leaves_a_surface_with_a_part_of_its_speed(e, phase):
 
 def rod(e, angle, cells, axis=(0.0, 0.0, 0.0), g=0.0):
     """A rigid rod that turns about an axis by its upper end, beside a wall that it can lie on."""
-    data = scenes.boxes([cells], [(0.2, 0.2, 1.0)])
+    data = box_meshes.boxes([cells], [(0.2, 0.2, 1.0)])
     c, s = np.cos(angle), np.sin(angle)
     turn = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
     data.X[:] = (data.X - [0.1, 0.1, 1.0] - axis) @ turn.T + axis
-    mesh, cells, _, tag = scenes.distribute(scenes.MPI.COMM_SELF, data)
+    mesh, cells, _, tag = box_meshes.distribute(scenes.MPI.COMM_SELF, data)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     hinge = nts.Guide(turns="y", point=axis)
     body = nts.RigidBody(V, cells, tag["body 0"], 20.0, hinge)
@@ -201,11 +203,11 @@ def test_hinged_rod_that_falls_against_a_wall_comes_to_rest_on_it(axis, cells):
 def test_rod_that_strikes_the_floor_by_an_edge_has_the_impulse_of_a_rigid_one(e, tilt, phase):
     """Both ends of the edge arrive at once; at phase 0 round-off decides at the end of a step."""
     length, height, dt = 1.0, 0.1, 1e-3
-    data = scenes.boxes([(4, 1, 1)], [(length, height, height)])
+    data = box_meshes.boxes([(4, 1, 1)], [(length, height, height)])
     c, s = np.cos(tilt), np.sin(tilt)
     data.X[:] = (data.X - [length / 2, height / 2, height / 2]) @ [[c, 0, -s], [0, 1, 0], [s, 0, c]]
     data.X[:, 2] += (4 + phase) * dt * SPEED - data.X[:, 2].min()
-    mesh, cells, _, tag = scenes.distribute(scenes.MPI.COMM_SELF, data)
+    mesh, cells, _, tag = box_meshes.distribute(scenes.MPI.COMM_SELF, data)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     body, floor = nts.RigidBody(V, cells, tag["body 0"], 1e3), nts.RigidPlane((0, 0, 0), (0, 0, 1))
     law = nts.LagrangeMultiplier("restitution", e=e)

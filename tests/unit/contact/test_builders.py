@@ -10,7 +10,7 @@ from dolfinx.mesh import GhostMode
 import dolfinx_nts as nts
 from dolfinx_nts import parts
 from dolfinx_nts.meshing.gmsh import read_mesh
-from helpers import scenes
+from helpers import box_meshes, scenes
 from helpers.once import once
 
 RUBBER = nts.SaintVenantKirchhoff(E=1e5, nu=0.3, rho=1e3)
@@ -79,10 +79,10 @@ def test_facets_between_bodies_that_share_nodes_are_inside(comm, ghosts):
 
 def halved(comm, ghosts):
     """Box of 4 x 3 x 2 cells of two materials that share nodes."""
-    data = scenes.boxes([(4, 3, 2)], [(4.0, 3.0, 2.0)])
+    data = box_meshes.boxes([(4, 3, 2)], [(4.0, 3.0, 2.0)])
     middle = data.X[data.cells].mean(axis=1)
     data.body[:] = middle[:, 0] > 2
-    mesh, cells, _, _ = scenes.distribute(comm, data, ghosts=ghosts)
+    mesh, cells, _, _ = box_meshes.distribute(comm, data, ghosts=ghosts)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     tags = sorted(set(np.concatenate(comm.allgather(cells.values))))
     return V, [nts.Body(V, cells, int(t), RUBBER) for t in tags]

@@ -9,7 +9,7 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from helpers import plane, rings, scenes
+from helpers import box_meshes, plane, rings
 from helpers.once import once
 
 EPS = np.finfo(float).eps
@@ -22,14 +22,14 @@ class Blocks:
 
     def __init__(self, cell="hexahedron", degree=1, *, wavy="top 0", sharp=False):
         """Make one face wavy, up to `GAP` of either sign; perhaps a sharp cell above a node."""
-        data = scenes.boxes([(5, 5, 2), (3, 3, 3)], [(0.6, 0.6, 0.2), (0.4, 0.4, 0.4)], cell)
+        data = box_meshes.boxes([(5, 5, 2), (3, 3, 3)], [(0.6, 0.6, 0.2), (0.4, 0.4, 0.4)], cell)
         X, upper = data.X, np.unique(data.cells[data.body == 1])
         X[upper] += (0.1, 0.1, 0.2)
         waves = data.surfaces[wavy]
         X[waves, 2] += GAP * np.sin(13 * X[waves, 0]) * np.cos(9 * X[waves, 1])
         if sharp:
             X[np.isclose(X, (0.1, 0.1, 0.2 + 0.4 / 3)).all(axis=1), 2] = 0.202
-        self.mesh, cells, facets, tag = scenes.distribute(MPI.COMM_WORLD, data)
+        self.mesh, cells, facets, tag = box_meshes.distribute(MPI.COMM_WORLD, data)
         self.V = fem.functionspace(self.mesh, ("Lagrange", degree, (3,)))
         self.bodies = [nts.Body(self.V, cells, tag[f"body {i}"], RUBBER) for i in (0, 1)]
         self.nodes, self.segments = (

@@ -8,6 +8,7 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.pair_state import PairState
 from helpers import scenes
+from helpers.step_parts import following
 from reference import nts as reference
 from reference.bulk import rotation, sample_pairs, taylor_order
 
@@ -128,7 +129,7 @@ def test_tangent_of_the_pairs_is_the_derivative_of_their_forces(comm, rng, cell,
 
     local = step.candidates.scatter.forward(d)[state.pairs.dofs].reshape(state.residual.shape)
     # Penalty has no constraints: all of the derivative is in the tangent.
-    slope = np.einsum("mij,mj->mi", state.tangent, local) + scenes.following(state, local)
+    slope = np.einsum("mij,mj->mi", state.tangent, local) + following(state, local)
     assert taylor_order(forces, x, d, slope) > 1.9
 
 

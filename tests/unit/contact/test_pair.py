@@ -14,7 +14,7 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.pair_state import PairState
-from helpers import scenes
+from helpers import box_meshes, scenes
 from helpers.once import once
 from helpers.scenes import BLOCK_STEP
 from reference import nts as reference
@@ -321,9 +321,9 @@ def test_gap_beyond_the_surface_is_not_a_number(comm, agree):
 
 @pytest.mark.at_most_two_ranks
 def test_pair_refuses_wrong_arguments(comm, refused):
-    data = scenes.boxes([(2, 2, 1), (1, 1, 1)], [(1.0, 1.0, 0.5), (0.5, 0.5, 0.3)])
+    data = box_meshes.boxes([(2, 2, 1), (1, 1, 1)], [(1.0, 1.0, 0.5), (0.5, 0.5, 0.3)])
     data.surfaces["overlap"] = np.union1d(data.surfaces["top 0"], data.surfaces["bottom 1"])
-    mesh, _, facets, tag = scenes.distribute(comm, data)
+    mesh, _, facets, tag = box_meshes.distribute(comm, data)
     V, W = (fem.functionspace(mesh, ("Lagrange", 1, (3,))) for _ in range(2))
     side = nts.Surface(V, facets, tag["top 1"])
     lower = nts.Surface(V, facets, tag["bottom 0"])
@@ -338,10 +338,10 @@ def test_pair_refuses_wrong_arguments(comm, refused):
 
 
 def test_surfaces_that_share_an_edge_are_refused(comm, refused):
-    data = scenes.boxes([(2, 2, 1)], [(1.0, 1.0, 0.5)])
+    data = box_meshes.boxes([(2, 2, 1)], [(1.0, 1.0, 0.5)])
     X = data.X
     data.surfaces["left 0"] = np.flatnonzero(X[:, 0] == 0)
-    mesh, _, facets, tag = scenes.distribute(comm, data)
+    mesh, _, facets, tag = box_meshes.distribute(comm, data)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     with refused(ValueError, "without common nodes in a contact pair, .*given 3 nodes on both"):
         nts.ContactPair(nts.Surface(V, facets, tag["left 0"]), nts.Surface(V, facets, tag["top 0"]))
@@ -405,7 +405,9 @@ def test_printed_pair_tells_its_surfaces_and_laws_in_one_line(comm, agree):
 
 def box_on_a_wall(comm, scheme, dt):
     """Stepper of a cell of edges 0.2 m, E = 9 Pa and nu = 0 on springs, after a step."""
-    mesh, cells, facets, tag = scenes.distribute(comm, scenes.boxes([(1, 1, 1)], [(0.2, 0.2, 0.2)]))
+    mesh, cells, facets, tag = box_meshes.distribute(
+        comm, box_meshes.boxes([(1, 1, 1)], [(0.2, 0.2, 0.2)])
+    )
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     box = nts.Body(V, cells, tag["body 0"], nts.SaintVenantKirchhoff(9.0, 0.0, 1e3))
     wall = nts.RigidPlane((0, 0, -1), (0, 0, 1))

@@ -8,7 +8,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts.contact.reverse_passage import ReversePassages
-from helpers import scenes
+from helpers import box_meshes
 
 pytestmark = pytest.mark.at_most_two_ranks
 
@@ -20,11 +20,11 @@ class Bullet:
 
     def __init__(self, comm):
         """Make the bodies and the pair."""
-        data = scenes.boxes([(1, 1, 1), (1, 1, 1)], [(4.0, 4.0, 0.5), (0.2, 0.2, 0.2)])
+        data = box_meshes.boxes([(1, 1, 1), (1, 1, 1)], [(4.0, 4.0, 0.5), (0.2, 0.2, 0.2)])
         plate, block = np.split(data.X, 2)
         plate += [-2, -2, -0.5] - plate.min(axis=0)
         block += [0.3, 0.4, 0.1] - block.min(axis=0)
-        mesh, tags, _, _ = scenes.distribute(comm, data)
+        mesh, tags, _, _ = box_meshes.distribute(comm, data)
         V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
         self.plate, self.block = (nts.Body(V, tags, number, STONE) for number in (0, 1))
         pair = nts.ContactPair(nts.boundary_of(self.plate), nts.boundary_of(self.block))

@@ -8,7 +8,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts import parts
-from helpers import scenes
+from helpers import box_meshes, scenes
 
 pytestmark = pytest.mark.at_most_two_ranks
 
@@ -37,9 +37,9 @@ def test_springs_that_do_not_stop_nodes_are_told_once(comm, caplog, scheme, dt, 
 
 def cube(comm, obstacle, eps_N, dt, scheme, is_rigid=True):
     """A cube of 2 x 2 x 2 cells, of 1 kg and one metre, that flies down onto an obstacle."""
-    data = scenes.boxes([(2, 2, 2)], [(1.0, 1.0, 1.0)])
+    data = box_meshes.boxes([(2, 2, 2)], [(1.0, 1.0, 1.0)])
     data.X[:] += [-0.5, -0.5, 0.01]
-    mesh, cells, _, tag = scenes.distribute(comm, data)
+    mesh, cells, _, tag = box_meshes.distribute(comm, data)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     body = nts.Body(V, cells, tag["body 0"], nts.NeoHookean(1e3, 0.3, 1.0))
     if is_rigid:

@@ -10,8 +10,10 @@ import dolfinx_nts as nts
 from dolfinx_nts import parts
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.diagnostics.balance import Diagnostics
+from helpers.box_meshes import boxes, distribute
 from helpers.once import once
-from helpers.scenes import BLOCK_RUBBER, blocks, boxes, distribute, gathered, input_ids
+from helpers.scene import gathered, input_ids
+from helpers.scenes import BLOCK_RUBBER, blocks
 from reference.bulk import Bulk, rotation
 
 pytestmark = pytest.mark.at_most_two_ranks

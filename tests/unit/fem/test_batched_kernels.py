@@ -20,7 +20,7 @@ from dolfinx_nts.fem.batched_source import batched_source
 from dolfinx_nts.fem.jit import compile_form, compile_quickly
 from dolfinx_nts.fem.linear_forms import CellForm
 from dolfinx_nts.model.bodies import bulk_form
-from helpers import scenes
+from helpers import box_meshes
 
 pytestmark = pytest.mark.at_most_two_ranks
 
@@ -37,8 +37,8 @@ FUNCTIONS = [
 
 def virtual_work(comm, law, cell="hexahedron", degree=1):
     """Virtual work in a deformed body."""
-    data = scenes.boxes([(3, 2, 3)], [(1.2, 1.0, 0.5)], cell=cell)
-    mesh, cells, _, tag = scenes.distribute(comm, data)
+    data = box_meshes.boxes([(3, 2, 3)], [(1.2, 1.0, 0.5)], cell=cell)
+    mesh, cells, _, tag = box_meshes.distribute(comm, data)
     V = fem.functionspace(mesh, ("Lagrange", degree, (3,)))
     u, eta = fem.Function(V), ufl.TestFunction(V)
     u.x.array[:] = 0.02 * np.sin(np.arange(len(u.x.array)))

@@ -10,7 +10,7 @@ import dolfinx_nts as nts
 from dolfinx_nts.fem.bilinear_forms import CellMatrix
 from dolfinx_nts.fem.jit import compile_bilinear_form
 from dolfinx_nts.model.bodies import bulk_form
-from helpers import scenes
+from helpers import box_meshes
 
 pytestmark = pytest.mark.at_most_two_ranks
 
@@ -19,8 +19,8 @@ SPACES = [("hexahedron", 1), ("tetrahedron", 1), ("hexahedron", 2), ("tetrahedro
 
 def tangent(comm, cell, degree):
     """Functions, and a form with them of two laws, one with fibres, that is not symmetric."""
-    data = scenes.boxes([(3, 2, 2), (2, 1, 3)], [(1.2, 1.0, 0.5), (1.0, 1.0, 1.0)], cell=cell)
-    mesh, cells, _, tag = scenes.distribute(comm, data)
+    data = box_meshes.boxes([(3, 2, 2), (2, 1, 3)], [(1.2, 1.0, 0.5), (1.0, 1.0, 1.0)], cell=cell)
+    mesh, cells, _, tag = box_meshes.distribute(comm, data)
     V = fem.functionspace(mesh, ("Lagrange", degree, (3,)))
     u = fem.Function(V)
     fibre = fem.Function(fem.functionspace(mesh, ("Discontinuous Lagrange", 0, (3,))))

@@ -7,7 +7,7 @@ from dolfinx import fem
 
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.fem.node_numbering import input_ids, listed
-from helpers import scenes
+from helpers import box_meshes
 
 pytestmark = pytest.mark.at_most_two_ranks
 
@@ -65,10 +65,10 @@ def test_every_node_is_in_the_middle_of_its_diagonals(cell):
 @cells_
 @degrees
 def test_numbers_of_nodes_are_unique_and_those_of_any_partition(comm, cell, degree):
-    data = scenes.boxes([(3, 4, 2)], [(1.2, 1.0, 0.5)], cell)
+    data = box_meshes.boxes([(3, 4, 2)], [(1.2, 1.0, 0.5)], cell)
 
     def positions(on):
-        mesh, *_ = scenes.distribute(on, data)
+        mesh, *_ = box_meshes.distribute(on, data)
         V = fem.functionspace(mesh, ("Lagrange", degree, (3,)))
         n = V.dofmap.index_map.size_local
         parts = on.allgather((input_ids(V)[:n], V.tabulate_dof_coordinates()[:n]))

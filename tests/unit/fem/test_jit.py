@@ -30,7 +30,7 @@ from dolfinx_nts.fem.jit import (
 )
 from dolfinx_nts.fem.linear_forms import CellForm
 from dolfinx_nts.model.bodies import bulk_form
-from helpers import scenes
+from helpers import box_meshes
 
 pytestmark = pytest.mark.at_most_two_ranks
 
@@ -42,8 +42,8 @@ ghosts_ = pytest.mark.parametrize("ghosts", [GhostMode.none, GhostMode.shared_fa
 
 def weight(comm, ghosts):
     """A body, and the form of its weight along y."""
-    data = scenes.boxes([(3, 4, 2)], [(1.2, 1.0, 0.5)])
-    mesh, cells, _, tag = scenes.distribute(comm, data, ghosts=ghosts)
+    data = box_meshes.boxes([(3, 4, 2)], [(1.2, 1.0, 0.5)])
+    mesh, cells, _, tag = box_meshes.distribute(comm, data, ghosts=ghosts)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     body = nts.Body(V, cells, tag["body 0"], nts.NeoHookean(E=1.0, nu=0.3, rho=RHO, one_point=()))
     eta = ufl.TestFunction(V)

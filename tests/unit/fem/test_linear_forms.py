@@ -14,7 +14,7 @@ from dolfinx_nts.fem.jit import compile_form
 from dolfinx_nts.fem.linear_forms import CellForm, PackedForm
 from dolfinx_nts.materials.hyperelastic import right_cauchy_green
 from dolfinx_nts.model.bodies import bulk_form
-from helpers import scenes
+from helpers import box_meshes
 
 ROUNDING = 1e-14
 SPACES = [("hexahedron", 1), ("tetrahedron", 1), ("hexahedron", 2), ("tetrahedron", 2)]
@@ -25,8 +25,10 @@ class Case:
 
     def __init__(self, comm, cell="hexahedron", degree=1):
         """Build both bodies and fill the functions."""
-        data = scenes.boxes([(3, 2, 2), (2, 2, 3)], [(1.2, 1.0, 0.5), (1.0, 1.0, 1.0)], cell=cell)
-        mesh, cells, _, tag = scenes.distribute(comm, data)
+        data = box_meshes.boxes(
+            [(3, 2, 2), (2, 2, 3)], [(1.2, 1.0, 0.5), (1.0, 1.0, 1.0)], cell=cell
+        )
+        mesh, cells, _, tag = box_meshes.distribute(comm, data)
         self.V = V = fem.functionspace(mesh, ("Lagrange", degree, (3,)))
         self.u, self.u_n, self.direction = (fem.Function(V) for _ in range(3))
         self.fibre = fem.Function(fem.functionspace(mesh, ("Discontinuous Lagrange", 0, (3,))))

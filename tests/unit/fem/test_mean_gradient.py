@@ -10,7 +10,7 @@ from dolfinx import fem
 from dolfinx.mesh import CellType, create_unit_square
 
 from dolfinx_nts.fem.mean_gradient import with_mean_gradients
-from helpers import scenes
+from helpers import box_meshes
 
 pytestmark = pytest.mark.at_most_two_ranks
 
@@ -26,8 +26,8 @@ def distorted(comm, cell, seed=2):
     if cell == "quadrilateral":
         mesh = create_unit_square(comm, 3, 4, CellType.quadrilateral)
     else:
-        data = scenes.boxes([(3, 2, 2)], [(3.0, 2.0, 2.0)], cell).permuted(rng)
-        mesh = scenes.distribute(comm, data)[0]
+        data = box_meshes.boxes([(3, 2, 2)], [(3.0, 2.0, 2.0)], cell).permuted(rng)
+        mesh = box_meshes.distribute(comm, data)[0]
     dim = mesh.geometry.dim
     # By a wave, which does not depend on the partition.
     X = mesh.geometry.x

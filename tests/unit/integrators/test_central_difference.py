@@ -16,6 +16,7 @@ from dolfinx_nts.integrators import central_difference, stability
 from helpers import scenes
 from helpers.boxed import CLOSED, RHO, VOLUME, Box, Ledger, swirl
 from helpers.once import once, once_except
+from helpers.scene import Scene, input_ids
 
 pytestmark = pytest.mark.at_most_two_ranks
 
@@ -32,7 +33,7 @@ def blocks(comm, *, cell="hexahedron", friction=None, dt=0.005, owner=None):
     pair = nts.ContactPair(pair.nodes, pair.segments, nts.Penalty(), friction)
     stepper = nts.CentralDifference(first.stepper.bodies, [pair], dt=dt)
     stepper.v.x.array[:] = first.stepper.v.x.array
-    return scenes.Scene(stepper, first.bodies, first.numbers)
+    return Scene(stepper, first.bodies, first.numbers)
 
 
 def momenta(diagnostics):
@@ -318,7 +319,7 @@ def test_motion_is_bounded_at_the_estimate(comm, cell):
     stepper.dt = 0.999 * stepper.stable_step
     rng = np.random.default_rng(1)
     noise = rng.normal(scale=1e-4, size=box.positions(stepper).shape)
-    stepper.u.x.array[:] = noise[scenes.input_ids(box.V)].ravel()
+    stepper.u.x.array[:] = noise[input_ids(box.V)].ravel()
     for _ in range(1000):
         stepper.advance()
     largest = comm.allreduce(np.abs(stepper.u.x.array).max(initial=0.0), op=MPI.MAX)
@@ -368,7 +369,7 @@ def test_body_without_motion_stays_where_it_is(comm):
     rng = np.random.default_rng(1)
     noise = rng.normal(scale=1e-16, size=box.positions(stepper).shape)
     for _ in range(3 * central_difference._WATCH):
-        stepper.u.x.array[:] += noise[scenes.input_ids(box.V)].ravel()
+        stepper.u.x.array[:] += noise[input_ids(box.V)].ravel()
         stepper.advance()
     assert comm.allreduce(np.abs(stepper.u.x.array).max(initial=0.0), op=MPI.MAX) <= 1e-12
 

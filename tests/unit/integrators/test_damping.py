@@ -5,7 +5,7 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from helpers import scenes
+from helpers import box_meshes
 from helpers.boxed import CLOSED, RHO, SOLVED, VOLUME, Box, Ledger, check_loss, swirl
 from helpers.once import once
 
@@ -88,8 +88,8 @@ def test_steadily_turning_body_is_not_slowed_by_stiffness_damping(comm):
 
 
 def test_damping_is_that_of_its_body(comm):
-    data = scenes.boxes([(2, 2, 2), (2, 2, 2)], [(1.0, 0.8, 0.6), (1.0, 0.8, 0.6)])
-    mesh, cells, _, tag = scenes.distribute(comm, data)
+    data = box_meshes.boxes([(2, 2, 2), (2, 2, 2)], [(1.0, 0.8, 0.6), (1.0, 0.8, 0.6)])
+    mesh, cells, _, tag = box_meshes.distribute(comm, data)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     materials = rubber(), rubber(mass_damping=2.0)
     bodies = [nts.Body(V, cells, tag[f"body {i}"], m) for i, m in enumerate(materials)]

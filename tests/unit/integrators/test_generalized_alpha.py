@@ -7,9 +7,10 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from helpers import scenes
+from helpers import box_meshes, scenes
 from helpers.boxed import CLOSED, SOLVED, Box, Ledger, swirl
 from helpers.once import once
+from helpers.scene import gathered
 
 pytestmark = pytest.mark.at_most_two_ranks
 
@@ -54,7 +55,7 @@ class Oscillator:
         stepper = self.stepper
         values = []
         for i, function in enumerate((stepper.u, stepper.v, stepper.a)):
-            nodal = scenes.gathered(self.box.V, function.x.array.reshape(-1, 3))
+            nodal = gathered(self.box.V, function.x.array.reshape(-1, 3))
             # Half of the nodes are held.
             values.append(self.dt**i * 2 * nodal[:, 0].mean())
         return np.array(values)
@@ -155,9 +156,9 @@ def rebound(rho_inf, ratio, phase):
 def test_rigid_body_rebounds_from_springs_without_a_gain_of_energy(rho_inf, phase):
     """A cube that meets a floor by its face, as one unknown."""
     dt, comm = 0.01, scenes.MPI.COMM_SELF
-    data = scenes.boxes([(1, 1, 1)], [(1.0, 1.0, 1.0)])
+    data = box_meshes.boxes([(1, 1, 1)], [(1.0, 1.0, 1.0)])
     data.X[:, 2] += (2 + phase) * dt
-    mesh, cells, _, tag = scenes.distribute(comm, data)
+    mesh, cells, _, tag = box_meshes.distribute(comm, data)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     body, floor = nts.RigidBody(V, cells, tag["body 0"], 1.0), nts.RigidPlane((0, 0, 0), (0, 0, 1))
     pair = nts.ContactPair(nts.boundary_of(body), floor, nts.Penalty(0.125 / dt**2))

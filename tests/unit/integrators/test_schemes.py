@@ -11,8 +11,9 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts.solvers import newton
-from helpers import scenes
+from helpers import box_meshes, scenes
 from helpers.once import once
+from helpers.scene import Scene, Totals
 
 pytestmark = pytest.mark.at_most_two_ranks
 
@@ -28,8 +29,8 @@ RUBBER = nts.SaintVenantKirchhoff(*scenes.BLOCK_RUBBER, one_point=())
 
 def one_box(comm, scheme, *, cell="hexahedron", dt=0.02, clamp=False, material=RUBBER):
     """Return a scene of one box of 2 x 2 x 2 cells, size 1.0 x 0.8 x 0.6."""
-    data = scenes.boxes([(2, 2, 2)], [(1.0, 0.8, 0.6)], cell)
-    mesh, cells, _, tag = scenes.distribute(comm, data)
+    data = box_meshes.boxes([(2, 2, 2)], [(1.0, 0.8, 0.6)], cell)
+    mesh, cells, _, tag = box_meshes.distribute(comm, data)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     body = nts.Body(V, cells, tag["body 0"], material)
     bcs = []
@@ -37,7 +38,7 @@ def one_box(comm, scheme, *, cell="hexahedron", dt=0.02, clamp=False, material=R
         dofs = fem.locate_dofs_geometrical(V, lambda X: np.isclose(X[2], 0.0))
         bcs = [fem.dirichletbc(np.zeros(3), dofs, V)]
     stepper = scheme([body], dt=dt, bcs=bcs)
-    return scenes.Scene(stepper, {"body 0": body}, scenes.BLOCK_RUBBER)
+    return Scene(stepper, {"body 0": body}, scenes.BLOCK_RUBBER)
 
 
 def swirl(X):
@@ -377,7 +378,7 @@ def test_error_names_step_time_and_residuals(comm, monkeypatch, refused):
 
 def test_far_too_long_step_fails_or_conserves(comm, agree):
     scene = scenes.blocks(comm, dt=1.0)
-    before, totals = state_of(scene.stepper), scenes.Totals(scene)
+    before, totals = state_of(scene.stepper), Totals(scene)
     row = totals.row()
     try:
         scene.stepper.advance()
@@ -416,8 +417,8 @@ def test_stepper_refuses_wrong_arguments(comm, refused):
 def test_block_squashed_by_supports_in_statics_needs_few_iterations(comm):
     # No force is known but the reactions: with round-off alone as the target
     # Newton's method stalls where cells are squashed.
-    data = scenes.boxes([(4, 4, 4)], [(1.0, 1.0, 1.0)])
-    mesh, cells, _, tag = scenes.distribute(comm, data)
+    data = box_meshes.boxes([(4, 4, 4)], [(1.0, 1.0, 1.0)])
+    mesh, cells, _, tag = box_meshes.distribute(comm, data)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     body = nts.Body(V, cells, tag["body 0"], nts.NeoHookean(1e5, 0.3, 1e3))
     given = fem.Function(V)

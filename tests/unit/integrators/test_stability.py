@@ -12,7 +12,8 @@ from dolfinx_nts.fem.jit import compile_quickly
 from dolfinx_nts.integrators import stability
 from dolfinx_nts.model.bodies import bulk_form
 from dolfinx_nts.model.lumped_mass import lumped_mass
-from helpers import scenes
+from helpers import box_meshes, scenes
+from helpers.scene import Motion
 
 pytestmark = pytest.mark.at_most_two_ranks
 
@@ -35,7 +36,7 @@ def test_length_of_a_brick_is_its_shortest_edge():
 @pytest.mark.serial
 def test_length_does_not_depend_on_the_frame(rng):
     cells = rng.normal(size=(5, 4, 3))
-    motion = scenes.Motion.random(rng)
+    motion = Motion.random(rng)
     moved = motion(cells.reshape(-1, 3)).reshape(cells.shape)
     np.testing.assert_allclose(lengths(moved), lengths(cells))
 
@@ -67,9 +68,9 @@ def test_frequency_of_a_cube_is_that_of_its_swelling(nu):
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("nu", [0.0, 0.3, 0.49])
 def test_estimate_is_on_the_safe_side_and_not_far_from_the_limit(comm, rng, cell, degree, nu):
-    data = scenes.boxes([(3, 2, 2)], [(1.0, 0.8, 0.5)], cell)
+    data = box_meshes.boxes([(3, 2, 2)], [(1.0, 0.8, 0.5)], cell)
     data.X[:] += rng.uniform(-0.03, 0.03, size=data.X.shape)
-    mesh, cells, _, tag = scenes.distribute(comm, data)
+    mesh, cells, _, tag = box_meshes.distribute(comm, data)
     V = fem.functionspace(mesh, ("Lagrange", degree, (3,)))
     material = nts.SaintVenantKirchhoff(10.0, nu, 2.0)
     body = nts.Body(V, cells, tag["body 0"], material)

@@ -8,7 +8,8 @@ import pytest
 import dolfinx_nts as nts
 from dolfinx_nts.io import fingerprint as module
 from dolfinx_nts.io.fingerprint import fingerprint
-from helpers.scenes import BLOCK_RUBBER, BLOCK_STEP, Motion, blocks, of_material, rotation
+from helpers.scene import Motion
+from helpers.scenes import BLOCK_RUBBER, BLOCK_STEP, blocks, of_material, rotation
 
 pytestmark = pytest.mark.at_most_two_ranks
 

@@ -24,8 +24,10 @@ from dolfinx_nts.fem.jit import compile_quickly
 from dolfinx_nts.model.bodies import bulk_form
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.tangent import Tangent
-from helpers import scenes
+from helpers import box_meshes, scenes
 from helpers.once import once
+from helpers.scene import Motion, gathered
+from helpers.step_parts import step_forms
 
 pytestmark = pytest.mark.at_most_two_ranks
 
@@ -40,8 +42,8 @@ LMBDA, MU = E * NU / ((1 + NU) * (1 - 2 * NU)), E / (2 * (1 + NU))
 
 def beam(comm, one_point, nu=NU, shape=(6, 2, 1)):
     """Stepper of a box from the origin to (3, 1, 0.5), and its body."""
-    data = scenes.boxes([shape], [(3.0, 1.0, 0.5)])
-    mesh, cells, _, tag = scenes.distribute(comm, data)
+    data = box_meshes.boxes([shape], [(3.0, 1.0, 0.5)])
+    mesh, cells, _, tag = box_meshes.distribute(comm, data)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     material = nts.SaintVenantKirchhoff(E, nu, RHO, one_point=one_point)
     body = nts.Body(V, cells, tag["body 0"], material)
@@ -67,7 +69,7 @@ def test_uniform_strain_has_the_energy_of_the_full_rule(comm):
 
 @pytest.mark.serial
 def test_rigid_motion_has_no_energy(comm):
-    Q = scenes.Motion.random(np.random.default_rng(1)).Q
+    Q = Motion.random(np.random.default_rng(1)).Q
     value = energy(comm, ("lmbda",), lambda x: Q @ x - x + 0.3)
     assert abs(value) < ROUNDING * E
 
@@ -91,8 +93,8 @@ def test_one_point_is_the_full_rule_where_there_is_nothing_to_under_integrate(co
     # lambda = 0: both parts of the energy are there, and one of them vanishes.
     results = []
     for one_point in ((), ("lmbda",)):
-        data = scenes.boxes([(2, 2, 2)], [(1.0, 1.0, 1.0)])
-        mesh, cells, _, tag = scenes.distribute(comm, data)
+        data = box_meshes.boxes([(2, 2, 2)], [(1.0, 1.0, 1.0)])
+        mesh, cells, _, tag = box_meshes.distribute(comm, data)
         V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
         material = nts.SaintVenantKirchhoff(E, 0.0, RHO, one_point=one_point)
         body = nts.Body(V, cells, tag["body 0"], material)
@@ -100,7 +102,7 @@ def test_one_point_is_the_full_rule_where_there_is_nothing_to_under_integrate(co
         stepper.set_velocity(body, lambda x: np.array([x[2] ** 2, x[0], 0.5 * x[1]]))
         for _ in range(5):
             stepper.advance()
-        results.append(scenes.gathered(V, stepper.x))
+        results.append(gathered(V, stepper.x))
     np.testing.assert_allclose(*results, rtol=0, atol=ROUNDING)
 
 
@@ -127,8 +129,8 @@ def test_energy_is_conserved_through_an_impact(comm):
 @pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.Midpoint])
 def test_defect_of_the_bulk_takes_the_same_points(comm, scheme):
     # A neo-Hookean energy: with other points it would differ by its own size.
-    data = scenes.boxes([(2, 2, 2)], [(1.0, 1.0, 1.0)])
-    mesh, cells, _, tag = scenes.distribute(comm, data)
+    data = box_meshes.boxes([(2, 2, 2)], [(1.0, 1.0, 1.0)])
+    mesh, cells, _, tag = box_meshes.distribute(comm, data)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     material = nts.NeoHookean(E, NU, RHO, one_point=["lmbda"])
     body = nts.Body(V, cells, tag["body 0"], material)
@@ -185,8 +187,8 @@ def fung(kappa):
 
 def stored(comm, material, displacement, degree=1, cell="hexahedron"):
     """Strain energy of a displacement of the box."""
-    data = scenes.boxes([(6, 2, 1)], [(3.0, 1.0, 0.5)], cell=cell)
-    mesh, cells, _, tag = scenes.distribute(comm, data)
+    data = box_meshes.boxes([(6, 2, 1)], [(3.0, 1.0, 0.5)], cell=cell)
+    mesh, cells, _, tag = box_meshes.distribute(comm, data)
     V = fem.functionspace(mesh, ("Lagrange", degree, (3,)))
     body = nts.Body(V, cells, tag["body 0"], material)
     stepper = nts.EnergyMomentum([body], dt=0.01)
@@ -268,8 +270,8 @@ def test_any_energy_is_divided_into_change_of_shape_and_of_volume(comm):
 
 @pytest.mark.serial
 def test_energy_of_a_divided_material_is_conserved(comm):
-    data = scenes.boxes([(2, 2, 2)], [(1.0, 1.0, 1.0)])
-    mesh, cells, _, tag = scenes.distribute(comm, data)
+    data = box_meshes.boxes([(2, 2, 2)], [(1.0, 1.0, 1.0)])
+    mesh, cells, _, tag = box_meshes.distribute(comm, data)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     body = nts.Body(V, cells, tag["body 0"], fung(1e6))
     stepper = nts.EnergyMomentum([body], dt=0.01)
@@ -284,9 +286,9 @@ def test_energy_of_a_divided_material_is_conserved(comm):
 def eigenvalues(material, motion):
     """Of the stiffness of a distorted cell after a motion, in ascending order [N/m]."""
     rng = np.random.default_rng(3)
-    data = scenes.boxes([(1, 1, 1)], [(1.0, 1.2, 0.8)])
+    data = box_meshes.boxes([(1, 1, 1)], [(1.0, 1.2, 0.8)])
     data.X[:] += 0.1 * rng.uniform(-1, 1, data.X.shape)
-    mesh, cells, _, tag = scenes.distribute(MPI.COMM_SELF, data)
+    mesh, cells, _, tag = box_meshes.distribute(MPI.COMM_SELF, data)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     body = nts.Body(V, cells, tag["body 0"], material)
     u, eta = fem.Function(V), ufl.TestFunction(V)
@@ -377,7 +379,7 @@ def test_the_tangent_of_distorted_cells_is_the_derivative(comm):
     V, cells = swirled(comm, "hexahedron")
     body = nts.Body(V, cells, 1, nts.SaintVenantKirchhoff(1e3, 0.45, 1.0))
     stepper = nts.EnergyMomentum([body], dt=0.1)
-    form = scenes.step_forms(stepper).residual()
+    form = step_forms(stepper).residual()
     bulk, tangent = Bulk(form, stepper.u, []), Tangent(form, stepper.u, [])
     rng = np.random.default_rng(4)
     stepper.u_n.x.array[:], u, d = rng.normal(scale=0.02, size=(3, len(stepper.u.x.array)))

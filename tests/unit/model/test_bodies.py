@@ -16,7 +16,8 @@ from dolfinx_nts.fem.components import deformation_gradient
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.model.bodies import bulk_form, check_bodies
 from dolfinx_nts.model.inverted_cells import VolumeRatio
-from helpers import scenes
+from helpers import box_meshes, scenes
+from helpers.scene import input_ids
 
 pytestmark = pytest.mark.at_most_two_ranks
 
@@ -30,8 +31,8 @@ ghosts_ = pytest.mark.parametrize("ghosts", [GhostMode.none, GhostMode.shared_fa
 
 def two_boxes(comm, cell="hexahedron", ghosts=GhostMode.none):
     """Space and tags of boxes of volumes 0.72 and 0.256."""
-    data = scenes.boxes([(3, 3, 2), (2, 2, 2)], [(1.2, 1.2, 0.5), (0.8, 0.8, 0.4)], cell)
-    mesh, cells, facets, tag = scenes.distribute(comm, data, ghosts=ghosts)
+    data = box_meshes.boxes([(3, 3, 2), (2, 2, 2)], [(1.2, 1.2, 0.5), (0.8, 0.8, 0.4)], cell)
+    mesh, cells, facets, tag = box_meshes.distribute(comm, data, ghosts=ghosts)
     return fem.functionspace(mesh, ("Lagrange", 1, (3,))), cells, facets, tag
 
 
@@ -61,7 +62,7 @@ def test_every_local_node_belongs_to_its_body_on_every_rank(comm, cell, ghosts):
     # Velocities are set through them, owned and ghost.
     V, cells, _, tag = two_boxes(comm, cell, ghosts)
     bodies = [nts.Body(V, cells, tag[f"body {i}"], RUBBER) for i in range(2)]
-    ids, first = scenes.input_ids(V), 4 * 4 * 3
+    ids, first = input_ids(V), 4 * 4 * 3
     wrong = sum(
         np.count_nonzero(np.setxor1d(body.nodes, np.flatnonzero((ids >= first) == bool(i))))
         for i, body in enumerate(bodies)
@@ -112,7 +113,7 @@ def test_inverted_cell_is_named_by_its_input_number_and_place(comm, cell, agree)
     V, *_ = two_boxes(comm, cell)
     u = fem.Function(V)
     # The first node, a corner of the first cell only, is pushed through it.
-    corner = np.flatnonzero(scenes.input_ids(V) == 0)
+    corner = np.flatnonzero(input_ids(V) == 0)
     u.x.array.reshape(-1, 3)[corner] = [2.0, 2.0, 1.0]
     text = VolumeRatio(u).inverted()
     assert agree(re.fullmatch(r"cell \d+ near \[.*\] is inverted, det F = -\d.*", text))

@@ -7,7 +7,7 @@ from dolfinx import fem
 import dolfinx_nts as nts
 from dolfinx_nts.model.body_loads import Gravity
 from dolfinx_nts.model.surface_loads import Pressure, Traction
-from helpers import scenes
+from helpers import box_meshes
 from helpers.boxed import CLOSED, RHO, RUBBER, SIZE, SOLVED, VOLUME, Box, Ledger, swirl
 from helpers.once import once
 
@@ -81,9 +81,9 @@ def test_support_at_rest_does_no_work(comm):
 
 def test_support_that_strikes_a_body_gives_what_contact_takes(comm):
     # The lower block is driven; its top nodes are given and in contact.
-    data = scenes.boxes([(2, 2, 1), (1, 1, 1)], [(1.0, 1.0, 0.5), (0.6, 0.7, 0.5)])
+    data = box_meshes.boxes([(2, 2, 1), (1, 1, 1)], [(1.0, 1.0, 0.5), (0.6, 0.7, 0.5)])
     data.X[data.cells[data.body == 1].ravel().min() :] += [0.15, 0.17, 0.52]
-    mesh, cells, facets, tag = scenes.distribute(comm, data)
+    mesh, cells, facets, tag = box_meshes.distribute(comm, data)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     bodies = [nts.Body(V, cells, tag[f"body {i}"], RUBBER) for i in range(2)]
     pair = nts.ContactPair(

@@ -9,9 +9,10 @@ from dolfinx.mesh import GhostMode
 import dolfinx_nts as nts
 from dolfinx_nts.model.body_loads import BodyForce, Gravity
 from dolfinx_nts.model.surface_loads import Pressure, Traction
-from helpers import scenes
+from helpers import box_meshes, scenes
 from helpers.boxed import CLOSED, RHO, RUBBER, SIZE, SOLVED, VOLUME, Box, Ledger, swirl
 from helpers.once import once
+from helpers.scene import input_ids
 
 pytestmark = pytest.mark.at_most_two_ranks
 
@@ -39,8 +40,8 @@ def test_free_fall_gains_the_work_of_the_weight(comm, cell, scheme):
 
 
 def test_bodies_fall_alike_and_weigh_as_their_densities_say(comm):
-    data = scenes.boxes([(1, 1, 1), (1, 1, 1)], [(1.0, 1.0, 1.0), (1.0, 1.0, 0.5)])
-    mesh, cells, _, tag = scenes.distribute(comm, data)
+    data = box_meshes.boxes([(1, 1, 1), (1, 1, 1)], [(1.0, 1.0, 1.0), (1.0, 1.0, 0.5)])
+    mesh, cells, _, tag = box_meshes.distribute(comm, data)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     steel = nts.SaintVenantKirchhoff(1.0e5, 0.2, rho=70.0)
     bodies = [nts.Body(V, cells, tag[f"body {i}"], m) for i, m in enumerate((RUBBER, steel))]
@@ -145,7 +146,7 @@ def test_tangent_of_pressure_is_the_derivative_of_its_force(comm, cell, rng):
     )
     bulk, u = stepper._bulk, stepper.u
     u.interpolate(lambda X: 0.05 * swirl(X))
-    nodes = scenes.input_ids(box.V)
+    nodes = input_ids(box.V)
     direction = rng.normal(size=(64, 3))[nodes]
     direction[dofs] = 0
     start, h, owned = u.x.array.copy(), 1e-6, bulk.num_owned
@@ -178,9 +179,9 @@ def test_loads_say_on_all_ranks_which_bodies_they_act_on(comm, agree, cell, ghos
     def owner(middle):
         return np.where(middle[:, 2] > 0.5, comm.size - 1, 0)
 
-    data = scenes.boxes([(1, 1, 2), (1, 1, 2)], [(1.0, 1.0, 1.0), (1.0, 1.0, 1.0)], cell)
+    data = box_meshes.boxes([(1, 1, 2), (1, 1, 2)], [(1.0, 1.0, 1.0), (1.0, 1.0, 1.0)], cell)
     where = {"owner": owner} if ghosts is GhostMode.none else {"ghosts": ghosts}
-    mesh, cells, facets, tag = scenes.distribute(comm, data, **where)
+    mesh, cells, facets, tag = box_meshes.distribute(comm, data, **where)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     bodies = [nts.Body(V, cells, tag[f"body {i}"], RUBBER) for i in range(2)]
     top = nts.Surface(V, facets, tag["top 1"])

@@ -7,13 +7,15 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts.model.locking import warn_of_locking
-from helpers import scenes
+from helpers import box_meshes
 
 pytestmark = pytest.mark.at_most_two_ranks
 
 
 def body(comm, cell, degree, nu, material=None):
-    mesh, cells, _, tag = scenes.distribute(comm, scenes.boxes([(1, 1, 3)], [(1.0,) * 3], cell))
+    mesh, cells, _, tag = box_meshes.distribute(
+        comm, box_meshes.boxes([(1, 1, 3)], [(1.0,) * 3], cell)
+    )
     V = fem.functionspace(mesh, ("Lagrange", degree, (3,)))
     return nts.Body(V, cells, tag["body 0"], material or nts.NeoHookean(1e5, nu, 1e3))
 

@@ -8,7 +8,7 @@ from dolfinx import fem, la
 import dolfinx_nts as nts
 from dolfinx_nts.model.bodies import bulk_form
 from dolfinx_nts.model.lumped_mass import lumped_mass
-from helpers import scenes
+from helpers import box_meshes
 
 ROUNDING = 1e-12
 
@@ -17,9 +17,9 @@ cells_ = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 
 def distorted(comm, rng, cell, degree):
     """Two bodies of distorted cells and of several densities."""
-    data = scenes.boxes([(3, 2, 2), (1, 2, 1)], [(1.0, 0.8, 0.5), (0.4, 0.5, 0.3)], cell)
+    data = box_meshes.boxes([(3, 2, 2), (1, 2, 1)], [(1.0, 0.8, 0.5), (0.4, 0.5, 0.3)], cell)
     data.X[:] += rng.uniform(-0.03, 0.03, size=data.X.shape)
-    mesh, cells, _, tag = scenes.distribute(comm, data)
+    mesh, cells, _, tag = box_meshes.distribute(comm, data)
     V = fem.functionspace(mesh, ("Lagrange", degree, (3,)))
     laws = [nts.SaintVenantKirchhoff(10.0, 0.3, rho) for rho in (2.0, 5.0)]
     return V, [nts.Body(V, cells, tag[f"body {i}"], law) for i, law in enumerate(laws)]

@@ -10,6 +10,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from helpers import scenes
+from helpers.scene import Totals
 from reference.bulk import taylor_order
 
 pytestmark = pytest.mark.at_most_two_ranks
@@ -166,7 +167,7 @@ def test_ball_on_a_rigid_plane_keeps_energy_and_loses_only_by_friction(comm, fri
     scene = scenes.ball_plate(comm, shift=scenes.NO_TIES)
     scene = on_obstacle(scene, nts.RigidPlane((0, 0, 0.0), (0, 0, 1)), friction)
     (pair,) = scene.stepper.pairs
-    totals = scenes.Totals(scene)
+    totals = Totals(scene)
     start, lost = totals.row()[1:3].sum(), 0.0
     for _ in scene.stepper.run(until=0.3):
         lost += comm.allreduce(pair.history.dissipation.sum())

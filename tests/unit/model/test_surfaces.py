@@ -11,7 +11,8 @@ import dolfinx_nts as nts
 from dolfinx_nts.meshing.gmsh import read_mesh
 from dolfinx_nts.model.segments import area_vectors
 from dolfinx_nts.model.surfaces import sharpest_corner
-from helpers import scenes
+from helpers import box_meshes, scenes
+from helpers.scene import input_ids
 
 # Of sums over some hundred facets of lengths of about one.
 ROUNDING = 1e3 * np.finfo(float).eps
@@ -26,8 +27,8 @@ def space(mesh, degree=1):
 
 def box_top(comm, cell, ghosts=GhostMode.none, **kwargs):
     """Top of a box of 3 x 4 x 2 hexahedra, size 1.2 x 1.0 x 0.5."""
-    data = scenes.boxes([(3, 4, 2)], [(1.2, 1.0, 0.5)], cell)
-    mesh, _, facets, tag = scenes.distribute(comm, data, ghosts=ghosts, **kwargs)
+    data = box_meshes.boxes([(3, 4, 2)], [(1.2, 1.0, 0.5)], cell)
+    mesh, _, facets, tag = box_meshes.distribute(comm, data, ghosts=ghosts, **kwargs)
     return nts.Surface(space(mesh), facets, tag["top 0"]), data
 
 
@@ -45,7 +46,7 @@ def test_nodes_and_segments_are_complete_and_counted_once(comm, cell, ghosts):
     owned = surface.V.dofmap.index_map.size_local
     assert comm.allreduce(np.count_nonzero(surface.nodes >= owned)) == 0
     assert comm.allreduce(np.count_nonzero(np.diff(surface.nodes) <= 0)) == 0
-    ids = scenes.input_ids(surface.V)[surface.segments]
+    ids = input_ids(surface.V)[surface.segments]
     ids = np.unique(np.sort(everywhere(surface, ids), axis=1), axis=0)
     number = 24 if cell == "tetrahedron" else 12
     assert len(ids) == number == comm.allreduce(len(surface.segments))
@@ -55,8 +56,8 @@ def test_nodes_and_segments_are_complete_and_counted_once(comm, cell, ghosts):
 @cells_
 @ghosts_
 def test_facets_of_degree_2_are_four_segments_on_all_their_nodes(comm, cell, ghosts):
-    data = scenes.boxes([(3, 4, 2)], [(1.2, 1.0, 0.5)], cell)
-    mesh, _, facets, tag = scenes.distribute(comm, data, ghosts=ghosts)
+    data = box_meshes.boxes([(3, 4, 2)], [(1.2, 1.0, 0.5)], cell)
+    mesh, _, facets, tag = box_meshes.distribute(comm, data, ghosts=ghosts)
     surface = nts.Surface(space(mesh, 2), facets, tag["top 0"])
     # Nodes on a grid of half the width, diagonals of facets included.
     nodes = everywhere(surface, surface.V.tabulate_dof_coordinates()[surface.nodes])
@@ -110,8 +111,8 @@ def test_normals_of_the_ball_point_away_from_its_centre(comm):
 )
 def test_normals_of_a_renumbered_mesh_point_out_of_the_box(comm, cell, ghosts, degree, rng):
     # Renumbered cells are mirrored too, so that both orientations occur.
-    data = scenes.boxes([(3, 4, 2)], [(1.2, 1.0, 0.5)], cell).permuted(rng)
-    mesh, _, facets, tag = scenes.distribute(comm, data, ghosts=ghosts)
+    data = box_meshes.boxes([(3, 4, 2)], [(1.2, 1.0, 0.5)], cell).permuted(rng)
+    mesh, _, facets, tag = box_meshes.distribute(comm, data, ghosts=ghosts)
     V = space(mesh, degree)
     found = []
     for name, sign in (("top 0", 1), ("bottom 0", -1)):
@@ -126,8 +127,8 @@ def test_normals_of_a_renumbered_mesh_point_out_of_the_box(comm, cell, ghosts, d
 @ghosts_
 def test_vertices_of_quadrilaterals_are_in_tensor_order(comm, ghosts, rng):
     # x0 + x3 = x1 + x2 on a parallelogram, in no other order.
-    data = scenes.boxes([(3, 4, 2)], [(1.2, 1.0, 0.5)]).permuted(rng)
-    mesh, _, facets, tag = scenes.distribute(comm, data, ghosts=ghosts)
+    data = box_meshes.boxes([(3, 4, 2)], [(1.2, 1.0, 0.5)]).permuted(rng)
+    mesh, _, facets, tag = box_meshes.distribute(comm, data, ghosts=ghosts)
     surface = nts.Surface(space(mesh), facets, tag["top 0"])
     x = surface.V.tabulate_dof_coordinates()[surface.segments]
     defect = np.abs(x[:, 0] + x[:, 3] - x[:, 1] - x[:, 2]).max(initial=0)
@@ -166,8 +167,8 @@ def test_area_of_the_ball_is_that_of_its_facets(comm):
 @pytest.mark.at_most_two_ranks
 @cells_
 def test_vectors_of_a_closed_surface_sum_to_zero_and_are_as_long_as_it_is_large(comm, cell):
-    data = scenes.boxes([(4, 3, 2)], [(2.0, 1.5, 0.5)], cell)
-    mesh, cells, _, tag = scenes.distribute(comm, data)
+    data = box_meshes.boxes([(4, 3, 2)], [(2.0, 1.5, 0.5)], cell)
+    mesh, cells, _, tag = box_meshes.distribute(comm, data)
     V = space(mesh)
     rubber = nts.SaintVenantKirchhoff(E=1.0, nu=0.3, rho=1.0)
     surface = nts.boundary_of(nts.Body(V, cells, tag["body 0"], rubber))
@@ -188,7 +189,7 @@ def test_vectors_of_a_closed_surface_sum_to_zero_and_are_as_long_as_it_is_large(
 def test_keys_number_the_segments_independently_of_the_partition(comm, cell, ghosts):
     def numbers(on, **kwargs):
         surface, _ = box_top(on, cell, **kwargs)
-        ids = np.sort(scenes.input_ids(surface.V)[surface.segments], axis=1)
+        ids = np.sort(input_ids(surface.V)[surface.segments], axis=1)
         keys, ids = everywhere(surface, surface.key), everywhere(surface, ids)
         assert sorted(keys) == list(range(len(keys)))
         return {tuple(i): k for i, k in zip(ids.tolist(), keys, strict=True)}
@@ -201,13 +202,13 @@ def test_keys_number_the_segments_independently_of_the_partition(comm, cell, gho
 
 @cells_
 def test_keys_do_not_depend_on_the_order_of_the_cells(comm, cell, rng):
-    data = scenes.boxes([(3, 4, 2)], [(1.2, 1.0, 0.5)], cell)
+    data = box_meshes.boxes([(3, 4, 2)], [(1.2, 1.0, 0.5)], cell)
     found = []
     for order in (np.arange(len(data.cells)), rng.permutation(len(data.cells))):
         shuffled = replace(data, cells=data.cells[order], body=data.body[order])
-        mesh, _, facets, tag = scenes.distribute(comm, shuffled)
+        mesh, _, facets, tag = box_meshes.distribute(comm, shuffled)
         surface = nts.Surface(space(mesh), facets, tag["top 0"])
-        ids = np.sort(scenes.input_ids(surface.V)[surface.segments], axis=1)
+        ids = np.sort(input_ids(surface.V)[surface.segments], axis=1)
         ids, keys = everywhere(surface, ids), everywhere(surface, surface.key)
         found.append(dict(zip(map(tuple, ids.tolist()), keys.tolist(), strict=True)))
     assert found[0] == found[1]
@@ -220,8 +221,8 @@ def test_surface_of_one_rank_is_empty_on_the_others(comm):
     def owner(middle):
         return np.where(middle[:, 2] > 0.25, last, np.arange(len(middle)) % max(last, 1))
 
-    data = scenes.boxes([(3, 4, 2)], [(1.2, 1.0, 0.5)])
-    mesh, _, facets, tag = scenes.distribute(comm, data, owner=owner)
+    data = box_meshes.boxes([(3, 4, 2)], [(1.2, 1.0, 0.5)])
+    mesh, _, facets, tag = box_meshes.distribute(comm, data, owner=owner)
     surface = nts.Surface(space(mesh), facets, tag["top 0"])
     segments = comm.allgather(len(surface.segments))
     assert segments == [0] * last + [12]
@@ -231,14 +232,14 @@ def test_surface_of_one_rank_is_empty_on_the_others(comm):
 @cells_
 @pytest.mark.parametrize("cut", [False, True], ids=["inside a rank", "between ranks"])
 def test_facets_between_two_cells_are_refused(comm, cell, cut, refused):
-    data = scenes.boxes([(3, 4, 2)], [(1.2, 1.0, 0.5)], cell)
+    data = box_meshes.boxes([(3, 4, 2)], [(1.2, 1.0, 0.5)], cell)
     data.surfaces["middle"] = np.flatnonzero(data.X[:, 2] == 0.25)
 
     def owner(middle):
         above = middle[:, 2] > 0.25
         return np.where(above, comm.size - 1, 0) if cut else np.zeros(len(middle))
 
-    mesh, _, facets, tag = scenes.distribute(comm, data, owner=owner)
+    mesh, _, facets, tag = box_meshes.distribute(comm, data, owner=owner)
     number = 24 if cell == "tetrahedron" else 12
     message = f"on the boundary, given tag {tag['middle']} with {number} between two cells"
     with refused(ValueError, message):
@@ -247,8 +248,8 @@ def test_facets_between_two_cells_are_refused(comm, cell, cut, refused):
 
 @pytest.mark.at_most_two_ranks
 def test_surface_refuses_wrong_arguments(comm, refused):
-    data = scenes.boxes([(3, 4, 2)], [(1.2, 1.0, 0.5)])
-    mesh, cells, facets, tag = scenes.distribute(comm, data)
+    data = box_meshes.boxes([(3, 4, 2)], [(1.2, 1.0, 0.5)])
+    mesh, cells, facets, tag = box_meshes.distribute(comm, data)
     V = space(mesh)
     with refused(ValueError, r"tag out of \[1, 2\] in facets, given 9"):
         nts.Surface(V, facets, 9)

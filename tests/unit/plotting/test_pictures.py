@@ -15,7 +15,8 @@ from dolfinx_nts.plotting.obstacles import surface_near
 from dolfinx_nts.plotting.scales import prefixed, rounded
 from dolfinx_nts.plotting.stress import von_mises
 from helpers.once import once
-from helpers.scenes import BLOCK_RUBBER, BLOCK_STEP, blocks, gathered
+from helpers.scene import gathered
+from helpers.scenes import BLOCK_RUBBER, BLOCK_STEP, blocks
 
 pytestmark = pytest.mark.at_most_two_ranks
 

@@ -10,7 +10,7 @@ import dolfinx_nts as nts
 from dolfinx_nts import _kernels
 from dolfinx_nts.search.global_search import GlobalSearch
 from dolfinx_nts.search.nodal_facets import NodalFacets
-from helpers import scenes
+from helpers import box_meshes
 
 cells = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 GAP = 0.01
@@ -22,14 +22,14 @@ class Two:
     def __init__(self, comm, *blocks, cell="hexahedron"):
         """Make the bodies."""
         corners = [np.array(block[:2], dtype=float) for block in blocks]
-        data = scenes.boxes([b[2] for b in blocks], [c[1] - c[0] for c in corners], cell=cell)
+        data = box_meshes.boxes([b[2] for b in blocks], [c[1] - c[0] for c in corners], cell=cell)
         first = 0
         for (low, _), block in zip(corners, blocks, strict=True):
             count = np.prod(np.array(block[2]) + 1)
             X = data.X[first : first + count]
             X += low - X.min(axis=0)
             first += count
-        mesh, tags, _, _ = scenes.distribute(comm, data)
+        mesh, tags, _, _ = box_meshes.distribute(comm, data)
         self.V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
         stone = nts.NeoHookean(1e5, 0.3, 1e3)
         self.bodies = [nts.Body(self.V, tags, value, stone) for value in range(len(blocks))]

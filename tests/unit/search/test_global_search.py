@@ -7,6 +7,7 @@ from dolfinx_nts.search.global_search import GlobalSearch
 from dolfinx_nts.search.points import NodalPoints
 from helpers import scenes
 from helpers.once import once
+from helpers.scene import input_ids
 
 ROUNDING = 1e2 * np.finfo(float).eps
 
@@ -137,7 +138,7 @@ def test_movement_on_one_rank_alone_sends_the_segments_on_all(comm):
     search, pair = search_of(scene)
     x = scene.stepper.x.copy()
     search.update(x, 0.1)
-    ids = scenes.input_ids(pair.nodes.V)
+    ids = input_ids(pair.nodes.V)
     one = pair.nodes.node_ids.min(initial=10**6)
     x[ids == comm.allreduce(one, op=scenes.MPI.MIN)] += 0.3
     _, new = search.update(x, 0.1)
@@ -149,7 +150,7 @@ def test_candidates_that_are_used_again_still_contains_every_segment_within_reac
     scene = scenes.blocks(comm, cell=cell)
     search, pair = search_of(scene)
     x, reach = scene.stepper.x.copy(), 0.05
-    upper = scenes.input_ids(pair.nodes.V) >= 32
+    upper = input_ids(pair.nodes.V) >= 32
     missing = 0
     for _ in range(16):
         x[upper] -= [0.004, -0.003, 0.008]

@@ -7,14 +7,14 @@ from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 
 from dolfinx_nts.solvers.block_csr import BlockCSR
-from helpers import scenes
+from helpers import box_meshes
 
 
 @pytest.fixture
 def matrices(comm):
     """Rows of a matrix that is not symmetric, and all of it, dense."""
-    data = scenes.boxes([(2, 3, 2)], [(1.2, 1.0, 0.5)], "tetrahedron")
-    mesh, *_ = scenes.distribute(comm, data)
+    data = box_meshes.boxes([(2, 3, 2)], [(1.2, 1.0, 0.5)], "tetrahedron")
+    mesh, *_ = box_meshes.distribute(comm, data)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     u, v, x = ufl.TrialFunction(V), ufl.TestFunction(V), ufl.SpatialCoordinate(mesh)
     form = fem.form(

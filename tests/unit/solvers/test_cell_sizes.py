@@ -5,16 +5,16 @@ import pytest
 from dolfinx import fem
 
 from dolfinx_nts.solvers.cell_sizes import cell_sizes
-from helpers import scenes
+from helpers import box_meshes
 
 pytestmark = pytest.mark.at_most_two_ranks
 
 
 @pytest.mark.parametrize("degree", [1, 2])
 def test_nodes_have_the_size_of_their_largest_cell(comm, agree, degree):
-    data = scenes.boxes([(3, 1, 1)], [(3.0, 1.0, 1.0)])
+    data = box_meshes.boxes([(3, 1, 1)], [(3.0, 1.0, 1.0)])
     data.X[data.X[:, 0] == 3.0, 0] = 5.0  # the last cell has an edge of 3
-    mesh, *_ = scenes.distribute(comm, data)
+    mesh, *_ = box_meshes.distribute(comm, data)
     V = fem.functionspace(mesh, ("Lagrange", degree, (3,)))
     sizes = cell_sizes(V)
     x = V.tabulate_dof_coordinates()[: V.dofmap.index_map.size_local, 0]

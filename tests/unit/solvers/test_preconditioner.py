@@ -15,6 +15,7 @@ from dolfinx_nts.common.archive import Snapshot
 from dolfinx_nts.solvers import krylov, preconditioner
 from dolfinx_nts.solvers.block_ilu import BlockILU, SinglePrecisionOperator
 from helpers import scenes
+from helpers.scene import gathered
 
 # Of displacements after some steps, each to the tolerance of Newton's method, relative
 # to lengths of about one.
@@ -51,7 +52,7 @@ def with_options(scene, options):
 
 def positions(stepper):
     V = stepper.u.function_space
-    return scenes.gathered(V, stepper.x[: V.dofmap.index_map.size_local])
+    return gathered(V, stepper.x[: V.dofmap.index_map.size_local])
 
 
 @pytest.fixture(scope="module")

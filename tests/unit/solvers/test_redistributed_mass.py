@@ -8,7 +8,8 @@ import dolfinx_nts as nts
 from dolfinx_nts.integrators.rates import ConsistentMass
 from dolfinx_nts.model.extrapolation import extrapolate
 from dolfinx_nts.solvers.redistributed_mass import RedistributedMass
-from helpers import scenes
+from helpers import box_meshes
+from helpers.scene import input_ids
 
 # Relative; sums of a few hundred terms of both signs.
 ROUND_OFF = 1e-13
@@ -23,13 +24,13 @@ def skewed(X):
 @pytest.fixture(params=["hexahedron", "tetrahedron", "skewed hexahedron"])
 def body(comm, request):
     """Return a body whose bottom and one side have no mass, and these nodes."""
-    data = scenes.boxes([(3, 4, 5)], [(1.2, 1.0, 1.3)], request.param.split()[-1])
-    mesh, cells, _, tag = scenes.distribute(comm, data)
+    data = box_meshes.boxes([(3, 4, 5)], [(1.2, 1.0, 1.3)], request.param.split()[-1])
+    mesh, cells, _, tag = box_meshes.distribute(comm, data)
     if "skewed" in request.param:
         mesh.geometry.x[:] = skewed(mesh.geometry.x)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     body = nts.Body(V, cells, tag["body 0"], nts.NeoHookean(1.0, 0.3, 7.0))
-    X = data.X[scenes.input_ids(V)[: V.dofmap.index_map.size_local]]
+    X = data.X[input_ids(V)[: V.dofmap.index_map.size_local]]
     return body, np.flatnonzero((X[:, 2] == 0) | (X[:, 0] == 0)).astype(np.int32)
 
 
@@ -88,8 +89,8 @@ def test_forces_keep_resultant_and_moment(comm, body, agree):
 
 @pytest.mark.at_most_two_ranks
 def test_a_body_with_one_layer_of_nodes_below_is_refused(comm):
-    data = scenes.boxes([(3, 3, 1)], [(1.0, 1.0, 0.2)])
-    mesh, cells, _, tag = scenes.distribute(comm, data)
+    data = box_meshes.boxes([(3, 3, 1)], [(1.0, 1.0, 0.2)])
+    mesh, cells, _, tag = box_meshes.distribute(comm, data)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     body = nts.Body(V, cells, tag["body 0"], nts.NeoHookean(1.0, 0.3, 7.0))
     n = V.dofmap.index_map.size_local

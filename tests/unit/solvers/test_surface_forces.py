@@ -5,11 +5,12 @@ import numpy as np
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.surface_forces import SurfaceForces
 from helpers import scenes
+from helpers.step_parts import step_forms
 
 
 def test_cells_at_the_nodes_give_forces_and_products_of_all_cells(comm, agree):
     stepper = scenes.blocks(comm).stepper
-    u, residual = stepper.u, scenes.step_forms(stepper).residual()
+    u, residual = stepper.u, step_forms(stepper).residual()
     u.x.array[:] = 0.01 * np.sin(7 * np.arange(len(u.x.array)))
     u.x.scatter_forward()
     n = u.function_space.dofmap.index_map.size_local
