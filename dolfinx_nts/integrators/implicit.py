@@ -60,6 +60,7 @@ from dolfinx_nts.solvers.cell_sizes import cell_sizes
 from dolfinx_nts.solvers.convergence import closed_within, last_digits
 from dolfinx_nts.solvers.drag import Drag
 from dolfinx_nts.solvers.free_bodies import FreeBody, find_free_bodies
+from dolfinx_nts.solvers.given_way import GivenWay
 from dolfinx_nts.solvers.inertia_relief import InertiaRelief
 from dolfinx_nts.solvers.krylov import LinearSolver
 from dolfinx_nts.solvers.newton_report import ConvergenceError, NewtonReport
@@ -298,8 +299,8 @@ class ImplicitStepper(Stepper):
         if part < 1:
             u = u_n + part * (u - u_n)
         if self._bulk.rigid.exists:
-            trial, du = self.u.x, self._owned(u - u_n)
-            self._owned(trial.array)[:] = self._bulk.rigid.moved(self._owned(u_n), du, leads=part)
+            trial, du, led = self.u.x, self._owned(u - u_n), self._bulk.rigid.guides.led
+            self._owned(trial.array)[:] = self._bulk.rigid.moved(self._owned(u_n), du, part * led)
             trial.scatter_forward()
             u = trial.array.copy()
             trial.array[:] = u_n
@@ -313,11 +314,12 @@ class ImplicitStepper(Stepper):
         ways: Floats = (led(u_n) - u_n)[: self._bulk.num_owned]
         return ways
 
-    def _take_back_supports(self, guess: Floats) -> None:
-        """Let supports with a long way be where they are in a guess ``(d l,)`` [m]. Collective.
+    def _way_from(self, start: Start, steps: Sequence[ContactStep]) -> GivenWay:
+        """What is led has still to go from a start, where u is. Collective.
 
-        With inertia it is short, and so is what is left where bodies have been extrapolated.
+        With inertia ways are short: all is at their ends at once.
         """
+        return GivenWay(self._bulk, steps)
 
     def _owned(self, values: Floats) -> Floats:
         """Those of the owned nodes among values of dofs, a view of shape ``(n, d)``. Local."""
@@ -470,12 +472,13 @@ class ImplicitStepper(Stepper):
         # Bodies that only contact holds go as far as it takes to touch others.
         if not (all_awake or self._inertia_relief.bodies):
             self._sleeping.find(self.v.x.array, self.u_n.x.array, steps)
-        self._take_back_supports(start.guess)
+        way = self._way_from(start, steps)
         solution = newton.solve(
             self._bulk,
             self._solver,
             steps,
             self._X[: len(self.node_ids)],
+            way=way,
             relief=self._inertia_relief,
             at_rest=self._rates.at_rest and drag is None,
             sizes=self._sizes,
@@ -486,6 +489,7 @@ class ImplicitStepper(Stepper):
             drag=drag,
             begins_sticking=start.begins_sticking,
         )
+        way.leave()
         return steps, solution
 
     def _contact_steps(self, problem: StepProblem, begins_sticking: bool) -> list[ContactStep]:

@@ -1,7 +1,7 @@
 """Statics: equilibria at the ends of steps."""
 
 import logging
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -19,13 +19,14 @@ from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers import newton
 from dolfinx_nts.solvers.drag import Drag
+from dolfinx_nts.solvers.given_way import GivenWay
 from dolfinx_nts.solvers.newton_report import NewtonReport
 
 __all__ = ["QuasiStatic"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Way of supports, relative to the smallest cell [-], that cells at them can take alone.
+# Way of what is led, relative to the smallest cell [-], that cells at it can take alone.
 _SMALL_WAY = 1e-3
 
 
@@ -156,21 +157,20 @@ class QuasiStatic(ImplicitStepper):
             np.linalg.norm(reductions.largest(self._comm, top) - reductions.least(self._comm, low))
         )
 
-    def _take_back_supports(self, guess: Floats) -> None:
-        """Let supports be where they are in a guess ``(d l,)`` [m]. Collective.
+    def _way_from(self, start: Start, steps: Sequence[ContactStep]) -> GivenWay:
+        """All of the way from the last state, where all of the bodies goes along. Collective.
 
-        Newton's method makes them go their way from the last state, where all of the bodies goes
-        with them: cells at them could not take it alone.
+        Cells at what is led, and nodes that stick to it, could not take it alone.
         """
-        if not self.supports.exist:
-            return
+        guess, u, size = start.guess, self.u.x, self._sizes.smallest
         if reductions.anywhere(self._comm, not np.array_equal(guess, self.u_n.x.array)):
-            return
-        u, fixed = self.u.x, self.supports.fixed
-        way = float(np.abs(u.array[fixed] - guess[fixed]).max(initial=0.0))
-        if reductions.largest(self._comm, way) > _SMALL_WAY * self._sizes.smallest:
-            u.array[fixed] = guess[fixed]
-            u.scatter_forward()
+            return super()._way_from(start, steps)
+        ways = [np.abs(u.array - guess).max(initial=0.0)]
+        ways += [contact.search.way(self.x, 0.0) for contact in self.contacts]
+        if reductions.largest(self._comm, float(max(ways))) <= _SMALL_WAY * size:
+            return super()._way_from(start, steps)
+        u.array[:] = guess
+        return GivenWay(self._bulk, steps, 0.0)
 
     def _time_helps(self) -> str:
         """Advice where only the length of the step is left to change. Collective."""

@@ -20,7 +20,7 @@ import numpy as np
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 
-__all__ = ["Frame", "MovingFrame", "Placement"]
+__all__ = ["Frame", "MovingFrame", "Placement", "rotation_by"]
 
 
 class Placement(NamedTuple):
@@ -38,6 +38,13 @@ class Placement(NamedTuple):
         """Angle between two placements, from 0 to pi [rad]. Local."""
         turn = other.rotation @ self.rotation.T
         return float(np.arctan2(np.linalg.norm(_axial(turn)), (np.trace(turn) - 1) / 2))
+
+    def way_to(self, other: "Placement") -> tuple[Floats, Floats]:
+        """Shift of the centre [m] and rotation vector [rad] of the way to another one. Local."""
+        sine = _axial(other.rotation @ self.rotation.T)
+        length = float(np.linalg.norm(sine))
+        turn = self.angle_to(other) / length * sine if length else sine
+        return other.centre - self.centre, turn
 
 
 class Frame:
@@ -58,6 +65,17 @@ class Frame:
     centre: Floats = np.zeros(3)
     turn: Floats = np.zeros(3)
     angle = 0.0
+
+    def go(self, part: float) -> None:
+        """Take as the end of the step where the frame is after a part of its way, from 0 to 1."""
+
+    def ahead(self, X: Floats) -> Floats:
+        """Ways that the frame's points still have to go, in space, to first order."""
+        return np.zeros_like(X)
+
+    def turned_ahead(self, force: Floats) -> Floats:
+        """Changes of forces ``(..., 3)`` that turn with the frame as it goes on, as `ahead`."""
+        return np.zeros_like(force)
 
     def at_start(self, x_n: Floats) -> Floats:
         """Positions in the frame at t_n."""
@@ -108,18 +126,41 @@ class MovingFrame(Frame):
     """
 
     def __init__(self, origin: Floats, start: Placement, middle: Placement, end: Placement) -> None:
-        """Compute what both placements have in common."""
-        self._origin, self._start, self._end = origin, start, end
-        self._mean: Floats = (start.rotation + end.rotation) / 2
-        turn = end.rotation @ start.rotation.T
-        # Without end for half a turn.
-        self.turn = 4 * _axial(turn) / max(1 + np.trace(turn), np.finfo(float).eps)
-        self._shift: Floats = end.centre - start.centre
-        self.centre = (start.centre + end.centre) / 2
+        """Go all of the way."""
+        self._origin, self._start, self._goal = origin, start, end
+        self.go(1.0)
         self.angle = start.angle_to(middle) + middle.angle_to(end)
         self.moves = bool(np.any(self._shift) or np.any(start.rotation != end.rotation))
         is_turned = bool(np.any(end.rotation != np.eye(3)))
         self.stays_on_axis = not is_turned and bool(end.centre[0] == origin[0])
+
+    def go(self, part: float) -> None:
+        """Go a part of the way, see `Frame.go`: straight, and about one axis."""
+        start, goal = self._start, self._goal
+        shift, turn = start.way_to(goal)
+        if part < 1:
+            rotation = rotation_by(part * turn) @ start.rotation
+            self._end = Placement(start.centre + part * shift, rotation)
+        else:
+            self._end = goal
+        end = self._end
+        self._ahead = (1 - part) * shift, (1 - part) * turn
+        self._mean: Floats = (start.rotation + end.rotation) / 2
+        turned = end.rotation @ start.rotation.T
+        # Without end for half a turn.
+        self.turn = 4 * _axial(turned) / max(1 + np.trace(turned), np.finfo(float).eps)
+        self._shift: Floats = end.centre - start.centre
+        self.centre = (start.centre + end.centre) / 2
+
+    def ahead(self, X: Floats) -> Floats:
+        """Ways of the frame's points that are left, see `Frame.ahead`."""
+        shift, turn = self._ahead
+        way: Floats = shift + np.cross(turn, (X - self._origin) @ self._end.rotation.T)
+        return way
+
+    def turned_ahead(self, force: Floats) -> Floats:
+        """Changes of forces, see `Frame.turned_ahead`."""
+        return np.cross(self._ahead[1], force).astype(np.float64)
 
     def at_start(self, x_n: Floats) -> Floats:
         """Positions in the frame at t_n, see `Frame.at_start`."""
@@ -206,3 +247,12 @@ def _axial(turn: Floats) -> Floats:
     """Half of the axial vector of a rotation: its axis times the sine of its angle."""
     twice = (turn - turn.T)[[2, 0, 1], [1, 2, 0]]
     return twice / 2
+
+
+def rotation_by(turn: Floats) -> Floats:
+    """Rotation by a vector, axis times angle (Rodrigues), shape ``(3, 3)``. Local."""
+    half = np.linalg.norm(turn) / 2
+    w = np.cross(np.eye(3), turn)  # w @ y is turn x y
+    sine, factor = np.sinc(2 * half / np.pi), np.sinc(half / np.pi)
+    rotation: Floats = np.eye(3) + sine * w + factor**2 / 2 * w @ w
+    return rotation

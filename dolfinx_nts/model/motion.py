@@ -9,7 +9,7 @@ from dolfinx_nts.common.arguments import as_call, real_array
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.fem.components import in_space
-from dolfinx_nts.model.frames import Frame, MovingFrame, Placement
+from dolfinx_nts.model.frames import Frame, MovingFrame, Placement, rotation_by
 
 __all__ = ["Motion", "vector"]
 
@@ -139,7 +139,7 @@ def _rotation(t: float, value: Any) -> Floats:
     name = f"a rotation at t = {t:g}"
     given = real_array(name, value)
     if given.shape != (3, 3):
-        return _by_vector(vector(name, given, 3))
+        return rotation_by(vector(name, given, 3))
     if np.isfinite(given).all():
         left, _, right = np.linalg.svd(given)
         nearest: Floats = left @ right
@@ -148,12 +148,3 @@ def _rotation(t: float, value: Any) -> Floats:
     raise ValueError(
         f"expected a rotation matrix, or a rotation vector, for {name}, given {value!r}"
     )
-
-
-def _by_vector(turn: Floats) -> Floats:
-    """Rotation by a vector, axis times angle (Rodrigues)."""
-    half = np.linalg.norm(turn) / 2
-    w = np.cross(np.eye(3), turn)  # w @ y is turn x y
-    sine, factor = np.sinc(2 * half / np.pi), np.sinc(half / np.pi)
-    rotation: Floats = np.eye(3) + sine * w + factor**2 / 2 * w @ w
-    return rotation

@@ -40,6 +40,29 @@ class Guides:
         """
         self.led = np.array([body.led(t_n, t) for body in self._bodies])
 
+    def led_between(self, first: float, last: float) -> Floats:
+        """The same as `led` between two parts of the step, from 0 to 1 [-]. Local.
+
+        Bodies turn about axes that stay: half angles add up, not their tangents.
+        """
+        if last - first == 1.0:
+            return self.led
+        part: Floats = (last - first) * self.led_at_first(0.0)
+        for i, body in enumerate(self._bodies):
+            turn = part[i, len(body.point) :]
+            half = float(np.linalg.norm(turn)) / 2
+            turn *= np.tan(half) / half if half else 1.0
+        return part
+
+    def led_at_first(self, part: float) -> Floats:
+        """Displacements [m] and rotation vectors [rad] that are left after a part. Local."""
+        left = self.led.copy()
+        for i, body in enumerate(self._bodies):
+            turn = left[i, len(body.point) :]
+            half = float(np.linalg.norm(turn)) / 2
+            turn *= np.arctan(half) / half if half else 1.0
+        return (1 - part) * left
+
     @property
     def move(self) -> bool:
         """Whether they lead any body somewhere in the step. Local."""

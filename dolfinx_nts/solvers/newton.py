@@ -15,12 +15,12 @@ from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.cell_sizes import CellSizes
 from dolfinx_nts.solvers.convergence import Convergence, Iterate
 from dolfinx_nts.solvers.drag import Drag
+from dolfinx_nts.solvers.given_way import GivenWay
 from dolfinx_nts.solvers.inertia_relief import InertiaRelief
 from dolfinx_nts.solvers.krylov import LinearSolver
 from dolfinx_nts.solvers.line_search import LineSearch
 from dolfinx_nts.solvers.newton_report import NewtonReport
 from dolfinx_nts.solvers.segment_choice import SegmentChoice
-from dolfinx_nts.solvers.support_way import SupportWay
 
 __all__ = ["Solution", "solve"]
 
@@ -75,6 +75,7 @@ def solve(
     steps: Sequence[ContactStep],
     X: Floats,
     *,
+    way: GivenWay,
     relief: InertiaRelief,
     at_rest: bool,
     sizes: CellSizes,
@@ -87,13 +88,12 @@ def solve(
 ) -> Solution:
     """Iterate from the present u. Collective.
 
-    Where the guess is behind its conditions, `SupportWay` makes it follow them.
-
     Args:
         bulk: Forms; ``bulk.u`` is the unknown and holds the guess.
         solver: Solver of the linear systems.
         steps: Contact attempts.
         X: Reference positions of the owned nodes, shape ``(n, 3)`` [m].
+        way: What is led has still to go.
         relief: Keeps bodies in place that contact alone may hold.
         at_rest: Whether nothing has changed since a solution, which then still is one.
         sizes: Those of the cells.
@@ -116,7 +116,7 @@ def solve(
     nodes = bulk.u.x.array[: bulk.num_owned].reshape(-1, dim)
     balanced = True  # multipliers from the normal balance at the nodes
     segments = SegmentChoice(bulk.comm, steps, not inertia)
-    way, target = SupportWay(bulk), 0.0  # of the last residual, as it is measured
+    target = 0.0  # of the last residual, as it is measured
     relief.begin()
     search = LineSearch(bulk) if jumps else None
     farthest = float(np.abs(X + in_space(nodes)).max(initial=0.0))
@@ -146,7 +146,7 @@ def solve(
             states = tuple(step.evaluate(x, R_nodes, iteration) for step in steps)
             R_contact = contact_residual(steps, states, (len(X), dim))
         R = relief.relieve(R_bulk - relief.force.ravel() + R_contact, x, force_scale, steps, states)
-        R = way.pull(bulk.rigid.balance(nodes, R.reshape(-1, dim)).ravel(), target)
+        R = way.pull(bulk.rigid.balance(nodes, R.reshape(-1, dim)).ravel(), states, target)
         iterate = Iterate(x, states, R, R_bulk, R_contact, forces)
         seen = convergence.measure(iterate, is_led=way.is_over)
         target = seen.target
@@ -168,13 +168,14 @@ def solve(
         if converged or reason:
             return Solution(iterate, convergence.report(reason))
 
+        states = way.change(states)
         if convergence.is_doubtful(seen) and _may_decide(iteration) and not begins_sticking:
             with timings.phase("solve"):
                 decided = solver.decided(R, steps, states, inertia)
             if decided is not None:
                 states = decided
                 R = R_bulk + contact_residual(steps, states, (len(X), dim))
-                R = way.pull(bulk.rigid.balance(nodes, R.reshape(-1, dim)).ravel(), target)
+                R = way.pull(bulk.rigid.balance(nodes, R.reshape(-1, dim)).ravel(), states)
         with timings.phase("solve"):
             rtol = _forcing(convergence.norms, seen.target)
             if not inertia:
@@ -195,8 +196,7 @@ def solve(
         if part < 1:
             with np.errstate(invalid="ignore"):  # of a singular system, which is told
                 du = part * du
-        nodes[:] = bulk.rigid.moved(nodes, du.reshape(-1, dim))
-        way.go()
+        nodes[:] = way.go(nodes, du.reshape(-1, dim), part)
         # Nodes that have just become active have far to go.
         if du_norm <= longest and not seen.changed:
             x = X + in_space(nodes)

@@ -187,11 +187,11 @@ class RigidMotion(RigidStates):
         assert self._states is not None
         return self._fields.put(self._states.respond(*self._fields.sums(r)), r)
 
-    def moved(self, u: Floats, du: Floats, *, leads: float = 0.0) -> Floats:
+    def moved(self, u: Floats, du: Floats, led: Floats | float = 0.0) -> Floats:
         """Displacements u [m] after increments du, by which rigid bodies turn and do not stretch.
 
-        Increments of rigid bodies are taken as free motions at u. At the start of a step guides
-        lead the bodies in the others, by the part ``leads`` of their way.
+        Increments of rigid bodies are taken as free motions at u. In the others guides lead them
+        by ``led``, as of `Guides.led`.
         """
         result: Floats = u + du
         if not self.exists:
@@ -200,7 +200,7 @@ class RigidMotion(RigidStates):
         q = self._fields.positions(of_u)
         amounts = nearest(rigid_motions(q), self._fields.products, increments)
         # Small changes that are added have all their digits; positions would lose some.
-        amounts = self._fields.freedom.part(amounts) + leads * self.guides.led
+        amounts = self._fields.freedom.part(amounts) + led
         changes = turned(q, amounts)
         result[self.nodes] = (u + self._fields.put(changes, np.zeros_like(u)))[self.nodes]
         return result
@@ -228,6 +228,14 @@ class RigidMotion(RigidStates):
         q_n, q, part = self._starts, self._fields.positions(*self._fields.sums(u)), self.part
         motions = rigid_motions((1 - part) * q_n + part * q)
         return self._fields.put(combined(self.guides.led, motions), np.zeros_like(u))
+
+    def ahead(self, u: Floats, part: float) -> Floats:
+        """Ways on which guides lead bodies from u after a part of a step, to first order [m]."""
+        way = np.zeros_like(u)
+        if not (self.exists and self.guides.move):
+            return way
+        motions = rigid_motions(self._fields.positions(*self._fields.sums(u)))
+        return self._fields.put(combined(self.guides.led_at_first(part), motions), way)
 
     def columns(self) -> list[RigidColumns]:
         """Motions of each body in the unknowns of its nodes. Local."""

@@ -304,19 +304,55 @@ class ContactStep:
 
     def _contribution(self, pairs: PairKinematics, changed: int) -> ContactContribution:
         """Residual and tangent from multipliers and tractions. Local."""
-        active, lambda_N = self.normal.active[pairs.node], self.normal.lambda_N[pairs.node]
-        force = lambda_N[:, None] * pairs.contact.force
-        turning, slope = self.normal.tangent(pairs.node)
-        tangent = pairs.blocks.tangent(turning)
+        active, (force, tangent, columns, slopes) = self.normal.active[pairs.node], self._forces(pairs)
         rank = self.normal.rank(active)
         rank[self.friction.sticks(pairs.node, active)] = self._unknown.dim
-        columns, slopes = self.friction.add_to(pairs, active, force, tangent)
-        slopes[:, 0, 0] = slope
         residual = pairs.blocks.restrict(force, tangent)
         failed = pairs.failures(active)
         return ContactContribution(
             pairs, active, rank, columns, slopes, residual, tangent, force, changed, failed
         )
+
+    def _forces(self, pairs: PairKinematics) -> tuple[Floats, Floats, Floats, Floats]:
+        """Forces, tangent, columns and slopes, see `ContactContribution`. Local.
+
+        The tangent also has rows and columns of given displacements.
+        """
+        active, lambda_N = self.normal.active[pairs.node], self.normal.lambda_N[pairs.node]
+        force = lambda_N[:, None] * pairs.contact.force
+        turning, slope = self.normal.tangent(pairs.node)
+        tangent = pairs.blocks.tangent(turning)
+        columns, slopes = self.friction.add_to(pairs, active, force, tangent)
+        slopes[:, 0, 0] = slope
+        return force, tangent, columns, slopes
+
+    def ahead(self, pairs: PairKinematics, way: Floats) -> tuple[Floats, Floats]:
+        """How gaps, slips and forces change by ways that nodes and obstacles are given. Collective.
+
+        Args:
+            pairs: Those of the last evaluation.
+            way: Ways of the owned nodes to first order, shape ``(n, d)`` [m]; the obstacle's are
+                known.
+
+        Returns:
+            Changes of gaps and slips, shape ``(m, 3)`` [m], and of forces on the owned nodes at
+            multipliers that stay, shape ``(n, 3)`` [N].
+        """
+        frame, scatter = self.state.search.frame, self.candidates.scatter
+        change, changes = np.zeros((len(way), 3)), np.zeros((len(pairs.node), 3))
+        if not self.num_active:
+            return changes, change
+        ways = scatter.forward(in_space(way)) - frame.ahead(self.x)
+        dofs, nodes = pairs.dofs, pairs.blocks.nodes
+        of_pairs = ways[dofs].reshape(len(dofs), pairs.whole_gradients.shape[2])
+        changes = np.einsum("mid,md->mi", pairs.whole_gradients, of_pairs)
+        force, tangent, columns, slopes = self._forces(pairs)
+        sloping = np.einsum("mid,mij,mj->md", columns, slopes, changes)
+        sloping += frame.turned_ahead(force.reshape(-1, 3)).reshape(force.shape)
+        turning = np.einsum("pij,pj->pi", tangent, ways[nodes].reshape(tangent.shape[:2]))
+        for some, forces in ((dofs, sloping), (nodes, turning)):
+            scatter.add(change, some, forces.reshape(*some.shape, 3))
+        return changes, change
 
 
 def _search(

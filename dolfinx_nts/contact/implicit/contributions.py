@@ -6,6 +6,7 @@ segments of k vertices, three times the nodes of the longest list with mortar co
 is local.
 """
 
+from copy import copy
 from typing import NamedTuple
 
 import numpy as np
@@ -39,6 +40,7 @@ class PairKinematics:
         force: Normal and tangential force per multiplier, shape ``(m, 3, d)``.
         columns: The same, 0 where the displacement is given.
         gradients: Gradients of gap and slip at x, 0 where it is given, shape ``(m, 3, d)``.
+        whole_gradients: The same, also where it is given.
         excess: What constraints make zero, shape ``(m, 3)`` [m].
         normal: Free part of the node's normal, of unit length, shape ``(m, 3)``.
         fixed: Whether the node cannot give up what constraints determine, shape ``(m,)``.
@@ -59,14 +61,15 @@ class PairKinematics:
         self.node, self.segment, self._free = node, segment, free
         self.contact, self.blocks = contact, blocks
         m, d = contact.force.shape
-        self.force, self.gradients = np.zeros((2, m, 3, d))
+        self.force, self.whole_gradients = np.zeros((2, m, 3, d))
         self.excess = np.zeros((m, 3))
-        self.force[:, 0], self.gradients[:, 0] = contact.force, contact.gradient
+        self.force[:, 0], self.whole_gradients[:, 0] = contact.force, contact.gradient
+        self.gradients = self.whole_gradients
         self.columns, self.normal = self.force, _kernels.unit_vectors(contact.gradient)
         self.fixed: Flags = np.zeros(m, dtype=bool)
         if free is not None:
             self.columns = self.force * free[:, None]
-            self.gradients[:, 0] *= free
+            self.gradients = self.whole_gradients * free[:, None]
             self.normal *= free[:, :3]
             self.fixed = ~(np.linalg.norm(self.normal, axis=1) > _FREE_NORMAL)
             self.normal = _kernels.unit_vectors(self.normal)
@@ -76,12 +79,18 @@ class PairKinematics:
         self.slip = slip
         self.excess[:, 1:] = slip.value
         self.force[:, 1:] = slip.force
-        self.gradients[:, 1:] = slip.gradient
+        self.whole_gradients[:, 1:] = slip.gradient
         if self._free is not None:
             self.columns[:, 1:] = slip.force * self._free[:, None]
-            self.gradients[:, 1:] *= self._free[:, None]
+            self.gradients[:, 1:] = slip.gradient * self._free[:, None]
             # A sticking node gives up all its displacements.
             self.fixed |= np.any(self._free[:, :3] != 1, axis=1) & ~never_sticks
+
+    def with_changes(self, changes: Floats) -> "PairKinematics":
+        """Copy in which constraints see gaps and slips after changes, ``(m, 3)`` [m]."""
+        changed = copy(self)
+        changed.excess = self.excess + changes
+        return changed
 
     @property
     def dofs(self) -> Ints:

@@ -6,8 +6,8 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts.meshing import parts
-from dolfinx_nts.solvers import support_way
-from dolfinx_nts.solvers.support_way import SupportWay, behind, largest_strain
+from dolfinx_nts.solvers import given_way
+from dolfinx_nts.solvers.given_way import GivenWay, behind, largest_strain
 
 # Of energies and forces, relative: displacements are known to the tolerance of Newton's method.
 AGREEMENT = 1e-7
@@ -93,7 +93,7 @@ def test_forces_of_the_way_are_those_of_the_residual(comm, rng):
     assert errors[1] == pytest.approx(errors[0] / 4, rel=0.1)
     u[:] = before
     u[:] = bulk.supports.applied(u)
-    assert behind(bulk) is None and SupportWay(bulk).is_over
+    assert behind(bulk) is None and GivenWay(bulk).is_over
 
 
 @pytest.mark.serial
@@ -113,9 +113,9 @@ def test_a_rest_of_the_way_is_not_waited_for(comm, monkeypatch):
         strains.append(largest_strain(bulk, du))
         return strains[-1]
 
-    monkeypatch.setattr(support_way, "largest_strain", measured)
+    monkeypatch.setattr(given_way, "largest_strain", measured)
     few = press(comm, nts.SaintVenantKirchhoff, 0.05, nu=0.3).advance().newton_iterations
-    monkeypatch.setattr(support_way, "_LARGEST_STRAIN", strains[0] * (1 - 1e-11))
+    monkeypatch.setattr(given_way, "_LARGEST_STRAIN", strains[0] * (1 - 1e-11))
     report = press(comm, nts.SaintVenantKirchhoff, 0.05, nu=0.3).advance()
     assert report.newton_iterations <= few + 1
 
