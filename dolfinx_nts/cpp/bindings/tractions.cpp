@@ -260,10 +260,11 @@ private:
 
 void tractions(nb::module_& m)
 {
-  nb::class_<Tractions>(m, "Tractions",
-                        "Friction of n nodes; the arrays are shared, not "
-                        "copied. Of m pairs node (m,) are the nodes, and active "
-                        "(m,) tells which transmit force")
+  nb::class_<Tractions>(
+      m, "Tractions",
+      "Friction of n nodes; the arrays are shared, not "
+      "copied. Of m pairs node (m,) are the nodes, and active "
+      "(m,) tells which transmit force")
       .def(nb::init<double, bool, Flags, Doubles, Out<bool>, Out<std::int32_t>,
                     Out<double>, Out<double>, Out<double>, Out<double>,
                     Out<double>, Doubles, Out<double>>(),
