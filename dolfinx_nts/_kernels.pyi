@@ -8,6 +8,7 @@ import numpy.typing as npt
 _Floats = npt.NDArray[np.float64]
 _Ints = npt.NDArray[np.int32]
 _Keys = npt.NDArray[np.int64]
+_Flags = npt.NDArray[np.bool_]
 _Status = npt.NDArray[np.int8]
 _Paired = tuple[_Ints, _Floats, _Floats, _Floats]
 _Contact = tuple[_Floats, _Floats, _Floats, _Floats, _Floats, _Floats, _Status]
@@ -63,16 +64,7 @@ def slides(
     sliding: npt.NDArray[np.bool_],
 ) -> npt.NDArray[np.bool_]: ...
 def longest_in_cones(v: _Floats, way: _Floats) -> float: ...
-def known_tractions(
-    node: _Ints,
-    sticks: npt.NDArray[np.bool_],
-    explicit: _Floats,
-    stiffness: _Floats,
-    slip: _Floats,
-    modelled: _Floats,
-) -> _Floats: ...
 def with_friction(columns: _Floats, direction: _Floats) -> _Floats: ...
-def add_tractions(t: _Floats, rows: _Floats, force: _Floats) -> None: ...
 def exact_friction(
     mu: float,
     t: _Floats,
@@ -359,3 +351,63 @@ class ContactSchwarz:
     def correct(self, r: _Floats, z: _Floats) -> None: ...
     @property
     def size(self) -> int: ...
+
+class Tractions:
+    def __init__(
+        self,
+        mu: float,
+        has_springs: bool,
+        on_axis: _Flags,
+        rounding: _Floats,
+        sliding: _Flags,
+        flips: _Ints,
+        traction: _Floats,
+        explicit: _Floats,
+        direction: _Floats,
+        stiffness: _Floats,
+        heading: _Floats,
+        present: _Floats,
+        modelled: _Floats,
+    ) -> None: ...
+    def sticks(self, node: _Ints, active: _Flags) -> _Flags: ...
+    def judge(
+        self,
+        node: _Ints,
+        active: _Flags,
+        p: _Floats,
+        limiting: _Floats,
+        trial: _Floats,
+        way: _Floats,
+    ) -> tuple[_Floats, _Flags]: ...
+    def model(
+        self,
+        node: _Ints,
+        active: _Flags,
+        sliding: _Flags,
+        p: _Floats,
+        slip: _Floats,
+        explicit: _Floats,
+        direction: _Floats,
+        stiffness: _Floats,
+        lags: _Flags | None,
+        limiting: _Floats,
+    ) -> None: ...
+    def known(
+        self, node: _Ints, active: _Flags, not_own: _Flags, dim: int
+    ) -> tuple[_Ints, _Floats, _Floats]: ...
+    def balance(
+        self,
+        node: _Ints,
+        active: _Flags,
+        rank: _Ints,
+        multipliers: _Floats,
+        known: _Floats,
+    ) -> None: ...
+    def add_to(
+        self,
+        node: _Ints,
+        active: _Flags,
+        rows: _Floats,
+        columns: _Floats,
+        force: _Floats,
+    ) -> tuple[_Floats, _Floats]: ...

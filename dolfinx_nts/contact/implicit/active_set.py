@@ -106,14 +106,14 @@ class BlockPivoting:
         self._changed[node[changes]] = True
         return changes, int(own.sum())
 
-    def changes_singly(self, node: Ints) -> Flags:
+    def changes_singly(self, node: Ints) -> Flags | None:
         """Whether nodes are of pairs in which one changes at a time, shape ``(m,)``. Local.
 
-        As the last call of `select` left it, with violators.
+        As the last call of `select` left it, with violators. None if there is no such pair.
         """
         single = (self._patience < 0) & (self._last > 0)
         if not single.any():
-            return np.zeros(len(node), dtype=bool)
+            return None
         flags: Flags = np.repeat(single, np.diff(self._ends))[node]
         return flags
 

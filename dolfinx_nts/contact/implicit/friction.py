@@ -45,7 +45,7 @@ class Friction:
 
     def go_on_from(self, other: "Friction") -> None:
         """Begin with the nodes that stick in another attempt, and its tractions. Local."""
-        self.sliding, self.traction = other.sliding.copy(), other.traction.copy()
+        self.sliding[:], self.traction[:] = other.sliding, other.traction
 
     def measure(self, pairs: PairKinematics, x: Floats) -> None:
         """Add the slip of the pairs to their kinematics; x has ghosts, shape ``(l, 3)`` [m]."""

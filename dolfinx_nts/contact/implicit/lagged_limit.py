@@ -30,7 +30,7 @@ class LaggedLimit:
         self._p: Floats = np.zeros(num_nodes)
         self.heading: Floats = np.zeros((num_nodes, 2))
 
-    def pressing(self, node: Ints, p: Floats, lags: Flags) -> Floats:
+    def pressing(self, node: Ints, p: Floats, lags: Flags | None) -> Floats:
         """Forces that limit friction, shape ``(m,)`` [N].
 
         Args:
@@ -38,7 +38,11 @@ class LaggedLimit:
             p: What presses them now, shape ``(m,)`` [N].
             lags: Whose limits lag now, shape ``(m,)``: such a force is that of the last iteration
                 in which they did not, or of the first in which something pressed the node.
+                None if none does.
         """
+        if lags is None:
+            self._p[node] = np.maximum(p, 0.0)
+            return p
         stays = lags & (self._p[node] > 0)
         self._p[node] = np.where(stays, self._p[node], np.maximum(p, 0.0))
         limiting: Floats = np.where(lags, self._p[node], p)

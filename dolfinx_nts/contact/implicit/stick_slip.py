@@ -55,6 +55,7 @@ class StickSlip(Friction):
         """Continue from the accepted step."""
         super().__init__(state)
         history, n = state.history, len(stiffness)
+        self._eps_T, self._weight = state.eps_T, _SLIP_WEIGHT * stiffness
         self._law, self._search, self._stiffness = law, search, stiffness
         self._acts_at_end = acts_at_end
         self._has_spring = state.pair.has_slip_spring
@@ -81,6 +82,19 @@ class StickSlip(Friction):
         # Model of the traction of the last iteration.
         self._model = TractionModel(np.zeros((n, 2)), np.zeros((n, 2)), np.zeros((n, 2, 2)))
         self._limit = LaggedLimit(n)
+        self._tractions = _kernels.Tractions(
+            law.mu,
+            self._has_spring,
+            self._on_axis,
+            self._rounding,
+            self.sliding,
+            self.flips,
+            self.traction,
+            *self._model,
+            self._limit.heading,
+            self._slips.present,
+            self._slips.modelled,
+        )
 
     def measure(self, pairs: PairKinematics, x: Floats) -> None:
         """Add the slip of the pairs, see `Friction.measure`."""
@@ -105,8 +119,7 @@ class StickSlip(Friction):
 
     def sticks(self, node: Ints, active: Flags) -> Flags:
         """Nodes held by multipliers, where there are no springs, see `Friction.sticks`."""
-        flags: Flags = active & ~self.sliding[node] & (not self._has_spring)
-        return flags
+        return self._tractions.sticks(node, active)
 
     def update(
         self,
@@ -117,78 +130,50 @@ class StickSlip(Friction):
         linear: Floats | None = None,
     ) -> int:
         """Decide on stick and slip, and model the traction, see `Friction.update`."""
-        node, slip = pairs.node, pairs.slip
-        before, on_axis = self.sliding[node], self._on_axis[node]
-        eps_T, law, model = self._state.eps_T, self._law, self._model
+        node, slip, law = pairs.node, pairs.slip, self._law
         measured, p = p, p if linear is None else linear
-        if eps_T is not None:
-            old, c = self._state.history, eps_T[node]
+        if self._eps_T is not None:
+            old, c, value = self._state.history, self._eps_T[node], self._slips.linear[node]
             t = transport(old.traction[node], old.normal[node], slip.frame_n, slip.normal_n)
+            way = trial = t + c[:, None] * value
         else:
-            t, c = self.traction[node], _SLIP_WEIGHT * self._stiffness[node]
-        value = self._slips.of(node) if eps_T is None else self._slips.linear[node]
-        trial = t + c[:, None] * value
-        way = trial if eps_T is not None else value
-        lags = self._pivoting.changes_singly(node) & (not self._has_spring)
+            t, c, value = self.traction[node], self._weight[node], self._slips.of(node)
+            way, trial = value, t + c[:, None] * value
+        lags = None if self._has_spring else self._pivoting.changes_singly(node)
         limiting = self._limit.pressing(node, p, lags)
-        heading = self._heading(pairs, way, iteration)
-        sliding, violators = before, 0
-        if iteration > 0:
-            after = law.slides(trial, way, limiting, heading, before)
-            # At the limit, as where loads rest after sliding, round-off must not decide, nor
-            # where it is not known yet how much a node presses that has just arrived.
-            excess = np.linalg.norm(trial, axis=1) - law.mu * limiting
-            is_open = (np.abs(excess) <= self._rounding[node]) | (active & (p == 0))
-            after = np.where(is_open, before, after) | on_axis
-            flips, violators = self._pivoting.select(active & (after != before), node, iteration)
-            sliding = np.where(active, before ^ flips, after)
-        if eps_T is not None:
+        if iteration == 0:
+            heading, sliding, violators = self._first_heading(pairs, way), self.sliding[node], 0
+        else:
+            given = p, limiting, trial, way
+            heading, sliding = self._tractions.judge(node, active, *given)
+            violates = active & (sliding != self.sliding[node])
+            changes, violators = self._pivoting.select(violates, node, iteration)
+            sliding ^= violates ^ changes
+        if self._eps_T is not None:
             new = law.spring(trial, p, c, heading, sliding)
+            new.stiffness[self._on_axis[node]] = 0.0
+            of_slip = np.einsum("mij,mj->mi", new.stiffness, slip.value - value)
+            new.explicit[:] += of_slip
         else:
             known = float(iteration > 0)  # multipliers of the first guess mean nothing
             new = self._exact(pairs, known * t, value, known * limiting, heading, sliding)
-        if on_axis.any():
-            for part in new:
-                part[on_axis] = 0.0
-        of_slip = np.zeros_like(value)
-        if eps_T is not None:
-            of_slip = np.einsum("mij,mj->mi", new.stiffness, slip.value - value)
-            new.explicit[:] += of_slip
-        self._limit.heading[node] = new.direction
-        if lags.any():
-            new.explicit[lags] += limiting[lags, None] * new.direction[lags]
-            new.direction[lags] = 0.0
-            violators += int(np.count_nonzero(lags & sliding & active))
-        self.sliding[node], self._slips.modelled[node] = sliding, value
-        self.flips[node] += before != sliding
-        for values, part in zip(model, new, strict=True):
-            values[node] = part
-        modelled = (sliding | (eps_T is not None))[:, None]
-        traction = new.explicit + measured[:, None] * new.direction
-        self.traction[node] = np.where(modelled, traction, self.traction[node])
-        if eps_T is not None:
-            turning = traction - of_slip + (p - measured)[:, None] * new.direction
+        self._tractions.model(node, active, sliding, measured, value, *new, lags, limiting)
+        if self._eps_T is not None:
+            turning = self.traction[node] - of_slip + (p - measured)[:, None] * new.direction
             self._slips.turning[node] = np.where(active[:, None], turning, 0.0)
-        self.release(node[~active])
+        if lags is not None:
+            violators += int(np.count_nonzero(lags & sliding & active))
         return violators
 
-    def _heading(self, pairs: PairKinematics, way: Floats, iteration: int) -> Floats:
-        """Directions in which nodes slide or would slide, shape ``(m, 2)``. Local.
+    def _first_heading(self, pairs: PairKinematics, way: Floats) -> Floats:
+        """Directions in which nodes would slide in the first iteration, ``(m, 2)``. Local.
 
-        ``way`` is the slip of the pairs, shape ``(m, 2)`` [m], or with springs their trial
-        traction [N].
+        A node that does not move yet has the direction in which it slid before. ``way`` is the
+        slip of the pairs, shape ``(m, 2)`` [m], or with springs their trial traction [N].
         """
-        node = pairs.node
-        if iteration == 0:
-            # A node that does not move yet has the direction in which it slid before.
-            old, slip = self._state.history, pairs.slip
-            last = transport(old.traction[node], old.normal[node], slip.frame_n, slip.normal_n)
-            return np.where(np.any(way != 0, axis=1)[:, None], way, last)
-        # With p < 0, which may pass, a traction points backwards.
-        slid = self.sliding[node][:, None]
-        heading = np.where(slid, self._limit.heading[node], self.traction[node])
-        arrives = ~np.any(heading != 0, axis=1)
-        return np.where(arrives[:, None], way, heading)
+        node, old, slip = pairs.node, self._state.history, pairs.slip
+        last = transport(old.traction[node], old.normal[node], slip.frame_n, slip.normal_n)
+        return np.where(np.any(way != 0, axis=1)[:, None], way, last)
 
     def _exact(
         self,
@@ -204,13 +189,12 @@ class StickSlip(Friction):
         Where the displacement of a node is not its own, a traction that slides has its length,
         and keeps its direction where there is no slip.
         """
+        c = self._weight[pairs.node]
         if not pairs.fixed.any():
-            c = _SLIP_WEIGHT * self._stiffness[pairs.node]
             return self._law.exact(t, slip, p, c, heading, sliding)
         own, limit = ~pairs.fixed, self._law.mu * np.maximum(p, 0.0)
         t = np.where((own | ~sliding)[:, None], t, with_length(t, limit))
-        weight = np.where(own, _SLIP_WEIGHT, _DIRECTION_WEIGHT)
-        c = weight * self._stiffness[pairs.node]
+        c = np.where(own, c, _DIRECTION_WEIGHT * self._stiffness[pairs.node])
         model = self._law.exact(t, slip, p, c, heading, sliding)
         rests = sliding & ~own & ~slip.any(axis=1)
         model.explicit[rests] = model.stiffness[rests] = 0.0
@@ -221,16 +205,11 @@ class StickSlip(Friction):
 
     def balance(self, pairs: PairKinematics, R: Floats, active: Flags) -> Floats:
         """Balance with tractions, sticking nodes in all directions, see `Friction.balance`."""
-        node, stick = pairs.node, self._own_sticks(pairs, active)
-        known = self._known(node, stick)
-        rank = np.where(stick, self._dim, active & ~pairs.fixed).astype(np.int32)
-        direction = self._model.direction[node]
+        node = pairs.node
+        rank, known, direction = self._tractions.known(node, active, pairs.fixed, self._dim)
         friction = known, direction
         multipliers = pairs.blocks.balance(pairs.normal, R, pairs.columns, rank, friction)
-        traction = np.where(
-            stick[:, None], multipliers[:, 1:], known - multipliers[:, :1] * direction
-        )
-        self.traction[node] = np.where(active[:, None], traction, 0.0)
+        self._tractions.balance(node, active, rank, multipliers, known)
         lambda_N: Floats = multipliers[:, 0]
         return lambda_N
 
@@ -238,36 +217,19 @@ class StickSlip(Friction):
         """Set tractions of sliding nodes by their model, see `Friction.follow_multipliers`."""
         node = pairs.node
         slides = active & ~self.sticks(node, active)
-        known = self._known(node, self._own_sticks(pairs, active))
-        traction = known - lambda_N[:, None] * self._model.direction[node]
+        _, known, direction = self._tractions.known(node, active, pairs.fixed, self._dim)
+        traction = known - lambda_N[:, None] * direction
         self.traction[node[slides]] = traction[slides]
-
-    def _own_sticks(self, pairs: PairKinematics, active: Flags) -> Flags:
-        """Nodes held by multipliers in displacements of their own, shape ``(m,)``."""
-        return self.sticks(pairs.node, active) & ~pairs.fixed
-
-    def _known(self, node: Ints, sticks: Flags) -> Floats:
-        """Tractions that do not scale with the pressing force, ``(m, 2)`` [N], 0 where held."""
-        explicit, _, stiffness = self._model
-        if self._has_spring:
-            known: Floats = explicit[node]
-            return known
-        slips = self._slips.present, self._slips.modelled
-        return _kernels.known_tractions(node, sticks, explicit, stiffness, *slips)
 
     def add_to(
         self, pairs: PairKinematics, active: Flags, force: Floats, tangent: Floats
     ) -> tuple[Floats, Floats]:
         """Add tractions to forces and tangents, see `Friction.add_to`."""
         node = pairs.node
-        t, slides = self.traction[node], active & ~self.sticks(node, active)
-        _kernels.add_tractions(t, pairs.force, force)
         is_linear = isinstance(self._state.pair.enforcement, Penalty)
-        tangent += pairs.slip.tangent(self._slips.turning[node] if is_linear else t)
-        slopes = np.zeros((len(node), 3, 3))
-        slopes[slides, 1:, 1:] = self._model.stiffness[node[slides]]
-        direction = np.where(slides[:, None], self._model.direction[node], 0.0)
-        return _kernels.with_friction(pairs.columns, direction), slopes
+        turning = self._slips.turning if is_linear else self.traction
+        tangent += pairs.slip.tangent(turning[node])
+        return self._tractions.add_to(node, active, pairs.force, pairs.columns, force)
 
     def scheme_work(self, pairs: PairKinematics, dx: Floats) -> Floats:
         """Work of tractions at the end of the step, see `Friction.scheme_work`."""

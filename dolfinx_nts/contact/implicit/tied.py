@@ -91,7 +91,7 @@ class Bond(StickSlip):
         """Let all nodes stick."""
         super().__init__(state, Coulomb(mu=1.0), is_static, search, stiffness, acts_at_end)
         # By symmetry rings have nothing to tie across the axis.
-        self.sliding = self._on_axis.copy()
+        self.sliding[:] = self._on_axis
 
     def follow_contact(self, pairs: PairKinematics, before: Flags, active: Flags) -> None:
         """Change nothing, as no tied node comes or goes."""

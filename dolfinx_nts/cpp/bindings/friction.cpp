@@ -84,50 +84,12 @@ auto slides_batch(double mu, const Doubles& trial, const Doubles& way,
   return flags;
 }
 
-auto known_batch(const In<std::int32_t>& node, const In<bool>& sticks,
-                 const Doubles& fixed, const Doubles& stiffness,
-                 const Doubles& slip, const Doubles& modelled)
-{
-  const std::size_t m = node.size(), n = fixed.shape(0);
-  check("node", node, {m});
-  check("sticks", sticks, {m});
-  check("explicit", fixed, {n, 2});
-  check("stiffness", stiffness, {n, 2, 2});
-  check("slip", slip, {n, 2});
-  check("modelled", modelled, {n, 2});
-  check_rows("node: expected rows of the other arrays", node, n);
-  auto known = create<double>({m, 2});
-  for (std::size_t i = 0; i < m; ++i)
-  {
-    const auto j = static_cast<std::size_t>(node.data()[i]);
-    Vec2 t = {};
-    if (!sticks.data()[i])
-    {
-      const Vec2 now = pair(slip, j), then = pair(modelled, j);
-      const double* K = stiffness.data() + 4 * j;
-      t = pair(fixed, j);
-      for (std::size_t a = 0; a < 2; ++a)
-        t[a] += K[2 * a] * (now[0] - then[0])
-                + K[2 * a + 1] * (now[1] - then[1]);
-    }
-    store(t, view(known), i);
-  }
-  return known;
-}
-
-/// @brief Rows of m pairs: that of the normal, and two of the tangents.
-std::size_t check_pair_rows(const char* name, const Doubles& rows,
-                            std::size_t m)
-{
-  check(name, rows, {m, 3, any});
-  return rows.shape(2);
-}
-
 auto with_friction_batch(const Doubles& columns, const Doubles& direction)
 {
   const std::size_t m = direction.shape(0);
   check("direction", direction, {m, 2});
-  const std::size_t d = check_pair_rows("columns", columns, m);
+  check("columns", columns, {m, 3, any});
+  const std::size_t d = columns.shape(2);
   auto mixed = create<double>({m, 3, d});
   std::copy_n(columns.data(), columns.size(), mixed.data());
   for (std::size_t i = 0; i < m; ++i)
@@ -138,22 +100,6 @@ auto with_friction_batch(const Doubles& columns, const Doubles& direction)
       row[e] -= s[0] * row[d + e] + s[1] * row[2 * d + e];
   }
   return mixed;
-}
-
-void add_tractions(const Doubles& t, const Doubles& rows, Out<double> force)
-{
-  const std::size_t m = t.shape(0);
-  check("t", t, {m, 2});
-  const std::size_t d = check_pair_rows("rows", rows, m);
-  check("force", force, {m, d});
-  for (std::size_t i = 0; i < m; ++i)
-  {
-    const Vec2 traction = pair(t, i);
-    const double* row = rows.data() + 3 * d * i;
-    for (std::size_t e = 0; e < d; ++e)
-      force.data()[d * i + e]
-          += traction[0] * row[d + e] + traction[1] * row[2 * d + e];
-  }
 }
 
 double longest_in_cones(const Doubles& v, const Doubles& way)
@@ -179,18 +125,10 @@ void friction(nb::module_& m)
   m.def("slides", &slides_batch, nb::arg("mu"), nb::arg("trial"),
         nb::arg("way"), nb::arg("p"), nb::arg("heading"), nb::arg("sliding"),
         "-, (m, 2), (m, 2), (m,), (m, 2), (m,) -> whether each slides (m,)");
-  m.def("known_tractions", &known_batch, nb::arg("node"), nb::arg("sticks"),
-        nb::arg("explicit"), nb::arg("stiffness"), nb::arg("slip"),
-        nb::arg("modelled"),
-        "(m,), (m,), (n, 2), (n, 2, 2), (n, 2), (n, 2) -> explicit + stiffness "
-        "(slip - modelled) of these of n nodes, 0 where they stick (m, 2)");
   m.def("with_friction", &with_friction_batch, nb::arg("columns"),
         nb::arg("direction"),
         "(m, 3, d), (m, 2) -> columns, the first less those of the tangents "
         "times the direction (m, 3, d)");
-  m.def("add_tractions", &add_tractions, nb::arg("t"), nb::arg("rows"),
-        nb::arg("force").noconvert(),
-        "force <- force + t rows[:, 1:]: (m, 2), (m, 3, d), (m, d)");
   m.def("exact_friction", &exact_batch, nb::arg("mu"), nb::arg("t"),
         nb::arg("slip"), nb::arg("p"), nb::arg("c"), nb::arg("heading"),
         nb::arg("sliding"),

@@ -18,6 +18,7 @@ void leapfrog(nanobind::module_& m);
 void mortar(nanobind::module_& m);
 void rows(nanobind::module_& m);
 void springs(nanobind::module_& m);
+void tractions(nanobind::module_& m);
 void volume_ratio(nanobind::module_& m);
 } // namespace nts::bindings
 
@@ -39,5 +40,6 @@ NB_MODULE(_kernels, m)
   nts::bindings::mortar(m);
   nts::bindings::rows(m);
   nts::bindings::springs(m);
+  nts::bindings::tractions(m);
   nts::bindings::volume_ratio(m);
 }

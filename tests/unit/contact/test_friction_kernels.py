@@ -7,30 +7,100 @@ from dolfinx_nts import _kernels
 
 pytestmark = pytest.mark.serial
 
-M, N, D = 5, 9, 12
+M, N, D, MU = 5, 9, 12, 0.3
+
+
+class Friction:
+    """Friction of `N` nodes, of which `M` have pairs."""
+
+    def __init__(self, rng, has_springs=False):
+        """Draw what is known of the nodes; the last pair is on an axis, the third inactive."""
+        self.node = rng.permutation(N)[:M].astype(np.int32)
+        self.active = np.array([True, True, False, True, True])
+        self.on_axis, self.rounding = np.zeros(N, dtype=bool), np.full(N, 1e-9)
+        self.on_axis[self.node[4]] = True
+        self.sliding = np.zeros(N, dtype=bool)
+        self.sliding[self.node[1:]] = True
+        self.flips = np.zeros(N, dtype=np.int32)
+        self.traction, self.explicit, self.direction, self.heading = rng.normal(size=(4, N, 2))
+        self.present, self.modelled = rng.normal(size=(2, N, 2))
+        self.stiffness = rng.normal(size=(N, 2, 2))
+        names = "on_axis rounding sliding flips traction explicit direction stiffness heading"
+        arrays = (getattr(self, name) for name in f"{names} present modelled".split())
+        self.kernel = _kernels.Tractions(MU, has_springs, *arrays)
+
+
+def test_what_is_at_the_limit_or_on_the_axis_keeps_its_state(rng):
+    of, p = Friction(rng), np.full(M, 2.0)
+    trial = np.array([[0.3, 0.0], [1.0, 0.0], [0.1, 0.0], [0.6, 0.0], [0.0, 0.0]])
+    of.heading[of.node] = of.traction[of.node] = [1.0, 0.0]
+    of.traction[of.node[0]] = 0.0
+    heading, sliding = of.kernel.judge(of.node, of.active, p, p, trial, trial)
+    assert sliding.tolist() == [False, True, False, True, True]
+    np.testing.assert_array_equal(heading[0], trial[0])
+    # What presses is not known where nodes have just arrived.
+    _, unknown = of.kernel.judge(of.node, of.active, 0 * p, p, trial, trial)
+    assert unknown.tolist() == [False, True, False, True, True]
+    # Nodes stick before they slide the other way.
+    assert not of.kernel.judge(of.node, of.active, p, p, -2 * trial, -trial)[1][1]
+
+
+@pytest.mark.parametrize("has_springs", [False, True])
+def test_tractions_follow_their_model(rng, has_springs):
+    of = Friction(rng, has_springs)
+    sliding, before = np.array([True, False, True, True, True]), of.traction.copy()
+    p, limiting = rng.random((2, M))
+    slip, explicit, direction = rng.normal(size=(3, M, 2))
+    model, lags = (explicit, direction, rng.normal(size=(M, 2, 2))), np.arange(M) == 3
+    of.kernel.model(of.node, of.active, sliding, p, slip, *model, lags, limiting)
+    assert of.flips[of.node].tolist() == [1, 1, 0, 0, 0]
+    np.testing.assert_array_equal(of.sliding[of.node], sliding)
+    np.testing.assert_array_equal(of.modelled[of.node], slip)
+    traction = explicit + p[:, None] * direction
+    traction[3] = explicit[3] + limiting[3] * direction[3]
+    traction[[2, 4]] = 0.0
+    if not has_springs:
+        traction[1] = before[of.node[1]]
+    np.testing.assert_allclose(of.traction[of.node], traction, rtol=0, atol=1e-14)
+    np.testing.assert_array_equal(of.heading[of.node[:4]], direction[:4])
+    assert not of.direction[of.node[3:]].any()
+    others = np.setdiff1d(np.arange(N), of.node)
+    np.testing.assert_array_equal(of.traction[others], before[others])
 
 
 def test_known_tractions_turn_with_the_slip_and_leave_out_what_sticks(rng):
-    node, sticks = rng.permutation(N)[:M].astype(np.int32), rng.random(M) < 0.5
-    explicit, slip, modelled = rng.normal(size=(3, N, 2))
-    stiffness = rng.normal(size=(N, 2, 2))
-    known = _kernels.known_tractions(node, sticks, explicit, stiffness, slip, modelled)
-    expected = explicit + np.einsum("nij,nj->ni", stiffness, slip - modelled)
-    expected = np.where(sticks[:, None], 0.0, expected[node])
+    of, not_own = Friction(rng), np.arange(M) == 3
+    rank, known, direction = of.kernel.known(of.node, of.active, not_own, 3)
+    assert rank.tolist() == [3, 1, 0, 0, 1]
+    turned = np.einsum("nij,nj->ni", of.stiffness, of.present - of.modelled)
+    expected = (of.explicit + turned)[of.node]
+    expected[0] = 0.0
     np.testing.assert_allclose(known, expected, rtol=0, atol=1e-14)
+    np.testing.assert_array_equal(direction, of.direction[of.node])
+    multipliers = rng.normal(size=(M, 3))
+    of.kernel.balance(of.node, of.active, rank, multipliers, known)
+    traction = known - multipliers[:, :1] * direction
+    traction[0], traction[2] = multipliers[0, 1:], 0.0
+    np.testing.assert_allclose(of.traction[of.node], traction, rtol=0, atol=1e-14)
     with pytest.raises(ValueError, match="expected rows of the other arrays"):
-        _kernels.known_tractions(node + N, sticks, explicit, stiffness, slip, modelled)
+        of.kernel.known(of.node + N, of.active, not_own, 3)
 
 
 def test_tractions_act_along_both_tangents(rng):
-    t, rows, force = rng.normal(size=(M, 2)), rng.normal(size=(M, 3, D)), rng.normal(size=(M, D))
+    of = Friction(rng)
+    rows, force = rng.normal(size=(M, 3, D)), rng.normal(size=(M, D))
+    t, s = of.traction[of.node], of.direction[of.node]
+    slides = of.active & of.sliding[of.node]
+    assert np.array_equal(of.kernel.sticks(of.node, of.active), of.active & ~slides)
     expected = force + np.einsum("mi,mid->md", t, rows[:, 1:])
-    _kernels.add_tractions(t, rows, force)
+    columns, slopes = of.kernel.add_to(of.node, of.active, rows, rows, force)
     np.testing.assert_allclose(force, expected, rtol=0, atol=1e-14)
-    mixed = _kernels.with_friction(rows, t)
-    np.testing.assert_array_equal(mixed[:, 1:], rows[:, 1:])
-    expected = rows[:, 0] - np.einsum("mi,mid->md", t, rows[:, 1:])
-    np.testing.assert_allclose(mixed[:, 0], expected, rtol=0, atol=1e-14)
+    np.testing.assert_array_equal(columns[:, 1:], rows[:, 1:])
+    mixed = _kernels.with_friction(rows, np.where(slides[:, None], s, 0.0))
+    np.testing.assert_allclose(columns, mixed, rtol=0, atol=1e-14)
+    assert not slopes[:, 0].any() and not slopes[:, :, 0].any()
+    K = np.where(slides[:, None, None], of.stiffness[of.node], 0.0)
+    np.testing.assert_array_equal(slopes[:, 1:, 1:], K)
 
 
 def test_points_stand_before_the_vertices_of_their_segments(rng):

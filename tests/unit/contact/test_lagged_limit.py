@@ -49,10 +49,12 @@ def iterate(comm, has_lag, start, count=200):
     pivoting = BlockPivoting(comm, NODE.astype(np.int64), np.array([0, 2]), waits=True)
     lagged = LaggedLimit(2)
     direction = np.array(start)
-    lags, limit = np.zeros(2, dtype=bool), P
+    none = np.zeros(2, dtype=bool)
+    lags, limit = none, P
     for iteration in range(1, count):
         slip, p, t = solve(direction, lags, limit)
-        lags = pivoting.changes_singly(NODE) & has_lag
+        singly = pivoting.changes_singly(NODE)
+        lags = singly if has_lag and singly is not None else none
         limit = lagged.pressing(NODE, p, lags)
         sliding = direction != 0
         value, traction = (np.stack([v, np.zeros(2)], axis=1) for v in (slip, t))
@@ -88,3 +90,5 @@ def test_limits_stay_while_they_lag():
     assert np.array_equal(limit.pressing(node, second, lags), [1.0, 5.0, 6.0])
     assert np.array_equal(limit.pressing(node, first, lags), [1.0, 5.0, 3.0])
     assert np.array_equal(limit.pressing(node, first, none), first)
+    assert np.array_equal(limit.pressing(node, second, None), second)
+    assert np.array_equal(limit.pressing(node, first, lags), [4.0, 5.0, 3.0])

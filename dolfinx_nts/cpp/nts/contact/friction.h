@@ -32,6 +32,24 @@ inline bool slides(double mu, const Vec2& trial, const Vec2& way, double p,
   return size > mu * std::max(p, 0.) && !reverses;
 }
 
+/// @brief The first of two vectors that is not zero.
+inline const Vec2& first_direction(const Vec2& a, const Vec2& b) noexcept
+{
+  return a[0] != 0 || a[1] != 0 ? a : b;
+}
+
+/// @brief Whether a trial traction is at Coulomb's limit, but for round-off.
+/// @param[in] mu Coefficient of friction [-].
+/// @param[in] trial Traction if the node stuck [N].
+/// @param[in] p Pressing force [N].
+/// @param[in] rounding Force that counts as none [N].
+inline bool is_at_limit(double mu, const Vec2& trial, double p,
+                        double rounding) noexcept
+{
+  const double size = std::sqrt(trial[0] * trial[0] + trial[1] * trial[1]);
+  return std::abs(size - mu * p) <= rounding;
+}
+
 /// @brief Model stick and slip for one semismooth Newton iteration.
 ///
 /// The condition t - min(1, mu p/|t + c g|) (t + c g) = 0 is linearised and

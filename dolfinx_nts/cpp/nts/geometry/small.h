@@ -24,6 +24,16 @@ constexpr Vec3 vector(std::span<const double> x, std::size_t i) noexcept
   return {x[3 * i], x[3 * i + 1], x[3 * i + 2]};
 }
 
+constexpr Vec2 operator+(const Vec2& a, const Vec2& b) noexcept
+{
+  return {a[0] + b[0], a[1] + b[1]};
+}
+
+constexpr Vec2 operator*(double s, const Vec2& a) noexcept
+{
+  return {s * a[0], s * a[1]};
+}
+
 constexpr Vec3 operator-(const Vec3& a, const Vec3& b) noexcept
 {
   return {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
