@@ -13,10 +13,10 @@ namespace nts
 /// the coordinate along which it is taken.
 struct Trilinear
 {
-  Lanes values[8] = {}; ///< of point z + 2 y + 4 x
-  Lanes dx[4] = {};     ///< of points z + 2 y
-  Lanes dy[4] = {};     ///< of points z + 2 x
-  Lanes dz[4] = {};     ///< of points y + 2 x
+  Lanes values[8]; ///< of point z + 2 y + 4 x
+  Lanes dx[4];     ///< of points z + 2 y
+  Lanes dy[4];     ///< of points z + 2 x
+  Lanes dz[4];     ///< of points y + 2 x
 
   Lanes& value_at(int q) { return values[q]; }
   Lanes& dx_at(int q) { return dx[q & 3]; }

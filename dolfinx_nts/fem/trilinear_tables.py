@@ -86,7 +86,7 @@ def factorised(body: str) -> str:
         f"Trilinear {name} = at_points({source} + {place});"
         for (source, place), name in functions.items()
     ]
-    before += [f"Trilinear A_{place};" for place in sorted(outputs)]
+    before += [f"Trilinear A_{place} = {{}};" for place in sorted(outputs)]
     after = [f"add_to_nodes(A_{place}, A + {place});" for place in sorted(outputs)]
     return "\n".join(["", *before, body, *after, ""])
 

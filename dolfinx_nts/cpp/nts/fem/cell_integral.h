@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <span>
 #include <stdexcept>
+#include <type_traits>
 #include <vector>
 
 /// @brief Linear forms over cells, with the element kernels of FFCx.
@@ -105,9 +106,29 @@ struct CellRows
   template <class T>
   void add(std::size_t cell, const T* values, std::size_t apart) const noexcept
   {
+    // Loops of a known length are unrolled.
+    switch (d)
+    {
+    case 2:
+      return add(cell, values, apart, std::integral_constant<std::size_t, 2>());
+    case 3:
+      return add(cell, values, apart, std::integral_constant<std::size_t, 3>());
+    default:
+      return add(cell, values, apart, d);
+    }
+  }
+
+private:
+  template <class T>
+  void add(std::size_t cell, const T* values, std::size_t apart,
+           auto length) const noexcept
+  {
     for (const std::int32_t row : rows.subspan(k * cell, k))
-      for (std::size_t j = 0; j < d; ++j, values += apart)
-        b[d * static_cast<std::size_t>(row) + j] += *values;
+    {
+      double* const at = b.data() + length * static_cast<std::size_t>(row);
+      for (std::size_t j = 0; j < length; ++j, values += apart)
+        at[j] += *values;
+    }
     for (double& sum : sums)
     {
       sum += *values;
