@@ -115,7 +115,7 @@ class ResolvedImpact(Inertia):
         fixed = self.bulk.supports.fixed
         surface = SurfaceForces(residual, u, massless, fixed)
         self._equilibrium = SurfaceEquilibrium(surface, rates.u_n, scheme.stress_share)
-        self._volume_ratio = VolumeRatio(u)
+        self._volume_ratio = VolumeRatio(u, surface.cells)
         V = u.function_space
         self._comm: MPI.Comm = V.mesh.comm
         n = V.dofmap.index_map.size_local

@@ -87,55 +87,66 @@ class VibrationAnalysis:
     ) -> None:
         """Sum up the rows of the mass."""
         self._comm, self._mass, self._groups = comm, mass, groups
-        self._possible = possible
+        d = shape[1]
+        motions: Floats = np.zeros((len(possible), 1 + d, d))
+        motions[:d, 0] = np.eye(d)
+        motions[d:, 1:] = _TURNS[d]
+        # As factors of the fields 1 and x.
+        self._motions = motions[possible]
         self._m = mass.times(np.ones(shape))[:, :1]
         self._free: Floats = np.ones(shape)
         self._free.ravel()[fixed] = 0
-        self._held = [np.flatnonzero(self._free[g].ravel() == 0) for g in groups]
+        self._held = [[np.flatnonzero(free == 0) for free in self._free[g].T] for g in groups]
 
     def of(self, x: Floats, v: Floats) -> Vibration:
         """Split velocities, ``(n, d)`` [m/s], at positions, ``(n, d)`` [m]. Collective."""
         d = v.shape[1]
-        k = int(np.count_nonzero(self._possible))
         w = self._free * v
         Mw, Mx = self._mass.times(w), self._mass.times(x)
         first = np.array([[self._m[g].sum(), *Mx[g].sum(axis=0)] for g in self._groups])
         first = reductions.total(self._comm, first.reshape(-1, 1 + d))
-        motions, M_motions = [], []
-        products = np.zeros((len(self._groups), k, 2 * k + 1))
+        fields, M_fields = [], []
+        products = np.zeros((len(self._groups), 1 + d, 1 + d + d + d * (1 + d)))
         parts = zip(self._groups, self._held, first, products, strict=True)
         for g, given, sums, product in parts:
             centre = sums[1:] / sums[0]
-            Z = self._rigid_motions(x[g] - centre, np.ones_like(self._m[g])).reshape(k, -1)
-            MZ = self._rigid_motions(Mx[g] - self._m[g] * centre, self._m[g]).reshape(k, -1)
-            motions.append(Z)
-            M_motions.append(MZ)
-            held = Z[:, given]
-            product[:, :k], product[:, k], product[:, k + 1 :] = (
-                Z @ MZ.T,
-                Z @ Mw[g].ravel(),
-                held @ held.T,
-            )
+            field = np.insert(x[g] - centre, 0, 1.0, axis=1)
+            M_field = np.hstack([self._m[g], Mx[g] - self._m[g] * centre])
+            held = [field[nodes].T @ field[nodes] for nodes in given]
+            np.concatenate([field.T @ M_field, field.T @ Mw[g], *held], axis=1, out=product)
+            fields.append(field)
+            M_fields.append(M_field)
         products = reductions.total(self._comm, products)
         sums = np.zeros((len(self._groups), 2))
         vibration = np.zeros_like(v)
-        for g, Z, MZ, product, both in zip(
-            self._groups, motions, M_motions, products, sums, strict=True
+        for g, field, M_field, product, both in zip(
+            self._groups, fields, M_fields, products, sums, strict=True
         ):
-            amount = _amounts(product[:, :k], product[:, k], product[:, k + 1 :])
-            rigid = (amount @ Z).reshape(-1, d)
-            vibration[g] = w[g] - rigid
-            M_vibration = Mw[g] - (amount @ MZ).reshape(-1, d)
+            rigid = self._rigid(*np.split(product, [1 + d, 1 + 2 * d], axis=1))
+            vibration[g] = w[g] - field @ rigid
+            M_vibration = Mw[g] - M_field @ rigid
             # The rigid part has no product with it but that of round-off.
-            both[:] = np.vdot(v[g] - rigid, M_vibration), np.vdot(vibration[g], M_vibration)
+            both[:] = np.vdot(v[g] - field @ rigid, M_vibration), np.vdot(vibration[g], M_vibration)
         linear, square = reductions.total(self._comm, sums).T
         return Vibration(vibration, linear, square)
 
-    def _rigid_motions(self, arms: Floats, one: Floats) -> Floats:
-        """Translations and rotations, or the mass times them, shape ``(k, n, d)``."""
-        d = arms.shape[1]
-        every = np.concatenate([np.eye(d)[:, None] * one, arms @ _TURNS[d]])
-        return every[self._possible]
+    def _rigid(self, gram: Floats, right: Floats, at_supports: Floats) -> Floats:
+        """Rigid part of a velocity, as factors of the fields 1 and x, ``(1 + d, d)``. Local.
+
+        Args:
+            gram: Products of the fields with regard to the mass, shape ``(1 + d, 1 + d)``.
+            right: Products of the fields with the momentum, shape ``(1 + d, d)``.
+            at_supports: Products of the fields at nodes that are held in a direction, one
+                direction after the other, shape ``(1 + d, d (1 + d))``.
+        """
+        d = right.shape[1]
+        basis = self._motions.reshape(-1, right.size)
+        held = at_supports.reshape(1 + d, d, 1 + d)
+        M_basis = (gram @ self._motions).reshape(basis.shape)
+        held_basis = np.einsum("aib,kbi->kai", held, self._motions).reshape(basis.shape)
+        amounts = _amounts(basis @ M_basis.T, basis @ right.ravel(), basis @ held_basis.T)
+        rigid: Floats = (amounts @ basis).reshape(right.shape)
+        return rigid
 
 
 def _amounts(gram: Floats, right: Floats, at_supports: Floats) -> Floats:

@@ -20,9 +20,10 @@ class VolumeRatio:
 
     Args:
         u: Displacement [m], watched from now on.
+        cells: Owned cells to look at; None: all of them.
     """
 
-    def __init__(self, u: fem.Function) -> None:
+    def __init__(self, u: fem.Function, cells: Ints | None = None) -> None:
         """Evaluate the shape functions at the quadrature points."""
         V = u.function_space
         self._u, self._X, element = u, V.tabulate_dof_coordinates(), Element.of(V)
@@ -31,7 +32,8 @@ class VolumeRatio:
         values, *gradients = element.basix.tabulate(1, points)[..., 0]
         self._shapes = values, np.stack(gradients, axis=-1), element.makes_rings
         owned = V.mesh.topology.index_map(V.mesh.topology.dim).size_local
-        self._cells: Ints = V.dofmap.list[:owned]
+        self._numbers = np.arange(owned) if cells is None else cells
+        self._cells: Ints = V.dofmap.list[self._numbers]
 
     def inverted(self) -> str:
         """Describe the cell with the least det F, if it is inverted. Collective.
@@ -47,7 +49,7 @@ class VolumeRatio:
             return ""
         if is_inverted:
             middle = x[self._cells[cell]].mean(axis=0)
-            number = mesh.topology.original_cell_index[cell]
+            number = mesh.topology.original_cell_index[self._numbers[cell]]
             place = " ".join(f"{value:.4g}" for value in middle)
             text = f"cell {number} near [{place}] is inverted, det F = {worst:.3g}"
         _, text = min(mesh.comm.allgather((worst, text)))

@@ -27,6 +27,7 @@ class SurfaceForces:
         comm: Communicator of the mesh.
         u: Displacement.
         nodes: The argument.
+        cells: Owned cells that have some of the nodes.
         free: 1 where the nodes may move, otherwise 0, shape ``(m, d)``.
     """
 
@@ -46,9 +47,10 @@ class SurfaceForces:
         marker.scatter_forward()
         topology = V.mesh.topology
         owned = topology.index_map(topology.dim).size_local
-        beside = (marker.array[V.dofmap.list[:owned]] == 0).all(axis=1)
+        touches = (marker.array[V.dofmap.list[:owned]] > 0).any(axis=1)
+        self.cells: Ints = np.flatnonzero(touches).astype(np.int32)
         for form in (self._residual, self._derivative):
-            form.leave_out(np.flatnonzero(beside).astype(np.int32))
+            form.leave_out(np.flatnonzero(~touches).astype(np.int32))
         free: Floats = np.ones((index_map.size_local, self._dim))
         free.ravel()[fixed] = 0
         self.free: Floats = free[nodes]
