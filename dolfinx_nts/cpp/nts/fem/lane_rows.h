@@ -1,0 +1,95 @@
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstring>
+#include <utility>
+
+/// @brief Numbers of nodes, from where each node has its own one behind the
+/// other to where those of a batch of cells are side by side, and back.
+///
+/// Number by number this takes as long as kernels of small cells do. Here
+/// numbers go in pairs, as many as a register of any machine holds.
+namespace nts
+{
+/// @brief W numbers in a register of 16 bytes, or of 8.
+template <class T, std::size_t W>
+struct PackOf
+{
+  using type __attribute__((vector_size(W * sizeof(T)))) = T;
+};
+template <class T, std::size_t W>
+using Pack = typename PackOf<T, W>::type;
+
+/// @brief Numbers of a register for batches of L cells.
+template <class T, std::size_t L>
+inline constexpr std::size_t pack_size = std::min(L, 16 / sizeof(T));
+
+/// @brief Pairs of numbers, W / 2 of them, one behind the other.
+template <std::size_t W, class T>
+Pack<T, W> pairs(const T* const* row) noexcept
+{
+  Pack<T, W> pack;
+  if constexpr (W * sizeof(T) == 16 && W == 4)
+  {
+    // Two floats move like a double.
+    double first, second;
+    std::memcpy(&first, row[0], sizeof(first));
+    std::memcpy(&second, row[1], sizeof(second));
+    const Pack<double, 2> both = {first, second};
+    std::memcpy(&pack, &both, sizeof(pack));
+  }
+  else
+    std::memcpy(&pack, row[0], sizeof(pack));
+  return pack;
+}
+
+/// @brief Numbers with the places i, i + 2, i + 4, ... in two registers.
+template <std::size_t First, class P, std::size_t... I>
+P every_second(const P& a, const P& b, std::index_sequence<I...>) noexcept
+{
+  return __builtin_shufflevector(a, b, (2 * I + First)...);
+}
+
+/// @brief Copy rows of D numbers into lanes.
+/// @param[in] row The row of each lane.
+/// @param[out] out (D, L)
+template <std::size_t D, class T, std::size_t L>
+void rows_to_lanes(const std::array<const T*, L>& row, T* out) noexcept
+{
+  constexpr std::size_t W = pack_size<T, L>;
+  constexpr std::make_index_sequence<W> all;
+  for (std::size_t l = 0; l < L; l += W)
+  {
+    const Pack<T, W> a = pairs<W>(row.data() + l),
+                     b = pairs<W>(row.data() + l + W / 2),
+                     first = every_second<0>(a, b, all),
+                     second = every_second<1>(a, b, all);
+    std::memcpy(out + l, &first, sizeof(first));
+    std::memcpy(out + L + l, &second, sizeof(second));
+  }
+  if constexpr (D == 3)
+    for (std::size_t l = 0; l < L; ++l)
+      out[2 * L + l] = row[l][2];
+}
+
+/// @brief Add lanes to rows of D numbers.
+/// @param[in] in (D, L)
+/// @param[in] row The row of each lane; several may be the same.
+template <std::size_t D, class T, std::size_t L>
+void add_lanes_to_rows(const T* in, const std::array<double*, L>& row) noexcept
+{
+  for (std::size_t l = 0; l < L; ++l)
+  {
+    const Pack<double, 2> more
+        = {static_cast<double>(in[l]), static_cast<double>(in[L + l])};
+    Pack<double, 2> sum;
+    std::memcpy(&sum, row[l], sizeof(sum));
+    sum += more;
+    std::memcpy(row[l], &sum, sizeof(sum));
+    if constexpr (D == 3)
+      row[l][2] += static_cast<double>(in[2 * L + l]);
+  }
+}
+} // namespace nts
