@@ -70,41 +70,18 @@ private:
   std::size_t _size;
 };
 
-/// @brief Copy the first D numbers of rows into lanes: those of the k nodes of
-/// L cells.
-/// @tparam S Numbers of a row, here and there.
-/// @param[in] x (l, S)
-/// @param[in] nodes Rows of x of the nodes of all cells, (c, k).
-/// @param[in] cells (L,)
-/// @param[out] out (k, S, L)
-template <std::size_t D, std::size_t S, class T, std::size_t L>
-void gather_lanes(std::span<const T> x, std::span<const std::int32_t> nodes,
-                  std::size_t k, const std::array<std::size_t, L>& cells,
-                  T* out)
+/// @brief Where the rows of node i of L cells begin in arrays with S numbers in
+/// a row.
+/// @param[in] nodes Rows of the k nodes of all cells, (c, k).
+template <std::size_t S, std::size_t L>
+std::array<std::size_t, L> rows_of(std::span<const std::int32_t> nodes,
+                                   std::size_t k, std::size_t i,
+                                   const std::array<std::size_t, L>& cells)
 {
-  for (std::size_t i = 0; i < k; ++i, out += S * L)
-  {
-    std::array<const T*, L> row;
-    for (std::size_t l = 0; l < L; ++l)
-      row[l] = x.data() + S * static_cast<std::size_t>(nodes[k * cells[l] + i]);
-    rows_to_lanes<D, T, L>(row, out);
-  }
-}
-
-/// @brief Add element vectors of L cells, (k, D, L), to a vector with D values
-/// in a row.
-template <std::size_t D, class T, std::size_t L>
-void scatter_lanes(const T* element, const std::array<std::size_t, L>& cells,
-                   const CellRows& out)
-{
-  for (std::size_t i = 0; i < out.k; ++i, element += D * L)
-  {
-    std::array<double*, L> row;
-    for (std::size_t l = 0; l < L; ++l)
-      row[l] = out.b.data()
-               + D * static_cast<std::size_t>(out.rows[out.k * cells[l] + i]);
-    add_lanes_to_rows<D, T, L>(element, row);
-  }
+  std::array<std::size_t, L> begin;
+  for (std::size_t l = 0; l < L; ++l)
+    begin[l] = S * static_cast<std::size_t>(nodes[k * cells[l] + i]);
+  return begin;
 }
 
 /// @brief Values in single precision, by array; their memory is used again, as
@@ -150,19 +127,25 @@ void add_batches(std::span<const BatchKernel> kernels, const CellNodes& mesh,
     std::array<std::size_t, L> batch;
     for (std::size_t l = 0; l < L; ++l)
       batch[l] = static_cast<std::size_t>(cells[begin + (l < many ? l : 0)]);
-    gather_lanes<D, 3, T, L>(x, all_vertices, v, batch, X.data());
+    for (std::size_t i = 0; i < v; ++i)
+      rows_to_lanes<D>(x.data(), rows_of<3>(all_vertices, v, i, batch),
+                       X.data() + 3 * L * i);
     for (std::size_t i = 0; i < places.size(); ++i)
       for (std::size_t l = 0; l < L; ++l)
         w.data()[places[i] * L + l]
             = static_cast<T>(packed[places.size() * batch[l] + i]);
-    for (std::size_t i = 0; i < functions.size(); ++i)
-      gather_lanes<D, D, T, L>(values[i], all_nodes, k, batch,
-                               w.data() + functions[i].first * L);
+    for (std::size_t f = 0; f < functions.size(); ++f)
+      for (std::size_t i = 0; i < k; ++i)
+        rows_to_lanes<D>(values[f].data(), rows_of<D>(all_nodes, k, i, batch),
+                         w.data() + (functions[f].first + D * i) * L);
     element.clear();
     for (const BatchKernel& kernel : kernels)
       kernel(element.data(), w.data(), c.data(), X.data());
     if (is_plain && many == L)
-      scatter_lanes<D, T, L>(element.data(), batch, out);
+      for (std::size_t i = 0; i < out.k; ++i)
+        add_lanes_to_rows<D>(element.data() + D * L * i,
+                             rows_of<D>(out.rows, out.k, i, batch),
+                             out.b.data());
     else
       for (std::size_t l = 0; l < many; ++l)
         out.add(batch[l], element.data() + l, L);

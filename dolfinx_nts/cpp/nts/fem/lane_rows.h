@@ -26,22 +26,22 @@ using Pack = typename PackOf<T, W>::type;
 template <class T, std::size_t L>
 inline constexpr std::size_t pack_size = std::min(L, 16 / sizeof(T));
 
-/// @brief Pairs of numbers, W / 2 of them, one behind the other.
+/// @brief Pairs of numbers that begin at some places, one behind the other.
 template <std::size_t W, class T>
-Pack<T, W> pairs(const T* const* row) noexcept
+Pack<T, W> pairs(const T* x, const std::size_t* begin) noexcept
 {
   Pack<T, W> pack;
-  if constexpr (W * sizeof(T) == 16 && W == 4)
+  if constexpr (W == 4)
   {
     // Two floats move like a double.
     double first, second;
-    std::memcpy(&first, row[0], sizeof(first));
-    std::memcpy(&second, row[1], sizeof(second));
+    std::memcpy(&first, x + begin[0], sizeof(first));
+    std::memcpy(&second, x + begin[1], sizeof(second));
     const Pack<double, 2> both = {first, second};
     std::memcpy(&pack, &both, sizeof(pack));
   }
   else
-    std::memcpy(&pack, row[0], sizeof(pack));
+    std::memcpy(&pack, x + begin[0], sizeof(pack));
   return pack;
 }
 
@@ -52,18 +52,20 @@ P every_second(const P& a, const P& b, std::index_sequence<I...>) noexcept
   return __builtin_shufflevector(a, b, (2 * I + First)...);
 }
 
-/// @brief Copy rows of D numbers into lanes.
-/// @param[in] row The row of each lane.
+/// @brief Copy D numbers of each lane side by side.
+/// @param[in] x Numbers.
+/// @param[in] begin Where those of each lane begin.
 /// @param[out] out (D, L)
 template <std::size_t D, class T, std::size_t L>
-void rows_to_lanes(const std::array<const T*, L>& row, T* out) noexcept
+void rows_to_lanes(const T* x, const std::array<std::size_t, L>& begin,
+                   T* out) noexcept
 {
   constexpr std::size_t W = pack_size<T, L>;
   constexpr std::make_index_sequence<W> all;
   for (std::size_t l = 0; l < L; l += W)
   {
-    const Pack<T, W> a = pairs<W>(row.data() + l),
-                     b = pairs<W>(row.data() + l + W / 2),
+    const Pack<T, W> a = pairs<W>(x, &begin[l]),
+                     b = pairs<W>(x, &begin[l + W / 2]),
                      first = every_second<0>(a, b, all),
                      second = every_second<1>(a, b, all);
     std::memcpy(out + l, &first, sizeof(first));
@@ -71,25 +73,28 @@ void rows_to_lanes(const std::array<const T*, L>& row, T* out) noexcept
   }
   if constexpr (D == 3)
     for (std::size_t l = 0; l < L; ++l)
-      out[2 * L + l] = row[l][2];
+      out[2 * L + l] = x[begin[l] + 2];
 }
 
-/// @brief Add lanes to rows of D numbers.
+/// @brief Add what lanes have side by side to D numbers of each.
 /// @param[in] in (D, L)
-/// @param[in] row The row of each lane; several may be the same.
+/// @param[in] begin Where those of each lane begin, several may at one place.
+/// @param[in,out] x Numbers.
 template <std::size_t D, class T, std::size_t L>
-void add_lanes_to_rows(const T* in, const std::array<double*, L>& row) noexcept
+void add_lanes_to_rows(const T* in, const std::array<std::size_t, L>& begin,
+                       double* x) noexcept
 {
   for (std::size_t l = 0; l < L; ++l)
   {
+    double* row = x + begin[l];
     const Pack<double, 2> more
         = {static_cast<double>(in[l]), static_cast<double>(in[L + l])};
     Pack<double, 2> sum;
-    std::memcpy(&sum, row[l], sizeof(sum));
+    std::memcpy(&sum, row, sizeof(sum));
     sum += more;
-    std::memcpy(row[l], &sum, sizeof(sum));
+    std::memcpy(row, &sum, sizeof(sum));
     if constexpr (D == 3)
-      row[l][2] += static_cast<double>(in[2 * L + l]);
+      row[2] += static_cast<double>(in[2 * L + l]);
   }
 }
 } // namespace nts
