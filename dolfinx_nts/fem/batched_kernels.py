@@ -32,8 +32,8 @@ _FOLDER = Path(__file__).parent
 _RECIPE = [
     _FOLDER / name
     for name in (
-        *("lanes.h", "trilinear.h", "columns.h"),
-        *("batched_source.py", "trilinear_tables.py"),
+        *("lanes.h", "line.h", "bilinear.h", "trilinear.h", "columns.h"),
+        *("batched_source.py", "tensor_tables.py"),
     )
 ]
 # With C++17 <cmath> takes a twentieth of a second more, for functions that kernels do not have.

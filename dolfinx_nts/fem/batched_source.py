@@ -9,7 +9,7 @@ C++, which has operators and functions of vectors (`lanes.h`). The law is not to
 import re
 from typing import NamedTuple
 
-from dolfinx_nts.fem.trilinear_tables import factorised
+from dolfinx_nts.fem.tensor_tables import factorised
 
 __all__ = ["Columns", "batched_source"]
 
@@ -24,7 +24,8 @@ _TABLE = re.compile(r"^static const double\b", re.M)
 _OF_ONE_CELL = re.compile(r"\b(?:if|switch|while|entity_local_index|quadrature_permutation)\b")
 
 # Within the namespace, as the library has functions of the same names outside of it.
-_HEAD = """#include "trilinear.h"
+_HEAD = """#include "bilinear.h"
+#include "trilinear.h"
 namespace nts
 {
 """

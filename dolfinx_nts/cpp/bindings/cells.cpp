@@ -54,7 +54,7 @@ public:
   }
 
   void add(const Ints& cells, const Doubles& packed, const Doubles& constants,
-           const Out<double>& b, const Out<double>& sums) const
+           const Out<double>& b, const Out<double>& sums)
   {
     check("cells", cells, {any});
     check_rows("cells: expected numbers of cells", cells, _nodes.shape(0));
@@ -69,7 +69,12 @@ public:
                        view(sums)};
     std::visit(
         [&]<class Kernel>(const std::vector<Kernel>& kernels)
-        { add_cells(std::span(kernels), mesh, view(cells), input, out); },
+        {
+          if constexpr (std::same_as<Kernel, BatchKernel>)
+            add_cells(kernels, mesh, view(cells), input, out, _rounded);
+          else
+            add_cells(kernels, mesh, view(cells), input, out);
+        },
         _kernels);
   }
 
@@ -115,6 +120,7 @@ private:
   Ints _vertices, _nodes;
   std::vector<Doubles> _functions;
   std::vector<Gathered> _gathered; // views of them
+  Rounded _rounded;
   Ints _places, _rows;
   std::size_t _width, _components, _length, _num_nodes = 0, _num_rows = 0;
 };

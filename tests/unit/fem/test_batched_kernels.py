@@ -17,10 +17,11 @@ import dolfinx_nts as nts
 from dolfinx_nts.fem import batched_kernels as module
 from dolfinx_nts.fem.batched_kernels import batched_kernels
 from dolfinx_nts.fem.batched_source import batched_source
+from dolfinx_nts.fem.components import deformation_gradient, gradient
 from dolfinx_nts.fem.jit import compile_form, compile_quickly
 from dolfinx_nts.fem.linear_forms import CellForm
 from dolfinx_nts.model.bodies import bulk_form
-from helpers import box_meshes
+from helpers import box_meshes, plane
 
 pytestmark = pytest.mark.at_most_two_ranks
 
@@ -97,6 +98,33 @@ def test_sums_over_tables_are_taken_direction_by_direction(comm, cell, degree):
     # Nine derivatives of u, nine of the coordinates in the Jacobian.
     assert source.count("_at(iq);") == (18 if degree == 1 else 0)
     assert bool(sums) == (degree == 2)
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize(("cell", "degree"), [("quadrilateral", 1), ("triangle", 2)])
+def test_kernels_in_the_plane(comm, cell, degree):
+    scene = plane.blocks(cell, angle=0.3, degree=degree, comm=comm)
+    V, x = scene.V, scene.V.mesh.geometry.x
+    x[:, :2] += 0.02 * np.sin(7 * x[:, 1::-1])  # no parallelograms
+    u, direction, eta = fem.Function(V), fem.Function(V), ufl.TestFunction(V)
+    for function in (u, direction):
+        function.x.array[:] = 0.02 * np.sin(np.arange(len(u.x.array)) ** 2)
+    F = deformation_gradient(u)
+
+    def work(material, parameters, rho):
+        P = F * material.stress(F.T * F, **parameters)
+        return ufl.inner(P, gradient(eta)) + 1e3 * rho * ufl.dot(u, eta)
+
+    form = bulk_form([scene.lower, scene.upper], work)
+    action = expand_derivatives(ufl.derivative(form, u, direction))
+    reference = compile_form(action)
+    sums = re.findall(r"\+= .*\[iq\]\[i", batched_source(source_of(reference)))
+    assert bool(sums) == (cell == "triangle")
+    expected = fem.assemble_vector(reference).array
+    for kernels, rounding in (("double", 1e-13), ("single", 1e-5)):
+        given = np.zeros_like(expected)
+        CellForm(action, kernels).assemble(given)
+        np.testing.assert_allclose(given, expected, rtol=0, atol=rounding * abs(expected).max())
 
 
 @pytest.mark.serial

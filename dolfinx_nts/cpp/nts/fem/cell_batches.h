@@ -1,6 +1,7 @@
 #pragma once
 
 #include "nts/fem/cell_integral.h"
+#include "nts/fem/lane_rows.h"
 
 #include <array>
 #include <concepts>
@@ -69,66 +70,56 @@ private:
   std::size_t _size;
 };
 
-/// @brief Copy rows of D numbers into lanes: those of the k nodes of L cells.
-/// @param[in] x (l, D)
-/// @param[in] nodes Rows of x of the nodes of all cells, (c, k).
-/// @param[in] cells (L,)
-/// @param[out] out (k, D, L)
-template <std::size_t D, class T, std::size_t L>
-void gather_lanes(std::span<const T> x, std::span<const std::int32_t> nodes,
-                  std::size_t k, const std::array<std::size_t, L>& cells,
-                  T* out)
+/// @brief Where the rows of node i of L cells begin in arrays with S numbers in
+/// a row.
+/// @param[in] nodes Rows of the k nodes of all cells, (c, k).
+template <std::size_t S, std::size_t L>
+std::array<std::size_t, L> rows_of(std::span<const std::int32_t> nodes,
+                                   std::size_t k, std::size_t i,
+                                   const std::array<std::size_t, L>& cells)
 {
-  for (std::size_t i = 0; i < k; ++i)
-  {
-    std::array<const T*, L> row;
-    for (std::size_t l = 0; l < L; ++l)
-      row[l] = x.data() + D * static_cast<std::size_t>(nodes[k * cells[l] + i]);
-    for (std::size_t j = 0; j < D; ++j, out += L)
-      for (std::size_t l = 0; l < L; ++l)
-        out[l] = row[l][j];
-  }
+  std::array<std::size_t, L> begin;
+  for (std::size_t l = 0; l < L; ++l)
+    begin[l] = S * static_cast<std::size_t>(nodes[k * cells[l] + i]);
+  return begin;
 }
 
-/// @brief Values in the precision of a kernel, which are copied if it is
-/// another one: to convert them all is faster than to do so at each cell.
+/// @brief Values in single precision, by array; their memory is used again, as
+/// new one takes longer to come than they take to be rounded.
+using Rounded = std::vector<std::vector<float>>;
+
+/// @brief Values in the precision of a kernel. To round them all is faster than
+/// to do so at each cell.
 template <class T>
-class Converted
+std::span<const T> in_precision(std::span<const double> values,
+                                std::vector<float>& memory)
 {
-public:
-  explicit Converted(std::span<const double> values)
+  if constexpr (std::same_as<T, double>)
+    return values;
+  else
   {
-    if constexpr (std::same_as<T, double>)
-      _values = values;
-    else
-    {
-      _copy.assign(values.begin(), values.end());
-      _values = _copy;
-    }
+    memory.assign(values.begin(), values.end());
+    return memory;
   }
-
-  operator std::span<const T>() const noexcept { return _values; }
-
-private:
-  std::vector<T> _copy;
-  std::span<const T> _values;
-};
+}
 
 /// @brief The same as `add_cells` by batches of L cells, in numbers of type T,
 /// with D values at a node.
 template <class T, std::size_t L, std::size_t D>
 void add_batches(std::span<const BatchKernel> kernels, const CellNodes& mesh,
                  std::span<const std::int32_t> cells, const KernelInput& input,
-                 const CellRows& out)
+                 const CellRows& out, Rounded& rounded)
 {
   const auto [all_X, all_vertices, v, all_nodes, k, d] = mesh;
   const auto [functions, packed, places, width, constants] = input;
   AlignedArray<T> X(3 * v * L), w(width * L), element(out.size() * L);
   const std::vector<T> c(constants.begin(), constants.end());
-  const Converted<T> x(all_X);
-  std::vector<Converted<T>> values;
-  for (const Gathered& function : functions)
-    values.emplace_back(function.values);
+  rounded.resize(functions.size() + 1);
+  const std::span<const T> x = in_precision<T>(all_X, rounded.back());
+  std::vector<std::span<const T>> values;
+  for (std::size_t i = 0; i < functions.size(); ++i)
+    values.push_back(in_precision<T>(functions[i].values, rounded[i]));
+  const bool is_plain = out.d == D && out.sums.empty();
   for (std::size_t begin = 0; begin < cells.size(); begin += L)
   {
     const std::size_t many = std::min(L, cells.size() - begin);
@@ -136,19 +127,28 @@ void add_batches(std::span<const BatchKernel> kernels, const CellNodes& mesh,
     std::array<std::size_t, L> batch;
     for (std::size_t l = 0; l < L; ++l)
       batch[l] = static_cast<std::size_t>(cells[begin + (l < many ? l : 0)]);
-    gather_lanes<3, T, L>(x, all_vertices, v, batch, X.data());
+    for (std::size_t i = 0; i < v; ++i)
+      rows_to_lanes<D>(x.data(), rows_of<3>(all_vertices, v, i, batch),
+                       X.data() + 3 * L * i);
     for (std::size_t i = 0; i < places.size(); ++i)
       for (std::size_t l = 0; l < L; ++l)
         w.data()[places[i] * L + l]
             = static_cast<T>(packed[places.size() * batch[l] + i]);
-    for (std::size_t i = 0; i < functions.size(); ++i)
-      gather_lanes<D, T, L>(values[i], all_nodes, k, batch,
-                            w.data() + functions[i].first * L);
+    for (std::size_t f = 0; f < functions.size(); ++f)
+      for (std::size_t i = 0; i < k; ++i)
+        rows_to_lanes<D>(values[f].data(), rows_of<D>(all_nodes, k, i, batch),
+                         w.data() + (functions[f].first + D * i) * L);
     element.clear();
     for (const BatchKernel& kernel : kernels)
       kernel(element.data(), w.data(), c.data(), X.data());
-    for (std::size_t l = 0; l < many; ++l)
-      out.add(batch[l], element.data() + l, L);
+    if (is_plain && many == L)
+      for (std::size_t i = 0; i < out.k; ++i)
+        add_lanes_to_rows<D>(element.data() + D * L * i,
+                             rows_of<D>(out.rows, out.k, i, batch),
+                             out.b.data());
+    else
+      for (std::size_t l = 0; l < many; ++l)
+        out.add(batch[l], element.data() + l, L);
   }
 }
 
@@ -158,17 +158,19 @@ void add_batches(std::span<const BatchKernel> kernels, const CellNodes& mesh,
 /// @param[in] cells Those to integrate over.
 /// @param[in] input What the kernel reads.
 /// @param[in] out Where the integrals are added.
+/// @param[in,out] rounded Memory.
 inline void add_cells(std::span<const BatchKernel> kernels,
                       const CellNodes& mesh,
                       std::span<const std::int32_t> cells,
-                      const KernelInput& input, const CellRows& out)
+                      const KernelInput& input, const CellRows& out,
+                      Rounded& rounded)
 {
   const auto add_values = [&]<std::size_t L, std::size_t D>()
   {
     if (kernels.front().is_single())
-      add_batches<float, L, D>(kernels, mesh, cells, input, out);
+      add_batches<float, L, D>(kernels, mesh, cells, input, out, rounded);
     else
-      add_batches<double, L, D>(kernels, mesh, cells, input, out);
+      add_batches<double, L, D>(kernels, mesh, cells, input, out, rounded);
   };
   const auto add = [&]<std::size_t L>()
   {

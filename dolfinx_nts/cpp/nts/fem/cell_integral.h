@@ -57,7 +57,8 @@ struct Gathered
   std::size_t first;              ///< place of the first among those it reads
 };
 
-/// @brief A mesh and its space of vectors.
+/// @brief A mesh and its space of vectors with as many components as positions
+/// have; in the plane the third coordinate does not count.
 struct CellNodes
 {
   std::span<const double> X;              ///< vertices, (g, 3) [m]
