@@ -15,6 +15,7 @@ from dolfinx import la
 
 from dolfinx_nts.common.arrays import Flags, Floats
 from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual
+from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.fem.surroundings import add_surroundings
 from dolfinx_nts.parallel import reductions
@@ -30,9 +31,9 @@ _RINGS = 2
 # Number of steps of Newton's method, and reduction asked of the linear solver [-]: what is left
 # at the border of the nodes is not known before all others move.
 _STEPS, _REDUCTION = 2, 0.1
-# Way that contact wants of a node, relative to the smallest cell [-], from which on strains change
-# so much that it pays, and the largest part of all cells that costs little to go over.
-_FAR, _MOST_CELLS = 0.01, 0.25
+# Way that contact wants of a node, relative to the largest of its cells [-], from which on strains
+# change so much that it pays, and the largest part of all cells that costs little to go over.
+_FAR, _MOST_CELLS = 0.015, 0.16
 
 
 class ContactSurroundings:
@@ -61,23 +62,27 @@ class ContactSurroundings:
             How often contact has been evaluated for that; 0 if the displacement is as before.
         """
         bulk = self._bulk
-        way = max((state.constraint_error for state in start.states), default=0.0)
-        if not reductions.anywhere(bulk.comm, way > _FAR * self._sizes.smallest):
+        if not reductions.anywhere(bulk.comm, any(map(self._are_far, steps, start.states))):
             return 0
         nodes = self._nodes(steps, start)
         with bulk.only(nodes):
             counts = reductions.total(bulk.comm, [bulk.num_cells, bulk.num_all_cells])
             return self._move(nodes, steps, start, X) if counts[0] <= _MOST_CELLS * counts[1] else 0
 
+    def _are_far(self, step: ContactStep, state: ContactContribution) -> bool:
+        """Whether contact wants nodes of this rank to go far. Local."""
+        node = step.state.nodes.nodes[state.pairs.node]
+        return bool(np.any(state.violations > _FAR * self._sizes.nodal[node]))
+
     def _nodes(self, steps: Sequence[ContactStep], start: Iterate) -> Flags:
         """Which local nodes are around contacts, shape ``(l,)``."""
         marks: Floats = self._marker.array
-        marks.fill(0)
+        reached = np.zeros((self._bulk.num_owned // self._bulk.rigid.dim, 3))
         for step, state in zip(steps, start.states, strict=True):
-            some = np.zeros((step.candidates.scatter.num_local, 3))
-            some[state.pairs.dofs] = 1
-            own = step.candidates.scatter.reverse(some)
-            marks[: len(own)] += own[:, 0]
+            dofs = state.pairs.dofs
+            step.candidates.scatter.add(reached, dofs, np.ones((*dofs.shape, 3)))
+        marks.fill(0)
+        marks[: len(reached)] = reached[:, 0]
         add_surroundings(self._marker, self._bulk.u.function_space, _RINGS)
         flags: Flags = marks > 0
         return flags
