@@ -57,6 +57,7 @@ from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers import newton
 from dolfinx_nts.solvers.cell_sizes import cell_sizes
+from dolfinx_nts.solvers.contact_surroundings import ContactSurroundings
 from dolfinx_nts.solvers.convergence import closed_within, last_digits
 from dolfinx_nts.solvers.drag import Drag
 from dolfinx_nts.solvers.free_bodies import FreeBody, find_free_bodies
@@ -131,6 +132,9 @@ class ImplicitStepper(Stepper):
             self._tangent.forget()
         share = partial(self._rates.inertia_share, self._lumped_mass)
         self._solver = LinearSolver(self._bulk, self._tangent, share, petsc_options)
+        self._surroundings: ContactSurroundings | None = None
+        if not (self._is_static or self._bulk.rigid.exists or self.memory.flows):
+            self._surroundings = ContactSurroundings(self._bulk, self._solver, self._sizes)
         self._sleeping = SleepingBodies(
             self._bulk, self._tangent, self._sizes, self.bodies, joined(self.contacts), self.loads
         )
@@ -488,6 +492,7 @@ class ImplicitStepper(Stepper):
             timings=self.timings,
             drag=drag,
             begins_sticking=start.begins_sticking,
+            surroundings=self._surroundings,
         )
         way.leave()
         return steps, solution

@@ -15,6 +15,7 @@ from dolfinx import la
 
 from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
 from dolfinx_nts.fem.node_numbering import input_ids, listed
+from dolfinx_nts.fem.surroundings import add_surroundings
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.connected_bodies import connected
 from dolfinx_nts.parallel.communication import joined
@@ -134,12 +135,8 @@ def _neighbours(bodies: Sequence[Body], nodes: Ints, group: Ints) -> _Neighbours
     index_map = V.dofmap.index_map
     n, marker = index_map.size_local, la.vector(index_map)
     marker.array[nodes] = 1
-    marker.scatter_forward()
     given = marker.array > 0
-    for _ in range(_RINGS):
-        touched = (marker.array[V.dofmap.list] > 0).any(axis=1)
-        marker.array[V.dofmap.list[touched]] = 1
-        _share(marker)
+    add_surroundings(marker, V, _RINGS)
     below = np.flatnonzero((marker.array > 0)[:n] & ~given[:n]).astype(np.int32)
     own = (
         np.asarray(index_map.local_to_global(below)),

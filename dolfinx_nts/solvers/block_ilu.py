@@ -10,7 +10,7 @@ import numpy as np
 from dolfinx import la
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.block_csr import BlockCSR
 from dolfinx_nts.solvers.shells import shell_matrix
@@ -41,6 +41,7 @@ class BlockILU:
         # It is used again, as new memory takes 20 times as long to fill.
         self._values: Floats = np.empty(0)
         self._factors = _kernels.IncompleteFactors()
+        self._places: Ints | None = None  # of the rows that are solved for; None: of all
         # Its ghosts are the nodes of other ranks that the owned rows reach.
         self._vector = la.vector(rows.matrix.index_map(1), rows.dim)
         self._ends = np.array(rows.index_map.comm.allgather(rows.index_map.local_range[1]))
@@ -65,6 +66,21 @@ class BlockILU:
         exist: bool = self._factors.factorise(start, column, value, self._order, self._fill)
         return bool(reductions.everywhere(rows.index_map.comm, exist))
 
+    def restrict(self, nodes: Flags | None) -> None:
+        """Solve for some nodes from now on, with zero at all others. Collective.
+
+        Args:
+            nodes: Which owned nodes, shape ``(n,)``; None: all.
+        """
+        if nodes is None:
+            self._places = None
+            return
+        values = self._vector.array.reshape(-1, self._rows.dim)
+        values[: len(nodes)] = nodes[:, None]
+        self._vector.scatter_forward()
+        assert self._order is not None
+        self._places = np.flatnonzero(values[:, 0][self._order] > 0).astype(np.int32)
+
     def apply(self, _pc: Any, r: Any, z: Any) -> None:
         """Set z to the solution for r; called by PETSc. Collective."""
         dim = self._rows.dim
@@ -83,7 +99,11 @@ class BlockILU:
             values[: len(known)] = known
             self._vector.scatter_forward()
             known = values
-        self._factors.apply(known, unknown)
+        if self._places is None:
+            self._factors.apply(known, unknown)
+        else:
+            unknown.fill(0)
+            self._factors.apply_at(self._places, known, unknown)
 
     def _overlapping(self) -> tuple[GlobalInts, Ints, Floats]:
         """Rows of all nodes that this rank solves for, with local columns. Collective."""

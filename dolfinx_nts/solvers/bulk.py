@@ -1,6 +1,7 @@
 """Residual of the bodies, without contact, and the action of its derivative."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 
 from mpi4py import MPI
 
@@ -9,7 +10,7 @@ import ufl
 from dolfinx import fem
 from ufl.algorithms import expand_derivatives
 
-from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.linear_forms import Kernels
 from dolfinx_nts.model.dirichlet import Supports
@@ -37,7 +38,7 @@ class Bulk:
         u: The unknown.
         supports: The conditions.
         num_owned: Scalar dofs of this rank.
-        num_cells: Owned cells that residual and action go over.
+        num_all_cells: Owned cells.
         given: Owned scalar dofs that residual and action take as given, sorted.
         stabilisation: What the action of the tangent has beside that of the forms, a function
             of a nodal vector.
@@ -67,10 +68,15 @@ class Bulk:
         self._derivative = Derivative(forms, u, jumps=jumps)
         self._dim = dimension(V)
         self.num_owned = self._dim * nodes.size_local
-        self._all_cells = int(V.mesh.topology.index_map(V.mesh.topology.dim).size_local)
-        self.num_cells = self._all_cells
+        self.num_all_cells = int(V.mesh.topology.index_map(V.mesh.topology.dim).size_local)
+        self._left_out: tuple[Ints, Ints] = _NONE, _NONE
         self.stabilisation: Callable[[Floats], Floats] | None = None
         self.rigid = RigidMotion(V)
+
+    @property
+    def num_cells(self) -> int:
+        """Owned cells that residual and action go over. Local."""
+        return self.num_all_cells - len(self._left_out[0])
 
     @property
     def num_assembled(self) -> tuple[int, int]:
@@ -89,9 +95,29 @@ class Bulk:
         """
         self._residual.leave_out(cells)
         self._derivative.leave_out(cells)
-        self.num_cells = self._all_cells - len(cells)
-        dofs = (self._dim * nodes[:, None] + np.arange(self._dim, dtype=np.int32)).ravel()
-        self.given = np.union1d(self.supports.fixed, dofs)
+        self._left_out = cells, nodes
+        given = np.zeros((self.num_owned // self._dim, self._dim), dtype=bool)
+        given[nodes] = True
+        given.ravel()[self.supports.fixed] = True
+        self.given = given.ravel().nonzero()[0].astype(np.int32)
+
+    @contextmanager
+    def only(self, nodes: Flags) -> Iterator[None]:
+        """Context in which all nodes but some are given their present displacement. Local.
+
+        Args:
+            nodes: Which local nodes move, the same on all ranks, shape ``(l,)``.
+        """
+        before = cells, still = self._left_out
+        touched = nodes[self.u.function_space.dofmap.list[: self.num_all_cells]].any(axis=1)
+        touched[cells] = False
+        moving = nodes[: self.num_owned // self._dim].copy()
+        moving[still] = False
+        self.leave_out(*(np.flatnonzero(~some).astype(np.int32) for some in (touched, moving)))
+        try:
+            yield
+        finally:
+            self.leave_out(*before)
 
     def forces(self) -> Floats:
         """Residual at u on the owned dofs, given or not [N]. Collective."""

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.common.arrays import Flags, Floats
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.parallel import reductions
@@ -160,12 +160,12 @@ class LinearSolver:
         self._saddle = SaddlePointSystem(tangent, bulk)
         self._age, self._hopeless = _Age(), _Hopeless()
         self._crossings = 0.0
-        self.num_direct = 0
+        self._num_local = self.num_direct = 0
 
     @property
     def num_iterations(self) -> int:
-        """Krylov iterations so far."""
-        return self._krylov.num_iterations
+        """Krylov iterations so far, but for those of `solve_for`."""
+        return self._krylov.num_iterations - self._num_local
 
     def solve(
         self,
@@ -197,10 +197,7 @@ class LinearSolver:
         if self._operator.bulk.rigid.has_no_inertia or self._hopeless.skips():
             return self._solve_direct(R, steps, pairs)
         preconditioner = self._preconditioner
-        cost = _STRONG_REBUILD_COST if preconditioner.is_strong else _REBUILD_COST
-        is_new = preconditioner.point is None or self._age.excess > cost
-        if is_new:
-            self._build()
+        is_new = self._renew()
         num_active = sum(step.num_active for step in steps)
         self._contacts.choose(num_active)
         while (du := self._solve_krylov(R, elimination, rtol)) is None:
@@ -225,6 +222,41 @@ class LinearSolver:
         y = self._nodal(R) + self._operator.bulk.action(self._nodal(du))
         increments = iter(elimination.multipliers(self._nodal(du), y))
         return du, [next(increments) if step.num_active else np.empty(0) for step in steps]
+
+    def solve_for(
+        self,
+        nodes: Flags,
+        R: Floats,
+        steps: Sequence[ContactStep],
+        states: Sequence[ContactContribution],
+        rtol: float,
+    ) -> Floats | None:
+        """Increments of some nodes, with all others given, by incomplete factors. Collective.
+
+        Args:
+            nodes: Which owned nodes the bulk does not take as given, shape ``(n,)``.
+            R: Residual on the owned dofs, 0 where they are given [N].
+            steps: Contact attempts.
+            states: Their pairs.
+            rtol: Reduction of the projected residual.
+
+        Returns:
+            du on the owned dofs [m]. None where factors are others, or have to be, and where
+            multipliers cannot be eliminated.
+        """
+        pairs = active_pairs(steps, states, self._operator.bulk.rigid.dim)
+        elimination = Elimination(pairs, self._active_sets.number(pairs))
+        if self._hopeless.left or (pairs and self._active_sets.are_coupled(pairs)):
+            return None
+        self._renew()
+        self._contacts.choose(sum(step.num_active for step in steps))
+        if self._contacts.reach_far or not self._preconditioner.is_incomplete:
+            return None
+        before = self._krylov.num_iterations
+        with self._preconditioner.restricted(nodes):
+            du = self._solve_krylov(R, elimination, rtol, tells=False)
+        self._num_local += self._krylov.num_iterations - before
+        return du
 
     def decided(
         self,
@@ -280,6 +312,7 @@ class LinearSolver:
             is_strong=preconditioner.is_strong,
             wave_crossings=self._crossings,
             num_iterations=self.num_iterations,
+            num_local_iterations=self._num_local,
             num_builds=preconditioner.num_builds,
             num_schwarz_builds=self._contacts.num_builds,
             num_direct=self.num_direct,
@@ -302,6 +335,15 @@ class LinearSolver:
             known = self._preconditioner.point is not None
             self._age = _Age(*age) if known else _Age()
 
+    def _renew(self) -> bool:
+        """Make factors of the bulk if there are none, or old ones; returns whether it did."""
+        preconditioner = self._preconditioner
+        cost = _STRONG_REBUILD_COST if preconditioner.is_strong else _REBUILD_COST
+        is_due = preconditioner.point is None or self._age.excess > cost
+        if is_due:
+            self._build()
+        return is_due
+
     def _build(self) -> None:
         preconditioner = self._preconditioner
         self._crossings = self._wave_crossings()
@@ -319,7 +361,10 @@ class LinearSolver:
         is_far = self._preconditioner.is_complete and age.fresh > _EXACT_PAYS
         return (is_new and age.rate > _SLOW) or (pays and age.rate > _FILL_PAYS) or is_far
 
-    def _solve_krylov(self, R: Floats, elimination: Elimination, rtol: float) -> Floats | None:
+    def _solve_krylov(
+        self, R: Floats, elimination: Elimination, rtol: float, *, tells: bool = True
+    ) -> Floats | None:
+        """Solution, None where the method fails; ``tells`` is whether it tells of the factors."""
         bulk = self._operator.bulk
         rtol = min(rtol, self._contacts.least_reduction)
         self._operator.elimination = elimination
@@ -338,11 +383,12 @@ class LinearSolver:
             r = -bulk.rigid.project(None, elimination.act(parts, total))
         x, iterations = self._krylov.solve(r, rtol)
         decades = -math.log10(rtol)
-        if not elimination.empty:
+        if tells and not elimination.empty:
             self._contacts.judge(iterations, decades)
         if x is None:
             return None
-        self._age.count(iterations, decades)
+        if tells:
+            self._age.count(iterations, decades)
         elimination.constrain(x)
         du: Floats = (particular + x).ravel()
         return du

@@ -13,6 +13,7 @@ from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.cell_sizes import CellSizes
+from dolfinx_nts.solvers.contact_surroundings import ContactSurroundings
 from dolfinx_nts.solvers.convergence import Convergence, Iterate
 from dolfinx_nts.solvers.drag import Drag
 from dolfinx_nts.solvers.given_way import GivenWay
@@ -85,6 +86,7 @@ def solve(
     timings: Timings,
     drag: Drag | None = None,
     begins_sticking: bool = False,
+    surroundings: ContactSurroundings | None = None,
 ) -> Solution:
     """Iterate from the present u. Collective.
 
@@ -105,6 +107,7 @@ def solve(
         drag: Resistance that acts beside the forces, if any.
         begins_sticking: Whether nodes with friction stick at first, as ``steps`` say, and slide
             only near an equilibrium, which takes more iterations.
+        surroundings: Those of contacts, if they are to find their equilibrium first.
 
     Returns:
         The solution; ``report.reason`` is not empty if there is none.
@@ -119,6 +122,7 @@ def solve(
     target = 0.0  # of the last residual, as it is measured
     relief.begin()
     search = LineSearch(bulk) if jumps else None
+    num_settled = 0  # evaluations of contact beside those of the iterations
     farthest = float(np.abs(X + in_space(nodes)).max(initial=0.0))
     convergence = Convergence(
         bulk,
@@ -143,7 +147,8 @@ def solve(
                 search.forget()
         R_nodes = R_bulk.reshape(-1, dim) - relief.force if balanced else None
         with timings.phase("contact"):
-            states = tuple(step.evaluate(x, R_nodes, iteration) for step in steps)
+            number = iteration + num_settled
+            states = tuple(step.evaluate(x, R_nodes, number) for step in steps)
             R_contact = contact_residual(steps, states, (len(X), dim))
         R = relief.relieve(R_bulk - relief.force.ravel() + R_contact, x, force_scale, steps, states)
         R = way.pull(bulk.rigid.balance(nodes, R.reshape(-1, dim)).ravel(), states, target)
@@ -167,6 +172,11 @@ def solve(
         _logger.debug("iteration %d: |R| = %.3e N", iteration, seen.norm)
         if converged or reason:
             return Solution(iterate, convergence.report(reason))
+        if iteration == num_settled == 0 and surroundings is not None:
+            num_settled = surroundings.settle(steps, iterate, X)
+            if num_settled:
+                convergence.take_back(0)
+                continue
 
         states = way.change(states)
         if convergence.is_doubtful(seen) and _may_decide(iteration) and not begins_sticking:

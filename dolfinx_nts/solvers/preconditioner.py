@@ -8,7 +8,7 @@ from typing import Any
 from petsc4py import PETSc
 
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arrays import Array, Floats
+from dolfinx_nts.common.arrays import Array, Flags, Floats
 from dolfinx_nts.solvers.block_ilu import BlockILU, SinglePrecisionOperator
 from dolfinx_nts.solvers.complete_factors import CompleteFactors
 from dolfinx_nts.solvers.petsc_options import PetscOptions
@@ -146,6 +146,25 @@ class BulkPreconditioner:
         """Set z to the solution for r; called by PETSc. Collective."""
         assert self._factors is not None
         self._factors.apply(pc, r, z)
+
+    @property
+    def is_incomplete(self) -> bool:
+        """Whether the factors are incomplete ones, which can be `restricted`. Local."""
+        return isinstance(self._factors, BlockILU)
+
+    @contextmanager
+    def restricted(self, nodes: Flags) -> Iterator[None]:
+        """Context in which incomplete factors solve for some owned nodes alone. Collective.
+
+        Args:
+            nodes: Which ones, shape ``(n,)``.
+        """
+        assert isinstance(self._factors, BlockILU)
+        self._factors.restrict(nodes)
+        try:
+            yield
+        finally:
+            self._factors.restrict(None)
 
     def responses(self, forces: Floats) -> Floats:
         """Solutions of the factors for many right-hand sides. Collective.

@@ -15,6 +15,7 @@ class SolverStatistics:
         is_strong: Whether these are the stronger ones.
         wave_crossings: Cells that waves cross in a step [-], infinite without inertia.
         num_iterations: Krylov iterations.
+        num_local_iterations: Those beside them that moved nodes around contacts alone.
         num_builds: Factorisations of the bulk.
         num_schwarz_builds: Factorisations around the contacts.
         num_direct: Factorisations of whole systems.
@@ -30,6 +31,7 @@ class SolverStatistics:
     is_strong: bool
     wave_crossings: float
     num_iterations: int
+    num_local_iterations: int
     num_builds: int
     num_schwarz_builds: int
     num_direct: int

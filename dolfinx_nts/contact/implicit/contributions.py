@@ -154,7 +154,13 @@ class ContactContribution(NamedTuple):
     failed: int
 
     @property
+    def violations(self) -> Floats:
+        """Largest violation of a constraint of each pair, shape ``(m,)`` [m]."""
+        rows = np.arange(3) < self.rank[:, None]
+        largest: Floats = np.where(rows, np.abs(self.pairs.excess), 0.0).max(axis=1, initial=0.0)
+        return largest
+
+    @property
     def constraint_error(self) -> float:
         """Largest violation of a constraint on this rank [m]."""
-        rows = np.arange(3) < self.rank[:, None]
-        return float(np.abs(self.pairs.excess[rows]).max(initial=0.0))
+        return float(self.violations.max(initial=0.0))

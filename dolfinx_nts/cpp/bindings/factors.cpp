@@ -87,7 +87,10 @@ bool factorise(Factors& factors, const In<std::int64_t>& start,
       });
 }
 
-void apply(Factors& factors, const Doubles& b, Out<double> x)
+/// @brief Call a function with factors that right-hand side and result fit.
+template <class Function>
+void with_factors(Factors& factors, const Doubles& b, const Out<double>& x,
+                  const Function& function)
 {
   const std::size_t n = factors.size();
   if (n == 0 && b.size() == 0 && x.size() == 0)
@@ -100,9 +103,29 @@ void apply(Factors& factors, const Doubles& b, Out<double> x)
         check("x", x, {any, width});
         if (x.shape(0) > n)
           throw nb::value_error("x: expected no more rows than the matrix has");
-        some.apply(view(b), view(x));
+        function(some);
       },
       factors.factors);
+}
+
+void apply(Factors& factors, const Doubles& b, Out<double> x)
+{
+  with_factors(factors, b, x, [&](auto& some) { some.apply(view(b), view(x)); });
+}
+
+void apply_at(Factors& factors, const In<std::int32_t>& places,
+              const Doubles& b, Out<double> x)
+{
+  check("places", places, {any});
+  std::int64_t last = -1;
+  for (const std::int32_t place : view(places))
+  {
+    if (place <= last || static_cast<std::size_t>(place) >= factors.size())
+      throw nb::value_error("places: expected ascending places of rows");
+    last = place;
+  }
+  with_factors(factors, b, x, [&](auto& some)
+               { some.apply_at(view(places), view(b), view(x)); });
 }
 
 void dissect(CompleteFactors* self, const In<std::int64_t>& start,
@@ -194,7 +217,11 @@ void factors(nb::module_& m)
            "(n + 1,), (b,), (B B b,), (n,) rows in the order of elimination, "
            "whether to keep what the elimination of a neighbour fills")
       .def("apply", &apply, nb::arg("b"), nb::arg("x").noconvert(),
-           "Solve for x at the first m rows: (n, B), (m, B)");
+           "Solve for x at the first m rows: (n, B), (m, B)")
+      .def("apply_at", &apply_at, nb::arg("places"), nb::arg("b"),
+           nb::arg("x").noconvert(),
+           "The same at rows with some places in the order of elimination, "
+           "others zero: (k,) ascending, (n, B), (m, B)");
   nb::class_<CompleteFactors>(
       m, "CompleteFactors",
       "Complete factors of a matrix of 2 x 2 or 3 x 3 blocks with a symmetric "

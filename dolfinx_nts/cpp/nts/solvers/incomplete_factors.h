@@ -2,6 +2,7 @@
 
 #include "nts/solvers/blocks.h"
 
+#include <ranges>
 #include <utility>
 #include <vector>
 
@@ -146,25 +147,51 @@ public:
   /// @param[out] x Values of the first rows, all or fewer; may be b.
   void apply(std::span<const double> b, std::span<double> x)
   {
+    _x.resize(B * size());
+    substitute(std::views::iota(std::size_t(0), size()), b, x);
+  }
+
+  /// @brief The same for some rows, with zero in the place of all others.
+  /// @param[in] places Places of these rows in the order of elimination,
+  /// ascending.
+  /// @param[in] b Right-hand side of all rows.
+  /// @param[out] x Values of the first rows, all or fewer, of which others than
+  /// these rows are left as they are.
+  void apply_at(std::span<const std::int32_t> places, std::span<const double> b,
+                     std::span<double> x)
+  {
+    _x.assign(B * size(), 0);
+    substitute(places, b, x);
+  }
+
+  /// @brief Number of rows, 0 without factors.
+  std::size_t size() const noexcept { return _order.size(); }
+
+private:
+  /// @brief Forward and backward substitution at some places, ascending.
+  template <class Places>
+  void substitute(const Places& places, std::span<const double> b,
+                  std::span<double> x)
+  {
     const double scale = power_of_two(largest(b));
-    const std::size_t n = _order.size();
-    _x.resize(B * n);
-    std::size_t e = 0;
+    const std::size_t n = size();
     const auto set = [&](std::size_t i, const Column<B>& y)
     {
       for (std::size_t c = 0; c < B; ++c)
         _x[B * i + c] = without_dust(y[c]);
     };
-    for (std::size_t i = 0; i < n; ++i)
+    for (const std::size_t i : places)
     {
       Column<B> y = {};
       for (std::size_t c = 0; c < B; ++c)
         y[c] = static_cast<float>(scale * b[B * _order[i] + c]);
+      std::size_t e = _begin[i];
       set(i, y - _factors.product(e, _begin[i + 1], _x.data()));
     }
     const double back = _scale / scale;
-    for (std::size_t i = n; i-- > 0;)
+    for (const std::size_t i : std::views::reverse(places))
     {
+      std::size_t e = _begin[2 * n - 1 - i];
       const Column<B> sum
           = _factors.product(e, _begin[2 * n - i] - 1, _x.data());
       for (std::size_t c = 0; c < B; ++c)
@@ -177,10 +204,6 @@ public:
     }
   }
 
-  /// @brief Number of rows, 0 without factors.
-  std::size_t size() const noexcept { return _order.size(); }
-
-private:
   /// @brief Count the blocks of each row, and find the scale of the matrix.
   template <class Rows>
   void allocate(const Rows& A, FactorPattern<Rows>& pattern)

@@ -1,0 +1,112 @@
+"""Nodes around contacts, which find their equilibrium before Newton's method moves all others.
+
+A node that is struck has a way to go within the step that is a good part of its cell, while
+bodies elsewhere go on nearly as before. What linear systems do not know of the residual is then
+nearly all at a few nodes, and yet Newton's method would have to go over all cells until these are
+near enough to the solution. Here the nodes around contacts take some steps of Newton's method
+alone, with all others held: the nonlinear elimination of P. J. Lanzkron, D. J. Rose, J. T. Wilkes,
+SIAM J. Sci. Comput. 17 (1996).
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from dolfinx import la
+
+from dolfinx_nts.common.arrays import Flags, Floats
+from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual
+from dolfinx_nts.contact.implicit.contributions import ContactContribution
+from dolfinx_nts.fem.components import in_space
+from dolfinx_nts.fem.surroundings import add_surroundings
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.solvers.bulk import Bulk
+from dolfinx_nts.solvers.cell_sizes import CellSizes
+from dolfinx_nts.solvers.convergence import Iterate
+from dolfinx_nts.solvers.krylov import LinearSolver
+
+__all__ = ["ContactSurroundings"]
+
+# Number of cells between contacts and the farthest nodes that move.
+_RINGS = 2
+# Number of steps of Newton's method, and reduction asked of the linear solver [-]: what is left
+# at the border of the nodes is not known before all others move.
+_STEPS, _REDUCTION = 2, 0.1
+# Way that contact wants of a node, relative to the largest of its cells [-], from which on strains
+# change so much that it pays, and the largest part of all cells that costs little to go over.
+_FAR, _MOST_CELLS = 0.015, 0.16
+
+
+class ContactSurroundings:
+    """Moves the nodes around contacts. Collective, as all its methods.
+
+    Args:
+        bulk: Residual of the bodies.
+        solver: Solver of the linear systems.
+        sizes: Sizes of the cells.
+    """
+
+    def __init__(self, bulk: Bulk, solver: LinearSolver, sizes: CellSizes) -> None:
+        """Create a marker of nodes."""
+        self._bulk, self._solver, self._sizes = bulk, solver, sizes
+        self._marker = la.vector(bulk.u.function_space.dofmap.index_map)
+
+    def settle(self, steps: Sequence[ContactStep], start: Iterate, X: Floats) -> int:
+        """Let nodes around contacts find their equilibrium, if they have far to go.
+
+        Args:
+            steps: Contact attempts.
+            start: The first iterate.
+            X: Reference positions of the owned nodes, shape ``(n, 3)`` [m].
+
+        Returns:
+            How often contact has been evaluated for that; 0 if the displacement is as before.
+        """
+        bulk = self._bulk
+        if not reductions.anywhere(bulk.comm, any(map(self._are_far, steps, start.states))):
+            return 0
+        nodes = self._nodes(steps, start)
+        with bulk.only(nodes):
+            counts = reductions.total(bulk.comm, [bulk.num_cells, bulk.num_all_cells])
+            return self._move(nodes, steps, start, X) if counts[0] <= _MOST_CELLS * counts[1] else 0
+
+    def _are_far(self, step: ContactStep, state: ContactContribution) -> bool:
+        """Whether contact wants nodes of this rank to go far. Local."""
+        node = step.state.nodes.nodes[state.pairs.node]
+        return bool(np.any(state.violations > _FAR * self._sizes.nodal[node]))
+
+    def _nodes(self, steps: Sequence[ContactStep], start: Iterate) -> Flags:
+        """Which local nodes are around contacts, shape ``(l,)``."""
+        marks: Floats = self._marker.array
+        reached = np.zeros((self._bulk.num_owned // self._bulk.rigid.dim, 3))
+        for step, state in zip(steps, start.states, strict=True):
+            dofs = state.pairs.dofs
+            step.candidates.scatter.add(reached, dofs, np.ones((*dofs.shape, 3)))
+        marks.fill(0)
+        marks[: len(reached)] = reached[:, 0]
+        add_surroundings(self._marker, self._bulk.u.function_space, _RINGS)
+        flags: Flags = marks > 0
+        return flags
+
+    def _move(
+        self, nodes: Flags, steps: Sequence[ContactStep], start: Iterate, X: Floats
+    ) -> int:
+        """Take the steps."""
+        bulk, dim = self._bulk, self._bulk.rigid.dim
+        u = bulk.u.x.array[: bulk.num_owned].reshape(-1, dim)
+        R, states = start.R.copy(), start.states
+        for number in range(1, _STEPS + 1):
+            R[bulk.given] = 0
+            du = self._solver.solve_for(nodes[: len(u)], R, steps, states, _REDUCTION)
+            if du is None:
+                return number - 1
+            u += du.reshape(u.shape)
+            for step, state in zip(steps, states, strict=True):
+                step.close_gaps(state, X + in_space(u), u)
+            bulk.u.x.scatter_forward()
+            if number == _STEPS:
+                break
+            R = bulk.forces()
+            R[bulk.given] = 0
+            states = tuple(step.evaluate(X + in_space(u), R.reshape(-1, dim), number) for step in steps)
+            R += contact_residual(steps, states, u.shape)
+        return _STEPS
