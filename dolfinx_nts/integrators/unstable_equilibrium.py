@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Sequence
+from itertools import chain
 
 from mpi4py import MPI
 
@@ -45,7 +46,7 @@ class UnstableEquilibrium:
             (size[node], self._comm.rank, self._names(node), X[node], in_space(motion)[node])
             for node in np.argsort(size)[-1:]
         ]
-        every = sum(self._comm.allgather(found), [])
+        every = chain(*self._comm.allgather(found))
         largest, _, name, place, way = max(every, key=lambda each: each[:2])
         if self._comm.rank == 0:
             _logger.warning(

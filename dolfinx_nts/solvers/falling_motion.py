@@ -25,7 +25,7 @@ from dolfinx_nts.parallel import reductions
 __all__ = ["falling_motion"]
 
 # Residual that ends the search, in parts of the random force of one unknown [-].
-_LEFT = 0.1
+_LEFT = 0.03
 # Curvature relative to that of the preconditioner [-] which counts as negative: less is round-off
 # of products, or a state just beyond the limit.
 _NEGATIVE = -1e-3
@@ -52,26 +52,25 @@ def falling_motion(
     Returns:
         Displacements of any size, None where all curvatures are positive.
     """
-    r, directions, forces, curvatures = b, [], [], []
+    r = b
+    directions, forces = np.empty((2, 0, len(b)))
+    curvatures: Floats = np.empty(0)
     for _ in range(_MOST):
         p = precondition(r)
-        expected = reductions.total(comm, float(p @ r))
-        if directions:
-            # Preconditioners need not be symmetric.
-            P, Y = np.array(directions), np.array(forces)
-            parts: Floats = reductions.total(comm, Y @ p) / curvatures
-            p = p - parts @ P
+        # Preconditioners need not be symmetric: directions are conjugate to all before them.
+        parts = reductions.total(comm, np.array([*(forces @ p), p @ r]))
+        expected = abs(parts[-1])
+        p = p - (parts[:-1] / curvatures) @ directions
         y = act(p)
         curvature, slope = reductions.total(comm, [float(p @ y), float(p @ r)])
-        if curvature < _NEGATIVE * abs(expected):
+        if curvature < _NEGATIVE * expected:
             return p
         if not curvature > 0:
             return None
-        directions.append(p)
-        forces.append(y)
-        curvatures.append(curvature)
         r = r - slope / curvature * y
         scaled = r / weight
         if reductions.total(comm, float(scaled @ scaled)) < _LEFT**2:
             return None
+        directions, forces = np.vstack([directions, p]), np.vstack([forces, y])
+        curvatures = np.append(curvatures, curvature)
     return None
