@@ -267,16 +267,20 @@ class LinearSolver:
             The motion at the owned nodes, shape ``(n, d)``; None if there is none, or where whole
             systems are factorised, or none has been solved yet.
         """
-        bulk = self._operator.bulk
-        constant = [state._replace(columns=state.pairs.gradients) for state in states]
-        pairs = active_pairs(steps, constant, bulk.rigid.dim)
-        self._operator.elimination = Elimination(pairs, self._active_sets.number(pairs))
+        bulk, dim = self._operator.bulk, self._operator.bulk.rigid.dim
+        pairs = active_pairs(steps, states, dim)
+        present = Elimination(pairs, self._active_sets.number(pairs))
         is_known = self._preconditioner.point is not None and not bulk.rigid.has_no_inertia
         if not is_known or (pairs and self._active_sets.are_coupled(pairs)):
             return None
+        if pairs:
+            self._contacts.choose(sum(step.num_active for step in steps))
+            self._contacts.update(present)
+        constant = [state._replace(columns=state.pairs.gradients) for state in states]
+        pairs = active_pairs(steps, constant, dim)
+        self._operator.elimination = Elimination(pairs, present.active_version)
         weight: Floats = np.sqrt(self.tangent.nodal_stiffness())[:, None]
-        shape = len(weight), bulk.rigid.dim
-        numbers = np.random.default_rng([seed, bulk.comm.rank]).standard_normal(shape)
+        numbers = np.random.default_rng([seed, bulk.comm.rank]).standard_normal((len(weight), dim))
         return self._krylov.falling_motion(weight, numbers)
 
     def _decidable(
