@@ -1,8 +1,9 @@
 """Statics: equilibria at the ends of steps."""
 
 import logging
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,9 @@ from dolfinx_nts.integrators.attempt import Start, StepProblem
 from dolfinx_nts.integrators.implicit import ImplicitStepper
 from dolfinx_nts.integrators.rates import NoRates
 from dolfinx_nts.integrators.relaxation import PseudoStep, Relaxation
+from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.scheme import Scheme
+from dolfinx_nts.integrators.unstable_equilibrium import UnstableEquilibrium
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers import newton
@@ -79,6 +82,24 @@ class QuasiStatic(ImplicitStepper):
                 f"expected no velocity in QuasiStatic, given one of up to {speed:g}: it finds "
                 "equilibria without inertia, in which nothing flies; EnergyMomentum moves bodies"
             )
+
+    @cached_property
+    def _unstable(self) -> UnstableEquilibrium:
+        """Tells of equilibria that are not stable."""
+        return UnstableEquilibrium(self._comm, self.bodies)
+
+    def _accepted(
+        self,
+        steps: Sequence[ContactStep],
+        solution: newton.Solution,
+        attempts: Collection[NewtonReport],
+        load: float,
+    ) -> StepReport:
+        """Accept an equilibrium, and tell if it is not stable, see `ImplicitStepper`."""
+        if solution.report.iterations:
+            motion = self._solver.falling_motion(steps, solution.end.states, self.step)
+            self._unstable.look(motion, self._X[: len(self.node_ids)], self.t + self.dt)
+        return super()._accepted(steps, solution, attempts, load)
 
     def _attempts(
         self, starts: Iterable[Start], failed: Mapping[str, NewtonReport]

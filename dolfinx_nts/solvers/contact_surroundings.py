@@ -87,9 +87,7 @@ class ContactSurroundings:
         flags: Flags = marks > 0
         return flags
 
-    def _move(
-        self, nodes: Flags, steps: Sequence[ContactStep], start: Iterate, X: Floats
-    ) -> int:
+    def _move(self, nodes: Flags, steps: Sequence[ContactStep], start: Iterate, X: Floats) -> int:
         """Take the steps."""
         bulk, dim = self._bulk, self._bulk.rigid.dim
         u = bulk.u.x.array[: bulk.num_owned].reshape(-1, dim)
@@ -107,6 +105,8 @@ class ContactSurroundings:
                 break
             R = bulk.forces()
             R[bulk.given] = 0
-            states = tuple(step.evaluate(X + in_space(u), R.reshape(-1, dim), number) for step in steps)
+            states = tuple(
+                step.evaluate(X + in_space(u), R.reshape(-1, dim), number) for step in steps
+            )
             R += contact_residual(steps, states, u.shape)
         return _STEPS

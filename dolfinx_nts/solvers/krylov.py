@@ -283,6 +283,38 @@ class LinearSolver:
             return None
         return decided(system, self._operator.bulk.comm, R, steps, states)
 
+    def falling_motion(
+        self, steps: Sequence[ContactStep], states: Sequence[ContactContribution], seed: int
+    ) -> Floats | None:
+        """Motion along which the energy falls from the present equilibrium. Collective.
+
+        Friction is constant in it. It is looked for with the factors that there are.
+
+        Args:
+            steps: Contact attempts.
+            states: Their pairs, in equilibrium.
+            seed: Chooses the forces that look for it.
+
+        Returns:
+            The motion at the owned nodes, shape ``(n, d)``; None if there is none, or where whole
+            systems are factorised, or none has been solved yet.
+        """
+        bulk, dim = self._operator.bulk, self._operator.bulk.rigid.dim
+        pairs = active_pairs(steps, states, dim)
+        present = Elimination(pairs, self._active_sets.number(pairs))
+        is_known = self._preconditioner.point is not None and not bulk.rigid.has_no_inertia
+        if not is_known or (pairs and self._active_sets.are_coupled(pairs)):
+            return None
+        if pairs:
+            self._contacts.choose(sum(step.num_active for step in steps))
+            self._contacts.update(present)
+        constant = [state._replace(columns=state.pairs.gradients) for state in states]
+        pairs = active_pairs(steps, constant, dim)
+        self._operator.elimination = Elimination(pairs, present.active_version)
+        weight: Floats = np.sqrt(self.tangent.nodal_stiffness())[:, None]
+        numbers = np.random.default_rng([seed, bulk.comm.rank]).standard_normal((len(weight), dim))
+        return self._krylov.falling_motion(weight, numbers)
+
     def _decidable(
         self, steps: Sequence[ContactStep], states: Sequence[ContactContribution], inertia: bool
     ) -> System | None:

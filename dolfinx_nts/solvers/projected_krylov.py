@@ -6,11 +6,14 @@ from typing import Any
 
 from petsc4py import PETSc
 
+import numpy as np
+
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.contact_corrections import ContactCorrections
 from dolfinx_nts.solvers.elimination import Elimination
+from dolfinx_nts.solvers.falling_motion import falling_motion
 from dolfinx_nts.solvers.petsc_options import PetscOptions
 from dolfinx_nts.solvers.preconditioner import BulkPreconditioner
 from dolfinx_nts.solvers.rigid_motion import RigidMotion
@@ -26,6 +29,8 @@ _DIVERGED = 1e6
 # Rounding of products relative to the reduction that is still asked for, at which it does not
 # matter [-]: what products contribute to the solution becomes smaller as the residual does.
 _NEGLIGIBLE = 0.3
+# Relative error of products [-] at which the sign of a curvature is certain.
+_ENOUGH = 1e-3
 
 
 class Operator:
@@ -190,3 +195,41 @@ class KrylovMethod:
         if self._ksp.getConvergedReason() < 0:
             return None, iterations
         return self._x.array.reshape(-1, self._operator.bulk.rigid.dim), iterations
+
+    def falling_motion(self, weight: Floats, numbers: Floats) -> Floats | None:
+        """Motion of negative curvature with the present operator, see `falling_motion`. Collective.
+
+        Args:
+            weight: Square root of the stiffness at the owned nodes, shape ``(n, 1)``.
+            numbers: Independent random numbers of unit variance, shape ``(n, d)``.
+
+        Returns:
+            The motion at the owned nodes, shape ``(n, d)``, or None.
+        """
+        bulk, elimination = self._operator.bulk, self._operator.elimination
+
+        def known(values: Floats) -> Floats:
+            """Without what is given, of shape ``(d n,)``."""
+            values = values.ravel()
+            values[bulk.given] = 0
+            return values
+
+        def precondition(r: Floats) -> Floats:
+            self._b.array[:] = r
+            self._preconditioner.apply(None, self._b, self._x)
+            x = self._x.array.reshape(numbers.shape)
+            elimination.constrain(x)
+            return known(x.copy())
+
+        def act(p: Floats) -> Floats:
+            self._b.array[:] = p
+            self._operator.mult(None, self._b, self._x)
+            return known(self._x.array.copy())
+
+        self._operator.reduction = lambda: _ENOUGH
+        rest = np.zeros(numbers.shape)
+        b = elimination.act(elimination.constrain(rest), weight * numbers)
+        b = known(bulk.rigid.project(None, b))
+        weights = np.broadcast_to(weight, numbers.shape).ravel()
+        motion = falling_motion(bulk.comm, b, weights, precondition, act)
+        return None if motion is None else motion.reshape(numbers.shape)
