@@ -311,11 +311,18 @@ class ImplicitStepper(Stepper):
         return u
 
     def _given_ways(self) -> Floats:
-        """Displacements that supports and guides give in the step at the owned dofs [m]."""
+        """Displacements that are given in the step, at the owned dofs [m].
+
+        Those of supports and guided bodies, and those of obstacles at nodes that may touch them.
+        """
         # Where guides rest, rigid bodies move by round-off, which has no direction.
         led = self._admissible if self._bulk.rigid.guides.move else self.supports.applied
-        u_n = self.u_n.x.array
+        u_n, x_n = self.u_n.x.array, self.x
         ways: Floats = (led(u_n) - u_n)[: self._bulk.num_owned]
+        for contact in self.contacts:
+            frame, nodes = contact.search.frame, contact.nodes.nodes
+            way = frame.in_space(frame.at_start(x_n[nodes])) - x_n[nodes]
+            ways.reshape(-1, self._bulk.rigid.dim)[nodes] += way[:, : self._bulk.rigid.dim]
         return ways
 
     def _way_from(self, start: Start, steps: Sequence[ContactStep]) -> GivenWay:

@@ -40,12 +40,15 @@ class GivenWay:
     Args:
         bulk: Residual of the bodies; at the start of the way its ``u`` is that of the last state.
         steps: Contact attempts, whose obstacles go along.
-        part: Part of the way at which it begins: 0, or 1 where nothing is left.
+        stiffness: That of the owned nodes, shape ``(n,)`` [N/m]; None: nothing is left of the way.
     """
 
-    def __init__(self, bulk: Bulk, steps: Sequence[ContactStep], part: float = 1.0) -> None:
+    def __init__(
+        self, bulk: Bulk, steps: Sequence[ContactStep], stiffness: Floats | None = None
+    ) -> None:
         """Lead obstacles to the beginning."""
-        self._bulk, self._steps = bulk, steps
+        self._bulk, self._steps, self._stiffness = bulk, steps, stiffness
+        part = 1.0 if stiffness is None else 0.0
         self._part, self._next = part, part
         self._has_begun = False
         self._changes: list[Floats] = []
@@ -81,20 +84,31 @@ class GivenWay:
         bulk = self._bulk
         way = self._ahead()
         forces = bulk.action(way, moves_given=True)
-        self._changes = []
+        self._changes, resisted = [], 0.0
         for step, state in zip(self._steps, states, strict=True):
             changes, change = step.ahead(state.pairs, way)
             self._changes.append(changes)
             forces += change[:, : way.shape[1]]
+            resisted += self._resisted(step, state, changes)
         forces.ravel()[bulk.given] = 0
         forces = bulk.rigid.project(None, forces).ravel()
         if target is not None:
-            squares = reductions.total(bulk.comm, np.array([R @ R, forces @ forces]))
+            squares = np.array([R @ R, forces @ forces + resisted])
+            squares = reductions.total(bulk.comm, squares)
             has_followed = squares[0] <= max(_FOLLOWED**2 * squares[1], target**2)
             is_rest = 1 - self._part <= _REST
             moves = not self._has_begun or has_followed or is_rest
             self._next, self._has_begun = 1.0 if moves else self._part, True
         return R + forces if self._moves else R
+
+    def _resisted(
+        self, step: ContactStep, state: ContactContribution, changes: Floats
+    ) -> float:
+        """Square of the forces by which nodes resist changes of their constraints [N^2]. Local."""
+        assert self._stiffness is not None
+        stiffness = self._stiffness[step.state.nodes.nodes[state.pairs.node]]
+        held = changes * (np.arange(3) < state.rank[:, None])
+        return float(((stiffness[:, None] * held) ** 2).sum())
 
     def change(self, states: Sequence[ContactContribution]) -> tuple[ContactContribution, ...]:
         """Let constraints see gaps and slips at the end of the way of this iteration. Local.

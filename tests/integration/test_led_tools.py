@@ -1,0 +1,139 @@
+"""Statics with tools that are led by guides, motions of obstacles or supports: all go alike."""
+
+import numpy as np
+import pytest
+from dolfinx import fem
+
+import dolfinx_nts as nts
+from helpers.plane import blocks, turning
+from helpers.round import plane_mesh, ring, tagged
+
+pytestmark = pytest.mark.at_most_two_ranks
+
+BORE, GAP, CELLS = 0.9, 0.01, 48  # m, m, -
+SQUEEZE, ASIDE, ANGLE = 0.03, 0.04, 0.06  # m, m, rad
+TOOLS = ["guide", "obstacle", "supports"]
+
+
+def bushing(comm, tool, method="node-to-segment"):
+    """A sleeve of rubber, squeezed onto a pin until t = 1, which goes aside until t = 2 and turns.
+
+    The pin is led as a rigid body, as an exact obstacle, or by supports at all of its nodes.
+    """
+    parts = [ring((0.0, 0.0), 2 * BORE, CELLS)]
+    if tool != "obstacle":
+        parts.append(ring((0.0, 0.0), BORE - GAP, CELLS, 0.5))
+    mesh = plane_mesh(comm, *parts)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+    tags = tagged(mesh, lambda x: np.hypot(x[:, 0], x[:, 1]) < BORE - GAP / 2)
+    sleeve = nts.Body(V, tags, 1, nts.NeoHookean(E=4e6, nu=0.499, rho=1100.0))
+    u, X = fem.Function(V), V.tabulate_dof_coordinates()[:, :2]
+    rim = fem.locate_dofs_geometrical(V, lambda x: np.hypot(x[0], x[1]) > 1.99 * BORE)
+    bcs = [fem.dirichletbc(u, rim)]
+
+    def shift(t):
+        return ASIDE * float(np.clip(t - 1, 0, 1)), 0.0
+
+    def angle(t):
+        return 4 * ANGLE * max(t - 2, 0.0)
+
+    motion, bodies, led = nts.Motion(shift, angle, (0.0, 0.0)), [sleeve], np.empty(0, int)
+    if tool == "obstacle":
+        shaft = nts.RigidSphere((0.0, 0.0), BORE - GAP).moving(motion)
+    elif tool == "guide":
+        bodies.append(nts.RigidBody(V, tags, 2, 7800.0, guide=nts.Guide(motion=motion)))
+        shaft = nts.boundary_of(bodies[1])
+    else:
+        bodies.append(nts.Body(V, tags, 2, nts.NeoHookean(E=1e9, nu=0.3, rho=7800.0)))
+        shaft = nts.boundary_of(bodies[1])
+        led = fem.locate_dofs_geometrical(V, lambda x: np.hypot(x[0], x[1]) < BORE - GAP / 2)
+        bcs.append(fem.dirichletbc(u, led))
+
+    def update(t):
+        values = u.x.array.reshape(-1, 2)
+        values[rim] = -SQUEEZE * min(t, 1.0) * X[rim] / (2 * BORE)
+        values[led] = X[led] @ turning(angle(t)).T - X[led] + shift(t)
+
+    bore = nts.boundary_of(sleeve, where=lambda x: np.hypot(x[0], x[1]) < 1.1 * BORE)
+    pair = nts.ContactPair(bore, shaft, friction=nts.Coulomb(0.3), method=method)
+    return nts.QuasiStatic(bodies, [pair], dt=0.25, bcs=bcs, update=update)
+
+
+def pressed(stepper):
+    """Force and torque on the nodes of the pair."""
+    (pair,) = nts.Diagnostics(stepper).pairs().values()
+    return np.array([*pair.force, *pair.torque])
+
+
+@pytest.mark.parametrize(
+    ("tool", "method"), [*((tool, "node-to-segment") for tool in TOOLS), ("guide", "mortar")]
+)
+def test_a_pin_that_begins_to_turn_takes_a_bushing_along(comm, tool, method):
+    """Where it had turned at once, forces far from equilibrium said that most nodes slide."""
+    whole, parts = (bushing(comm, tool, method) for _ in range(2))
+    for stepper in (whole, parts):
+        for _ in stepper.run(until=2.0):
+            pass
+    (step,) = whole.run(until=2.25)
+    assert step.newton_iterations <= 12
+    control = nts.StepControl(times=2.0 + np.arange(1, 9) / 32)
+    for _ in parts.run(until=2.25, control=control):
+        pass
+    expected = pressed(parts)
+    np.testing.assert_allclose(pressed(whole), expected, atol=1e-6 * np.abs(expected).max())
+
+
+def dragged(tool, way, angle=0.0, nu=0.3):
+    """A block that is pressed into a tool until t = 1, which moves away and turns then.
+
+    The tool is below the block, whose top supports press down.
+    """
+    centre = (0.5, 0.0)
+
+    def shift(t):
+        return way * max(t - 1, 0.0), 0.0
+
+    def turn(t):
+        return angle * max(t - 1, 0.0)
+
+    motion = nts.Motion(shift, turn, centre)
+    law = nts.NeoHookean(1e5, nu, 1e3)
+    scene = blocks(width=8, material=law)
+    V, u = scene.V, fem.Function(scene.V)
+    X = V.tabulate_dof_coordinates()[:, :2]
+    top = fem.locate_dofs_geometrical(V, lambda x: np.isclose(x[1], 1.02))
+    low = fem.locate_dofs_geometrical(V, lambda x: x[1] < 0.01)
+    bcs, segments = [fem.dirichletbc(u, np.union1d(top, low).astype(np.int32))], scene.segments
+    if tool == "obstacle":
+        segments = nts.RigidPlane((0.0, 0.0), (0.0, 1.0)).moving(motion)
+
+    def update(t):
+        values = u.x.array.reshape(-1, 2)
+        values[top] = 0.0, -0.07 * min(t, 1.0)
+        if tool == "supports":
+            values[low] = (X[low] - centre) @ turning(turn(t)).T + centre - X[low] + shift(t)
+
+    pair = nts.ContactPair(scene.nodes, segments, friction=nts.Coulomb(2.0))
+    bodies = [scene.lower, scene.upper]
+    return nts.QuasiStatic(bodies, [pair], dt=0.25, bcs=bcs, update=update)
+
+
+@pytest.mark.parametrize("tool", ["obstacle", "supports"])
+@pytest.mark.parametrize("motion", ["shift", "turn"])
+def test_the_first_iterate_follows_the_tool_to_first_order(tool, motion):
+    """Bodies, contact that is closed and sticks, and its forces go along with their tangents."""
+    residuals = []
+    for size in (0.004, 0.002):
+        way, angle = {"shift": (size, 0.0), "turn": (0.0, size)}[motion]
+        stepper = dragged(tool, 4 * way, 4 * angle)
+        *_, step = stepper.run(until=1.25)
+        residuals.append(step.residual_norms[1])
+    assert residuals[0] / residuals[1] == pytest.approx(4.0, rel=0.2)
+
+
+def test_a_plane_that_begins_to_drag_is_no_more_work_than_one_that_presses():
+    """What obstacles do tells too whether bodies go on as in the last step."""
+    *pressing, dragging = (
+        step.newton_iterations for step in dragged("obstacle", 0.4, nu=0.499).run(until=1.25)
+    )
+    assert dragging <= 12
