@@ -8,6 +8,7 @@ import numpy.typing as npt
 _Floats = npt.NDArray[np.float64]
 _Ints = npt.NDArray[np.int32]
 _Keys = npt.NDArray[np.int64]
+_Flags = npt.NDArray[np.bool_]
 _Status = npt.NDArray[np.int8]
 _Paired = tuple[_Ints, _Floats, _Floats, _Floats]
 _Contact = tuple[_Floats, _Floats, _Floats, _Floats, _Floats, _Floats, _Status]
@@ -113,6 +114,17 @@ def penalty_forces(
     key: _Keys,
     stiffness: _Floats,
 ) -> Springs: ...
+def contact_of_springs(
+    springs: Springs,
+    num_own: int,
+    n: int,
+    number: _Ints,
+    segment: _Ints,
+    gap: _Floats,
+    key: _Keys,
+    stiffness: _Floats,
+) -> tuple[_Keys, _Flags, _Floats, _Floats, _Floats, _Floats, _Floats]: ...
+def contact_sums(force: _Floats, energy: _Floats, active: _Flags) -> _Floats: ...
 def work_by_cause(
     before: Springs, after: Springs, du_before: _Floats, du_after: _Floats, dissipation: _Floats
 ) -> tuple[float, float, float, float, float]: ...

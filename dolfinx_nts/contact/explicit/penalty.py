@@ -6,7 +6,7 @@ conserves both momenta. Nothing is iterated.
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from mpi4py import MPI
 
@@ -111,6 +111,7 @@ class ContactSprings:
         # Where nodes of both sides have springs, each spring moves half of the mass.
         sides = (2 if pair.touches_itself else 1) / self._share
         self._reduced_mass: Floats = 1 / (sides * compliance(pair, mass))
+        self._no_contact = ContactHistory.none(len(self._reduced_mass))
         self._neighbours = NeighbourList(state)
         self.shortest_passage = shortest_passage_of(pair)
         self._deep = deep_from(pair)
@@ -238,7 +239,7 @@ class ContactSprings:
                 None,
                 _NO_SPRINGS,
                 parts.get("dissipation", _NO_DISSIPATION),
-                lambda: replace(ContactHistory.none(n), **parts),
+                lambda: replace(self._no_contact, **parts),
             )
         candidates, number, stiffness = seen.candidates, seen.number, seen.stiffness
         x = candidates.scatter.forward(x)
@@ -248,44 +249,40 @@ class ContactSprings:
         self.num_lost = self._count_lost(x, seen.current, segment)
         seen.current, inside = segment, gap < 0
         self.num_deep = int(np.count_nonzero(gap < -self._deep))
-        lambda_N = (stiffness * gap)[inside]
-        slip = self._friction.add_to(springs, candidates, x_n, x, segment[inside], -lambda_N)
-
-        on_nodes, own = self._on_own_side(springs, candidates), slice(self._num_own)
+        pressing = -(stiffness * gap)[inside]
+        slip = self._friction.add_to(springs, candidates, x_n, x, segment[inside], pressing)
+        on_nodes = self._on_own_side(springs, candidates)
 
         def history() -> ContactHistory:
             # Without friction, which brings the normal itself, the force is along it.
-            force = springs.force[:, own].sum(axis=1)
-            normal = force / -lambda_N[:, None]
-            history, node = ContactHistory.none(n), springs.node
-            history.lambda_N[node], history.energy[node] = lambda_N, springs.energy
-            history.normal[node], history.active[node] = normal, True
-            history.force[:] = on_nodes()
-            paired = segment >= 0
-            history.key[number[paired]] = candidates.key[segment[paired]]
-            history.gap[number] = gap
-            return replace(history, **slip) if slip else history
+            key, active, multiplier, force, gaps, normal, energy = _kernels.contact_of_springs(
+                springs, self._num_own, n, number, segment, gap, candidates.key, stiffness
+            )
+            values: dict[str, Any] = {
+                "key": key,
+                "active": active,
+                "lambda_N": multiplier,
+                "force": force if on_nodes is None else on_nodes,
+                "gap": gaps,
+                "normal": normal,
+                "energy": energy,
+            }
+            return replace(self._no_contact, **values | slip)
 
         dissipation = slip.get("dissipation", _NO_DISSIPATION)
         return SpringForces(candidates.scatter, springs, dissipation, history)
 
-    def _on_own_side(
-        self, springs: _kernels.Springs, candidates: Candidates
-    ) -> Callable[[], Floats]:
-        """Forces on the nodes of the surface, ``(n, 3)`` [N], if asked for. Collective."""
-        nodes, own = self._state.nodes.nodes, slice(self._num_own)
-        if self._num_own > 1:  # also those of other ranks
-            total = np.zeros((candidates.scatter.index_map.size_local, 3))
-            candidates.scatter.add(total, springs.dofs[:, own], springs.force[:, own])
-            on_nodes: Floats = total[nodes]
-            return lambda: on_nodes
+    def _on_own_side(self, springs: _kernels.Springs, candidates: Candidates) -> Floats | None:
+        """Forces on the nodes of the surface, ``(n, 3)`` [N]; None where each has its spring alone.
 
-        def forces() -> Floats:
-            alone = np.zeros((len(nodes), 3))
-            alone[springs.node] = springs.force[:, 0]
-            return alone
-
-        return forces
+        Collective.
+        """
+        if self._num_own == 1:
+            return None
+        own, total = slice(self._num_own), np.zeros((candidates.scatter.index_map.size_local, 3))
+        candidates.scatter.add(total, springs.dofs[:, own], springs.force[:, own])
+        on_nodes: Floats = total[self._state.nodes.nodes]
+        return on_nodes
 
     def work(
         self, old: SpringForces, new: SpringForces, x: Floats, du: Floats
