@@ -247,10 +247,9 @@ class ContactSprings:
             seen.points, x, seen.current, seen.reach, number, stiffness
         )
         self.num_lost = self._count_lost(x, seen.current, segment)
-        seen.current, inside = segment, gap < 0
+        seen.current = segment
         self.num_deep = int(np.count_nonzero(gap < -self._deep))
-        pressing = -(stiffness * gap)[inside]
-        slip = self._friction.add_to(springs, candidates, x_n, x, segment[inside], pressing)
+        slip = self._friction.add_to(springs, candidates, x_n, x, segment, stiffness * gap)
         on_nodes = self._on_own_side(springs, candidates)
 
         def history() -> ContactHistory:
