@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 
 __all__ = ["NEVER", "ContactHistory", "ContactWork", "begun_anew", "without_friction"]
@@ -80,6 +81,10 @@ class ContactHistory:
             dissipation=np.zeros(n),
             area=np.zeros(n),
         )
+
+    def sums(self) -> Floats:
+        """Energy of springs [J], number of active nodes and force [N], shape ``(5,)``. Local."""
+        return _kernels.contact_sums(self.force, self.energy, self.active)
 
 
 class ContactWork(NamedTuple):

@@ -9,7 +9,6 @@ from mpi4py import MPI
 
 import numpy as np
 
-from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.diagnostics.names import flat, pair_names, part_names
@@ -264,11 +263,10 @@ class ContactDiagnostics:
         return np.where(has_box, nearest, -1.0), np.where(has_box, farthest, np.inf)
 
     def _contact_sums(self) -> Floats:
-        """Energy of springs [J], number of active nodes and force [N] of this rank, ``(5,)``."""
+        """Sums over the nodes of all pairs on this rank, see `ContactHistory.sums`. Local."""
         total: Floats = np.zeros(5)
         for contact in self.stepper.contacts:
-            history = contact.history
-            total += _kernels.contact_sums(history.force, history.energy, history.active)
+            total += contact.history.sums()
         return total
 
     def _parts(self, vectors: Floats) -> tuple[Floats, Floats]:

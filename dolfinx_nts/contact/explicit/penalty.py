@@ -102,8 +102,6 @@ class ContactSprings:
                 f"given {type(pair.enforcement).__name__}: use enforcement=Penalty()"
             )
         self._state, law = state, pair.friction
-        # Nodes of the surface in each pair: an edge has two.
-        self._num_own = 2 if pair.method == EDGES else 1
         self._friction = Friction() if law is None else SpringFriction(state, law)
         self._share, given = float(pair.enforcement.share), pair.enforcement.eps_N
         self._penalty = None if given is None else self._share * given
@@ -116,6 +114,11 @@ class ContactSprings:
         self.shortest_passage = shortest_passage_of(pair)
         self._deep = deep_from(pair)
         self.num_lost = self.num_deep = 0
+
+    @property
+    def _num_own(self) -> int:
+        """Nodes of the surface in each pair: an edge has two."""
+        return 2 if self._state.pair.method == EDGES else 1
 
     def forget(self) -> None:
         """Look at all nodes again, as the state was set. Local."""
