@@ -10,6 +10,7 @@ from mpi4py import MPI
 import numpy as np
 
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.history import contact_sums
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.diagnostics.names import flat, pair_names, part_names
 from dolfinx_nts.diagnostics.present import Present
@@ -263,10 +264,10 @@ class ContactDiagnostics:
         return np.where(has_box, nearest, -1.0), np.where(has_box, farthest, np.inf)
 
     def _contact_sums(self) -> Floats:
-        """Sums over the nodes of all pairs on this rank, see `ContactHistory.sums`. Local."""
+        """Sums over the nodes of all pairs on this rank, see `contact_sums`. Local."""
         total: Floats = np.zeros(5)
         for contact in self.stepper.contacts:
-            total += contact.history.sums()
+            total += contact_sums(contact.history)
         return total
 
     def _parts(self, vectors: Floats) -> tuple[Floats, Floats]:

@@ -231,7 +231,8 @@ class ContactSprings:
             step: Half of what nodes and segments have come nearer to each other since the last
                 evaluation, at most [m].
         """
-        seen, n = self._neighbours, len(self._reduced_mass)
+        # What is remembered of the state must not keep the springs alive.
+        seen, nothing, num_own = self._neighbours, self._no_contact, self._num_own
         frame = self._state.search.frame
         x_n, x = frame.at_start(x_n), frame.at_end(x)
         seen.update(x, step)
@@ -242,7 +243,7 @@ class ContactSprings:
                 None,
                 _NO_SPRINGS,
                 parts.get("dissipation", _NO_DISSIPATION),
-                lambda: replace(self._no_contact, **parts),
+                lambda: replace(nothing, **parts),
             )
         candidates, number, stiffness = seen.candidates, seen.number, seen.stiffness
         x = candidates.scatter.forward(x)
@@ -258,7 +259,7 @@ class ContactSprings:
         def history() -> ContactHistory:
             # Without friction, which brings the normal itself, the force is along it.
             key, active, multiplier, force, gaps, normal, energy = _kernels.contact_of_springs(
-                springs, self._num_own, n, number, segment, gap, candidates.key, stiffness
+                springs, num_own, len(nothing.key), number, segment, gap, candidates.key, stiffness
             )
             values: dict[str, Any] = {
                 "key": key,
@@ -269,7 +270,7 @@ class ContactSprings:
                 "normal": normal,
                 "energy": energy,
             }
-            return replace(self._no_contact, **values | slip)
+            return replace(nothing, **values | slip)
 
         dissipation = slip.get("dissipation", _NO_DISSIPATION)
         return SpringForces(candidates.scatter, springs, dissipation, history)
