@@ -60,7 +60,6 @@ class State(ABC):
         self.dt = dt
         # Of the present step, or of the last one, which diagnostics evaluate after it.
         self._dt = fem.Constant(V.mesh, self.dt)
-        self._dt_value: Floats = self._dt.value
 
     @property
     def t(self) -> float:
@@ -124,7 +123,7 @@ class State(ABC):
         self.t = archive.same("t", self.t)
         self.t_n = archive.same("t_n", self.t_n)
         if archive.giving and self.t > self.t_n:
-            self._dt_value[...] = self.t - self.t_n
+            self._dt.value = self.t - self.t_n
         self.step = archive.same("step", self.step)
         for name, function in (("u", self.u), ("v", self.v), ("u_n", self.u_n)):
             serialize_nodal(archive, name, function, self.node_ids)

@@ -131,7 +131,6 @@ class Stepper(TimeLoop):
         # Asking a Function for its values takes as long as copying those of a small mesh.
         self._u, self._u_n = self.u.x.array, self.u_n.x.array
         self._volume_ratio = VolumeRatio(self.u)
-        self._guided = guided(self.bodies)
 
     @abstractmethod
     def nodal_momentum(self) -> Floats:
@@ -221,11 +220,11 @@ class Stepper(TimeLoop):
                 steps, or ranks have different ``dt``. The state is as before the call.
         """
         self._check_state()
-        self._dt_value[...] = self.dt
+        self._dt.value[...] = self.dt  # which is quicker than to set the value
         if self._was_displaced:
             self._look_at_start()
         moving = [contact for contact in self.contacts if contact.search.may_move]
-        anything_moves = moving or self._guided
+        anything_moves = moving or guided(self.bodies)
         if self._update is not None or self.loads or anything_moves:
             call = f"update, loads and motions of {self._next()}"
             with agreed(self._comm, call), self._step_of_one_length():
