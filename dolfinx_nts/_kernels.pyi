@@ -105,6 +105,17 @@ def penalty_forces(
     key: _Keys,
     stiffness: _Floats,
 ) -> Springs: ...
+def contact_of_springs(
+    springs: Springs,
+    num_own: int,
+    n: int,
+    number: _Ints,
+    segment: _Ints,
+    gap: _Floats,
+    key: _Keys,
+    stiffness: _Floats,
+) -> tuple[_Keys, _Flags, _Floats, _Floats, _Floats, _Floats, _Floats]: ...
+def contact_sums(force: _Floats, energy: _Floats, active: _Flags) -> _Floats: ...
 def work_by_cause(
     before: Springs, after: Springs, du_before: _Floats, du_after: _Floats, dissipation: _Floats
 ) -> tuple[float, float, float, float, float]: ...

@@ -170,8 +170,8 @@ class Diagnostics(ContactDiagnostics):
         Returns:
             Both, as the methods of these names do.
         """
-        local = [*self._motion(), *self._energies.total(), self._stored(), self._num_active()]
-        sums = self._sum(np.array([*local, *self._force()]))
+        parts = self._motion(), self._energies.total(), self._contact_sums()
+        sums = self._sum(np.concatenate(parts))
         kinetic, strain, defect, stored, active = sums[[0, 7, 8, 9, 10]].tolist()
         linear, angular = self._momenta(sums[:7])
         force = sums[11:][self._axes[0]]

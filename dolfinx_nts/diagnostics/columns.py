@@ -114,6 +114,8 @@ class RunColumns:
 
     def _of_supports(self, step: StepReport | None, ledger: EnergyLedger) -> dict[str, float]:
         columns: dict[str, float] = {}
+        if not self._supports:
+            return columns
         works = ledger.each["supports"]
         force, moment = resultants(self._zero, self._V), moments(self._zero, self._V)
         nothing = Reaction(tuple(map(float, force)), tuple(map(float, moment)), 0.0)

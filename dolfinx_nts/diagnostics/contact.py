@@ -10,6 +10,7 @@ from mpi4py import MPI
 import numpy as np
 
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.history import contact_sums
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.diagnostics.names import flat, pair_names, part_names
 from dolfinx_nts.diagnostics.present import Present
@@ -131,11 +132,11 @@ class ContactDiagnostics:
 
     def contact_energy(self) -> float:
         """Energy of penalty and friction springs [J]."""
-        return float(self._sum(self._stored()))
+        return float(self._sum(self._contact_sums())[0])
 
     def contact_force(self) -> Floats:
         """Resultant of the last step on the nodes of all pairs, as in a `Balance` [N]."""
-        force: Floats = self._sum(self._force())[self._axes[0]]
+        force: Floats = self._sum(self._contact_sums())[2:][self._axes[0]]
         return force
 
     def pair_resultants(self) -> Floats:
@@ -187,7 +188,7 @@ class ContactDiagnostics:
 
     def active_nodes(self) -> int:
         """Number of nodes that transmit force, on all ranks."""
-        return int(self._sum(self._num_active()))
+        return int(self._sum(self._contact_sums())[1])
 
     def min_gap(self) -> float:
         """Least gap of all pairs [m]; NaN if no node faces a segment.
@@ -262,18 +263,11 @@ class ContactDiagnostics:
         farthest = np.linalg.norm(upper.max(axis=1) - lower.min(axis=1), axis=1)
         return np.where(has_box, nearest, -1.0), np.where(has_box, farthest, np.inf)
 
-    def _stored(self) -> float:
-        """Energy of the springs of this rank [J]. Local."""
-        return sum(float(pair.history.energy.sum()) for pair in self.stepper.contacts)
-
-    def _num_active(self) -> int:
-        """Number of nodes of this rank that transmit force. Local."""
-        return sum(np.count_nonzero(pair.history.active) for pair in self.stepper.contacts)
-
-    def _force(self) -> Floats:
-        """Resultant on the nodes of this rank, shape ``(3,)`` [N]. Local."""
-        forces = (contact.history.force.sum(axis=0) for contact in self.stepper.contacts)
-        total: Floats = np.sum([np.zeros(3), *forces], axis=0)
+    def _contact_sums(self) -> Floats:
+        """Sums over the nodes of all pairs on this rank, see `contact_sums`. Local."""
+        total: Floats = np.zeros(5)
+        for contact in self.stepper.contacts:
+            total += contact_sums(contact.history)
         return total
 
     def _parts(self, vectors: Floats) -> tuple[Floats, Floats]:

@@ -182,7 +182,7 @@ class CentralDifference(Stepper):
         self.dt = default if dt is None else dt
         self.stable_step = self._stability.choose_penalties(self.x, self.dt)
         self._forces = _Forces(np.zeros((n, dimension(V))))
-        self._positions = np.empty_like(self._X)
+        self._positions, self._nodal_u = np.empty_like(self._X), nodal(self.u)
 
     def serialize(self, archive: Archive) -> None:
         """Serialize the state, also the forces, so that none are evaluated anew."""
@@ -265,7 +265,7 @@ class CentralDifference(Stepper):
         with self.timings.phase("assembly"):
             self._bulk.evaluate()
         with self.timings.phase("contact"):
-            x = np.add(self._X, in_space(nodal(self.u)), out=self._positions)
+            x = np.add(self._X, in_space(self._nodal_u), out=self._positions)
             x_n = self._X + in_space(nodal(self.u_n)) if self._springs.has_friction else x
             self._springs.evaluate(x_n, x, ways, self._bulk.total)
 
@@ -366,11 +366,12 @@ class CentralDifference(Stepper):
         moved, way, refusal = self._drift.move(self.dt, self._forces.acceleration, forces, about)
         if refusal:
             self._refuse(refusal)
-        try:
-            moved, way = meet(self._comm, f"motion of {self._next()}", moved, way)
-        except ValueError:
-            self._u[:] = self._u_n
-            raise
+        if self._comm.size > 1:
+            try:
+                moved, way = meet(self._comm, f"motion of {self._next()}", moved, way)
+            except ValueError:
+                self._u[:] = self._u_n
+                raise
         if not moved <= self._stability.smallest:
             self._u[:] = self._u_n
             super()._check_state()

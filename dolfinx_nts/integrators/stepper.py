@@ -220,18 +220,20 @@ class Stepper(TimeLoop):
                 steps, or ranks have different ``dt``. The state is as before the call.
         """
         self._check_state()
-        self._dt.value = self.dt
+        self._dt.value[...] = self.dt  # which is quicker than to set the value
         if self._was_displaced:
             self._look_at_start()
         moving = [contact for contact in self.contacts if contact.search.may_move]
-        if self._update is not None or self.loads or moving or guided(self.bodies):
+        anything_moves = moving or guided(self.bodies)
+        if self._update is not None or self.loads or anything_moves:
             call = f"update, loads and motions of {self._next()}"
             with agreed(self._comm, call), self._step_of_one_length():
                 if self._update is not None:
                     self._update(self.t + self.dt)
                 self._load_at(self.scheme.load_point)
                 self._begin(self.t, self.t + self.dt)
-        self._check_turns()
+        if anything_moves:
+            self._check_turns()
         self.supports.check()
         self._u_n[:] = self._u
         self.memory.begin()

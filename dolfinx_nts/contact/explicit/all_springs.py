@@ -102,14 +102,14 @@ class AllSprings:
             Numbers of lost and of deep nodes, of segments and of active nodes, and the parts of a
             `ContactWork` on this rank.
         """
-        sums = np.zeros(_NUM_COUNTED)
+        sums = [0.0] * _NUM_COUNTED
         each = zip(self._contacts, self.pairs, self._before, self._forces, strict=True)
         for contact, springs, old, new in each:
             deep = springs.num_deep if springs.num_deep and watches(contact) else 0
             counts = springs.num_lost, deep, springs.num_segments, len(new.springs.node)
-            sums += *counts, *springs.work(old, new, x, du)
-        result: list[float] = sums.tolist()
-        return result
+            each_sum = zip(sums, (*counts, *springs.work(old, new, x, du)), strict=True)
+            sums = [a + b for a, b in each_sum]
+        return sums
 
     def lost(self) -> str:
         """Say between what nodes sank too deep to be found in the last evaluation."""

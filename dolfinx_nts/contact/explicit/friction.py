@@ -24,7 +24,7 @@ class Friction:
         x_n: Floats,
         x: Floats,
         segment: Ints,
-        p: Floats,
+        lambda_N: Floats,
     ) -> dict[str, Any]:
         """Add friction to force and energy of normal springs; return what the history remembers.
 
@@ -33,8 +33,9 @@ class Friction:
             candidates: Candidates in reach.
             x_n: Positions of the owned nodes at t_n, shape ``(n, 3)`` [m].
             x: Positions with ghosts at the end of the step, shape ``(l, 3)`` [m].
-            segment: Candidate of each node, shape ``(m,)``.
-            p: Pressing force, shape ``(m,)`` [N].
+            segment: Candidates of the nodes that were looked at, or -1, shape ``(c,)``.
+            lambda_N: Stiffness times gap of these, below zero at the nodes that have springs,
+                in their order, shape ``(c,)`` [N].
         """
         return {}
 
@@ -62,13 +63,14 @@ class SpringFriction(Friction):
         x_n: Floats,
         x: Floats,
         segment: Ints,
-        p: Floats,
+        lambda_N: Floats,
     ) -> dict[str, Any]:
         """Add friction, see `Friction.add_to`."""
         state, law, node, old = self._state, self._law, springs.node, self._state.history
         assert state.eps_T is not None
         eps_T = state.eps_T[node]
-        points = NodalPoints(springs.dofs[:, 0])
+        points, inside = NodalPoints(springs.dofs[:, 0]), lambda_N < 0
+        segment, p = segment[inside], -lambda_N[inside]
         slip = candidates.slip(law.law, points, candidates.scatter.forward(x_n), x, segment)
         t_n = transport(old.traction[node], old.normal[node], slip.frame_n, slip.normal_n)
         trial = t_n + eps_T[:, None] * slip.value

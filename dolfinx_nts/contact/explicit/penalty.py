@@ -6,7 +6,7 @@ conserves both momenta. Nothing is iterated.
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from mpi4py import MPI
 
@@ -102,8 +102,6 @@ class ContactSprings:
                 f"given {type(pair.enforcement).__name__}: use enforcement=Penalty()"
             )
         self._state, law = state, pair.friction
-        # Nodes of the surface in each pair: an edge has two.
-        self._num_own = 2 if pair.method == EDGES else 1
         self._friction = Friction() if law is None else SpringFriction(state, law)
         self._share, given = float(pair.enforcement.share), pair.enforcement.eps_N
         self._penalty = None if given is None else self._share * given
@@ -111,10 +109,16 @@ class ContactSprings:
         # Where nodes of both sides have springs, each spring moves half of the mass.
         sides = (2 if pair.touches_itself else 1) / self._share
         self._reduced_mass: Floats = 1 / (sides * compliance(pair, mass))
+        self._no_contact = ContactHistory.none(len(self._reduced_mass))
         self._neighbours = NeighbourList(state)
         self.shortest_passage = shortest_passage_of(pair)
         self._deep = deep_from(pair)
         self.num_lost = self.num_deep = 0
+
+    @property
+    def _num_own(self) -> int:
+        """Nodes of the surface in each pair: an edge has two."""
+        return 2 if self._state.pair.method == EDGES else 1
 
     def forget(self) -> None:
         """Look at all nodes again, as the state was set. Local."""
@@ -227,7 +231,8 @@ class ContactSprings:
             step: Half of what nodes and segments have come nearer to each other since the last
                 evaluation, at most [m].
         """
-        seen, n = self._neighbours, len(self._reduced_mass)
+        # What is remembered of the state must not keep the springs alive.
+        seen, nothing, num_own = self._neighbours, self._no_contact, self._num_own
         frame = self._state.search.frame
         x_n, x = frame.at_start(x_n), frame.at_end(x)
         seen.update(x, step)
@@ -238,7 +243,7 @@ class ContactSprings:
                 None,
                 _NO_SPRINGS,
                 parts.get("dissipation", _NO_DISSIPATION),
-                lambda: replace(ContactHistory.none(n), **parts),
+                lambda: replace(nothing, **parts),
             )
         candidates, number, stiffness = seen.candidates, seen.number, seen.stiffness
         x = candidates.scatter.forward(x)
@@ -246,46 +251,41 @@ class ContactSprings:
             seen.points, x, seen.current, seen.reach, number, stiffness
         )
         self.num_lost = self._count_lost(x, seen.current, segment)
-        seen.current, inside = segment, gap < 0
+        seen.current = segment
         self.num_deep = int(np.count_nonzero(gap < -self._deep))
-        lambda_N = (stiffness * gap)[inside]
-        slip = self._friction.add_to(springs, candidates, x_n, x, segment[inside], -lambda_N)
-
-        on_nodes, own = self._on_own_side(springs, candidates), slice(self._num_own)
+        slip = self._friction.add_to(springs, candidates, x_n, x, segment, stiffness * gap)
+        on_nodes = self._on_own_side(springs, candidates)
 
         def history() -> ContactHistory:
             # Without friction, which brings the normal itself, the force is along it.
-            force = springs.force[:, own].sum(axis=1)
-            normal = force / -lambda_N[:, None]
-            history, node = ContactHistory.none(n), springs.node
-            history.lambda_N[node], history.energy[node] = lambda_N, springs.energy
-            history.normal[node], history.active[node] = normal, True
-            history.force[:] = on_nodes()
-            paired = segment >= 0
-            history.key[number[paired]] = candidates.key[segment[paired]]
-            history.gap[number] = gap
-            return replace(history, **slip) if slip else history
+            key, active, multiplier, force, gaps, normal, energy = _kernels.contact_of_springs(
+                springs, num_own, len(nothing.key), number, segment, gap, candidates.key, stiffness
+            )
+            values: dict[str, Any] = {
+                "key": key,
+                "active": active,
+                "lambda_N": multiplier,
+                "force": force if on_nodes is None else on_nodes,
+                "gap": gaps,
+                "normal": normal,
+                "energy": energy,
+            }
+            return replace(nothing, **values | slip)
 
         dissipation = slip.get("dissipation", _NO_DISSIPATION)
         return SpringForces(candidates.scatter, springs, dissipation, history)
 
-    def _on_own_side(
-        self, springs: _kernels.Springs, candidates: Candidates
-    ) -> Callable[[], Floats]:
-        """Forces on the nodes of the surface, ``(n, 3)`` [N], if asked for. Collective."""
-        nodes, own = self._state.nodes.nodes, slice(self._num_own)
-        if self._num_own > 1:  # also those of other ranks
-            total = np.zeros((candidates.scatter.index_map.size_local, 3))
-            candidates.scatter.add(total, springs.dofs[:, own], springs.force[:, own])
-            on_nodes: Floats = total[nodes]
-            return lambda: on_nodes
+    def _on_own_side(self, springs: _kernels.Springs, candidates: Candidates) -> Floats | None:
+        """Forces on the nodes of the surface, ``(n, 3)`` [N]; None where each has its spring alone.
 
-        def forces() -> Floats:
-            alone = np.zeros((len(nodes), 3))
-            alone[springs.node] = springs.force[:, 0]
-            return alone
-
-        return forces
+        Collective.
+        """
+        if self._num_own == 1:
+            return None
+        own, total = slice(self._num_own), np.zeros((candidates.scatter.index_map.size_local, 3))
+        candidates.scatter.add(total, springs.dofs[:, own], springs.force[:, own])
+        on_nodes: Floats = total[self._state.nodes.nodes]
+        return on_nodes
 
     def work(
         self, old: SpringForces, new: SpringForces, x: Floats, du: Floats

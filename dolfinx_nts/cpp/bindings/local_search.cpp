@@ -109,7 +109,7 @@ public:
     check("thickness", thickness, {_vertices.shape(0)});
     const FacetsAroundNodes around = facets.at(x_facets, numbers);
     return pair_with(
-        x_node, current, slack, reach, x, facets.groups(numbers),
+        x_node, current, slack, reach, x, facets.groups(numbers), view(numbers),
         [&]<class S>(std::size_t group, std::size_t begin, const Tree* tree)
         {
           const SegmentSurface<S> segments = surface<S>(x, group);
@@ -176,7 +176,7 @@ public:
     check_positions("X", X);
     check("thickness", thickness, {_vertices.shape(0)});
     return pair_with(
-        x_node, current, slack, reach, x, [](std::size_t) { return 0; },
+        x_node, current, slack, reach, x, [](std::size_t) { return 0; }, {},
         [&]<class S>(std::size_t group, std::size_t, const Tree*)
         {
           const SelfContact<S> own{view(normal), view(X_node), view(N_node),
@@ -301,13 +301,39 @@ private:
             (std::string(name) + ": expected -1 or a segment index").c_str());
   }
 
+  /// @brief Segment of its group, by its number in it, that a node has faced at
+  /// its last look at any distance, or -1.
+  std::int32_t last_faced(std::size_t number, std::size_t group) const noexcept
+  {
+    if (number >= _faced.size() || _faced[number] < _first[group]
+        || _faced[number] >= _first[group + 1])
+      return -1;
+    return _faced[number] - _first[group];
+  }
+
+  /// @brief Remember the segments that nodes have faced at any distance.
+  void remember(std::span<const std::int32_t> numbers,
+                std::span<const std::int32_t> segment)
+  {
+    for (std::size_t i = 0; i < numbers.size(); ++i)
+    {
+      const auto number = static_cast<std::size_t>(numbers[i]);
+      if (number >= _faced.size())
+        _faced.resize(number + 1, -1);
+      if (segment[i] >= 0)
+        _faced[number] = segment[i];
+    }
+  }
+
   /// @brief Find the segments of nodes that may touch what `get_may_touch`
   /// returns, given their group, the first of them and the tree of looks at any
-  /// distance.
+  /// distance. Nodes with numbers begin such a look where the last one ended.
   template <class GroupOf, class GetMayTouch>
   Result pair_with(const Doubles& x_node, const Ints& current, double slack,
                    const Reach& reach, const Doubles& x,
-                   const GroupOf& group_of, const GetMayTouch& get_may_touch)
+                   const GroupOf& group_of,
+                   std::span<const std::int32_t> numbers,
+                   const GetMayTouch& get_may_touch)
   {
     check("x_node", x_node, {any, 3});
     const std::size_t n = x_node.shape(0);
@@ -319,40 +345,47 @@ private:
     auto xi = create<double>({n, 2});
     auto gap = create<double>({n});
     auto normal = create<double>({n, 3});
-    dispatch(_vertices.shape(1),
-             [&]<class S>()
-             {
-               const nb::gil_scoped_release release;
-               each_run(
-                   n, group_of,
-                   [&](std::size_t group, std::size_t begin, std::size_t end)
-                   {
-                     const std::size_t m = end - begin;
-                     const auto own = view(segment).subspan(begin, m);
-                     for (std::size_t i = 0; i < m; ++i)
-                       own[i] = in_group(view(current)[begin + i], group);
-                     const auto* of_all = std::get_if<double>(&reach);
-                     const double farthest
-                         = of_all ? *of_all
-                                  : view(std::get<Doubles>(reach))[group];
-                     CachedTree& cached = _trees[group];
-                     const Tree* exact = std::isinf(farthest)
-                                             ? &cached.exactly_at(view(x))
-                                             : nullptr;
-                     const auto tree = [&]() -> const Tree&
-                     { return exact ? *exact : cached.at(view(x)); };
-                     // A node's segment is read before that found is written.
-                     pair_nodes(view(x_node).subspan(3 * begin, 3 * m), own,
-                                slack, farthest, surface<S>(x, group), tree,
-                                get_may_touch.template operator()<S>(
-                                    group, begin, exact),
-                                own, view(xi).subspan(2 * begin, 2 * m),
-                                view(gap).subspan(begin, m),
-                                view(normal).subspan(3 * begin, 3 * m));
-                     for (std::int32_t& i : own)
-                       i = among_all(i, group);
-                   });
-             });
+    dispatch(
+        _vertices.shape(1),
+        [&]<class S>()
+        {
+          const nb::gil_scoped_release release;
+          each_run(
+              n, group_of,
+              [&](std::size_t group, std::size_t begin, std::size_t end)
+              {
+                const std::size_t m = end - begin;
+                const auto own = view(segment).subspan(begin, m);
+                for (std::size_t i = 0; i < m; ++i)
+                  own[i] = in_group(view(current)[begin + i], group);
+                const auto* of_all = std::get_if<double>(&reach);
+                const double farthest
+                    = of_all ? *of_all : view(std::get<Doubles>(reach))[group];
+                CachedTree& cached = _trees[group];
+                const Tree* exact = std::isinf(farthest)
+                                        ? &cached.exactly_at(view(x))
+                                        : nullptr;
+                const auto tree = [&]() -> const Tree&
+                { return exact ? *exact : cached.at(view(x)); };
+                const bool goes_on = exact && !numbers.empty();
+                const auto first = [&](std::size_t i)
+                {
+                  return goes_on ? last_faced(numbers[begin + i], group) : -1;
+                };
+                // A node's segment is read before that found is written.
+                pair_nodes(
+                    view(x_node).subspan(3 * begin, 3 * m), own, slack,
+                    farthest, surface<S>(x, group), tree,
+                    get_may_touch.template operator()<S>(group, begin, exact),
+                    first, own, view(xi).subspan(2 * begin, 2 * m),
+                    view(gap).subspan(begin, m),
+                    view(normal).subspan(3 * begin, 3 * m));
+                for (std::int32_t& i : own)
+                  i = among_all(i, group);
+                if (goes_on)
+                  remember(numbers.subspan(begin, m), own);
+              });
+        });
     return {segment, xi, gap, normal};
   }
 
@@ -361,6 +394,7 @@ private:
   Keys _key;
   std::vector<std::int32_t> _first; // segment of each group, and their number
   std::vector<CachedTree> _trees;
+  std::vector<std::int32_t> _faced; // of nodes by their numbers, or -1
   std::size_t _num_rows = 0;
 };
 

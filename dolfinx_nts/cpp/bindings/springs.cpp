@@ -90,6 +90,79 @@ Springs penalty_forces_of_pairs(const Ints& number, const Ints& node,
   return {numbers, keys, dofs, force, energy};
 }
 
+auto contact_of(const Springs& springs, std::size_t num_own, std::size_t n,
+                const Ints& number, const Ints& segment, const Doubles& gap,
+                const Keys& key, const Doubles& stiffness)
+{
+  const std::size_t c = number.size(), width = springs.dofs().shape(1);
+  check("number", number, {c});
+  check_rows("number: expected numbers of nodes", number, n);
+  check("segment", segment, {c});
+  check("gap", gap, {c});
+  check("key", key, {any});
+  check("stiffness", stiffness, {c});
+  if (num_own > width)
+    throw nb::value_error("num_own: expected at most all nodes of a spring");
+  auto keys = create<std::int64_t>({n});
+  auto active = create<bool>({n});
+  auto multiplier = create<double>({n}), gaps = create<double>({n}),
+       energy = create<double>({n});
+  auto force = create<double>({n, 3}), normal = create<double>({n, 3});
+  std::fill_n(keys.data(), n, -1);
+  std::fill_n(active.data(), n, false);
+  std::fill_n(gaps.data(), n, NAN);
+  for (Out<double>* of_all : {&multiplier, &energy, &force, &normal})
+    std::ranges::fill(view(*of_all), 0.);
+  std::size_t m = 0;
+  for (std::size_t i = 0; i < c; ++i)
+  {
+    const auto node = static_cast<std::size_t>(number.data()[i]);
+    const std::int32_t row = segment.data()[i];
+    if (row >= static_cast<std::ptrdiff_t>(key.size()))
+      throw nb::value_error("segment: expected -1 or rows of key");
+    if (row >= 0)
+      keys.data()[node] = key.data()[row];
+    gaps.data()[node] = gap.data()[i];
+    if (!std::isless(gap.data()[i], 0.))
+      continue;
+    if (m >= springs.node().size())
+      throw nb::value_error("springs: expected one of each gap < 0");
+    active.data()[node] = true;
+    energy.data()[node] = springs.energy().data()[m];
+    const double lambda = stiffness.data()[i] * gap.data()[i];
+    multiplier.data()[node] = lambda;
+    Vec3 sum = {};
+    for (std::size_t a = 0; a < num_own; ++a)
+      sum += vector(view(springs.force()), width * m + a);
+    for (std::size_t j = 0; j < 3; ++j)
+    {
+      force.data()[3 * node + j] = sum[j];
+      normal.data()[3 * node + j] = sum[j] / -lambda;
+    }
+    ++m;
+  }
+  return std::tuple(keys, active, multiplier, force, gaps, normal, energy);
+}
+
+auto contact_sums_of(const Doubles& force, const Doubles& energy,
+                     const In<bool>& active)
+{
+  const std::size_t n = energy.size();
+  check("energy", energy, {n});
+  check("force", force, {n, 3});
+  check("active", active, {n});
+  auto sums = create<double>({5});
+  std::ranges::fill(view(sums), 0.);
+  for (std::size_t i = 0; i < n; ++i)
+  {
+    sums.data()[0] += energy.data()[i];
+    sums.data()[1] += active.data()[i];
+    for (std::size_t j = 0; j < 3; ++j)
+      sums.data()[2 + j] += force.data()[3 * i + j];
+  }
+  return sums;
+}
+
 std::array<double, 5> work_of(const Springs& before, const Springs& after,
                               const Doubles& du_before, const Doubles& du_after,
                               const Doubles& dissipation)
@@ -135,6 +208,15 @@ void springs(nb::module_& m)
         nb::arg("stiffness"),
         "(c,), (c,), (c,), (c, 2), (c,), (c, 3), (s, k), (s,), (c,) -> springs "
         "of gaps < 0");
+  m.def("contact_of_springs", &contact_of, nb::arg("springs"),
+        nb::arg("num_own"), nb::arg("n"), nb::arg("number"), nb::arg("segment"),
+        nb::arg("gap"), nb::arg("key"), nb::arg("stiffness"),
+        "springs of gaps < 0, their nodes on the surface, nodes of that, (c,), "
+        "(c,) or -1, (c,), (s,), (c,) -> key (n,), active (n,), lambda_N (n,), "
+        "force by each spring (n, 3), gap (n,), normal (n, 3), energy (n,)");
+  m.def("contact_sums", &contact_sums_of, nb::arg("force"), nb::arg("energy"),
+        nb::arg("active"),
+        "(n, 3), (n,), (n,) -> energy, number of active nodes and force (5,)");
   m.def("work_by_cause", &work_of, nb::arg("before"), nb::arg("after"),
         nb::arg("du_before"), nb::arg("du_after"), nb::arg("dissipation"),
         "springs, springs, (l, 3), (l, 3), (n,) or (0,) -> work of nodes that "

@@ -36,6 +36,29 @@ def test_springs_press_nodes_that_are_inside(rng, k):
     np.testing.assert_allclose(force.sum(axis=1), 0, atol=1e-15)
 
 
+@pytest.mark.parametrize("num_own", [1, 2])
+def test_contact_of_springs_is_put_where_their_nodes_are(rng, num_own):
+    n, gap = 9, np.array([-0.1, 0.2, np.nan, -0.3, -0.2])
+    number, segment = np.array([1, 2, 4, 7, 8], np.int32), np.array([1, 0, -1, 2, 0], np.int32)
+    stiffness, key, pressed = rng.uniform(1, 2, 5), np.array([7, 5, 9]), gap < 0
+    node, force = number[pressed], rng.normal(size=(3, 5, 3))
+    dofs, energy = np.zeros((3, 5), dtype=np.int32), rng.uniform(size=3)
+    springs = _kernels.Springs(node, key[segment[pressed]], dofs, force, energy)
+    found = _kernels.contact_of_springs(springs, num_own, n, number, segment, gap, key, stiffness)
+    keys, multiplier, gaps = np.full(n, -1), np.zeros(n), np.full(n, np.nan)
+    forces, normals, energies = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n)
+    keys[number[[0, 1, 3, 4]]] = key[segment[[0, 1, 3, 4]]]
+    multiplier[node], gaps[number], energies[node] = (stiffness * gap)[pressed], gap, energy
+    forces[node] = force[:, :num_own].sum(axis=1)
+    normals[node] = forces[node] / -multiplier[node, None]
+    active = np.isin(np.arange(n), node)
+    expected = keys, active, multiplier, forces, gaps, normals, energies
+    for value, other in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(value, other)
+    sums = _kernels.contact_sums(forces, energies, active)
+    np.testing.assert_allclose(sums, [energies.sum(), 3, *forces.sum(axis=0)], rtol=1e-14)
+
+
 def test_arrays_of_springs_must_fit():
     node, key = np.zeros(2, dtype=np.int32), np.zeros(2, dtype=np.int64)
     dofs, force, energy = np.ones((2, 5), dtype=np.int32), np.zeros((2, 5, 3)), np.zeros(2)
@@ -44,6 +67,12 @@ def test_arrays_of_springs_must_fit():
     assert force[1, 2, 0] == 3.0  # the same array, which friction adds to
     with pytest.raises(ValueError, match=r"force: expected shape \(2, 5, 3\), given \(2, 4, 3\)"):
         _kernels.Springs(node, key, dofs, np.zeros((2, 4, 3)), energy)
+    none = np.empty(0, dtype=np.int32), np.empty(0, dtype=np.int32), np.empty(0)
+    with pytest.raises(ValueError, match="num_own: expected at most all nodes"):
+        _kernels.contact_of_springs(springs, 6, 9, *none, key, np.empty(0))
+    beyond = np.array([9], dtype=np.int32), np.array([0], dtype=np.int32), np.ones(1)
+    with pytest.raises(ValueError, match="number: expected numbers of nodes"):
+        _kernels.contact_of_springs(springs, 1, 9, *beyond, key, np.ones(1))
     with pytest.raises(ValueError, match="rows of du"):
         _kernels.work_by_cause(springs, springs, np.zeros((1, 3)), np.zeros((2, 3)), np.empty(0))
     with pytest.raises(ValueError, match="rows of dissipation"):

@@ -156,22 +156,26 @@ void convective_slips(std::span<const double> x_pair_n,
 /// @param[in] surface The segments.
 /// @param[in] tree Returns the tree over the segments; called only if needed.
 /// @param[in] may_touch Returns what a node may touch, see `find_segment`.
+/// @param[in] first Returns where the look of a node begins, see
+/// `find_segment`.
 /// @param[out] segment, xi, gap, normal See `Found`.
-template <class S, class GetTree, class MayTouch>
+template <class S, class GetTree, class MayTouch, class First>
 void pair_nodes(std::span<const double> x_node,
                 std::span<const std::int32_t> current, double slack,
                 double reach, const SegmentSurface<S>& surface,
                 const GetTree& tree, const MayTouch& may_touch,
-                std::span<std::int32_t> segment, std::span<double> xi,
-                std::span<double> gap, std::span<double> normal)
+                const First& first, std::span<std::int32_t> segment,
+                std::span<double> xi, std::span<double> gap,
+                std::span<double> normal)
 {
   const Tree* present = nullptr;
   const auto get_tree = [&]() -> const Tree&
   { return present ? *present : *(present = &tree()); };
   for (std::size_t i = 0; i < current.size(); ++i)
   {
-    const Found found = find_segment(vector(x_node, i), current[i], slack,
-                                     reach, surface, get_tree, may_touch(i));
+    const Found found
+        = find_segment(vector(x_node, i), current[i], slack, reach, surface,
+                       get_tree, may_touch(i), first(i));
     segment[i] = found.segment;
     gap[i] = found.gap;
     store(found.xi, xi, i);

@@ -54,13 +54,25 @@ struct FacetsAroundNodes
   std::span<const double> angle;          ///< theirs there, undeformed [rad]
   std::span<const double> x;              ///< positions, (l, 3) [m]
 
+  /// Of facets that were asked for, NaN of the others.
+  mutable std::vector<Vec3> normals = {};
+
   /// @brief Unit normal of a facet, see `facet_normal`.
-  Vec3 normal(std::int32_t facet) const noexcept
+  ///
+  /// It is computed once for all nodes around the facet.
+  const Vec3& normal(std::int32_t facet) const
   {
-    std::array<Vec3, 4> positions;
-    for (std::size_t i = 0; i < k; ++i)
-      positions[i] = vector(x, vertices[k * facet + i]);
-    return facet_normal(std::span(positions).first(k), orientation[facet]);
+    if (normals.empty())
+      normals.assign(orientation.size(), {NAN, NAN, NAN});
+    Vec3& n = normals[facet];
+    if (std::isnan(n[0]))
+    {
+      std::array<Vec3, 4> positions;
+      for (std::size_t i = 0; i < k; ++i)
+        positions[i] = vector(x, vertices[k * facet + i]);
+      n = facet_normal(std::span(positions).first(k), orientation[facet]);
+    }
+    return n;
   }
 };
 
@@ -73,34 +85,36 @@ class Directions
 {
 public:
   /// @brief Directions of a node; without facets around it, it faces all.
+  /// @param[in] around Must outlive the directions.
+  /// @param[in] node Number of the node.
   Directions(const FacetsAroundNodes& around, std::int32_t node)
+      : _around(around),
+        _facets(around.facets.subspan(
+            around.first[node], around.first[node + 1] - around.first[node]))
   {
-    _normals.reserve(around.first[node + 1] - around.first[node]);
-    for (std::int32_t i = around.first[node]; i < around.first[node + 1]; ++i)
-    {
-      _normals.push_back(around.normal(around.facets[i]));
-      _mean += around.angle[i] * _normals.back();
-    }
+    for (std::size_t i = 0; i < _facets.size(); ++i)
+      _mean += around.angle[around.first[node] + i] * around.normal(_facets[i]);
     const double length = norm(_mean);
     if (length > 0)
       _mean = (1 / length) * _mean;
   }
 
   /// @brief Whether nothing is known of the node, and it faces everything.
-  bool are_all() const noexcept { return _normals.empty(); }
+  bool are_all() const noexcept { return _facets.empty(); }
 
   /// @brief Whether the node faces a segment with this normal.
-  bool faces(const Vec3& normal) const noexcept
+  bool faces(const Vec3& normal) const
   {
     double cosine = are_all() ? 1 : -dot(_mean, normal);
-    for (const Vec3& n : _normals)
-      cosine = std::max(cosine, -dot(n, normal) - FacingRule::single);
+    for (const std::int32_t i : _facets)
+      cosine = std::max(cosine,
+                        -dot(_around.normal(i), normal) - FacingRule::single);
     return cosine > FacingRule::opposed;
   }
 
   /// @brief Whether the node may face a segment whose normal is along a vector
   /// in this box; the vectors that count are no longer than 1.
-  bool may_face(const Box& normals) const noexcept
+  bool may_face(const Box& normals) const
   {
     constexpr double round_off = 1e-9;
     const double shortest = std::sqrt(normals.squared_distance({}));
@@ -113,9 +127,13 @@ public:
       return most > cosine * shortest;
     };
     return are_all() || meets(_mean, FacingRule::opposed)
-           || std::ranges::any_of(
-               _normals, [&](const Vec3& n) noexcept
-               { return meets(n, FacingRule::opposed + FacingRule::single); });
+           || std::ranges::any_of(_facets,
+                                  [&](std::int32_t i)
+                                  {
+                                    return meets(_around.normal(i),
+                                                 FacingRule::opposed
+                                                     + FacingRule::single);
+                                  });
   }
 
   /// @brief Whether the node looks along a normal by more than a cosine.
@@ -125,8 +143,9 @@ public:
   }
 
 private:
+  const FacetsAroundNodes& _around;
+  std::span<const std::int32_t> _facets; // around the node
   Vec3 _mean = {};
-  std::vector<Vec3> _normals;
 };
 
 /// @brief Bounds of the normals of segments, by branches of their tree.
@@ -149,7 +168,7 @@ public:
   bool exist() const noexcept { return !_boxes.empty(); }
 
   /// @brief Whether a node may face a segment of a branch.
-  bool meet(const Directions& directions, std::int32_t branch) const noexcept
+  bool meet(const Directions& directions, std::int32_t branch) const
   {
     return directions.may_face(_boxes[branch]);
   }

@@ -212,10 +212,12 @@ bool may_have_entered(const Vec3& node, const Found& own,
 /// @param[in] surface The segments.
 /// @param[in] tree Returns the tree over the segments; called only if needed.
 /// @param[in] may What the node may touch, see `Anything`.
+/// @param[in] first Segment that is probably near, at which the look among all
+/// begins, or -1: it only saves time.
 template <class S, class GetTree, class May = Anything>
 Found find_segment(const Vec3& node, std::int32_t current, double slack,
                    double reach, const SegmentSurface<S>& surface,
-                   GetTree&& tree, May&& may = {})
+                   GetTree&& tree, May&& may = {}, std::int32_t first = -1)
 {
   // Distances that differ by less are equal, relative to the segment [-]: much
   // more than round-off, much less than any real difference.
@@ -246,8 +248,7 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
   const bool stays = kept.segment >= 0;
 
   const Tree& segments = tree();
-  if ((stays && !may_have_entered(node, kept, surface, segments))
-      || !may.faces_any(segments))
+  if (stays && !may_have_entered(node, kept, surface, segments))
     return kept;
   NearestOnSide<S> front, behind;
   double nearest = reach;
@@ -267,13 +268,13 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
       return patience > 0 ? nearest + margin : NAN;
     }
     const double away = distance<S>({node, surface.segment(i)}, p);
-    const bool first = front.segment < 0 && behind.segment < 0;
-    if (away <= nearest - (first ? 0 : margin))
+    const bool is_only = front.segment < 0 && behind.segment < 0;
+    if (away <= nearest - (is_only ? 0 : margin))
     {
       front = behind = {};
       nearest = away;
     }
-    else if (first || away > nearest + margin)
+    else if (is_only || away > nearest + margin)
       return nearest + margin;
     NearestOnSide<S>& side = p.gap < -margin ? behind : front;
     if (side.segment < 0 || surface.key[i] < surface.key[side.segment])
@@ -294,7 +295,12 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
                ? &found
                : nullptr;
   };
-  segments.nearest(node, reach, look);
+  double bound = first < 0 ? reach : look(first);
+  const bool faces_first = front.segment >= 0 || behind.segment >= 0;
+  if (!faces_first && !may.faces_any(segments))
+    return kept;
+  segments.nearest(node, bound, [&](std::int32_t i)
+                   { return i == first ? bound : bound = look(i); });
   if (patience <= 0)
   {
     patience = std::numeric_limits<int>::max();
