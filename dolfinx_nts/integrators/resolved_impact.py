@@ -5,16 +5,17 @@ Their mass acts at nodes below them, see `redistributed_mass`. After each step
 * they find their static equilibrium, while all others stay where they are; gaps at which they
   were caught are closed as far as this costs little energy, and otherwise held; nodes that stick
   keep their place, and those that slide go on with the friction of the new reactions,
-* the strain energy that this takes or gives, dV, comes from the vibration of the body: with the
-  velocity v = v_rigid + w, where w is orthogonal to rigid motions with regard to the mass, v
-  becomes v + s w. This changes neither linear nor angular momentum, and s is such that the total
-  energy is what it was before, but for what sliding dissipates.
+* the strain energy that this takes or gives, dV, comes from the impulse of contact, and from the
+  vibration of the body: with the velocity v = v_rigid + w, where w is orthogonal to rigid motions
+  with regard to the mass, v becomes v + s w + a d, where bodies that are rigid would have d by the
+  impulse of contact in the step. This changes neither linear nor angular momentum, and s and a
+  are such that the total energy is what it was before, but for what sliding dissipates.
 """
 
 import logging
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from functools import partial
 
 from mpi4py import MPI
 
@@ -39,7 +40,6 @@ from dolfinx_nts.model.extrapolation import extrapolate, group_of_nodes
 from dolfinx_nts.model.inverted_cells import VolumeRatio
 from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.parallel.communication import joined
 from dolfinx_nts.solvers.held_gaps import Holds
 from dolfinx_nts.solvers.redistributed_mass import (
     RedistributedBulk,
@@ -58,18 +58,6 @@ _logger = logging.getLogger("dolfinx_nts")
 _CLOSING, _MOST_SPENT = 0.05, 0.5
 # Cells that waves cross in a step [-] above which a step does not resolve them.
 _RESOLVED = 1.0
-
-
-class _Costs(NamedTuple):
-    """What it costs to close the gaps of held nodes, of all pairs.
-
-    Attributes:
-        energy: About the energy for each, shape ``(m,)`` [J].
-        group: Group of bodies of each, shape ``(m,)``.
-    """
-
-    energy: Floats
-    group: Ints
 
 
 class ResolvedImpact(Inertia):
@@ -121,14 +109,14 @@ class ResolvedImpact(Inertia):
         n = V.dofmap.index_map.size_local
         self._X = V.tabulate_dof_coordinates()[:n, : dimension(V)]
         group = group_of_nodes(bodies)[:n]
-        numbers = np.unique(joined(self._comm, group[massless]))
+        numbers = range(1 + reductions.largest(self._comm, int(group.max(initial=0))))
         self._groups = [np.flatnonzero(group == number).astype(np.int32) for number in numbers]
-        self._group_of = np.searchsorted(numbers, group)
+        self._group_of = group
         possible = possible_motions(V)
-        self._vibrations = VibrationAnalysis(
+        self._motions = VibrationAnalysis(
             self._comm, mass, self._groups, fixed, self._X.shape, possible
         )
-        self._owed: Floats = np.zeros(len(numbers))
+        self._owed: Floats = np.zeros(len(self._groups))
         self._untold_speed = self._cells_per_second(lumped_mass(bodies))
 
     def _undeformed_stiffness(self, share: float) -> Floats:
@@ -189,78 +177,109 @@ class ResolvedImpact(Inertia):
         rates, massless = self._rates, self._equilibrium.nodes
         defect, n = rates.accept(), self.bulk.num_owned
         u, v = (f.x.array[:n].reshape(self._X.shape) for f in (rates.u, rates.v))
+        held = [(step, HeldNodes.of(step)) for step in steps if is_resolved(step.state.pair)]
+        impulses, of_obstacles = self._impulses(held)
         # Nodes without mass have no part in these.
-        vibration = self._vibrations.of(self._X + u, v)
-        strain, dissipation = self._equilibrate(steps, vibration.energy)
+        vibration, recoil = self._motions.of(self._X + u, v, impulses)
+        recoil = recoil._replace(linear=recoil.linear - of_obstacles)
+        strain, dissipation = self._equilibrate(steps, held, vibration.energy, recoil.most)
         wanted = self._owed - strain - dissipation
-        factors, refund = vibration.factors(wanted)
+        whole = vibration.energy + recoil.energy
+        share = np.divide(recoil.energy, whole, out=np.zeros_like(whole), where=whole > 0)
+        recoils, given = recoil.factors(share * wanted)
+        factors, refund = vibration.factors(wanted - given)
+        refund += given
         self._owed = wanted - refund
-        for g, factor in zip(self._groups, factors, strict=True):
-            v[g] += factor * vibration.w[g]
+        moves = recoil.velocities(recoils)
+        for g, factor, move in zip(self._groups, factors, moves, strict=True):
+            v[g] += factor * vibration.w[g] + move
+        self._share(held, recoils)
         mean_velocity = rates.mean_velocity.x.array
         mean_velocity[:] = (rates.u.x.array - rates.u_n.x.array) / float(rates.dt.value)
         v[massless] = mean_velocity[:n].reshape(v.shape)[massless]
         rates.v.x.scatter_forward()
-        energies = strain, -dissipation, refund + dissipation
-        spent, friction, back = (float(part.sum()) for part in energies)
-        return defect, ContactWork(equilibrium=spent, friction=friction, refund=back)
+        energies = strain, -dissipation, refund + dissipation, recoils * of_obstacles
+        spent, friction, back, obstacles = (float(part.sum()) for part in energies)
+        work = ContactWork(equilibrium=spent, friction=friction, refund=back, obstacles=obstacles)
+        return defect, work
 
-    def _equilibrate(self, steps: Sequence[ContactStep], energy: Floats) -> tuple[Floats, Floats]:
+    def _impulses(self, held: Sequence[tuple[ContactStep, HeldNodes]]) -> tuple[Floats, Floats]:
+        """Impulses of normal contact in the step, see `VibrationAnalysis.of`. Collective.
+
+        They act at the end of the step, where gaps have gradients without resultant and moment.
+        Also returns the work of moving obstacles by them, shape ``(g,)`` [J].
+        """
+        n, d = self._X.shape
+        dt, size = float(self._rates.dt.value), len(self._groups)
+        impulses, work = np.zeros((size, size, 1 + d, d)), np.zeros(size)
+        group = np.zeros((n, 3))
+        group[:, 0] = self._group_of
+        for step, some in held:
+            mine = self._group_of[step.state.nodes.nodes[some.node]]
+            other = step.candidates.scatter.forward(group)[some.dofs, 0].astype(np.int32)
+            x_n, x = (positions[some.dofs] for positions in (step.search.x_n, step.x))
+            impulse = some.gradients[:, 0].reshape(x.shape) * (dt * some.force)[:, None, None]
+            fields = np.insert(x[:, :, :d], 0, 1.0, axis=2)
+            products = fields[:, :, :, None] * impulse[:, :, None, :d]
+            np.add.at(impulses, (mine[:, None], other), products)
+            carried = step.state.search.frame.carried(x_n, x)
+            np.add.at(work, mine, (impulse * carried).sum(axis=(1, 2)) / dt)
+        return reductions.total(self._comm, impulses), reductions.total(self._comm, work)
+
+    def _equilibrate(
+        self,
+        steps: Sequence[ContactStep],
+        held: Sequence[tuple[ContactStep, HeldNodes]],
+        vibration: Floats,
+        recoil: Floats,
+    ) -> tuple[Floats, Floats]:
         """Move nodes without mass; returns what it costs each group, ``(g,)`` [J].
 
-        That is strain energy, and what friction dissipates. ``energy`` is that of the vibration
-        of each group, shape ``(g,)`` [J].
+        That is strain energy, and what friction dissipates. ``vibration`` and ``recoil`` are the
+        energies that each group can pay with, shape ``(g,)`` [J].
         """
         u = self._rates.u.x
         massless, dx = self._equilibrium.nodes, np.zeros_like(self._X)
         before, group = u.array.copy(), self._group_of[massless]
-        held = [(step, HeldNodes.of(step)) for step in steps if is_resolved(step.state.pair)]
         if any(step.num_active for step in steps):
             self._tell()
-        closed = self._affordable(self._costs(held), _CLOSING * energy)
-        for part in (closed, np.zeros_like(closed)):
-            holds, rest = [], part
-            for step, some in held:
-                mine, rest = np.split(rest, [len(some.node)])
-                holds.append(_held(step, some, mine))
-            dx[massless] = self._equilibrium.find(holds, self._stiffness[massless])
+        budget = _CLOSING * vibration + recoil
+        for closes in (True, False):
+            holds = [_held(step, some, closes=closes) for step, some in held]
+            part = partial(self._affordable, budget)
+            dx[massless] = self._equilibrium.find(holds, self._stiffness[massless], part)
             u.array[: dx.size] += dx.ravel()
             u.scatter_forward()
             cost = np.zeros(len(self._groups))
             np.add.at(cost, group, self._equilibrium.work(before))
             cost = reductions.total(self._comm, cost)
-            if (cost <= _MOST_SPENT * energy).all() and not self._volume_ratio.inverted():
+            affordable = cost <= _MOST_SPENT * (vibration + recoil)
+            if affordable.all() and not self._volume_ratio.inverted():
                 return cost, self._remember(held, dx)
             u.array[:] = before
         nothing = np.zeros(len(self._groups))
         return nothing, nothing
 
-    def _costs(self, held: Sequence[tuple[ContactStep, HeldNodes]]) -> _Costs:
-        """What it costs to close the gaps of held nodes."""
-        node = np.concatenate([step.state.nodes.nodes[some.node] for step, some in held])
-        gap, force = (
-            np.concatenate([getattr(some, name) for _, some in held]) for name in ("gap", "force")
-        )
-        way = np.abs(gap)
-        energy = way * np.where(force > 0, force, self._stiffness[node] * way)
-        return _Costs(energy, self._group_of[node])
+    def _share(self, held: Sequence[tuple[ContactStep, HeldNodes]], recoils: Floats) -> None:
+        """Let contact know the impulses of recoil, factors ``(g,)`` of its own. Local."""
+        for step, some in held:
+            nodes, history = step.state.nodes.nodes, step.state.history
+            factor = recoils[self._group_of[nodes]]
+            lambda_N = (1 + factor) * history.lambda_N
+            force = history.force + factor[:, None] * some.pushes
+            step.state.accept(replace(history, lambda_N=lambda_N, force=force))
 
-    def _affordable(self, costs: _Costs, budget: Floats) -> Floats:
-        """Parts of the gaps that may be closed, first of the cheapest, ``(m,)``. Collective."""
-        part: Floats = np.zeros(len(costs.energy))
-        for number, most in enumerate(budget):
-            mine = costs.group == number
-            energies = np.sort(joined(self._comm, costs.energy[mine]))
-            sums = np.concatenate([[0.0], np.cumsum(energies)])
-            num_paid = int(np.count_nonzero(sums[1:] <= most))
-            rest = sums[-1] - sums[num_paid]
-            dearest = energies[num_paid - 1] if num_paid else -1.0
-            part[mine] = np.where(
-                costs.energy[mine] <= dearest,
-                1.0,
-                (most - sums[num_paid]) / rest if rest > 0 else 0.0,
-            )
-        return part
+    def _affordable(self, budget: Floats, costs: Floats) -> Floats:
+        """Parts of gaps that groups can pay for closing, at nodes without mass, ``(m,)``.
+
+        ``budget`` are energies of the groups, ``(g,)``, and ``costs`` those of the nodes for the
+        whole gaps, ``(m,)`` [J]. Collective.
+        """
+        group, sums = self._group_of[self._equilibrium.nodes], np.zeros(len(budget))
+        np.add.at(sums, group, costs)
+        sums = reductions.total(self._comm, sums)
+        part: Floats = np.divide(budget, sums, out=np.ones_like(sums), where=sums > budget)
+        return part[group]
 
     def _remember(self, held: Sequence[tuple[ContactStep, HeldNodes]], dx: Floats) -> Floats:
         """Let contact know gaps and slips of nodes that have moved.
@@ -285,9 +304,9 @@ class ResolvedImpact(Inertia):
         return reductions.total(self._comm, dissipated)
 
 
-def _held(step: ContactStep, some: HeldNodes, part: Floats) -> Holds:
-    """Gaps that nodes keep or close in part, ``(m,)``, and slips of those that stick. Local."""
-    kept = (some.force > 0) | (part > 0)
+def _held(step: ContactStep, some: HeldNodes, *, closes: bool) -> Holds:
+    """Gaps that nodes close or keep, ``(m,)``, and slips of those that stick. Local."""
+    kept = (some.force > 0) | closes
     sticks = some.sticks & kept
     gradient, *along = some.gradients.transpose(1, 0, 2)
     slides = kept & ~sticks & (some.force > 0)
@@ -305,5 +324,5 @@ def _held(step: ContactStep, some: HeldNodes, part: Floats) -> Holds:
         np.concatenate([some.dofs[kept], some.dofs[sticks], some.dofs[sticks]]),
         rows,
         np.concatenate([force[kept], *stuck]),
-        np.concatenate([-(part * some.gap)[kept], np.zeros(2 * np.count_nonzero(sticks))]),
+        np.concatenate([-closes * some.gap[kept], np.zeros(2 * np.count_nonzero(sticks))]),
     )

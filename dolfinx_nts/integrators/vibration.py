@@ -1,4 +1,4 @@
-"""Vibration of bodies: their velocity without its rigid part, and the energy in it."""
+"""Vibration of bodies: their velocity without its rigid part, and the energy in it; recoil."""
 
 from typing import NamedTuple
 
@@ -7,6 +7,7 @@ from mpi4py import MPI
 import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.integrators.recoil import Recoil
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.redistributed_mass import RedistributedMass
 
@@ -67,6 +68,8 @@ class Vibration(NamedTuple):
 class VibrationAnalysis:
     """Splits velocities into rigid motions of groups of bodies and their vibration. Collective.
 
+    It also finds the rigid motions that groups have by impulses.
+
     Args:
         comm: Communicator.
         mass: The mass.
@@ -98,44 +101,61 @@ class VibrationAnalysis:
         self._free.ravel()[fixed] = 0
         self._held = [[np.flatnonzero(free == 0) for free in self._free[g].T] for g in groups]
 
-    def of(self, x: Floats, v: Floats) -> Vibration:
-        """Split velocities, ``(n, d)`` [m/s], at positions, ``(n, d)`` [m]. Collective."""
+    def of(self, x: Floats, v: Floats, impulses: Floats) -> tuple[Vibration, Recoil]:
+        """Split velocities, and find those that impulses give. Collective.
+
+        Args:
+            x: Positions of the owned nodes, shape ``(n, d)`` [m].
+            v: Their velocities, shape ``(n, d)`` [m/s].
+            impulses: Sums of impulses, and of x times them, by the group whose nodes touch, then
+                by that which gets them, shape ``(g, g, 1 + d, d)`` [N s, N s m].
+        """
         d = v.shape[1]
         w = self._free * v
-        Mw, Mx = self._mass.times(w), self._mass.times(x)
+        momentum, Mw, Mx = (self._mass.times(values) for values in (v, w, x))
         first = np.array([[self._m[g].sum(), *Mx[g].sum(axis=0)] for g in self._groups])
         first = reductions.total(self._comm, first.reshape(-1, 1 + d))
+        centres = first[:, 1:] / first[:, :1]
         fields, M_fields = [], []
-        products = np.zeros((len(self._groups), 1 + d, 1 + d + d + d * (1 + d)))
-        parts = zip(self._groups, self._held, first, products, strict=True)
-        for g, given, sums, product in parts:
-            centre = sums[1:] / sums[0]
+        products = np.zeros((len(self._groups), 1 + d, 1 + d + 2 * d + d * (1 + d)))
+        parts = zip(self._groups, self._held, centres, products, strict=True)
+        for g, given, centre, product in parts:
             field = np.insert(x[g] - centre, 0, 1.0, axis=1)
             M_field = np.hstack([self._m[g], Mx[g] - self._m[g] * centre])
-            held = [field[nodes].T @ field[nodes] for nodes in given]
-            np.concatenate([field.T @ M_field, field.T @ Mw[g], *held], axis=1, out=product)
+            at_supports = [field[nodes].T @ field[nodes] for nodes in given]
+            some = field.T @ M_field, field.T @ momentum[g], field.T @ Mw[g]
+            np.concatenate([*some, *at_supports], axis=1, out=product)
             fields.append(field)
             M_fields.append(M_field)
         products = reductions.total(self._comm, products)
+        gram, of_momentum, right, held = np.split(products, np.cumsum([1 + d, d, d]), axis=2)
         sums = np.zeros((len(self._groups), 2))
         vibration = np.zeros_like(v)
-        for g, field, M_field, product, both in zip(
-            self._groups, fields, M_fields, products, sums, strict=True
-        ):
-            rigid = self._rigid(*np.split(product, [1 + d, 1 + 2 * d], axis=1))
+        for i, (g, field, M_field) in enumerate(zip(self._groups, fields, M_fields, strict=True)):
+            rigid = self._rigid(gram[i], right[i], held[i])
             vibration[g] = w[g] - field @ rigid
             M_vibration = Mw[g] - M_field @ rigid
             # The rigid part has no product with it but that of round-off.
-            both[:] = np.vdot(v[g] - field @ rigid, M_vibration), np.vdot(vibration[g], M_vibration)
+            sums[i] = np.vdot(v[g] - field @ rigid, M_vibration), np.vdot(vibration[g], M_vibration)
         linear, square = reductions.total(self._comm, sums).T
-        return Vibration(vibration, linear, square)
+        recoil = np.zeros_like(impulses)
+        for i, j in np.argwhere(impulses.any(axis=(2, 3))):
+            about = impulses[i, j].copy()
+            about[1:] -= centres[j][:, None] * about[0]
+            recoil[i, j] = self._rigid(gram[j], about, held[j])
+        return Vibration(vibration, linear, square), Recoil(
+            fields,
+            recoil,
+            np.einsum("jai,pjai->p", of_momentum, recoil),
+            np.einsum("pjai,jab,qjbi->pq", recoil, gram, recoil, optimize=True),
+        )
 
     def _rigid(self, gram: Floats, right: Floats, at_supports: Floats) -> Floats:
-        """Rigid part of a velocity, as factors of the fields 1 and x, ``(1 + d, d)``. Local.
+        """Rigid motion by an impulse, as factors of the fields 1 and x, ``(1 + d, d)``. Local.
 
         Args:
             gram: Products of the fields with regard to the mass, shape ``(1 + d, 1 + d)``.
-            right: Products of the fields with the momentum, shape ``(1 + d, d)``.
+            right: Products of the fields with the impulse, shape ``(1 + d, d)``.
             at_supports: Products of the fields at nodes that are held in a direction, one
                 direction after the other, shape ``(1 + d, d (1 + d))``.
         """

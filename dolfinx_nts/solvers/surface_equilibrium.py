@@ -4,7 +4,7 @@ Each of these nodes hangs on others that do not move, so that conjugate gradient
 iterations, whatever the size of the surface.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -66,7 +66,9 @@ class SurfaceEquilibrium:
         use_shell(ksp.getPC(), self)
         return ksp
 
-    def find(self, holds: Sequence[Holds], stiffness: Floats) -> Floats:
+    def find(
+        self, holds: Sequence[Holds], stiffness: Floats, affordable: Callable[[Floats], Floats]
+    ) -> Floats:
         """Solve for increments of the nodes without mass, shape ``(m, d)`` [m].
 
         It is one step of Newton's method from u. Nodes that nothing holds are free; where the
@@ -75,9 +77,11 @@ class SurfaceEquilibrium:
         Args:
             holds: What the nodes keep, pair by pair.
             stiffness: That of these nodes, for the preconditioner, shape ``(m,)`` [N/m].
+            affordable: Returns the parts of the ways of these nodes that they go, by the energy
+                that these ways exchange at most, both of shape ``(m,)`` [-, J].
         """
         with self._start(self._u.array):
-            return self._find(holds, stiffness[:, None])
+            return self._find(holds, stiffness[:, None], affordable)
 
     def work(self, u_before: Floats) -> Floats:
         """Strain energy that increments from a displacement to u gave, node by node.
@@ -104,12 +108,18 @@ class SurfaceEquilibrium:
         finally:
             self._u_n[:] = u_n
 
-    def _find(self, holds: Sequence[Holds], stiffness: Floats) -> Floats:
+    def _find(
+        self, holds: Sequence[Holds], stiffness: Floats, affordable: Callable[[Floats], Floats]
+    ) -> Floats:
         r = -self._forces.at_nodes()
         self._held = HeldGaps(self._comm, holds, self.nodes, self._forces.free, stiffness)
         self._stiffness, x = stiffness, self._held.shortest()
         if reductions.anywhere(self._comm, bool(x.any())):
-            r -= self._times(x)
+            Kx = self._times(x)
+            costs = np.abs(r * x).sum(axis=1) + np.abs(Kx * x).sum(axis=1) / 2
+            part = affordable(costs)[:, None]
+            x *= part
+            r -= part * Kx
         size = reductions.largest(self._comm, float(np.abs(self._u.array).max(initial=0.0)))
         floor = _ROUND_OFF * size * stiffness
         least = float(np.sqrt(reductions.total(self._comm, float(np.vdot(floor, floor)))))

@@ -21,6 +21,7 @@ class HeldNodes(NamedTuple):
         force: Normal force in the step, shape ``(m,)`` [N, >= 0].
         traction: Traction in the step, in the directions of slip, shape ``(m, 2)`` [N].
         sticks: Whether friction keeps a node from sliding, shape ``(m,)``.
+        pushes: Normal force of all of them on the nodes of the surface, shape ``(n, 3)`` [N].
     """
 
     node: Ints
@@ -30,6 +31,7 @@ class HeldNodes(NamedTuple):
     force: Floats
     traction: Floats
     sticks: Flags
+    pushes: Floats
 
     @classmethod
     def of(cls, step: ContactStep) -> "HeldNodes":
@@ -42,6 +44,8 @@ class HeldNodes(NamedTuple):
         gap, gradients = pairs.contact.gap, pairs.gradients
         some = np.isfinite(gap) & np.any(gradients[:, 0] != 0, axis=1)
         some &= active[node] | (gap < 0)
+        forces = np.where(some, -step.normal.lambda_N[node], 0.0)
+        pushes = search.pairing.on_nodes(pairs, forces[:, None] * gradients[:, 0])
         node = node[some]
         return cls(
             node,
@@ -51,4 +55,5 @@ class HeldNodes(NamedTuple):
             -step.normal.lambda_N[node],
             step.friction.traction[node],
             step.friction.sticks(node, active[node]),
+            pushes,
         )
