@@ -136,7 +136,8 @@ def rigid_leapfrog(
 
     Returns:
         The motion; and masses of the nodes that resist their motion no more than the bodies do,
-        which bounds the frequency of springs at the nodes, shape ``(n,)`` [kg].
+        which bounds the frequency of springs at the nodes, shape ``(n,)`` [kg]. Those of a rigid
+        body are equal, as its cells are no softer where they are small.
 
     Raises:
         ValueError: There are conditions on rigid bodies.
@@ -149,11 +150,10 @@ def rigid_leapfrog(
     resisting, whole = mass.copy(), []
     for of_body, own in zip(fields, masses, strict=True):
         nodes, values = of_body.nodes, of_body.values
-        parts = [values.T @ (each[nodes, None] * values) for each in (bonded, mass)]
-        shared, lumped = reductions.total(comm, np.array(parts))
+        parts = [values.T @ (bonded[nodes, None] * values), values.T @ values]
+        shared, of_ones = reductions.total(comm, np.array(parts))
         whole.append(own + shared)
-        # Lumped inertia of coarse bodies is too large.
-        resisting[nodes] *= np.linalg.eigvals(np.linalg.solve(lumped, whole[-1])).real.min()
+        resisting[nodes] = np.linalg.eigvals(np.linalg.solve(of_ones, whole[-1])).real.min()
     return RigidLeapfrog(V, fields, whole, v), resisting
 
 

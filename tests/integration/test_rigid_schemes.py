@@ -7,8 +7,10 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+from dolfinx import fem
 
 import dolfinx_nts as nts
+from helpers.box_meshes import boxes, distribute
 from helpers.once import once
 from helpers.plane import blocks, throw
 from helpers.rigid import CENTRE, bonded, brick, eulers, hinged, impact, pressed
@@ -207,6 +209,24 @@ def test_estimate_of_the_stable_step_holds_for_springs_at_rigid_nodes(comm, both
     _, _, active, of_scheme, rest, _ = run(stepper, 0.3)
     assert active > 0
     assert abs(of_scheme) < 0.5 and abs(rest) < 1e-9  # of 25 J
+
+
+def test_open_springs_of_rigid_bodies_hardly_depend_on_the_sizes_of_their_cells(comm):
+    def stiffness(power):
+        data = boxes([(4, 4, 4), (4, 4, 4)], [(1.0, 1.0, 1.0), (1.0, 1.0, 1.0)])
+        data.X[:] = data.X**power  # cells that are small at one corner
+        data.X[np.unique(data.cells[data.body == 1])] += [0.0, 0.0, 1.1]
+        mesh, cells, facets, tag = distribute(comm, data)
+        V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+        bodies = [nts.RigidBody(V, cells, tag[f"body {k}"], 10.0) for k in (0, 1)]
+        surfaces = [nts.Surface(V, facets, tag[name]) for name in ("top 0", "bottom 1")]
+        pair = nts.ContactPair(*surfaces, nts.Penalty())
+        stepper = nts.CentralDifference(bodies, [pair], dt=1e-3)
+        stepper.advance()
+        return comm.allreduce(stepper.contacts[0].eps_N.min(initial=np.inf), MPI.MIN)
+
+    even, graded = stiffness(1), stiffness(2)
+    assert graded > 0.5 * even
 
 
 @pytest.mark.serial
