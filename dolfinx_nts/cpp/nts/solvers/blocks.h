@@ -364,14 +364,14 @@ inline double power_of_two(double size) noexcept
   return std::isnormal(size) ? std::exp2(-std::ilogb(size)) : 1;
 }
 
-/// Numbers so much less than 1 that their products come near to denormal
-/// numbers, which are slow. Where waves have not got yet, solutions decay
-/// without end.
+/// @brief What is less than this is so much less than 1 that its products come
+/// near to denormal numbers, which are slow. Where waves have not got yet,
+/// solutions decay without end.
 inline constexpr float dust = std::numeric_limits<float>::min()
                               / (std::numeric_limits<float>::epsilon()
                                  * std::numeric_limits<float>::epsilon());
 
-/// @brief The value, or zero if it is `dust`.
+/// @brief The value, or zero if it is less than `dust`.
 inline float without_dust(float value) noexcept
 {
   return std::abs(value) < dust ? 0 : value;
