@@ -409,9 +409,10 @@ class LinearSolver:
             # Near the constraints this part is smaller than what rtol leaves.
             force = _ROW_SUM * self.tangent.nodal_stiffness()[:, None] * particular
             squares = [float(np.vdot(force, force)), float(R @ R)]
-            part, whole = reductions.total(bulk.comm, squares)
-            if part > (_NEGLIGIBLE * rtol) ** 2 * whole:
-                total += bulk.action(particular)
+            part, whole = map(math.sqrt, reductions.total(bulk.comm, squares))
+            negligible = _NEGLIGIBLE * rtol * whole
+            if part > negligible:
+                total += self._operator.action(particular, negligible / part)
             r = -bulk.rigid.project(None, elimination.act(parts, total))
         x, iterations = self._krylov.solve(r, rtol)
         decades = -math.log10(rtol)

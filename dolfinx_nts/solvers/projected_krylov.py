@@ -69,14 +69,15 @@ class Operator:
         """Set y to Z~^T (K + C) Z x; called by PETSc."""
         z = x.array_r.reshape(-1, self.bulk.rigid.dim).copy()
         parts = self.elimination.constrain(z)
-        forces = self.elimination.act(parts, self._action(z))
-        y.array[:] = self.bulk.rigid.project(z, forces).ravel()
-
-    def _action(self, z: Floats) -> Floats:
-        """Tangent of the bodies times a vector."""
         if math.isinf(self._rounding):
             self._rounding = self.bulk.rounding(z)
-        is_enough = self._rounding < _NEGLIGIBLE * self.reduction()
+        product = self.action(z, _NEGLIGIBLE * self.reduction())
+        forces = self.elimination.act(parts, product)
+        y.array[:] = self.bulk.rigid.project(z, forces).ravel()
+
+    def action(self, z: Floats, error: float) -> Floats:
+        """Tangent of the bodies times a vector, with a relative error up to ``error``."""
+        is_enough = self._rounding < error
         return self.bulk.rounded_action(z) if is_enough else self.bulk.action(z)
 
 

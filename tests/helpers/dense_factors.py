@@ -14,7 +14,7 @@ def definition(A, pattern):
     n = len(A)
     L, U = np.zeros_like(A), np.zeros_like(A)
     for i in range(n):
-        L[i, i] = np.eye(3)
+        L[i, i] = np.eye(A.shape[-1])
         for j in np.flatnonzero(pattern[i]):
             remainder = A[i, j] - sum(L[i, k] @ U[k, j] for k in range(min(i, j)))
             if j < i:
@@ -31,7 +31,7 @@ def filled(pattern):
 
 
 def dense(blocks):
-    return blocks.transpose(0, 2, 1, 3).reshape(3 * len(blocks), -1)
+    return blocks.transpose(0, 2, 1, 3).reshape(blocks.shape[-1] * len(blocks), -1)
 
 
 def rounding(L, U, x):
@@ -45,10 +45,10 @@ def rounding(L, U, x):
     return 4 * sums * EPS * condition * growth @ np.abs(x).ravel()
 
 
-def matrix(rng, share):
+def matrix(rng, share, dim=3):
     """Return random rows with columns in any order, as arrays and dense, and their pattern."""
-    A = rng.normal(size=(NODES, NODES + BEYOND, 3, 3))
-    A[np.arange(NODES), np.arange(NODES)] += 3 * NODES * np.eye(3)
+    A = rng.normal(size=(NODES, NODES + BEYOND, dim, dim))
+    A[np.arange(NODES), np.arange(NODES)] += dim * NODES * np.eye(dim)
     pattern = rng.random((NODES, NODES + BEYOND)) < share
     pattern |= np.eye(*pattern.shape, dtype=bool)
     columns = [rng.permutation(np.flatnonzero(row)) for row in pattern]

@@ -29,7 +29,7 @@ from dolfinx_nts.contact.implicit.stick_slip import StickSlip
 from dolfinx_nts.contact.implicit.tied import Bond, TiedContact
 from dolfinx_nts.contact.joint_state import JointState, bounds, members
 from dolfinx_nts.contact.pair_state import PairState
-from dolfinx_nts.fem.components import dimension, in_space
+from dolfinx_nts.fem.components import dimension, in_space, of_space
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Candidates
 
@@ -429,7 +429,7 @@ def contact_residual(
             dofs = contribution.pairs.dofs
             forces = contribution.residual.reshape(*dofs.shape, 3)
             step.candidates.scatter.add(total, dofs, forces)
-    return total[:, : shape[1]].ravel()
+    return of_space(total, shape[1]).ravel()
 
 
 def go_on_from(steps: Sequence[ContactStep], others: Sequence[ContactStep]) -> None:

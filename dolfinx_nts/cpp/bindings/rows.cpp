@@ -26,6 +26,19 @@ auto bounds_of(const Doubles& x, const Ints& rows)
   return both;
 }
 
+auto change_components_of(const Doubles& x)
+{
+  check("x", x, {any, any});
+  const std::size_t n = x.shape(0);
+  return dispatch_components(x.shape(1),
+                             [&]<std::size_t B>()
+                             {
+                               auto out = create<double>({n, 5 - B});
+                               change_components<5 - B>(view(x), view(out));
+                               return out;
+                             });
+}
+
 void take_rows_of(const Doubles& x, const In<std::int64_t>& rows,
                   const Out<double>& out)
 {
@@ -73,6 +86,8 @@ void rows(nb::module_& m)
   m.def("bounds", &bounds_of, nb::arg("x"), nb::arg("rows"),
         "(n, 3), (r,) -> least and greatest coordinates of these rows (2, 3), "
         "inf and -inf of none");
+  m.def("change_components", &change_components_of, nb::arg("x"),
+        "(n, 2) -> (n, 3) with zeros; (n, 3) -> (n, 2)");
   m.def("take_rows", &take_rows_of, nb::arg("x"), nb::arg("rows"),
         nb::arg("out").noconvert(), "(n, w), (r,), set to these rows (r, w)");
   m.def("resultant", &resultant_of, nb::arg("x"), nb::arg("rows"),

@@ -1,11 +1,23 @@
-"""Sums over nodes in one pass, against NumPy."""
+"""Components of nodal vectors, and their sums over nodes in one pass, against NumPy."""
 
 import numpy as np
 import pytest
 
-from dolfinx_nts.fem.components import bounds, in_space, motion_sums, resultant
+from dolfinx_nts.fem.components import bounds, in_space, motion_sums, of_space, resultant
 
 pytestmark = pytest.mark.serial
+
+
+@pytest.mark.parametrize("shape", [(7, 2), (4, 5, 2), (0, 2), (2,)])
+def test_vectors_of_the_plane_have_no_third_component(rng, shape):
+    vectors = rng.normal(size=shape)
+    padded = in_space(vectors)
+    np.testing.assert_array_equal(padded[..., :2], vectors)
+    assert padded.shape == (*shape[:-1], 3) and not padded[..., 2].any()
+    assert in_space(padded) is padded
+    rows = padded.reshape(-1, 3)
+    np.testing.assert_array_equal(of_space(rows, 2), vectors.reshape(-1, 2))
+    assert of_space(rows, 3) is rows
 
 
 @pytest.mark.parametrize("dim", [2, 3])

@@ -29,10 +29,11 @@ def solve(rows, order, b, *, fill=False):
 @pytest.mark.parametrize("share", [0.0, 0.2, 0.5, 1.0])
 @pytest.mark.parametrize("is_natural", [True, False])
 @pytest.mark.parametrize("fill", [False, True])
-def test_factors_are_those_of_the_definition(rng, share, is_natural, fill):
-    rows, A, pattern = matrix(rng, share)
+@pytest.mark.parametrize("dim", [2, 3])
+def test_factors_are_those_of_the_definition(rng, share, is_natural, fill, dim):
+    rows, A, pattern = matrix(rng, share, dim)
     order = np.arange(NODES) if is_natural else rng.permutation(NODES)
-    b = rng.normal(size=(NODES, 3))
+    b = rng.normal(size=(NODES, dim))
     x = solve(rows, order, b, fill=fill)
     pattern = pattern[order][:, order]
     L, U = definition(A[order][:, order], filled(pattern) if fill else pattern)
@@ -41,7 +42,7 @@ def test_factors_are_those_of_the_definition(rng, share, is_natural, fill):
     assert np.all(error < rounding(L, U, expected))
     if share == 1.0:
         np.testing.assert_allclose(
-            expected, np.linalg.solve(dense(A), b.ravel()).reshape(-1, 3)[order].ravel()
+            expected, np.linalg.solve(dense(A), b.ravel()).reshape(-1, dim)[order].ravel()
         )
 
 
@@ -56,28 +57,30 @@ def test_units_do_not_matter(rng):
 
 
 @pytest.mark.parametrize("row", range(2))
-def test_entries_far_below_rounding_leave_no_trace(row):
+@pytest.mark.parametrize("dim", [2, 3])
+def test_entries_far_below_rounding_leave_no_trace(row, dim):
     """Their products would be denormal numbers, with which processors are slow."""
     start, column = np.array([0, 2, 4]), np.array([0, 1, 0, 1], dtype=np.int32)
-    value = np.array([np.eye(3), 1e-20 * np.ones((3, 3))] * 2)[[0, 1, 3, 2]]
-    b = np.zeros((2, 3))
+    value = np.array([np.eye(dim), 1e-20 * np.ones((dim, dim))] * 2)[[0, 1, 3, 2]]
+    b = np.zeros((2, dim))
     b[row] = 1
     np.testing.assert_array_equal(solve((start, column, value.ravel()), np.arange(2), b), b)
 
 
-def test_what_falls_off_ends_at_zero():
+@pytest.mark.parametrize("dim", [2, 3])
+def test_what_falls_off_ends_at_zero(dim):
     # x_i = -1e-3 x_(i-1), single precision ends at 1e-45.
     n = 40
     start = np.array([0, *range(1, 2 * n, 2)])
     column = np.array([0, *(j for i in range(1, n) for j in (i - 1, i))], dtype=np.int32)
     value = np.concatenate(
         [
-            np.eye(3) * (1.0 if j == i else 1e-3)
+            np.eye(dim) * (1.0 if j == i else 1e-3)
             for i in range(n)
             for j in column[start[i] : start[i + 1]]
         ]
     )
-    b = np.zeros((n, 3))
+    b = np.zeros((n, dim))
     b[0] = 1
     x = solve((start, column, value.ravel()), np.arange(n), b)
     exact = (-1e-3) ** np.arange(n)

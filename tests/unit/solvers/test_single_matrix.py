@@ -11,7 +11,7 @@ EPS = np.finfo(np.float32).eps
 
 
 def product(rows, x):
-    y = np.full((len(rows[0]) - 1, 3), np.nan)
+    y = np.full((len(rows[0]) - 1, x.shape[1]), np.nan)
     _kernels.SingleMatrix(*rows).multiply(x, y)
     return y
 
@@ -19,17 +19,19 @@ def product(rows, x):
 def whole(rows, x):
     """The matrix of rows, dense, for columns x."""
     start, column, value = rows
-    A = np.zeros((len(start) - 1, len(x), 3, 3))
-    A[np.repeat(np.arange(len(A)), np.diff(start)), column] = value.reshape(-1, 3, 3)
+    dim = x.shape[1]
+    A = np.zeros((len(start) - 1, len(x), dim, dim))
+    A[np.repeat(np.arange(len(A)), np.diff(start)), column] = value.reshape(-1, dim, dim)
     return A
 
 
 @pytest.mark.serial
 @pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
 @pytest.mark.parametrize("unit", [1.0, 1e-200, 1e200])
-def test_product_is_exact_to_single_precision_in_any_units(rng, share, unit):
-    (start, column, value), _, _ = matrix(rng, share)
-    x = rng.normal(size=(max(column) + 1, 3))
+@pytest.mark.parametrize("dim", [2, 3])
+def test_product_is_exact_to_single_precision_in_any_units(rng, share, unit, dim):
+    (start, column, value), _, _ = matrix(rng, share, dim)
+    x = rng.normal(size=(max(column) + 1, dim))
     y = product((start, column, unit * value), x / unit)
     A = whole((start, column, value), x)
     expected = np.einsum("ijkl,jl->ik", A, x)

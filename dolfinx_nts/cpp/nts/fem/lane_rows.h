@@ -6,11 +6,11 @@
 #include <cstring>
 #include <utility>
 
-/// @brief Numbers of nodes, from where each node has its own one behind the
-/// other to where those of a batch of cells are side by side, and back.
+/// @brief Numbers of nodes on their way to lanes, where those of a batch of
+/// cells are side by side, and back.
 ///
-/// Number by number this takes as long as kernels of small cells do. Here
-/// numbers go in pairs, as many as a register of any machine holds.
+/// One by one they take as long as kernels of small cells do. Here they go in
+/// pairs, as many at once as a register of any machine holds.
 namespace nts
 {
 /// @brief W numbers in a register of 16 bytes, or of 8.
@@ -78,7 +78,8 @@ void rows_to_lanes(const T* x, const std::array<std::size_t, L>& begin,
 
 /// @brief Add what lanes have side by side to D numbers of each.
 /// @param[in] in (D, L)
-/// @param[in] begin Where those of each lane begin, several may at one place.
+/// @param[in] begin Where those of each lane begin, of several at one place
+/// perhaps.
 /// @param[in,out] x Numbers.
 template <std::size_t D, class T, std::size_t L>
 void add_lanes_to_rows(const T* in, const std::array<std::size_t, L>& begin,

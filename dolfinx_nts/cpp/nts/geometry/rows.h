@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <span>
 
-/// @brief Sums over rows of numbers, each in one pass.
+/// @brief Rows of numbers: copies, and sums, each in one pass.
 namespace nts
 {
 /// @brief Row i of x, (n, D), with zeros up to three numbers.
@@ -16,6 +16,24 @@ Vec3 in_space(std::span<const double> x, std::size_t i) noexcept
   Vec3 row = {};
   std::copy_n(x.data() + D * i, D, row.begin());
   return row;
+}
+
+/// @brief Copy rows of three numbers to rows of two, or the other way with
+/// zeros.
+/// @param[in] x (n, 5 - D)
+/// @param[out] out (n, D)
+template <std::size_t D>
+void change_components(std::span<const double> x,
+                       std::span<double> out) noexcept
+{
+  constexpr std::size_t before = 5 - D;
+  for (std::size_t i = 0; i < out.size() / D; ++i)
+  {
+    out[D * i] = x[before * i];
+    out[D * i + 1] = x[before * i + 1];
+    if constexpr (D == 3)
+      out[D * i + 2] = 0;
+  }
 }
 
 /// @brief Take rows of x in another order, which lie far apart in memory.

@@ -48,6 +48,10 @@ struct Register<3>
 template <std::size_t B>
 using Column = typename Register<B>::type;
 
+/// @brief Values of a node in a register, with one or two more that do not
+/// count.
+using Values __attribute__((vector_size(4 * sizeof(float)))) = float;
+
 /// @brief A block in single precision, column by column.
 template <std::size_t B>
 struct Columns
@@ -287,28 +291,55 @@ public:
 
   /// @brief Sum of the next blocks times the values of their nodes.
   /// @param[in,out] e The first block; then `end`.
-  Column<B> product(std::size_t& e, std::size_t end,
-                    const float* x) const noexcept
+  Values product(std::size_t& e, std::size_t end, const float* x) const noexcept
   {
-    Column<B> sum[B] = {};
     const float* block = (*this)[e];
-    for (; e < end; ++e, block += B * B)
+    if constexpr (B == 2)
     {
-      __builtin_prefetch(block + ahead); // may be beyond the last
-      const float* values = x + B * _node[e];
-      for (std::size_t c = 0; c < B; ++c)
+      // Both columns are in one register.
+      Values sum = {};
+      for (; e < end; ++e, block += 4)
       {
-        Column<B> column;
-        std::memcpy(&column, block + B * c, sizeof(column));
-        sum[c] += column * values[c];
+        __builtin_prefetch(block + ahead); // may be beyond the last
+        Values columns;
+        std::memcpy(&columns, block, sizeof(columns));
+        const Values values = pair(x + 2 * _node[e]);
+        sum += columns * __builtin_shufflevector(values, values, 0, 0, 1, 1);
       }
+      return sum + __builtin_shufflevector(sum, sum, 2, 3, 0, 1);
     }
-    for (std::size_t c = 1; c < B; ++c)
-      sum[0] += sum[c];
-    return sum[0];
+    else
+    {
+      Values sum[B] = {};
+      for (; e < end; ++e, block += B * B)
+      {
+        __builtin_prefetch(block + ahead); // may be beyond the last
+        const float* values = x + B * _node[e];
+        for (std::size_t c = 0; c < B; ++c)
+        {
+          Column<B> column;
+          std::memcpy(&column, block + B * c, sizeof(column));
+          sum[c] += column * values[c];
+        }
+      }
+      for (std::size_t c = 1; c < B; ++c)
+        sum[0] += sum[c];
+      return sum[0];
+    }
   }
 
 private:
+  /// @brief Two numbers, which move like a double.
+  static Values pair(const float* x) noexcept
+  {
+    double both;
+    std::memcpy(&both, x, sizeof(both));
+    const double twice __attribute__((vector_size(16))) = {both, both};
+    Values result;
+    std::memcpy(&result, &twice, sizeof(result));
+    return result;
+  }
+
   /// Number of entries by which memory is asked for in advance. Processors by
   /// themselves look no farther than the end of a page.
   static constexpr std::size_t ahead = 64 * B * B;
@@ -333,13 +364,21 @@ inline double power_of_two(double size) noexcept
   return std::isnormal(size) ? std::exp2(-std::ilogb(size)) : 1;
 }
 
-/// @brief The value, or zero if it is so much less than 1 that its products
-/// come near to denormal numbers, which are slow. Where waves have not got yet,
+/// @brief What is less than this is so much less than 1 that its products come
+/// near to denormal numbers, which are slow. Where waves have not got yet,
 /// solutions decay without end.
+inline constexpr float dust = std::numeric_limits<float>::min()
+                              / (std::numeric_limits<float>::epsilon()
+                                 * std::numeric_limits<float>::epsilon());
+
+/// @brief The value, or zero if it is less than `dust`.
 inline float without_dust(float value) noexcept
 {
-  constexpr float eps = std::numeric_limits<float>::epsilon(),
-                  tiny = std::numeric_limits<float>::min() / (eps * eps);
-  return std::abs(value) < tiny ? 0 : value;
+  return std::abs(value) < dust ? 0 : value;
+}
+
+inline Values without_dust(const Values& values) noexcept
+{
+  return (values < dust) & (values > -dust) ? Values{} : values;
 }
 } // namespace nts

@@ -133,7 +133,7 @@ public:
     const auto subtract = [&](std::size_t p, const PackedRows<B>& rows,
                               std::size_t e, std::size_t end)
     {
-      const Column<B> product = rows.product(e, end, _z.data());
+      const Values product = rows.product(e, end, _z.data());
       for (std::size_t c = 0; c < B; ++c)
         _x[B * p + c] -= back * static_cast<double>(product[c]);
     };

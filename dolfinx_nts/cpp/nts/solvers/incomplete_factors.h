@@ -78,9 +78,10 @@ private:
 /// @brief Incomplete LU factors of a sparse matrix with B x B blocks in single
 /// precision, see `FactorPattern`.
 ///
-/// Memory has them in the order in which solving reads them: the rows of L
-/// forward, then the rows of U backward, each with the inverse of its diagonal
-/// block at the end.
+/// They are L D U with diagonal blocks of ones in L and U. Memory has them in
+/// the order in which solving reads them: the rows of L forward, then the rows
+/// of U backward, each with its block of D^-1 at the end. A row waits for the
+/// one before, so that every operation between them counts.
 template <std::size_t B>
 class IncompleteFactors
 {
@@ -119,23 +120,25 @@ public:
         return fail();
       for (std::size_t c = 0; c < diagonal; ++c)
       {
-        // L_ik = A_ik D_k^-1, then A_ij -= L_ik U_kj.
+        // L_ik = A_ik D_k^-1, then A_ij -= A_ik U_kj.
         const auto k = static_cast<std::size_t>(entries[c].first);
         const std::size_t end = _begin[2 * n - k] - 1;
-        const Columns<B> L = (row[c] * _factors[end]).without_dust();
-        _factors.put(_begin[i] + c, entries[c].first, L);
+        const Columns<B> A_ik = row[c].without_dust();
+        _factors.put(_begin[i] + c, entries[c].first,
+                     (A_ik * _factors[end]).without_dust());
         for (std::size_t u = _begin[2 * n - 1 - k]; u < end; ++u)
           if (const std::int32_t target = at[_factors.node(u)]; target >= 0)
-            row[target] -= L * _factors[u];
+            row[target] -= A_ik * _factors[u];
       }
       Block<B> pivot = row[diagonal].block(), inverse = identity<B>;
       if (!solve(pivot, inverse))
         return fail();
+      const auto D = Columns<B>::of(inverse).without_dust();
       std::size_t u = _begin[2 * n - 1 - i];
       for (std::size_t c = diagonal + 1; c < row.size(); ++c)
-        _factors.put(u++, entries[c].first, row[c].without_dust());
-      _factors.put(u, entries[diagonal].first,
-                   Columns<B>::of(inverse).without_dust());
+        _factors.put(u++, entries[c].first,
+                     (D * row[c].without_dust()).without_dust());
+      _factors.put(u, entries[diagonal].first, D);
       for (const auto& [column, e] : entries)
         at[column] = -1;
     }
@@ -158,7 +161,7 @@ public:
   /// @param[out] x Values of the first rows, all or fewer, of which others than
   /// these rows are left as they are.
   void apply_at(std::span<const std::int32_t> places, std::span<const double> b,
-                     std::span<double> x)
+                std::span<double> x)
   {
     _x.assign(B * size(), 0);
     substitute(places, b, x);
@@ -175,14 +178,14 @@ private:
   {
     const double scale = power_of_two(largest(b));
     const std::size_t n = size();
-    const auto set = [&](std::size_t i, const Column<B>& y)
+    const auto set = [&](std::size_t i, const Values& y)
     {
-      for (std::size_t c = 0; c < B; ++c)
-        _x[B * i + c] = without_dust(y[c]);
+      const Values values = without_dust(y);
+      std::memcpy(_x.data() + B * i, &values, B * sizeof(float));
     };
     for (const std::size_t i : places)
     {
-      Column<B> y = {};
+      Values y = {};
       for (std::size_t c = 0; c < B; ++c)
         y[c] = static_cast<float>(scale * b[B * _order[i] + c]);
       std::size_t e = _begin[i];
@@ -192,11 +195,8 @@ private:
     for (const std::size_t i : std::views::reverse(places))
     {
       std::size_t e = _begin[2 * n - 1 - i];
-      const Column<B> sum
-          = _factors.product(e, _begin[2 * n - i] - 1, _x.data());
-      for (std::size_t c = 0; c < B; ++c)
-        _x[B * i + c] -= sum[c];
-      set(i, _factors.product(e, _begin[2 * n - i], _x.data()));
+      const Values sum = _factors.product(e, _begin[2 * n - i] - 1, _x.data());
+      set(i, _factors.product(e, _begin[2 * n - i], _x.data()) - sum);
       if (const auto node = static_cast<std::size_t>(_order[i]);
           B * node < x.size())
         for (std::size_t c = 0; c < B; ++c)

@@ -35,7 +35,7 @@ public:
     std::size_t e = 0;
     for (std::size_t i = 0; i < size(); ++i)
     {
-      const Column<B> sum = _rows.product(
+      const Values sum = _rows.product(
           e, static_cast<std::size_t>(_start[i + 1]), _x.data());
       for (std::size_t c = 0; c < B; ++c)
         y[B * i + c] = back * static_cast<double>(sum[c]);
