@@ -20,7 +20,7 @@ from dolfinx_nts.solvers.rigid_motion import RigidMotion
 
 __all__ = ["Bulk"]
 
-_NONE: Ints = np.empty(0, dtype=np.int32)  # dofs that are given
+_NONE: Ints = np.empty(0, dtype=np.int32)
 
 
 class Bulk:
@@ -39,7 +39,7 @@ class Bulk:
         supports: The conditions.
         num_owned: Scalar dofs of this rank.
         num_all_cells: Owned cells.
-        given: Owned scalar dofs that residual and action take as given, sorted.
+        given: Which owned dofs residual and action take as given, shape ``(d n,)``.
         stabilisation: What the action of the tangent has beside that of the forms, a function
             of a nodal vector.
         rigid: Motion of the rigid bodies.
@@ -61,7 +61,6 @@ class Bulk:
         self.supports = Supports(V, bcs)
         self.supports.check()
         self.supports.warn_of_empty()
-        self.given: Ints = self.supports.fixed
         forms = [residual, *(-load for load in loads)]
         nodes = V.dofmap.index_map
         self._residual = NodalSum([expand_derivatives(form) for form in forms], V)
@@ -70,6 +69,7 @@ class Bulk:
         self.num_owned = self._dim * nodes.size_local
         self.num_all_cells = int(V.mesh.topology.index_map(V.mesh.topology.dim).size_local)
         self._left_out: tuple[Ints, Ints] = _NONE, _NONE
+        self.given: Flags = self._given(_NONE)
         self.stabilisation: Callable[[Floats], Floats] | None = None
         self.rigid = RigidMotion(V)
 
@@ -96,10 +96,7 @@ class Bulk:
         self._residual.leave_out(cells)
         self._derivative.leave_out(cells)
         self._left_out = cells, nodes
-        given = np.zeros((self.num_owned // self._dim, self._dim), dtype=bool)
-        given[nodes] = True
-        given.ravel()[self.supports.fixed] = True
-        self.given = given.ravel().nonzero()[0].astype(np.int32)
+        self.given = self._given(nodes)
 
     @contextmanager
     def only(self, nodes: Flags) -> Iterator[None]:
@@ -140,7 +137,7 @@ class Bulk:
             Values at the owned nodes, shape ``(n, d)`` [N].
         """
         if moves_given:
-            direction = self._derivative.turn(x, _NONE)
+            direction = self._derivative.turn(x)
             forces = self._forces_by(self._derivative.by("slow"), direction)
             forces[self.given] = 0
             return forces.reshape(-1, self._dim)
@@ -163,8 +160,16 @@ class Bulk:
         y = self._forces_by(self._derivative.by(kernels), direction)
         if self.stabilisation is not None:
             y += self.stabilisation(x).ravel()
-        y[self.given] = x.ravel()[self.given]
+        np.copyto(y, x.ravel(), where=self.given)
         return y.reshape(-1, self._dim)
+
+    def _given(self, nodes: Ints) -> Flags:
+        """Which owned dofs are of some nodes or of supports, shape ``(d n,)``. Local."""
+        given = np.zeros((self.num_owned // self._dim, self._dim), dtype=bool)
+        given[nodes] = True
+        flags: Flags = given.ravel()
+        flags[self.supports.fixed] = True
+        return flags
 
     def _forces_by(self, action: NodalSum, direction: Floats) -> Floats:
         """Derivative of the forces in the direction that is set, ``(d n,)`` [m]. Collective."""
