@@ -38,7 +38,6 @@ class Bulk:
         u: The unknown.
         supports: The conditions.
         num_owned: Scalar dofs of this rank.
-        num_all_cells: Owned cells.
         given: Which owned dofs residual and action take as given, shape ``(d n,)``.
         stabilisation: What the action of the tangent has beside that of the forms, a function
             of a nodal vector.
@@ -67,7 +66,7 @@ class Bulk:
         self._derivative = Derivative(forms, u, jumps=jumps)
         self._dim = dimension(V)
         self.num_owned = self._dim * nodes.size_local
-        self.num_all_cells = int(V.mesh.topology.index_map(V.mesh.topology.dim).size_local)
+        self._all_cells = int(V.mesh.topology.index_map(V.mesh.topology.dim).size_local)
         self._left_out: tuple[Ints, Ints] = _NONE, _NONE
         self.given: Flags = self._given(_NONE)
         self.stabilisation: Callable[[Floats], Floats] | None = None
@@ -76,7 +75,7 @@ class Bulk:
     @property
     def num_cells(self) -> int:
         """Owned cells that residual and action go over. Local."""
-        return self.num_all_cells - len(self._left_out[0])
+        return self._all_cells - len(self._left_out[0])
 
     @property
     def num_assembled(self) -> tuple[int, int]:
@@ -106,7 +105,7 @@ class Bulk:
             nodes: Which local nodes move, the same on all ranks, shape ``(l,)``.
         """
         before = cells, still = self._left_out
-        touched = nodes[self.u.function_space.dofmap.list[: self.num_all_cells]].any(axis=1)
+        touched = nodes[self.u.function_space.dofmap.list[: self._all_cells]].any(axis=1)
         touched[cells] = False
         moving = nodes[: self.num_owned // self._dim].copy()
         moving[still] = False

@@ -158,7 +158,7 @@ public:
   /// @param[out] x Values of the first rows, all or fewer, of which others than
   /// these rows are left as they are.
   void apply_at(std::span<const std::int32_t> places, std::span<const double> b,
-                     std::span<double> x)
+                std::span<double> x)
   {
     _x.assign(B * size(), 0);
     substitute(places, b, x);
