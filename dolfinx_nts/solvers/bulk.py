@@ -1,7 +1,6 @@
 """Residual of the bodies, without contact, and the action of its derivative."""
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 
 from mpi4py import MPI
 
@@ -38,6 +37,7 @@ class Bulk:
         u: The unknown.
         supports: The conditions.
         num_owned: Scalar dofs of this rank.
+        num_cells: Owned cells that residual and action go over.
         given: Which owned dofs residual and action take as given, shape ``(d n,)``.
         stabilisation: What the action of the tangent has beside that of the forms, a function
             of a nodal vector.
@@ -66,23 +66,18 @@ class Bulk:
         self._derivative = Derivative(forms, u, jumps=jumps)
         self._dim = dimension(V)
         self.num_owned = self._dim * nodes.size_local
-        self._all_cells = int(V.mesh.topology.index_map(V.mesh.topology.dim).size_local)
+        self.num_cells = int(V.mesh.topology.index_map(V.mesh.topology.dim).size_local)
         self._left_out: tuple[Ints, Ints] = _NONE, _NONE
         self.given: Flags = self._given(_NONE)
         self.stabilisation: Callable[[Floats], Floats] | None = None
         self.rigid = RigidMotion(V)
 
     @property
-    def num_cells(self) -> int:
-        """Owned cells that residual and action go over. Local."""
-        return self._all_cells - len(self._left_out[0])
-
-    @property
     def num_assembled(self) -> tuple[int, int]:
         """Residuals, and actions of the derivative, assembled so far. Local."""
         return self._residual.num_assembled, self._derivative.num_assembled
 
-    def leave_out(self, cells: Ints, nodes: Ints) -> None:
+    def leave_out(self, cells: Ints, nodes: Ints) -> tuple[Ints, Ints]:
         """Give nodes their present displacement until the next call.
 
         The residual and the action of the tangent are then assembled on
@@ -90,30 +85,17 @@ class Bulk:
 
         Args:
             cells: Owned cells left out.
-            nodes: Owned nodes that are only in cells left out.
+            nodes: Owned nodes that do not move: all that are only in cells left out, and others.
+
+        Returns:
+            What has been left out so far.
         """
         self._residual.leave_out(cells)
         self._derivative.leave_out(cells)
-        self._left_out = cells, nodes
+        before, self._left_out = self._left_out, (cells, nodes)
+        self.num_cells += len(before[0]) - len(cells)
         self.given = self._given(nodes)
-
-    @contextmanager
-    def only(self, nodes: Flags) -> Iterator[None]:
-        """Context in which all nodes but some are given their present displacement. Local.
-
-        Args:
-            nodes: Which local nodes move, the same on all ranks, shape ``(l,)``.
-        """
-        before = cells, still = self._left_out
-        touched = nodes[self.u.function_space.dofmap.list[: self._all_cells]].any(axis=1)
-        touched[cells] = False
-        moving = nodes[: self.num_owned // self._dim].copy()
-        moving[still] = False
-        self.leave_out(*(np.flatnonzero(~some).astype(np.int32) for some in (touched, moving)))
-        try:
-            yield
-        finally:
-            self.leave_out(*before)
+        return before
 
     def forces(self) -> Floats:
         """Residual at u on the owned dofs, given or not [N]. Collective."""

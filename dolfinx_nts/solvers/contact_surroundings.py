@@ -8,7 +8,8 @@ alone, with all others held: the nonlinear elimination of P. J. Lanzkron, D. J. 
 SIAM J. Sci. Comput. 17 (1996).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 import numpy as np
 from dolfinx import la
@@ -70,7 +71,7 @@ class ContactSurroundings:
         counts = reductions.total(bulk.comm, [np.count_nonzero(nodes[: len(X)]), len(X)])
         if counts[0] > _MOST_NODES * counts[1]:
             return 0
-        with bulk.only(nodes):
+        with _alone(bulk, nodes):
             return self._move(nodes, steps, start, X)
 
     def _are_far(self, step: ContactStep, state: ContactContribution) -> bool:
@@ -118,3 +119,16 @@ class ContactSurroundings:
             states = tuple(step.evaluate(x, forces, number) for step in steps)
             R += contact_residual(steps, states, u.shape)
         return _STEPS
+
+
+@contextmanager
+def _alone(bulk: Bulk, nodes: Flags) -> Iterator[None]:
+    """Context in which some local nodes move, ``(l,)`` flags, and all others are given. Local."""
+    dofmap, topology = bulk.u.function_space.dofmap, bulk.u.function_space.mesh.topology
+    num_cells = topology.index_map(topology.dim).size_local
+    moves = nodes[dofmap.list[:num_cells]].any(axis=1), nodes[: dofmap.index_map.size_local]
+    before = bulk.leave_out(*(np.flatnonzero(~some).astype(np.int32) for some in moves))
+    try:
+        yield
+    finally:
+        bulk.leave_out(*before)

@@ -1,10 +1,14 @@
 """Nodes around contacts move first: fewer iterations of Newton's method to the same solution."""
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
 
 import dolfinx_nts as nts
 from benchmarks.scenes import ball_on_plate
+from dolfinx_nts.solvers import contact_surroundings
+from helpers import scenes
 
 pytestmark = pytest.mark.at_most_two_ranks
 
@@ -62,3 +66,26 @@ def test_bodies_that_rest_on_each_other_do_not_move_first(comm):
     scene = ball_on_plate(comm, "EM elastic", 0.005, n=6, E=1e7, element="full")
     list(scene.stepper.run(0.1))
     assert scene.stepper.statistics.solver.num_local_iterations == 0
+
+
+def test_some_nodes_move_as_if_all_others_were_held(comm, rng, agree):
+    stepper = scenes.blocks(comm).stepper
+    bulk, V = stepper._bulk, stepper.u.function_space
+    x = V.tabulate_dof_coordinates()
+    stepper.u.x.array[:] = 0.01 * np.sin(7 * np.column_stack([x[:, 1], x[:, 2], x[:, 0]])).ravel()
+    nodes = x[:, 2] > comm.allreduce(x[:, 2].max(), op=MPI.MAX) - 1e-6  # those of a face
+    own = nodes[: bulk.num_owned // 3]
+    y = 1e-3 * rng.standard_normal((len(own), 3))
+    forces, of_all = bulk.forces().reshape(-1, 3), bulk.action(y)
+    expected, num_cells = bulk.action(np.where(own[:, None], y, 0.0)), bulk.num_cells
+    with contact_surroundings._alone(bulk, nodes):
+        assert comm.allreduce(bulk.num_cells) < comm.allreduce(num_cells)
+        same = bulk.forces().reshape(-1, 3)[own]
+        scale = comm.allreduce(np.abs(forces).max(initial=0.0), op=MPI.MAX)
+        assert agree(same == pytest.approx(forces[own], abs=1e-14 * scale))
+        moved, scale = bulk.action(y), np.abs(of_all).max(initial=0.0)
+        assert agree(moved[own] == pytest.approx(expected[own], abs=1e-13 * scale))
+        assert agree(np.array_equal(moved[~own], y[~own]))
+    assert bulk.num_cells == num_cells
+    assert agree(np.array_equal(bulk.action(y), of_all))
+    assert agree(np.array_equal(bulk.forces().reshape(-1, 3), forces))
