@@ -16,9 +16,9 @@ def add_surroundings(marker: la.Vector, V: fem.FunctionSpace, rings: int) -> Non
         rings: Number of cells.
     """
     _share(marker)
+    marks: Floats = marker.array
     for _ in range(rings):
-        marks: Floats = marker.array
-        marks[V.dofmap.list[(marks[V.dofmap.list] > 0).any(axis=1)]] = 1
+        marks[V.dofmap.list[marks.take(V.dofmap.list).any(axis=1)]] = 1
         _share(marker)
 
 

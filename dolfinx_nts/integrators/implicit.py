@@ -66,6 +66,7 @@ from dolfinx_nts.solvers.inertia_relief import InertiaRelief
 from dolfinx_nts.solvers.krylov import LinearSolver
 from dolfinx_nts.solvers.newton_report import ConvergenceError, NewtonReport
 from dolfinx_nts.solvers.statistics import SolverStatistics
+from dolfinx_nts.solvers.tangent import Tangent
 
 __all__ = ["ImplicitStepper"]
 
@@ -112,7 +113,7 @@ class ImplicitStepper(Stepper):
             self._inertia = ConsistentInertia(
                 bodies, self._rates, self.scheme, bcs, works, self.memory
             )
-        self._bulk, self._tangent = self._inertia.bulk, self._inertia.tangent
+        self._bulk = self._inertia.bulk
         self._bulk.rigid = rigid_motion(bodies, self._rates, self.scheme, self._bulk.supports)
         self._sizes = cell_sizes(self.u.function_space)
         self.supports = self._bulk.supports
@@ -149,6 +150,11 @@ class ImplicitStepper(Stepper):
             is_static=self._is_static,
         )
         self._forces = StepForces(self._bulk, self._lumped_mass)
+
+    @property
+    def _tangent(self) -> Tangent:
+        """Matrix of the derivative of the residual. Local."""
+        return self._inertia.tangent
 
     @property
     def _is_static(self) -> bool:

@@ -1,7 +1,6 @@
 """Residual of the bodies, without contact, and the action of its derivative."""
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 
 from mpi4py import MPI
 
@@ -20,7 +19,7 @@ from dolfinx_nts.solvers.rigid_motion import RigidMotion
 
 __all__ = ["Bulk"]
 
-_NONE: Ints = np.empty(0, dtype=np.int32)  # dofs that are given
+_NONE: Ints = np.empty(0, dtype=np.int32)
 
 
 class Bulk:
@@ -38,8 +37,8 @@ class Bulk:
         u: The unknown.
         supports: The conditions.
         num_owned: Scalar dofs of this rank.
-        num_all_cells: Owned cells.
-        given: Owned scalar dofs that residual and action take as given, sorted.
+        num_cells: Owned cells that residual and action go over.
+        given: Which owned dofs residual and action take as given, shape ``(d n,)``.
         stabilisation: What the action of the tangent has beside that of the forms, a function
             of a nodal vector.
         rigid: Motion of the rigid bodies.
@@ -61,29 +60,24 @@ class Bulk:
         self.supports = Supports(V, bcs)
         self.supports.check()
         self.supports.warn_of_empty()
-        self.given: Ints = self.supports.fixed
         forms = [residual, *(-load for load in loads)]
         nodes = V.dofmap.index_map
         self._residual = NodalSum([expand_derivatives(form) for form in forms], V)
         self._derivative = Derivative(forms, u, jumps=jumps)
         self._dim = dimension(V)
         self.num_owned = self._dim * nodes.size_local
-        self.num_all_cells = int(V.mesh.topology.index_map(V.mesh.topology.dim).size_local)
+        self.num_cells = int(V.mesh.topology.index_map(V.mesh.topology.dim).size_local)
         self._left_out: tuple[Ints, Ints] = _NONE, _NONE
+        self.given: Flags = self._given(_NONE)
         self.stabilisation: Callable[[Floats], Floats] | None = None
         self.rigid = RigidMotion(V)
-
-    @property
-    def num_cells(self) -> int:
-        """Owned cells that residual and action go over. Local."""
-        return self.num_all_cells - len(self._left_out[0])
 
     @property
     def num_assembled(self) -> tuple[int, int]:
         """Residuals, and actions of the derivative, assembled so far. Local."""
         return self._residual.num_assembled, self._derivative.num_assembled
 
-    def leave_out(self, cells: Ints, nodes: Ints) -> None:
+    def leave_out(self, cells: Ints, nodes: Ints) -> tuple[Ints, Ints]:
         """Give nodes their present displacement until the next call.
 
         The residual and the action of the tangent are then assembled on
@@ -91,33 +85,17 @@ class Bulk:
 
         Args:
             cells: Owned cells left out.
-            nodes: Owned nodes that are only in cells left out.
+            nodes: Owned nodes that do not move: all that are only in cells left out, and others.
+
+        Returns:
+            What has been left out so far.
         """
         self._residual.leave_out(cells)
         self._derivative.leave_out(cells)
-        self._left_out = cells, nodes
-        given = np.zeros((self.num_owned // self._dim, self._dim), dtype=bool)
-        given[nodes] = True
-        given.ravel()[self.supports.fixed] = True
-        self.given = given.ravel().nonzero()[0].astype(np.int32)
-
-    @contextmanager
-    def only(self, nodes: Flags) -> Iterator[None]:
-        """Context in which all nodes but some are given their present displacement. Local.
-
-        Args:
-            nodes: Which local nodes move, the same on all ranks, shape ``(l,)``.
-        """
-        before = cells, still = self._left_out
-        touched = nodes[self.u.function_space.dofmap.list[: self.num_all_cells]].any(axis=1)
-        touched[cells] = False
-        moving = nodes[: self.num_owned // self._dim].copy()
-        moving[still] = False
-        self.leave_out(*(np.flatnonzero(~some).astype(np.int32) for some in (touched, moving)))
-        try:
-            yield
-        finally:
-            self.leave_out(*before)
+        before, self._left_out = self._left_out, (cells, nodes)
+        self.num_cells += len(before[0]) - len(cells)
+        self.given = self._given(nodes)
+        return before
 
     def forces(self) -> Floats:
         """Residual at u on the owned dofs, given or not [N]. Collective."""
@@ -140,7 +118,7 @@ class Bulk:
             Values at the owned nodes, shape ``(n, d)`` [N].
         """
         if moves_given:
-            direction = self._derivative.turn(x, _NONE)
+            direction = self._derivative.turn(x)
             forces = self._forces_by(self._derivative.by("slow"), direction)
             forces[self.given] = 0
             return forces.reshape(-1, self._dim)
@@ -163,8 +141,16 @@ class Bulk:
         y = self._forces_by(self._derivative.by(kernels), direction)
         if self.stabilisation is not None:
             y += self.stabilisation(x).ravel()
-        y[self.given] = x.ravel()[self.given]
+        np.copyto(y, x.ravel(), where=self.given)
         return y.reshape(-1, self._dim)
+
+    def _given(self, nodes: Ints) -> Flags:
+        """Which owned dofs are of some nodes or of supports, shape ``(d n,)``. Local."""
+        given = np.zeros((self.num_owned // self._dim, self._dim), dtype=bool)
+        given[nodes] = True
+        flags: Flags = given.ravel()
+        flags[self.supports.fixed] = True
+        return flags
 
     def _forces_by(self, action: NodalSum, direction: Floats) -> Floats:
         """Derivative of the forces in the direction that is set, ``(d n,)`` [m]. Collective."""

@@ -8,7 +8,8 @@ alone, with all others held: the nonlinear elimination of P. J. Lanzkron, D. J. 
 SIAM J. Sci. Comput. 17 (1996).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 import numpy as np
 from dolfinx import la
@@ -32,8 +33,10 @@ _RINGS = 2
 # at the border of the nodes is not known before all others move.
 _STEPS, _REDUCTION = 2, 0.1
 # Way that contact wants of a node, relative to the largest of its cells [-], from which on strains
-# change so much that it pays, and the largest part of all cells that costs little to go over.
-_FAR, _MOST_CELLS = 0.015, 0.16
+# change so much that it pays, and the largest part of all nodes [-] that costs little to move.
+_FAR, _MOST_NODES = 0.015, 0.125
+# Longest increment that is trusted, relative to the smallest cell [-].
+_LONGEST = 0.5
 
 
 class ContactSurroundings:
@@ -65,9 +68,11 @@ class ContactSurroundings:
         if not reductions.anywhere(bulk.comm, any(map(self._are_far, steps, start.states))):
             return 0
         nodes = self._nodes(steps, start)
-        with bulk.only(nodes):
-            counts = reductions.total(bulk.comm, [bulk.num_cells, bulk.num_all_cells])
-            return self._move(nodes, steps, start, X) if counts[0] <= _MOST_CELLS * counts[1] else 0
+        counts = reductions.total(bulk.comm, [np.count_nonzero(nodes[: len(X)]), len(X)])
+        if counts[0] > _MOST_NODES * counts[1]:
+            return 0
+        with _alone(bulk, nodes):
+            return self._move(nodes, steps, start, X)
 
     def _are_far(self, step: ContactStep, state: ContactContribution) -> bool:
         """Whether contact wants nodes of this rank to go far. Local."""
@@ -87,15 +92,20 @@ class ContactSurroundings:
         flags: Flags = marks > 0
         return flags
 
+    def _are_long(self, du: Floats) -> bool:
+        """Whether increments are too long to be trusted, or there are none."""
+        longest = reductions.largest(self._bulk.comm, float(np.abs(du).max(initial=0.0)))
+        return not longest <= _LONGEST * self._sizes.smallest
+
     def _move(self, nodes: Flags, steps: Sequence[ContactStep], start: Iterate, X: Floats) -> int:
-        """Take the steps."""
+        """Take the steps, with all other nodes given; see `settle` for what is returned."""
         bulk, dim = self._bulk, self._bulk.rigid.dim
         u = bulk.u.x.array[: bulk.num_owned].reshape(-1, dim)
         R, states = start.R.copy(), start.states
         for number in range(1, _STEPS + 1):
             R[bulk.given] = 0
             du = self._solver.solve_for(nodes[: len(u)], R, steps, states, _REDUCTION)
-            if du is None:
+            if du is None or self._are_long(du):
                 return number - 1
             u += du.reshape(u.shape)
             for step, state in zip(steps, states, strict=True):
@@ -105,8 +115,20 @@ class ContactSurroundings:
                 break
             R = bulk.forces()
             R[bulk.given] = 0
-            states = tuple(
-                step.evaluate(X + in_space(u), R.reshape(-1, dim), number) for step in steps
-            )
+            x, forces = X + in_space(u), R.reshape(-1, dim)
+            states = tuple(step.evaluate(x, forces, number) for step in steps)
             R += contact_residual(steps, states, u.shape)
         return _STEPS
+
+
+@contextmanager
+def _alone(bulk: Bulk, nodes: Flags) -> Iterator[None]:
+    """Context in which some local nodes move, ``(l,)`` flags, and all others are given. Local."""
+    dofmap, topology = bulk.u.function_space.dofmap, bulk.u.function_space.mesh.topology
+    num_cells = topology.index_map(topology.dim).size_local
+    moves = nodes[dofmap.list[:num_cells]].any(axis=1), nodes[: dofmap.index_map.size_local]
+    before = bulk.leave_out(*(np.flatnonzero(~some).astype(np.int32) for some in moves))
+    try:
+        yield
+    finally:
+        bulk.leave_out(*before)

@@ -9,7 +9,7 @@ import ufl
 from dolfinx import fem
 from ufl.algorithms import expand_derivatives
 
-from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.linear_forms import Kernels
 from dolfinx_nts.parallel import reductions
@@ -63,19 +63,20 @@ class Derivative:
         for form in self._sums.values():
             form.leave_out(cells)
 
-    def turn(self, x: Floats, given: Ints) -> Floats:
+    def turn(self, x: Floats, given: Flags | None = None) -> Floats:
         """Set the direction. Collective.
 
         Args:
             x: Direction at the owned nodes, shape ``(n, d)`` [m].
-            given: Owned scalar dofs where it is 0 instead.
+            given: Owned dofs where it is 0 instead, shape ``(d n,)``; None: nowhere.
 
         Returns:
             The direction at the owned dofs, shape ``(d n,)`` [m], a view.
         """
         owned = self._values[: self._num_owned]
         owned[:] = x.ravel()
-        owned[given] = 0
+        if given is not None:
+            np.copyto(owned, 0, where=given)
         self._direction.x.scatter_forward()
         return owned
 

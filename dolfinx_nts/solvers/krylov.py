@@ -241,16 +241,15 @@ class LinearSolver:
             rtol: Reduction of the projected residual.
 
         Returns:
-            du on the owned dofs [m]. None where factors are others, or have to be, and where
-            multipliers cannot be eliminated.
+            du on the owned dofs [m]. None where there are none, or others, and where multipliers
+            cannot be eliminated.
         """
-        pairs = active_pairs(steps, states, self._operator.bulk.rigid.dim)
-        elimination = Elimination(pairs, self._active_sets.number(pairs))
-        if self._hopeless.left or (pairs and self._active_sets.are_coupled(pairs)):
-            return None
-        self._renew()
         self._contacts.choose(sum(step.num_active for step in steps))
         if self._contacts.reach_far or not self._preconditioner.is_incomplete:
+            return None
+        pairs = active_pairs(steps, states, self._operator.bulk.rigid.dim)
+        elimination = Elimination(pairs, self._active_sets.number(pairs))
+        if pairs and self._active_sets.are_coupled(pairs):
             return None
         before = self._krylov.num_iterations
         with self._preconditioner.restricted(nodes):

@@ -110,7 +110,8 @@ void with_factors(Factors& factors, const Doubles& b, const Out<double>& x,
 
 void apply(Factors& factors, const Doubles& b, Out<double> x)
 {
-  with_factors(factors, b, x, [&](auto& some) { some.apply(view(b), view(x)); });
+  with_factors(factors, b, x,
+               [&](auto& some) { some.apply(view(b), view(x)); });
 }
 
 void apply_at(Factors& factors, const In<std::int32_t>& places,

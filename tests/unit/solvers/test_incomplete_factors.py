@@ -153,3 +153,35 @@ def test_wrong_arguments_are_refused(rng):
         factors.apply(b, np.zeros((NODES + 1, 3)))
     with pytest.raises(ValueError, match="x: expected shape"):
         factors.apply(b, np.zeros(3 * NODES))
+
+
+def test_some_rows_alone_are_those_of_the_factors(rng):
+    rows, A, pattern = matrix(rng, 0.5)
+    order, b = rng.permutation(NODES), rng.normal(size=(NODES, 3))
+    factors = _kernels.IncompleteFactors()
+    assert factors.factorise(*rows, order.astype(np.int32))
+    places = np.sort(rng.choice(NODES, NODES // 2, replace=False)).astype(np.int32)
+    x = np.full_like(b, np.nan)
+    factors.apply_at(places, b, x)
+    L, U = (
+        part[np.ix_(places, places)]
+        for part in definition(A[order][:, order], pattern[order][:, order])
+    )
+    own = order[places]
+    expected = np.linalg.solve(dense(L) @ dense(U), b[own].ravel())
+    assert np.all(np.abs(x[own].ravel() - expected) < rounding(L, U, expected))
+    assert np.isnan(np.delete(x, own, axis=0)).all()
+    everywhere, same = np.empty((2, *b.shape))
+    factors.apply(b, everywhere)
+    factors.apply_at(np.arange(NODES, dtype=np.int32), b, same)
+    np.testing.assert_array_equal(same, everywhere)
+
+
+@pytest.mark.parametrize("places", [[1, 0], [2, 2], [-1], [NODES]])
+def test_places_that_are_no_rows_are_refused(rng, places):
+    rows, _, _ = matrix(rng, 0.5)
+    factors = _kernels.IncompleteFactors()
+    assert factors.factorise(*rows, np.arange(NODES, dtype=np.int32))
+    b = np.ones((NODES, 3))
+    with pytest.raises(ValueError, match="places: expected ascending places of rows"):
+        factors.apply_at(np.array(places, dtype=np.int32), b, b.copy())
