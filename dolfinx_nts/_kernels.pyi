@@ -352,6 +352,8 @@ class ContactSchwarz:
     @property
     def size(self) -> int: ...
 
+def counts_of_parts(flags: _Flags, number: _Ints, ends: _Keys) -> _Keys: ...
+
 class Tractions:
     def __init__(
         self,

@@ -142,7 +142,19 @@ class RigidPlane(_Exact):
 
     def distance(self, x: Floats) -> tuple[Floats, Floats]:
         """Signed distance of points and normal, positive on the free side."""
-        return (x - self._point) @ self._normal, np.full((len(x), 3), self._normal)
+        return self._height(x), np.full((len(x), 3), self._normal)
+
+    def _height(self, x: Floats) -> Floats:
+        """Signed distance of points, shape ``(m,)`` [m]."""
+        height: Floats = (x - self._point) @ self._normal
+        return height
+
+    def contact(self, scheme: str, x_n: Floats, x: Floats, segment: Ints) -> ContactKinematics:
+        """Evaluate gap and contact force of nodes, see `Obstacle.contact`."""
+        gap_n, gap = self._height(x_n), self._height(x)
+        force, tangent = self._force(scheme, x_n, x)
+        turn = np.where(np.isfinite(gap_n + gap), 1.0, np.nan)
+        return ContactKinematics(gap_n, gap, force, force, tangent, turn)
 
     def _part_inside(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
         gap_n, gap = (self.distance(y)[0] for y in (x_n, x))

@@ -8,8 +8,8 @@ from mpi4py import MPI
 
 import numpy as np
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Array, Flags, Floats, GlobalInts, Ints
-from dolfinx_nts.common.parts import counts_of_parts
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.joint_state import JointState, bounds, segment_sizes
 from dolfinx_nts.contact.pair_state import PairState
@@ -80,8 +80,7 @@ class BlockPivoting:
         """
         if self._is_patient and iteration % _PERIOD:
             return np.zeros(len(node), dtype=bool), int(np.count_nonzero(violates))
-        ends = np.searchsorted(node, self._ends)
-        own = counts_of_parts(violates, ends)
+        own = _kernels.counts_of_parts(violates, node, self._ends)
         count = reductions.total(self._comm, own)
         fewer = count < self._fewest
         self._patience[fewer] = _PATIENCE
@@ -97,13 +96,14 @@ class BlockPivoting:
             single = (count > 0) & (self._patience < 0)
             waiting = stays & ~single & self._waits
             if (single | waiting).any():
-                pair = np.repeat(np.arange(len(count)), np.diff(ends))
+                pair = np.searchsorted(self._ends, node, side="right") - 1
                 changes = violates & ~(waiting[pair] & self._changed[node])
                 is_next = self._lowest(violates, node, pair) & (iteration % _PERIOD == 0)
                 changes &= is_next | ~single[pair]
+        if count.any() or self._last.any():
+            self._changed[:] = False
+            self._changed[node[changes]] = True
         self._last = count
-        self._changed[:] = False
-        self._changed[node[changes]] = True
         return changes, int(own.sum())
 
     def changes_singly(self, node: Ints) -> Flags | None:

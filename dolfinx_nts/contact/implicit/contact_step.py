@@ -12,8 +12,8 @@ from mpi4py import MPI
 
 import numpy as np
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
-from dolfinx_nts.common.parts import counts_of_parts
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Tied
 from dolfinx_nts.contact.history import ContactHistory, ContactWork
 from dolfinx_nts.contact.implicit.contributions import ContactContribution, PairKinematics
@@ -180,8 +180,8 @@ class ContactStep:
 
     def _count(self, node: Ints) -> None:
         """Count the active pairs of all ranks, of which ``node`` are these. Collective."""
-        ends = np.searchsorted(node, bounds(self.state))
-        counts = reductions.total(self._comm, counts_of_parts(self.normal.active[node], ends))
+        own = _kernels.counts_of_parts(self.normal.active[node], node, bounds(self.state))
+        counts = reductions.total(self._comm, own)
         self.num_active = int(counts.sum())
         self.touched |= counts > 0
 
