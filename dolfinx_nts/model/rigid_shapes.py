@@ -40,6 +40,10 @@ class _Exact(Obstacle):
             obstacle, shape ``(m, 3)``.
         """
 
+    def _height(self, x: Floats) -> Floats:
+        """Signed distance alone, shape ``(m,)`` [m]."""
+        return self.distance(x)[0]
+
     @abstractmethod
     def _force(self, scheme: str, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
         """Force per multiplier, (m, 3) [-], and its derivative by x, (m, 3, 3) [1/m]."""
@@ -73,12 +77,12 @@ class _Exact(Obstacle):
         self, x: Floats, current: Ints, slack: float, reach: float, facing: Facing
     ) -> tuple[Ints, Floats]:
         """Give facet 0 to all nodes within reach, see `Obstacle.find`."""
-        gap, _ = self.distance(x)
+        gap = self._height(x)
         return np.where(gap <= reach, 0, -1).astype(np.int32), gap
 
     def depth(self, x: Floats) -> Floats:
         """Tell how deep points are inside, see `Obstacle.depth`."""
-        return -self.distance(x)[0]
+        return -self._height(x)
 
     def follow(self, x_n: Floats, x: Floats, inside: Ints, facing: Facing) -> Trajectories:
         """Cut straight ways with the surface, see `Obstacle.follow`."""
@@ -103,7 +107,7 @@ class _Exact(Obstacle):
 
     def near(self, x: Floats, reach: float) -> Ints:
         """Find the nodes within reach or inside, see `Obstacle.near`."""
-        return np.flatnonzero(self.distance(x)[0] <= reach).astype(np.int32)
+        return np.flatnonzero(self._height(x) <= reach).astype(np.int32)
 
 
 class RigidPlane(_Exact):
@@ -145,7 +149,7 @@ class RigidPlane(_Exact):
         return self._height(x), np.full((len(x), 3), self._normal)
 
     def _height(self, x: Floats) -> Floats:
-        """Signed distance of points, shape ``(m,)`` [m]."""
+        """Signed distance alone, shape ``(m,)`` [m]."""
         height: Floats = (x - self._point) @ self._normal
         return height
 
@@ -157,7 +161,7 @@ class RigidPlane(_Exact):
         return ContactKinematics(gap_n, gap, force, force, tangent, turn)
 
     def _part_inside(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
-        gap_n, gap = (self.distance(y)[0] for y in (x_n, x))
+        gap_n, gap = self._height(x_n), self._height(x)
         change = np.where(gap_n == gap, 1.0, gap_n - gap)
         crossing = np.clip(gap_n / change, 0.0, 1.0)
         return np.where(gap_n < 0, 0.0, crossing), np.where(gap < 0, 1.0, crossing)

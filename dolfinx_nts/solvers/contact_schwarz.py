@@ -6,7 +6,7 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.common.arrays import Floats, same_numbers
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.block_csr import BlockCSR, starts
 from dolfinx_nts.solvers.contact_blocks import ContactBlocks, slopes_at_nodes
@@ -176,7 +176,7 @@ def _essential(contacts: ContactBlocks, least: float) -> ContactBlocks:
 def _same_nodes(now: ContactBlocks, then: ContactBlocks) -> bool:
     """Whether the same nodes are constrained, in the same way. Local."""
     own, before = (blocks.nodes[blocks.start[:-1]] for blocks in (now, then))
-    return np.array_equal(own, before) and np.array_equal(now.rank, then.rank)
+    return same_numbers(own, before) and same_numbers(now.rank, then.rank)
 
 
 def _moved(now: ContactBlocks, then: ContactBlocks) -> float:
@@ -196,7 +196,7 @@ def _change(now: ContactBlocks, then: ContactBlocks, slopes_then: Floats) -> flo
     ``slopes_then`` is `slopes_at_nodes` of ``then``.
     """
     slopes = _kernels.largest_difference(slopes_at_nodes(now), slopes_then)
-    if np.array_equal(now.tangent_nodes, then.tangent_nodes):
+    if same_numbers(now.tangent_nodes, then.tangent_nodes):
         return max(slopes, _kernels.largest_difference(now.tangent, then.tangent))
     ends = (f(initial=0.0) for part in (now, then) for f in (part.tangent.max, part.tangent.min))
     return max(slopes, *(abs(float(end)) for end in ends))
