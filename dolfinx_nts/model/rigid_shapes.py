@@ -61,8 +61,11 @@ class _Exact(Obstacle):
         """Take the displacement in the tangent plane of t_n, see `Obstacle.slip`."""
         frame_n, frame = self.frames(x_n, x)
         value = np.einsum("mij,mj->mi", frame_n, x - x_n)
-        _, curvature = self._force("static", x_n, x)
-        return SurfaceSlip(value, frame_n, frame, curvature)
+        return SurfaceSlip(value, frame_n, frame, self._curvature(x))
+
+    def _curvature(self, x: Floats) -> Floats:
+        """Derivative of the normal by the position, shape ``(m, 3, 3)`` [1/m]."""
+        return self._force("static", x, x)[1]
 
     def frames(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
         """Orthonormal tangents at both ends of a step, each ``(m, 2, 3)``. Local.
@@ -167,7 +170,10 @@ class RigidPlane(_Exact):
         return np.where(gap_n < 0, 0.0, crossing), np.where(gap < 0, 1.0, crossing)
 
     def _force(self, scheme: str, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
-        return np.full((len(x), 3), self._normal), np.zeros((len(x), 3, 3))
+        return np.full((len(x), 3), self._normal), self._curvature(x)
+
+    def _curvature(self, x: Floats) -> Floats:
+        return np.zeros((len(x), 3, 3))
 
     def frames(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
         """Tangents, which are those of the plane."""

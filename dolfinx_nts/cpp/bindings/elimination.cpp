@@ -144,8 +144,7 @@ auto at_nodes_batch(const In<std::int64_t>& start, const In<bool>& keeps,
           std::copy_n(columns.data() + e, B, parts[1].data() + place);
           place += B;
         }
-    first.data()[i + 1]
-        = first.data()[i] + std::ranges::count(list, true);
+    first.data()[i + 1] = first.data()[i] + std::ranges::count(list, true);
   }
   return std::tuple(first, parts[0], parts[1]);
 }
