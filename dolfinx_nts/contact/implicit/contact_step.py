@@ -124,7 +124,6 @@ class ContactStep:
         """Find the candidates in reach and the nodes that may touch."""
         self.state, self._scheme = state, scheme
         self._comm: MPI.Comm = state.nodes.V.mesh.comm
-        self._ends = bounds(state)  # of the nodes of each pair
         self.search = search = _search(state, x_n, x_trial, is_static)
         self.x = search.x_n
         self._unknown = _Unknown(
@@ -177,7 +176,7 @@ class ContactStep:
 
     def _count(self, node: Ints) -> None:
         """Count the active pairs of all ranks, of which ``node`` are these. Collective."""
-        own = _kernels.counts_of_parts(self.normal.active[node], node, self._ends)
+        own = _kernels.counts_of_parts(self.normal.active[node], node, bounds(self.state))
         counts = reductions.total(self._comm, own)
         self.num_active = int(counts.sum())
         self.touched |= counts > 0

@@ -1,5 +1,7 @@
 """Flags that are set in parts of a list, counted by a kernel."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -15,7 +17,7 @@ def test_flags_are_counted_part_by_part(rng):
     flags = rng.random(len(number)) < 0.5
     expected = [
         np.count_nonzero(flags & (number >= begin) & (number < end))
-        for begin, end in zip(ENDS, ENDS[1:], strict=False)
+        for begin, end in pairwise(ENDS)
     ]
     assert _kernels.counts_of_parts(flags, number, ENDS).tolist() == expected
     none = np.empty(0, dtype=np.int32)
