@@ -40,6 +40,10 @@ class _Exact(Obstacle):
             obstacle, shape ``(m, 3)``.
         """
 
+    def _height(self, x: Floats) -> Floats:
+        """Signed distance alone, shape ``(m,)`` [m]."""
+        return self.distance(x)[0]
+
     @abstractmethod
     def _force(self, scheme: str, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
         """Force per multiplier, (m, 3) [-], and its derivative by x, (m, 3, 3) [1/m]."""
@@ -57,8 +61,11 @@ class _Exact(Obstacle):
         """Take the displacement in the tangent plane of t_n, see `Obstacle.slip`."""
         frame_n, frame = self.frames(x_n, x)
         value = np.einsum("mij,mj->mi", frame_n, x - x_n)
-        _, curvature = self._force("static", x_n, x)
-        return SurfaceSlip(value, frame_n, frame, curvature)
+        return SurfaceSlip(value, frame_n, frame, self._curvature(x))
+
+    def _curvature(self, x: Floats) -> Floats:
+        """Derivative of the normal by the position, shape ``(m, 3, 3)`` [1/m]."""
+        return self._force("static", x, x)[1]
 
     def frames(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
         """Orthonormal tangents at both ends of a step, each ``(m, 2, 3)``. Local.
@@ -73,12 +80,12 @@ class _Exact(Obstacle):
         self, x: Floats, current: Ints, slack: float, reach: float, facing: Facing
     ) -> tuple[Ints, Floats]:
         """Give facet 0 to all nodes within reach, see `Obstacle.find`."""
-        gap, _ = self.distance(x)
+        gap = self._height(x)
         return np.where(gap <= reach, 0, -1).astype(np.int32), gap
 
     def depth(self, x: Floats) -> Floats:
         """Tell how deep points are inside, see `Obstacle.depth`."""
-        return -self.distance(x)[0]
+        return -self._height(x)
 
     def follow(self, x_n: Floats, x: Floats, inside: Ints, facing: Facing) -> Trajectories:
         """Cut straight ways with the surface, see `Obstacle.follow`."""
@@ -103,7 +110,7 @@ class _Exact(Obstacle):
 
     def near(self, x: Floats, reach: float) -> Ints:
         """Find the nodes within reach or inside, see `Obstacle.near`."""
-        return np.flatnonzero(self.distance(x)[0] <= reach).astype(np.int32)
+        return np.flatnonzero(self._height(x) <= reach).astype(np.int32)
 
 
 class RigidPlane(_Exact):
@@ -142,16 +149,31 @@ class RigidPlane(_Exact):
 
     def distance(self, x: Floats) -> tuple[Floats, Floats]:
         """Signed distance of points and normal, positive on the free side."""
-        return (x - self._point) @ self._normal, np.full((len(x), 3), self._normal)
+        return self._height(x), np.full((len(x), 3), self._normal)
+
+    def _height(self, x: Floats) -> Floats:
+        """Signed distance alone, shape ``(m,)`` [m]."""
+        height: Floats = (x - self._point) @ self._normal
+        return height
+
+    def contact(self, scheme: str, x_n: Floats, x: Floats, segment: Ints) -> ContactKinematics:
+        """Evaluate gap and contact force of nodes, see `Obstacle.contact`."""
+        gap_n, gap = self._height(x_n), self._height(x)
+        force, tangent = self._force(scheme, x_n, x)
+        turn = np.where(np.isfinite(gap_n + gap), 1.0, np.nan)
+        return ContactKinematics(gap_n, gap, force, force, tangent, turn)
 
     def _part_inside(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
-        gap_n, gap = (self.distance(y)[0] for y in (x_n, x))
+        gap_n, gap = self._height(x_n), self._height(x)
         change = np.where(gap_n == gap, 1.0, gap_n - gap)
         crossing = np.clip(gap_n / change, 0.0, 1.0)
         return np.where(gap_n < 0, 0.0, crossing), np.where(gap < 0, 1.0, crossing)
 
     def _force(self, scheme: str, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
-        return np.full((len(x), 3), self._normal), np.zeros((len(x), 3, 3))
+        return np.full((len(x), 3), self._normal), self._curvature(x)
+
+    def _curvature(self, x: Floats) -> Floats:
+        return np.zeros((len(x), 3, 3))
 
     def frames(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
         """Tangents, which are those of the plane."""

@@ -52,6 +52,8 @@ class NodalPoints:
         """Take the nodes as points."""
         self.nodes: Ints = nodes
         self.facing: Facing = Facing.everywhere(len(nodes)) if facing is None else facing
+        # The last selection: an iterate asks for the same nodes again and again.
+        self._taken: tuple[Ints, NodalPoints] | None = None
 
     def of(self, values: Floats) -> Floats:
         """Take the values at the nodes, see `ContactPoints.of`."""
@@ -59,7 +61,9 @@ class NodalPoints:
 
     def take(self, nodes: Ints) -> "NodalPoints":
         """Select some of the nodes, see `ContactPoints.take`."""
-        return NodalPoints(self.nodes[nodes], self.facing.take(nodes))
+        if self._taken is None or self._taken[0] is not nodes:
+            self._taken = nodes, NodalPoints(self.nodes[nodes], self.facing.take(nodes))
+        return self._taken[1]
 
     def dofs(self, vertices: Ints) -> Ints:
         """Each node and the vertices of its segment, ``(n, k)``, as nodes of pairs ``(n, 1+k)``."""

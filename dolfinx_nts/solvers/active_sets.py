@@ -8,7 +8,7 @@ from mpi4py import MPI
 import numpy as np
 
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arrays import Array, Floats
+from dolfinx_nts.common.arrays import Array, Floats, same_numbers
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.elimination import ActivePairs
 
@@ -45,7 +45,7 @@ class ActiveSets:
             blocks = p.global_blocks()
             arrays += blocks.start, blocks.nodes, blocks.rank, blocks.tangent_nodes, p.fixed
         last = self._last or []
-        is_same = len(last) == len(arrays) and all(map(np.array_equal, last, arrays))
+        is_same = len(last) == len(arrays) and all(map(same_numbers, last, arrays))
         if not reductions.everywhere(self._comm, is_same):
             self._last, self._is_coupled = arrays, None
             self.version += 1

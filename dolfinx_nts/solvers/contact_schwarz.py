@@ -6,9 +6,9 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.common.arrays import Floats, same_numbers
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.block_csr import BlockCSR, starts
+from dolfinx_nts.solvers.block_csr import BlockCSR
 from dolfinx_nts.solvers.contact_blocks import ContactBlocks, slopes_at_nodes
 from dolfinx_nts.solvers.elimination import Elimination
 from dolfinx_nts.solvers.overlapping_subdomain import OverlappingSubdomain
@@ -155,17 +155,15 @@ def _essential(contacts: ContactBlocks, least: float) -> ContactBlocks:
 
     ``least`` is the size of an entry of the tangent from which on it counts [N/m].
     """
-    is_large = np.abs(contacts.tangent).max(axis=(1, 2), initial=0.0) > least
-    m, d = contacts.normal.shape
-    k = len(contacts.nodes) // max(m, 1)  # pairs have lists of one length
-    constraints = contacts.start, contacts.rank, contacts.gradients, contacts.columns
-    keeps = _kernels.essential_nodes(*constraints, contacts.slopes, _NEGLIGIBLE).reshape(m, k)
-    everywhere = np.broadcast_to(keeps[:, None], (m, d, k))
-    rows = (part.reshape(m, d, k, d) for part in (contacts.gradients, contacts.columns))
-    gradients, columns = (part[everywhere] for part in rows)
+    is_large = _kernels.large_blocks(contacts.tangent, least)
+    rows = contacts.gradients, contacts.columns
+    lists = contacts.start, contacts.rank, *rows, contacts.slopes
+    keeps = _kernels.essential_nodes(*lists, _NEGLIGIBLE)
+    components = contacts.normal.shape[1]
+    start, gradients, columns = _kernels.at_nodes(contacts.start, keeps, *rows, components)
     return contacts._replace(
-        start=starts(np.count_nonzero(keeps, axis=1)),
-        nodes=contacts.nodes.reshape(m, k)[keeps],
+        start=start,
+        nodes=contacts.nodes[keeps],
         gradients=gradients,
         columns=columns,
         tangent_nodes=contacts.tangent_nodes[is_large],
@@ -176,7 +174,7 @@ def _essential(contacts: ContactBlocks, least: float) -> ContactBlocks:
 def _same_nodes(now: ContactBlocks, then: ContactBlocks) -> bool:
     """Whether the same nodes are constrained, in the same way. Local."""
     own, before = (blocks.nodes[blocks.start[:-1]] for blocks in (now, then))
-    return np.array_equal(own, before) and np.array_equal(now.rank, then.rank)
+    return same_numbers(own, before) and same_numbers(now.rank, then.rank)
 
 
 def _moved(now: ContactBlocks, then: ContactBlocks) -> float:
@@ -196,7 +194,7 @@ def _change(now: ContactBlocks, then: ContactBlocks, slopes_then: Floats) -> flo
     ``slopes_then`` is `slopes_at_nodes` of ``then``.
     """
     slopes = _kernels.largest_difference(slopes_at_nodes(now), slopes_then)
-    if np.array_equal(now.tangent_nodes, then.tangent_nodes):
+    if same_numbers(now.tangent_nodes, then.tangent_nodes):
         return max(slopes, _kernels.largest_difference(now.tangent, then.tangent))
     ends = (f(initial=0.0) for part in (now, then) for f in (part.tangent.max, part.tangent.min))
     return max(slopes, *(abs(float(end)) for end in ends))

@@ -178,7 +178,7 @@ class Convergence:
         squares = [R @ R, contact @ contact, reactions @ reactions]
         squares.append(_round_off_of_contact(states, iterate.x) ** 2)
         sums = reductions.total(self._bulk.comm, np.array([*squares, *counts]))
-        norm, contact_norm, reaction, steep = (float(value) for value in np.sqrt(sums[:4]))
+        norm, contact_norm, reaction, steep = np.sqrt(sums[:4]).tolist()
         changed, failed, num_open, num_given = (int(value) for value in sums[4:])
         self.norms.append(norm)
         self._given = self._given + 1 if num_given else 0

@@ -8,8 +8,8 @@ from mpi4py import MPI
 
 import numpy as np
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Array, Flags, Floats, GlobalInts, Ints
-from dolfinx_nts.common.parts import counts_of_parts
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.joint_state import JointState, bounds, segment_sizes
 from dolfinx_nts.contact.pair_state import PairState
@@ -70,6 +70,7 @@ class BlockPivoting:
         self._fewest, self._last = np.full((2, num_pairs), np.inf)
         self._patience = np.full(num_pairs, _PATIENCE)
         self._changed: Flags = np.zeros(len(ids), dtype=bool)
+        self._is_quiet = False  # none violated at last, fewer cannot be
 
     def select(self, violates: Flags, node: Ints, iteration: int) -> tuple[Flags, int]:
         """Choose the nodes that change their state, shape ``(m,)``. Collective.
@@ -80,9 +81,10 @@ class BlockPivoting:
         """
         if self._is_patient and iteration % _PERIOD:
             return np.zeros(len(node), dtype=bool), int(np.count_nonzero(violates))
-        ends = np.searchsorted(node, self._ends)
-        own = counts_of_parts(violates, ends)
+        own = _kernels.counts_of_parts(violates, node, self._ends)
         count = reductions.total(self._comm, own)
+        if self._is_quiet and not np.count_nonzero(count):
+            return violates, 0
         fewer = count < self._fewest
         self._patience[fewer] = _PATIENCE
         if iteration:
@@ -97,13 +99,14 @@ class BlockPivoting:
             single = (count > 0) & (self._patience < 0)
             waiting = stays & ~single & self._waits
             if (single | waiting).any():
-                pair = np.repeat(np.arange(len(count)), np.diff(ends))
+                pair = np.searchsorted(self._ends, node, side="right") - 1
                 changes = violates & ~(waiting[pair] & self._changed[node])
                 is_next = self._lowest(violates, node, pair) & (iteration % _PERIOD == 0)
                 changes &= is_next | ~single[pair]
-        self._last = count
         self._changed[:] = False
         self._changed[node[changes]] = True
+        self._last = count
+        self._is_quiet = not (count.any() or self._fewest.any())
         return changes, int(own.sum())
 
     def changes_singly(self, node: Ints) -> Flags | None:
@@ -111,6 +114,8 @@ class BlockPivoting:
 
         As the last call of `select` left it, with violators. None if there is no such pair.
         """
+        if self._is_quiet:
+            return None
         single = (self._patience < 0) & (self._last > 0)
         if not single.any():
             return None

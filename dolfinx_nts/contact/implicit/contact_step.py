@@ -12,8 +12,8 @@ from mpi4py import MPI
 
 import numpy as np
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
-from dolfinx_nts.common.parts import counts_of_parts
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Tied
 from dolfinx_nts.contact.history import ContactHistory, ContactWork
 from dolfinx_nts.contact.implicit.contributions import ContactContribution, PairKinematics
@@ -123,6 +123,7 @@ class ContactStep:
     ) -> None:
         """Find the candidates in reach and the nodes that may touch."""
         self.state, self._scheme = state, scheme
+        self._comm: MPI.Comm = state.nodes.V.mesh.comm
         self.search = search = _search(state, x_n, x_trial, is_static)
         self.x = search.x_n
         self._unknown = _Unknown(
@@ -141,11 +142,6 @@ class ContactStep:
         # What the first evaluation gave, where later ones cannot give anything else.
         self._idle: ContactContribution | None = None
         self.num_active, self.touched = 0, np.zeros(len(members(state)), dtype=bool)
-
-    @property
-    def _comm(self) -> MPI.Comm:
-        comm: MPI.Comm = self.state.nodes.V.mesh.comm
-        return comm
 
     @property
     def candidates(self) -> Candidates:
@@ -180,8 +176,8 @@ class ContactStep:
 
     def _count(self, node: Ints) -> None:
         """Count the active pairs of all ranks, of which ``node`` are these. Collective."""
-        ends = np.searchsorted(node, bounds(self.state))
-        counts = reductions.total(self._comm, counts_of_parts(self.normal.active[node], ends))
+        own = _kernels.counts_of_parts(self.normal.active[node], node, bounds(self.state))
+        counts = reductions.total(self._comm, own)
         self.num_active = int(counts.sum())
         self.touched |= counts > 0
 
@@ -287,7 +283,9 @@ class ContactStep:
         """Kinematics of nodes that may transmit force; how many changed or left their segment."""
         search, node, released = self.search, self.normal.nodes, 0
         segment, moved = search.find(x, node, iteration)
-        near = (segment >= 0) & self.normal.needs(x, node)
+        near = segment >= 0
+        if (needed := self.normal.needs(x, node)) is not None:
+            near &= needed
         if not near.all():
             far = node[~near]
             released = int(np.count_nonzero(self.normal.active[far]))

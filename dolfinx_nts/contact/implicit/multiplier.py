@@ -96,7 +96,7 @@ class MultiplierContact(NormalContact):
         search, approach = self._search, self._search.approach
         barred = self._barred.nonzero()[0].astype(np.int32)
         node, segment, gap = sunk(search, x, barred, _SUNK)
-        if not reductions.anywhere(self._state.nodes.V.mesh.comm, len(node) > 0):
+        if not reductions.anywhere(self._comm, len(node) > 0):
             return 0
         self._choices -= 1
         self._sunk[node] = True
@@ -111,7 +111,7 @@ class MultiplierContact(NormalContact):
         """Whether a node may touch: where gaps are held, only those that may be held."""
         return self._eligible if self._holds else super().may_touch
 
-    def needs(self, x: Floats, node: Ints) -> Flags:
+    def needs(self, x: Floats, node: Ints) -> Flags | None:
         """Whether the kinematics of nodes matter: all others are open and inactive."""
         if self._holds:
             return super().needs(x, node)
@@ -160,8 +160,8 @@ class MultiplierContact(NormalContact):
         changes += friction.update(pairs, -lambda_N, active, iteration)
         self.active[node] = active
         # Otherwise the same balance would follow from the same decisions.
-        comm = self._state.nodes.V.mesh.comm
-        if self._state.pair.friction is not None or reductions.anywhere(comm, changes > 0):
+        has_friction = self._state.pair.friction is not None
+        if has_friction or reductions.anywhere(self._comm, changes > 0):
             lambda_N = self._balance(pairs, R, lambda_N, active, friction)
         self.lambda_N[node] = lambda_N
         return changes

@@ -2,6 +2,8 @@
 
 from abc import ABC, abstractmethod
 
+from mpi4py import MPI
+
 import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
@@ -34,6 +36,7 @@ class NormalContact(ABC):
     def __init__(self, state: PairState | JointState, search: LocalSearch) -> None:
         """Begin with the eligible nodes that were active in the last step."""
         self._state, self._search, history = state, search, state.history
+        self._comm: MPI.Comm = state.nodes.V.mesh.comm
         self.flips: Ints = np.zeros(len(history.active), dtype=np.int32)
         self._begin(history.active, history.lambda_N)
 
@@ -67,9 +70,9 @@ class NormalContact(ABC):
         flags: Flags = self._search.may_close | self._state.history.active | self.active
         return flags
 
-    def needs(self, x: Floats, node: Ints) -> Flags:
-        """Whether the kinematics of nodes matter in this iteration, shape ``(m,)``. Local."""
-        return np.ones(len(node), dtype=bool)
+    def needs(self, x: Floats, node: Ints) -> Flags | None:
+        """Whether the kinematics of nodes matter, shape ``(m,)``; None: all do. Local."""
+        return None
 
     def _gaps(self, x: Floats, node: Ints) -> Floats:
         """Gaps of nodes to the segments just found at x, shape ``(m,)`` [m]. Local."""

@@ -114,7 +114,7 @@ class PenaltyContact(NormalContact):
             self._linear_gaps.forget()
         return super().renew(x, moved=moved)
 
-    def needs(self, x: Floats, node: Ints) -> Flags:
+    def needs(self, x: Floats, node: Ints) -> Flags | None:
         """Whether springs may be loaded at either end, see `NormalContact.needs`. Local."""
         search, old = self._search, self._state.history
         if search.pairing.follows:  # gaps on other segments may be other ones

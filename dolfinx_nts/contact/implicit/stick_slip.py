@@ -151,7 +151,8 @@ class StickSlip(Friction):
             sliding ^= violates ^ changes
         if self._eps_T is not None:
             new = law.spring(trial, p, c, heading, sliding)
-            new.stiffness[self._on_axis[node]] = 0.0
+            for part in new:
+                part[self._on_axis[node]] = 0.0
             of_slip = np.einsum("mij,mj->mi", new.stiffness, slip.value - value)
             new.explicit[:] += of_slip
         else:

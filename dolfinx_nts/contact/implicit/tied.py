@@ -2,8 +2,6 @@
 
 from typing import cast
 
-from mpi4py import MPI
-
 import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
@@ -27,23 +25,22 @@ class TiedContact(MultiplierContact):
     def choose(self) -> Flags:
         """Choose the tied nodes: in the first step by their gaps, see `NormalContact.choose`."""
         tied, (segment, gap) = self._state.history.active, self._search.start
-        comm: MPI.Comm = self._state.nodes.V.mesh.comm
-        if reductions.anywhere(comm, bool(tied.any())):
+        if reductions.anywhere(self._comm, bool(tied.any())):
             return tied.copy()
         size, law = self._search.candidates.size, cast(Tied, self._law)
         # Without candidates no node has a segment.
         size = size.take(segment, mode="wrap") if len(size) else np.ones(1)
         tied = (segment >= 0) & (np.abs(gap) <= law.reach * size)
-        if not reductions.anywhere(comm, bool(tied.any())):
+        if not reductions.anywhere(self._comm, bool(tied.any())):
             raise ValueError(
                 f"expected nodes within {law.reach:g} of the size of a segment between "
                 f"{self._state.pair.between}, given none to tie: Tied(reach=) may be larger"
             )
         return tied
 
-    def needs(self, x: Floats, node: Ints) -> Flags:
+    def needs(self, x: Floats, node: Ints) -> Flags | None:
         """Whether the kinematics of nodes matter: those of all tied ones do."""
-        return np.ones(len(node), dtype=bool)
+        return None
 
     @property
     def may_touch(self) -> Flags:

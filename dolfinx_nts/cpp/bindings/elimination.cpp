@@ -1,6 +1,8 @@
 #include "elimination.h"
 #include "nts/solvers/contact_changes.h"
 
+#include <nanobind/stl/tuple.h>
+
 namespace nts::bindings
 {
 namespace
@@ -107,6 +109,58 @@ Out<bool> essential_nodes_batch(const In<std::int64_t>& start,
   return keeps;
 }
 
+/// @brief What constraints have at some of the nodes of their lists.
+auto at_nodes_batch(const In<std::int64_t>& start, const In<bool>& keeps,
+                    const Doubles& gradients, const Doubles& columns,
+                    std::size_t components)
+{
+  check("keeps", keeps, {any});
+  check("start", start, {any});
+  const auto begin = view(start);
+  const auto keep = view(keeps);
+  if (begin.empty() || begin.front() != 0 || !std::ranges::is_sorted(begin)
+      || static_cast<std::size_t>(begin.back()) != keep.size())
+    throw nb::value_error("start: expected where lists begin, and the end");
+  const std::size_t B = components, block = B * B;
+  if (gradients.size() != block * keep.size()
+      || columns.size() != gradients.size())
+    throw nb::value_error(
+        "gradients and columns: expected a block for each node of the lists");
+  const std::size_t kept = std::ranges::count(keep, true);
+  auto first = create<std::int64_t>({begin.size()});
+  std::array<Out<double>, 2> parts
+      = {create<double>({block * kept}), create<double>({block * kept})};
+  first.data()[0] = 0;
+  for (std::size_t i = 0, place = 0; i + 1 < begin.size(); ++i)
+  {
+    const auto from = static_cast<std::size_t>(begin[i]);
+    const auto list = keep.subspan(from, begin[i + 1] - from);
+    for (std::size_t a = 0; a < B; ++a)
+      for (std::size_t K = 0; K < list.size(); ++K)
+        if (list[K])
+        {
+          const std::size_t e = block * from + B * (a * list.size() + K);
+          std::copy_n(gradients.data() + e, B, parts[0].data() + place);
+          std::copy_n(columns.data() + e, B, parts[1].data() + place);
+          place += B;
+        }
+    first.data()[i + 1] = first.data()[i] + std::ranges::count(list, true);
+  }
+  return std::tuple(first, parts[0], parts[1]);
+}
+
+auto large_blocks(const Doubles& blocks, double size)
+{
+  check("blocks", blocks, {any, any, any});
+  const std::size_t p = blocks.shape(0), n = blocks.shape(1) * blocks.shape(2);
+  auto flags = create<bool>({p});
+  for (std::size_t i = 0; i < p; ++i)
+    flags.data()[i]
+        = std::ranges::any_of(view(blocks).subspan(n * i, n),
+                              [&](double x) { return std::abs(x) > size; });
+  return flags;
+}
+
 std::size_t num_moved_batch(std::size_t m, const In<bool>& same,
                             const Doubles& now, const Doubles& before,
                             double limit)
@@ -161,6 +215,13 @@ void elimination(nb::module_& m)
         "(m + 1,), (m,), B B l numbers, the same, (m, B, B), - -> whether "
         "nodes of lists have a part above a size, or slopes, or are "
         "constrained, (l,)");
+  m.def("at_nodes", &at_nodes_batch, nb::arg("start"), nb::arg("keeps"),
+        nb::arg("gradients"), nb::arg("columns"), nb::arg("components"),
+        "(m + 1,), (l,) which nodes of lists are kept, B B l numbers, the "
+        "same, B -> the lists of these nodes (m + 1,), B B l' numbers, the "
+        "same");
+  m.def("large_blocks", &large_blocks, nb::arg("blocks"), nb::arg("size"),
+        "(p, n, n), - -> whether blocks have an entry above a size (p,)");
   m.def("num_moved", &num_moved_batch, nb::arg("m"), nb::arg("same"),
         nb::arg("now"), nb::arg("before"), nb::arg("limit"),
         "-, (l,) whether nodes are those of before, gradients, the same -> "

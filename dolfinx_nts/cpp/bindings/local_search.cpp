@@ -151,7 +151,7 @@ public:
                  const Trajectory t = trajectories.follow(
                      vector(view(x_node_n), i), vector(view(x_node), i),
                      view(row)[i], in_group(view(inside)[i], group),
-                     Directions(around, view(numbers)[i]));
+                     [&] { return Directions(around, view(numbers)[i]); });
                  entered.data()[i] = among_all(t.entered, group);
                  leaves.data()[i] = t.leaves;
                  begin.data()[i] = t.begin;

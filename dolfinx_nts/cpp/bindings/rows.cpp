@@ -79,6 +79,26 @@ auto motion_sums_of(const Doubles& x, const Doubles& p, const Doubles& v)
   std::ranges::copy(sums.momentum.moment, all.data() + 4);
   return all;
 }
+auto counts_of_parts(const In<bool>& flags, const Ints& number,
+                     const In<std::int64_t>& ends)
+{
+  check("number", number, {any});
+  check("flags", flags, {number.size()});
+  check("ends", ends, {any});
+  if (ends.size() == 0)
+    throw nb::value_error("ends: expected where parts begin, and the end");
+  auto counts = create<std::int64_t>({ends.size() - 1});
+  std::ranges::fill(view(counts), 0);
+  for (std::size_t i = 0, part = 0; i < number.size(); ++i)
+  {
+    while (part < counts.size() && number.data()[i] >= ends.data()[part + 1])
+      ++part;
+    if (part == counts.size() || number.data()[i] < ends.data()[part])
+      throw nb::value_error("number: expected ascending numbers in the parts");
+    counts.data()[part] += flags.data()[i];
+  }
+  return counts;
+}
 } // namespace
 
 void rows(nb::module_& m)
@@ -88,6 +108,10 @@ void rows(nb::module_& m)
         "inf and -inf of none");
   m.def("change_components", &change_components_of, nb::arg("x"),
         "(n, 2) -> (n, 3) with zeros; (n, 3) -> (n, 2)");
+  m.def("counts_of_parts", &counts_of_parts, nb::arg("flags"),
+        nb::arg("number"), nb::arg("ends"),
+        "(m,), (m,) ascending, (c + 1,) where parts of the numbers begin, and "
+        "the end -> how many flags of each part are set (c,)");
   m.def("take_rows", &take_rows_of, nb::arg("x"), nb::arg("rows"),
         nb::arg("out").noconvert(), "(n, w), (r,), set to these rows (r, w)");
   m.def("resultant", &resultant_of, nb::arg("x"), nb::arg("rows"),

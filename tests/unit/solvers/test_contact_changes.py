@@ -40,6 +40,29 @@ def test_nodes_are_essential_that_constraints_or_slopes_reach(kind, rng):
         np.testing.assert_array_equal(part, expected | slope.any())
 
 
+@kinds
+def test_lists_keep_what_constraints_have_at_their_nodes(kind, rng):
+    whole = ContactBlocks(*blocks(kind, rng))
+    keeps = rng.random(len(whole.nodes)) < 0.5
+    start, *rows = _kernels.at_nodes(whole.start, keeps, whole.gradients, whole.columns, 3)
+    names = {"start": start, "nodes": whole.nodes[keeps]}
+    found = rows_of(whole._replace(**names, gradients=rows[0], columns=rows[1]))
+    lists = np.split(keeps, whole.start[1:-1])
+    for keep, (nodes, *parts), (own, *some) in zip(lists, rows_of(whole), found, strict=True):
+        np.testing.assert_array_equal(own, nodes[keep])
+        for part, taken in zip(parts, some, strict=True):
+            expected = part.reshape(3, -1, 3)[:, keep].reshape(3, -1)
+            np.testing.assert_array_equal(taken, expected)
+    with pytest.raises(ValueError, match="expected where lists begin"):
+        _kernels.at_nodes(whole.start, keeps[:-1], whole.gradients, whole.columns, 3)
+
+
+def test_blocks_are_large_by_one_entry():
+    tangent = np.zeros((3, 2, 2))
+    tangent[0, 1, 0], tangent[2, 0, 1] = -0.6, 0.4
+    assert _kernels.large_blocks(tangent, 0.5).tolist() == [True, False, False]
+
+
 def test_constraints_have_moved_to_other_nodes_or_gradients(rng):
     before = rng.normal(size=(4, 3, 6))
     now, same = before.copy(), np.ones((4, 2), dtype=bool)

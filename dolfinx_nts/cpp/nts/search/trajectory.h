@@ -129,20 +129,24 @@ public:
   /// @param[in] row Its row of the surface's positions, or -1: segments of
   /// which it is a vertex are left out.
   /// @param[in] inside Segment behind which it starts, or -1.
-  /// @param[in] node What it faces.
+  /// @param[in] directions Returns what it faces; called only if needed.
+  template <class GetDirections>
   Trajectory follow(const Vec3& from, const Vec3& to, std::int32_t row,
-                    std::int32_t inside, const Directions& node)
+                    std::int32_t inside, const GetDirections& directions)
   {
     const Vec3 path = to - from;
     find_crossings(from, path, row);
     if (inside >= 0)
       _crossings.push_back({-1, true, inside, _surface.plane(inside, 0)[1]});
+    if (_crossings.empty())
+      return {};
+    const Directions node = directions();
     // Where two triangles are crossed at once, the node enters first.
     std::ranges::sort(_crossings, {}, [](const Crossing& c)
                       { return std::pair(c.time, !c.inward); });
     Trajectory longest;
     // What leaves ahead of its body has come in on another side long ago.
-    if (!_crossings.empty() && !_crossings[0].inward
+    if (!_crossings[0].inward
         && node.looks_along(_crossings[0].normal, FacingRule::ahead))
       longest = {.entered = _crossings[0].segment,
                  .leaves = true,
