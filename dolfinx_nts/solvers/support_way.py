@@ -25,6 +25,8 @@ _FOLLOWED = 1e-4
 # Parts of the way [-]: a rest for which nothing waits, as the forces that it would add are lost in
 # the round-off of the residual; and one that is none.
 _REST, _ROUND_OFF = 1e-6, 1e-12
+# The same of an increment that takes supports on [-].
+_ADVANCE = 1e-2
 
 
 class SupportWay:
@@ -32,6 +34,10 @@ class SupportWay:
 
     Args:
         bulk: Residual of the bodies; its ``u`` may be behind its conditions.
+
+    Attributes:
+        advances: Whether the last increment has taken supports on by a part of their way that
+            counts.
     """
 
     def __init__(self, bulk: Bulk) -> None:
@@ -39,7 +45,7 @@ class SupportWay:
         self._bulk = bulk
         self._left = behind(bulk)
         self._length = self._largest(self._left)
-        self._moves = False
+        self._moves = self.advances = False
         self._has_begun = False
 
     @property
@@ -76,10 +82,14 @@ class SupportWay:
 
     def go(self) -> None:
         """Note what is left after an increment of ``u``."""
+        self.advances = False
         if self._left is None or not self._moves:
             return
+        before = self._largest(self._left)
         self._left = behind(self._bulk)
-        if self._largest(self._left) <= _ROUND_OFF * self._length:
+        left = self._largest(self._left)
+        self.advances = before - left > _ADVANCE * self._length
+        if left <= _ROUND_OFF * self._length:
             u = self._bulk.u.x.array
             u[:] = self._bulk.supports.applied(u)
             self._left = None
