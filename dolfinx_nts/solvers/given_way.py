@@ -32,6 +32,8 @@ _FOLLOWED = 1e-4
 # Parts of the way [-]: a rest for which nothing waits, as the forces that it would add are lost in
 # the round-off of the residual; and one that is none.
 _REST, _ROUND_OFF = 1e-6, 1e-12
+# The same of an increment that takes on what is led [-].
+_ADVANCE = 1e-2
 
 
 class GivenWay:
@@ -41,6 +43,10 @@ class GivenWay:
         bulk: Residual of the bodies; at the start of the way its ``u`` is that of the last state.
         steps: Contact attempts, whose obstacles go along.
         stiffness: That of the owned nodes, shape ``(n,)`` [N/m]; None: nothing is left of the way.
+
+    Attributes:
+        advances: Whether the last increment has taken on what is led by a part of its way that
+            counts.
     """
 
     def __init__(
@@ -50,7 +56,7 @@ class GivenWay:
         self._bulk, self._steps, self._stiffness = bulk, steps, stiffness
         part = 1.0 if stiffness is None else 0.0
         self._part, self._next = part, part
-        self._has_begun = False
+        self._has_begun = self.advances = False
         self._changes: list[Floats] = []
         self._place_obstacles()
 
@@ -145,12 +151,14 @@ class GivenWay:
             part: The part, from 0 to 1.
         """
         bulk, last = self._bulk, self._part
+        self.advances = False
         if not self._moves:
             return bulk.rigid.moved(nodes, du)
         self._part += part * (self._next - last) if part < 1 else self._next - last
         if 1 - self._part <= _ROUND_OFF:
             self._part = 1.0
         self._next = self._part
+        self.advances = self._part - last > _ADVANCE
         self._place_obstacles()
         moved = bulk.rigid.moved(nodes, du, bulk.rigid.guides.led_between(last, self._part))
         if self.is_over:

@@ -214,7 +214,7 @@ def solve(
                 for step, state in zip(steps, states, strict=True):
                     step.close_gaps(state, x, nodes)
         bulk.u.x.scatter_forward()
-        convergence.advance(du_norm, is_long=du_norm > longest)
+        convergence.advance(du_norm, is_long=du_norm > longest, leads=way.advances)
 
 
 def _may_decide(iteration: int) -> bool:

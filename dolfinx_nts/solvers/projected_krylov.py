@@ -10,6 +10,7 @@ import numpy as np
 
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.contact_corrections import ContactCorrections
 from dolfinx_nts.solvers.elimination import Elimination
@@ -29,7 +30,7 @@ _DIVERGED = 1e6
 # Rounding of products relative to the reduction that is still asked for, at which it does not
 # matter [-]: what products contribute to the solution becomes smaller as the residual does.
 _NEGLIGIBLE = 0.3
-# Relative error of products [-] at which the sign of a curvature is certain.
+# Relative error of products [-] that is enough to look for negative curvatures.
 _ENOUGH = 1e-3
 
 
@@ -198,7 +199,7 @@ class KrylovMethod:
         return self._x.array.reshape(-1, self._operator.bulk.rigid.dim), iterations
 
     def falling_motion(self, weight: Floats, numbers: Floats) -> Floats | None:
-        """Motion of negative curvature with the present operator, see `falling_motion`. Collective.
+        """Motion along which the energy falls, by the present operator. Collective.
 
         Args:
             weight: Square root of the stiffness at the owned nodes, shape ``(n, 1)``.
@@ -209,8 +210,8 @@ class KrylovMethod:
         """
         bulk, elimination = self._operator.bulk, self._operator.elimination
 
-        def known(values: Floats) -> Floats:
-            """Without what is given, of shape ``(d n,)``."""
+        def free(values: Floats) -> Floats:
+            """Set values of what is given to zero, shape ``(d n,)``."""
             values = values.ravel()
             values[bulk.given] = 0
             return values
@@ -220,17 +221,21 @@ class KrylovMethod:
             self._preconditioner.apply(None, self._b, self._x)
             x = self._x.array.reshape(numbers.shape)
             elimination.constrain(x)
-            return known(x.copy())
+            return free(x.copy())
 
         def act(p: Floats) -> Floats:
             self._b.array[:] = p
             self._operator.mult(None, self._b, self._x)
-            return known(self._x.array.copy())
+            return free(self._x.array.copy())
 
         self._operator.reduction = lambda: _ENOUGH
         rest = np.zeros(numbers.shape)
         b = elimination.act(elimination.constrain(rest), weight * numbers)
-        b = known(bulk.rigid.project(None, b))
+        b = free(bulk.rigid.project(None, b))
         weights = np.broadcast_to(weight, numbers.shape).ravel()
         motion = falling_motion(bulk.comm, b, weights, precondition, act)
-        return None if motion is None else motion.reshape(numbers.shape)
+        if motion is None:
+            return None
+        self._operator.reduction = float  # to all digits: no round-off is told
+        curvature = reductions.total(bulk.comm, float(motion @ act(motion)))
+        return motion.reshape(numbers.shape) if curvature < 0 else None

@@ -194,3 +194,35 @@ def test_a_resistance_leads_to_the_only_equilibrium(laws):
     for other, history in zip(far.contacts, [c.history for c in usual.contacts], strict=True):
         assert (other.history.active == history.active).all()
         assert (other.history.sliding == history.sliding).all()
+
+
+@pytest.mark.serial
+def test_a_block_that_is_sheared_rolls_over_its_edge():
+    """Nearly incompressible, and with as much friction as pressure, it snaps before t = 8."""
+    num, nu, mu = 16, 0.49, 1.0
+
+    def build(model):
+        size = {"corner": (0, 0), "size": (1, 1), "cells": (num, num)}
+        parts.add_rectangle(model, "block", **size)
+
+    mesh, cells, facets, tag = nts.read_mesh(build, MPI.COMM_WORLD)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+    body = nts.Body(V, cells, tag["block"], nts.NeoHookean(1e6, nu, 1e3))
+    led = fem.Constant(mesh, np.zeros(2))
+    top = fem.locate_dofs_topological(V, 1, facets.find(tag["block_top"]))
+
+    def update(t):
+        led.value[:] = 0.05 * max(t - 1, 0), -0.05 * min(t, 1)
+
+    plane = nts.RigidPlane((0, 0), (0, 1))
+    pair = nts.ContactPair(nts.boundary_of(body), plane, friction=nts.Coulomb(mu))
+    bcs = [fem.dirichletbc(led, top, V)]
+    stepper = nts.QuasiStatic([body], [pair], dt=1.0, bcs=bcs, update=update)
+    *_, last = stepper.run(8.0)
+    (contact,) = stepper.contacts
+    force, y = contact.history.force[:, :2], stepper.x[contact.nodes.nodes, 1]
+    pressing = np.linalg.norm(force, axis=1) > 0
+    assert np.abs(y[pressing]).max() < 1e-9 and y.min() > -1e-9
+    assert (np.abs(force[:, 0]) <= mu * np.abs(force[:, 1]) * (1 + 1e-6) + 1e-6).all()
+    total = np.abs(force.sum(axis=0))
+    assert total == pytest.approx(np.abs(last.reactions[0].force[:2]), rel=1e-7)

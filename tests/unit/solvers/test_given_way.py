@@ -183,3 +183,12 @@ def test_a_body_that_supports_lead_as_a_whole_is_not_waited_for(comm):
     given = (f.x.array.reshape(-1, 2)[led] for f in (stepper.u, u))
     # Products on other ranks may round ghosts otherwise.
     np.testing.assert_allclose(*given, rtol=0.0, atol=1e-15)
+
+
+def test_a_resistance_lets_supports_go_all_their_way(comm):
+    """It takes more increments than Newton's method may take for what follows them."""
+    law, way, options = CASES["neo-Hooke"]
+    usual, dragged = (press(comm, law, way, **options) for _ in range(2))
+    expected = result(usual, usual.advance())
+    found = result(dragged, dragged._advance_to(1.0, 1.0, far=True))
+    np.testing.assert_allclose(found, expected, atol=AGREEMENT * max(expected))
