@@ -272,8 +272,9 @@ class OverlapWatch:
         if not held:
             return (
                 "their contact pair holds the nodes of {outer} only, and {inner} sinks in "
-                "between them; the finer or softer surface should give the nodes, or both "
-                "(two_half_passes)"
+                "between them; the finer or softer surface should give the nodes, or both, where "
+                "corners or edges strike (two_half_passes, or one surface of both bodies that "
+                "touches itself)"
             )
         if any(isinstance(contact.pair.enforcement, Penalty) for contact in held):
             return (

@@ -56,8 +56,9 @@ class AcceptedContact(Protocol):
 class ContactPair(Declaration):
     """Declares that nodes of a surface may touch segments of another, or a rigid obstacle.
 
-    Collective. For self contact, give the same surface twice. A node then touches the segments
-    that face it, but neither its neighbours on the mesh nor the other side of its own wall
+    Collective. For self contact, give the same surface twice; if it is a surface of several
+    bodies, nodes of each of them touch the others, too. A node then touches the segments that
+    face it, but neither its neighbours on the mesh nor the other side of its own wall
     (``cpp/nts/search/self_contact.h``), and it must not move by more than one cell of the wall
     in a step. Springs act from both sides. Multipliers act at some of the nodes only, so that
     none of these is a vertex of a segment that another one touches.

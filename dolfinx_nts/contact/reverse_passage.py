@@ -28,7 +28,7 @@ __all__ = ["ReversePassages"]
 
 _ADVICE = (
     "contact holds nodes only: let the finer surface give the nodes, or both sides "
-    "(two_half_passes)"
+    "(two_half_passes, or one surface of both bodies that touches itself)"
 )
 
 # Part of the shortest passage [-] from which vertices are looked at, as the motion of all nodes
