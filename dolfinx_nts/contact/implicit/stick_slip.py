@@ -55,7 +55,6 @@ class StickSlip(Friction):
         """Continue from the accepted step."""
         super().__init__(state)
         history, n = state.history, len(stiffness)
-        self._eps_T, self._weight = state.eps_T, _SLIP_WEIGHT * stiffness
         self._law, self._search, self._stiffness = law, search, stiffness
         self._acts_at_end = acts_at_end
         self._has_spring = state.pair.has_slip_spring
@@ -68,7 +67,6 @@ class StickSlip(Friction):
             is_patient=begins_sticking,
         )
         size = np.repeat(segment_sizes(state), np.diff(ends))
-        self._rounding = ROUNDING * stiffness * size
         self.decided = None if self._has_spring else self._Decided(self)
         self._slips = Slips(size, follow_linear=is_static and self._has_spring)
         # Where nothing moves nodes stick until they are found to slide, as bodies may have no
@@ -86,7 +84,7 @@ class StickSlip(Friction):
             law.mu,
             self._has_spring,
             self._on_axis,
-            self._rounding,
+            ROUNDING * stiffness * size,
             self.sliding,
             self.flips,
             self.traction,
@@ -130,15 +128,15 @@ class StickSlip(Friction):
         linear: Floats | None = None,
     ) -> int:
         """Decide on stick and slip, and model the traction, see `Friction.update`."""
-        node, slip, law = pairs.node, pairs.slip, self._law
+        node, slip, law, eps_T = pairs.node, pairs.slip, self._law, self._state.eps_T
         measured, p = p, p if linear is None else linear
-        if self._eps_T is not None:
-            old, c, value = self._state.history, self._eps_T[node], self._slips.linear[node]
+        if eps_T is not None:
+            old, c, value = self._state.history, eps_T[node], self._slips.linear[node]
             t = transport(old.traction[node], old.normal[node], slip.frame_n, slip.normal_n)
             way = trial = t + c[:, None] * value
         else:
-            t, c, value = self.traction[node], self._weight[node], self._slips.of(node)
-            way, trial = value, t + c[:, None] * value
+            t, c, value = self.traction[node], self._stiffness[node], self._slips.of(node)
+            way, trial = value, t + (_SLIP_WEIGHT * c)[:, None] * value
         lags = None if self._has_spring else self._pivoting.changes_singly(node)
         limiting = self._limit.pressing(node, p, lags)
         if iteration == 0:
@@ -149,7 +147,7 @@ class StickSlip(Friction):
             violates = active & (sliding != self.sliding[node])
             changes, violators = self._pivoting.select(violates, node, iteration)
             sliding ^= violates ^ changes
-        if self._eps_T is not None:
+        if eps_T is not None:
             new = law.spring(trial, p, c, heading, sliding)
             for part in new:
                 part[self._on_axis[node]] = 0.0
@@ -159,7 +157,7 @@ class StickSlip(Friction):
             known = float(iteration > 0)  # multipliers of the first guess mean nothing
             new = self._exact(pairs, known * t, value, known * limiting, heading, sliding)
         self._tractions.model(node, active, sliding, measured, value, *new, lags, limiting)
-        if self._eps_T is not None:
+        if eps_T is not None:
             turning = self.traction[node] - of_slip + (p - measured)[:, None] * new.direction
             self._slips.turning[node] = np.where(active[:, None], turning, 0.0)
         if lags is not None:
@@ -190,7 +188,7 @@ class StickSlip(Friction):
         Where the displacement of a node is not its own, a traction that slides has its length,
         and keeps its direction where there is no slip.
         """
-        c = self._weight[pairs.node]
+        c = _SLIP_WEIGHT * self._stiffness[pairs.node]
         if not pairs.fixed.any():
             return self._law.exact(t, slip, p, c, heading, sliding)
         own, limit = ~pairs.fixed, self._law.mu * np.maximum(p, 0.0)
