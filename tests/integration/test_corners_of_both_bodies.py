@@ -5,7 +5,7 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from helpers.scenes import boxes, distribute
+from helpers.box_meshes import boxes, distribute
 from reference.bulk import rotation
 
 pytestmark = pytest.mark.serial
