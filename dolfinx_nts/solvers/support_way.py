@@ -36,8 +36,8 @@ class SupportWay:
         bulk: Residual of the bodies; its ``u`` may be behind its conditions.
 
     Attributes:
-        advances: Whether the last increment has taken supports on by a part of their way that
-            counts.
+        duration: Number of increments until the last one that took supports on by a part of
+            their way that counts.
     """
 
     def __init__(self, bulk: Bulk) -> None:
@@ -45,8 +45,9 @@ class SupportWay:
         self._bulk = bulk
         self._left = behind(bulk)
         self._length = self._largest(self._left)
-        self._moves = self.advances = False
+        self._moves = False
         self._has_begun = False
+        self.duration = self._increments = 0
 
     @property
     def is_over(self) -> bool:
@@ -82,13 +83,14 @@ class SupportWay:
 
     def go(self) -> None:
         """Note what is left after an increment of ``u``."""
-        self.advances = False
+        self._increments += 1
         if self._left is None or not self._moves:
             return
         before = self._largest(self._left)
         self._left = behind(self._bulk)
         left = self._largest(self._left)
-        self.advances = before - left > _ADVANCE * self._length
+        if before - left > _ADVANCE * self._length:
+            self.duration = self._increments
         if left <= _ROUND_OFF * self._length:
             u = self._bulk.u.x.array
             u[:] = self._bulk.supports.applied(u)
