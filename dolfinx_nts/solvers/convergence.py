@@ -156,7 +156,6 @@ class Convergence:
         self.norms: list[float] = []
         self._du_norm, self._num_long = np.inf, 0
         self._changes, self._last_change = 0, -np.inf
-        self._last_advance = 0  # of what is led
         # Iterates after each other in which given displacements violate constraints.
         self._given = 0
         self._is_polished = False
@@ -214,19 +213,14 @@ class Convergence:
         self._changes += moved
         self.norms.pop()
 
-    def advance(self, du_norm: float, *, is_long: bool, leads: bool) -> None:
+    def advance(self, du_norm: float, *, is_long: bool) -> None:
         """Note an increment whose largest component is ``du_norm`` [m]. Local.
 
-        Args:
-            du_norm: That component.
-            is_long: Whether it was too long to be trusted.
-            leads: Whether it has taken on what is led by a part of its way.
+        ``is_long`` is whether it was too long to be trusted.
         """
         self._du_norm = du_norm
         self._num_long += is_long
         self.iteration += 1
-        if leads:
-            self._last_advance = self.iteration
 
     def is_doubtful(self, seen: Measures) -> bool:
         """Whether states of contact should be decided on all at once. Local.
@@ -249,7 +243,7 @@ class Convergence:
 
         Args:
             seen: What the last iterate was measured by.
-            most: Number of iterations that are allowed after the last part of the given way.
+            most: Number of iterations that are allowed.
             is_solution: Whether it is accepted.
         """
         if not np.isfinite(seen.norm):
@@ -264,7 +258,7 @@ class Convergence:
             return ""
         if self._num_long == _MOST_LONG and self._inertia:
             return f"{self._num_long} increments were longer than half of the smallest cell"
-        if self.iteration - self._last_advance == most:
+        if self.iteration == most:
             return f"no convergence in {self.iteration} iterations"
         return ""
 

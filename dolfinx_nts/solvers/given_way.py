@@ -45,8 +45,8 @@ class GivenWay:
         stiffness: That of the owned nodes, shape ``(n,)`` [N/m]; None: nothing is left of the way.
 
     Attributes:
-        advances: Whether the last increment has taken on what is led by a part of its way that
-            counts.
+        duration: Number of increments until the last one that took on what is led by a part of
+            its way that counts.
     """
 
     def __init__(
@@ -56,7 +56,8 @@ class GivenWay:
         self._bulk, self._steps, self._stiffness = bulk, steps, stiffness
         part = 1.0 if stiffness is None else 0.0
         self._part, self._next = part, part
-        self._has_begun = self.advances = False
+        self._has_begun = False
+        self.duration = self._increments = 0
         self._changes: list[Floats] = []
         self._place_obstacles()
 
@@ -151,14 +152,15 @@ class GivenWay:
             part: The part, from 0 to 1.
         """
         bulk, last = self._bulk, self._part
-        self.advances = False
+        self._increments += 1
         if not self._moves:
             return bulk.rigid.moved(nodes, du)
         self._part += part * (self._next - last) if part < 1 else self._next - last
         if 1 - self._part <= _ROUND_OFF:
             self._part = 1.0
         self._next = self._part
-        self.advances = self._part - last > _ADVANCE
+        if self._part - last > _ADVANCE:
+            self.duration = self._increments
         self._place_obstacles()
         moved = bulk.rigid.moved(nodes, du, bulk.rigid.guides.led_between(last, self._part))
         if self.is_over:

@@ -28,6 +28,7 @@ __all__ = ["Solution", "solve"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
+# Iterations beside those in which what is led goes on its way.
 _MAX_ITERATIONS = 50  # until another start is tried
 _MAX_STICKING = 100  # where nodes with friction slide only near an equilibrium
 _MAX_DRAGGED = 20  # until a resistance, or a larger one, is tried
@@ -168,7 +169,7 @@ def solve(
                 convergence.take_back(moved)
                 continue
 
-        reason = convergence.failure(seen, most, is_solution=converged)
+        reason = convergence.failure(seen, most + way.duration, is_solution=converged)
         _logger.debug("iteration %d: |R| = %.3e N", iteration, seen.norm)
         if converged or reason:
             return Solution(iterate, convergence.report(reason))
@@ -214,7 +215,7 @@ def solve(
                 for step, state in zip(steps, states, strict=True):
                     step.close_gaps(state, x, nodes)
         bulk.u.x.scatter_forward()
-        convergence.advance(du_norm, is_long=du_norm > longest, leads=way.advances)
+        convergence.advance(du_norm, is_long=du_norm > longest)
 
 
 def _may_decide(iteration: int) -> bool:
