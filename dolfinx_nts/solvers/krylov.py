@@ -160,12 +160,12 @@ class LinearSolver:
         self._saddle = SaddlePointSystem(tangent, bulk)
         self._age, self._hopeless = _Age(), _Hopeless()
         self._crossings = 0.0
-        self._num_local = self.num_direct = 0
+        self.num_direct = 0
 
     @property
     def num_iterations(self) -> int:
         """Krylov iterations so far, but for those of `solve_for`."""
-        return self._krylov.num_iterations - self._num_local
+        return self._krylov.num_iterations
 
     def solve(
         self,
@@ -251,11 +251,8 @@ class LinearSolver:
         elimination = Elimination(pairs, self._active_sets.number(pairs))
         if pairs and self._active_sets.are_coupled(pairs):
             return None
-        before = self._krylov.num_iterations
         with self._preconditioner.restricted(nodes):
-            du = self._solve_krylov(R, elimination, rtol, tells=False)
-        self._num_local += self._krylov.num_iterations - before
-        return du
+            return self._solve_krylov(R, elimination, rtol, is_local=True)
 
     def decided(
         self,
@@ -343,7 +340,7 @@ class LinearSolver:
             is_strong=preconditioner.is_strong,
             wave_crossings=self._crossings,
             num_iterations=self.num_iterations,
-            num_local_iterations=self._num_local,
+            num_local_iterations=self._krylov.num_local_iterations,
             num_builds=preconditioner.num_builds,
             num_schwarz_builds=self._contacts.num_builds,
             num_direct=self.num_direct,
@@ -393,9 +390,9 @@ class LinearSolver:
         return (is_new and age.rate > _SLOW) or (pays and age.rate > _FILL_PAYS) or is_far
 
     def _solve_krylov(
-        self, R: Floats, elimination: Elimination, rtol: float, *, tells: bool = True
+        self, R: Floats, elimination: Elimination, rtol: float, *, is_local: bool = False
     ) -> Floats | None:
-        """Solution, None where the method fails; ``tells`` is whether it tells of the factors."""
+        """Solution, None where the method fails. One of few nodes tells nothing of the factors."""
         bulk = self._operator.bulk
         rtol = min(rtol, self._contacts.least_reduction)
         self._operator.elimination = elimination
@@ -413,13 +410,13 @@ class LinearSolver:
             if part > negligible:
                 total += self._operator.action(particular, negligible / part)
             r = -bulk.rigid.project(None, elimination.act(parts, total))
-        x, iterations = self._krylov.solve(r, rtol)
+        x, iterations = self._krylov.solve(r, rtol, is_local=is_local)
         decades = -math.log10(rtol)
-        if tells and not elimination.empty:
+        if not (is_local or elimination.empty):
             self._contacts.judge(iterations, decades)
         if x is None:
             return None
-        if tells:
+        if not is_local:
             self._age.count(iterations, decades)
         elimination.constrain(x)
         du: Floats = (particular + x).ravel()

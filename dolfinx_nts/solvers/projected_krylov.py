@@ -142,6 +142,7 @@ class KrylovMethod:
 
     Attributes:
         num_iterations: Iterations so far.
+        num_local_iterations: Those beside them of systems of few nodes.
     """
 
     def __init__(
@@ -168,14 +169,15 @@ class KrylovMethod:
         with options.understood():
             self._ksp.setFromOptions()
         self._x, self._b = matrix.createVecs()
-        self.num_iterations = 0
+        self.num_iterations = self.num_local_iterations = 0
 
-    def solve(self, b: Floats, rtol: float) -> tuple[Floats | None, int]:
+    def solve(self, b: Floats, rtol: float, *, is_local: bool = False) -> tuple[Floats | None, int]:
         """Solve with the present operator. Collective.
 
         Args:
             b: Right-hand side at the owned nodes, shape ``(n, d)``.
             rtol: Reduction of the residual.
+            is_local: Whether all but few nodes are given.
 
         Returns:
             The solution, a view that the next call overwrites, or None where
@@ -190,7 +192,10 @@ class KrylovMethod:
         self._ksp.setTolerances(rtol=rtol, atol=0.0, divtol=_DIVERGED, max_it=_MAX_ITERATIONS)
         self._ksp.solve(self._b, self._x)
         iterations = int(self._ksp.getIterationNumber())
-        self.num_iterations += iterations
+        if is_local:
+            self.num_local_iterations += iterations
+        else:
+            self.num_iterations += iterations
         if self._options is not None and iterations > 0:
             self._options.check_used()
             self._options = None

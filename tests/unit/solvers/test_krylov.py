@@ -95,7 +95,7 @@ def test_direct_solver_alone_gives_the_same_steps(comm, monkeypatch, friction):
 def test_a_method_that_keeps_failing_is_tried_less_and_less_often(comm, monkeypatch):
     scene, tried = scenes.blocks(comm), []
 
-    def fail(_method, _b, _rtol):
+    def fail(_method, _b, _rtol, **_options):
         tried.append(1)
         return None, 200
 
