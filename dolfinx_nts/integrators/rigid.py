@@ -50,10 +50,10 @@ def check_rigid_bodies(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> 
         pairs: All contact pairs.
 
     Raises:
-        ValueError: Two of them share nodes, there is impact "resolved", or a sphere is the shape
-            of what is no rigid body.
+        ValueError: Two of them share nodes, they give nodes with impact "resolved", or have guides
+            beside it, or a sphere is the shape of what is no rigid body.
     """
-    V, rigid = bodies[0].V, [body for body in bodies if body.is_rigid]
+    V, rigid = bodies[0].V, [body for body in bodies if isinstance(body, RigidBody)]
     comm: MPI.Comm = V.mesh.comm
     for segments in (pair.segments for pair in pairs):
         if isinstance(segments, Surface) and isinstance(segments.smooth, RigidSphere):
@@ -74,11 +74,18 @@ def check_rigid_bodies(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> 
                 f"expected rigid bodies without common nodes, given {one.name} and {other.name} "
                 f"with {count}: give both one tag, as one rigid body"
             )
-    for pair in pairs:
-        if is_resolved(pair):
+    resolved = [pair for pair in pairs if is_resolved(pair)]
+    guided = ", ".join(body.name for body in rigid if body.guide is not None)
+    if resolved and guided:
+        raise ValueError(
+            "expected rigid bodies without a guide beside impact 'resolved', given "
+            f"guide= of {guided}: impact 'elastic' can do this"
+        )
+    for pair in resolved:
+        if gives_rigid_nodes(pair, rigid):
             raise ValueError(
-                f"expected impact 'elastic' or 'plastic' beside rigid bodies ({names}), given "
-                f"'resolved' between {pair.between}"
+                f"expected nodes of deformable bodies with impact 'resolved', given {names} "
+                f"between {pair.between}: exchange nodes and segments, or take impact 'elastic'"
             )
 
 

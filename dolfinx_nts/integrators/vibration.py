@@ -130,47 +130,46 @@ class VibrationAnalysis:
         products = reductions.total(self._comm, products)
         gram, of_momentum, right, held = np.split(products, np.cumsum([1 + d, d, d]), axis=2)
         sums = np.zeros((len(self._groups), 2))
-        vibration = np.zeros_like(v)
+        vibration, recoil = np.zeros_like(v), np.zeros_like(impulses)
+        about = impulses.copy()
+        about[:, :, 1:] -= centres[:, :, None] * impulses[:, :, :1]
         for i, (g, field, M_field) in enumerate(zip(self._groups, fields, M_fields, strict=True)):
-            rigid = self._rigid(gram[i], right[i], held[i])
+            every = np.concatenate([right[i, None], about[:, i]])
+            rigid, *recoil[:, i] = self._rigid(gram[i], every, held[i])
             vibration[g] = w[g] - field @ rigid
             M_vibration = Mw[g] - M_field @ rigid
             # The rigid part has no product with it but that of round-off.
             sums[i] = np.vdot(v[g] - field @ rigid, M_vibration), np.vdot(vibration[g], M_vibration)
         linear, square = reductions.total(self._comm, sums).T
-        recoil = np.zeros_like(impulses)
-        for i, j in np.argwhere(impulses.any(axis=(2, 3))):
-            about = impulses[i, j].copy()
-            about[1:] -= centres[j][:, None] * about[0]
-            recoil[i, j] = self._rigid(gram[j], about, held[j])
+        rows, M_rows = (a.reshape(len(recoil), -1) for a in (recoil, gram @ recoil))
+        towards = rows @ of_momentum.ravel()
         return Vibration(vibration, linear, square), Recoil(
-            fields,
-            recoil,
-            np.einsum("jai,pjai->p", of_momentum, recoil),
-            np.einsum("pjai,jab,qjbi->pq", recoil, gram, recoil, optimize=True),
+            fields, recoil, towards, rows @ M_rows.T
         )
 
     def _rigid(self, gram: Floats, right: Floats, at_supports: Floats) -> Floats:
-        """Rigid motion by an impulse, as factors of the fields 1 and x, ``(1 + d, d)``. Local.
+        """Rigid motions by r impulses, as factors of the fields 1 and x, ``(r, 1 + d, d)``. Local.
 
         Args:
             gram: Products of the fields with regard to the mass, shape ``(1 + d, 1 + d)``.
-            right: Products of the fields with the impulse, shape ``(1 + d, d)``.
+            right: Products of the fields with the impulses, shape ``(r, 1 + d, d)``.
             at_supports: Products of the fields at nodes that are held in a direction, one
                 direction after the other, shape ``(1 + d, d (1 + d))``.
         """
-        d = right.shape[1]
-        basis = self._motions.reshape(-1, right.size)
+        num, _, d = right.shape
+        basis = self._motions.reshape(len(self._motions), -1)
         held = at_supports.reshape(1 + d, d, 1 + d)
         M_basis = (gram @ self._motions).reshape(basis.shape)
         held_basis = np.einsum("aib,kbi->kai", held, self._motions).reshape(basis.shape)
-        amounts = _amounts(basis @ M_basis.T, basis @ right.ravel(), basis @ held_basis.T)
-        rigid: Floats = (amounts @ basis).reshape(right.shape)
+        amounts = _amounts(
+            basis @ M_basis.T, basis @ right.reshape(num, -1).T, basis @ held_basis.T
+        )
+        rigid: Floats = (amounts.T @ basis).reshape(right.shape)
         return rigid
 
 
 def _amounts(gram: Floats, right: Floats, at_supports: Floats) -> Floats:
-    """Amounts of rigid motions, of those alone in which supports stay."""
+    """Amounts of rigid motions, ``(k, r)``, of those alone in which supports stay."""
     size = np.sqrt(np.diag(gram))
     scale = 1 / np.where(size > 0, size, 1.0)
     weighted = at_supports * scale * scale[:, None]

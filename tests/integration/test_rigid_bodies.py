@@ -11,7 +11,7 @@ from dolfinx_nts.integrators.rigid import redundant
 from helpers.box_meshes import boxes, distribute
 from helpers.once import once
 from helpers.plane import blocks, throw
-from helpers.rigid import bonded, brick, eulers, impact, spin
+from helpers.rigid import bonded, brick, eulers, impact, pressed, spin
 from helpers.scene import Motion
 from reference.bulk import rotation
 
@@ -359,9 +359,11 @@ def test_what_rigid_bodies_cannot_do_is_refused(comm, refused):
         ):
             scheme(bodies, dt=1e-3, bcs=[held(rigid)])
     top, bottom = (nts.Surface(soft.V, facets, tag[name]) for name in ("top 0", "bottom 0"))
-    resolved = nts.ContactPair(bottom, top, nts.LagrangeMultiplier("resolved"))
-    with refused(ValueError, "impact 'elastic' or 'plastic' beside rigid bodies"):
-        nts.EnergyMomentum(bodies, [resolved], dt=0.1)
+    law = nts.LagrangeMultiplier("resolved")
+    with refused(ValueError, "nodes of deformable bodies with impact 'resolved', given"):
+        nts.EnergyMomentum(bodies, [nts.ContactPair(top, bottom, law)], dt=0.1)
+    with refused(ValueError, "rigid bodies without a guide beside impact 'resolved', given"):
+        pressed(comm, nts.EnergyMomentum, nts.Guide(slides="z"), enforcement=law)
 
 
 @pytest.mark.at_most_two_ranks

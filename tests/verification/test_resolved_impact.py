@@ -270,8 +270,10 @@ def test_gravity_lets_a_body_fall_without_strain(comm, agree):
     assert agree(work == pytest.approx(gained, rel=1e-11))
 
 
-def on_plate(comm, dt, method, mu, *, finer=0, shift=(0.05, 0.037), velocity=(0.3, 0.2, -1.0)):
-    """Return a stepper of a hollow ball just above a plate, both free."""
+def on_plate(
+    comm, dt, method, mu, *, finer=0, shift=(0.05, 0.037), velocity=(0.3, 0.2, -1.0), rigid=False
+):
+    """Return a stepper of a hollow ball just above a plate, both free; the plate may be rigid."""
 
     def build(model):
         parts.add_hollow_ball(
@@ -291,7 +293,9 @@ def on_plate(comm, dt, method, mu, *, finer=0, shift=(0.05, 0.037), velocity=(0.
     mesh, cells, facets, tag = nts.read_mesh(build, comm)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     rubber = nts.NeoHookean(1e5, 0.3, 1e3)
-    ball, plate = (nts.Body(V, cells, tag[name], rubber) for name in ("ball", "plate"))
+    ball = nts.Body(V, cells, tag["ball"], rubber)
+    make, law = (nts.RigidBody, rubber.rho) if rigid else (nts.Body, rubber)
+    plate = make(V, cells, tag["plate"], law)
     outer, top = (nts.Surface(V, facets, tag[name]) for name in ("ball_outer", "plate_top"))
     friction = None if mu == 0 else nts.Coulomb(mu)
     pair = nts.ContactPair(outer, top, LAWS["resolved"], friction, method)
@@ -334,10 +338,17 @@ def test_nodes_on_edges_of_facets_keep_second_order_surface_to_surface(mu, told)
 
 
 @pytest.mark.parametrize(
-    ("method", "mu"), [("mortar", 0.0), ("mortar", 0.3), ("node-to-segment", 0.3)]
+    ("method", "mu", "rigid"),
+    [
+        ("mortar", 0.0, False),
+        ("mortar", 0.3, False),
+        ("node-to-segment", 0.3, False),
+        ("node-to-segment", 0.0, True),
+        ("mortar", 0.3, True),
+    ],
 )
-def test_ball_on_a_plate_conserves_all_but_what_friction_dissipates(comm, agree, method, mu):
-    stepper = on_plate(comm, 0.005, method, mu)
+def test_ball_on_a_plate_conserves_all_but_what_friction_dissipates(comm, agree, method, mu, rigid):
+    stepper = on_plate(comm, 0.005, method, mu, rigid=rigid)
     diagnostics = nts.Diagnostics(stepper)
     first, energy, kept = diagnostics.balance(), 0.0, set()
     for step in stepper.run(0.2):
@@ -354,6 +365,18 @@ def test_ball_on_a_plate_conserves_all_but_what_friction_dissipates(comm, agree,
         kept |= {("slides", "sticks")[int(sticks)]} if step.num_active else set()
     assert agree("slides" in kept if mu == 0 else "sticks" in kept)
     assert agree((energy < -1e-3 * first.total_energy) == (mu > 0))
+
+
+@pytest.mark.parametrize("method", ["node-to-segment", once("mortar")])
+def test_free_rigid_plate_moves_as_newton_says_by_the_forces_of_all_steps(comm, agree, method):
+    stepper = on_plate(comm, 0.005, method, 0.0, rigid=True)
+    diagnostics, impulse = nts.Diagnostics(stepper), np.zeros(3)
+    for _ in stepper.run(0.1):
+        impulse -= 0.005 * diagnostics.contact_force()
+    # Its mass is that of 2.4 x 2.4 x 0.4 m^3, and its top the plane z = 0.
+    velocity = diagnostics.body_velocity(stepper.bodies[1])
+    assert agree(impulse[2] < -10)
+    assert agree(np.abs(2.4 * 2.4 * 0.4e3 * velocity - impulse).max() <= 1e-11 * abs(impulse[2]))
 
 
 @pytest.mark.serial
