@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.integrators.attempt import Start, StepProblem
 from dolfinx_nts.integrators.implicit import ImplicitStepper

@@ -101,9 +101,7 @@ class GivenWay:
             self._next, self._has_begun = 1.0 if moves else self._part, True
         return R + forces if self._moves else R
 
-    def _resisted(
-        self, step: ContactStep, state: ContactContribution, changes: Floats
-    ) -> float:
+    def _resisted(self, step: ContactStep, state: ContactContribution, changes: Floats) -> float:
         """Square of the forces by which nodes resist changes of their constraints [N^2]. Local."""
         assert self._stiffness is not None
         stiffness = self._stiffness[step.state.nodes.nodes[state.pairs.node]]

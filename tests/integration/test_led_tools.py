@@ -145,7 +145,7 @@ def test_the_first_iterate_follows_the_tool_to_first_order(tool, motion):
 
 def test_a_plane_that_begins_to_drag_is_no_more_work_than_one_that_presses():
     """What obstacles do tells too whether bodies go on as in the last step."""
-    *pressing, dragging = (
+    *_, dragging = (
         step.newton_iterations for step in dragged("obstacle", 0.4, nu=0.499).run(until=1.25)
     )
     assert dragging <= 12

@@ -304,7 +304,8 @@ class ContactStep:
 
     def _contribution(self, pairs: PairKinematics, changed: int) -> ContactContribution:
         """Residual and tangent from multipliers and tractions. Local."""
-        active, (force, tangent, columns, slopes) = self.normal.active[pairs.node], self._forces(pairs)
+        active = self.normal.active[pairs.node]
+        force, tangent, columns, slopes = self._forces(pairs)
         rank = self.normal.rank(active)
         rank[self.friction.sticks(pairs.node, active)] = self._unknown.dim
         residual = pairs.blocks.restrict(force, tangent)
