@@ -64,7 +64,7 @@ class PairKinematics:
         self.force, self.whole_gradients = np.zeros((2, m, 3, d))
         self.excess = np.zeros((m, 3))
         self.force[:, 0], self.whole_gradients[:, 0] = contact.force, contact.gradient
-        self.gradients = self.whole_gradients
+        self.gradients: Floats = self.whole_gradients
         self.columns, self.normal = self.force, _kernels.unit_vectors(contact.gradient)
         self.fixed: Flags = np.zeros(m, dtype=bool)
         if free is not None:
