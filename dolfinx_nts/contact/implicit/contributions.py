@@ -62,7 +62,7 @@ class PairKinematics:
         self.contact, self.blocks = contact, blocks
         m, d = contact.force.shape
         self.force, self.whole_gradients = np.zeros((2, m, 3, d))
-        self.excess = np.zeros((m, 3))
+        self.excess: Floats = np.zeros((m, 3))
         self.force[:, 0], self.whole_gradients[:, 0] = contact.force, contact.gradient
         self.gradients: Floats = self.whole_gradients
         self.columns, self.normal = self.force, _kernels.unit_vectors(contact.gradient)
