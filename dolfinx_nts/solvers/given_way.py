@@ -17,7 +17,7 @@ from dolfinx import fem
 
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.implicit.contact_step import ContactStep, ahead
-from dolfinx_nts.contact.implicit.contributions import ContactContribution
+from dolfinx_nts.contact.implicit.contributions import ContactContribution, changed
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
@@ -116,7 +116,7 @@ class GivenWay:
         if not self._moves:
             return tuple(states)
         return tuple(
-            state._replace(pairs=state.pairs.with_changes(changes))
+            state._replace(pairs=changed(state.pairs, changes))
             for state, changes in zip(states, self._changes, strict=True)
         )
 

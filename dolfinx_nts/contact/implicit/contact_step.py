@@ -16,7 +16,11 @@ from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.common.parts import counts_of_parts
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Tied
 from dolfinx_nts.contact.history import ContactHistory, ContactWork
-from dolfinx_nts.contact.implicit.contributions import ContactContribution, PairKinematics
+from dolfinx_nts.contact.implicit.contributions import (
+    ContactContribution,
+    PairKinematics,
+    changes_by,
+)
 from dolfinx_nts.contact.implicit.crossing_edges import CrossingEdges
 from dolfinx_nts.contact.implicit.friction import Friction
 from dolfinx_nts.contact.implicit.frozen_points import FrozenPoints, SettlingPoints, TiedPoints
@@ -470,8 +474,7 @@ def ahead(step: ContactStep, pairs: PairKinematics, way: Floats) -> tuple[Floats
         return changes, change
     ways = scatter.forward(in_space(way)) - frame.ahead(step.x)
     dofs, nodes = pairs.dofs, pairs.blocks.nodes
-    of_pairs = ways[dofs].reshape(len(dofs), pairs.whole_gradients.shape[2])
-    changes = np.einsum("mid,md->mi", pairs.whole_gradients, of_pairs)
+    changes = changes_by(pairs, ways[dofs].reshape(pairs.contact.gradient.shape))
     force, tangent, columns, slopes = step._forces(pairs)
     sloping = np.einsum("mid,mij,mj->md", columns, slopes, changes)
     sloping += frame.turned_ahead(force.reshape(-1, 3)).reshape(force.shape)
