@@ -60,15 +60,14 @@ class PairKinematics:
         self.node, self.segment, self._free = node, segment, free
         self.contact, self.blocks = contact, blocks
         m, d = contact.force.shape
-        self.force, self._whole_gradients = np.zeros((2, m, 3, d))
+        self.force, self.gradients = np.zeros((2, m, 3, d))
         self.excess: Floats = np.zeros((m, 3))
-        self.force[:, 0], self._whole_gradients[:, 0] = contact.force, contact.gradient
-        self.gradients: Floats = self._whole_gradients
+        self.force[:, 0], self.gradients[:, 0] = contact.force, contact.gradient
         self.columns, self.normal = self.force, _kernels.unit_vectors(contact.gradient)
         self.fixed: Flags = np.zeros(m, dtype=bool)
         if free is not None:
             self.columns = self.force * free[:, None]
-            self.gradients = self._whole_gradients * free[:, None]
+            self.gradients[:, 0] *= free
             self.normal *= free[:, :3]
             self.fixed = ~(np.linalg.norm(self.normal, axis=1) > _FREE_NORMAL)
             self.normal = _kernels.unit_vectors(self.normal)
@@ -78,10 +77,10 @@ class PairKinematics:
         self.slip = slip
         self.excess[:, 1:] = slip.value
         self.force[:, 1:] = slip.force
-        self._whole_gradients[:, 1:] = slip.gradient
+        self.gradients[:, 1:] = slip.gradient
         if self._free is not None:
             self.columns[:, 1:] = slip.force * self._free[:, None]
-            self.gradients[:, 1:] = slip.gradient * self._free[:, None]
+            self.gradients[:, 1:] *= self._free[:, None]
             # A sticking node gives up all its displacements.
             self.fixed |= np.any(self._free[:, :3] != 1, axis=1) & ~never_sticks
 
@@ -158,7 +157,10 @@ def changes_by(pairs: PairKinematics, ways: Floats) -> Floats:
 
     ``ways`` are those of the nodes of the pairs, shape ``(m, d)`` [m].
     """
-    changes: Floats = np.einsum("mid,md->mi", pairs._whole_gradients, ways)
+    changes = np.zeros((len(ways), 3))
+    changes[:, 0] = np.einsum("md,md->m", pairs.contact.gradient, ways)
+    if "slip" in vars(pairs):  # there is friction
+        changes[:, 1:] = np.einsum("mid,md->mi", pairs.slip.gradient, ways)
     return changes
 
 
