@@ -16,8 +16,8 @@ import numpy as np
 from dolfinx import fem
 
 from dolfinx_nts.common.arrays import Floats
-from dolfinx_nts.contact.implicit.contact_step import ContactStep
-from dolfinx_nts.contact.implicit.contributions import ContactContribution
+from dolfinx_nts.contact.implicit.contact_step import ContactStep, ahead
+from dolfinx_nts.contact.implicit.contributions import ContactContribution, changed
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
@@ -93,7 +93,7 @@ class GivenWay:
         forces = bulk.action(way, moves_given=True)
         self._changes, resisted = [], 0.0
         for step, state in zip(self._steps, states, strict=True):
-            changes, change = step.ahead(state.pairs, way)
+            changes, change = ahead(step, state.pairs, way)
             self._changes.append(changes)
             forces += change[:, : way.shape[1]]
             resisted += self._resisted(step, state, changes)
@@ -123,7 +123,7 @@ class GivenWay:
         if not self._moves:
             return tuple(states)
         return tuple(
-            state._replace(pairs=state.pairs.with_changes(changes))
+            state._replace(pairs=changed(state.pairs, changes))
             for state, changes in zip(states, self._changes, strict=True)
         )
 

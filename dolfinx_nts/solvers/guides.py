@@ -40,28 +40,25 @@ class Guides:
         """
         self.led = np.array([body.led(t_n, t) for body in self._bodies])
 
+    def ahead(self, part: float) -> Floats:
+        """Displacements [m] and rotation vectors [rad] of the way after a part of it. Local."""
+        return (1 - part) * self._with_halves(self.led, np.arctan)
+
     def led_between(self, first: float, last: float) -> Floats:
-        """The same as `led` between two parts of the step, from 0 to 1 [-]. Local.
+        """The same as `led` between two parts of the way, from 0 to 1 [-]. Local.
 
-        Bodies turn about axes that stay: half angles add up, not their tangents.
+        Bodies turn about axes that stay, by angles that add up, as Cayley vectors do not.
         """
-        if last - first == 1.0:
+        if last - first == 1.0 or not self.move:
             return self.led
-        part: Floats = (last - first) * self.led_at_first(0.0)
-        for i, body in enumerate(self._bodies):
-            turn = part[i, len(body.point) :]
-            half = float(np.linalg.norm(turn)) / 2
-            turn *= np.tan(half) / half if half else 1.0
-        return part
+        return self._with_halves((last - first) * self.ahead(0.0), np.tan)
 
-    def led_at_first(self, part: float) -> Floats:
-        """Displacements [m] and rotation vectors [rad] that are left after a part. Local."""
-        left = self.led.copy()
-        for i, body in enumerate(self._bodies):
-            turn = left[i, len(body.point) :]
-            half = float(np.linalg.norm(turn)) / 2
-            turn *= np.arctan(half) / half if half else 1.0
-        return (1 - part) * left
+    def _with_halves(self, amounts: Floats, function: np.ufunc) -> Floats:
+        """Amounts with a function of half of the length of each turn in the place of it. Local."""
+        dim = len(self._bodies[0].point)
+        half = np.linalg.norm(amounts[:, dim:], axis=1, keepdims=True) / 2
+        factor = np.where(half > 0, function(half) / np.where(half > 0, half, 1.0), 1.0)
+        return np.hstack([amounts[:, :dim], factor * amounts[:, dim:]])
 
     @property
     def move(self) -> bool:

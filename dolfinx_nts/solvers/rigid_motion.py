@@ -235,7 +235,7 @@ class RigidMotion(RigidStates):
         if not (self.exists and self.guides.move):
             return way
         motions = rigid_motions(self._fields.positions(*self._fields.sums(u)))
-        return self._fields.put(combined(self.guides.led_at_first(part), motions), way)
+        return self._fields.put(combined(self.guides.ahead(part), motions), way)
 
     def columns(self) -> list[RigidColumns]:
         """Motions of each body in the unknowns of its nodes. Local."""

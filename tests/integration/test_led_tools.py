@@ -6,12 +6,11 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from helpers.plane import blocks, turning
-from helpers.round import plane_mesh, ring, tagged
 
 pytestmark = pytest.mark.at_most_two_ranks
 
-BORE, GAP, CELLS = 0.9, 0.01, 48  # m, m, -
-SQUEEZE, ASIDE, ANGLE = 0.03, 0.04, 0.06  # m, m, rad
+BORE, RIM, GAP = 1.0, 1.8, 0.005  # m
+SQUEEZE, ASIDE, ANGLE = 0.03, 0.08, 0.06  # m, m, rad
 TOOLS = ["guide", "obstacle", "supports"]
 
 
@@ -20,15 +19,28 @@ def bushing(comm, tool, method="node-to-segment"):
 
     The pin is led as a rigid body, as an exact obstacle, or by supports at all of its nodes.
     """
-    parts = [ring((0.0, 0.0), 2 * BORE, CELLS)]
+    ends = {"sleeve": {BORE: 64, RIM: 96}}  # number of cells around, by radii
     if tool != "obstacle":
-        parts.append(ring((0.0, 0.0), BORE - GAP, CELLS, 0.5))
-    mesh = plane_mesh(comm, *parts)
+        ends["pin"] = {0.4 * BORE: 32, BORE - GAP: 48}
+
+    def build(model):
+        occ = model.occ
+        for name, cells in ends.items():
+            inner, outer = ([(2, occ.addDisk(0, 0, 0, r, r))] for r in cells)
+            (surface,), _ = occ.cut(outer, inner)
+            occ.synchronize()
+            model.addPhysicalGroup(2, [surface[1]], name=name)
+            for curve in model.getBoundary([surface], oriented=False):
+                radius = min(cells, key=lambda r: abs(r - model.getBoundingBox(*curve)[3]))
+                model.mesh.setTransfiniteCurve(curve[1], cells[radius] + 1)
+            model.mesh.setRecombine(*surface)
+        model.mesh.generate(2)
+
+    mesh, cells, _, tag = nts.read_mesh(build, comm)
     V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
-    tags = tagged(mesh, lambda x: np.hypot(x[:, 0], x[:, 1]) < BORE - GAP / 2)
-    sleeve = nts.Body(V, tags, 1, nts.NeoHookean(E=4e6, nu=0.499, rho=1100.0))
+    sleeve = nts.Body(V, cells, tag["sleeve"], nts.NeoHookean(E=4e6, nu=0.499, rho=1100.0))
     u, X = fem.Function(V), V.tabulate_dof_coordinates()[:, :2]
-    rim = fem.locate_dofs_geometrical(V, lambda x: np.hypot(x[0], x[1]) > 1.99 * BORE)
+    rim = fem.locate_dofs_geometrical(V, lambda x: np.hypot(x[0], x[1]) > 0.99 * RIM)
     bcs = [fem.dirichletbc(u, rim)]
 
     def shift(t):
@@ -41,17 +53,17 @@ def bushing(comm, tool, method="node-to-segment"):
     if tool == "obstacle":
         shaft = nts.RigidSphere((0.0, 0.0), BORE - GAP).moving(motion)
     elif tool == "guide":
-        bodies.append(nts.RigidBody(V, tags, 2, 7800.0, guide=nts.Guide(motion=motion)))
+        bodies.append(nts.RigidBody(V, cells, tag["pin"], 7800.0, guide=nts.Guide(motion=motion)))
         shaft = nts.boundary_of(bodies[1])
     else:
-        bodies.append(nts.Body(V, tags, 2, nts.NeoHookean(E=1e9, nu=0.3, rho=7800.0)))
+        bodies.append(nts.Body(V, cells, tag["pin"], nts.NeoHookean(E=1e9, nu=0.3, rho=7800.0)))
         shaft = nts.boundary_of(bodies[1])
         led = fem.locate_dofs_geometrical(V, lambda x: np.hypot(x[0], x[1]) < BORE - GAP / 2)
         bcs.append(fem.dirichletbc(u, led))
 
     def update(t):
         values = u.x.array.reshape(-1, 2)
-        values[rim] = -SQUEEZE * min(t, 1.0) * X[rim] / (2 * BORE)
+        values[rim] = -SQUEEZE * min(t, 1.0) * X[rim] / RIM
         values[led] = X[led] @ turning(angle(t)).T - X[led] + shift(t)
 
     bore = nts.boundary_of(sleeve, where=lambda x: np.hypot(x[0], x[1]) < 1.1 * BORE)

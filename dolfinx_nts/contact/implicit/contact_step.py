@@ -16,7 +16,11 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Tied
 from dolfinx_nts.contact.history import ContactHistory, ContactWork
-from dolfinx_nts.contact.implicit.contributions import ContactContribution, PairKinematics
+from dolfinx_nts.contact.implicit.contributions import (
+    ContactContribution,
+    PairKinematics,
+    changes_by,
+)
 from dolfinx_nts.contact.implicit.crossing_edges import CrossingEdges
 from dolfinx_nts.contact.implicit.friction import Friction
 from dolfinx_nts.contact.implicit.frozen_points import FrozenPoints, SettlingPoints, TiedPoints
@@ -35,6 +39,7 @@ from dolfinx_nts.search.candidates import Candidates
 
 __all__ = [
     "ContactStep",
+    "ahead",
     "contact_residual",
     "decide",
     "go_on_from",
@@ -302,10 +307,8 @@ class ContactStep:
 
     def _contribution(self, pairs: PairKinematics, changed: int) -> ContactContribution:
         """Residual and tangent from multipliers and tractions. Local."""
-        active, (force, tangent, columns, slopes) = (
-            self.normal.active[pairs.node],
-            self._forces(pairs),
-        )
+        active = self.normal.active[pairs.node]
+        force, tangent, columns, slopes = self._forces(pairs)
         rank = self.normal.rank(active)
         rank[self.friction.sticks(pairs.node, active)] = self._unknown.dim
         residual = pairs.blocks.restrict(force, tangent)
@@ -326,34 +329,6 @@ class ContactStep:
         columns, slopes = self.friction.add_to(pairs, active, force, tangent)
         slopes[:, 0, 0] = slope
         return force, tangent, columns, slopes
-
-    def ahead(self, pairs: PairKinematics, way: Floats) -> tuple[Floats, Floats]:
-        """How gaps, slips and forces change by ways that nodes and obstacles are given. Collective.
-
-        Args:
-            pairs: Those of the last evaluation.
-            way: Ways of the owned nodes to first order, shape ``(n, d)`` [m]; the obstacle's are
-                known.
-
-        Returns:
-            Changes of gaps and slips, shape ``(m, 3)`` [m], and of forces on the owned nodes at
-            multipliers that stay, shape ``(n, 3)`` [N].
-        """
-        frame, scatter = self.state.search.frame, self.candidates.scatter
-        change, changes = np.zeros((len(way), 3)), np.zeros((len(pairs.node), 3))
-        if not self.num_active:
-            return changes, change
-        ways = scatter.forward(in_space(way)) - frame.ahead(self.x)
-        dofs, nodes = pairs.dofs, pairs.blocks.nodes
-        of_pairs = ways[dofs].reshape(len(dofs), pairs.whole_gradients.shape[2])
-        changes = np.einsum("mid,md->mi", pairs.whole_gradients, of_pairs)
-        force, tangent, columns, slopes = self._forces(pairs)
-        sloping = np.einsum("mid,mij,mj->md", columns, slopes, changes)
-        sloping += frame.turned_ahead(force.reshape(-1, 3)).reshape(force.shape)
-        turning = np.einsum("pij,pj->pi", tangent, ways[nodes].reshape(tangent.shape[:2]))
-        for some, forces in ((dofs, sloping), (nodes, turning)):
-            scatter.add(change, some, forces.reshape(*some.shape, 3))
-        return changes, change
 
 
 def _search(
@@ -477,3 +452,31 @@ def predict(step: ContactStep, contribution: ContactContribution, du: Floats) ->
         du = step.candidates.scatter.forward(in_space(du)).take(pairs.dofs, axis=0)
         change = np.einsum("mid,md->mi", pairs.gradients[:, 1:], du.reshape(m, d))
         decided.predict(pairs, change)
+
+
+def ahead(step: ContactStep, pairs: PairKinematics, way: Floats) -> tuple[Floats, Floats]:
+    """How gaps, slips and forces change by ways that nodes and obstacles are given. Collective.
+
+    Args:
+        step: An attempt, whose obstacle knows its own way.
+        pairs: Those of its last evaluation.
+        way: Ways of the owned nodes to first order, shape ``(n, d)`` [m].
+
+    Returns:
+        Changes of gaps and slips, shape ``(m, 3)`` [m], and of forces on the owned nodes at
+        multipliers that stay, shape ``(n, 3)`` [N].
+    """
+    frame, scatter = step.state.search.frame, step.candidates.scatter
+    change, changes = np.zeros((len(way), 3)), np.zeros((len(pairs.node), 3))
+    if not step.num_active:
+        return changes, change
+    ways = scatter.forward(in_space(way)) - frame.ahead(step.x)
+    dofs, nodes = pairs.dofs, pairs.blocks.nodes
+    changes = changes_by(pairs, ways[dofs].reshape(pairs.contact.gradient.shape))
+    force, tangent, columns, slopes = step._forces(pairs)
+    sloping = np.einsum("mid,mij,mj->md", columns, slopes, changes)
+    sloping += frame.turned_ahead(force.reshape(-1, 3)).reshape(force.shape)
+    turning = np.einsum("pij,pj->pi", tangent, ways[nodes].reshape(tangent.shape[:2]))
+    for some, forces in ((dofs, sloping), (nodes, turning)):
+        scatter.add(change, some, forces.reshape(*some.shape, 3))
+    return changes, change

@@ -16,7 +16,7 @@ from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.implicit.pair_blocks import PairBlocks
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 
-__all__ = ["ContactContribution", "PairKinematics"]
+__all__ = ["ContactContribution", "PairKinematics", "changed", "changes_by"]
 
 # Length of the free part of a unit normal [-] above which a node can move along it.
 _FREE_NORMAL = 0.5
@@ -40,7 +40,6 @@ class PairKinematics:
         force: Normal and tangential force per multiplier, shape ``(m, 3, d)``.
         columns: The same, 0 where the displacement is given.
         gradients: Gradients of gap and slip at x, 0 where it is given, shape ``(m, 3, d)``.
-        whole_gradients: The same, also where it is given.
         excess: What constraints make zero, shape ``(m, 3)`` [m].
         normal: Free part of the node's normal, of unit length, shape ``(m, 3)``.
         fixed: Whether the node cannot give up what constraints determine, shape ``(m,)``.
@@ -61,15 +60,14 @@ class PairKinematics:
         self.node, self.segment, self._free = node, segment, free
         self.contact, self.blocks = contact, blocks
         m, d = contact.force.shape
-        self.force, self.whole_gradients = np.zeros((2, m, 3, d))
+        self.force, self.gradients = np.zeros((2, m, 3, d))
         self.excess: Floats = np.zeros((m, 3))
-        self.force[:, 0], self.whole_gradients[:, 0] = contact.force, contact.gradient
-        self.gradients = self.whole_gradients
+        self.force[:, 0], self.gradients[:, 0] = contact.force, contact.gradient
         self.columns, self.normal = self.force, _kernels.unit_vectors(contact.gradient)
         self.fixed: Flags = np.zeros(m, dtype=bool)
         if free is not None:
             self.columns = self.force * free[:, None]
-            self.gradients = self.whole_gradients * free[:, None]
+            self.gradients[:, 0] *= free
             self.normal *= free[:, :3]
             self.fixed = ~(np.linalg.norm(self.normal, axis=1) > _FREE_NORMAL)
             self.normal = _kernels.unit_vectors(self.normal)
@@ -79,18 +77,12 @@ class PairKinematics:
         self.slip = slip
         self.excess[:, 1:] = slip.value
         self.force[:, 1:] = slip.force
-        self.whole_gradients[:, 1:] = slip.gradient
+        self.gradients[:, 1:] = slip.gradient
         if self._free is not None:
             self.columns[:, 1:] = slip.force * self._free[:, None]
-            self.gradients[:, 1:] = slip.gradient * self._free[:, None]
+            self.gradients[:, 1:] *= self._free[:, None]
             # A sticking node gives up all its displacements.
             self.fixed |= np.any(self._free[:, :3] != 1, axis=1) & ~never_sticks
-
-    def with_changes(self, changes: Floats) -> "PairKinematics":
-        """Copy in which constraints see gaps and slips after changes, ``(m, 3)`` [m]."""
-        changed = copy(self)
-        changed.excess = self.excess + changes
-        return changed
 
     @property
     def dofs(self) -> Ints:
@@ -164,3 +156,22 @@ class ContactContribution(NamedTuple):
     def constraint_error(self) -> float:
         """Largest violation of a constraint on this rank [m]."""
         return float(self.violations.max(initial=0.0))
+
+
+def changes_by(pairs: PairKinematics, ways: Floats) -> Floats:
+    """Changes of gaps and slips by ways of all nodes, also given ones, ``(m, 3)`` [m]. Local.
+
+    ``ways`` are those of the nodes of the pairs, shape ``(m, d)`` [m].
+    """
+    changes = np.zeros((len(ways), 3))
+    changes[:, 0] = np.einsum("md,md->m", pairs.contact.gradient, ways)
+    if "slip" in vars(pairs):  # there is friction
+        changes[:, 1:] = np.einsum("mid,md->mi", pairs.slip.gradient, ways)
+    return changes
+
+
+def changed(pairs: PairKinematics, changes: Floats) -> PairKinematics:
+    """Copy in which constraints see gaps and slips after changes, ``(m, 3)`` [m]. Local."""
+    after = copy(pairs)
+    after.excess = pairs.excess + changes
+    return after
