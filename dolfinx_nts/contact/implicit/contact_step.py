@@ -467,9 +467,9 @@ def ahead(step: ContactStep, pairs: PairKinematics, way: Floats) -> tuple[Floats
         multipliers that stay, shape ``(n, 3)`` [N].
     """
     frame, scatter = step.state.search.frame, step.candidates.scatter
-    change, changes = np.zeros((len(way), 3)), np.zeros((len(pairs.node), 3))
+    change: Floats = np.zeros((len(way), 3))
     if not step.num_active:
-        return changes, change
+        return np.zeros((len(pairs.node), 3)), change
     ways = scatter.forward(in_space(way)) - frame.ahead(step.x)
     dofs, nodes = pairs.dofs, pairs.blocks.nodes
     changes = changes_by(pairs, ways[dofs].reshape(pairs.contact.gradient.shape))
