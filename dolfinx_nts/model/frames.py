@@ -59,9 +59,11 @@ class Frame:
         angle: Angle by which the frame turns in the step [rad].
         stays_on_axis: Whether it has only moved along y since it was declared.
         turn: Cayley vector of this, 2 tan(angle/2) along the axis, shape ``(3,)`` [-].
+        end: Where it is at t_{n+1}.
     """
 
     moves, stays_on_axis = False, True
+    end = Placement(np.zeros(3), np.eye(3))
     centre: Floats = np.zeros(3)
     turn: Floats = np.zeros(3)
     angle = 0.0
@@ -72,6 +74,10 @@ class Frame:
     def ahead(self, X: Floats) -> Floats:
         """Ways that the frame's points still have to go, in space, to first order."""
         return np.zeros_like(X)
+
+    def way_from(self, end: Placement, x: Floats) -> Floats:
+        """Ways in space, to first order, of the frame's points that were at x at another end."""
+        return np.zeros_like(x)
 
     def turned_ahead(self, force: Floats) -> Floats:
         """Changes of forces ``(..., 3)`` that turn with the frame as it goes on, as `ahead`."""
@@ -140,10 +146,10 @@ class MovingFrame(Frame):
         shift, turn = start.way_to(goal)
         if part < 1:
             rotation = rotation_by(part * turn) @ start.rotation
-            self._end = Placement(start.centre + part * shift, rotation)
+            self.end = Placement(start.centre + part * shift, rotation)
         else:
-            self._end = goal
-        end = self._end
+            self.end = goal
+        end = self.end
         self._ahead = (1 - part) * shift, (1 - part) * turn
         self._mean: Floats = (start.rotation + end.rotation) / 2
         turned = end.rotation @ start.rotation.T
@@ -155,7 +161,13 @@ class MovingFrame(Frame):
     def ahead(self, X: Floats) -> Floats:
         """Ways of the frame's points that are left, see `Frame.ahead`."""
         shift, turn = self._ahead
-        way: Floats = shift + np.cross(turn, (X - self._origin) @ self._end.rotation.T)
+        way: Floats = shift + np.cross(turn, (X - self._origin) @ self.end.rotation.T)
+        return way
+
+    def way_from(self, end: Placement, x: Floats) -> Floats:
+        """Ways of the frame's points, see `Frame.way_from`."""
+        shift, turn = end.way_to(self.end)
+        way: Floats = shift + np.cross(turn, x - end.centre)
         return way
 
     def turned_ahead(self, force: Floats) -> Floats:
@@ -169,12 +181,12 @@ class MovingFrame(Frame):
 
     def at_end(self, x: Floats) -> Floats:
         """Positions in the frame at t_{n+1}, see `Frame.at_end`."""
-        X: Floats = (x - self._end.centre) @ self._end.rotation + self._origin
+        X: Floats = (x - self.end.centre) @ self.end.rotation + self._origin
         return X
 
     def in_space(self, X: Floats) -> Floats:
         """Positions in space at t_{n+1}, see `Frame.in_space`."""
-        x: Floats = (X - self._origin) @ self._end.rotation.T + self._end.centre
+        x: Floats = (X - self._origin) @ self.end.rotation.T + self.end.centre
         return x
 
     def relative(self, X_n: Floats, X: Floats) -> Floats:
@@ -193,18 +205,18 @@ class MovingFrame(Frame):
         """Positions relative to the centre at both ends of the step, ``(..., 3)`` [m]."""
         return (
             (X_n - self._origin) @ self._start.rotation.T,
-            (X - self._origin) @ self._end.rotation.T,
+            (X - self._origin) @ self.end.rotation.T,
         )
 
     def drag(self, x: Floats) -> Floats:
         """How far the frame has carried its points, see `Frame.drag`."""
-        y = (x - self._end.centre) @ self._end.rotation @ self._start.rotation.T
+        y = (x - self.end.centre) @ self.end.rotation @ self._start.rotation.T
         way: Floats = np.linalg.norm(x - self._start.centre - y, axis=-1)
         return way
 
     def turned(self, scheme: str, contact: ContactKinematics) -> ContactKinematics:
         """Bring forces into space, see `Frame.turned`; static ones by the rotation at the end."""
-        end = _of_all(self._end.rotation, contact.force)
+        end = _of_all(self.end.rotation, contact.force)
         of_force = end if scheme == "static" else _of_all(self._mean, contact.force)
         return contact._replace(
             force=contact.force @ of_force.T,
@@ -214,7 +226,7 @@ class MovingFrame(Frame):
 
     def turned_slip(self, slip: Slip) -> Slip:
         """Bring slip into space, see `Frame.turned_slip`."""
-        return _TurnedSlip(slip, self._start.rotation, self._mean, self._end.rotation)
+        return _TurnedSlip(slip, self._start.rotation, self._mean, self.end.rotation)
 
 
 class _TurnedSlip(Slip):

@@ -5,6 +5,7 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
+from dolfinx_nts import meshing
 from helpers.plane import blocks, turning
 
 pytestmark = pytest.mark.at_most_two_ranks
@@ -149,3 +150,41 @@ def test_a_plane_that_begins_to_drag_is_no_more_work_than_one_that_presses():
         step.newton_iterations for step in dragged("obstacle", 0.4, nu=0.499).run(until=1.25)
     )
     assert dragging <= 12
+
+
+def on_a_roller(comm, before):
+    """Iterations of a block that is pressed on a roller, with springs, and rolls on it.
+
+    The roller is an obstacle, and has turned by an angle ``before`` until they meet [rad].
+    """
+
+    def build(model):
+        shape = {"corner": (-0.5, 0.001), "size": (1.0, 0.5), "cells": (12, 6)}
+        meshing.add_rectangle(model, "block", **shape)
+
+    mesh, cells, facets, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+    block = nts.Body(V, cells, tag["block"], nts.NeoHookean(1e5, 0.3, 1e3))
+    u = fem.Function(V)
+    top = fem.locate_dofs_geometrical(V, lambda x: np.isclose(x[1], 0.501))
+
+    def update(t):
+        u.x.array.reshape(-1, 2)[top] = 0.0, -0.05 * np.clip(t - 1, 0, 1)
+
+    def turn(t):
+        return before * min(t, 1.0) + 0.035 * max(t - 2, 0.0)
+
+    centre = (0.0, -1.0)
+    roller = nts.RigidSphere(centre, 1.0).moving(nts.Motion(None, turn, centre))
+    bottom = nts.Surface(V, facets, tag["block_bottom"])
+    pair = nts.ContactPair(bottom, roller, nts.Penalty(), nts.Coulomb(0.5))
+    held = [fem.dirichletbc(u, top)]
+    stepper = nts.QuasiStatic([block], [pair], dt=0.25, bcs=held, update=update)
+    return [step.newton_iterations for step in stepper.run(until=4.0)]
+
+
+def test_springs_do_not_mind_how_far_a_tool_has_turned(comm):
+    """Gaps and slips follow the linear system in space, not in the frame of the tool."""
+    straight, turned = (on_a_roller(comm, before)[4:] for before in (0.0, np.pi / 2))
+    assert turned == straight
+    assert max(straight) <= 6

@@ -15,6 +15,7 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
+from dolfinx_nts.model.frames import Frame, Placement
 
 __all__ = ["LinearValues"]
 
@@ -23,30 +24,32 @@ class LinearValues:
     """Values of ``n`` nodes in an iterate by the linear system. Local.
 
     Args:
+        frame: That of what the nodes face, which may go on its way from one iterate to the next.
         num_nodes: Number of nodes.
         shape: That of the value of a node: none, or ``2``.
     """
 
-    def __init__(self, num_nodes: int, *shape: int) -> None:
+    def __init__(self, frame: Frame, num_nodes: int, *shape: int) -> None:
         """Know no iterate."""
+        self._frame = frame
         self._values: Floats = np.empty((num_nodes, *shape))
         self._segment: Ints = np.empty(num_nodes, dtype=np.int32)
-        self._last: tuple[PairKinematics, Floats, Floats, Floats] | None = None
+        self._last: tuple[PairKinematics, Floats, Placement, Floats, Floats] | None = None
 
     def of(self, pairs: PairKinematics, x: Floats, measured: Floats, gradients: Floats) -> Floats:
         """Values of ``m`` pairs by those of the last call and their gradients there.
 
         Args:
             pairs: Pairs of this iterate.
-            x: Positions with ghosts, shape ``(l, 3)`` [m].
+            x: Positions with ghosts in the frame, shape ``(l, 3)`` [m].
             measured: Values there, shape ``(m,)`` or ``(m, 2)``: the result where the last iterate
                 had no pair of the node with the same segment.
-            gradients: Their gradients, shape ``(m, d)`` or ``(m, 2, d)``.
+            gradients: Their gradients in space, shape ``(m, d)`` or ``(m, 2, d)``.
         """
-        values = measured
+        values, x = measured, self._frame.in_space(x)
         if self._last is not None:
-            last, x_last, before, slopes = self._last
-            dx = (x - x_last).take(last.dofs, axis=0)
+            last, x_last, end, before, slopes = self._last
+            dx = (x - x_last - self._frame.way_from(end, x_last)).take(last.dofs, axis=0)
             dx = dx.reshape(len(slopes), slopes.shape[-1])
             self._segment[:] = -1
             self._segment[last.node] = last.segment
@@ -54,7 +57,7 @@ class LinearValues:
             is_same = self._segment[pairs.node] == pairs.segment
             values = measured.copy()
             values[is_same] = self._values[pairs.node[is_same]]
-        self._last = pairs, x, measured, gradients
+        self._last = pairs, x, self._frame.end, measured, gradients
         return values
 
     def forget(self) -> None:

@@ -45,7 +45,7 @@ class PenaltyContact(NormalContact):
         self._slope: Floats = np.empty(0)  # derivative of lambda_N by the gap [N/m]
         # Gaps and forces by the linear system, in statics.
         n = len(self.active) if is_static else 0
-        self._linear_gaps, self._linear_force = LinearValues(n), np.zeros(n)
+        self._linear_gaps, self._linear_force = LinearValues(state.search.frame, n), np.zeros(n)
         self._rounding: Floats = np.empty(0)
         if self._is_static:
             self._begin_in_touch()

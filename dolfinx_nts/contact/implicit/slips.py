@@ -10,6 +10,7 @@ from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.implicit.active_set import ROUNDING
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.linear_values import LinearValues
+from dolfinx_nts.model.frames import Frame
 
 __all__ = ["Slips", "length_of", "with_length"]
 
@@ -24,8 +25,8 @@ class Slips:
 
     Args:
         size: Size of the segments of each node, shape ``(n,)`` [m].
-        follow_linear: Whether slips by the linear system are told from measured ones, as those
-            of springs are in statics, see `LinearValues`.
+        frame: That of what the nodes face, where slips by the linear system are told from measured
+            ones, as those of springs are in statics, see `LinearValues`; otherwise None.
 
     Attributes:
         present: Slips in the last evaluation, 0 where they are none, shape ``(n, 2)`` [m].
@@ -34,11 +35,11 @@ class Slips:
         turning: Tractions of springs that go with them, the same shape [N].
     """
 
-    def __init__(self, size: Floats, follow_linear: bool = False) -> None:
+    def __init__(self, size: Floats, frame: Frame | None = None) -> None:
         """Begin without any slip."""
         n = len(size)
         self.linear, self.turning = np.zeros((n, 2)), np.zeros((n, 2))
-        self._values = LinearValues(n, 2) if follow_linear else None
+        self._values = None if frame is None else LinearValues(frame, n, 2)
         self._size = size
         self.modelled: Floats = np.zeros((n, 2))
         self.present: Floats = np.zeros((n, 2))

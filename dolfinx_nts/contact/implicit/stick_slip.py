@@ -68,7 +68,8 @@ class StickSlip(Friction):
         )
         size = np.repeat(segment_sizes(state), np.diff(ends))
         self.decided = None if self._has_spring else self._Decided(self)
-        self._slips = Slips(size, follow_linear=is_static and self._has_spring)
+        follows = is_static and self._has_spring
+        self._slips = Slips(size, state.search.frame if follows else None)
         # Where nothing moves nodes stick until they are found to slide, as bodies may have no
         # other hold.
         self.sliding = history.sliding | (~history.active & (not is_static))

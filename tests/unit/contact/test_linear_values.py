@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dolfinx_nts.contact.implicit.linear_values import LinearValues
+from dolfinx_nts.model.frames import Frame, MovingFrame, Placement, rotation_by
 
 
 def pairs(node, segment):
@@ -16,7 +17,7 @@ def pairs(node, segment):
 
 @pytest.mark.parametrize("shape", [(), (2,)])
 def test_values_follow_gradients_on_the_same_segment(shape, rng):
-    values, x = LinearValues(4, *shape), rng.normal(size=(4, 3))
+    values, x = LinearValues(Frame(), 4, *shape), rng.normal(size=(4, 3))
     first, measured = pairs([0, 2, 3], [5, 6, 7]), rng.normal(size=(3, *shape))
     gradients = rng.normal(size=(3, *shape, 3))
     assert values.of(first, x, measured, gradients) is measured
@@ -28,8 +29,25 @@ def test_values_follow_gradients_on_the_same_segment(shape, rng):
 
 
 @pytest.mark.parametrize("shape", [(), (2,)])
+def test_an_obstacle_that_has_turned_goes_on_between_two_iterates(shape, rng):
+    """Gradients are those in space, whatever the obstacle has turned by; its own way counts."""
+    origin, centre, turn = rng.normal(size=(3, 3))
+    places = [Placement(centre + part, rotation_by(part * turn)) for part in (1.0, 1.5, 2.0)]
+    frame = MovingFrame(origin, *places)
+    values, x = LinearValues(frame, 1, *shape), rng.normal(size=(1, 3))
+    one, gradients = pairs([0], [0]), rng.normal(size=(1, *shape, 3))
+    measured, dx = rng.normal(size=(1, *shape)), rng.normal(size=(1, 3))
+    frame.go(0.25)
+    values.of(one, frame.at_end(x), measured, gradients)
+    frame.go(0.75)
+    found = values.of(one, frame.at_end(x + dx), np.zeros((1, *shape)), gradients)
+    way = 0.5 + np.cross(0.5 * turn, x - (centre + 1.25))
+    np.testing.assert_allclose(found[0], measured[0] + gradients[0] @ (dx - way)[0], rtol=1e-12)
+
+
+@pytest.mark.parametrize("shape", [(), (2,)])
 def test_pairs_come_and_go(shape):
-    values, x = LinearValues(2, *shape), np.zeros((2, 3))
+    values, x = LinearValues(Frame(), 2, *shape), np.zeros((2, 3))
     none, gradients = np.zeros((0, *shape)), np.zeros((0, *shape, 3))
     for _ in range(2):
         assert len(values.of(pairs([], []), x, none, gradients)) == 0
