@@ -17,8 +17,9 @@ def add_surroundings(marker: la.Vector, V: fem.FunctionSpace, rings: int) -> Non
     """
     _share(marker)
     marks: Floats = marker.array
+    nodes = V.dofmap.list
     for _ in range(rings):
-        marks[V.dofmap.list[marks.take(V.dofmap.list).any(axis=1)]] = 1
+        marks[nodes[marks.take(nodes).any(axis=1)]] = 1
         _share(marker)
 
 
