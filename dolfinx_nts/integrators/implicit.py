@@ -275,6 +275,9 @@ class ImplicitStepper(Stepper):
         self._way = reductions.largest(self._comm, way)
         return replace(report, reason=self._wrong(steps, problem.x_n))
 
+    def _look_at(self, steps: Sequence[ContactStep], solution: newton.Solution) -> None:
+        """Tell what is wrong with an accepted solution; nothing: with inertia none is unstable."""
+
     def _elsewhere(
         self, start: Start, problem: StepProblem
     ) -> tuple[list[ContactStep], newton.Solution] | None:
@@ -327,8 +330,9 @@ class ImplicitStepper(Stepper):
         ways: Floats = (led(u_n) - u_n)[: self._bulk.num_owned]
         for contact in self.contacts:
             frame, nodes = contact.search.frame, contact.nodes.nodes
-            way = frame.in_space(frame.at_start(x_n[nodes])) - x_n[nodes]
-            ways.reshape(-1, self._bulk.rigid.dim)[nodes] += way[:, : self._bulk.rigid.dim]
+            if frame.moves:
+                way = frame.in_space(frame.at_start(x_n[nodes])) - x_n[nodes]
+                self._owned(ways)[nodes] += way[:, : self._bulk.rigid.dim]
         return ways
 
     def _way_from(self, start: Start, steps: Sequence[ContactStep]) -> GivenWay:
@@ -410,6 +414,7 @@ class ImplicitStepper(Stepper):
 
         ``attempts`` are the reports of all attempts, ``load`` is the norm of the loads [N].
         """
+        self._look_at(steps, solution)
         n = len(self._lumped_mass)
         works = {}
         for step, pairs in zip(steps, solution.end.states, strict=True):

@@ -1,7 +1,7 @@
 """Statics: equilibria at the ends of steps."""
 
 import logging
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -14,7 +14,6 @@ from dolfinx_nts.integrators.attempt import Start, StepProblem
 from dolfinx_nts.integrators.implicit import ImplicitStepper
 from dolfinx_nts.integrators.rates import NoRates
 from dolfinx_nts.integrators.relaxation import PseudoStep, Relaxation
-from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.integrators.unstable_equilibrium import UnstableEquilibrium
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
@@ -88,18 +87,11 @@ class QuasiStatic(ImplicitStepper):
         """Tells of equilibria that are not stable."""
         return UnstableEquilibrium(self._comm, self.bodies)
 
-    def _accepted(
-        self,
-        steps: Sequence[ContactStep],
-        solution: newton.Solution,
-        attempts: Collection[NewtonReport],
-        load: float,
-    ) -> StepReport:
-        """Accept an equilibrium, and tell if it is not stable, see `ImplicitStepper`."""
+    def _look_at(self, steps: Sequence[ContactStep], solution: newton.Solution) -> None:
+        """Tell if an equilibrium is not stable."""
         if solution.report.iterations:
             motion = self._solver.falling_motion(steps, solution.end.states, self.step)
             self._unstable.look(motion, self._X[: len(self.node_ids)], self.t + self.dt)
-        return super()._accepted(steps, solution, attempts, load)
 
     def _attempts(
         self, starts: Iterable[Start], failed: Mapping[str, NewtonReport]
