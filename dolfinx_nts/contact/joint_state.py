@@ -25,7 +25,7 @@ from dolfinx_nts.search.global_search import GlobalSearch
 from dolfinx_nts.search.joint_facets import JointFacets
 from dolfinx_nts.search.joint_search import JointSearch
 
-__all__ = ["JointNodes", "JointState", "bounds", "joined", "members", "segment_sizes"]
+__all__ = ["JointNodes", "JointState", "bounds", "joint_states", "members", "segment_sizes"]
 
 
 class JointNodes(NamedTuple):
@@ -108,7 +108,7 @@ class JointState:
             self._accepted.append(state.accepted)
 
 
-def joined(states: Sequence[PairState]) -> list[PairState | JointState]:
+def joint_states(states: Sequence[PairState]) -> list[PairState | JointState]:
     """Join the pairs that can be evaluated together; others stay as they are. Collective.
 
     These are pairs of nodes with the segments of other bodies, with equal laws.

@@ -19,14 +19,14 @@ class _Rule(NamedTuple):
 
     Attributes:
         of: Values at the nodes of a pair, from the state, the pair and its number.
-        joined: Joins the values of a node that belongs to several pairs.
+        merged: Merges the values of a node that belongs to several pairs.
         elsewhere: Value of nodes without a pair.
         shape: Shape of the value of a node.
         needs_friction: Whether only pairs with friction have the field.
     """
 
     of: Callable[[Present, PairState, int], Array]
-    joined: Callable[[Array | float, Array], Array]
+    merged: Callable[[Array | float, Array], Array]
     elsewhere: float = 0.0
     shape: tuple[int, ...] = ()
     needs_friction: bool = False
@@ -91,7 +91,7 @@ def _of_contact(now: Present, name: str) -> Array:
         if contact.pair.friction is not None or not rule.needs_friction:
             at = contact.nodes.nodes
             before = rule.elsewhere if is_first else values[at]
-            values[at] = rule.joined(before, rule.of(now, contact, number))
+            values[at] = rule.merged(before, rule.of(now, contact, number))
             is_first = False
     return values
 

@@ -28,7 +28,7 @@ from dolfinx_nts.contact.implicit.contact_step import ContactStep, go_on_from
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.local_search import may_face
 from dolfinx_nts.contact.implicit.penetration import check_penetration
-from dolfinx_nts.contact.joint_state import JointState, joined
+from dolfinx_nts.contact.joint_state import JointState, joint_states
 from dolfinx_nts.contact.massless import is_resolved, massless_nodes
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
@@ -137,7 +137,12 @@ class ImplicitStepper(Stepper):
         if not (self._is_static or self._bulk.rigid.exists or self.memory.flows):
             self._surroundings = ContactSurroundings(self._bulk, self._solver, self._sizes)
         self._sleeping = SleepingBodies(
-            self._bulk, self._tangent, self._sizes, self.bodies, joined(self.contacts), self.loads
+            self._bulk,
+            self._tangent,
+            self._sizes,
+            self.bodies,
+            joint_states(self.contacts),
+            self.loads,
         )
         self._free: Floats | None = None
         if self.supports.exist:

@@ -43,7 +43,7 @@ class _Found(NamedTuple):
     beyond: Flags
     depth: Floats
 
-    def joined(self, other: "_Found") -> "_Found":
+    def with_others(self, other: "_Found") -> "_Found":
         """These and others."""
         return _Found(*map(np.concatenate, zip(self, other, strict=True)))  # type: ignore[arg-type]
 
@@ -132,7 +132,7 @@ class EdgeCandidates(SegmentCandidates):
         met = np.flatnonzero(looks[self._carrier]).astype(np.int32)
         found = self._met(x, met, reach)
         candidate, gaps, beyond, depth = (
-            found.joined(self._held(x, held, slack)) if len(held) else found
+            found.with_others(self._held(x, held, slack)) if len(held) else found
         )
         if not len(candidate):
             return segment, gap

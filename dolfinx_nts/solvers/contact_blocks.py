@@ -93,7 +93,7 @@ class ContactBlocks(NamedTuple):
         )
 
     @classmethod
-    def joined(cls, parts: Sequence["ContactBlocks"]) -> "ContactBlocks":
+    def concatenated(cls, parts: Sequence["ContactBlocks"]) -> "ContactBlocks":
         """Those of several parts, one after the other, as `take` returns them."""
         lengths = [np.diff(part.start) for part in parts]
         _, *arrays = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))

@@ -74,7 +74,7 @@ class OverlappingSubdomain:
         places = (np.searchsorted(nodes, some) for some in (blocks.nodes, blocks.tangent_nodes))
         flags = zip(*(np.moveaxis(reaches[some], -1, 0) for some in places), strict=True)
         parts = [blocks.take(*blocks.touching(*flag)) for flag in flags]
-        return ContactBlocks.joined(exchanged(comm, parts))
+        return ContactBlocks.concatenated(exchanged(comm, parts))
 
 
 class _GatheredRows:

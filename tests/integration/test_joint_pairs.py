@@ -6,7 +6,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts import parts
-from dolfinx_nts.contact.joint_state import JointState, joined
+from dolfinx_nts.contact.joint_state import JointState, joint_states
 from helpers.once import once
 
 # Three balls that touch each other, and one on top of them.
@@ -70,7 +70,7 @@ def test_joint_pairs_step_as_each_on_its_own(comm, integrator, enforcement, monk
     stepper, touching = compare(
         monkeypatch, balls, comm, integrator, enforcement, nts.Coulomb(0.3), moves=(-1, 0)
     )
-    kinds = [type(state).__name__ for state in joined(stepper.contacts)]
+    kinds = [type(state).__name__ for state in joint_states(stepper.contacts)]
     assert kinds == ["JointState", "PairState"]
     assert touching > 3
 
@@ -79,7 +79,7 @@ def test_joint_pairs_step_as_each_on_its_own(comm, integrator, enforcement, monk
 def test_nodes_may_touch_in_several_joint_pairs(comm, monkeypatch):
     scene = nts.EnergyMomentum, nts.LagrangeMultiplier()
     stepper, touching = compare(monkeypatch, box_in_corner, comm, *scene, moves=(0,))
-    assert [type(state).__name__ for state in joined(stepper.contacts)] == ["JointState"]
+    assert [type(state).__name__ for state in joint_states(stepper.contacts)] == ["JointState"]
     assert touching > 9
     assert stepper.statistics.solver.num_direct > 0  # a node with two constraints
 
@@ -88,7 +88,7 @@ def compare(monkeypatch, make, *scene, moves):
     """Run a scene with joint pairs and with pairs alone; the former, and most active nodes."""
     together = make(*scene)
     with monkeypatch.context() as patch:
-        patch.setattr("dolfinx_nts.integrators.implicit.joined", list)
+        patch.setattr("dolfinx_nts.integrators.implicit.joint_states", list)
         alone = make(*scene)
     touching = 0
     for stepper in (together, alone):
@@ -121,13 +121,13 @@ def test_bodies_out_of_reach_sleep_beside_joint_pairs(comm):
 def test_pairs_with_other_laws_or_ways_to_find_segments_stay_alone(comm):
     stepper = balls(comm, nts.EnergyMomentum, nts.LagrangeMultiplier(), nts.Coulomb(0.3))
     contacts = stepper.contacts
-    (joint, floor) = joined(contacts)
+    (joint, floor) = joint_states(contacts)
     assert isinstance(joint, JointState) and joint.members == contacts[:3]
     assert floor is contacts[3]
     rough = balls(comm, nts.EnergyMomentum, nts.LagrangeMultiplier(), nts.Coulomb(0.4)).contacts
     springs = balls(comm, nts.EnergyMomentum, nts.Penalty(), nts.Coulomb(0.3)).contacts
     ties = balls(comm, nts.EnergyMomentum, nts.Tied(), obstacles=()).contacts
     mixed = [contacts[0], rough[0], springs[0], contacts[1], *ties]
-    kept = joined(mixed)
+    kept = joint_states(mixed)
     assert isinstance(kept[0], JointState) and kept[0].members == (contacts[0], contacts[1])
     assert kept[1:] == [rough[0], springs[0], *ties]

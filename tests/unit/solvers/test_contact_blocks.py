@@ -14,7 +14,7 @@ def test_parts_together_are_the_whole(kind, rng):
     whole = ContactBlocks(*blocks(kind, rng))
     m, p = len(whole.rank), len(whole.tangent)
     parts = [whole.take(np.arange(i, m, 2), np.arange(i, p, 2)) for i in range(2)]
-    joined = ContactBlocks.joined([*parts, whole.take(np.arange(0), np.arange(0))])
+    joined = ContactBlocks.concatenated([*parts, whole.take(np.arange(0), np.arange(0))])
     x, y = rng.normal(size=(2, NODES, 3))
     results = [y.copy(), y.copy()]
     for some, result in zip((whole, joined), results, strict=True):
