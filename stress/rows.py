@@ -18,6 +18,7 @@ import numpy as np
 import dolfinx_nts as nts
 from dolfinx_nts.diagnostics.names import pair_names
 from dolfinx_nts.model.obstacles import Obstacle
+from stress.dents import below_the_next_facet
 
 __all__ = [
     "COLUMNS",
@@ -69,8 +70,6 @@ class Setup:
         ledger: Whether loads, supports, springs or friction change the
             energy, so that the ledger is judged and not the energy.
         supported: Whether reactions at supports change the momenta.
-        kink: Depth to which nodes may be below the facet next to theirs, as they slide over
-            the edge between them in a dent [m].
     """
 
     stepper: Any
@@ -78,7 +77,6 @@ class Setup:
     check: Callable[[], str] = lambda: ""
     ledger: bool = False
     supported: bool = False
-    kink: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -151,7 +149,7 @@ def run(case: Case, comm: MPI.Comm) -> Outcome:
     folder = Path(comm.bcast(tempfile.mkdtemp() if comm.rank == 0 else None))
     table = folder / "run.csv"
     setup, error, warnings = None, "", _Warnings()
-    scales, approaches, kinks = [np.zeros(2)], [0.0], [0.0]
+    scales, approaches, kinks, dents = [np.zeros(2)], [0.0], [0.0], [0.0]
     try:
         setup = case.build(comm)
         with nts.Recorder(folder / "run", setup.stepper, every=10**9) as record:
@@ -161,6 +159,7 @@ def run(case: Case, comm: MPI.Comm) -> Outcome:
                 scales.append(_momentum_scales(setup))
                 approaches.append(_approach(setup.stepper))
                 kinks.append(_kink(setup.stepper))
+                dents.append(_dent(setup.stepper))
     except (nts.ConvergenceError, ValueError) as failure:
         row["outcome"], error = "stopped", str(failure)
     warnings.close()
@@ -176,7 +175,7 @@ def run(case: Case, comm: MPI.Comm) -> Outcome:
         row["rejected_steps"] = int(values["rejected"].sum())
         wrong = wrong or _too_large(row, values, case)
         if setup.stepper.pairs:
-            deep = _depth(row, values, _allowed(setup, values, approaches, kinks))
+            deep = _depth(row, values, _allowed(setup, values, approaches, kinks, dents))
             # A run that stops, or has to tell of an overlap, may have nodes that are too deep.
             told = case.may_stop and _is_told(setup, row, said)
             told = told or case.stops or case.warns == OVERLAP
@@ -248,16 +247,25 @@ def _kink(stepper: Any) -> float:
     return float(stepper.u.function_space.mesh.comm.allreduce(deepest, op=MPI.MAX))
 
 
+def _dent(stepper: Any) -> float:
+    """Depth below the next facet in a dent, in equilibrium [m]. Collective."""
+    return below_the_next_facet(stepper) if isinstance(stepper, nts.QuasiStatic) else 0.0
+
+
 def _allowed(
-    setup: Setup, values: dict[str, Any], approaches: list[float], kinks: list[float]
+    setup: Setup,
+    values: dict[str, Any],
+    approaches: list[float],
+    kinks: list[float],
+    dents: list[float],
 ) -> Any:
     """Least gap allowed in each row of the recorder [m]. Collective.
 
     Nodes may be as deep as they were at the start, and deeper: with
     multipliers by the longest approach in one step so far, as elastic
     impact preserves the gap with which a node came (in equilibrium the gap
-    is closed); with springs as deep as one that has all the energy of
-    contact, from where it begins.
+    is closed, but for dents); with springs as deep as one that has all the
+    energy of contact, from where it begins.
     """
     start = min(0.0, np.nan_to_num(values["min_gap"][0]))
     depth = np.maximum.accumulate(approaches)
@@ -269,7 +277,7 @@ def _allowed(
     weakest = min((eps_N.min(initial=np.inf) for eps_N in springs), default=np.inf)
     weakest = comm.allreduce(weakest, op=MPI.MIN)
     energy = np.maximum.accumulate(np.maximum(values["contact_energy"], 0.0))
-    depth = np.maximum(depth, np.sqrt(2 * energy / weakest) + kinks) + setup.kink
+    depth = np.maximum(depth, np.sqrt(2 * energy / weakest) + kinks) + dents
     return start - depth - _ROUNDING * (depth - start)
 
 

@@ -59,7 +59,7 @@ def irons(comm: MPI.Comm, scheme: Any, how: dict[str, Any]) -> Setup:
         held = abs(aside) < 0.02 * up and 0.25 * up < -along < 0.45 * up
         return "" if held else f"force {along:.3g}, {aside:.3g}, {up:.3g} N"
 
-    return Setup(stepper, 1.0, check, ledger=True, supported=True, kink=2e-3)
+    return Setup(stepper, 1.0, check, ledger=True, supported=True)
 
 
 def snaps(comm: MPI.Comm, speed: float) -> Setup:

@@ -12,7 +12,9 @@ from dolfinx_nts.diagnostics.cell_energies import CellEnergies
 from helpers.once import once
 from stress import endurance, meetings, rows, tumbling
 from stress.boundaries import RANDOM
+from stress.dents import below_the_next_facet
 from stress.impact import impact
+from stress.parts import box
 from stress.rows import Case, run
 from stress.run import CASES
 from stress.table import read, summary, write_table
@@ -112,6 +114,16 @@ def test_node_that_is_too_deep_is_found(comm, monkeypatch):
     monkeypatch.setattr(rows, "_approach", lambda stepper: 0.0)
     (case,) = (case for case in CASES if case.name == "slivers, hexahedron: angle = 1")
     assert "gap -0" in run(case, comm).wrong
+
+
+@pytest.mark.parametrize("slope", [0.2, -0.2])
+def test_nodes_may_be_below_the_next_facet_in_a_dent_only(comm, slope):
+    fold = box((2, 1, 0.1), (2, 1, 1)).moved(lambda x: (x[0], x[1], x[2] + slope * abs(x[0] - 1)))
+    world = World(comm, {"fold": fold, "cube": meetings.cube(0.5, 1).at(0.5, 0.2, 1)})
+    stepper = world.stepper([Touch("cube.all", "fold.top")], 1.0, nts.QuasiStatic)
+    # Beyond the edge by 6 % of the diameter of a facet, which turns by twice the slope.
+    deepest = 0.06 * np.sqrt(1 + 1 + slope**2) * np.sin(2 * np.arctan(slope))
+    assert below_the_next_facet(stepper) == pytest.approx(max(deepest, 0.0), rel=1e-12)
 
 
 @pytest.mark.serial

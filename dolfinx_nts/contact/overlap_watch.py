@@ -30,14 +30,14 @@ _AT_START, _IN_RUN = 0.02, 0.1
 _UNSEEN, _USED = 0.7, 0.85
 # Part of an overlap [-] of which contact has to see more at the start to be at work there.
 _SEEN = 0.1
-# Number of overlaps of one kind that a message describes; it counts the others.
-_LISTED = 3
 
 
 class OverlapWatch:
-    """Looks for overlaps when bodies have moved, and tells each of them once.
+    """Looks for overlaps when bodies have moved, and tells of each kind the deepest.
 
-    Collective, as are all its methods.
+    A kind is what is wrong. A run tells it when it is new, and again when it is deeper by a tenth
+    of a facet or reaches the centres of cells; of others it tells the number. Collective, as are
+    all its methods.
 
     Args:
         bodies: The bodies.
@@ -61,6 +61,9 @@ class OverlapWatch:
         self.deepest: dict[frozenset[str], Overlap] = {}
         # Depth and number of cells that are known of two, infinite where a run has told them.
         self._known: dict[frozenset[str], tuple[float, float]] = {}
+        # The deepest overlap of each kind that a run has told, and those that it has not told.
+        self._told: dict[str, Overlap] = {}
+        self._waiting: dict[str, list[Overlap]] = {}
         # Where and when the last look was, and by how much each two may come nearer until another
         # is due, see `OverlapSearch.approach`; whether anything has moved since the last look at
         # all bodies.
@@ -125,7 +128,9 @@ class OverlapWatch:
         new = self._new(x, t, _AT_START)
         self._moved = False
         self._known |= {names: (overlap.depth, overlap.cells) for overlap, names in new}
-        self._warn("", "starts ", {overlap: self._at_start(overlap, x) for overlap, _ in new})
+        kinds = _by_kind({overlap: self._at_start(overlap, x) for overlap, _ in new})
+        for kind, overlaps in kinds.items():
+            self._warn("", "starts", kind, overlaps)
 
     @property
     def room(self) -> float:
@@ -165,12 +170,30 @@ class OverlapWatch:
             t: Time [s].
             selves: Names of the boundaries that may be inside themselves; None: all.
         """
-        if not self._moved:
-            return
-        new = self._new(x, t, _IN_RUN, selves)
-        self._moved = selves is not None
-        self._known |= {names: (np.inf, np.inf) for _, names in new}
-        self._warn(f"at t = {t:g} ", "is ", {overlap: self._in_run(overlap) for overlap, _ in new})
+        if self._moved:
+            new = self._new(x, t, _IN_RUN, selves)
+            self._moved = selves is not None
+            self._known |= {names: (np.inf, np.inf) for _, names in new}
+            kinds = _by_kind({overlap: self._in_run(overlap) for overlap, _ in new})
+            for kind, overlaps in kinds.items():
+                self._tell(kind, overlaps, t)
+        if selves is None:
+            for kind, overlaps in self._waiting.items():
+                self._warn(f"until t = {t:g} ", "was", kind, overlaps)
+            self._waiting.clear()
+
+    def _tell(self, kind: str, overlaps: list[Overlap], t: float) -> None:
+        """Tell new overlaps of one kind, or let them wait."""
+        deepest, last = max(overlaps, key=_part), self._told.get(kind)
+        self._waiting.setdefault(kind, []).extend(overlaps)
+        reaches_cells = any(overlap.cells for overlap in overlaps)
+        if (
+            last is None
+            or _part(deepest) > _part(last) + _IN_RUN
+            or (reaches_cells and not last.cells)
+        ):
+            self._told[kind] = deepest
+            self._warn(f"at t = {t:g} ", "is", kind, self._waiting.pop(kind))
 
     def _new(
         self, x: Floats, t: float, part: float, selves: Collection[str] | None = None
@@ -209,20 +232,18 @@ class OverlapWatch:
         one, other = overlap.names
         return one != other and not self.search.obstacles.intersection(overlap.names)
 
-    def _warn(self, when: str, verb: str, verdicts: Mapping[Overlap, str]) -> None:
-        """Tell overlaps, those of one verdict in one message with the deepest first.
+    def _warn(self, when: str, verb: str, kind: str, overlaps: Sequence[Overlap]) -> None:
+        """Tell the deepest of some overlaps of one kind, and how many there are.
 
-        Verdicts may have ``{inner}`` and ``{outer}`` in the places of the two names.
+        A kind may have ``{inner}`` and ``{outer}`` in the places of the two names.
         """
         if self._bodies[0].V.mesh.comm.rank:
             return
-        for verdict in dict.fromkeys(verdicts.values()):
-            same = [overlap for overlap, each in verdicts.items() if each == verdict]
-            same.sort(key=lambda overlap: -round(overlap.depth / overlap.size, 6))
-            inner, outer = same[0].names if len(same) == 1 else ("the first", "the second")
-            text = "; ".join(_described(overlap, verb) for overlap in same[:_LISTED])
-            text += f"; {len(same) - _LISTED} more" * (len(same) > _LISTED)
-            _logger.warning("%s%s: %s", when, text, verdict.format(inner=inner, outer=outer))
+        inner, outer = (deepest := max(overlaps, key=_part)).names
+        number = len({frozenset(overlap.names) for overlap in overlaps}) - 1
+        others = f", and {number} more by less" * (number > 0)
+        text = f"{inner} {verb} {_described(deepest)}{others}"
+        _logger.warning("%s%s: %s", when, text, kind.format(inner=inner, outer=outer))
 
     def _at_start(self, overlap: Overlap, x: Floats) -> str:
         if verdict := self._forgotten(overlap):
@@ -304,12 +325,25 @@ class OverlapWatch:
         )
 
 
-def _described(overlap: Overlap, verb: str) -> str:
-    """Who is inside whom, and how far."""
+def _by_kind(verdicts: Mapping[Overlap, str]) -> dict[str, list[Overlap]]:
+    """Overlaps by what is wrong with them."""
+    kinds: dict[str, list[Overlap]] = {}
+    for overlap, kind in verdicts.items():
+        kinds.setdefault(kind, []).append(overlap)
+    return kinds
+
+
+def _part(overlap: Overlap) -> float:
+    """Depth relative to the longest facet, the same on any partition [-]."""
+    return round(overlap.depth / overlap.size, 6)
+
+
+def _described(overlap: Overlap) -> str:
+    """How far which body is inside whom."""
     inner, outer = overlap.names
     outer = "itself" if outer == inner else outer
     return (
-        f"{inner} {verb}up to {overlap.depth:.3g} inside {outer} "
+        f"up to {overlap.depth:.3g} inside {outer} "
         f"({overlap.depth / overlap.size:.2g} of the longest facet; {overlap.nodes} nodes of the "
         f"surfaces and {overlap.cells} centres of cells are inside)"
     )

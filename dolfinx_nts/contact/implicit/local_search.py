@@ -84,9 +84,11 @@ class LocalSearch:
         gap: Gap to the segment now, NaN without, shape ``(n,)`` [m].
         approach: What the nodes would meet without contact.
         pairing: Evaluates nodes and what they face.
+        overhang: How far beyond the edge of its segment, in sizes of it, a node may be at the end
+            of a step [-].
     """
 
-    _overhang: float = _kernels.OVERHANG
+    overhang: float = _kernels.OVERHANG
 
     def __init__(self, state: PairState | JointState, x_n: Floats, x_trial: Floats) -> None:
         """Find the candidates, the segments at t_n and those of the ballistic state."""
@@ -171,7 +173,7 @@ class LocalSearch:
         on this rank, and whether the nodes have other contact points.
         """
         self._moves[self._left_inside(x, node[~held])] = _MOST_MOVES - 1
-        _, moved = self._find(x, node, self._overhang)
+        _, moved = self._find(x, node, self.overhang)
         self._count(node, moved)
         return int(np.count_nonzero(moved)), False
 
@@ -219,7 +221,7 @@ class LocalSearch:
 class StaticSearch(LocalSearch):
     """Nodes without inertia, which slide over edges where these are, see `LocalSearch`."""
 
-    _overhang = _STATIC_OVERHANG
+    overhang = _STATIC_OVERHANG
 
 
 def sunk(search: LocalSearch, x: Floats, node: Ints, least: float) -> tuple[Ints, Ints, Floats]:
@@ -235,7 +237,7 @@ def sunk(search: LocalSearch, x: Floats, node: Ints, least: float) -> tuple[Ints
         The nodes, their segments there, and the gaps to these [m].
     """
     candidates, points, current = search.candidates, search.points, search.segment[node]
-    overhang = search._overhang
+    overhang = search.overhang
     segment, gap = candidates.pair(points.take(node), x, current, search.reach, overhang)
     inside = (gap < 0).nonzero()[0]
     node, segment, gap = node[inside], segment[inside], gap[inside]
