@@ -99,19 +99,6 @@ class LagrangeMultiplier(Declaration):
         """Part of its way in a step that an active node goes nearer, (1 - e)/2 [-]. Local."""
         return (1 - self.e) / 2
 
-    def held(self, gap_n: Floats, way: Floats) -> Floats:
-        """Gaps at the end of a step at which nodes are held, shape ``(m,)`` [m]. Local.
-
-        With a velocity that changes linearly in the step the rate is then -e times the one at
-        t_n.
-
-        Args:
-            gap_n: Gap at t_n, shape ``(m,)`` [m].
-            way: Rate of the gap at t_n times the length of the step, shape ``(m,)`` [m].
-        """
-        gap: Floats = gap_n + self.part * np.minimum(way, 0.0)
-        return gap
-
     def eligible(self, gap_n: Floats, gap_trial: Floats, size: Floats, active: Flags) -> Flags:
         """Decide once per step which nodes may be held, unless gaps close. Local.
 

@@ -19,7 +19,6 @@ from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.dirichlet import Supports
 from dolfinx_nts.model.lumped_mass import lumped_mass
-from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.rigid_body import RigidBody
 from dolfinx_nts.model.rigid_shapes import RigidSphere
 from dolfinx_nts.model.surfaces import Surface
@@ -253,9 +252,7 @@ def _inertia(bodies: Sequence[Body], mass: Floats, rates: Rates) -> list[tuple[I
 def redundant(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> str:
     """Name pairs in which forces of points that touch at once are not unique, or "". Collective.
 
-    These are pairs of rigid bodies with each other or with obstacles, by multipliers with friction,
-    or with a coefficient of restitution and an obstacle that moves: there each point has a gap of
-    its own to hold.
+    These are pairs of rigid bodies with each other or with obstacles, by multipliers with friction.
     """
     rigid = [body for body in bodies if body.is_rigid]
     if not rigid:
@@ -266,11 +263,7 @@ def redundant(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> str:
     for pair in pairs:
         surfaces = [side for side in (pair.nodes, pair.segments) if isinstance(side, Surface)]
         inside = all(bool(np.isin(side.nodes, nodes).all()) for side in surfaces)
-        law = pair.enforcement
-        moves = isinstance(pair.segments, Obstacle) and not pair.segments.motion.is_rest
-        too_many = isinstance(law, LagrangeMultiplier) and (
-            pair.friction is not None or (law.impact == "restitution" and moves)
-        )
+        too_many = pair.friction is not None and isinstance(pair.enforcement, LagrangeMultiplier)
         if reductions.everywhere(comm, inside) and too_many:
             names.append(pair.between)
     return "; ".join(names)

@@ -71,6 +71,10 @@ class Frame:
     def go(self, part: float) -> None:
         """Take as the end of the step where the frame is after a part of its way, from 0 to 1."""
 
+    def on_the_way(self, part: float, x: Floats) -> Floats:
+        """Positions in the frame where it is after a part of the whole way of its step."""
+        return x
+
     def ahead(self, X: Floats) -> Floats:
         """Ways that the frame's points still have to go, in space, to first order."""
         return np.zeros_like(X)
@@ -142,14 +146,9 @@ class MovingFrame(Frame):
 
     def go(self, part: float) -> None:
         """Go a part of the way, see `Frame.go`: straight, and about one axis."""
-        start, goal = self._start, self._goal
-        shift, turn = start.way_to(goal)
-        if part < 1:
-            rotation = rotation_by(part * turn) @ start.rotation
-            self.end = Placement(start.centre + part * shift, rotation)
-        else:
-            self.end = goal
-        end = self.end
+        start, end = self._start, self._place(part)
+        shift, turn = start.way_to(self._goal)
+        self.end = end
         self._ahead = (1 - part) * shift, (1 - part) * turn
         self._mean: Floats = (start.rotation + end.rotation) / 2
         turned = end.rotation @ start.rotation.T
@@ -157,6 +156,10 @@ class MovingFrame(Frame):
         self.turn = 4 * _axial(turned) / max(1 + np.trace(turned), np.finfo(float).eps)
         self._shift: Floats = end.centre - start.centre
         self.centre = (start.centre + end.centre) / 2
+
+    def on_the_way(self, part: float, x: Floats) -> Floats:
+        """Positions in the frame on its way, see `Frame.on_the_way`."""
+        return self._seen_from(self._place(part), x)
 
     def ahead(self, X: Floats) -> Floats:
         """Ways of the frame's points that are left, see `Frame.ahead`."""
@@ -176,13 +179,11 @@ class MovingFrame(Frame):
 
     def at_start(self, x_n: Floats) -> Floats:
         """Positions in the frame at t_n, see `Frame.at_start`."""
-        X: Floats = (x_n - self._start.centre) @ self._start.rotation + self._origin
-        return X
+        return self._seen_from(self._start, x_n)
 
     def at_end(self, x: Floats) -> Floats:
         """Positions in the frame at t_{n+1}, see `Frame.at_end`."""
-        X: Floats = (x - self.end.centre) @ self.end.rotation + self._origin
-        return X
+        return self._seen_from(self.end, x)
 
     def in_space(self, X: Floats) -> Floats:
         """Positions in space at t_{n+1}, see `Frame.in_space`."""
@@ -200,6 +201,19 @@ class MovingFrame(Frame):
         y_n, y = self._arms(X_n, X)
         way: Floats = self._shift + np.cross(self.turn, (y_n + y) / 2)
         return way
+
+    def _place(self, part: float) -> Placement:
+        """Where the frame is after a part of its way."""
+        if part == 1:
+            return self._goal
+        shift, turn = self._start.way_to(self._goal)
+        rotation = rotation_by(part * turn) @ self._start.rotation
+        return Placement(self._start.centre + part * shift, rotation)
+
+    def _seen_from(self, place: Placement, x: Floats) -> Floats:
+        """Positions in the frame when it is at a place."""
+        X: Floats = (x - place.centre) @ place.rotation + self._origin
+        return X
 
     def _arms(self, X_n: Floats, X: Floats) -> tuple[Floats, Floats]:
         """Positions relative to the centre at both ends of the step, ``(..., 3)`` [m]."""

@@ -11,6 +11,7 @@ from helpers.once import once
 pytestmark = pytest.mark.at_most_two_ranks
 
 STEP, SPEED, ALONG = 0.01, 1.0, 0.5  # s, m/s to the wall and along it
+REST = nts.Motion()
 # Of the energy, and of momenta, relative.
 ENERGY_TOLERANCE, MOMENTUM_TOLERANCE = 1e-11, 1e-11
 # Of the speed: a cube with a wave speed of 1000 m/s is not quite rigid.
@@ -147,7 +148,7 @@ def test_stiff_body_leaves_a_surface_with_a_part_of_its_speed(e, phase):
     assert rebound == pytest.approx(e, abs=RIGID)
 
 
-def rod(e, angle, cells, axis=(0.0, 0.0, 0.0), g=0.0):
+def rod(e, angle, cells, axis=(0.0, 0.0, 0.0), g=0.0, motion=REST):
     """A rigid rod that turns about an axis by its upper end, beside a wall that it can lie on."""
     data = box_meshes.boxes([cells], [(0.2, 0.2, 1.0)])
     c, s = np.cos(angle), np.sin(angle)
@@ -157,7 +158,7 @@ def rod(e, angle, cells, axis=(0.0, 0.0, 0.0), g=0.0):
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     hinge = nts.Guide(turns="y", point=axis)
     body = nts.RigidBody(V, cells, tag["body 0"], 20.0, hinge)
-    wall = nts.RigidPlane((0.1, 0, 0), (-1, 0, 0))
+    wall = nts.RigidPlane((0.1, 0, 0), (-1, 0, 0)).moving(motion)
     law = nts.LagrangeMultiplier("restitution", e=e)
     pair = nts.ContactPair(nts.boundary_of(body), wall, law)
     loads = [nts.Gravity([body], (g, 0, 0))] if g else []
@@ -179,6 +180,42 @@ def test_side_of_a_hinged_rod_meets_a_wall_at_once_and_leaves_with_a_part_of_its
     assert spin == pytest.approx(-e, abs=1e-5)
     # An angle of 1/100 a step: what is left of the spin at e = 0 is of second order.
     assert last.total_energy / first.total_energy == pytest.approx(e**2, abs=1e-5)
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("e", [0.9, 0.5, 0.0])
+@pytest.mark.parametrize("phase", [0.05, 0.95])
+def test_wall_that_turns_meets_the_side_of_a_rod_at_once_and_throws_it(e, phase):
+    turning = nts.Motion(rotation=lambda t: (0.0, t, 0.0))
+    stepper, _ = rod(e, (1 + phase) * STEP, (2, 2, 6), motion=turning)
+    diagnostics = nts.Diagnostics(stepper)
+    inertia = 20.0 * 0.2**2 * ((1.0 + 0.2**2) / 12 + 0.5**2)
+    active = max(step.num_active for step in stepper.run(6 * STEP))
+    assert active >= 3
+    spin = diagnostics.balance().angular_momentum[1] / inertia
+    assert spin == pytest.approx(1 + e, abs=1e-4)
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("e", [0.5, 0.0])
+def test_nodes_that_rest_on_a_turning_drum_keep_their_gaps(e):
+    mesh, cells, facets, tag = box_meshes.distribute(
+        scenes.MPI.COMM_SELF, box_meshes.boxes([(4, 1, 2)], [(0.4, 0.1, 0.2)])
+    )
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    block = nts.Body(V, cells, tag["body 0"], nts.SaintVenantKirchhoff(1e6, 0.0, 1e3))
+    top = fem.dirichletbc(
+        np.zeros(3), fem.locate_dofs_topological(V, 2, facets.find(tag["top 0"])), V
+    )
+    turning = nts.Motion(rotation=lambda t: (0.0, t, 0.0), centre=(0.2, 0.0, -0.5))
+    drum = nts.RigidCylinder((0.2, 0.0, -0.5), (0, 1, 0), 0.5).moving(turning)
+    bottom = nts.Surface(V, facets, tag["bottom 0"])
+    pair = nts.ContactPair(bottom, drum, nts.LagrangeMultiplier("restitution", e=e))
+    weight = nts.Gravity([block], (0, 0, -10))
+    stepper = nts.EnergyMomentum([block], [pair], dt=STEP, bcs=[top], loads=[weight])
+    steps = list(stepper.run(50 * STEP))
+    assert min(step.num_active for step in steps) > 0
+    assert np.abs(np.nanmin(pair.gap(stepper.x))) < 1e-12
 
 
 @pytest.mark.serial

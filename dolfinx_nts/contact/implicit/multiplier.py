@@ -59,10 +59,9 @@ class MultiplierContact(NormalContact):
         self._barred, self._sunk = np.zeros((2, len(state.history.active)), dtype=bool)
         self._choices = _MOST_CHOICES
         super().__init__(state, search)
-        # Nodes can be between two places, the frame of an obstacle is not.
         self._on_the_way: Floats | None = None
-        if law.part in on_the_way and not state.search.frame.moves:
-            x = state.search.frame.at_end(on_the_way[law.part])
+        if self._holds and law.part:
+            x = state.search.frame.on_the_way(law.part, on_the_way[law.part])
             self._on_the_way = search.candidates.scatter.forward(x)
         if is_static:
             self._begin_in_touch()
@@ -120,27 +119,14 @@ class MultiplierContact(NormalContact):
     def _target(self, pairs: PairKinematics) -> Floats:
         """Gaps that multipliers hold, shape ``(m,)`` [m]."""
         gap_n = pairs.contact.gap_n
-        if self._holds:
-            return gap_n if self._law.e == 1 else self._law.held(gap_n, self._way(pairs))
-        return np.where(self._stays[pairs.node], gap_n, 0.0)
-
-    def _way(self, pairs: PairKinematics) -> Floats:
-        """Rates of the gaps at t_n times the length of the step, shape ``(m,)`` [m].
-
-        They are such that all gaps are held where bodies have gone a part of their ways: points
-        of a rigid body that turns could not be held at gaps that follow from other rates.
-        """
-        search, x_n = self._search, self._search.x_n
-        if self._on_the_way is not None:
-            gap = search.pairing.gaps(self._on_the_way, pairs.node, pairs.segment)
-            return np.asarray((gap - pairs.contact.gap_n) / self._law.part)
-        points = search.points.take(pairs.node)
-        gradient = search.candidates.contact("static", points, x_n, x_n, pairs.segment).gradient
-        # Gradients are in space.
-        in_space = self._state.search.frame.in_space
-        dx = (in_space(search.approach.x) - in_space(x_n)).take(pairs.dofs, axis=0)
-        way: Floats = (gradient * dx.reshape(gradient.shape)).sum(axis=1)
-        return way
+        if not self._holds:
+            return np.where(self._stays[pairs.node], gap_n, 0.0)
+        if self._on_the_way is None:
+            return gap_n
+        # All gaps are then those of one motion of a rigid body that turns and touches at many
+        # points, also relative to an obstacle that moves.
+        gap = self._search.pairing.gaps(self._on_the_way, pairs.node, pairs.segment)
+        return np.asarray(np.minimum(gap_n, gap))
 
     def update(
         self, pairs: PairKinematics, x: Floats, R: Floats | None, friction: Friction, iteration: int
