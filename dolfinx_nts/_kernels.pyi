@@ -387,7 +387,9 @@ class Tractions:
         heading: _Floats,
         present: _Floats,
         modelled: _Floats,
+        frame: _Floats,
     ) -> None: ...
+    def turn(self, node: _Ints, frame: _Floats) -> None: ...
     def sticks(self, node: _Ints, active: _Flags) -> _Flags: ...
     def judge(
         self,
