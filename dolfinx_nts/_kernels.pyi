@@ -336,6 +336,7 @@ def essential_nodes(
     columns: _Floats,
     slopes: _Floats,
     size: float,
+    stiffness: float,
 ) -> npt.NDArray[np.bool_]: ...
 def num_moved(
     m: int, same: npt.NDArray[np.bool_], now: _Floats, before: _Floats, limit: float
