@@ -157,6 +157,15 @@ def sum_rows(
     length: int,
     values: _Floats,
 ) -> _Floats: ...
+def turn_shares(
+    start: _Keys, point: _Ints, value: _Floats, of_nodes: _Floats, of_points: _Floats
+) -> _Floats: ...
+def sum_slip(
+    start: _Keys, point: _Ints, part: _Floats, slip: _Floats, frame: _Floats
+) -> tuple[_Floats, _Floats]: ...
+def spread_tractions(
+    start: _Keys, point: _Ints, part: _Floats, traction: _Floats, p: int
+) -> _Floats: ...
 def sum_contact(
     phi: _Floats,
     start: _Keys,

@@ -63,6 +63,7 @@ class TurnedSlip(Slip):
     """Slip whose components are those along other tangents, turned by ``Q``, ``(2, 2)``."""
 
     def __init__(self, slip, Q):
+        """Turn what has components."""
         turned = (np.einsum("ab,mb...->ma...", Q, part) for part in (slip.value, slip.force))
         gradient, *frames = (
             np.einsum("ab,mbi->mai", Q, part) for part in (slip.gradient, slip.frame_n, slip.frame)
@@ -72,6 +73,7 @@ class TurnedSlip(Slip):
         self._of, self._turn = slip, Q
 
     def hessian(self, t):
+        """See `Slip.hessian`."""
         return self._of.hessian(t @ self._turn)
 
 

@@ -259,15 +259,15 @@ private:
   /// @brief Take over the components of a node in another frame.
   void turn_row(const Matrix<2, 2>& turn, std::size_t j)
   {
-    for (auto* part :
-         {&_traction, &_fixed, &_direction, &_heading, &_modelled})
+    for (auto* part : {&_traction, &_fixed, &_direction, &_heading, &_modelled})
       store(turn * pair(*part, j), view(*part), j);
     const Matrix<2, 2> K = matrix(_stiffness, j);
     Matrix<2, 2> turned;
     // K turns in its rows and in its columns.
     for (std::size_t a = 0; a < 2; ++a)
-      turned[a] = turn * Vec2{turn[a][0] * K[0][0] + turn[a][1] * K[1][0],
-                              turn[a][0] * K[0][1] + turn[a][1] * K[1][1]};
+      turned[a] = turn
+                  * Vec2{turn[a][0] * K[0][0] + turn[a][1] * K[1][0],
+                         turn[a][0] * K[0][1] + turn[a][1] * K[1][1]};
     store(turned, view(_stiffness), j);
   }
 

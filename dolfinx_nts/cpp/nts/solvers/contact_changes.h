@@ -107,8 +107,8 @@ void essential_nodes(const ConstraintLists<B>& lists,
     const std::size_t length = lists.length(i);
     const auto constraints = static_cast<std::size_t>(rank[i]);
     const auto slope = lists.slope(i);
-    const auto measure = [&](std::span<const double> rows,
-                             std::vector<Rows>& parts)
+    const auto measure
+        = [&](std::span<const double> rows, std::vector<Rows>& parts)
     {
       parts.assign(length, {});
       Rows whole = {};
