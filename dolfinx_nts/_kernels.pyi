@@ -166,6 +166,9 @@ def sum_slip(
 def spread_tractions(
     start: _Keys, point: _Ints, part: _Floats, traction: _Floats, p: int
 ) -> _Floats: ...
+def sum_slip_blocks(
+    phi: _Floats, block: _Ints, count: int, w: _Floats, b: _Floats, traction: _Floats
+) -> _Floats: ...
 def sum_contact(
     phi: _Floats,
     start: _Keys,

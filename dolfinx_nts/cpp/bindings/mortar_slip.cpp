@@ -74,6 +74,27 @@ auto spread_tractions_batch(const Keys& start, const Ints& point,
   spread_tractions(shares, view(traction), view(of_points));
   return of_points;
 }
+
+auto sum_slip_blocks_batch(const Doubles& phi, const Ints& block,
+                           std::size_t count, const Doubles& w,
+                           const Doubles& b, const Doubles& traction)
+{
+  check("phi", phi, {any, any});
+  check("w", w, {phi.shape(0), any});
+  const std::size_t p = phi.shape(0), k = phi.shape(1), n = w.shape(1);
+  if (n == 0)
+    throw nb::value_error("w: expected the weight of the point");
+  check("b", b, {p, 2, n});
+  check("block", block, {p});
+  check_rows("block: expected numbers of blocks", block, count);
+  check("traction", traction, {p, 2});
+  const std::size_t size = 3 * (k + n - 1);
+  auto blocks = create<double>({count, size, size});
+  std::fill_n(blocks.data(), blocks.size(), 0.0);
+  sum_slip_blocks(view(phi), k, n - 1, view(block), view(w), view(b),
+                  view(traction), view(blocks));
+  return blocks;
+}
 } // namespace
 
 void mortar_slip(nb::module_& m)
@@ -89,5 +110,10 @@ void mortar_slip(nb::module_& m)
   m.def("spread_tractions", &spread_tractions_batch, nb::arg("start"),
         nb::arg("point"), nb::arg("part"), nb::arg("traction"), nb::arg("p"),
         "(n + 1,), (i,), (i, 2, 2), (n, 2), number of points -> (p, 2)");
+  m.def("sum_slip_blocks", &sum_slip_blocks_batch, nb::arg("phi"),
+        nb::arg("block"), nb::arg("count"), nb::arg("w"), nb::arg("b"),
+        nb::arg("traction"),
+        "(p, k), (p,), b, (p, 1 + s), (p, 2, 1 + s), (p, 2) -> second "
+        "derivatives of t . slip (b, 3 (k + s), 3 (k + s))");
 }
 } // namespace nts::bindings

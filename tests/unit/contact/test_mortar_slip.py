@@ -51,6 +51,17 @@ def test_slips_and_tractions_are_those_of_the_shares(shares, rng):
     assert work == pytest.approx(np.vdot(traction, mean), rel=1e-12)
 
 
+@pytest.mark.parametrize("k", [3, 4])
+def test_second_derivatives_are_those_of_points(k, rng):
+    count, phi, block = 2, rng.random((P, k)), np.array([0, 1, 1, 0, 1, 0], dtype=np.int32)
+    w, b, t = rng.normal(size=(P, 1 + k)), rng.normal(size=(P, 2, 1 + k)), rng.normal(size=(P, 2))
+    expected = _kernels.sum_blocks(phi, block, count, np.ones(P), _kernels.slip_hessian(w, b, t))
+    found = _kernels.sum_slip_blocks(phi, block, count, w, b, t)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13)
+    with pytest.raises(ValueError, match="expected numbers of blocks"):
+        _kernels.sum_slip_blocks(phi, block, 1, w, b, t)
+
+
 def test_wrong_shares_are_refused(shares, rng):
     start, point, value = shares
     parts, slip, frame = np.zeros((START[-1], 2, 2)), np.zeros((P, 2)), frames(rng, P)

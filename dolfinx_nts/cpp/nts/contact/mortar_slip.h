@@ -4,6 +4,8 @@
 
 #include <cstdint>
 #include <span>
+#include <utility>
+#include <vector>
 
 /// @brief Slips of nodes that are means of those of contact points, in frames
 /// of the nodes.
@@ -94,5 +96,49 @@ inline void spread_tractions(const TurnedShares& shares,
         for (std::size_t b = 0; b < 2; ++b)
           of_points[2 * shares.point[i] + b]
               += shares.matrix(i)[a][b] * traction[2 * n + a];
+}
+
+/// @brief Second derivatives of t . slip of points by the nodes of facet and
+/// segment, see `slip.h` and `sum_to_blocks`.
+/// @param[in] phi Weights of the nodes of the facets, (p, k).
+/// @param[in] width Nodes of a facet, k.
+/// @param[in] vertices Vertices of a segment, s.
+/// @param[in] block To which block each point belongs, (p,).
+/// @param[in] w, b Weights of the pairs, (p, 1 + s) and (p, 2, 1 + s).
+/// @param[in] traction (p, 2).
+/// @param[in,out] out (b, 3 (k + s), 3 (k + s)), to which is added.
+inline void
+sum_slip_blocks(std::span<const double> phi, std::size_t width,
+                std::size_t vertices, std::span<const std::int32_t> block,
+                std::span<const double> w, std::span<const double> b,
+                std::span<const double> traction, std::span<double> out)
+{
+  const std::size_t n = 1 + vertices, m = width + vertices;
+  std::vector<double> of_way(m), of_frame(m);
+  const auto expand
+      = [&](std::size_t p, const auto& weight, std::vector<double>& weights)
+  {
+    for (std::size_t A = 0; A < width; ++A)
+      weights[A] = phi[width * p + A] * weight(0);
+    for (std::size_t K = 0; K < vertices; ++K)
+      weights[width + K] = weight(1 + K);
+  };
+  for (std::size_t p = 0; p < block.size(); ++p)
+  {
+    const double* t = traction.data() + 2 * p;
+    expand(p, [&](std::size_t A) { return w[n * p + A]; }, of_way);
+    expand(
+        p, [&](std::size_t A)
+        { return t[0] * b[2 * n * p + A] + t[1] * b[2 * n * p + n + A]; },
+        of_frame);
+    double* to = out.data() + 9 * m * m * block[p];
+    for (std::size_t A = 0; A < m; ++A)
+      for (std::size_t B = 0; B < m; ++B)
+      {
+        const double value = of_way[A] * of_frame[B] + of_frame[A] * of_way[B];
+        for (std::size_t c = 0; c < 3; ++c)
+          to[3 * m * (3 * A + c) + 3 * B + c] += value;
+      }
+  }
 }
 } // namespace nts
