@@ -157,6 +157,18 @@ def sum_rows(
     length: int,
     values: _Floats,
 ) -> _Floats: ...
+def turn_shares(
+    start: _Keys, point: _Ints, value: _Floats, of_nodes: _Floats, of_points: _Floats
+) -> _Floats: ...
+def sum_slip(
+    start: _Keys, point: _Ints, part: _Floats, slip: _Floats, frame: _Floats
+) -> tuple[_Floats, _Floats]: ...
+def spread_tractions(
+    start: _Keys, point: _Ints, part: _Floats, traction: _Floats, p: int
+) -> _Floats: ...
+def sum_slip_blocks(
+    phi: _Floats, block: _Ints, count: int, w: _Floats, b: _Floats, traction: _Floats
+) -> _Floats: ...
 def sum_contact(
     phi: _Floats,
     start: _Keys,
@@ -336,6 +348,7 @@ def essential_nodes(
     columns: _Floats,
     slopes: _Floats,
     size: float,
+    stiffness: float,
 ) -> npt.NDArray[np.bool_]: ...
 def num_moved(
     m: int, same: npt.NDArray[np.bool_], now: _Floats, before: _Floats, limit: float
@@ -387,7 +400,9 @@ class Tractions:
         heading: _Floats,
         present: _Floats,
         modelled: _Floats,
+        frame: _Floats,
     ) -> None: ...
+    def turn(self, node: _Ints, frame: _Floats) -> None: ...
     def sticks(self, node: _Ints, active: _Flags) -> _Flags: ...
     def judge(
         self,

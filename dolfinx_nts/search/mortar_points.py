@@ -120,10 +120,6 @@ class Shares:
         first[carries] = values[self.point[self.start[:-1][carries]]]
         return first
 
-    def weighted(self, value: Floats) -> "Shares":
-        """Make the same shares with other values, shape ``(i,)``."""
-        return replace(self, value=value)
-
     def spread(self, values: Floats, num_points: int) -> Floats:
         """Sum of the values of nodes, ``(m,)``, by their shares, at the points, ``(p,)``."""
         return _sums(self.point, self.value * values[self.node], num_points)
@@ -239,14 +235,13 @@ class MortarPoints:
         """Evaluate a nodal field at the points, see `ContactPoints.of`."""
         return _kernels.at_points(self.phi, self.reached, values)
 
-    def rows(self, values: Floats, shares: Shares | None = None) -> Floats:
+    def rows(self, values: Floats, parts: Floats) -> Floats:
         """Sum vectors of pairs, ``(p, c, 3 (1 + n))``, to rows of the nodes, ``(m, c, 3 d)``.
 
-        ``shares`` may have other values than those of the points.
+        ``parts`` are those of each vector in each row, by shares, shape ``(i, c, c)``.
         """
-        s = self.shares if shares is None else shares
-        lists, place = self._rows
-        of_shares = s.start, s.point, s.value, place
+        s, (lists, place) = self.shares, self._rows
+        of_shares = s.start, s.point, parts, place
         return _kernels.sum_rows(self.phi, *of_shares, lists.shape[1], values)
 
     @property

@@ -23,8 +23,8 @@ _LARGEST_CHANGE = 0.1
 # Part of the constraints that may reach other nodes than before, or have gradients that differ by
 # more [-]: one node that comes to another segment does no harm, but a surface that slides does.
 _MOST_MOVED, _OTHER_GRADIENT = 0.25, 0.25
-# Size of blocks of the tangent, in the same, and of parts of constraints [-] that are not worth
-# their entries: mortar contact has many small ones.
+# Size of blocks of the tangent and of slopes, in the same, and of parts of constraints [-] that are
+# not worth their entries: mortar contact has many small ones.
 _NEGLIGIBLE = 0.01
 
 
@@ -151,14 +151,14 @@ class ContactSchwarz:
 
 
 def _essential(contacts: ContactBlocks, least: float) -> ContactBlocks:
-    """The same without small blocks of the tangent, and small parts of constraints. Local.
+    """The same without small parts of the tangent, of slopes and of constraints. Local.
 
     ``least`` is the size of an entry of the tangent from which on it counts [N/m].
     """
     is_large = _kernels.large_blocks(contacts.tangent, least)
     rows = contacts.gradients, contacts.columns
     lists = contacts.start, contacts.rank, *rows, contacts.slopes
-    keeps = _kernels.essential_nodes(*lists, _NEGLIGIBLE)
+    keeps = _kernels.essential_nodes(*lists, _NEGLIGIBLE, least)
     components = contacts.normal.shape[1]
     start, gradients, columns = _kernels.at_nodes(contacts.start, keeps, *rows, components)
     return contacts._replace(

@@ -4,6 +4,9 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
+from dolfinx_nts.contact.implicit.mortar_pairing import MortarPairing
+from dolfinx_nts.contact.implicit.pairing import NodePairing
+from dolfinx_nts.model.kinematics import Slip
 from helpers import scenes
 from helpers.scene import Motion
 
@@ -54,3 +57,49 @@ def test_blocks_in_a_moving_frame_have_the_same_result(comm, scheme):
     moved.run(10)
     shifted = fixed.positions() + 10 * scenes.BLOCK_STEP * velocity
     assert np.abs(moved.positions() - shifted).max() <= TOLERANCE
+
+
+class TurnedSlip(Slip):
+    """Slip whose components are those along other tangents, turned by ``Q``, ``(2, 2)``."""
+
+    def __init__(self, slip, Q):
+        """Turn what has components."""
+        turned = (np.einsum("ab,mb...->ma...", Q, part) for part in (slip.value, slip.force))
+        gradient, *frames = (
+            np.einsum("ab,mbi->mai", Q, part) for part in (slip.gradient, slip.frame_n, slip.frame)
+        )
+        kept = {"frame_n": frames[0], "frame": frames[1], "orientation": slip.orientation}
+        super().__init__(*turned, gradient, *slip.second, **kept)
+        self._of, self._turn = slip, Q
+
+    def hessian(self, t):
+        """See `Slip.hessian`."""
+        return self._of.hessian(t @ self._turn)
+
+
+@pytest.mark.parametrize("method", ["node-to-segment", "mortar"])
+@pytest.mark.parametrize("eps_T", [None, 3e4])
+def test_friction_does_not_know_which_tangents_slips_are_told_in(
+    comm, monkeypatch, rng, method, eps_T
+):
+    """Nodes that find other segments, or other points, find other tangents within a step."""
+
+    def impact():
+        friction = nts.Coulomb(0.5, eps_T=eps_T)
+        return scenes.ball_plate(comm, friction=friction, method=method, shift=scenes.NO_TIES)
+
+    fixed, turned = impact(), impact()
+    before = [fixed.stepper.advance().newton_iterations for _ in range(15)]
+    kind = MortarPairing if method == "mortar" else NodePairing
+    measure = kind.slip
+
+    def slip(*args):
+        angle = rng.uniform(0.0, 2 * np.pi)
+        c, s = np.cos(angle), np.sin(angle)
+        return TurnedSlip(measure(*args), np.array([[c, s], [-s, c]]))
+
+    monkeypatch.setattr(kind, "slip", slip)
+    after = [turned.stepper.advance().newton_iterations for _ in range(15)]
+    assert after == before
+    assert np.abs(turned.positions() - fixed.positions()).max() <= TOLERANCE
+    assert turned.stepper.contacts[0].history.active.sum() >= 3

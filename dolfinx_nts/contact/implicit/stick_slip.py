@@ -93,6 +93,7 @@ class StickSlip(Friction):
             self._limit.heading,
             self._slips.present,
             self._slips.modelled,
+            self.frame,
         )
 
     def measure(self, pairs: PairKinematics, x: Floats) -> None:
@@ -100,6 +101,7 @@ class StickSlip(Friction):
         slip = self._search.pairing.slip(self._law.law, x, pairs.node, pairs.segment)
         if self._acts_at_end:
             slip = slip.at_end()
+        self._tractions.turn(pairs.node, slip.frame_n)
         pairs.add_slip(slip, self._on_axis[pairs.node])
         self._slips.measure(pairs, x)
 

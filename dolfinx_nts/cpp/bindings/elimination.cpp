@@ -90,7 +90,7 @@ Out<bool> essential_nodes_batch(const In<std::int64_t>& start,
                                 const In<std::int32_t>& rank,
                                 const Doubles& gradients,
                                 const Doubles& columns, const Doubles& slopes,
-                                double size)
+                                double size, double stiffness)
 {
   check("slopes", slopes, {rank.size(), any, any});
   const std::size_t components = slopes.shape(1);
@@ -104,7 +104,8 @@ Out<bool> essential_nodes_batch(const In<std::int64_t>& start,
                       {
                         essential_nodes<B>(constraint_lists<B>(start, gradients,
                                                                columns, slopes),
-                                           view(rank), size, view(keeps));
+                                           view(rank), size, stiffness,
+                                           view(keeps));
                       });
   return keeps;
 }
@@ -211,10 +212,10 @@ void elimination(nb::module_& m)
         "constrained nodes, (m, B, B)");
   m.def("essential_nodes", &essential_nodes_batch, nb::arg("start"),
         nb::arg("rank"), nb::arg("gradients"), nb::arg("columns"),
-        nb::arg("slopes"), nb::arg("size"),
-        "(m + 1,), (m,), B B l numbers, the same, (m, B, B), - -> whether "
-        "nodes of lists have a part above a size, or slopes, or are "
-        "constrained, (l,)");
+        nb::arg("slopes"), nb::arg("size"), nb::arg("stiffness"),
+        "(m + 1,), (m,), B B l numbers, the same, (m, B, B), -, - -> whether "
+        "nodes of lists have a part above a size, or with slopes above a "
+        "stiffness, or are constrained, (l,)");
   m.def("at_nodes", &at_nodes_batch, nb::arg("start"), nb::arg("keeps"),
         nb::arg("gradients"), nb::arg("columns"), nb::arg("components"),
         "(m + 1,), (l,) which nodes of lists are kept, B B l numbers, the "

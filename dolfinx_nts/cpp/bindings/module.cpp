@@ -16,6 +16,7 @@ void contact_schwarz(nanobind::module_& m);
 void friction(nanobind::module_& m);
 void leapfrog(nanobind::module_& m);
 void mortar(nanobind::module_& m);
+void mortar_slip(nanobind::module_& m);
 void rows(nanobind::module_& m);
 void springs(nanobind::module_& m);
 void tractions(nanobind::module_& m);
@@ -38,6 +39,7 @@ NB_MODULE(_kernels, m)
   nts::bindings::friction(m);
   nts::bindings::leapfrog(m);
   nts::bindings::mortar(m);
+  nts::bindings::mortar_slip(m);
   nts::bindings::rows(m);
   nts::bindings::springs(m);
   nts::bindings::tractions(m);

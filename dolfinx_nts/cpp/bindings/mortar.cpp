@@ -95,7 +95,6 @@ Aggregation aggregation(const Doubles& phi, const Keys& start,
   check("start", start, {any});
   check("point", point, {any});
   const std::size_t size = point.size();
-  check("share", share, {size});
   check("place", place, {size, phi.shape(1) + vertices});
   check_rows("point: expected rows of phi", point, phi.shape(0));
   check_rows("place: expected places in rows", place, length);
@@ -121,6 +120,7 @@ auto sum_rows(const Doubles& phi, const Keys& start, const Ints& point,
   const Aggregation a
       = aggregation(phi, start, point, share, place, length, vertices);
   check("values", values, {phi.shape(0), count, 3 * (1 + vertices)});
+  check("share", share, {point.size(), count, count});
   auto sums = create<double>({start.size() - 1, count, 3 * length});
   std::fill_n(sums.data(), sums.size(), 0.0);
   sum_to_rows(a, vertices, view(values), count, length, view(sums));
@@ -137,6 +137,7 @@ auto sum_contact(const Doubles& phi, const Keys& start, const Ints& point,
   const Aggregation a
       = aggregation(phi, start, point, share, place, length, vertices);
   check("phi", phi, {p, any});
+  check("share", share, {point.size()});
   for (const Doubles* values : {&gap_n, &gap, &turn})
     check("gap_n, gap and turn", *values, {p});
   for (const Doubles* values : {&force, &gradient})
@@ -284,8 +285,8 @@ void mortar(nb::module_& m)
   m.def("sum_rows", &sum_rows, nb::arg("phi"), nb::arg("start"),
         nb::arg("point"), nb::arg("share"), nb::arg("place"), nb::arg("length"),
         nb::arg("values"),
-        "(p, k), (n + 1,), (i,), (i,), (i, k + s), L, (p, c, 3 (1 + s)) -> "
-        "(n, c, 3 L), see nts/contact/aggregation.h");
+        "(p, k), (n + 1,), (i,), (i, c, c), (i, k + s), L, (p, c, 3 (1 + s)) "
+        "-> (n, c, 3 L), see nts/contact/aggregation.h");
   m.def("sum_contact", &sum_contact, nb::arg("phi"), nb::arg("start"),
         nb::arg("point"), nb::arg("share"), nb::arg("place"), nb::arg("length"),
         nb::arg("gap_n"), nb::arg("gap"), nb::arg("turn"), nb::arg("force"),

@@ -19,16 +19,19 @@ class Tractions
 public:
   /// @param[in] present, modelled Slips now and where the model was made.
   /// @param[in] heading Direction of the model also where a limit lags.
+  /// @param[in] frame Tangents of what has two components, 0 where none is.
   Tractions(double mu, bool has_springs, Flags on_axis, Doubles rounding,
             Out<bool> sliding, Out<std::int32_t> flips, Out<double> traction,
             Out<double> fixed, Out<double> direction, Out<double> stiffness,
-            Out<double> heading, Doubles present, Out<double> modelled)
+            Out<double> heading, Doubles present, Out<double> modelled,
+            Out<double> frame)
       : _mu(mu), _has_springs(has_springs), _on_axis(std::move(on_axis)),
         _rounding(std::move(rounding)), _sliding(std::move(sliding)),
         _flips(std::move(flips)), _traction(std::move(traction)),
         _fixed(std::move(fixed)), _direction(std::move(direction)),
         _stiffness(std::move(stiffness)), _heading(std::move(heading)),
-        _present(std::move(present)), _modelled(std::move(modelled))
+        _present(std::move(present)), _modelled(std::move(modelled)),
+        _frame(std::move(frame))
   {
     const std::size_t n = _on_axis.size();
     check("on_axis", _on_axis, {n});
@@ -42,6 +45,24 @@ public:
     check("heading", _heading, {n, 2});
     check("present", _present, {n, 2});
     check("modelled", _modelled, {n, 2});
+    check("frame", _frame, {n, 2, 3});
+  }
+
+  void turn(const Nodes& node, const Doubles& frame)
+  {
+    const std::size_t m = check_nodes(node);
+    check("frame", frame, {m, 2, 3});
+    for (std::size_t i = 0; i < m; ++i)
+    {
+      const std::size_t j = row(node, i);
+      const double* to = frame.data() + 6 * i;
+      double* from = _frame.data() + 6 * j;
+      if (std::equal(to, to + 6, from))
+        continue;
+      if (std::any_of(from, from + 6, [](double x) { return x != 0; }))
+        turn_row(between_frames(to, from), j);
+      std::copy_n(to, 6, from);
+    }
   }
 
   auto sticks(const Nodes& node, const Flags& active) const
@@ -220,14 +241,34 @@ private:
       sum[e] += t[0] * rows[d + e] + t[1] * rows[2 * d + e];
   }
 
-  std::size_t check_pairs(const Nodes& node, const Flags& active) const
+  std::size_t check_nodes(const Nodes& node) const
   {
-    const std::size_t m = node.size();
-    check("node", node, {m});
-    check("active", active, {m});
+    check("node", node, {node.size()});
     check_rows("node: expected rows of the other arrays", node,
                _on_axis.size());
+    return node.size();
+  }
+
+  std::size_t check_pairs(const Nodes& node, const Flags& active) const
+  {
+    const std::size_t m = check_nodes(node);
+    check("active", active, {m});
     return m;
+  }
+
+  /// @brief Take over the components of a node in another frame.
+  void turn_row(const Matrix<2, 2>& turn, std::size_t j)
+  {
+    for (auto* part : {&_traction, &_fixed, &_direction, &_heading, &_modelled})
+      store(turn * pair(*part, j), view(*part), j);
+    const Matrix<2, 2> K = matrix(_stiffness, j);
+    Matrix<2, 2> turned;
+    // K turns in its rows and in its columns.
+    for (std::size_t a = 0; a < 2; ++a)
+      turned[a] = turn
+                  * Vec2{turn[a][0] * K[0][0] + turn[a][1] * K[1][0],
+                         turn[a][0] * K[0][1] + turn[a][1] * K[1][1]};
+    store(turned, view(_stiffness), j);
   }
 
   /// @brief Whether multipliers hold an active node in the tangent plane.
@@ -254,7 +295,7 @@ private:
   Out<std::int32_t> _flips;
   Out<double> _traction, _fixed, _direction, _stiffness, _heading;
   Doubles _present;
-  Out<double> _modelled;
+  Out<double> _modelled, _frame;
 };
 } // namespace
 
@@ -267,18 +308,21 @@ void tractions(nb::module_& m)
       "(m,) tells which transmit force")
       .def(nb::init<double, bool, Flags, Doubles, Out<bool>, Out<std::int32_t>,
                     Out<double>, Out<double>, Out<double>, Out<double>,
-                    Out<double>, Doubles, Out<double>>(),
+                    Out<double>, Doubles, Out<double>, Out<double>>(),
            nb::arg("mu"), nb::arg("has_springs"), nb::arg("on_axis"),
            nb::arg("rounding"), nb::arg("sliding").noconvert(),
            nb::arg("flips").noconvert(), nb::arg("traction").noconvert(),
            nb::arg("explicit").noconvert(), nb::arg("direction").noconvert(),
            nb::arg("stiffness").noconvert(), nb::arg("heading").noconvert(),
            nb::arg("present").noconvert(), nb::arg("modelled").noconvert(),
+           nb::arg("frame").noconvert(),
            "-, -, (n,) nodes without friction, (n,) forces that are round-off, "
            "(n,), (n,), (n, 2), and the model explicit + p direction + "
            "stiffness (present - modelled): (n, 2), (n, 2), (n, 2, 2); "
            "direction also where a limit lags, slips now and where it was "
-           "made (n, 2)")
+           "made (n, 2); tangents of all these components, 0 of none (n, 2, 3)")
+      .def("turn", &Tractions::turn, nb::arg("node"), nb::arg("frame"),
+           "(m, 2, 3): what is known becomes that in these tangents")
       .def("sticks", &Tractions::sticks, nb::arg("node"), nb::arg("active"),
            "-> whether multipliers hold pairs in the tangent plane (m,)")
       .def("judge", &Tractions::judge, nb::arg("node"), nb::arg("active"),

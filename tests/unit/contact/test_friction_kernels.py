@@ -25,8 +25,9 @@ class Friction:
         self.traction, self.explicit, self.direction, self.heading = rng.normal(size=(4, N, 2))
         self.present, self.modelled = rng.normal(size=(2, N, 2))
         self.stiffness = rng.normal(size=(N, 2, 2))
+        self.frame = np.zeros((N, 2, 3))
         names = "on_axis rounding sliding flips traction explicit direction stiffness heading"
-        arrays = (getattr(self, name) for name in f"{names} present modelled".split())
+        arrays = (getattr(self, name) for name in f"{names} present modelled frame".split())
         self.kernel = _kernels.Tractions(MU, has_springs, *arrays)
 
 
@@ -84,6 +85,34 @@ def test_known_tractions_turn_with_the_slip_and_leave_out_what_sticks(rng):
     np.testing.assert_allclose(of.traction[of.node], traction, rtol=0, atol=1e-14)
     with pytest.raises(ValueError, match="expected rows of the other arrays"):
         of.kernel.known(of.node + N, of.active, not_own, 3)
+
+
+def test_what_is_known_stays_the_same_in_other_frames(rng):
+    of, names = Friction(rng), ("traction", "explicit", "direction", "heading", "modelled")
+    frame = np.linalg.qr(rng.normal(size=(M, 3, 3)))[0][:, :2]
+    before = {name: getattr(of, name).copy() for name in (*names, "stiffness")}
+    of.kernel.turn(of.node, frame)  # what has no frame takes the first one over
+    for name, values in before.items():
+        np.testing.assert_array_equal(getattr(of, name), values)
+    turned = rng.permutation(np.array([[1.0, 0.0], [0.0, -1.0]]))[None] @ frame
+    of.kernel.turn(of.node, turned)
+    for name in names:
+        vectors = (
+            np.einsum("ma,mai->mi", values[of.node], tangents)
+            for values, tangents in ((before[name], frame), (getattr(of, name), turned))
+        )
+        np.testing.assert_allclose(*vectors, rtol=0, atol=1e-14)
+    tensors = (
+        np.einsum("mab,mai,mbj->mij", values[of.node], tangents, tangents)
+        for values, tangents in ((before["stiffness"], frame), (of.stiffness, turned))
+    )
+    np.testing.assert_allclose(*tensors, rtol=0, atol=1e-14)
+    # Lengths stay the same where planes differ, as they do beyond an edge.
+    length = np.linalg.norm(of.traction, axis=1)
+    of.kernel.turn(of.node, np.linalg.qr(rng.normal(size=(M, 3, 3)))[0][:, :2])
+    np.testing.assert_allclose(np.linalg.norm(of.traction, axis=1), length, rtol=1e-14)
+    with pytest.raises(ValueError, match="expected rows of the other arrays"):
+        of.kernel.turn(of.node + N, frame)
 
 
 def test_tractions_act_along_both_tangents(rng):

@@ -202,18 +202,21 @@ def test_rows_are_sums_over_the_points_of_a_node(k, rng):
     nodes = np.array([1, 4, 2], dtype=np.int32)
     some = points.take(nodes)
     values = rng.normal(size=(len(some.segment), 2, 3 * (1 + k)))
-    rows = some.rows(values)
+    shares = some.shares
+    parts = rng.normal(size=(len(shares.point), 2, 2))
+    rows = some.rows(values, parts)
     field = rng.normal(size=x.shape)
-    # The work of a row is the mean of the work of the points.
+    # The work of a row is the sum of the parts of the work of the points.
     work = np.einsum("mcd,md->mc", rows, field[some.lists].reshape(len(nodes), -1))
     there = np.concatenate([some.of(field)[:, None], field[some.reached[:, k:]]], axis=1)
     of_points = np.einsum("pcd,pd->pc", values, there.reshape(len(there), -1))
-    for c in range(2):
-        assert work[:, c] == pytest.approx(some.shares.mean(of_points[:, c]), rel=1e-10, abs=1e-12)
+    of_shares = np.einsum("iab,ib->ia", parts, of_points[shares.point])
+    expected = shares.reduced(np.add, of_shares, 0.0)
+    np.testing.assert_allclose(work, expected, rtol=1e-10, atol=1e-12)
     assert (some.lists[:, 0] == surface.nodes[nodes]).all()
-    shares, places = some.shares, np.ones((len(some.shares.point), 2 * k), dtype=np.int32)
+    places = np.ones((len(shares.point), 2 * k), dtype=np.int32)
     with pytest.raises(ValueError, match="places in rows"):
-        _kernels.sum_rows(some.phi, shares.start, shares.point, shares.value, places, 1, values)
+        _kernels.sum_rows(some.phi, shares.start, shares.point, parts, places, 1, values)
     assert candidates.segments.shape[1] == k
 
 
@@ -226,7 +229,8 @@ def test_kinematics_of_nodes_are_means_rows_and_the_least_turn_of_their_points(k
     turn[shares.point[shares.start[1]]] = np.nan  # tells a failure, whatever comes after it
     pairs = ContactKinematics(gap_n, gap, force, gradient, np.empty(0), turn)
     mean_n, mean, of_force, of_gradient, least = at_nodes(points, pairs)
-    rows = points.rows(np.stack([force, gradient], axis=1))
+    parts = shares.value[:, None, None] * np.eye(2)
+    rows = points.rows(np.stack([force, gradient], axis=1), parts)
     assert mean_n == pytest.approx(shares.mean(gap_n), rel=1e-12, abs=1e-14)
     assert mean == pytest.approx(shares.mean(gap), rel=1e-12, abs=1e-14)
     assert np.array_equal(np.stack([of_force, of_gradient], axis=1), rows)

@@ -24,9 +24,9 @@ def test_slopes_at_nodes_are_those_of_the_tangent_there(kind, rng):
 @kinds
 def test_nodes_are_essential_that_constraints_or_slopes_reach(kind, rng):
     whole = ContactBlocks(*blocks(kind, rng))
-    size = 0.5
-    constraints = whole.start, whole.rank, whole.gradients, whole.columns
-    keeps = np.split(_kernels.essential_nodes(*constraints, whole.slopes, size), whole.start[1:-1])
+    size, stiffness = 0.5, 1.0
+    lists = whole.start, whole.rank, whole.gradients, whole.columns, whole.slopes
+    keeps = np.split(_kernels.essential_nodes(*lists, size, stiffness), whole.start[1:-1])
     assert kind == 0 or not all(part.all() for part in keeps)
     for part, rank, slope, (_, *rows) in zip(
         keeps, whole.rank, whole.slopes, rows_of(whole), strict=True
@@ -37,7 +37,11 @@ def test_nodes_are_essential_that_constraints_or_slopes_reach(kind, rng):
         ]
         expected = np.maximum(*largest) > size
         expected[0] = True
-        np.testing.assert_array_equal(part, expected | slope.any())
+        gradients, columns = rows
+        products = np.einsum("ai,ab,bj->abij", *map(np.abs, (columns, slope, gradients)))
+        products = products.max(axis=(0, 1)).reshape(len(part), 3, len(part), 3).max(axis=(1, 3))
+        expected |= np.maximum(products.max(axis=0), products.max(axis=1)) > stiffness
+        np.testing.assert_array_equal(part, expected)
 
 
 @kinds
@@ -82,4 +86,4 @@ def test_wrong_lists_of_constraints_are_refused(rng):
     with pytest.raises(ValueError, match="expected where lists begin"):
         _kernels.slopes_at_nodes(start[::-1].copy(), gradients, columns, slopes)
     with pytest.raises(ValueError, match="expected at most all components"):
-        _kernels.essential_nodes(start, rank + 1, gradients, columns, slopes, 0.5)
+        _kernels.essential_nodes(start, rank + 1, gradients, columns, slopes, 0.5, 1.0)

@@ -2,6 +2,7 @@
 
 #include "nts/geometry/small.h"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <span>
@@ -24,7 +25,7 @@ struct Aggregation
   std::span<const std::int64_t> start;
   /// (i,) Points of the shares.
   std::span<const std::int32_t> point;
-  /// (i,) Shares.
+  /// (i,) Shares; of c vectors of a point those of each in each, (i, c, c).
   std::span<const double> share;
   /// (i, k + s) Places of the nodes of facet and segment in the row of the
   /// node.
@@ -40,9 +41,10 @@ struct Aggregation
 /// @param[in,out] rows (n, c, 3 L), to which is added.
 inline void sum_to_rows(const Aggregation& a, std::size_t vertices,
                         std::span<const double> values, std::size_t count,
-                        std::size_t length, std::span<double> rows) noexcept
+                        std::size_t length, std::span<double> rows)
 {
   const std::size_t k = a.width, size = 3 * (1 + vertices);
+  std::vector<double> part(size); // of a vector in that of a node
   for (std::size_t n = 0; n + 1 < a.start.size(); ++n)
     for (std::int64_t i = a.start[n]; i < a.start[n + 1]; ++i)
     {
@@ -50,14 +52,21 @@ inline void sum_to_rows(const Aggregation& a, std::size_t vertices,
       const std::int32_t* place = a.place.data() + (k + vertices) * i;
       for (std::size_t c = 0; c < count; ++c)
       {
-        const double* value = values.data() + size * (count * q + c);
+        std::ranges::fill(part, 0.0);
+        for (std::size_t b = 0; b < count; ++b)
+        {
+          const double share = a.share[count * (count * i + c) + b];
+          const double* value = values.data() + size * (count * q + b);
+          for (std::size_t e = 0; e < size; ++e)
+            part[e] += share * value[e];
+        }
         double* row = rows.data() + 3 * length * (count * n + c);
         for (std::size_t d = 0; d < 3; ++d)
         {
           for (std::size_t b = 0; b < k; ++b)
-            row[3 * place[b] + d] += a.share[i] * a.phi[k * q + b] * value[d];
+            row[3 * place[b] + d] += a.phi[k * q + b] * part[d];
           for (std::size_t K = 0; K < vertices; ++K)
-            row[3 * place[k + K] + d] += a.share[i] * value[3 * (1 + K) + d];
+            row[3 * place[k + K] + d] += part[3 * (1 + K) + d];
         }
       }
     }

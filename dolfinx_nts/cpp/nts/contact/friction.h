@@ -16,6 +16,23 @@ struct TractionModel
   Matrix<2, 2> stiffness = {}; ///< derivative by the slip [N/m]
 };
 
+/// @brief Components in a frame of vectors with components in another one: the
+/// orthogonal matrix nearest to the products of both.
+/// @param[in] to, from Two orthonormal tangents of either handedness, rows.
+inline Matrix<2, 2> between_frames(const double* to,
+                                   const double* from) noexcept
+{
+  Matrix<2, 2> turn;
+  for (std::size_t a = 0; a < 2; ++a)
+    for (std::size_t b = 0; b < 2; ++b)
+      turn[a][b] = inner<3>(to + 3 * a, from + 3 * b);
+  const double sign = det(turn) < 0 ? -1 : 1;
+  const double c = turn[0][0] + sign * turn[1][1],
+               s = turn[0][1] - sign * turn[1][0];
+  const double size = std::hypot(c, s);
+  return {{{c / size, s / size}, {-sign * s / size, sign * c / size}}};
+}
+
 /// @brief Whether a node slides by what is known now.
 /// @param[in] mu Coefficient of friction [-].
 /// @param[in] trial Traction if it stuck [N].

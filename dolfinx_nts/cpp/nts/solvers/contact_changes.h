@@ -1,10 +1,12 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdint>
 #include <functional>
 #include <span>
+#include <vector>
 
 /// @brief How far constraints and tangent of contact are from those for which
 /// factors were made, and what of them factors need.
@@ -89,24 +91,50 @@ inline std::size_t num_moved(std::size_t m, std::span<const bool> same,
   return count;
 }
 
-/// @brief Whether nodes have a part in constraints, or in slopes, above a
-/// size, (l,); constrained nodes always have.
+/// @brief Whether nodes have a part in constraints above a size, or in the
+/// products F_a S_ab G_b of slopes above a stiffness, (l,); constrained nodes
+/// always have.
 /// @param[in] rank Number of constraints of each list, (m,).
 template <std::size_t B>
 void essential_nodes(const ConstraintLists<B>& lists,
                      std::span<const std::int32_t> rank, double size,
-                     std::span<bool> keeps) noexcept
+                     double stiffness, std::span<bool> keeps)
 {
+  using Rows = std::array<double, B>; // largest entries of the rows
+  std::vector<Rows> forces, gradients;
   for (std::size_t i = 0; i < lists.size(); ++i)
   {
-    const bool all = lists.has_slope(i);
-    for (std::size_t K = 0; K < lists.length(i); ++K)
+    const std::size_t length = lists.length(i);
+    const auto constraints = static_cast<std::size_t>(rank[i]);
+    const auto slope = lists.slope(i);
+    const auto measure
+        = [&](std::span<const double> rows, std::vector<Rows>& parts)
     {
-      bool keep = K == 0 || all;
-      for (std::size_t a = 0; a < static_cast<std::size_t>(rank[i]); ++a)
-        for (const auto& rows : {lists.gradients, lists.columns})
-          for (std::size_t c = 0; c < B; ++c)
-            keep = keep || std::abs(lists.row(rows, i, a)[B * K + c]) > size;
+      parts.assign(length, {});
+      Rows whole = {};
+      for (std::size_t a = 0; a < B; ++a)
+        for (std::size_t e = 0; e < B * length; ++e)
+        {
+          double& part = parts[e / B][a];
+          part = std::max(part, std::abs(lists.row(rows, i, a)[e]));
+          whole[a] = std::max(whole[a], part);
+        }
+      return whole;
+    };
+    const Rows force = measure(lists.columns, forces),
+               gradient = measure(lists.gradients, gradients);
+    for (std::size_t K = 0; K < length; ++K)
+    {
+      bool keep = K == 0;
+      for (std::size_t a = 0; a < constraints; ++a)
+        keep = keep || std::max(forces[K][a], gradients[K][a]) > size;
+      for (std::size_t a = 0; a < B; ++a)
+        for (std::size_t b = 0; b < B; ++b)
+          keep = keep
+                 || std::abs(slope[B * a + b])
+                            * std::max(forces[K][a] * gradient[b],
+                                       force[a] * gradients[K][b])
+                        > stiffness;
       keeps[lists.start[i] + K] = keep;
     }
   }
