@@ -95,7 +95,8 @@ class EnergyLedger:
         self.drift["unaccounted"] = max(self.drift["unaccounted"], abs(self.unaccounted))
         for name in _CONSERVED:
             change = getattr(balance, name) - getattr(self.first, name)
-            self.drift[name] = max(self.drift[name], math.sqrt(np.dot(change, change)))
+            size = math.sqrt(change @ change) if isinstance(change, np.ndarray) else abs(change)
+            self.drift[name] = max(self.drift[name], size)
 
     def serialize(self, archive: Archive) -> None:
         """Serialize all sums. Collective."""

@@ -93,6 +93,9 @@ class NodalFields:
 
     def __init__(self, stepper: Stepper) -> None:
         """Find the nodes that each field of contact is of. Local."""
+        # DOLFINx takes its time each time that it is asked for an array.
+        ends, n = {"displacement": stepper.u, "velocity": stepper.v}, len(stepper.node_ids)
+        self._motion = {name: nodal(function)[:n] for name, function in ends.items()}
         self._contacts = dict(enumerate(stepper.contacts))
         rubbing = {i: each for i, each in self._contacts.items() if each.pair.friction is not None}
         places = {False: _Place.of(self._contacts), True: _Place.of(rubbing)}
@@ -116,11 +119,8 @@ class NodalFields:
             ``slip_state``, 0 open, 1 sticking, 2 sliding; and ``accumulated_slip`` [m]. All but
             the gap are 0 elsewhere.
         """
-        stepper, n = now.stepper, len(now.stepper.node_ids)
-        fields: dict[str, Array | Some] = {
-            "displacement": in_space(nodal(stepper.u)[:n]),
-            "velocity": in_space(nodal(stepper.v)[:n]),
-        }
+        fields: dict[str, Array | Some]
+        fields = {name: in_space(values) for name, values in self._motion.items()}
         for name, place in self._places.items():
             if place.rows:
                 fields[name] = self.contact(now, name)
