@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 
 __all__ = [
@@ -14,7 +13,6 @@ __all__ = [
     "ContactHistory",
     "ContactWork",
     "begun_anew",
-    "contact_sums",
     "without_friction",
 ]
 
@@ -116,11 +114,6 @@ class ContactWork(NamedTuple):
     def __add__(self, other: "ContactWork") -> "ContactWork":  # type: ignore[override]
         """Add energies cause by cause. Local."""
         return ContactWork(*map(operator.add, self, other))
-
-
-def contact_sums(history: ContactHistory) -> Floats:
-    """Energy of springs [J], number of active nodes and force on them [N], ``(5,)``. Local."""
-    return _kernels.contact_sums(history.force, history.energy, history.active)
 
 
 def without_friction(history: ContactHistory) -> ContactHistory:

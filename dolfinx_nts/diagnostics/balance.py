@@ -170,13 +170,16 @@ class Diagnostics(ContactDiagnostics):
         Returns:
             Both, as the methods of these names do.
         """
-        parts = self._motion(), self._energies.total(), self._contact_sums()
+        of_pairs = self._of_own_nodes()
+        parts = self._motion(), self._energies.total(), of_pairs.ravel()
         sums = self._sum(np.concatenate(parts))
-        kinetic, strain, defect, stored, active = sums[[0, 7, 8, 9, 10]].tolist()
-        linear, angular = self._momenta(sums[:7])
-        force = sums[11:][self._axes[0]]
+        of_pairs = self._now().sums_of_pairs = sums[9:].reshape(of_pairs.shape)
+        of_all = of_pairs.sum(axis=0)
+        kinetic, strain, defect = sums[[0, 7, 8]].tolist()
+        linear, angular = self._momenta(sums)
+        stored, active = of_all[:2].tolist()
         energies = kinetic, strain, stored
-        contact = force, int(active), self.min_gap()
+        contact = of_all[3:6][self._axes[0]], int(active), self.min_gap()
         balance = Balance(self.stepper.t, *energies, linear, angular, *contact)
         return defect + self.stepper.inertia_defect, balance
 

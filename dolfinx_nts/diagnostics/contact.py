@@ -9,12 +9,11 @@ from mpi4py import MPI
 
 import numpy as np
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats
-from dolfinx_nts.contact.history import contact_sums
-from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.diagnostics.names import flat, pair_names, part_names
 from dolfinx_nts.diagnostics.present import Present
-from dolfinx_nts.fem.components import bounds, existing, in_space, nodal, resultant
+from dolfinx_nts.fem.components import bounds, existing, in_space, nodal
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
@@ -132,11 +131,11 @@ class ContactDiagnostics:
 
     def contact_energy(self) -> float:
         """Energy of penalty and friction springs [J]."""
-        return float(self._sum(self._contact_sums())[0])
+        return float(self._of_pairs()[:, 0].sum())
 
     def contact_force(self) -> Floats:
         """Resultant of the last step on the nodes of all pairs, as in a `Balance` [N]."""
-        force: Floats = self._sum(self._contact_sums())[2:][self._axes[0]]
+        force: Floats = self._of_pairs()[:, 3:6].sum(axis=0)[self._axes[0]]
         return force
 
     def pair_resultants(self) -> Floats:
@@ -147,24 +146,15 @@ class ContactDiagnostics:
         the middle of the step, in `QuasiStatic`, `CentralDifference` and `GeneralizedAlpha` at
         its end.
         """
-        stepper = self.stepper
-        x = self._now().x
-        if stepper.scheme.contact != "static":
-            x = x - in_space(nodal(stepper.u) - nodal(stepper.u_n)) / 2
-        parts = np.zeros((len(stepper.contacts), 2, 3))
-        for part, pair in zip(parts, stepper.contacts, strict=True):
-            part[:] = resultant(x, pair.nodes.nodes, pair.history.force)
-        total: Floats = self._sum(parts)
-        return total
+        return self._of_pairs()[:, 3:].reshape(-1, 2, 3)
 
     def pairs(self) -> dict[str, PairBalance]:
         """Contact of each pair in the last step, by names of its two sides."""
-        contacts = self.stepper.contacts
-        area = self._sum(np.array([_contact_area(contact) for contact in contacts]))
+        areas = map(float, self._of_pairs()[:, 2])
         pressures = [float(p.max(initial=0.0)) for p in self._now().pressures]
-        pressures = reductions.largest(self._comm, pressures) if contacts else []
+        pressures = reductions.largest(self._comm, pressures) if pressures else []
         vectors = [self._parts(pair) for pair in self.pair_resultants()]
-        numbers = zip(self._pair_names, vectors, area.tolist(), pressures, strict=True)
+        numbers = zip(self._pair_names, vectors, areas, pressures, strict=True)
         return {name: PairBalance(*parts, *scalars) for name, parts, *scalars in numbers}
 
     def obstacles(self) -> dict[str, ObstacleBalance]:
@@ -188,7 +178,7 @@ class ContactDiagnostics:
 
     def active_nodes(self) -> int:
         """Number of nodes that transmit force, on all ranks."""
-        return int(self._sum(self._contact_sums())[1])
+        return int(self._of_pairs()[:, 1].sum())
 
     def min_gap(self) -> float:
         """Least gap of all pairs [m]; NaN if no node faces a segment.
@@ -263,12 +253,24 @@ class ContactDiagnostics:
         farthest = np.linalg.norm(upper.max(axis=1) - lower.min(axis=1), axis=1)
         return np.where(has_box, nearest, -1.0), np.where(has_box, farthest, np.inf)
 
-    def _contact_sums(self) -> Floats:
-        """Sums over the nodes of all pairs on this rank, see `contact_sums`. Local."""
-        total: Floats = np.zeros(5)
-        for contact in self.stepper.contacts:
-            total += contact_sums(contact.history)
-        return total
+    def _of_pairs(self) -> Floats:
+        """Sums over the nodes of each pair, ``(p, 9)``, see `Present.sums_of_pairs`."""
+        now = self._now()
+        if now.sums_of_pairs is None:
+            now.sums_of_pairs = self._sum(self._of_own_nodes())
+        return now.sums_of_pairs
+
+    def _of_own_nodes(self) -> Floats:
+        """Those over the nodes of this rank. Local."""
+        stepper, x = self.stepper, self._now().x
+        if stepper.scheme.contact != "static":
+            x = x - in_space(nodal(stepper.u) - nodal(stepper.u_n)) / 2
+        sums: Any = np.empty((len(stepper.contacts), 9))
+        for numbers, contact in zip(sums, stepper.contacts, strict=True):
+            nodes, history = contact.nodes, contact.history
+            forces = history.force, history.energy, history.active, history.area
+            numbers[:] = _kernels.contact_sums(x, nodes.nodes, *forces, nodes.area)
+        return np.asarray(sums)
 
     def _parts(self, vectors: Floats) -> tuple[Floats, Floats]:
         """Components of force and torque, shape ``(2, 3)``, that exist in the space."""
@@ -282,10 +284,3 @@ class ContactDiagnostics:
 def _least(gap: Floats) -> float:
     """Least gap of this rank's nodes [m], infinite if none faces a segment."""
     return float(np.fmin.reduce(gap, initial=np.inf))
-
-
-def _contact_area(contact: PairState) -> float:
-    """Reference area of the active nodes of this rank [m^2]."""
-    history, area = contact.history, contact.nodes.area
-    part = np.where(history.area > 0, history.area, area)
-    return float(part[history.active].sum())

@@ -17,18 +17,19 @@ __all__ = ["EnergyLedger"]
 _CONSERVED = {"total_energy": "J", "linear_momentum": "kg m/s", "angular_momentum": "kg m^2/s"}
 # Causes by which the total energy changes, except the bulk, and their works in a report.
 _WORKS = {
-    "loads": attrgetter("load_work"),
-    "supports": attrgetter("support_work"),
-    "obstacles": attrgetter("contact_work.obstacles"),
-    "damping": attrgetter("damping_work"),
-    "persistent_contact": attrgetter("contact_work.persistent"),
-    "activation": attrgetter("contact_work.activation"),
-    "facet_change": attrgetter("contact_work.facet_change"),
-    "friction": attrgetter("contact_work.friction"),
-    "solver": attrgetter("solver_work"),
-    "surface_equilibrium": attrgetter("contact_work.equilibrium"),
-    "refund": attrgetter("contact_work.refund"),
+    "loads": "load_work",
+    "supports": "support_work",
+    "obstacles": "contact_work.obstacles",
+    "damping": "damping_work",
+    "persistent_contact": "contact_work.persistent",
+    "activation": "contact_work.activation",
+    "facet_change": "contact_work.facet_change",
+    "friction": "contact_work.friction",
+    "solver": "solver_work",
+    "surface_equilibrium": "contact_work.equilibrium",
+    "refund": "contact_work.refund",
 }
+_works_of = attrgetter(*_WORKS.values())
 # All causes, and the names of their columns.
 _CAUSES = ("bulk", *_WORKS)
 _NAMES = [f"energy_{cause}" for cause in _CAUSES]
@@ -81,8 +82,8 @@ class EnergyLedger:
             balance: Numbers of the state after the step.
         """
         self.energy["bulk"] += bulk_defect
-        for cause, work in _WORKS.items():
-            self.energy[cause] += work(step)
+        for cause, work in zip(_WORKS, _works_of(step), strict=True):
+            self.energy[cause] += work
         self.step, self.last = step.step, balance
         self.num_steps += 1
         self.num_iterations += step.newton_iterations
@@ -94,7 +95,8 @@ class EnergyLedger:
         self.drift["unaccounted"] = max(self.drift["unaccounted"], abs(self.unaccounted))
         for name in _CONSERVED:
             change = getattr(balance, name) - getattr(self.first, name)
-            self.drift[name] = max(self.drift[name], math.sqrt(np.dot(change, change)))
+            size = math.sqrt(change @ change) if isinstance(change, np.ndarray) else abs(change)
+            self.drift[name] = max(self.drift[name], size)
 
     def serialize(self, archive: Archive) -> None:
         """Serialize all sums. Collective."""

@@ -9,7 +9,8 @@ from dolfinx import fem
 from dolfinx_nts.common.arguments import as_call
 from dolfinx_nts.common.arrays import Array, Floats
 from dolfinx_nts.diagnostics.functions import NodalFunctions
-from dolfinx_nts.diagnostics.nodal_fields import contact_field
+from dolfinx_nts.diagnostics.nodal_fields import NodalFields
+from dolfinx_nts.diagnostics.present import Present
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.cell_stress import CellStress, StressState
@@ -48,7 +49,8 @@ class Fields:
         if not isinstance(stepper, Stepper):
             raise TypeError(f"expected a stepper, given {type(stepper).__name__}")
         self._stepper = stepper
-        self._nodal = NodalFunctions(stepper.u.function_space)
+        self._nodal = NodalFields(stepper)
+        self._functions = NodalFunctions(stepper.u.function_space)
         self._cell: dict[str, fem.Function] = {}
 
     def __repr__(self) -> str:
@@ -88,7 +90,7 @@ class Fields:
         return self._of_cells("plastic_strain", strain[:, None])
 
     def _contact(self, name: str) -> fem.Function:
-        return self._nodal.set(name, contact_field(self._stepper, name))
+        return self._functions.set(name, self._nodal.contact(Present(self._stepper), name))
 
     @cached_property
     def _stress(self) -> CellStress:

@@ -7,6 +7,7 @@ from dolfinx import fem
 
 from dolfinx_nts.common.arrays import Array, Floats, Ints
 from dolfinx_nts.fem.components import dimension, nodal
+from dolfinx_nts.parallel.slabs import Some
 
 __all__ = ["NodalFunctions", "nodal_values"]
 
@@ -30,17 +31,19 @@ class NodalFunctions:
         self._carrier = fem.Function(V)
         self._functions: dict[str, fem.Function] = {}
 
-    def set(self, name: str, values: Array) -> fem.Function:
+    def set(self, name: str, values: Array | Some) -> fem.Function:
         """Give a Function new values.
 
         Args:
             name: Name of the Function.
-            values: Values at the owned nodes, shape ``(n,)`` or ``(n, 3)``.
+            values: Values at the owned nodes, shape ``(n,)`` or ``(n, 3)``, or at some of them.
 
         Returns:
             The Function, of the vector space, which in the plane has two components, or of the
             scalar one.
         """
+        if isinstance(values, Some):
+            values = values.whole(self._V.dofmap.index_map.size_local)
         is_vector = values.ndim == 2
         if name not in self._functions:
             space = self._V if is_vector else self._scalars

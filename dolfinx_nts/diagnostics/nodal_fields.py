@@ -1,17 +1,18 @@
 """Fields at the nodes: motion, and contact where there is a surface."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Array
+from dolfinx_nts.common.arrays import Array, GlobalInts, Ints
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.diagnostics.present import Present
 from dolfinx_nts.fem.components import in_space, nodal
 from dolfinx_nts.integrators.stepper import Stepper
+from dolfinx_nts.parallel.slabs import Some
 
-__all__ = ["contact_field", "contact_fields", "nodal_fields"]
+__all__ = ["NodalFields"]
 
 
 class _Rule(NamedTuple):
@@ -26,7 +27,7 @@ class _Rule(NamedTuple):
     """
 
     of: Callable[[Present, PairState, int], Array]
-    merged: Callable[[Array | float, Array], Array]
+    merged: np.ufunc
     elsewhere: float = 0.0
     shape: tuple[int, ...] = ()
     needs_friction: bool = False
@@ -57,71 +58,78 @@ _RULES = {
 }
 
 
-def contact_fields(stepper: Stepper) -> dict[str, float]:
-    """Values at nodes without a pair by the names of the fields of contact. Local."""
-    has_friction = any(pair.friction is not None for pair in stepper.pairs)
-    return {
-        name: rule.elsewhere
-        for name, rule in _RULES.items()
-        if stepper.pairs and (has_friction or not rule.needs_friction)
-    }
+class _Place(NamedTuple):
+    """Where the values of pairs belong.
 
-
-def contact_field(stepper: Stepper, name: str) -> Array:
-    """One of the fields of contact at the owned nodes, see `nodal_fields`. Collective.
-
-    Args:
-        stepper: Stepper whose present state is described.
-        name: Name of the field.
-
-    Returns:
-        Values, shape ``(n,)`` or ``(n, 3)``.
+    Attributes:
+        nodes: Owned nodes of all these pairs, ascending, shape ``(r,)``.
+        rows: Where among them the nodes of each pair are, by the number of the pair.
     """
-    return _of_contact(Present(stepper), name)
+
+    nodes: Ints
+    rows: Mapping[int, GlobalInts | slice]
+
+    @classmethod
+    def of(cls, pairs: Mapping[int, PairState]) -> "_Place":
+        """That of some pairs by their numbers. Local."""
+        own = {number: pair.nodes.nodes for number, pair in pairs.items()}
+        nodes = np.unique(np.concatenate([np.empty(0, dtype=np.int32), *own.values()]))
+        rows = {
+            number: slice(None) if np.array_equal(some, nodes) else np.searchsorted(nodes, some)
+            for number, some in own.items()
+        }
+        return cls(nodes, rows)
 
 
-def _of_contact(now: Present, name: str) -> Array:
-    """The same of a state."""
-    rule, stepper = _RULES[name], now.stepper
-    shape = len(stepper.node_ids), *rule.shape
-    # Zeros take no time where nobody writes.
-    values: Array = np.full(shape, rule.elsewhere) if rule.elsewhere else np.zeros(shape)
-    is_first = True
-    for number, contact in enumerate(stepper.contacts):
-        if contact.pair.friction is not None or not rule.needs_friction:
-            at = contact.nodes.nodes
-            before = rule.elsewhere if is_first else values[at]
-            values[at] = rule.merged(before, rule.of(now, contact, number))
-            is_first = False
-    return values
-
-
-def nodal_fields(now: Present) -> dict[str, Array]:
-    """Displacement, velocity and contact at the owned nodes. Collective.
+class NodalFields:
+    """Displacement, velocity and contact of a stepper at the owned nodes.
 
     Where a node belongs to several pairs, it has their smallest gap, the sum of their
     pressures, slips and tractions, and the largest of the others.
 
     Args:
-        now: State that is described.
-
-    Returns:
-        Values by name. ``displacement`` [m] and ``velocity`` [m/s] have the shape ``(n, 3)``
-        for ``n`` owned nodes; in the plane the third components of all vectors are 0.
-
-        With contact pairs, of shape ``(n,)``: ``gap`` [m], positive where contact is open, and
-        NaN where a node faces no segment or belongs to no pair; ``contact_pressure`` [Pa];
-        ``active``, 1 where contact transmits force; and ``contact_traction`` [Pa], the whole
-        contact force per reference area, shape ``(n, 3)``. With friction also
-        ``friction_traction`` [Pa], the part of it by friction, shape ``(n, 3)``;
-        ``slip_state``, 0 open, 1 sticking, 2 sliding; and ``accumulated_slip`` [m]. All but the
-        gap are 0 at nodes without a pair.
+        stepper: Stepper whose states are described.
     """
-    stepper, n = now.stepper, len(now.stepper.node_ids)
-    fields: dict[str, Array] = {
-        "displacement": in_space(nodal(stepper.u)[:n]),
-        "velocity": in_space(nodal(stepper.v)[:n]),
-    }
-    for name in contact_fields(stepper):
-        fields[name] = _of_contact(now, name)
-    return fields
+
+    def __init__(self, stepper: Stepper) -> None:
+        """Find the nodes that each field of contact is of. Local."""
+        # DOLFINx takes its time each time that it is asked for an array.
+        ends, n = {"displacement": stepper.u, "velocity": stepper.v}, len(stepper.node_ids)
+        self._motion = {name: nodal(function)[:n] for name, function in ends.items()}
+        self._contacts = dict(enumerate(stepper.contacts))
+        rubbing = {i: each for i, each in self._contacts.items() if each.pair.friction is not None}
+        places = {False: _Place.of(self._contacts), True: _Place.of(rubbing)}
+        self._places = {name: places[rule.needs_friction] for name, rule in _RULES.items()}
+
+    def of(self, now: Present) -> dict[str, Array | Some]:
+        """Fields of a state by name. Collective.
+
+        Args:
+            now: Present state of the stepper.
+
+        Returns:
+            ``displacement`` [m] and ``velocity`` [m/s] have the shape ``(n, 3)`` for ``n`` owned
+            nodes; in the plane the third components of all vectors are 0.
+
+            With contact pairs, of the nodes of these: ``gap`` [m], positive where contact is
+            open, and NaN where a node faces no segment, as elsewhere; ``contact_pressure`` [Pa];
+            ``active``, 1 where contact transmits force; and ``contact_traction`` [Pa], the whole
+            contact force per reference area, shape ``(r, 3)``. With friction also
+            ``friction_traction`` [Pa], the part of it by friction, shape ``(r, 3)``;
+            ``slip_state``, 0 open, 1 sticking, 2 sliding; and ``accumulated_slip`` [m]. All but
+            the gap are 0 elsewhere.
+        """
+        fields: dict[str, Array | Some]
+        fields = {name: in_space(values) for name, values in self._motion.items()}
+        for name, place in self._places.items():
+            if place.rows:
+                fields[name] = self.contact(now, name)
+        return fields
+
+    def contact(self, now: Present, name: str) -> Some:
+        """One of the fields of contact, see `of`. Collective."""
+        rule, (nodes, rows) = _RULES[name], self._places[name]
+        values: Array = np.full((len(nodes), *rule.shape), rule.elsewhere)
+        for number, some in rows.items():
+            values[some] = rule.merged(values[some], rule.of(now, self._contacts[number], number))
+        return Some(nodes, values, rule.elsewhere)

@@ -18,12 +18,16 @@ class Present:
     Attributes:
         stepper: The argument.
         step: Number of steps that were done.
+        sums_of_pairs: Over the nodes of each pair, on all ranks together, if they are known:
+            energy of springs [J], number and reference area [m^2] of nodes that transmit force,
+            force [N] and torque about the origin [N m], shape ``(p, 9)``.
     """
 
     def __init__(self, stepper: Stepper) -> None:
         """Take the stepper. Local."""
         self.stepper, self.step = stepper, stepper.step
         self._gaps: Sequence[Floats] | None = None
+        self.sums_of_pairs: Floats | None = None
 
     @cached_property
     def x(self) -> Floats:

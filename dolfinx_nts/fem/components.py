@@ -27,7 +27,6 @@ __all__ = [
     "nodal",
     "of_space",
     "possible_motions",
-    "resultant",
     "resultants",
 ]
 
@@ -107,14 +106,6 @@ def bounds(x: Floats, nodes: Ints) -> Floats:
         nodes: Some of them, shape ``(n,)``.
     """
     return _kernels.bounds(x, nodes)
-
-
-def resultant(x: Floats, nodes: Ints, forces: Floats) -> Floats:
-    """Sum of forces, ``(n, 3)``, and of their moments about the origin, ``(2, 3)``. Local.
-
-    Other arguments are those of `bounds`.
-    """
-    return _kernels.resultant(x, nodes, forces)
 
 
 def motion_sums(x: Floats, p: Floats, v: Floats) -> Floats:

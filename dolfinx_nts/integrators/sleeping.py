@@ -124,11 +124,11 @@ class SleepingBodies:
         may_touch = {pair for step in steps for pair in _may_touch(step)}
         for group in self._groups:
             nodes = self._nodes[group]
-            moves = np.any(v[nodes]) or np.any(moved[nodes])
-            touched = not may_touch.isdisjoint(self._pairs[group])
-            still = not (moves or touched or group in self._loaded)
+            # Nodes are looked at only where nothing else says that the body moves.
+            still = group not in self._loaded and may_touch.isdisjoint(self._pairs[group])
+            still = still and not (np.any(v[nodes]) or np.any(moved[nodes]))
             # Its displacement may have been set since its equilibrium was checked.
-            known = group in self._asleep and not np.any(displaced[nodes])
+            known = still and group in self._asleep and not np.any(displaced[nodes])
             flags.append((still, known))
         counts = reductions.total(comm, np.array(flags, dtype=np.int64)) == comm.size
         states = zip(self._groups, counts.tolist(), strict=True)

@@ -95,10 +95,10 @@ class Table:
         """
         assert self._file is not None
         text = io.StringIO(newline="")
-        rows = csv.writer(text)
         if not self._written:
-            rows.writerow(row)
-        rows.writerow(row.values())
+            csv.writer(text).writerow(row)
+        # Numbers need no quotes, which the writer looks for in each letter.
+        text.write(f"{','.join(map(str, row.values()))}\r\n")
         data = text.getvalue().encode()
         self._file.write(data)
         self._file.flush()

@@ -12,7 +12,7 @@ from dolfinx_nts.common.arguments import real_array
 from dolfinx_nts.common.arrays import Array
 from dolfinx_nts.compat import geometry_nodes
 from dolfinx_nts.diagnostics.functions import nodal_values
-from dolfinx_nts.diagnostics.nodal_fields import nodal_fields
+from dolfinx_nts.diagnostics.nodal_fields import NodalFields
 from dolfinx_nts.diagnostics.present import Present
 from dolfinx_nts.fem.components import dimension, in_space
 from dolfinx_nts.fem.elements import Element
@@ -20,7 +20,7 @@ from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.cell_stress import CellStress
 from dolfinx_nts.parallel.errors import agreed
-from dolfinx_nts.parallel.slabs import Slab, Slabs
+from dolfinx_nts.parallel.slabs import Slab, Slabs, Some
 
 __all__ = ["OwnField", "RunFields", "mesh_arrays"]
 
@@ -97,6 +97,7 @@ class RunFields:
     ) -> None:
         """Check the names, and compile the stress."""
         self._stepper, self._own = stepper, dict(own or {})
+        self._nodal = NodalFields(stepper)
         for name in self._own:
             if not name.isidentifier():
                 raise ValueError(
@@ -109,8 +110,8 @@ class RunFields:
             else None
         )
 
-    def nodal(self, now: Present) -> dict[str, Array]:
-        """Values at the owned nodes by name, shape ``(n,)`` or ``(n, 3)``.
+    def nodal(self, now: Present) -> dict[str, Array | Some]:
+        """Values at the owned nodes by name, shape ``(n,)`` or ``(n, 3)``, or of some of them.
 
         Args:
             now: Present state of the stepper.
@@ -118,7 +119,7 @@ class RunFields:
         Raises:
             ValueError: A field of the user has another shape, or a name that is taken.
         """
-        fields = nodal_fields(now)
+        fields = self._nodal.of(now)
         comm: MPI.Comm = self._stepper.u.function_space.mesh.comm
         for name, own in self._own.items():
             with agreed(comm, f"evaluate the field {name}"):

@@ -4,14 +4,11 @@ from collections.abc import Mapping
 
 from mpi4py import MPI
 
-import numpy as np
-
 from dolfinx_nts.common.arrays import Array
-from dolfinx_nts.diagnostics.nodal_fields import contact_fields
 from dolfinx_nts.diagnostics.present import Present
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io.fields import RunFields
-from dolfinx_nts.parallel.slabs import Slab, Slabs, Some
+from dolfinx_nts.parallel.slabs import Slab, Slabs
 
 __all__ = ["CELLS", "States"]
 
@@ -34,10 +31,6 @@ class States:
         comm: MPI.Comm = mesh.comm
         owned = mesh.topology.index_map(mesh.topology.dim).size_local
         self._nodes = Slabs(comm, stepper.node_ids)
-        touching = [contact.nodes.nodes for contact in stepper.contacts]
-        nodes = np.unique(np.concatenate([np.empty(0, dtype=np.int32), *touching]))
-        elsewhere = contact_fields(stepper).items()
-        self._of_contact = {name: Some(nodes, value) for name, value in elsewhere}
         self._cells = Slabs(comm, mesh.topology.original_cell_index[:owned])
 
     def rows(self, now: Present, former: Mapping[str, Slab] | None = None) -> dict[str, Slab]:
@@ -56,7 +49,7 @@ class States:
         for name, slab in (former or {}).items():
             room = of_cells if name.startswith(CELLS) else of_nodes
             room[name.removeprefix(CELLS)] = slab.values
-        fields = self._nodes.together(self._fields.nodal(now), of_nodes, self._of_contact)
+        fields = self._nodes.together(self._fields.nodal(now), of_nodes)
         for name, slab in self._cells.together(self._fields.of_cells(), of_cells).items():
             pieces, *shape = slab.values.shape[1:]
             fields[f"{CELLS}{name}"] = slab.split(pieces, *shape)

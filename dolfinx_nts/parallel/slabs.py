@@ -4,6 +4,7 @@ The order does not depend on the partition, and no rank has the rows of all. So 
 write an array to a file, each its slab, and the file is the same on any number of ranks.
 """
 
+import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -59,17 +60,22 @@ class Some(NamedTuple):
     """Rows of an array; all others have one value.
 
     Attributes:
-        rows: Numbers of the rows.
+        rows: Numbers of the rows, shape ``(r,)``.
+        values: These rows, shape ``(r, ...)``.
         elsewhere: Value of the others.
     """
 
-    rows: Ints
+    rows: Ints | GlobalInts
+    values: Array
     elsewhere: float
 
-    def elsewhere_of(self, shape: tuple[int, ...]) -> Floats:
-        """Array of the value of the others."""
+    def whole(self, n: int) -> Array:
+        """All ``n`` rows."""
+        shape = n, *self.values.shape[1:]
         # Zeros take no time where nobody writes.
-        return np.full(shape, self.elsewhere) if self.elsewhere else np.zeros(shape)
+        rows: Array = np.full(shape, self.elsewhere) if self.elsewhere else np.zeros(shape)
+        rows[self.rows] = self.values
+        return rows
 
 
 class Slabs:
@@ -99,52 +105,52 @@ class Slabs:
         last = np.cumsum(comm.allgather(len(numbers)))
         self._begin, self._length = int(last[comm.rank]) - len(numbers), int(last[-1])
 
-    def slab(self, rows: Array, room: Array | None = None, some: Some | None = None) -> Slab:
+    def slab(self, rows: Array | Some, room: Array | None = None) -> Slab:
         """Bring rows into slabs.
 
         Args:
             rows: Rows of this rank in the order of its numbers, shape ``(n, ...)``, of the same
                 kind on all ranks.
             room: Contiguous array that is not needed any more, in which the rows of the slab are
-                put if they fit: new memory takes longer than the rows.
-            some: Rows of this rank that may differ from one value. The room, if there is one, has
-                been the slab of rows of which the same may.
+                put if they fit: new memory takes longer than the rows. That of some rows has been
+                their slab before, with the same others.
         """
+        n = len(self._order)
+        if isinstance(rows, Some):
+            if self._comm.size == 1:
+                some = rows._replace(rows=self._place[rows.rows])
+                if room is None:
+                    room = some.whole(n)
+                else:
+                    room[some.rows] = some.values
+                return Slab(room, self._begin, self._length)
+            rows = rows.whole(n)
         if self._comm.size == 1:
-            if some is not None:
-                values = some.elsewhere_of(rows.shape) if room is None else room
-                values[self._place[some.rows]] = rows[some.rows]
-                return Slab(values, self._begin, self._length)
             return Slab(_taken(rows, self._order, room), self._begin, self._length)
         received = self._exchanged(_taken(rows, self._order))
         return Slab(_taken(received, self._merge, room), self._begin, self._length)
 
     def together(
-        self,
-        fields: Mapping[str, Floats],
-        room: Mapping[str, Array] | None = None,
-        some: Mapping[str, Some] | None = None,
+        self, fields: Mapping[str, Floats | Some], room: Mapping[str, Array] | None = None
     ) -> dict[str, Slab]:
         """Bring rows of several fields into slabs, by one message between any two ranks.
 
         Args:
             fields: Rows of this rank by name, see `slab`.
             room: Arrays by name, see `slab`; several ranks do not use them.
-            some: Rows that may differ from one value by name, see `slab`.
         """
         if self._comm.size == 1 or not fields:
-            room, some = room or {}, some or {}
-            return {
-                name: self.slab(rows, room.get(name), some.get(name))
-                for name, rows in fields.items()
-            }
-        parts = [rows.reshape(len(rows), -1) for rows in fields.values()]
+            room = room or {}
+            return {name: self.slab(rows, room.get(name)) for name, rows in fields.items()}
+        n = len(self._order)
+        whole = [rows.whole(n) if isinstance(rows, Some) else rows for rows in fields.values()]
+        parts = [rows.reshape(n, -1) for rows in whole]
         ends = np.cumsum([part.shape[1] for part in parts])
         every = self.slab(np.concatenate(parts, axis=1, dtype=np.float64))
         columns = np.split(every.values, ends[:-1], axis=1)
         return {
             name: every._replace(values=part.reshape(-1, *rows.shape[1:]))
-            for part, (name, rows) in zip(columns, fields.items(), strict=True)
+            for part, name, rows in zip(columns, fields, whole, strict=True)
         }
 
     def numbers(self) -> Slab:
@@ -181,7 +187,7 @@ class Slabs:
 def _taken(rows: Array, order: GlobalInts, room: Array | None = None) -> Array:
     """Rows in another order, put in an array of as many numbers of their type if there is one."""
     shape = len(order), *rows.shape[1:]
-    width = int(np.prod(shape[1:], dtype=int))
+    width = math.prod(shape[1:])
     fits = room is not None and room.dtype == rows.dtype and room.size == len(order) * width
     out = room.reshape(shape) if room is not None and fits else np.empty(shape, rows.dtype)
     if rows.dtype == np.float64:

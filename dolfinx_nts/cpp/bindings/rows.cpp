@@ -51,17 +51,6 @@ void take_rows_of(const Doubles& x, const In<std::int64_t>& rows,
   take_rows(view(x), view(rows), view(out));
 }
 
-auto resultant_of(const Doubles& x, const Ints& rows, const Doubles& vectors)
-{
-  check_points(x, rows);
-  check("vectors", vectors, {rows.size(), 3});
-  const Resultant total = resultant(view(x), view(rows), view(vectors));
-  auto both = create<double>({2, 3});
-  std::ranges::copy(total.sum, both.data());
-  std::ranges::copy(total.moment, both.data() + 3);
-  return both;
-}
-
 auto motion_sums_of(const Doubles& x, const Doubles& p, const Doubles& v)
 {
   check("p", p, {any, any});
@@ -114,10 +103,6 @@ void rows(nb::module_& m)
         "the end -> how many flags of each part are set (c,)");
   m.def("take_rows", &take_rows_of, nb::arg("x"), nb::arg("rows"),
         nb::arg("out").noconvert(), "(n, w), (r,), set to these rows (r, w)");
-  m.def("resultant", &resultant_of, nb::arg("x"), nb::arg("rows"),
-        nb::arg("vectors"),
-        "(n, 3), (r,), (r, 3) at these rows of x -> their sum and the moment "
-        "about the origin (2, 3)");
   m.def("motion_sums", &motion_sums_of, nb::arg("x"), nb::arg("p"),
         nb::arg("v"),
         "(l, 3), (n, d) momenta at the first rows of x, (n, d) -> kinetic "

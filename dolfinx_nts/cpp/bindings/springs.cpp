@@ -1,5 +1,6 @@
 #include "nts/contact/springs.h"
 #include "array.h"
+#include "nts/geometry/rows.h"
 
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/tuple.h>
@@ -144,22 +145,33 @@ auto contact_of(const Springs& springs, std::size_t num_own, std::size_t n,
   return std::tuple(keys, active, multiplier, force, gaps, normal, energy);
 }
 
-auto contact_sums_of(const Doubles& force, const Doubles& energy,
-                     const In<bool>& active)
+auto contact_sums_of(const Doubles& x, const Ints& nodes, const Doubles& force,
+                     const Doubles& energy, const In<bool>& active,
+                     const Doubles& acts_on, const Doubles& area)
 {
-  const std::size_t n = energy.size();
-  check("energy", energy, {n});
+  const std::size_t n = nodes.size();
+  check("x", x, {any, 3});
+  check_rows("nodes: expected rows of x", nodes, x.shape(0));
   check("force", force, {n, 3});
+  check("energy", energy, {n});
   check("active", active, {n});
-  auto sums = create<double>({5});
+  check("acts_on", acts_on, {n});
+  check("area", area, {n});
+  auto sums = create<double>({9});
   std::ranges::fill(view(sums), 0.);
   for (std::size_t i = 0; i < n; ++i)
   {
     sums.data()[0] += energy.data()[i];
-    sums.data()[1] += active.data()[i];
-    for (std::size_t j = 0; j < 3; ++j)
-      sums.data()[2 + j] += force.data()[3 * i + j];
+    if (active.data()[i])
+    {
+      sums.data()[1] += 1;
+      sums.data()[2]
+          += acts_on.data()[i] > 0 ? acts_on.data()[i] : area.data()[i];
+    }
   }
+  const Resultant total = resultant(view(x), view(nodes), view(force));
+  std::ranges::copy(total.sum, sums.data() + 3);
+  std::ranges::copy(total.moment, sums.data() + 6);
   return sums;
 }
 
@@ -214,9 +226,12 @@ void springs(nb::module_& m)
         "springs of gaps < 0, their nodes on the surface, nodes of that, (c,), "
         "(c,) or -1, (c,), (s,), (c,) -> key (n,), active (n,), lambda_N (n,), "
         "force by each spring (n, 3), gap (n,), normal (n, 3), energy (n,)");
-  m.def("contact_sums", &contact_sums_of, nb::arg("force"), nb::arg("energy"),
-        nb::arg("active"),
-        "(n, 3), (n,), (n,) -> energy, number of active nodes and force (5,)");
+  m.def("contact_sums", &contact_sums_of, nb::arg("x"), nb::arg("nodes"),
+        nb::arg("force"), nb::arg("energy"), nb::arg("active"),
+        nb::arg("acts_on"), nb::arg("area"),
+        "(l, 3), (n,) rows of x, (n, 3), (n,), (n,), areas (n,) that are those "
+        "of nodes (n,) where 0 -> energy, number and area of active nodes, "
+        "force, torque about the origin (9,)");
   m.def("work_by_cause", &work_of, nb::arg("before"), nb::arg("after"),
         nb::arg("du_before"), nb::arg("du_after"), nb::arg("dissipation"),
         "springs, springs, (l, 3), (l, 3), (n,) or (0,) -> work of nodes that "

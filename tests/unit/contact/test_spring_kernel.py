@@ -55,8 +55,21 @@ def test_contact_of_springs_is_put_where_their_nodes_are(rng, num_own):
     expected = keys, active, multiplier, forces, gaps, normals, energies
     for value, other in zip(found, expected, strict=True):
         np.testing.assert_array_equal(value, other)
-    sums = _kernels.contact_sums(forces, energies, active)
-    np.testing.assert_allclose(sums, [energies.sum(), 3, *forces.sum(axis=0)], rtol=1e-14)
+
+
+def test_contact_of_nodes_is_summed_up(rng):
+    """The mortar gives areas of its own to some nodes."""
+    x, nodes = rng.normal(size=(7, 3)), np.array([4, 0, 6], np.int32)
+    force, energy, area = rng.normal(size=(3, 3)), rng.uniform(size=3), rng.uniform(size=3)
+    active, acts_on = np.array([True, False, True]), np.array([0.0, 3.0, 5.0])
+    expected = [energy.sum(), 2, area[0] + 5.0, *force.sum(axis=0)]
+    expected += [*np.cross(x[nodes], force).sum(axis=0)]
+    contact = force, energy, active, acts_on, area
+    found = _kernels.contact_sums(x, nodes, *contact)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13)
+    assert not _kernels.contact_sums(x, nodes[:0], *(each[:0] for each in contact)).any()
+    with pytest.raises(ValueError, match="nodes: expected rows of x"):
+        _kernels.contact_sums(x[:6], nodes, *contact)
 
 
 def test_arrays_of_springs_must_fit():

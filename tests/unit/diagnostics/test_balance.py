@@ -1,5 +1,7 @@
 """Energies, momenta and contact numbers against closed forms and NumPy."""
 
+from collections import Counter
+
 from mpi4py import MPI
 
 import numpy as np
@@ -7,9 +9,10 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from dolfinx_nts import parts
+from dolfinx_nts import _kernels, parts
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.diagnostics.balance import Diagnostics
+from dolfinx_nts.parallel import reductions
 from helpers.box_meshes import boxes, distribute
 from helpers.once import once
 from helpers.scene import gathered, input_ids
@@ -226,6 +229,35 @@ def test_min_gap_is_the_least_of_all_gaps_and_far_pairs_are_not_looked_at(comm, 
         looked.clear()
     # What surrounds the nodes is found once.
     assert [c._far_search.num_searches for c in stepper.contacts[:3]] == [1, 1, 1]
+
+
+def test_contact_of_one_state_is_summed_up_once(comm, monkeypatch, agree):
+    """All numbers of all pairs take one pass and, with those of the bulk, one sum over ranks."""
+    stepper = blocks(comm).stepper
+    for _ in range(3):
+        stepper.advance()
+    work = Counter()
+
+    def counted(module, name):
+        function = getattr(module, name)
+
+        def call(*args):
+            work[name] += 1
+            return function(*args)
+
+        monkeypatch.setattr(module, name, call)
+
+    counted(_kernels, "contact_sums")
+    counted(reductions, "total")
+    diagnostics = Diagnostics(stepper)
+    with diagnostics.one_state():
+        balance, pairs = diagnostics.balance(), diagnostics.pairs()
+        assert diagnostics.active_nodes() == balance.active_nodes > 0
+        assert diagnostics.contact_energy() == balance.contact_energy
+        assert not diagnostics.obstacles()
+    assert agree(work == {"contact_sums": len(stepper.contacts), "total": 1})
+    force = sum(pair.force for pair in pairs.values())
+    np.testing.assert_allclose(force, balance.contact_force, rtol=TOLERANCE)
 
 
 def test_min_gap_is_nan_where_nothing_faces_and_without_pairs(comm):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dolfinx_nts.fem.components import bounds, in_space, motion_sums, of_space, resultant
+from dolfinx_nts.fem.components import bounds, in_space, motion_sums, of_space
 
 pytestmark = pytest.mark.serial
 
@@ -28,17 +28,6 @@ def test_motion_is_summed_up(rng, dim):
     np.testing.assert_allclose(motion_sums(x, p, v), expected, rtol=0, atol=1e-13)
 
 
-def test_forces_and_their_moments_are_summed_up(rng):
-    x, nodes, forces = (
-        rng.normal(size=(9, 3)),
-        np.array([4, 0, 8, 4], np.int32),
-        rng.normal(size=(4, 3)),
-    )
-    expected = forces.sum(axis=0), np.cross(x[nodes], forces).sum(axis=0)
-    np.testing.assert_allclose(resultant(x, nodes, forces), expected, rtol=0, atol=1e-13)
-    assert not resultant(x, nodes[:0], forces[:0]).any()
-
-
 def test_bounds_are_those_of_some_nodes(rng):
     x, nodes = rng.normal(size=(9, 3)), np.array([4, 0, 8], np.int32)
     np.testing.assert_array_equal(bounds(x, nodes), [x[nodes].min(axis=0), x[nodes].max(axis=0)])
@@ -47,9 +36,8 @@ def test_bounds_are_those_of_some_nodes(rng):
 
 def test_rows_that_are_not_there_are_refused(rng):
     x, one, far = rng.normal(size=(3, 3)), np.ones((1, 3)), np.array([3], np.int32)
-    for call in (lambda: bounds(x, far), lambda: resultant(x, far, one)):
-        with pytest.raises(ValueError, match="rows: expected rows of x"):
-            call()
+    with pytest.raises(ValueError, match="rows: expected rows of x"):
+        bounds(x, far)
     with pytest.raises(ValueError, match="a row for each row of p"):
         motion_sums(x[:0], one, one)
     with pytest.raises(ValueError, match="v: expected shape"):

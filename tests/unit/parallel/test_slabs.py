@@ -58,12 +58,11 @@ def test_rows_take_the_place_of_those_that_nobody_needs(comm, mine, agree):
 
 def test_only_some_rows_differ_from_the_others(comm, mine, agree):
     slabs, is_even = Slabs(comm, mine), NUMBERS % 2 == 0
-    some = Some(np.flatnonzero(mine % 2 == 0).astype(np.int32), 7.0)
+    even = np.flatnonzero(mine % 2 == 0).astype(np.int32)
     former = None
     for shift in (0.0, 0.5):
-        rows = table(mine) + shift
-        rows[mine % 2 != 0] = 7.0
-        found = slabs.slab(rows, former, some)
+        some = Some(even, table(mine)[even] + shift, 7.0)
+        found = slabs.slab(some, former)
         expected = np.where(is_even[:, None], table(NUMBERS) + shift, 7.0)
         assert agree(np.array_equal(whole(comm, found), expected))
         former = found.values

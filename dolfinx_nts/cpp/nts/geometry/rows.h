@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <span>
+#include <type_traits>
 
 /// @brief Rows of numbers: copies, and sums, each in one pass.
 namespace nts
@@ -47,13 +48,20 @@ inline void take_rows(std::span<const double> x,
   // Rows that are asked for in time arrive while others are copied.
   constexpr std::size_t ahead = 24;
   const std::size_t width = rows.empty() ? 0 : out.size() / rows.size();
-  for (std::size_t i = 0; i < rows.size(); ++i)
+  const auto copy = [&](auto w)
   {
-    if (i + ahead < rows.size())
-      __builtin_prefetch(x.data() + width * rows[i + ahead]);
-    for (std::size_t k = 0; k < width; ++k)
-      out[width * i + k] = x[width * rows[i] + k];
-  }
+    for (std::size_t i = 0; i < rows.size(); ++i)
+    {
+      if (i + ahead < rows.size())
+        __builtin_prefetch(x.data() + w * rows[i + ahead]);
+      std::copy_n(x.data() + w * rows[i], w, out.data() + w * i);
+    }
+  };
+  // Vectors are copied in one go by a loop that knows their length.
+  if (width == 3)
+    copy(std::integral_constant<std::size_t, 3>());
+  else
+    copy(width);
 }
 
 /// @brief Sum of vectors and of their moments about the origin.
