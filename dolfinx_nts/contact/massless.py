@@ -43,12 +43,11 @@ def massless_nodes(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> Ints
     if not resolved:
         return nodes
     laws = {body.name: body.material for body in bodies}
-    damped = ", ".join(name for name, law in laws.items() if law.is_damped or law.remembers)
+    damped = ", ".join(name for name, law in laws.items() if law.is_damped)
     if damped:
         raise ValueError(
-            "expected bodies without damping, viscous branches or plasticity with impact "
-            "'resolved', given "
-            f"{damped}: 'elastic' or 'plastic' impact can do this"
+            f"expected bodies without damping with impact 'resolved', given {damped}: 'elastic' or "
+            "'plastic' impact can do this"
         )
     for pair in pairs:
         sides = [pair.segments] if is_resolved(pair) else [pair.nodes, pair.segments]

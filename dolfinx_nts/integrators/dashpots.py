@@ -95,6 +95,14 @@ class Dashpots(MaterialMemory):
         P = self._F * self._material.shape_stress(strain, **parameters)
         return ufl.inner(P, gradient(eta))
 
+    def elastic_work(self, parameters: Any, eta: Any) -> Any:
+        """Virtual work of the springs alone, see `MaterialMemory.elastic_work`."""
+        shares = (self._numbers(branch)[0] for branch in self._material.branches)
+        strains = self._springs(self._mean, self._strains.end)
+        strain = sum(share * strain for share, strain in zip(shares, strains, strict=True))
+        P = self._F * self._material.shape_stress(strain, **parameters)
+        return ufl.inner(P, gradient(eta))
+
     def stiffness(self, parameters: Any, rate: Any) -> Any:
         """Stress of a strain, see `MaterialMemory.stiffness`."""
         numbers, theta = [self._numbers(b) for b in self._material.branches], self._step.theta

@@ -108,7 +108,9 @@ class ImplicitStepper(Stepper):
         self._inertia: Inertia
         if any(map(is_resolved, self.pairs)):
             rates = cast(MidpointRates, self._rates)
-            self._inertia = ResolvedImpact(bodies, rates, self.scheme, bcs, works, massless)
+            self._inertia = ResolvedImpact(
+                bodies, rates, self.scheme, bcs, works, massless, self.memory
+            )
         else:
             self._inertia = ConsistentInertia(
                 bodies, self._rates, self.scheme, bcs, works, self.memory
@@ -430,12 +432,11 @@ class ImplicitStepper(Stepper):
         du = (self.u.x.array - self.u_n.x.array)[:n]
         reactions, constraints = self._reactions.of(steps, solution, self.x, self._owned(du))
         self.memory.accept()
-        damped = self._inertia.dissipated()
         v_n = self.v.x.array[:n].copy()
         defect, settling = self._inertia.accept(steps)
         v = self.v.x.array[:n]
         of_this_rank = {
-            "damping": -damped,
+            "damping": -self._inertia.dissipated(),
             "solver": solution.end.R @ du,
             "inertia": defect + constraints,
             "open gaps": self._work_of_open_gaps(steps),

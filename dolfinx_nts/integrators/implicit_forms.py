@@ -1,6 +1,6 @@
 """Forms of an implicit step: the balance of momentum, its tangent, and damping."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -45,6 +45,14 @@ class StepForms:
 
     def residual(self) -> ufl.Form:
         """Balance of momentum without loads and contact, linear in a test function [J]."""
+        return self._balance(None if self._memory is None else self._memory.work)
+
+    def elastic_residual(self) -> ufl.Form:
+        """The same while materials keep the memory that they have at the end of a step."""
+        return self._balance(None if self._memory is None else self._memory.elastic_work)
+
+    def _balance(self, remembered: Callable[..., Any] | None) -> ufl.Form:
+        """Balance of momentum with what materials add to the stress, by their memory."""
         eta = ufl.TestFunction(self._u.function_space)
 
         def integrand(material: Hyperelastic, parameters: dict[str, Any], rho: Any) -> Any:
@@ -55,9 +63,9 @@ class StepForms:
                 work += self._damping(material, parameters, rho, eta)
             return work
 
-        if self._memory is None:
+        if remembered is None:
             return bulk_form(self._bodies, integrand)
-        return bulk_form(self._bodies, integrand, partial(self._memory.work, eta=eta))
+        return bulk_form(self._bodies, integrand, partial(remembered, eta=eta))
 
     def nearby_tangent(self) -> ufl.Form:
         """Tangent at u_n without initial stress, with the moduli at C = 1, for preconditioners.

@@ -33,6 +33,10 @@ class MaterialMemory(ABC):
         """Virtual work per reference volume with a test function, UFL [J/m^3]."""
 
     @abstractmethod
+    def elastic_work(self, parameters: Any, eta: Any) -> Any:
+        """The same of a step in which the points keep the state at the end of the accepted one."""
+
+    @abstractmethod
     def stiffness(self, parameters: Any, rate: Any) -> Any:
         """Stress of a strain E at the end of the step, as a tangent has it, UFL (3, 3) [Pa]."""
 

@@ -91,6 +91,10 @@ class Memory:
         """Virtual work of a material, see `MaterialMemory.work`."""
         return self._of[material].work(parameters, eta)
 
+    def elastic_work(self, material: Hyperelastic, parameters: Any, eta: Any) -> Any:
+        """The same while points keep their state, see `MaterialMemory.elastic_work`."""
+        return self._of[material].elastic_work(parameters, eta)
+
     def stiffness(self, material: Hyperelastic, parameters: Any, rate: Any) -> Any:
         """Stress of a strain in a material, see `MaterialMemory.stiffness`."""
         return self._of[material].stiffness(parameters, rate)

@@ -99,9 +99,11 @@ class PlasticFlow(MaterialMemory):
 
     def work(self, parameters: Any, eta: Any) -> Any:
         """Virtual work, see `MaterialMemory.work`."""
-        step, some = self._step, self._with_metric(parameters)
-        P = step.scheme.stress(self._material, some, step.F_n, step.F)
-        return self._factor(parameters) * ufl.inner(P, gradient(eta))
+        return self._factor(parameters) * self._elastic(parameters, eta, self._state.start)
+
+    def elastic_work(self, parameters: Any, eta: Any) -> Any:
+        """Virtual work without flow, see `MaterialMemory.elastic_work`."""
+        return self._elastic(parameters, eta, self._state.end)
 
     def stiffness(self, parameters: Any, rate: Any) -> Any:
         """Elastic stress of a strain, see `MaterialMemory.stiffness`.
@@ -160,6 +162,12 @@ class PlasticFlow(MaterialMemory):
         """Part of the trial stress that the step has."""
         step = self._step
         return self._flow(step.mean(step.C_n, step.C), parameters["mu"]).factor
+
+    def _elastic(self, parameters: Any, eta: Any, state: fem.Function) -> Any:
+        """Virtual work of a step with the metric of a state."""
+        step, some = self._step, self._with_metric(parameters, state)
+        P = step.scheme.stress(self._material, some, step.F_n, step.F)
+        return ufl.inner(P, gradient(eta))
 
     def _energy(self, parameters: Any, C: Any, state: fem.Function) -> Any:
         return self._material.psi(C, **self._with_metric(parameters, state))

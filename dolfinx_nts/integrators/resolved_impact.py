@@ -17,8 +17,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
-from mpi4py import MPI
-
 import numpy as np
 import ufl
 from dolfinx import fem
@@ -30,13 +28,16 @@ from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.held_nodes import HeldNodes
 from dolfinx_nts.contact.massless import is_resolved
 from dolfinx_nts.fem.components import dimension, in_space, possible_motions
+from dolfinx_nts.fem.jit import compile_form
+from dolfinx_nts.integrators.body_groups import BodyGroups
 from dolfinx_nts.integrators.implicit_forms import StepForms
 from dolfinx_nts.integrators.inertia import Inertia
+from dolfinx_nts.integrators.memory import Memory
 from dolfinx_nts.integrators.rates import MidpointRates
 from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.integrators.vibration import VibrationAnalysis
 from dolfinx_nts.model.bodies import Body
-from dolfinx_nts.model.extrapolation import extrapolate, group_of_nodes
+from dolfinx_nts.model.extrapolation import extrapolate
 from dolfinx_nts.model.inverted_cells import VolumeRatio
 from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.parallel import reductions
@@ -48,6 +49,7 @@ from dolfinx_nts.solvers.redistributed_mass import (
 )
 from dolfinx_nts.solvers.surface_equilibrium import SurfaceEquilibrium
 from dolfinx_nts.solvers.surface_forces import SurfaceForces
+from dolfinx_nts.solvers.surface_work import SurfaceWork
 
 __all__ = ["ResolvedImpact"]
 
@@ -70,6 +72,7 @@ class ResolvedImpact(Inertia):
         bcs: Dirichlet conditions.
         loads: Virtual work of the loads.
         massless: Owned nodes without mass, sorted.
+        memory: Memory of materials.
 
     Raises:
         ValueError: There are too few nodes below the surface.
@@ -83,40 +86,42 @@ class ResolvedImpact(Inertia):
         bcs: Sequence[fem.DirichletBC],
         loads: Sequence[ufl.Form],
         massless: Ints,
+        memory: Memory,
     ) -> None:
         """Compile the forms, and give the mass to the nodes below."""
-        self._rates, u = rates, rates.u
+        self._rates, self._memory, u = rates, memory, rates.u
         self._mass = mass = RedistributedMass(bodies, extrapolate(bodies, massless))
-        forms = StepForms(bodies, rates, scheme, inertia=False)
+        forms = StepForms(bodies, rates, scheme, memory, inertia=False)
         residual = forms.residual()
 
         def factor() -> float:
             return 2 / float(rates.dt.value) ** 2
 
         acceleration = rates.mean_acceleration
-        self.bulk = RedistributedBulk(residual, u, bcs, loads, mass, acceleration, factor)
+        self.bulk = RedistributedBulk(
+            residual, u, bcs, loads, mass, acceleration, factor, jumps=memory.flows
+        )
         self.tangent = RedistributedTangent(
             *(residual, u, bcs, loads, forms.nearby_tangent(), [body.nodes for body in bodies]),
             *(mass, rates.dt, factor),
         )
         self._stiffness = self._undeformed_stiffness(scheme.stress_share)
         fixed = self.bulk.supports.fixed
-        surface = SurfaceForces(residual, u, massless, fixed)
+        surface = SurfaceForces(forms.elastic_residual(), u, massless, fixed)
+        self._work = SurfaceWork(residual, rates.u_n, u, surface.cells)
+        dissipation = forms.dissipation()
+        self._dissipation = None if dissipation is None else compile_form(dissipation)
         self._equilibrium = SurfaceEquilibrium(surface, rates.u_n, scheme.stress_share)
         self._volume_ratio = VolumeRatio(u, surface.cells)
         V = u.function_space
-        self._comm: MPI.Comm = V.mesh.comm
         n = V.dofmap.index_map.size_local
         self._X = V.tabulate_dof_coordinates()[:n, : dimension(V)]
-        group = group_of_nodes(bodies)[:n]
-        numbers = range(1 + reductions.largest(self._comm, int(group.max(initial=0))))
-        self._groups = [np.flatnonzero(group == number).astype(np.int32) for number in numbers]
-        self._group_of = group
+        self._groups = groups = BodyGroups(bodies)
         possible = possible_motions(V)
         self._motions = VibrationAnalysis(
-            self._comm, mass, self._groups, fixed, self._X.shape, possible
+            groups.comm, mass, groups.nodes, fixed, self._X.shape, possible
         )
-        self._owed: Floats = np.zeros(len(self._groups))
+        self._owed: Floats = np.zeros(len(groups.nodes))
         self._untold_speed = self._cells_per_second(lumped_mass(bodies))
 
     def _undeformed_stiffness(self, share: float) -> Floats:
@@ -141,7 +146,7 @@ class ResolvedImpact(Inertia):
         """
         massless = self._equilibrium.nodes
         ratio = self._stiffness[massless] / (2 * lumped[massless])
-        return float(np.sqrt(reductions.largest(self._comm, ratio.max(initial=0.0))))
+        return float(np.sqrt(reductions.largest(self._groups.comm, ratio.max(initial=0.0))))
 
     def _tell(self) -> None:
         """Say once, when there is contact, if a step does not resolve what waves do in a cell."""
@@ -150,7 +155,7 @@ class ResolvedImpact(Inertia):
         if crossings <= _RESOLVED:
             return
         self._untold_speed = 0.0
-        if self._comm.rank == 0:
+        if self._groups.comm.rank == 0:
             _logger.warning(
                 "waves cross %.2g cells at the surface in a step, too many for impact 'resolved' "
                 "to be of second order in time: harmless, as the energy is exact nevertheless, "
@@ -167,6 +172,11 @@ class ResolvedImpact(Inertia):
     def carried(self, forces: Floats) -> Floats:
         """Take forces to the nodes below, see `Inertia.carried`."""
         return self._mass.carried(forces)
+
+    def dissipated(self) -> float:
+        """Assemble the dissipation, see `Inertia.dissipated`."""
+        some = self._dissipation
+        return 0.0 if some is None else float(fem.assemble_scalar(some))
 
     def serialize(self, archive: Archive) -> None:
         """Serialize the energy that is owed, see `Inertia.serialize`."""
@@ -191,7 +201,7 @@ class ResolvedImpact(Inertia):
         refund += given
         self._owed = wanted - refund
         moves = recoil.velocities(recoils)
-        for g, factor, move in zip(self._groups, factors, moves, strict=True):
+        for g, factor, move in zip(self._groups.nodes, factors, moves, strict=True):
             v[g] += factor * vibration.w[g] + move
         self._share(held, recoils)
         mean_velocity = rates.mean_velocity.x.array
@@ -210,12 +220,12 @@ class ResolvedImpact(Inertia):
         Also returns the work of moving obstacles by them, shape ``(g,)`` [J].
         """
         n, d = self._X.shape
-        dt, size = float(self._rates.dt.value), len(self._groups)
+        dt, size = float(self._rates.dt.value), len(self._owed)
         impulses, work = np.zeros((size, size, 1 + d, d)), np.zeros(size)
         group = np.zeros((n, 3))
-        group[:, 0] = self._group_of
+        group[:, 0] = self._groups.number_of
         for step, some in held:
-            mine = self._group_of[step.state.nodes.nodes[some.node]]
+            mine = self._groups.number_of[step.state.nodes.nodes[some.node]]
             other = step.candidates.scatter.forward(group)[some.dofs, 0].astype(np.int32)
             x_n, x = (positions[some.dofs] for positions in (step.search.x_n, step.x))
             impulse = some.gradients[:, 0].reshape(x.shape) * (dt * some.force)[:, None, None]
@@ -224,7 +234,8 @@ class ResolvedImpact(Inertia):
             np.add.at(impulses, (mine[:, None], other), products)
             carried = step.state.search.frame.carried(x_n, x)
             np.add.at(work, mine, (impulse * carried).sum(axis=(1, 2)) / dt)
-        return reductions.total(self._comm, impulses), reductions.total(self._comm, work)
+        comm = self._groups.comm
+        return reductions.total(comm, impulses), reductions.total(comm, work)
 
     def _equilibrate(
         self,
@@ -235,12 +246,12 @@ class ResolvedImpact(Inertia):
     ) -> tuple[Floats, Floats]:
         """Move nodes without mass; returns what it costs each group, ``(g,)`` [J].
 
-        That is strain energy, and what friction dissipates. ``vibration`` and ``recoil`` are the
-        energies that each group can pay with, shape ``(g,)`` [J].
+        That is the work of stress, and what friction dissipates. ``vibration`` and ``recoil`` are
+        the energies that each group can pay with, shape ``(g,)`` [J].
         """
         u = self._rates.u.x
         massless, dx = self._equilibrium.nodes, np.zeros_like(self._X)
-        before, group = u.array.copy(), self._group_of[massless]
+        before, work = u.array.copy(), self._work.at_nodes()
         if any(step.num_active for step in steps):
             self._tell()
         budget = _CLOSING * vibration + recoil
@@ -250,21 +261,21 @@ class ResolvedImpact(Inertia):
             dx[massless] = self._equilibrium.find(holds, self._stiffness[massless], part)
             u.array[: dx.size] += dx.ravel()
             u.scatter_forward()
-            cost = np.zeros(len(self._groups))
-            np.add.at(cost, group, self._equilibrium.work(before))
-            cost = reductions.total(self._comm, cost)
+            self._memory.accept()
+            cost = self._groups.sums(slice(None), self._work.at_nodes() - work)
             affordable = cost <= _MOST_SPENT * (vibration + recoil)
             if affordable.all() and not self._volume_ratio.inverted():
                 return cost, self._remember(held, dx)
             u.array[:] = before
-        nothing = np.zeros(len(self._groups))
+            self._memory.accept()
+        nothing = np.zeros_like(self._owed)
         return nothing, nothing
 
     def _share(self, held: Sequence[tuple[ContactStep, HeldNodes]], recoils: Floats) -> None:
         """Let contact know the impulses of recoil, factors ``(g,)`` of its own. Local."""
         for step, some in held:
             nodes, history = step.state.nodes.nodes, step.state.history
-            factor = recoils[self._group_of[nodes]]
+            factor = recoils[self._groups.number_of[nodes]]
             lambda_N = (1 + factor) * history.lambda_N
             force = history.force + factor[:, None] * some.pushes
             step.state.accept(replace(history, lambda_N=lambda_N, force=force))
@@ -275,18 +286,17 @@ class ResolvedImpact(Inertia):
         ``budget`` are energies of the groups, ``(g,)``, and ``costs`` those of the nodes for the
         whole gaps, ``(m,)`` [J]. Collective.
         """
-        group, sums = self._group_of[self._equilibrium.nodes], np.zeros(len(budget))
-        np.add.at(sums, group, costs)
-        sums = reductions.total(self._comm, sums)
+        massless = self._equilibrium.nodes
+        sums = self._groups.sums(massless, costs)
         part: Floats = np.divide(budget, sums, out=np.ones_like(sums), where=sums > budget)
-        return part[group]
+        return part[self._groups.number_of[massless]]
 
     def _remember(self, held: Sequence[tuple[ContactStep, HeldNodes]], dx: Floats) -> Floats:
         """Let contact know gaps and slips of nodes that have moved.
 
         Returns what friction dissipates in each group, ``(g,)`` [J]. Collective.
         """
-        dissipated = np.zeros(len(self._groups))
+        dissipated = np.zeros_like(self._owed)
         for step, some in held:
             history = step.state.history
             rows = some.gradients.reshape(len(some.node), 3, some.dofs.shape[1], 3)
@@ -299,9 +309,8 @@ class ResolvedImpact(Inertia):
             lost = np.maximum(lost, -np.maximum(dissipation[some.node], 0.0))
             dissipation[some.node] += lost
             step.state.accept(replace(history, gap=gap, dissipation=dissipation))
-            group = self._group_of[step.state.nodes.nodes[some.node]]
-            np.add.at(dissipated, group, lost)
-        return reductions.total(self._comm, dissipated)
+            dissipated += self._groups.sums(step.state.nodes.nodes[some.node], lost)
+        return dissipated
 
 
 def _held(step: ContactStep, some: HeldNodes, *, closes: bool) -> Holds:

@@ -181,6 +181,7 @@ class RedistributedBulk(Bulk):
         mass: The mass.
         acceleration: Returns the mean acceleration of the step at the local dofs, ``(d l,)``.
         factor: Returns the derivative of the acceleration by u [1/s^2].
+        jumps: Argument of `Bulk`.
     """
 
     def __init__(
@@ -192,9 +193,11 @@ class RedistributedBulk(Bulk):
         mass: RedistributedMass,
         acceleration: Callable[[], Floats],
         factor: Callable[[], float],
+        *,
+        jumps: bool = False,
     ) -> None:
         """Create the forms as `Bulk` does."""
-        super().__init__(residual, u, bcs, loads)
+        super().__init__(residual, u, bcs, loads, jumps=jumps)
         self._mass, self._acceleration, self._factor = mass, acceleration, factor
         self._has_loads = bool(loads)
 

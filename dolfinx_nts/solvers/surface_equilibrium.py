@@ -4,8 +4,7 @@ Each of these nodes hangs on others that do not move, so that conjugate gradient
 iterations, whatever the size of the surface.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from petsc4py import PETSc
@@ -80,31 +79,10 @@ class SurfaceEquilibrium:
             affordable: Returns the parts of the ways of these nodes that they go, by the energy
                 that these ways exchange at most, both of shape ``(m,)`` [-, J].
         """
-        with self._start(self._u.array):
-            return self._find(holds, stiffness[:, None], affordable)
-
-    def work(self, u_before: Floats) -> Floats:
-        """Strain energy that increments from a displacement to u gave, node by node.
-
-        Args:
-            u_before: Displacement of the local dofs before them, shape ``(d l,)`` [m].
-
-        Returns:
-            Parts whose sum is the change of energy, shape ``(m,)`` [J].
-        """
-        with self._start(u_before):
-            forces = self._forces.at_nodes()
-        way = (self._u.array - u_before).reshape(-1, forces.shape[1])[self.nodes]
-        work: Floats = (forces * way).sum(axis=1)
-        return work
-
-    @contextmanager
-    def _start(self, u: Floats) -> Iterator[None]:
-        """Context in which a step starts at a displacement."""
         u_n = self._u_n.copy()
-        self._u_n[:] = u
+        self._u_n[:] = self._u.array
         try:
-            yield
+            return self._find(holds, stiffness[:, None], affordable)
         finally:
             self._u_n[:] = u_n
 

@@ -1,0 +1,41 @@
+"""Groups of connected bodies, which move as one where they are rigid."""
+
+from collections.abc import Sequence
+
+from mpi4py import MPI
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.extrapolation import group_of_nodes
+from dolfinx_nts.parallel import reductions
+
+__all__ = ["BodyGroups"]
+
+
+class BodyGroups:
+    """Owned nodes by the groups of connected bodies. Collective, as is `sums`.
+
+    Args:
+        bodies: Bodies of one space, which fill the mesh.
+
+    Attributes:
+        comm: Communicator of the mesh.
+        number_of: Number of the group of each node, shape ``(n,)``.
+        nodes: Nodes of each of the g groups.
+    """
+
+    def __init__(self, bodies: Sequence[Body]) -> None:
+        """Number the groups."""
+        V = bodies[0].V
+        self.comm: MPI.Comm = V.mesh.comm
+        self.number_of: Ints = group_of_nodes(bodies)[: V.dofmap.index_map.size_local]
+        numbers = range(1 + reductions.largest(self.comm, int(self.number_of.max(initial=0))))
+        self.nodes = [np.flatnonzero(self.number_of == each).astype(np.int32) for each in numbers]
+
+    def sums(self, nodes: Ints | slice, values: Floats) -> Floats:
+        """Sum values at owned nodes, ``(k,)``, by groups; shape ``(g,)``, of all ranks."""
+        sums = np.zeros(len(self.nodes))
+        np.add.at(sums, self.number_of[nodes], values)
+        return reductions.total(self.comm, sums)

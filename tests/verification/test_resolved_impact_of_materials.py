@@ -1,0 +1,118 @@
+"""Impact that is resolved in time, of bodies that take energy: order, dissipation and momenta."""
+
+from functools import partial
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from dolfinx import fem
+from dolfinx.mesh import CellType, create_rectangle, meshtags
+
+import dolfinx_nts as nts
+from helpers import scenes
+from helpers.boxed import Ledger
+from helpers.once import once
+
+pytestmark = pytest.mark.at_most_two_ranks
+
+# Of the energy that nothing accounts for, and of momenta, relative.
+ENERGY_TOLERANCE, MOMENTUM_TOLERANCE = 1e-10, 1e-11
+RESOLVED = nts.LagrangeMultiplier("resolved")
+# Young's modulus 1, Poisson's ratio, density 1: waves have a speed of about 1.
+UNIT = {
+    "branches": partial(nts.SaintVenantKirchhoff, 1.0, 0.0, 1.0, branches=[(0.5, 1.0), (0.5, 0.1)]),
+    "plastic": partial(nts.J2Plasticity, 1.0, 0.3, 1.0, yield_stress=0.03, hardening=0.1),
+}
+CELLS, SPEED, GAP, END = 10, 0.1, 0.01, 1.2
+
+
+def bar(material, dt):
+    """Let a bar in the plane strike a wall.
+
+    Returns:
+        Displacements and velocities of the nodes with mass, and the energy that is lost [J].
+    """
+    corners = [(GAP, 0), (GAP + 1, 1 / CELLS)]
+    mesh = create_rectangle(MPI.COMM_SELF, corners, [CELLS, 1], CellType.quadrilateral)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+    cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
+    body = nts.Body(V, meshtags(mesh, 2, cells, np.ones_like(cells)), 1, material)
+    mesh.topology.create_connectivity(2, 2)
+    across = fem.locate_dofs_topological(V.sub(1), 2, cells)
+    rollers = fem.dirichletbc(0.0, across, V.sub(1))
+    end = nts.boundary_of(body, where=lambda x: np.isclose(x[0], GAP))
+    pair = nts.ContactPair(end, nts.RigidPlane((0, 0), (1, 0)), RESOLVED)
+    stepper = nts.EnergyMomentum([body], [pair], dt=dt, bcs=[rollers])
+    stepper.set_velocity(body, (-SPEED, 0))
+    diagnostics = nts.Diagnostics(stepper)
+    start, lost = diagnostics.balance().total_energy, 0.0
+    for step in stepper.run(END):
+        assert step.damping_work <= 0
+        lost -= step.damping_work
+        energy = diagnostics.balance().total_energy
+        assert abs(energy + lost - start) <= ENERGY_TOLERANCE * start
+        assert abs(diagnostics.bulk_defect()) <= ENERGY_TOLERANCE * start
+    with_mass = V.tabulate_dof_coordinates()[:, 0] > GAP + 0.5 / CELLS
+    return [f.x.array.reshape(-1, 2)[with_mass] for f in (stepper.u, stepper.v)], lost / start
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("name", UNIT)
+def test_error_is_of_second_order_in_the_step(name, told):
+    # A wave takes 0.1 through a cell.
+    runs = [bar(UNIT[name](), dt) for dt in (0.01, 0.005, 0.00125)]
+    (coarse, _), (fine, _), (finest, lost) = runs
+    orders = [
+        np.log2(np.linalg.norm(a - exact) / np.linalg.norm(b - exact))
+        for a, b, exact in zip(coarse, fine, finest, strict=True)
+    ]
+    told(
+        f"bar on a wall by resolved, {name}",
+        "second order of displacements and velocities in the step",
+        f"{orders[0]:.2f}, {orders[1]:.2f}",
+    )
+    assert lost > 0.1
+    assert min(orders) >= 1.8
+
+
+BLOCKS = {
+    "branches": nts.SaintVenantKirchhoff(
+        *scenes.BLOCK_RUBBER, branches=[(0.5, 0.5 * scenes.BLOCK_STEP), (0.8, 0.2)]
+    ),
+    "plastic": nts.J2Plasticity(*scenes.BLOCK_RUBBER, yield_stress=20.0, hardening=100.0),
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "method", "mu"),
+    [
+        ("branches", "node-to-segment", 0.0),
+        once("branches", "mortar", 0.3),
+        once("plastic", "node-to-segment", 0.3),
+        ("plastic", "mortar", 0.0),
+    ],
+)
+def test_blocks_lose_what_materials_and_friction_take(comm, agree, name, method, mu):
+    friction = nts.Coulomb(mu) if mu else None
+
+    def make(bodies, pairs, dt):
+        for body in bodies:
+            vars(body)["material"] = BLOCKS[name]
+        pairs = [nts.ContactPair(p.nodes, p.segments, RESOLVED, friction, method) for p in pairs]
+        return nts.EnergyMomentum(bodies, pairs, dt=dt)
+
+    ledger = Ledger(scenes.blocks(comm, make, layers=2).stepper)
+    ledger.run(12)
+    works = [report.damping_work for report in ledger.reports]
+    rubbed = sum(report.contact_work.friction for report in ledger.reports)
+    assert agree(max(report.num_active for report in ledger.reports) >= 3)
+    assert agree(max(works) <= 0)
+    assert agree(sum(works) < -1e-2 * ledger.scale)
+    assert agree((rubbed < -1e-5 * ledger.scale) == (mu > 0))
+    assert agree(abs(ledger.gained - sum(works) - rubbed) <= ENERGY_TOLERANCE * ledger.scale)
+    start, end = ledger.start, ledger.diagnostics.balance()
+    for quantity in ("linear_momentum", "angular_momentum"):
+        before, after = getattr(start, quantity), getattr(end, quantity)
+        scale = MOMENTUM_TOLERANCE * np.linalg.norm(before)
+        assert agree(np.abs(after - before).max() <= scale)
