@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 
 __all__ = [
@@ -13,6 +14,7 @@ __all__ = [
     "ContactHistory",
     "ContactWork",
     "begun_anew",
+    "contact_sums",
     "without_friction",
 ]
 
@@ -114,6 +116,23 @@ class ContactWork(NamedTuple):
     def __add__(self, other: "ContactWork") -> "ContactWork":  # type: ignore[override]
         """Add energies cause by cause. Local."""
         return ContactWork(*map(operator.add, self, other))
+
+
+def contact_sums(history: ContactHistory, x: Floats, nodes: Ints, area: Floats) -> Floats:
+    """Sums over the nodes of a pair on this rank. Local.
+
+    Args:
+        history: Their contact.
+        x: Positions at which it has its forces, of at least these nodes, shape ``(l, 3)`` [m].
+        nodes: Rows of x that are theirs, shape ``(n,)``.
+        area: Reference areas of the nodes, where the history knows none, shape ``(n,)`` [m^2].
+
+    Returns:
+        Energy of springs [J], number and reference area [m^2] of nodes that transmit force, force
+        [N] and torque about the origin [N m], shape ``(9,)``.
+    """
+    contact = history.force, history.energy, history.active, history.area
+    return _kernels.contact_sums(x, nodes, *contact, area)
 
 
 def without_friction(history: ContactHistory) -> ContactHistory:

@@ -9,8 +9,8 @@ from mpi4py import MPI
 
 import numpy as np
 
-from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.history import contact_sums
 from dolfinx_nts.diagnostics.names import flat, pair_names, part_names
 from dolfinx_nts.diagnostics.present import Present
 from dolfinx_nts.fem.components import bounds, existing, in_space, nodal
@@ -267,9 +267,8 @@ class ContactDiagnostics:
             x = x - in_space(nodal(stepper.u) - nodal(stepper.u_n)) / 2
         sums: Any = np.empty((len(stepper.contacts), 9))
         for numbers, contact in zip(sums, stepper.contacts, strict=True):
-            nodes, history = contact.nodes, contact.history
-            forces = history.force, history.energy, history.active, history.area
-            numbers[:] = _kernels.contact_sums(x, nodes.nodes, *forces, nodes.area)
+            nodes = contact.nodes
+            numbers[:] = contact_sums(contact.history, x, nodes.nodes, nodes.area)
         return np.asarray(sums)
 
     def _parts(self, vectors: Floats) -> tuple[Floats, Floats]:

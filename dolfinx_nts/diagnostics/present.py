@@ -18,9 +18,8 @@ class Present:
     Attributes:
         stepper: The argument.
         step: Number of steps that were done.
-        sums_of_pairs: Over the nodes of each pair, on all ranks together, if they are known:
-            energy of springs [J], number and reference area [m^2] of nodes that transmit force,
-            force [N] and torque about the origin [N m], shape ``(p, 9)``.
+        sums_of_pairs: What `contact_sums` gives of each pair, on all ranks together, if it is
+            known, shape ``(p, 9)``.
     """
 
     def __init__(self, stepper: Stepper) -> None:
