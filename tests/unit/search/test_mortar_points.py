@@ -83,14 +83,14 @@ def test_far_vertices_of_segments_are_not_taken_for_points_of_a_curved_facet():
     found = FoundSegments(scatter, segments, np.ones(n), np.arange(n), *sizes)
     for way in np.linspace(2.0, 3.0, 11):
         facet, flat = (
-            np.vstack([np.column_stack([xy + [way, 2.2], np.full(9, 0.1)]), below])
+            np.vstack([np.insert(xy + np.array([way, 2.2]), 2, 0.1, axis=1), below])
             for xy in (bent, at)
         )
         of_facet = nodes[None], -np.ones(1), flat, False, nodes[None], None
         surface = MortarFacets(nodes, np.full(9, 0.25), *of_facet)
         points = MortarPoints.choose(surface, FacetCandidates(found, segments), facet, facet, 1.0)
         assert points.shares.area.sum() == pytest.approx(1.0, rel=1e-12)
-        xi = points.of(np.vstack([np.column_stack([at, np.zeros(9)]), 0 * below]))
+        xi = points.of(np.vstack([np.insert(at, 2, 0.0, axis=1), 0 * below]))
         weight = np.bincount(points.shares.point, points.shares.value) / 4
         assert weight @ xi[:, :2] == pytest.approx([0.5, 0.5], rel=1e-12)
 
