@@ -40,7 +40,8 @@ class LagrangeMultiplier(Declaration):
             ``"resolved"``: elastic impact of surface nodes without mass; the nodes below the
             surface carry their mass, so that the force follows the waves in the body. It is of
             second order in time if a step is shorter than the time in which a wave crosses a
-            cell, and is available in `EnergyMomentum`, at degree 1, without tangential springs.
+            cell, or half of one of degree 2, and is available in `EnergyMomentum`, without
+            tangential springs.
             ``"restitution"``: the node leaves with ``e`` times the speed with which it arrived,
             wherever in the step it arrives: g_ref = g_n + (1 - e)/2 min(h dg_n/dt, 0). The
             energy-momentum scheme never gains energy by it; e = 1 is elastic impact. It is

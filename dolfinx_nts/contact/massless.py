@@ -7,7 +7,6 @@ import numpy as np
 from dolfinx_nts.common.arrays import Ints
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.pair import ContactPair
-from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
@@ -71,7 +70,5 @@ def _check(pair: ContactPair) -> None:
         wrong = "two surfaces, given one that touches itself"
     elif pair.friction is not None and pair.has_slip_spring:
         wrong = f"friction without springs, given {pair.friction!r}"
-    elif (degree := Element.of(pair.nodes.V).degree) != 1:
-        wrong = f"elements of degree 1, given degree {degree}"
     if wrong:
         raise ValueError(f"expected, with impact 'resolved', {wrong}: impact 'elastic' can do this")

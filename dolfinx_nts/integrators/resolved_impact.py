@@ -28,6 +28,7 @@ from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.held_nodes import HeldNodes
 from dolfinx_nts.contact.massless import is_resolved
 from dolfinx_nts.fem.components import dimension, in_space, possible_motions
+from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.fem.jit import compile_form
 from dolfinx_nts.integrators.body_groups import BodyGroups
 from dolfinx_nts.integrators.implicit_forms import StepForms
@@ -139,10 +140,10 @@ class ResolvedImpact(Inertia):
         return np.where(count > 0, stiffness, 1.0)
 
     def _cells_per_second(self, lumped: Floats) -> float:
-        """How many cells at the surface a wave crosses in a second. Collective.
+        """How many cells, or halves of those of degree 2, a wave crosses in a second. Collective.
 
-        In a chain of springs k between masses m it crosses sqrt(k/m) of them, and the last one,
-        which has the mass m/2, has the stiffness k.
+        At the surface: in a chain of springs k between masses m it crosses sqrt(k/m) of them, and
+        the last one, which has the mass m/2, has the stiffness k.
         """
         massless = self._equilibrium.nodes
         ratio = self._stiffness[massless] / (2 * lumped[massless])
@@ -155,12 +156,14 @@ class ResolvedImpact(Inertia):
         if crossings <= _RESOLVED:
             return
         self._untold_speed = 0.0
+        degree = Element.of(self._rates.u.function_space).degree
         if self._groups.comm.rank == 0:
             _logger.warning(
-                "waves cross %.2g cells at the surface in a step, too many for impact 'resolved' "
+                "waves cross %.2g %s at the surface in a step, too many for impact 'resolved' "
                 "to be of second order in time: harmless, as the energy is exact nevertheless, "
                 "but 'elastic' does as well in less time; take dt <= %.2g s to resolve impact",
                 crossings,
+                "cells" if degree == 1 else "halves of cells",
                 _RESOLVED / speed,
             )
 

@@ -120,7 +120,8 @@ def extrapolate(bodies: Sequence[Body], nodes: Ints) -> Extrapolation:
         raise ValueError(
             "expected two layers of nodes below a surface with impact 'resolved', which carry "
             f"its mass, given fewer at {len(thin)} nodes: {listed(thin)}; mesh the body with more "
-            "cells through its thickness, give fewer of its faces, or take impact 'elastic'"
+            "cells through its thickness or take displacements of degree 2, give fewer of its "
+            "faces, or take impact 'elastic'"
         )
     found = [row for row in rows if row is not None]
     counts = np.cumsum([0, *(len(column) for column, _ in found)])

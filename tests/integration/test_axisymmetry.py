@@ -40,6 +40,7 @@ def run(stepper, steps=STEPS):
         once("triangle", 2, "mortar", "elastic"),
         ("quadrilateral", 1, "node-to-segment", "resolved"),
         once("triangle", 1, "mortar", "resolved"),
+        once("quadrilateral", 2, "mortar", "resolved"),
     ],
 )
 def test_impact_of_a_ball_conserves_energy_and_axial_momentum(cell, degree, method, impact):

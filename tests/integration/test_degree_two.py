@@ -161,6 +161,8 @@ def scattered(middle):
         ("tetrahedron", nts.CentralDifference, scattered),
         ("hexahedron", SCHEMES["mortar"], scattered),
         ("tetrahedron", SCHEMES["mortar"], scattered),
+        ("tetrahedron", SCHEMES["resolved"], scattered),
+        ("hexahedron", SCHEMES["resolved mortar"], scattered),
     ],
 )
 def test_all_ranks_and_each_alone_agree(comm, cell, owner, scheme):
@@ -171,7 +173,7 @@ def test_all_ranks_and_each_alone_agree(comm, cell, owner, scheme):
     together = blocks(comm, scheme, owner=owner, **options)
     alone = blocks(MPI.COMM_SELF, scheme, **options)
     num_steps = int(0.15 / alone.stepper.dt) if explicit else 10
-    num_steps = 5 if scheme is SCHEMES["mortar"] else num_steps
+    num_steps = 5 if scheme in (SCHEMES["mortar"], SCHEMES["resolved mortar"]) else num_steps
     first, second = together.run(num_steps), alone.run(num_steps)
     assert max(first.num_active) >= 3
     difference = np.abs(positions(together) - positions(alone)).max()

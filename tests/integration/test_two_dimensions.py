@@ -39,6 +39,8 @@ def run(scene, stepper, steps=STEPS):
         ("triangle", 2, "node-to-segment", "elastic"),
         ("triangle", 1, "node-to-segment", "resolved"),
         once("quadrilateral", 1, "mortar", "resolved"),
+        once("triangle", 2, "mortar", "resolved"),
+        once("quadrilateral", 2, "node-to-segment", "resolved"),
     ],
 )
 def test_oblique_impact_conserves_energy_and_momenta(cell, degree, method, impact):

@@ -34,7 +34,7 @@ class Bar:
     """A run of a bar against a wall.
 
     Attributes:
-        u, v: At the nodes behind the end that strikes, at the end.
+        u, v: At the nodes behind those that strike, at the end.
         force: Contact force of each step over that of wave theory.
         energy_error: Largest change of the energy, relative.
         depth: How deep nodes sink in, over the length of a cell.
@@ -49,24 +49,33 @@ class Bar:
 
 # Times at which a run of each law is looked at.
 TIMES = {"resolved": (1.2, 2.6), "elastic": (2.6,), "springs": (1.2,)}
+# Cells of bars by name, and their degree; at degree 2 they are twice as long.
+HEXAHEDRA, HEXAHEDRA_2, TETRAHEDRA_2 = ("hexahedron", 1), ("hexahedron", 2), ("tetrahedron", 2)
 
 
-def bar(law, dt, until):
+def bar(law, dt, until, element=HEXAHEDRA):
     """What has become of a bar at one of the times of its law. Collective."""
-    return bars(law, dt)[until]
+    return bars(law, dt, element=element)[until]
 
 
 @cache
-def bars(law, dt, times=None, gap=GAP):
+def bars(law, dt, times=None, gap=GAP, element=HEXAHEDRA):
     """Let a bar in uniaxial strain strike a wall; runs that end at some times. Collective."""
-    side = 1 / CELLS
+    cell, degree = element
+    num_cells = CELLS // degree
+    side = 1 / num_cells
     mesh, tags, facets, tag = nts.read_mesh(
         lambda model: parts.add_box(
-            model, "bar", corner=(gap, 0, 0), size=(1, side, side), cells=(CELLS, 1, 1)
+            model,
+            "bar",
+            corner=(gap, 0, 0),
+            size=(1, side, side),
+            cells=(num_cells, 1, 1),
+            cell=cell,
         ),
         MPI.COMM_WORLD,
     )
-    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    V = fem.functionspace(mesh, ("Lagrange", degree, (3,)))
     body = nts.Body(V, tags, tag["bar"], shapes.linear_in_stretch(1.0, 0.0, 1.0))
     wall = nts.RigidPlane((0, 0, 0), (1, 0, 0))
     end = nts.Surface(V, facets, tag["bar_left"])
@@ -93,25 +102,43 @@ def bars(law, dt, times=None, gap=GAP):
 
 @pytest.mark.serial
 @pytest.mark.parametrize(
-    ("law", "until", "order"),
-    [("resolved", 1.2, 1.9), ("resolved", 2.6, 1.9), ("springs", 1.2, 1.6)],
-    ids=["loading", "release", "loading of springs"],
+    ("law", "element", "until", "order"),
+    [
+        ("resolved", HEXAHEDRA, 1.2, 1.9),
+        ("resolved", HEXAHEDRA, 2.6, 1.9),
+        ("springs", HEXAHEDRA, 1.2, 1.6),
+        *(("resolved", HEXAHEDRA_2, until, 1.9) for until in TIMES["resolved"]),
+        *(("resolved", TETRAHEDRA_2, until, 1.7) for until in TIMES["resolved"]),
+    ],
+    ids=[
+        *("loading", "release", "loading of springs"),
+        *("loading of degree 2", "release of degree 2"),
+        *("loading of tetrahedra of degree 2", "release of tetrahedra of degree 2"),
+    ],
 )
-def test_error_is_of_second_order_in_the_step_also_through_release(law, until, order, told):
-    # A wave takes 0.1 through a cell.
-    *runs, finest = (bar(law, dt, until) for dt in (0.02, 0.01, 0.0025))
+def test_error_is_of_second_order_in_the_step_also_through_release(
+    law, element, until, order, told
+):
+    # A wave takes 0.1 through a cell of degree 1, and through half of one of degree 2.
+    *runs, finest = (bar(law, dt, until, element) for dt in (0.02, 0.01, 0.0025))
     orders = []
     for name in ("u", "v"):
         exact = getattr(finest, name)
         coarse, fine = (np.linalg.norm(getattr(run, name) - exact) for run in runs)
         orders.append(np.log2(coarse / fine))
     told(
-        f"bar on a wall by {law} until t = {until}",
+        f"bar on a wall by {law} until t = {until}" + _of(element),
         "second order of displacements and velocities in the step",
         f"{orders[0]:.2f}, {orders[1]:.2f}",
     )
     assert min(orders) >= order
     assert max(run.energy_error for run in (*runs, finest)) <= ENERGY_TOLERANCE
+
+
+def _of(element):
+    """Say in words of which cells a bar is, where these are not the usual ones."""
+    cell, degree = element
+    return "" if element == HEXAHEDRA else f", {cell[:-2]}a of degree {degree}"
 
 
 @pytest.mark.serial
@@ -208,22 +235,27 @@ def test_force_is_the_one_of_the_mesh_which_rings_whatever_the_step(told):
     )
 
 
-def ball(comm, cell, dt, loads=(), friction=None):
-    """Return a stepper of a hollow ball that flies obliquely onto a plane, and the ball."""
-    mesh, cells, facets, tag = nts.read_mesh(
-        lambda model: parts.add_hollow_ball(
+def ball(comm, cell, dt, loads=(), friction=None, degree=1):
+    """Return a stepper of a hollow ball that flies obliquely onto a plane, and the ball.
+
+    At degree 2 it is one layer of curved cells.
+    """
+
+    def build(model):
+        parts.add_hollow_ball(
             model,
             "ball",
             centre=(0, 0, 1.02),
             inner_radius=0.7,
             outer_radius=1.0,
             cells_per_edge=3,
-            layers=3,
+            layers=5 - 2 * degree,
             cell=cell,
-        ),
-        comm,
-    )
-    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+        )
+        model.mesh.setOrder(degree)
+
+    mesh, cells, facets, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", degree, (3,)))
     body = nts.Body(V, cells, tag["ball"], nts.NeoHookean(1e5, 0.3, 1e3))
     pair = nts.ContactPair(
         nts.Surface(V, facets, tag["ball_outer"]),
@@ -237,9 +269,19 @@ def ball(comm, cell, dt, loads=(), friction=None):
     return stepper, body
 
 
-@pytest.mark.parametrize("cell", ["hexahedron", once("tetrahedron")])
-def test_ball_on_a_plane_keeps_energy_and_the_momenta_that_the_plane_leaves(comm, agree, cell):
-    stepper, _ = ball(comm, cell, 0.005)
+@pytest.mark.parametrize(
+    ("cell", "degree"),
+    [
+        ("hexahedron", 1),
+        once("tetrahedron", 1),
+        once("hexahedron", 2),
+        ("tetrahedron", 2),
+    ],
+)
+def test_ball_on_a_plane_keeps_energy_and_the_momenta_that_the_plane_leaves(
+    comm, agree, cell, degree
+):
+    stepper, _ = ball(comm, cell, 0.005, degree=degree)
     diagnostics = nts.Diagnostics(stepper)
     first, refund, active = diagnostics.balance(), 0.0, 0
     for step in stepper.run(0.15):
@@ -270,10 +312,28 @@ def test_gravity_lets_a_body_fall_without_strain(comm, agree):
     assert agree(work == pytest.approx(gained, rel=1e-11))
 
 
+def plate_cells(element, finer=0):
+    """Count the cells along an edge of the plate, which is 2.4 long."""
+    return (3 if element[1] == 2 else 7) + 2 * finer
+
+
 def on_plate(
-    comm, dt, method, mu, *, finer=0, shift=(0.05, 0.037), velocity=(0.3, 0.2, -1.0), rigid=False
+    comm,
+    dt,
+    method,
+    mu,
+    *,
+    element=HEXAHEDRA,
+    finer=0,
+    shift=(0.05, 0.037),
+    velocity=(0.3, 0.2, -1.0),
+    rigid=False,
 ):
-    """Return a stepper of a hollow ball just above a plate, both free; the plate may be rigid."""
+    """Return a stepper of a hollow ball just above a plate, both free; the plate may be rigid.
+
+    At degree 2 both are one layer of cells.
+    """
+    cell, degree = element
 
     def build(model):
         parts.add_hollow_ball(
@@ -282,16 +342,22 @@ def on_plate(
             centre=(*shift, 1.0053),
             inner_radius=0.7,
             outer_radius=1.0,
-            cells_per_edge=3 + finer,
-            layers=3 + finer,
+            cells_per_edge=4 - degree + finer,
+            layers=5 - 2 * degree + finer,
+            cell=cell,
         )
-        n = 7 + 2 * finer
+        n = plate_cells(element, finer)
         parts.add_box(
-            model, "plate", corner=(-1.2, -1.2, -0.4), size=(2.4, 2.4, 0.4), cells=(n, n, 2)
+            model,
+            "plate",
+            corner=(-1.2, -1.2, -0.4),
+            size=(2.4, 2.4, 0.4),
+            cells=(n, n, 3 - degree),
+            cell=cell,
         )
 
     mesh, cells, facets, tag = nts.read_mesh(build, comm)
-    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    V = fem.functionspace(mesh, ("Lagrange", degree, (3,)))
     rubber = nts.NeoHookean(1e5, 0.3, 1e3)
     ball = nts.Body(V, cells, tag["ball"], rubber)
     make, law = (nts.RigidBody, rubber.rho) if rigid else (nts.Body, rubber)
@@ -305,14 +371,23 @@ def on_plate(
 
 
 @pytest.mark.serial
-@pytest.mark.parametrize("mu", [0.0, 0.2])
-def test_nodes_on_edges_of_facets_keep_second_order_surface_to_surface(mu, told):
-    # The lowest node comes down above an edge of the plate; a wave takes 0.008 through a cell.
+@pytest.mark.parametrize(
+    ("element", "finer", "mu"),
+    [(HEXAHEDRA, 1, 0.0), (HEXAHEDRA, 1, 0.2), (HEXAHEDRA_2, 0, 0.0), (TETRAHEDRA_2, 0, 0.2)],
+)
+def test_nodes_on_edges_of_facets_keep_second_order_surface_to_surface(element, finer, mu, told):
+    # The lowest node comes down above an edge of the plate; a wave takes 0.008 through a cell,
+    # and at degree 2 0.013 through half of one.
+    shift = [1.2 / plate_cells(element, finer)] * 2
     ends = {}
     for dt in (0.002, 0.001, 0.00025):
         velocity = (1.0 if mu else 0.0, 0.2, -1.0)
         stepper = on_plate(
-            MPI.COMM_SELF, dt, "mortar", mu, finer=1, shift=(0.4 / 3, 0.4 / 3), velocity=velocity
+            *(MPI.COMM_SELF, dt, "mortar", mu),
+            element=element,
+            finer=finer,
+            shift=shift,
+            velocity=velocity,
         )
         zigzag, forces = 0.0, []
         for _ in range(round(0.08 / dt)):
@@ -329,7 +404,7 @@ def test_nodes_on_edges_of_facets_keep_second_order_surface_to_surface(mu, told)
         for a, b, exact in zip(coarse, fine, finest, strict=True)
     ]
     told(
-        f"ball on a plate, mortar, resolved impact, friction {mu}",
+        f"ball on a plate, mortar, resolved impact, friction {mu}" + _of(element),
         "second order of displacements and velocities in the step",
         f"{orders[0]:.2f}, {orders[1]:.2f}",
     )
@@ -338,17 +413,21 @@ def test_nodes_on_edges_of_facets_keep_second_order_surface_to_surface(mu, told)
 
 
 @pytest.mark.parametrize(
-    ("method", "mu", "rigid"),
+    ("method", "mu", "rigid", "element"),
     [
-        ("mortar", 0.0, False),
-        ("mortar", 0.3, False),
-        ("node-to-segment", 0.3, False),
-        ("node-to-segment", 0.0, True),
-        ("mortar", 0.3, True),
+        ("mortar", 0.0, False, HEXAHEDRA),
+        ("mortar", 0.3, False, HEXAHEDRA),
+        ("node-to-segment", 0.3, False, HEXAHEDRA),
+        ("node-to-segment", 0.0, True, HEXAHEDRA),
+        ("mortar", 0.3, True, HEXAHEDRA),
+        once("node-to-segment", 0.2, False, HEXAHEDRA_2),
+        ("mortar", 0.3, False, TETRAHEDRA_2),
     ],
 )
-def test_ball_on_a_plate_conserves_all_but_what_friction_dissipates(comm, agree, method, mu, rigid):
-    stepper = on_plate(comm, 0.005, method, mu, rigid=rigid)
+def test_ball_on_a_plate_conserves_all_but_what_friction_dissipates(
+    comm, agree, method, mu, rigid, element
+):
+    stepper = on_plate(comm, 0.005, method, mu, element=element, rigid=rigid)
     diagnostics = nts.Diagnostics(stepper)
     first, energy, kept = diagnostics.balance(), 0.0, set()
     for step in stepper.run(0.2):

@@ -37,16 +37,10 @@ def test_generalized_alpha_is_refused():
         blocks(MPI.COMM_WORLD, nts.GeneralizedAlpha)
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"friction": nts.Coulomb(0.3, eps_T=1e3)}, "friction without springs, given Coulomb"),
-        ({"degree": 2}, "elements of degree 1, given degree 2"),
-    ],
-)
-def test_springs_of_friction_and_degree_two_are_refused(options, words):
-    with pytest.raises(ValueError, match=f"expected, with impact 'resolved', {words}") as caught:
-        blocks(MPI.COMM_WORLD, **options)
+def test_springs_of_friction_are_refused():
+    words = "expected, with impact 'resolved', friction without springs, given Coulomb"
+    with pytest.raises(ValueError, match=words) as caught:
+        blocks(MPI.COMM_WORLD, friction=nts.Coulomb(0.3, eps_T=1e3))
     assert "impact 'elastic' can do this" in str(caught.value)
 
 
@@ -80,6 +74,21 @@ def test_damped_bodies_are_refused():
         blocks(MPI.COMM_WORLD, damped)
 
 
+TWO_LAYERS = "expected two layers of nodes below a surface"
+
+
 def test_bodies_with_one_layer_of_cells_are_refused():
-    with pytest.raises(ValueError, match="expected two layers of nodes below a surface"):
+    with pytest.raises(ValueError, match=TWO_LAYERS):
         scenes.blocks(MPI.COMM_WORLD, enforcement=RESOLVED, layers=1)
+
+
+def test_one_layer_of_cells_of_degree_two_touches_on_one_side_only():
+    scenes.blocks(MPI.COMM_WORLD, enforcement=RESOLVED, layers=1, degree=2)
+
+    def all_around(bodies, pairs, dt):
+        plane = nts.RigidPlane((0, 0, -9), (0, 0, 1))
+        pair = nts.ContactPair(nts.boundary_of(bodies[1]), plane, RESOLVED)
+        return nts.EnergyMomentum(bodies, [pair], dt=dt)
+
+    with pytest.raises(ValueError, match=TWO_LAYERS):
+        scenes.blocks(MPI.COMM_WORLD, all_around, layers=1, degree=2)

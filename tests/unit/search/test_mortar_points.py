@@ -71,6 +71,30 @@ def test_points_tile_what_is_covered_and_lie_on_their_segments(k, rng):
     assert (xi.sum(axis=1) if k == 3 else xi).max() <= 1 + 1e-9
 
 
+def test_far_vertices_of_segments_are_not_taken_for_points_of_a_curved_facet():
+    """The map of a facet of degree 2 folds outside of it, and leads back from there."""
+    at = 0.5 * np.array([[0, 0], [2, 0], [0, 2], [2, 2], [1, 0], [0, 1], [2, 1], [1, 2], [1, 1]])
+    bent = at + 0.3 * np.column_stack([at[:, 0] * (at[:, 0] - 1), (at[:, 0] - 0.5) ** 2])
+    below, segments = sheet(6, 4, 6.0, np.random.default_rng(0), 0.0)
+    n, nodes = len(segments), np.arange(9, dtype=np.int32)
+    scatter = serial_scatter(9 + len(below))
+    segments = (segments + 9).astype(np.int32)
+    sizes = np.full(n, 1.0), np.full(n, 1.0)
+    found = FoundSegments(scatter, segments, np.ones(n), np.arange(n), *sizes)
+    for way in np.linspace(2.0, 3.0, 11):
+        facet, flat = (
+            np.vstack([np.insert(xy + np.array([way, 2.2]), 2, 0.1, axis=1), below])
+            for xy in (bent, at)
+        )
+        of_facet = nodes[None], -np.ones(1), flat, False, nodes[None], None
+        surface = MortarFacets(nodes, np.full(9, 0.25), *of_facet)
+        points = MortarPoints.choose(surface, FacetCandidates(found, segments), facet, facet, 1.0)
+        assert points.shares.area.sum() == pytest.approx(1.0, rel=1e-12)
+        xi = points.of(np.vstack([np.insert(at, 2, 0.0, axis=1), 0 * below]))
+        weight = np.bincount(points.shares.point, points.shares.value) / 4
+        assert weight @ xi[:, :2] == pytest.approx([0.5, 0.5], rel=1e-12)
+
+
 @pytest.mark.parametrize(
     ("k", "order"), [(3, [1, 2, 0]), (3, [1, 0, 2]), (4, [1, 3, 0, 2]), (4, [2, 3, 0, 1])]
 )

@@ -33,16 +33,15 @@ constexpr std::array<std::size_t, S::vertices> around() noexcept
     return {0, 1, 3, 2};
 }
 
-/// @brief Part of a convex polygon inside of the reference cell (Sutherland and
-/// Hodgman).
-template <class S>
-Polygon clipped(Polygon polygon)
+/// @brief Sides of a convex region: a . p + c >= 0 inside, for each {a, c}.
+template <std::size_t m>
+using Sides = std::array<std::array<double, 3>, m>;
+
+/// @brief Part of a convex polygon inside of a convex region, which is about as
+/// large as one in the numbers that its sides give (Sutherland and Hodgman).
+template <std::size_t m>
+Polygon clipped(Polygon polygon, const Sides<m>& sides)
 {
-  // Sides of the cell: a . xi + c >= 0 inside.
-  static constexpr std::array<std::array<double, 3>, 4> square
-      = {{{1, 0, 0}, {0, 1, 0}, {-1, 0, 1}, {0, -1, 1}}};
-  static constexpr std::array<std::array<double, 3>, 3> triangle
-      = {{{1, 0, 0}, {0, 1, 0}, {-1, -1, 1}}};
   constexpr double round_off = 1e-12; // distance that is none
   const auto cut = [&](const std::array<double, 3>& side)
   {
@@ -66,11 +65,20 @@ Polygon clipped(Polygon polygon)
     }
     polygon = std::move(part);
   };
-  if constexpr (S::vertices == 3)
-    std::ranges::for_each(triangle, cut);
-  else
-    std::ranges::for_each(square, cut);
+  std::ranges::for_each(sides, cut);
   return polygon;
+}
+
+/// @brief Part of a convex polygon inside of the reference cell.
+template <class S>
+Polygon clipped(Polygon polygon)
+{
+  if constexpr (S::vertices == 3)
+    return clipped(std::move(polygon),
+                   Sides<3>{{{1, 0, 0}, {0, 1, 0}, {-1, -1, 1}}});
+  else
+    return clipped(std::move(polygon),
+                   Sides<4>{{{1, 0, 0}, {0, 1, 0}, {-1, 0, 1}, {0, -1, 1}}});
 }
 
 /// @brief Whether a convex polygon holds a point.

@@ -94,7 +94,7 @@ private:
   struct Below
   {
     std::int32_t segment;
-    Part whole, part; // in the reference cell, before and after clipping
+    Part whole, part; // near the reference cell, and in it
   };
 
   /// @brief A point in the reference cell of a facet.
@@ -135,24 +135,60 @@ private:
     return p.converged ? p.gap : NAN;
   }
 
-  /// @brief Whether the boxes around a projected segment and a facet do not
-  /// meet. Curved edges of the latter may leave that of its nodes.
-  static bool are_apart(const std::array<Vec2, k>& segment,
-                        const std::array<Vec2, n>& facet) noexcept
+  /// @brief Box around a facet in its plane. Curved edges may leave that of its
+  /// nodes.
+  struct Box
   {
-    constexpr double beyond = n > k ? 0.25 : 0; // sides of the box
-    for (std::size_t d = 0; d < (k == 2 ? 1 : 2); ++d)
+    Vec2 low, high;
+
+    explicit Box(const std::array<Vec2, n>& facet) noexcept
     {
-      const auto less
-          = [d](const Vec2& a, const Vec2& b) { return a[d] < b[d]; };
-      const auto [first, last] = std::ranges::minmax(segment, less);
-      const auto [lowest, highest] = std::ranges::minmax(facet, less);
-      const double margin = beyond * (highest[d] - lowest[d]);
-      if (first[d] > highest[d] + margin || last[d] < lowest[d] - margin)
-        return true;
+      constexpr double beyond = n > k ? 0.25 : 0; // sides of the box
+      for (std::size_t d = 0; d < 2; ++d)
+      {
+        const auto [first, last] = std::ranges::minmax(
+            facet, {}, [d](const Vec2& node) { return node[d]; });
+        const double margin = beyond * (last[d] - first[d]);
+        low[d] = first[d] - margin;
+        high[d] = last[d] + margin;
+      }
     }
-    return false;
-  }
+
+    /// @brief Whether the box around a projected segment does not meet it.
+    bool is_apart(const std::array<Vec2, k>& segment) const noexcept
+    {
+      for (std::size_t d = 0; d < (k == 2 ? 1 : 2); ++d)
+      {
+        const auto [first, last] = std::ranges::minmax(
+            segment, {}, [d](const Vec2& corner) { return corner[d]; });
+        if (first[d] > high[d] || last[d] < low[d])
+          return true;
+      }
+      return false;
+    }
+
+    /// @brief Part of a projected segment inside, of a curved facet, whose map
+    /// folds far from it: points there come from nowhere, or from within.
+    Polygon part(const std::array<Vec2, k>& segment) const
+    {
+      Polygon polygon;
+      for (const std::size_t i : around<S>())
+        polygon.push_back(segment[i]);
+      if constexpr (n == k)
+        return polygon;
+      Sides<4> sides;
+      for (std::size_t d = 0; d < 2; ++d)
+      {
+        const double a = 1 / (high[d] - low[d]);
+        sides[d] = sides[d + 2] = {};
+        sides[d][d] = a;
+        sides[d][2] = -a * low[d];
+        sides[d + 2][d] = -a;
+        sides[d + 2][2] = a * high[d];
+      }
+      return clipped(std::move(polygon), sides);
+    }
+  };
 
   /// @brief Mean gap at the corners of a polygon, the greater one of both ends
   /// of the step: what is far behind a segment all the time is that of another
@@ -189,6 +225,7 @@ private:
     std::array<Vec2, n> c;
     for (std::size_t i = 0; i < n; ++i)
       c[i] = flat(x[i]);
+    const Box box(c);
 
     std::vector<Below> found;
     double nearest = INFINITY, covered = 0;
@@ -201,20 +238,19 @@ private:
       std::array<Vec2, k> corners;
       for (std::size_t i = 0; i < k; ++i)
         corners[i] = flat(y[i]);
-      if (are_apart(corners, c))
+      if (box.is_apart(corners))
         return radius + _reach;
       Below below = {s, {}, {}};
-      const auto corner
-          = [&](std::size_t i) { return pulled_back<F>(corners[i], c); };
       if constexpr (k == 2)
       {
-        below.whole = {corner(0), corner(1)};
+        below.whole
+            = {pulled_back<F>(corners[0], c), pulled_back<F>(corners[1], c)};
         below.part = clipped(below.whole);
       }
       else
       {
-        for (const std::size_t i : around<S>())
-          below.whole.push_back(corner(i));
+        for (const Vec2& corner : box.part(corners))
+          below.whole.push_back(pulled_back<F>(corner, c));
         below.part = clipped<S>(below.whole);
       }
       const double size = std::abs(area(below.part));
