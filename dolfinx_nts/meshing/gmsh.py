@@ -140,6 +140,7 @@ def read_mesh(source: Any, comm: MPI.Comm, *, rank: int = 0) -> MeshData:
                     dim = _dimension(given)
                     model = stack.enter_context(only_one_kind(given, dim))
                     stack.enter_context(_cells_first(model, dim))
+                    stack.enter_context(_only_cells_and_facets(model, dim))
                     tags, num_facets = _inspect(model, dim)
                 except Exception as error:
                     if type(error) is not Exception:  # that of gmsh, which has no other
@@ -227,6 +228,26 @@ def _cells_first(model: Any, dim: int) -> Iterator[None]:
         yield
     finally:
         model.mesh.renumberNodes(ascending, own)
+
+
+@contextmanager
+def _only_cells_and_facets(model: Any, dim: int) -> Iterator[None]:
+    """Context in which there are no physical groups below facets, which nothing here asks for.
+
+    DOLFINx would end the process where such a group has nodes of no cell.
+    """
+    groups = [group for group in model.getPhysicalGroups() if group[0] < dim - 1]
+    known = [
+        (*group, model.getEntitiesForPhysicalGroup(*group).tolist(), model.getPhysicalName(*group))
+        for group in groups
+    ]
+    if groups:  # An empty list would stand for all groups.
+        model.removePhysicalGroups(groups)
+    try:
+        yield
+    finally:
+        for of, tag, entities, name in known:
+            model.addPhysicalGroup(of, entities, tag, name)
 
 
 def _dimension(model: Any) -> int:

@@ -17,6 +17,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from benchmarks.rings import impact as rings_impact
+from dolfinx_nts.compat import geometry_nodes
 from helpers.plane import block
 from helpers.rings import half_disc, round_block
 from helpers.round import plane_mesh, tagged
@@ -308,7 +309,7 @@ def pressed_by_body(
         model.mesh.generate(2)
 
     data = nts.read_mesh(build, MPI.COMM_WORLD)
-    of_tool = np.unique(data.mesh.geometry.dofmap[data.cells.find(data.tag["tool"])])
+    of_tool = np.unique(geometry_nodes(data.mesh)[data.cells.find(data.tag["tool"])])
     x = data.mesh.geometry.x
     x[of_tool, 1] += profile(x[of_tool, 0])
     nts.axisymmetric(data.mesh)

@@ -12,6 +12,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts import parts
+from dolfinx_nts.compat import geometry_nodes
 from helpers.belt import ANGLE, MU, PULL, RADIUS, THICKNESS, belt
 
 pytestmark = pytest.mark.serial
@@ -115,7 +116,7 @@ def test_wedge_needs_the_force_of_its_angle_and_friction(told):
 
     data = nts.read_mesh(build, MPI.COMM_WORLD)
     x, cells = data.mesh.geometry.x, data.cells.find(data.tag["wedge"])
-    nodes = np.unique(data.mesh.geometry.dofmap[cells])
+    nodes = np.unique(geometry_nodes(data.mesh)[cells])
     x[nodes, 0] *= 2 * (0.2 + (x[nodes, 1] - 1) * np.tan(angle))
     V = fem.functionspace(data.mesh, ("Lagrange", 1, (2,)))
     rubber, steel = nts.NeoHookean(1e6, 0.3, 1e3), nts.NeoHookean(1e9, 0.3, 1e3)

@@ -12,6 +12,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts import meshing
+from dolfinx_nts.compat import geometry_nodes
 from helpers.plane import turning
 
 pytestmark = pytest.mark.serial
@@ -126,7 +127,7 @@ def pressed_parabola(method: str, swapped: bool, degree: int = 1) -> Pressure:
     mesh, tags, facets, tag = nts.read_mesh(build, MPI.COMM_WORLD)
     X = mesh.geometry.x
     # Before they move: which nodes are above.
-    above = np.isin(np.arange(len(X)), np.unique(mesh.geometry.dofmap[tags.find(tag["upper"])]))
+    above = np.isin(np.arange(len(X)), np.unique(geometry_nodes(mesh)[tags.find(tag["upper"])]))
     X[:] = np.sign(X) * (0.8 * np.abs(X) ** 2.2 + 0.2 * np.abs(X))
     X[above, 1] += (1 - X[above, 1]) * X[above, 0] ** 2 / 2 / RADIUS
     V = fem.functionspace(mesh, ("Lagrange", degree, (2,)))

@@ -317,6 +317,7 @@ def test_points_and_curves_of_no_cell_are_left_out(comm, model, tmp_path, order,
         build(model)
         gmsh.write(str(path))
         before = model.mesh.getNodes()[0].tolist()
+        groups = model.getPhysicalGroups()
     given = {"model": model, "file": path, "function": build}[source]
     data = read_mesh(given, comm)
     assert list(data.tag) == ["box"]
@@ -327,6 +328,8 @@ def test_points_and_curves_of_no_cell_are_left_out(comm, model, tmp_path, order,
     if model:
         assert sorted(model.mesh.getNodes()[0]) == before
         assert used < len(before)
+        assert model.getPhysicalGroups() == groups
+        assert [model.getPhysicalName(*group) for group in groups] == ["mark", "axis", "box"]
 
 
 # --- what is refused, on all ranks -------------------------------------
