@@ -14,6 +14,7 @@ on the obstacle, exactly.
 """
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -100,17 +101,19 @@ class Frame:
         """Positions in space at t_{n+1}."""
         return X
 
-    def ways(self, X_n: Floats, X: Floats) -> list[Floats]:
+    def ways(
+        self, X_n: Floats, X: Floats, unturned: Callable[[Floats, Floats], Floats | None]
+    ) -> list[Floats]:
         """Positions in the frame of points that go straight in space, from X_n to X.
 
         They are so many that ways between them are nearly straight in the frame, too.
+
+        Args:
+            X_n: Positions at t_n.
+            X: Positions at t_{n+1}.
+            unturned: Takes back turns that do not matter, see `Obstacle.unturned`.
         """
         return [X_n, X]
-
-    @property
-    def own_turn(self) -> Floats:
-        """Cayley vector of the turn in the step, in coordinates of the frame, ``(3,)`` [-]."""
-        return self.turn
 
     def relative(self, X_n: Floats, X: Floats) -> Floats:
         """Displacement in space relative to the frame, on which contact forces do work."""
@@ -206,9 +209,13 @@ class MovingFrame(Frame):
         x: Floats = (X - self._origin) @ self.end.rotation.T + self.end.centre
         return x
 
-    def ways(self, X_n: Floats, X: Floats) -> list[Floats]:
+    def ways(
+        self, X_n: Floats, X: Floats, unturned: Callable[[Floats, Floats], Floats | None]
+    ) -> list[Floats]:
         """Positions on the way, see `Frame.ways`: the frame moves as in `go`."""
         start, (shift, turn) = self._start, self._start.way_to(self.end)
+        if (straight := unturned(X, self.turn @ start.rotation)) is not None:
+            return [X_n, straight]
         x_n = (X_n - self._origin) @ start.rotation.T + start.centre
         way = self.in_space(X) - x_n
         number = max(1, math.ceil(float(np.linalg.norm(turn)) / _STRAIGHT))
@@ -219,12 +226,6 @@ class MovingFrame(Frame):
             for part in np.arange(1, number) / number
         ]
         return [X_n, *between, X]
-
-    @property
-    def own_turn(self) -> Floats:
-        """Cayley vector of the turn, see `Frame.own_turn`."""
-        turn: Floats = self.turn @ self._start.rotation
-        return turn
 
     def relative(self, X_n: Floats, X: Floats) -> Floats:
         """Displacement relative to the frame, see `Frame.relative`."""

@@ -146,7 +146,7 @@ class Obstacle(Declaration):
 
         Args:
             x: Positions at the end of a step, shape ``(m, 3)`` [m].
-            turn: Cayley vector of the turn of the obstacle in the step, shape ``(3,)`` [-].
+            turn: Cayley vector of the turn in the step, as the obstacle sees it, ``(3,)`` [-].
 
         Returns:
             Those in a frame that does not take part in that turn, in which points go straight;

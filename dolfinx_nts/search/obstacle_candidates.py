@@ -83,16 +83,15 @@ class ObstacleCandidates(Candidates):
 
     def follow(self, points: ContactPoints, x_n: Floats, x: Floats, inside: Ints) -> Trajectories:
         """Find where points go through the obstacle, see `Candidates.follow`."""
-        obstacle, frame, facing = self._obstacle, self.frame, points.facing
-        x_n, x_end = points.of(x_n), points.of(x)
-        straight = obstacle.unturned(x_end, frame.own_turn)
-        if straight is not None:
-            return obstacle.follow(x_n, straight, inside, facing)
+        obstacle, facing = self._obstacle, points.facing
 
         def follow(begin: Floats, end: Floats, behind: Ints) -> Trajectories:
             return obstacle.follow(begin, end, behind, facing)
 
-        ways = Trajectories.along(frame.ways(x_n, x_end), follow, inside)
+        ends = self.frame.ways(points.of(x_n), points.of(x), obstacle.unturned)
+        ways = Trajectories.along(ends, follow, inside)
+        if len(ends) == 2:
+            return ways
         gap = self.gap(points, x, np.maximum(ways.entered, 0))
         return ways._replace(gap=np.where(ways.entered >= 0, gap, np.nan))
 
