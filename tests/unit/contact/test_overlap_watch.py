@@ -86,7 +86,7 @@ def plate_and_cubes(comm, heights):
     def build(model):
         parts.add_box(model, "plate", corner=(0, 0, -0.5), size=(2, 1, 0.5), cells=(4, 2, 2))
         for i, height in enumerate(heights):
-            corner = (0.1 + 0.4 * i, 0.4, height)
+            corner = (0.1 + 0.4 * i, 0.1, height)  # beside the nodes of the plate
             parts.add_box(model, f"cube {i}", corner=corner, size=(0.2, 0.2, 0.2), cells=(1, 1, 1))
 
     mesh, cells, _, tag = nts.read_mesh(build, comm)
