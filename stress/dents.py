@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 import dolfinx_nts as nts
-from dolfinx_nts.contact.implicit.local_search import StaticSearch
+from dolfinx_nts.contact.implicit.local_search import STATIC_OVERHANG
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.segments import area_vectors, diameters
 
@@ -16,7 +16,7 @@ def below_the_next_facet(stepper: Any) -> float:
     """Depth that nodes in equilibrium may have in the present state [m]. Collective.
 
     A node without inertia touches one facet, with a closed gap, and may be beyond its edge by a
-    part of its size, `StaticSearch.overhang`. In a dent the next facet turns up there: the node
+    part of its size, `STATIC_OVERHANG`. In a dent the next facet turns up there: the node
     is below it by that way times the sine of the angle between the two.
     """
     surfaces = [
@@ -43,5 +43,5 @@ def _deepest(surface: nts.Surface, x: Any) -> float:
     turn = normals[other] - normals[one]
     is_dent = np.einsum("pi,pi->p", turn, middles[other] - middles[one]) < 0
     sine = np.linalg.norm(np.cross(normals[one], normals[other]), axis=1)
-    depth = StaticSearch.overhang * diameters(vertices)[one] * sine
+    depth = STATIC_OVERHANG * diameters(vertices)[one] * sine
     return float(depth[is_dent].max(initial=0.0))

@@ -13,6 +13,8 @@ so that the work of a contact force is what it was at rest, plus the work of for
 on the obstacle, exactly.
 """
 
+import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +23,10 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 
 __all__ = ["Frame", "MovingFrame", "Placement", "rotation_by"]
+
+# Turn [rad] of which a point at rest goes nearly straight in a frame: its way lies off the chord
+# by 2e-4 of the distance from the axis.
+_STRAIGHT = np.radians(2.5)
 
 
 class Placement(NamedTuple):
@@ -98,6 +104,20 @@ class Frame:
     def in_space(self, X: Floats) -> Floats:
         """Positions in space at t_{n+1}."""
         return X
+
+    def ways(
+        self, X_n: Floats, X: Floats, unturned: Callable[[Floats, Floats], Floats | None]
+    ) -> list[Floats]:
+        """Positions in the frame of points that go straight in space, from X_n to X.
+
+        They are so many that ways between them are nearly straight in the frame, too.
+
+        Args:
+            X_n: Positions at t_n.
+            X: Positions at t_{n+1}.
+            unturned: Takes back turns that do not matter, see `Obstacle.unturned`.
+        """
+        return [X_n, X]
 
     def relative(self, X_n: Floats, X: Floats) -> Floats:
         """Displacement in space relative to the frame, on which contact forces do work."""
@@ -189,6 +209,24 @@ class MovingFrame(Frame):
         """Positions in space at t_{n+1}, see `Frame.in_space`."""
         x: Floats = (X - self._origin) @ self.end.rotation.T + self.end.centre
         return x
+
+    def ways(
+        self, X_n: Floats, X: Floats, unturned: Callable[[Floats, Floats], Floats | None]
+    ) -> list[Floats]:
+        """Positions on the way, see `Frame.ways`: the frame moves as in `go`."""
+        start, (shift, turn) = self._start, self._start.way_to(self.end)
+        if (straight := unturned(X, self.turn @ start.rotation)) is not None:
+            return [X_n, straight]
+        x_n = (X_n - self._origin) @ start.rotation.T + start.centre
+        way = self.in_space(X) - x_n
+        number = max(1, math.ceil(float(np.linalg.norm(turn)) / _STRAIGHT))
+        between = [
+            (x_n + part * way - start.centre - part * shift)
+            @ (rotation_by(part * turn) @ start.rotation)
+            + self._origin
+            for part in np.arange(1, number) / number
+        ]
+        return [X_n, *between, X]
 
     def relative(self, X_n: Floats, X: Floats) -> Floats:
         """Displacement relative to the frame, see `Frame.relative`."""

@@ -141,6 +141,19 @@ class Obstacle(Declaration):
             Facet of each node, or -1, and its gap [m], both of shape ``(m,)``.
         """
 
+    def unturned(self, x: Floats, turn: Floats) -> Floats | None:
+        """Positions before a turn of the obstacle that leaves its surface where it is.
+
+        Args:
+            x: Positions at the end of a step, shape ``(m, 3)`` [m].
+            turn: Cayley vector of the turn in the step, as the obstacle sees it, ``(3,)`` [-].
+
+        Returns:
+            Those in a frame that does not take part in that turn, in which points go straight;
+            None if no turn leaves the surface where it is.
+        """
+        return None
+
     @abstractmethod
     def follow(self, x_n: Floats, x: Floats, inside: Ints, facing: Facing) -> Trajectories:
         """Find where nodes go through the obstacle on straight ways.

@@ -13,6 +13,7 @@ from dolfinx_nts.common.arguments import as_call, real_array
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.common.vectors import cross
 from dolfinx_nts.model.facing import Facing
+from dolfinx_nts.model.frames import rotation_by
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.model.motion import vector
 from dolfinx_nts.model.obstacles import Obstacle
@@ -163,6 +164,10 @@ class RigidPlane(_Exact):
         turn = np.where(np.isfinite(gap_n + gap), 1.0, np.nan)
         return ContactKinematics(gap_n, gap, force, force, tangent, turn)
 
+    def unturned(self, x: Floats, turn: Floats) -> Floats:
+        """Positions as they are: what is in front of a plane at both ends does not pass it."""
+        return x
+
     def _part_inside(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
         gap_n, gap = self._height(x_n), self._height(x)
         change = np.where(gap_n == gap, 1.0, gap_n - gap)
@@ -187,18 +192,24 @@ class _Round(_Exact):
     Args:
         centre: The point, or a point of the axis, shape ``(3,)`` [m].
         radius: The distance [m].
+        axes: Projection onto the axes about which turns leave it as it is, ``(3, 3)`` [-].
         projector: Projection onto the directions in which it is measured, shape ``(3, 3)`` [-].
         hollow: Whether bodies are inside.
     """
 
     def __init__(
-        self, centre: Sequence[float], radius: float, projector: Floats, hollow: bool
+        self,
+        centre: Sequence[float],
+        radius: float,
+        axes: Floats,
+        projector: Floats,
+        hollow: bool,
     ) -> None:
         if not (np.isfinite(radius) and radius > 0):
             raise ValueError(f"expected a radius > 0, given {radius}")
         self.dim = _dimension("centre", centre)
         self.centre, self.radius = vector("centre", centre, self.dim), float(radius)
-        self._projector, self._sign = projector, -1.0 if hollow else 1.0
+        self._axes, self._projector, self._sign = axes, projector, -1.0 if hollow else 1.0
         if not hollow:
             self.shortest_passage = self.radius / 2
 
@@ -226,6 +237,14 @@ class _Round(_Exact):
         """
         found, gap = super().find(x, current, slack, reach, facing)
         return np.where(gap < -self.shortest_passage, -1, found).astype(np.int32), gap
+
+    def unturned(self, x: Floats, turn: Floats) -> Floats:
+        """Take back the turn about the centre or the axis, see `Obstacle.unturned`."""
+        spin = self._axes @ turn  # 2 tan(angle/2) along its axis
+        half = float(np.linalg.norm(spin)) / 2
+        angle = spin * (np.arctan(half) / half if half else 1.0)
+        straight: Floats = self.centre + (x - self.centre) @ rotation_by(angle).T
+        return straight
 
     def _part_inside(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
         # Zeros of |r_n + s way|^2 - radius^2.
@@ -279,7 +298,7 @@ class RigidSphere(_Round):
 
     def __init__(self, centre: Sequence[float], radius: float, *, hollow: bool = False) -> None:
         """Check the arguments."""
-        super().__init__(centre, radius, np.eye(3), hollow)
+        super().__init__(centre, radius, np.eye(3), np.eye(3), hollow)
 
     @property
     def is_of_revolution(self) -> bool:
@@ -315,7 +334,8 @@ class RigidCylinder(_Round):
         """Check the arguments."""
         self._axis = a = _direction("axis", axis)
         vector("point", point, 3)  # there are none in the plane
-        super().__init__(point, radius, np.eye(3) - np.outer(a, a), hollow)
+        along: Floats = a[:, None] * a
+        super().__init__(point, radius, along, np.eye(3) - along, hollow)
 
     def _declaration(self) -> str:
         return as_call(

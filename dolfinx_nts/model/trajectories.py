@@ -1,5 +1,6 @@
 """Where points pass through a surface within a step."""
 
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -51,6 +52,40 @@ class Trajectories(NamedTuple):
     def take(self, points: Ints) -> "Trajectories":
         """Select some of the points, by their numbers."""
         return Trajectories(*(values[points] for values in self))  # type: ignore[arg-type]
+
+    @classmethod
+    def along(
+        cls,
+        ends: Sequence[Floats],
+        follow: Callable[[Floats, Floats, Ints], "Trajectories"],
+        inside: Ints,
+    ) -> "Trajectories":
+        """Follow points from place to place. Local.
+
+        Args:
+            ends: Positions at which ``s`` straight parts of ways end, which take equal times, and
+                at the start, ``s + 1`` of shape ``(m, 3)`` [m].
+            follow: Follows straight ways from one of them to the next, given segments behind
+                which points are there or -1, shape ``(m,)``.
+            inside: Those at the start.
+
+        Returns:
+            The ways; gaps are those at the end of the part in which a way ends.
+        """
+        num_parts = len(ends) - 1
+        longest = last = follow(ends[0], ends[1], inside)
+        for k in range(1, num_parts):
+            behind = np.where((last.entered >= 0) & ~last.leaves, last.entered, -1)
+            part = follow(ends[k], ends[k + 1], behind.astype(np.int32))
+            goes_on = part.begin < 0
+            last = part._replace(
+                begin=np.where(goes_on, last.begin, k + part.begin),
+                way=part.way + np.where(goes_on, last.way, 0.0),
+            )
+            is_longer = (last.entered >= 0) & (last.way >= longest.way)
+            longest = cls(*map(np.where, [is_longer] * len(last), last, longest))
+        begin = np.where(longest.begin < 0, -1.0, longest.begin / num_parts)
+        return longest._replace(begin=begin)
 
     def passes(self, sizes: Floats) -> Flags:
         """Whether points come out on another side, or would be pushed out there, ``(m,)``.

@@ -83,7 +83,17 @@ class ObstacleCandidates(Candidates):
 
     def follow(self, points: ContactPoints, x_n: Floats, x: Floats, inside: Ints) -> Trajectories:
         """Find where points go through the obstacle, see `Candidates.follow`."""
-        return self._obstacle.follow(points.of(x_n), points.of(x), inside, points.facing)
+        obstacle, facing = self._obstacle, points.facing
+
+        def follow(begin: Floats, end: Floats, behind: Ints) -> Trajectories:
+            return obstacle.follow(begin, end, behind, facing)
+
+        ends = self.frame.ways(points.of(x_n), points.of(x), obstacle.unturned)
+        ways = Trajectories.along(ends, follow, inside)
+        if len(ends) == 2:
+            return ways
+        gap = self.gap(points, x, np.maximum(ways.entered, 0))
+        return ways._replace(gap=np.where(ways.entered >= 0, gap, np.nan))
 
     def is_at_rim(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:
         """Whether points are nearest to the rim of the obstacle, see `Candidates.is_at_rim`."""

@@ -197,19 +197,76 @@ def test_gaps_are_those_to_where_the_tool_is_now(comm):
     assert nts.Diagnostics(stepper).min_gap() == pytest.approx(least)
 
 
+def drum(radius, num_facets):
+    """A faceted drum along y that touches z = 0 from above with the middle of a facet."""
+    angle = 2 * np.pi * (np.arange(num_facets) - 0.5) / num_facets
+    round_ = radius / np.cos(np.pi / num_facets) * np.array([np.sin(angle), -np.cos(angle)])
+    ends = [
+        np.stack([round_[0], np.full(num_facets, y), radius + round_[1]], axis=1) for y in (-2, 2)
+    ]
+    first = np.arange(num_facets)
+    second = np.roll(first, -1)
+    facets = np.stack([first, second, num_facets + first, num_facets + second], axis=1)
+    points = np.concatenate(ends)
+    axis = np.array([0, 0, radius])
+    return nts.RigidSurface(points, facets, outside=3 * points[facets].mean(axis=1) - 2 * axis)
+
+
+def pressed_and_turned(comm, tool, degrees):
+    """Block below a tool that comes down by 0.03 m in a step of statics, and turns in the next."""
+    motion = nts.Motion(
+        lambda t: (0, 0, -0.03 * min(t, 1.0)),
+        lambda t: (0, np.radians(degrees) * max(t - 1, 0.0), 0),
+        centre=(0, 0, 1),
+    )
+    block = Block(comm, cells=(8, 2, 4))
+    bcs, update = block.bottom(lambda t, X: X)
+    how = {"scheme": nts.QuasiStatic, "dt": 1.0, "bcs": bcs, "update": update}
+    stepper = block.stepper(tool.moving(motion), surface=block.top, **how)
+    for _ in range(3):
+        assert stepper.advance().num_active > 0
+    return block, stepper
+
+
 @pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize(
-    ("scheme", "reason"),
+    ("tool", "degrees"),
     [
-        (nts.EnergyMomentum, "have turned by more than 90 degrees"),
-        (nts.CentralDifference, "pass through a surface that they face: .*; a dt of "),
+        (nts.RigidSphere((0, 0, 1), 1.0), 80),
+        once(nts.RigidCylinder((0, 0, 1), (0, 1, 0), 1.0), 45),
+    ],
+    ids=["sphere", "cylinder"],
+)
+def test_a_round_tool_that_turns_far_in_a_step_presses_as_one_at_rest(comm, tool, degrees):
+    ends = [pressed_and_turned(comm, tool, turn)[1].u.x.array for turn in (0, degrees)]
+    assert abs(ends[1] - ends[0]).max(initial=0.0) < SAME
+
+
+@pytest.mark.at_most_two_ranks
+def test_a_drum_of_facets_that_turns_far_in_a_step_passes_no_node(comm):
+    """Heights over the planes of all facets, which are where they were after turns by three."""
+    block, stepper = pressed_and_turned(comm, drum(1.0, 24), 45)
+    angle = 2 * np.pi * np.arange(24) / 24
+    normals = np.stack([np.sin(angle), 0 * angle, -np.cos(angle)], axis=1)
+    x = stepper.x[block.top.nodes] - [0, 0, 0.97]
+    assert (x @ normals.T - 1).max(axis=1).min(initial=1.0) > -SAME
+
+
+@pytest.mark.at_most_two_ranks
+@pytest.mark.parametrize(
+    ("scheme", "spin", "reason"),
+    [
+        (nts.EnergyMomentum, 0.0, "have turned by more than 90 degrees"),
+        (nts.CentralDifference, 0.0, "pass through a surface that they face: .*; a dt of "),
+        (nts.CentralDifference, 170.0, "pass through a surface that they face: .*; a dt of "),
     ],
 )
 def test_a_tool_that_would_go_through_nodes_in_a_step_is_caught(
-    comm, refused, scheme, reason, agree
+    comm, refused, scheme, spin, reason, agree
 ):
     # The node at the middle of the top would be behind the ball.
-    ball = nts.RigidSphere((0, 0, 0.25), 0.2).moving(nts.Motion(lambda t: (0, 0, -100 * t)))
+    motion = nts.Motion(lambda t: (0, 0, -100 * t), lambda t: (0, spin * t, 0), (0, 0, 0.25))
+    ball = nts.RigidSphere((0, 0, 0.25), 0.2).moving(motion)
     stepper = Block(comm).stepper(ball, SPRINGS, scheme=scheme, dt=0.0045)
     with refused(nts.ConvergenceError, reason):
         stepper.advance()

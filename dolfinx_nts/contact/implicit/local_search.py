@@ -15,13 +15,21 @@ from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["Approach", "LocalSearch", "StaticSearch", "last_segments", "may_face", "sunk"]
+__all__ = [
+    "STATIC_OVERHANG",
+    "Approach",
+    "LocalSearch",
+    "StaticSearch",
+    "last_segments",
+    "may_face",
+    "sunk",
+]
 
 # How often a node may change its segment in a step, after which it stays with the last one.
 _MOST_MOVES = 2
 # How far beyond the edge of its segment, in sizes of it [-], a node without inertia may be in
 # equilibrium: in a dent it is below the next segment there.
-_STATIC_OVERHANG = 0.06
+STATIC_OVERHANG = 0.06
 # Reach of the search in ways of the fastest node [-]: both surfaces may move, and Newton
 # iterates overshoot.
 _WAYS = 3
@@ -84,11 +92,9 @@ class LocalSearch:
         gap: Gap to the segment now, NaN without, shape ``(n,)`` [m].
         approach: What the nodes would meet without contact.
         pairing: Evaluates nodes and what they face.
-        overhang: How far beyond the edge of its segment, in sizes of it, a node may be at the end
-            of a step [-].
     """
 
-    overhang: float = _kernels.OVERHANG
+    _overhang: float = _kernels.OVERHANG
 
     def __init__(self, state: PairState | JointState, x_n: Floats, x_trial: Floats) -> None:
         """Find the candidates, the segments at t_n and those of the ballistic state."""
@@ -173,7 +179,7 @@ class LocalSearch:
         on this rank, and whether the nodes have other contact points.
         """
         self._moves[self._left_inside(x, node[~held])] = _MOST_MOVES - 1
-        _, moved = self._find(x, node, self.overhang)
+        _, moved = self._find(x, node, self._overhang)
         self._count(node, moved)
         return int(np.count_nonzero(moved)), False
 
@@ -221,7 +227,7 @@ class LocalSearch:
 class StaticSearch(LocalSearch):
     """Nodes without inertia, which slide over edges where these are, see `LocalSearch`."""
 
-    overhang = _STATIC_OVERHANG
+    _overhang = STATIC_OVERHANG
 
 
 def sunk(search: LocalSearch, x: Floats, node: Ints, least: float) -> tuple[Ints, Ints, Floats]:
@@ -237,7 +243,7 @@ def sunk(search: LocalSearch, x: Floats, node: Ints, least: float) -> tuple[Ints
         The nodes, their segments there, and the gaps to these [m].
     """
     candidates, points, current = search.candidates, search.points, search.segment[node]
-    overhang = search.overhang
+    overhang = search._overhang
     segment, gap = candidates.pair(points.take(node), x, current, search.reach, overhang)
     inside = (gap < 0).nonzero()[0]
     node, segment, gap = node[inside], segment[inside], gap[inside]
