@@ -32,7 +32,8 @@ class StepControl(Declaration):
     In statics steps may close in on a limit load, beyond which there is no equilibrium near the
     last one. After five cuts by which bodies became ever faster it is taken for certain. Then, or
     where a step cannot be cut any more, it is tried with its first length again, in which bodies
-    may go far, see `QuasiStatic`; if that fails too the run ends with an error that says so.
+    may go far, see `QuasiStatic`, and from there steps have the ``dt`` of the stepper; if that
+    fails too the run ends with an error that says so.
 
     Args:
         smallest: Length below which a step fails for good [s], also near a limit load; None for

@@ -188,13 +188,14 @@ class TimeLoop(State):
                     self._length.cut()
                     rejected += 1
                     continue
+                if given_up is not None:
+                    # Bodies went elsewhere, where nothing of what made steps short is left.
+                    limit, short, self._length = LimitPoint(), ShortSteps(), StepLength()
                 told = short.accept(self._length.cuts)
                 if told and self._comm.rank == 0:
                     _logger.warning("at t = %g %s", self.t, told)
                 self._length.accept()
                 if (way := self._static_way()) is not None:
-                    if given_up is not None:
-                        limit = LimitPoint()
                     limit.accept(way / dt, rejected)
                 yield report._replace(rejected=rejected)
                 bar.update(dt)

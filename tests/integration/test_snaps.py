@@ -98,6 +98,19 @@ def test_an_arch_under_a_force_snaps_to_where_a_way_leads_it(control):
     check_snap(start, scene)
 
 
+@pytest.mark.serial
+def test_steps_are_long_again_after_a_snap(caplog):
+    """Steps close in on the limit load; where the arch has snapped to there is none."""
+    stepper = pushed(0.01).stepper
+    lengths = []
+    for step in stepper.run(0.45, nts.StepControl()):
+        lengths.append(step.dt)
+        if any("no equilibrium near the last one" in text for text in caplog.messages):
+            break
+    assert min(lengths) < 0.01 / 16
+    assert next(stepper.run(0.45, nts.StepControl())).dt == pytest.approx(0.01)
+
+
 def test_a_snap_against_a_resistance_is_told_and_as_exact(caplog):
     """Without any other start the whole load in one step, too, leads to the same place."""
     scene = pushed(1.0)
