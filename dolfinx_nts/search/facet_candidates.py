@@ -126,15 +126,27 @@ class FacetCandidates(SegmentCandidates):
         self, scheme: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints
     ) -> ContactKinematics:
         """Evaluate gap and force of pairs, see `Candidates.contact`."""
-        pairs = self._both_states(points, x_n, x, segment)
-        found, weights = ContactKinematics(*self._kernels[scheme](*pairs)), self._weights(segment)
+        pairs_n, pairs = (self.pairs(points, y, segment) for y in (x_n, x))
+        return self.contact_between(scheme, pairs_n, pairs, segment)
+
+    def contact_between(
+        self, scheme: str, pairs_n: Floats, pairs: Floats, segment: Ints
+    ) -> ContactKinematics:
+        """The same of `pairs` at both ends of the step, shape ``(m, 1+n, 3)`` [m]."""
+        found = ContactKinematics(*self._kernels[scheme](pairs_n, pairs, self._sense(segment)))
+        weights = self._weights(segment)
         return found if weights is None else found.combined(weights)
 
     def slip(self, law: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints) -> Slip:
         """Evaluate the slip of pairs by the law "objective", see `Candidates.slip`."""
-        pairs, weights = self._both_states(points, x_n, x, segment), self._weights(segment)
-        *values, frame_n, frame = self._kernels["slip"](*pairs)
-        slip = Slip(*values, frame_n=frame_n, frame=frame, orientation=pairs[2])
+        pairs_n, pairs = (self.pairs(points, y, segment) for y in (x_n, x))
+        return self.slip_between(pairs_n, pairs, segment)
+
+    def slip_between(self, pairs_n: Floats, pairs: Floats, segment: Ints) -> Slip:
+        """The same of `pairs` at both ends of the step, shape ``(m, 1+n, 3)`` [m]."""
+        orientation, weights = self._sense(segment), self._weights(segment)
+        *values, frame_n, frame = self._kernels["slip"](pairs_n, pairs, orientation)
+        slip = Slip(*values, frame_n=frame_n, frame=frame, orientation=orientation)
         return slip if weights is None else slip.combined(weights)
 
     def pairs(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
@@ -144,12 +156,6 @@ class FacetCandidates(SegmentCandidates):
         pairs[:, 1:] = x.take(self.wholes.take(segment, axis=0, mode="wrap"), axis=0)
         weights = self._weights(segment)
         return pairs if weights is None else weights @ pairs
-
-    def _both_states(
-        self, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints
-    ) -> tuple[Floats, Floats, Floats]:
-        pairs_n, pairs = (self.pairs(points, y, segment) for y in (x_n, x))
-        return pairs_n, pairs, self._sense(segment)
 
     def _projections(self, points: ContactPoints, x: Floats, segment: Ints) -> tuple[Floats, ...]:
         pairs = self.pairs(points, x, segment)

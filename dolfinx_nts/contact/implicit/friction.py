@@ -28,7 +28,6 @@ class Friction:
         dim: Components of the displacement in which a node that sticks is held.
         sliding: Nodes that slide where they are active, shape ``(n,)``.
         traction: Traction in the frames of the segments at t_n, shape ``(n, 2)`` [N].
-        frame: Those of these frames that have been used, otherwise 0, shape ``(n, 2, 3)``.
         flips: How often a node has changed between stick and slip, shape ``(n,)``.
         decided: Takes over what is decided on all pairs at once; None where springs decide.
     """
@@ -42,13 +41,14 @@ class Friction:
         self.decided = NoFriction()
         self.sliding: Flags = np.ones(n, dtype=bool)
         self.traction: Floats = np.zeros((n, 2))
-        self.frame: Floats = np.zeros((n, 2, 3))
+        # Frames in which tractions are known, 0 of nodes that none has been used for.
+        self._frame: Floats = np.zeros((n, 2, 3))
         self.flips: Ints = np.zeros(n, dtype=np.int32)
 
     def go_on_from(self, other: "Friction") -> None:
         """Begin with the nodes that stick in another attempt, and its tractions. Local."""
         self.sliding[:], self.traction[:] = other.sliding, other.traction
-        self.frame[:] = other.frame
+        self._frame[:] = other._frame
 
     def measure(self, pairs: PairKinematics, x: Floats) -> None:
         """Add the slip of the pairs to their kinematics; x has ghosts, shape ``(l, 3)`` [m]."""

@@ -49,8 +49,13 @@ class MortarPairing(Pairing):
         # Nodes of the last call, and their points.
         none = np.empty(0, dtype=np.int32)
         self._last: tuple[Ints, MortarPoints] = none, points.take(none)
-        # Points whose slip was evaluated last, and the frames of their nodes.
-        self._frames: tuple[MortarPoints, NodalFrames] | None = None
+        # Points that were evaluated last, the positions of then, and these points with their
+        # facets at t_n and there.
+        self._evaluated: MortarPoints | None = None
+        nowhere: Floats = np.empty((0, 3))
+        self._x, self._pairs_n, self._pairs = nowhere, nowhere, nowhere
+        # Frames of their nodes, from the first slip on.
+        self._frames: NodalFrames | None = None
 
     def _of(self, node: Ints) -> MortarPoints:
         """Points of nodes, which are mostly those of the last call."""
@@ -71,7 +76,8 @@ class MortarPairing(Pairing):
     ) -> PairKinematics:
         """Evaluate the points of the nodes, see `Pairing.kinematics`."""
         points, candidates = self._of(node), self._candidates
-        contact = candidates.contact(scheme, points, self._x_n, x, points.segment)
+        ends = self._ends(points, x)
+        contact = candidates.contact_between(scheme, *ends, points.segment)
         blocks = PointBlocks(points, candidates, free, contact.tangent)
         mean = _of_nodes(points, contact)
         unknown = None if free is None else free[points.lists].reshape(mean.force.shape)
@@ -80,10 +86,21 @@ class MortarPairing(Pairing):
     def slip(self, law: str, x: Floats, node: Ints, segment: Ints) -> Slip:
         """Sum up the slip of points, see `Pairing.slip`."""
         points = self._of(node)
-        slip = self._candidates.slip(law, points, self._x_n, x, points.segment)
-        if self._frames is None or self._frames[0] is not points:
-            self._frames = points, NodalFrames.of(points, slip)
-        return MortarSlip(points, slip, self._frames[1])
+        slip = self._candidates.slip_between(*self._ends(points, x), points.segment)
+        if self._frames is None:
+            self._frames = NodalFrames.of(points, slip)
+        return MortarSlip(points, slip, self._frames)
+
+    def _ends(self, points: MortarPoints, x: Floats) -> tuple[Floats, Floats]:
+        """Points with their facets at t_n and in an iterate, ``(p, 1+n, 3)`` [m]."""
+        pairs, segment = self._candidates.pairs, points.segment
+        if points is not self._evaluated:
+            self._evaluated, self._frames = points, None
+            self._pairs_n = pairs(points, self._x_n, segment)
+            self._pairs, self._x = self._pairs_n, self._x_n
+        if x is not self._x:
+            self._pairs, self._x = pairs(points, x, segment), x
+        return self._pairs_n, self._pairs
 
     def on_nodes(self, pairs: PairKinematics, force: Floats) -> Floats:
         """Sum up what all multipliers do to the facets around, see `Pairing.on_nodes`."""

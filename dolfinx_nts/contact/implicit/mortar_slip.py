@@ -58,10 +58,10 @@ class MortarSlip(Slip):
 
     def hessian(self, t: Floats) -> Floats:
         """Second derivative of slips of points, ``(b, 3 k, 3 k)``, see `PairBlocks`."""
-        points, weights = self._points, self._slip.second
-        of_points = _kernels.spread_tractions(*self._of_shares, t, len(points.phi))
+        points, (w, b) = self._points, self._slip.second
+        of_points = _kernels.spread_tractions(*self._of_shares, t, len(w))
         to = points.phi, points.patch, len(points.patch_nodes)
-        return _kernels.sum_slip_blocks(*to, *weights, of_points)
+        return _kernels.sum_slip_blocks(*to, w, b, of_points)
 
 
 def _tangents(normal: Floats) -> Floats:

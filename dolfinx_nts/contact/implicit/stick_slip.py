@@ -93,7 +93,7 @@ class StickSlip(Friction):
             self._limit.heading,
             self._slips.present,
             self._slips.modelled,
-            self.frame,
+            self._frame,
         )
 
     def measure(self, pairs: PairKinematics, x: Floats) -> None:
