@@ -183,9 +183,10 @@ bool may_have_entered(const Vec3& node, const Found& own,
   tree.nearest(node, own.gap,
                [&](std::int32_t i)
                {
-                 may = i != own.segment && !continues(own, i, surface)
+                 may = i != own.segment
                        && surface.box(i).squared_distance(node)
-                              <= own.gap * own.gap;
+                              <= own.gap * own.gap
+                       && !continues(own, i, surface);
                  return may ? NAN : own.gap;
                });
   return may;
