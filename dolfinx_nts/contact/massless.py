@@ -31,8 +31,7 @@ def massless_nodes(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> Ints
         Nodes of all pairs with impact ``"resolved"``, sorted.
 
     Raises:
-        ValueError: Impact cannot be resolved in such a pair, or not beside the other pairs, or
-            bodies are damped.
+        ValueError: Impact cannot be resolved in such a pair, or not beside the other pairs.
     """
     resolved = [pair for pair in pairs if is_resolved(pair)]
     nodes: Ints = np.empty(0, dtype=np.int32)
@@ -41,13 +40,6 @@ def massless_nodes(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> Ints
         nodes = np.union1d(nodes, pair.nodes.nodes)
     if not resolved:
         return nodes
-    laws = {body.name: body.material for body in bodies}
-    damped = ", ".join(name for name, law in laws.items() if law.is_damped)
-    if damped:
-        raise ValueError(
-            f"expected bodies without damping with impact 'resolved', given {damped}: 'elastic' or "
-            "'plastic' impact can do this"
-        )
     for pair in pairs:
         sides = [pair.segments] if is_resolved(pair) else [pair.nodes, pair.segments]
         for surface in sides:

@@ -25,7 +25,8 @@ class StepForms:
         rates: Displacements, acceleration, and length of the step.
         scheme: Gives the stress of a step.
         memory: Memory of materials; None where no material has any.
-        inertia: Whether forms have the inertia, and with it damping.
+        inertia: Whether forms have inertia and mass damping. Without them the dissipation is that
+            of materials with a memory.
     """
 
     def __init__(
@@ -40,18 +41,26 @@ class StepForms:
         """Build the deformation gradients at both ends of the step."""
         self._bodies, self._scheme, self._memory = bodies, scheme, memory
         self._acceleration = rates.acceleration if inertia else None
+        self._moves = rates.acceleration is not None
         self._u_n, self._u, self._dt = rates.u_n, rates.u, rates.dt
         self._F_n, self._F = map(deformation_gradient, (rates.u_n, rates.u))
 
     def residual(self) -> ufl.Form:
         """Balance of momentum without loads and contact, linear in a test function [J]."""
+        remembered = None if self._memory is None else self._memory.work
+        return self._balance(remembered, is_damped=self._moves)
+
+    def undamped_residual(self) -> ufl.Form:
+        """The same without stiffness damping."""
         return self._balance(None if self._memory is None else self._memory.work)
 
     def elastic_residual(self) -> ufl.Form:
-        """The same while materials keep the memory that they have at the end of a step."""
+        """That while materials keep the memory that they have at the end of a step."""
         return self._balance(None if self._memory is None else self._memory.elastic_work)
 
-    def _balance(self, remembered: Callable[..., Any] | None) -> ufl.Form:
+    def _balance(
+        self, remembered: Callable[..., Any] | None, *, is_damped: bool = False
+    ) -> ufl.Form:
         """Balance of momentum with what materials add to the stress, by their memory."""
         eta = ufl.TestFunction(self._u.function_space)
 
@@ -60,12 +69,32 @@ class StepForms:
             work = ufl.inner(P, gradient(eta))
             if self._acceleration is not None:
                 work += rho * ufl.inner(self._acceleration, eta)
-                work += self._damping(material, parameters, rho, eta)
+                work += self._mass_damping(material, rho, eta)
+            if is_damped:
+                work += self._stiffness_damping(material, parameters, eta)
             return work
 
         if remembered is None:
             return bulk_form(self._bodies, integrand)
         return bulk_form(self._bodies, integrand, partial(remembered, eta=eta))
+
+    @property
+    def has_stiffness_damping(self) -> bool:
+        """Whether any body has such damping. Local."""
+        return any(body.material.stiffness_damping > 0 for body in self._bodies)
+
+    def stiffness_damping(self, *, factor: float = 1.0, power: int = 1) -> ufl.Form:
+        """Virtual work of stiffness damping alone, of bodies that have any [J].
+
+        With numbers for it ``factor`` times (beta/dt)^``power`` takes the place of beta/dt.
+        """
+        eta = ufl.TestFunction(self._u.function_space)
+        bodies = [body for body in self._bodies if body.material.stiffness_damping > 0]
+
+        def integrand(material: Hyperelastic, parameters: dict[str, Any], rho: Any) -> Any:
+            return self._stiffness_damping(material, parameters, eta, factor, power)
+
+        return bulk_form(bodies, integrand)
 
     def nearby_tangent(self) -> ufl.Form:
         """Tangent at u_n without initial stress, with the moduli at C = 1, for preconditioners.
@@ -79,7 +108,7 @@ class StepForms:
 
         def integrand(material: Hyperelastic, parameters: dict[str, Any], rho: Any) -> Any:
             share = self._scheme.stress_share
-            if self._acceleration is not None:
+            if self._moves:
                 share += material.stiffness_damping / dt
             P = share * _nearby_stress(material, parameters, F_n, G)
             work = ufl.inner(P, gradient(eta))
@@ -110,24 +139,36 @@ class StepForms:
 
         def integrand(material: Hyperelastic, parameters: dict[str, Any], rho: Any) -> Any:
             eta = self._u - self._u_n
-            return self._damping(material, parameters, rho, eta) if moves else 0
+            if not moves:
+                return 0
+            work = self._mass_damping(material, rho, eta)
+            return work + self._stiffness_damping(material, parameters, eta)
 
         return bulk_form(some, integrand, None if memory is None else memory.dissipation)
 
-    def _damping(self, material: Hyperelastic, parameters: Any, rho: Any, eta: Any) -> Any:
-        """Virtual work of damping per reference volume, which is >= 0 for u - u_n."""
-        u, u_n, dt = self._u, self._u_n, self._dt
-        mesh, work = u.function_space.mesh, 0
-        if material.mass_damping > 0:
-            alpha = fem.Constant(mesh, material.mass_damping)
-            work += alpha * rho / dt * ufl.inner(u - u_n, eta)
-        if material.stiffness_damping > 0:
-            beta = fem.Constant(mesh, material.stiffness_damping)
-            F_n, F = self._F_n, self._F
-            strain = (right_cauchy_green(F) - right_cauchy_green(F_n)) / 2
-            P = (F_n + F) / 2 * material.linear_stress(strain, **parameters)
-            work += beta / dt * ufl.inner(P, gradient(eta))
-        return work
+    def _mass_damping(self, material: Hyperelastic, rho: Any, eta: Any) -> Any:
+        """Virtual work of mass damping per reference volume, which is >= 0 for u - u_n."""
+        if not material.mass_damping > 0:
+            return 0
+        alpha = fem.Constant(self._u.function_space.mesh, material.mass_damping)
+        return alpha * rho / self._dt * ufl.inner(self._u - self._u_n, eta)
+
+    def _stiffness_damping(
+        self,
+        material: Hyperelastic,
+        parameters: Any,
+        eta: Any,
+        factor: float = 1.0,
+        power: int = 1,
+    ) -> Any:
+        """The same of stiffness damping, see `stiffness_damping`."""
+        if not material.stiffness_damping > 0:
+            return 0
+        mesh, F_n, F = self._u.function_space.mesh, self._F_n, self._F
+        beta = fem.Constant(mesh, material.stiffness_damping)
+        strain = (right_cauchy_green(F) - right_cauchy_green(F_n)) / 2
+        P = (F_n + F) / 2 * material.linear_stress(strain, **parameters)
+        return factor * (beta / self._dt) ** power * ufl.inner(P, gradient(eta))
 
 
 def _nearby_stress(material: Hyperelastic, parameters: dict[str, Any], F: Any, G: Any) -> Any:

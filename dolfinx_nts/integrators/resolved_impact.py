@@ -16,6 +16,7 @@ import logging
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from operator import attrgetter
 
 import numpy as np
 import ufl
@@ -29,13 +30,14 @@ from dolfinx_nts.contact.implicit.held_nodes import HeldNodes
 from dolfinx_nts.contact.massless import is_resolved
 from dolfinx_nts.fem.components import dimension, in_space, possible_motions
 from dolfinx_nts.fem.elements import Element
-from dolfinx_nts.fem.jit import compile_form
 from dolfinx_nts.integrators.body_groups import BodyGroups
 from dolfinx_nts.integrators.implicit_forms import StepForms
 from dolfinx_nts.integrators.inertia import Inertia
 from dolfinx_nts.integrators.memory import Memory
 from dolfinx_nts.integrators.rates import MidpointRates
 from dolfinx_nts.integrators.scheme import Scheme
+from dolfinx_nts.integrators.static_stiffness import long_step
+from dolfinx_nts.integrators.step_losses import StepLosses
 from dolfinx_nts.integrators.vibration import VibrationAnalysis
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.extrapolation import extrapolate
@@ -44,6 +46,7 @@ from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.held_gaps import Holds
 from dolfinx_nts.solvers.redistributed_mass import (
+    MassForce,
     RedistributedBulk,
     RedistributedMass,
     RedistributedTangent,
@@ -91,62 +94,74 @@ class ResolvedImpact(Inertia):
     ) -> None:
         """Compile the forms, and give the mass to the nodes below."""
         self._rates, self._memory, u = rates, memory, rates.u
-        self._mass = mass = RedistributedMass(bodies, extrapolate(bodies, massless))
+        self._groups = groups = BodyGroups(bodies)
+        below = extrapolate(bodies, massless)
+        self._mass = mass = RedistributedMass(bodies, below)
+        inertia = [MassForce(mass, rates.mean_acceleration, self._per_time_squared)]
+        if any(body.material.mass_damping > 0 for body in bodies):
+            damped = RedistributedMass(bodies, below, attrgetter("mass_damping"))
+            inertia.append(MassForce(damped, self._mean_velocity, self._per_time))
         forms = StepForms(bodies, rates, scheme, memory, inertia=False)
         residual = forms.residual()
-
-        def factor() -> float:
-            return 2 / float(rates.dt.value) ** 2
-
-        acceleration = rates.mean_acceleration
-        self.bulk = RedistributedBulk(
-            residual, u, bcs, loads, mass, acceleration, factor, jumps=memory.flows
-        )
+        self.bulk = RedistributedBulk(residual, u, bcs, loads, inertia, jumps=memory.flows)
         self.tangent = RedistributedTangent(
             *(residual, u, bcs, loads, forms.nearby_tangent(), [body.nodes for body in bodies]),
-            *(mass, rates.dt, factor),
+            *(inertia, rates.dt),
         )
-        self._stiffness = self._undeformed_stiffness(scheme.stress_share)
+        stiffness = self._undeformed_stiffness(scheme.stress_share)[massless]
         fixed = self.bulk.supports.fixed
         surface = SurfaceForces(forms.elastic_residual(), u, massless, fixed)
-        self._work = SurfaceWork(residual, rates.u_n, u, surface.cells)
-        dissipation = forms.dissipation()
-        self._dissipation = None if dissipation is None else compile_form(dissipation)
-        self._equilibrium = SurfaceEquilibrium(surface, rates.u_n, scheme.stress_share)
+        self._losses = StepLosses(forms, rates, inertia[1:], massless, fixed, groups)
+        self._work = SurfaceWork(forms.undamped_residual(), rates.u_n, u, surface.cells)
+        self._equilibrium = SurfaceEquilibrium(
+            surface, rates.u_n, scheme.stress_share, stiffness, self._losses.resistance
+        )
         self._volume_ratio = VolumeRatio(u, surface.cells)
         V = u.function_space
         n = V.dofmap.index_map.size_local
         self._X = V.tabulate_dof_coordinates()[:n, : dimension(V)]
-        self._groups = groups = BodyGroups(bodies)
         possible = possible_motions(V)
         self._motions = VibrationAnalysis(
             groups.comm, mass, groups.nodes, fixed, self._X.shape, possible
         )
         self._owed: Floats = np.zeros(len(groups.nodes))
-        self._untold_speed = self._cells_per_second(lumped_mass(bodies))
+        self._untold_speed = self._cells_per_second(stiffness, lumped_mass(bodies)[massless])
 
     def _undeformed_stiffness(self, share: float) -> Floats:
         """Mean stiffness of statics at the owned nodes, where they are free, ``(n,)`` [N/m].
 
         That of the last matrix would depend on how linear systems were solved.
         """
-        self.tangent.assemble_nearby()
-        diagonal = self.tangent.rows.diagonal() / share
-        self.tangent.forget()
+        with long_step(self._rates.dt):
+            self.tangent.assemble_nearby()
+            diagonal = self.tangent.rows.diagonal() / share
+            self.tangent.forget()
         free: Floats = np.ones(diagonal.shape)
         free.ravel()[self.bulk.supports.fixed] = 0
         count = free.sum(axis=1)
         stiffness: Floats = (free * diagonal).sum(axis=1) / np.maximum(count, 1)
         return np.where(count > 0, stiffness, 1.0)
 
-    def _cells_per_second(self, lumped: Floats) -> float:
+    def _mean_velocity(self) -> Floats:
+        """Mean velocity of the step at the local dofs, shape ``(d l,)`` [m/s]. Local."""
+        velocity: Floats = self._per_time() * (self._rates.u.x.array - self._rates.u_n.x.array)
+        return velocity
+
+    def _per_time(self) -> float:
+        """Derivative of the mean velocity by the displacement [1/s]. Local."""
+        return 1 / float(self._rates.dt.value)
+
+    def _per_time_squared(self) -> float:
+        """Derivative of the mean acceleration by the displacement [1/s^2]. Local."""
+        return 2 / float(self._rates.dt.value) ** 2
+
+    def _cells_per_second(self, stiffness: Floats, lumped: Floats) -> float:
         """How many cells, or halves of those of degree 2, a wave crosses in a second. Collective.
 
         At the surface: in a chain of springs k between masses m it crosses sqrt(k/m) of them, and
         the last one, which has the mass m/2, has the stiffness k.
         """
-        massless = self._equilibrium.nodes
-        ratio = self._stiffness[massless] / (2 * lumped[massless])
+        ratio = stiffness / (2 * lumped)
         return float(np.sqrt(reductions.largest(self._groups.comm, ratio.max(initial=0.0))))
 
     def _tell(self) -> None:
@@ -177,9 +192,8 @@ class ResolvedImpact(Inertia):
         return self._mass.carried(forces)
 
     def dissipated(self) -> float:
-        """Assemble the dissipation, see `Inertia.dissipated`."""
-        some = self._dissipation
-        return 0.0 if some is None else float(fem.assemble_scalar(some))
+        """Energy that is lost, see `Inertia.dissipated`."""
+        return self._losses.on_this_rank()
 
     def serialize(self, archive: Archive) -> None:
         """Serialize the energy that is owed, see `Inertia.serialize`."""
@@ -208,7 +222,7 @@ class ResolvedImpact(Inertia):
             v[g] += factor * vibration.w[g] + move
         self._share(held, recoils)
         mean_velocity = rates.mean_velocity.x.array
-        mean_velocity[:] = (rates.u.x.array - rates.u_n.x.array) / float(rates.dt.value)
+        mean_velocity[:] = self._mean_velocity()
         v[massless] = mean_velocity[:n].reshape(v.shape)[massless]
         rates.v.x.scatter_forward()
         energies = strain, -dissipation, refund + dissipation, recoils * of_obstacles
@@ -249,28 +263,30 @@ class ResolvedImpact(Inertia):
     ) -> tuple[Floats, Floats]:
         """Move nodes without mass; returns what it costs each group, ``(g,)`` [J].
 
-        That is the work of stress, and what friction dissipates. ``vibration`` and ``recoil`` are
-        the energies that each group can pay with, shape ``(g,)`` [J].
+        That is the work of stress and damping, and what friction dissipates. ``vibration`` and
+        ``recoil`` are the energies that each group can pay with, shape ``(g,)`` [J].
         """
         u = self._rates.u.x
         massless, dx = self._equilibrium.nodes, np.zeros_like(self._X)
-        before, work = u.array.copy(), self._work.at_nodes()
+        before, work, damping = u.array.copy(), self._work.at_nodes(), self._losses.begin()
         if any(step.num_active for step in steps):
             self._tell()
         budget = _CLOSING * vibration + recoil
         for closes in (True, False):
             holds = [_held(step, some, closes=closes) for step, some in held]
             part = partial(self._affordable, budget)
-            dx[massless] = self._equilibrium.find(holds, self._stiffness[massless], part)
+            dx[massless] = self._equilibrium.find(holds, part, damping)
             u.array[: dx.size] += dx.ravel()
             u.scatter_forward()
             self._memory.accept()
             cost = self._groups.sums(slice(None), self._work.at_nodes() - work)
+            cost += self._losses.follow(dx[massless])
             affordable = cost <= _MOST_SPENT * (vibration + recoil)
             if affordable.all() and not self._volume_ratio.inverted():
                 return cost, self._remember(held, dx)
             u.array[:] = before
             self._memory.accept()
+            self._losses.begin()
         nothing = np.zeros_like(self._owed)
         return nothing, nothing
 

@@ -1,14 +1,32 @@
 """Stiffness of nodes without inertia, by which springs of contact are chosen."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 from dolfinx import fem
 
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.solvers.tangent import Tangent
 
-__all__ = ["static_stiffness"]
+__all__ = ["long_step", "static_stiffness"]
 
 # Length of a step, relative to that of the run [-], in which inertia and damping are nothing.
 _LONG = 1e12
+
+
+@contextmanager
+def long_step(dt: fem.Constant) -> Iterator[None]:
+    """Context in which a step is so long that forms have neither inertia nor damping. Local.
+
+    Args:
+        dt: Length of a step in forms [s].
+    """
+    length = float(dt.value)
+    dt.value = _LONG * length
+    try:
+        yield
+    finally:
+        dt.value = length
 
 
 def static_stiffness(tangent: Tangent, dt: fem.Constant, share: float) -> Floats:
@@ -25,13 +43,9 @@ def static_stiffness(tangent: Tangent, dt: fem.Constant, share: float) -> Floats
     Returns:
         Stiffness, shape ``(n,)`` [N/m].
     """
-    length = float(dt.value)
-    dt.value = _LONG * length
-    try:
+    with long_step(dt):
         tangent.assemble_nearby()
         stiffness = tangent.nodal_stiffness()
-    finally:
-        dt.value = length
         tangent.forget()
     static: Floats = (1 / share) * stiffness
     return static

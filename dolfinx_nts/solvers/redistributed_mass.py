@@ -22,6 +22,7 @@ from dolfinx import fem, la
 from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.jit import compile_form
+from dolfinx_nts.materials.hyperelastic import Hyperelastic
 from dolfinx_nts.model.bodies import Body, bulk_form
 from dolfinx_nts.model.extrapolation import Extrapolation
 from dolfinx_nts.parallel.communication import exchanged, joined
@@ -30,7 +31,7 @@ from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.nodal_sum import NodalSum
 from dolfinx_nts.solvers.tangent import Tangent
 
-__all__ = ["RedistributedBulk", "RedistributedMass", "RedistributedTangent"]
+__all__ = ["MassForce", "RedistributedBulk", "RedistributedMass", "RedistributedTangent"]
 
 
 class RedistributedMass:
@@ -39,18 +40,33 @@ class RedistributedMass:
     Args:
         bodies: Bodies of one space, which fill the mesh.
         below: The nodes without mass, and those that carry it.
+        factor: Returns what multiplies the density of a material; None: 1.
+
+    Attributes:
+        dim: Components of values at nodes.
     """
 
-    def __init__(self, bodies: Sequence[Body], below: Extrapolation) -> None:
+    def __init__(
+        self,
+        bodies: Sequence[Body],
+        below: Extrapolation,
+        factor: Callable[[Hyperelastic], float] | None = None,
+    ) -> None:
         """Assemble both matrices."""
         V = bodies[0].V
         trial, test = ufl.TrialFunction(V), ufl.TestFunction(V)
-        form = bulk_form(bodies, lambda material, _, rho: rho * ufl.inner(trial, test))
+
+        def integrand(material: Hyperelastic, _: Any, rho: Any) -> Any:
+            # As a constant it leaves the entries of a matrix where it is zero.
+            part = 1.0 if factor is None else fem.Constant(V.mesh, float(factor(material)))
+            return part * rho * ufl.inner(trial, test)
+
+        form = bulk_form(bodies, integrand)
         matrix = fem.assemble_matrix(compile_form(form))
         matrix.scatter_reverse()
         index_map = V.dofmap.index_map
         self._mass = _assembled(index_map, _triple(matrix, below))
-        dim = dimension(V)
+        self.dim = dim = dimension(V)
         self._times_mass = _Product(self._mass, dim)
         P = _extrapolating(index_map, below)
         self._restrict = _Product(_assembled(index_map, _Entries(P.column, P.row, P.value)), dim)
@@ -72,6 +88,20 @@ class RedistributedMass:
         row = np.repeat(np.arange(len(start) - 1, dtype=np.int32), np.diff(start))
         local = np.asarray(index_map.global_to_local(column.astype(np.int64)))
         return row, local, value
+
+
+class MassForce(NamedTuple):
+    """Force that is a mass times what depends on the displacement, as inertia.
+
+    Attributes:
+        mass: The mass; those of one stepper have the same entries.
+        rate: Returns what it multiplies at the local dofs, shape ``(d l,)``.
+        factor: Returns the derivative of that by u.
+    """
+
+    mass: RedistributedMass
+    rate: Callable[[], Floats]
+    factor: Callable[[], float]
 
 
 class _Product:
@@ -178,9 +208,7 @@ class RedistributedBulk(Bulk):
 
     Args:
         residual, u, bcs, loads: Arguments of `Bulk`.
-        mass: The mass.
-        acceleration: Returns the mean acceleration of the step at the local dofs, ``(d l,)``.
-        factor: Returns the derivative of the acceleration by u [1/s^2].
+        inertia: Inertia, and other forces of masses.
         jumps: Argument of `Bulk`.
     """
 
@@ -190,22 +218,20 @@ class RedistributedBulk(Bulk):
         u: fem.Function,
         bcs: Sequence[fem.DirichletBC],
         loads: Sequence[ufl.Form],
-        mass: RedistributedMass,
-        acceleration: Callable[[], Floats],
-        factor: Callable[[], float],
+        inertia: Sequence[MassForce],
         *,
         jumps: bool = False,
     ) -> None:
         """Create the forms as `Bulk` does."""
         super().__init__(residual, u, bcs, loads, jumps=jumps)
-        self._mass, self._acceleration, self._factor = mass, acceleration, factor
+        self._inertia, self._mass = inertia, inertia[0].mass
         self._has_loads = bool(loads)
 
     def forces(self) -> Floats:
         """Residual at u on the owned dofs, given or not [N]. Collective."""
-        acceleration = self._by_node(self._acceleration()[: self.num_owned])
         R = self._residual.assembled_bodies()
-        R += self._mass.times(acceleration).ravel()
+        for mass, rate, _ in self._inertia:
+            R += mass.times(self._by_node(rate()[: self.num_owned])).ravel()
         for load in self.loads():
             R -= load
         return R
@@ -216,7 +242,8 @@ class RedistributedBulk(Bulk):
 
     def _forces_by(self, action: NodalSum, direction: Floats) -> Floats:
         y = action.assembled_bodies()
-        y += self._factor() * self._mass.times(self._by_node(direction)).ravel()
+        for mass, _, factor in self._inertia:
+            y += factor() * mass.times(self._by_node(direction)).ravel()
         if self._has_loads:
             y += self._mass.carried(self._by_node(action.assembled_loads())).ravel()
         return y
@@ -231,9 +258,8 @@ class RedistributedTangent(Tangent):
 
     Args:
         residual, u, bcs, loads, nearby, bodies: Arguments of `Tangent`.
-        mass: The mass.
-        dt: Length of a step, on which the factor depends [s].
-        factor: As of `RedistributedBulk`.
+        inertia: As of `RedistributedBulk`.
+        dt: Length of a step, on which their factors depend [s].
     """
 
     def __init__(
@@ -244,22 +270,25 @@ class RedistributedTangent(Tangent):
         loads: Sequence[ufl.Form],
         nearby: ufl.Form,
         bodies: Sequence[Ints],
-        mass: RedistributedMass,
+        inertia: Sequence[MassForce],
         dt: fem.Constant,
-        factor: Callable[[], float],
     ) -> None:
         """Find the entries of the mass that this rank has a place for."""
         super().__init__(residual, u, bcs, loads, nearby, bodies)
         self._inputs.append(dt.value)
-        self._factor = factor
+        self._inertia = inertia
         V = u.function_space
         index_map = V.dofmap.index_map
-        row, column, value = mass.entries(index_map)
+        parts = [mass.entries(index_map) for mass, *_ in inertia]
+        row, column, _ = parts[0]
+        value: Floats = np.array([values for *_, values in parts])
         # What has no place is moved to the diagonal, which keeps the matrix definite.
         unknown = column < 0
         column, value = np.where(unknown, row, column), np.where(unknown, np.abs(value), value)
         self._entries = row, column, value
-        self._diagonal: Any = np.bincount(row, value * (row == column), index_map.size_local)
+        self._diagonal: Any = [
+            np.bincount(row, values * (row == column), index_map.size_local) for values in value
+        ]
         dim = dimension(V)
         free = la.vector(index_map, dim)
         free.array[:] = 1
@@ -290,7 +319,8 @@ class RedistributedTangent(Tangent):
             ]
         d = self._free.shape[1]
         blocks = rows.value.reshape(-1, d * d)[:, :: d + 1]
-        added = self._factor() * value[:, None] * self._free[row] * self._free[column]
+        factors = [factor() for *_, factor in self._inertia]
+        added = (factors @ value)[:, None] * self._free[row] * self._free[column]
         np.add.at(blocks, self._place, added)
-        stiffness: Floats = self._factor() * self._diagonal
+        stiffness: Floats = factors @ np.array(self._diagonal)
         return stiffness

@@ -38,17 +38,26 @@ class SurfaceEquilibrium:
             conserving ones. With u_n = u they are those of statics.
         u_n: Displacement at the start of a step.
         share: Derivative of the forces by u, as a part of that of statics [-].
+        stiffness: That of these nodes, for the preconditioner, shape ``(m,)`` [N/m].
+        resistance: What resists as the nodes move, by its derivative where u_n is u, if anything.
 
     Attributes:
         nodes: Those without mass.
     """
 
-    def __init__(self, forces: SurfaceForces, u_n: fem.Function, share: float) -> None:
+    def __init__(
+        self,
+        forces: SurfaceForces,
+        u_n: fem.Function,
+        share: float,
+        stiffness: Floats,
+        resistance: SurfaceForces | None = None,
+    ) -> None:
         """Make Krylov methods on the nodes."""
         self._forces, self._u, self._u_n = forces, forces.u.x, u_n.x.array
         self._comm, self.nodes, self._share = forces.comm, forces.nodes, share
         n = forces.free.size
-        self._stiffness: Floats = np.ones((len(forces.nodes), 1))
+        self._stiffness, self._resistance = stiffness[:, None], resistance
         matrix = shell_matrix(self._comm, (n, None), self)
         matrix.setUp()
         self._krylov = {name: self._solver(matrix, name) for name in ("cg", "gmres")}
@@ -66,7 +75,10 @@ class SurfaceEquilibrium:
         return ksp
 
     def find(
-        self, holds: Sequence[Holds], stiffness: Floats, affordable: Callable[[Floats], Floats]
+        self,
+        holds: Sequence[Holds],
+        affordable: Callable[[Floats], Floats],
+        damping: Floats | float,
     ) -> Floats:
         """Solve for increments of the nodes without mass, shape ``(m, d)`` [m].
 
@@ -75,31 +87,33 @@ class SurfaceEquilibrium:
 
         Args:
             holds: What the nodes keep, pair by pair.
-            stiffness: That of these nodes, for the preconditioner, shape ``(m,)`` [N/m].
             affordable: Returns the parts of the ways of these nodes that they go, by the energy
                 that these ways exchange at most, both of shape ``(m,)`` [-, J].
+            damping: Forces that damp the motion of the nodes, shape ``(m, d)`` [N].
         """
         u_n = self._u_n.copy()
         self._u_n[:] = self._u.array
         try:
-            return self._find(holds, stiffness[:, None], affordable)
+            return self._find(holds, affordable, damping)
         finally:
             self._u_n[:] = u_n
 
     def _find(
-        self, holds: Sequence[Holds], stiffness: Floats, affordable: Callable[[Floats], Floats]
+        self,
+        holds: Sequence[Holds],
+        affordable: Callable[[Floats], Floats],
+        damping: Floats | float,
     ) -> Floats:
         r = -self._forces.at_nodes()
-        self._held = HeldGaps(self._comm, holds, self.nodes, self._forces.free, stiffness)
-        self._stiffness, x = stiffness, self._held.shortest()
+        self._held = HeldGaps(self._comm, holds, self.nodes, self._forces.free, self._stiffness)
+        x = self._held.shortest()
         if reductions.anywhere(self._comm, bool(x.any())):
-            Kx = self._times(x)
-            costs = np.abs(r * x).sum(axis=1) + np.abs(Kx * x).sum(axis=1) / 2
-            part = affordable(costs)[:, None]
-            x *= part
-            r -= part * Kx
+            Kx = self._static(x)
+            costs = np.abs((r - damping) * x).sum(axis=1) + np.abs(Kx * x).sum(axis=1) / 2
+            x *= affordable(costs)[:, None]
+            r -= self._times(x)
         size = reductions.largest(self._comm, float(np.abs(self._u.array).max(initial=0.0)))
-        floor = _ROUND_OFF * size * stiffness
+        floor = _ROUND_OFF * size * self._stiffness
         least = float(np.sqrt(reductions.total(self._comm, float(np.vdot(floor, floor)))))
         self._b.array[:] = self._held.project(r).ravel()
         # Friction that scales with normal forces is not symmetric.
@@ -124,6 +138,13 @@ class SurfaceEquilibrium:
         return rows
 
     def _times(self, x: Floats) -> Floats:
+        """Stiffness of statics, and what resists, times increments."""
+        y = self._static(x)
+        if self._resistance is not None:
+            y += self._resistance.along(x)
+        return y
+
+    def _static(self, x: Floats) -> Floats:
         """Stiffness of statics times increments."""
         y = self._forces.along(x)
         y /= self._share

@@ -65,15 +65,6 @@ def test_nodes_without_mass_have_no_other_contact():
         blocks(MPI.COMM_WORLD, both)
 
 
-def test_damped_bodies_are_refused():
-    def damped(bodies, pairs, dt):
-        rubber = nts.SaintVenantKirchhoff(*scenes.BLOCK_RUBBER, mass_damping=1.0)
-        return nts.EnergyMomentum([scenes.of_material(b, rubber) for b in bodies], pairs, dt=dt)
-
-    with pytest.raises(ValueError, match="expected bodies without damping"):
-        blocks(MPI.COMM_WORLD, damped)
-
-
 TWO_LAYERS = "expected two layers of nodes below a surface"
 
 

@@ -332,8 +332,3 @@ def test_where_plasticity_is_refused(comm):
     V = fem.functionspace(box.mesh, ("Lagrange", 2, (3,)))
     with pytest.raises(ValueError, match=r"J2Plasticity, .* degree 1, .* degree 2"):
         nts.Body(V, box.cells, box.tag["body 0"], metal())
-    surface = box.surface("bottom 0")
-    plane, law = nts.RigidPlane((0, 0, -0.1), (0, 0, 1)), nts.LagrangeMultiplier("resolved")
-    pair = nts.ContactPair(surface, plane, law)
-    with pytest.raises(ValueError, match="without damping, viscous branches or plasticity"):
-        nts.EnergyMomentum([box.body], [pair], dt=0.01)
