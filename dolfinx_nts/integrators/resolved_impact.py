@@ -241,7 +241,8 @@ class ResolvedImpact(Inertia):
         holds = [_held(step, some) for step, some in held]
         part = partial(self._affordable, _CLOSING * vibration.energy + recoil.most)
         increments = self._equilibrium.find(holds, self._stiffness[massless], part)
-        share, most = np.ones(len(self._groups)), vibration.energy + recoil.most
+        share: Floats = np.ones(len(self._groups))
+        most = vibration.energy + recoil.most
         while True:
             way[massless] = share[group, None] * increments
             u.array[: way.size] = before[: way.size] + way.ravel()
