@@ -174,7 +174,6 @@ class ImplicitStepper(Stepper):
         self._forces.serialize(archive)
         self._rates.serialize(archive, self.node_ids)
         self._solver.serialize(archive)
-        self._inertia.serialize(archive)
         if archive.giving:
             self._bulk.rigid.restored()
 

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 import ufl
 from dolfinx import fem
 
-from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.history import ContactWork
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
@@ -55,9 +54,6 @@ class Inertia(ABC):
     def dissipated(self) -> float:
         """Energy that damping and materials take in the step on this rank [J]. Local."""
         return 0.0
-
-    def serialize(self, archive: Archive) -> None:  # noqa: B027 (most have no state)
-        """Serialize all on which the next step depends beside the rates."""
 
 
 class ConsistentInertia(Inertia):

@@ -2,9 +2,10 @@ r"""Impact that is resolved in time: nodes that touch have no mass.
 
 Their mass acts at nodes below them, see `redistributed_mass`. After each step
 
-* they find their static equilibrium, while all others stay where they are; gaps at which they
-  were caught are closed as far as this costs little energy, and otherwise held; nodes that stick
-  keep their place, and those that slide go on with the friction of the new reactions,
+* they go to their static equilibrium, as far as the energy of this can be paid, while all others
+  stay where they are; gaps at which they were caught are closed as far as this costs little
+  energy, and otherwise held; nodes that stick keep their place, and those that slide go on with
+  the friction of the new reactions,
 * the strain energy that this takes or gives, dV, comes from the impulse of contact, and from the
   vibration of the body: with the velocity v = v_rigid + w, where w is orthogonal to rigid motions
   with regard to the mass, v becomes v + s w + a d, where bodies that are rigid would have d by the
@@ -22,9 +23,8 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats, Ints
-from dolfinx_nts.contact.history import ContactWork
+from dolfinx_nts.contact.history import ContactHistory, ContactWork
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.held_nodes import HeldNodes
 from dolfinx_nts.contact.massless import is_resolved
@@ -35,10 +35,11 @@ from dolfinx_nts.integrators.implicit_forms import StepForms
 from dolfinx_nts.integrators.inertia import Inertia
 from dolfinx_nts.integrators.memory import Memory
 from dolfinx_nts.integrators.rates import MidpointRates
+from dolfinx_nts.integrators.recoil import Recoil
 from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.integrators.static_stiffness import long_step
 from dolfinx_nts.integrators.step_losses import StepLosses
-from dolfinx_nts.integrators.vibration import VibrationAnalysis
+from dolfinx_nts.integrators.vibration import Vibration, VibrationAnalysis
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.extrapolation import extrapolate
 from dolfinx_nts.model.inverted_cells import VolumeRatio
@@ -62,6 +63,10 @@ _logger = logging.getLogger("dolfinx_nts")
 # Part of the energy of vibration that closing gaps may cost in a step [-], and that the
 # equilibrium may cost in all.
 _CLOSING, _MOST_SPENT = 0.05, 0.5
+# Energy that was not paid, relative to what was wanted [-], that is round-off.
+_ROUND_OFF = 1e-12
+# Part of the way to equilibrium [-] below which nodes stay where they are.
+_LEAST = 1e-3
 # Cells that waves cross in a step [-] above which a step does not resolve them.
 _RESOLVED = 1.0
 
@@ -124,7 +129,6 @@ class ResolvedImpact(Inertia):
         self._motions = VibrationAnalysis(
             groups.comm, mass, groups.nodes, fixed, self._X.shape, possible
         )
-        self._owed: Floats = np.zeros(len(groups.nodes))
         self._untold_speed = self._cells_per_second(stiffness, lumped_mass(bodies)[massless])
 
     def _undeformed_stiffness(self, share: float) -> Floats:
@@ -195,10 +199,6 @@ class ResolvedImpact(Inertia):
         """Energy that is lost, see `Inertia.dissipated`."""
         return self._losses.on_this_rank()
 
-    def serialize(self, archive: Archive) -> None:
-        """Serialize the energy that is owed, see `Inertia.serialize`."""
-        self._owed = archive.same("owed_to_vibration", self._owed)
-
     def accept(self, steps: Sequence[ContactStep]) -> tuple[float, ContactWork]:
         """Set the velocity, then find the equilibrium and pay for it, see `Inertia.accept`."""
         rates, massless = self._rates, self._equilibrium.nodes
@@ -209,14 +209,9 @@ class ResolvedImpact(Inertia):
         # Nodes without mass have no part in these.
         vibration, recoil = self._motions.of(self._X + u, v, impulses)
         recoil = recoil._replace(linear=recoil.linear - of_obstacles)
-        strain, dissipation = self._equilibrate(steps, held, vibration.energy, recoil.most)
-        wanted = self._owed - strain - dissipation
-        whole = vibration.energy + recoil.energy
-        share = np.divide(recoil.energy, whole, out=np.zeros_like(whole), where=whole > 0)
-        recoils, given = recoil.factors(share * wanted)
-        factors, refund = vibration.factors(wanted - given)
-        refund += given
-        self._owed = wanted - refund
+        cost, dissipation = self._equilibrate(steps, held, vibration, recoil)
+        refund = -cost - dissipation
+        recoils, factors, _ = _payment(vibration, recoil, refund)
         moves = recoil.velocities(recoils)
         for g, factor, move in zip(self._groups.nodes, factors, moves, strict=True):
             v[g] += factor * vibration.w[g] + move
@@ -225,7 +220,7 @@ class ResolvedImpact(Inertia):
         mean_velocity[:] = self._mean_velocity()
         v[massless] = mean_velocity[:n].reshape(v.shape)[massless]
         rates.v.x.scatter_forward()
-        energies = strain, -dissipation, refund + dissipation, recoils * of_obstacles
+        energies = cost, -dissipation, refund + dissipation, recoils * of_obstacles
         spent, friction, back, obstacles = (float(part.sum()) for part in energies)
         work = ContactWork(equilibrium=spent, friction=friction, refund=back, obstacles=obstacles)
         return defect, work
@@ -237,7 +232,7 @@ class ResolvedImpact(Inertia):
         Also returns the work of moving obstacles by them, shape ``(g,)`` [J].
         """
         n, d = self._X.shape
-        dt, size = float(self._rates.dt.value), len(self._owed)
+        dt, size = float(self._rates.dt.value), len(self._groups.nodes)
         impulses, work = np.zeros((size, size, 1 + d, d)), np.zeros(size)
         group = np.zeros((n, 3))
         group[:, 0] = self._groups.number_of
@@ -258,37 +253,42 @@ class ResolvedImpact(Inertia):
         self,
         steps: Sequence[ContactStep],
         held: Sequence[tuple[ContactStep, HeldNodes]],
-        vibration: Floats,
-        recoil: Floats,
+        vibration: Vibration,
+        recoil: Recoil,
     ) -> tuple[Floats, Floats]:
-        """Move nodes without mass; returns what it costs each group, ``(g,)`` [J].
+        """Move nodes without mass towards equilibrium, as far as groups can pay for it.
 
-        That is the work of stress and damping, and what friction dissipates. ``vibration`` and
-        ``recoil`` are the energies that each group can pay with, shape ``(g,)`` [J].
+        ``vibration`` and ``recoil`` are what they pay with. Returns the work of stress and damping
+        on this way, and what friction dissipates, both ``(g,)`` [J]. Collective.
         """
         u = self._rates.u.x
-        massless, dx = self._equilibrium.nodes, np.zeros_like(self._X)
+        massless, way = self._equilibrium.nodes, np.zeros_like(self._X)
         before, work, damping = u.array.copy(), self._work.at_nodes(), self._losses.begin()
         if any(step.num_active for step in steps):
             self._tell()
-        budget = _CLOSING * vibration + recoil
-        for closes in (True, False):
-            holds = [_held(step, some, closes=closes) for step, some in held]
-            part = partial(self._affordable, budget)
-            dx[massless] = self._equilibrium.find(holds, part, damping)
-            u.array[: dx.size] += dx.ravel()
+        holds = [_held(step, some) for step, some in held]
+        most = vibration.energy + recoil.most
+        part = partial(self._affordable, _CLOSING * vibration.energy + recoil.most)
+        increments = self._equilibrium.find(holds, part, damping)
+        share: Floats = np.ones(len(self._groups.nodes))
+        while True:
+            way[massless] = share[self._groups.number_of[massless], None] * increments
+            u.array[: way.size] = before[: way.size] + way.ravel()
             u.scatter_forward()
             self._memory.accept()
             cost = self._groups.sums(slice(None), self._work.at_nodes() - work)
-            cost += self._losses.follow(dx[massless])
-            affordable = cost <= _MOST_SPENT * (vibration + recoil)
-            if affordable.all() and not self._volume_ratio.inverted():
-                return cost, self._remember(held, dx)
-            u.array[:] = before
-            self._memory.accept()
-            self._losses.begin()
-        nothing = np.zeros_like(self._owed)
-        return nothing, nothing
+            cost += self._losses.follow(way[massless])
+            histories, dissipation = self._slid(held, way)
+            wanted = -cost - dissipation
+            _, _, given = _payment(vibration, recoil, wanted)
+            good = np.abs(wanted - given) <= _ROUND_OFF * np.abs(wanted)
+            good &= (cost <= _MOST_SPENT * most) & (not self._volume_ratio.inverted())
+            if np.all(good | (share == 0)):
+                break
+            share = np.where(good, share, np.where(share > _LEAST, share / 2, 0.0))
+        for (step, _), history in zip(held, histories, strict=True):
+            step.state.accept(history)
+        return cost, dissipation
 
     def _share(self, held: Sequence[tuple[ContactStep, HeldNodes]], recoils: Floats) -> None:
         """Let contact know the impulses of recoil, factors ``(g,)`` of its own. Local."""
@@ -310,16 +310,18 @@ class ResolvedImpact(Inertia):
         part: Floats = np.divide(budget, sums, out=np.ones_like(sums), where=sums > budget)
         return part[self._groups.number_of[massless]]
 
-    def _remember(self, held: Sequence[tuple[ContactStep, HeldNodes]], dx: Floats) -> Floats:
-        """Let contact know gaps and slips of nodes that have moved.
+    def _slid(
+        self, held: Sequence[tuple[ContactStep, HeldNodes]], way: Floats
+    ) -> tuple[list[ContactHistory], Floats]:
+        """Contact of each pair after its nodes have gone a way, ``(n, d)`` [m]. Collective.
 
-        Returns what friction dissipates in each group, ``(g,)`` [J]. Collective.
+        Also returns what friction dissipates in each group on it, ``(g,)`` [J].
         """
-        dissipated = np.zeros_like(self._owed)
+        histories, dissipated = [], np.zeros(len(self._groups.nodes))
         for step, some in held:
             history = step.state.history
             rows = some.gradients.reshape(len(some.node), 3, some.dofs.shape[1], 3)
-            ways = step.candidates.scatter.forward(in_space(dx))[some.dofs]
+            ways = step.candidates.scatter.forward(in_space(way))[some.dofs]
             opened, *slid = np.einsum("mcki,mki->cm", rows, ways)
             gap, dissipation = history.gap.copy(), history.dissipation.copy()
             gap[some.node] = some.gap + opened
@@ -327,17 +329,29 @@ class ResolvedImpact(Inertia):
             lost = (some.traction * np.transpose(slid)).sum(axis=1)
             lost = np.maximum(lost, -np.maximum(dissipation[some.node], 0.0))
             dissipation[some.node] += lost
-            step.state.accept(replace(history, gap=gap, dissipation=dissipation))
+            histories.append(replace(history, gap=gap, dissipation=dissipation))
             dissipated += self._groups.sums(step.state.nodes.nodes[some.node], lost)
-        return dissipated
+        return histories, dissipated
 
 
-def _held(step: ContactStep, some: HeldNodes, *, closes: bool) -> Holds:
-    """Gaps that nodes close or keep, ``(m,)``, and slips of those that stick. Local."""
-    kept = (some.force > 0) | closes
-    sticks = some.sticks & kept
+def _payment(vibration: Vibration, recoil: Recoil, wanted: Floats) -> tuple[Floats, Floats, Floats]:
+    """Factors of recoil and of vibration by which groups get energy, ``(g,)`` [J]. Local.
+
+    Each of both gives in proportion to the energy that it has. Also returns what groups get,
+    which is what is wanted, or as much of it as they can give or take.
+    """
+    whole = vibration.energy + recoil.energy
+    share = np.divide(recoil.energy, whole, out=np.zeros_like(whole), where=whole > 0)
+    recoils, by_recoil = recoil.factors(share * wanted)
+    factors, by_vibration = vibration.factors(wanted - by_recoil)
+    return recoils, factors, by_recoil + by_vibration
+
+
+def _held(step: ContactStep, some: HeldNodes) -> Holds:
+    """Gaps that nodes close, ``(m,)``, and slips of those that stick. Local."""
+    sticks = some.sticks
     gradient, *along = some.gradients.transpose(1, 0, 2)
-    slides = kept & ~sticks & (some.force > 0)
+    slides = ~sticks & (some.force > 0)
     ratio = np.divide(
         some.traction,
         -some.force[:, None],
@@ -346,11 +360,10 @@ def _held(step: ContactStep, some: HeldNodes, *, closes: bool) -> Holds:
     )
     force = gradient + np.einsum("ma,ami->mi", ratio, np.array(along))
     stuck = [rows[sticks] for rows in along]
-    rows = np.concatenate([gradient[kept], *stuck])
     return Holds(
         step.candidates.scatter,
-        np.concatenate([some.dofs[kept], some.dofs[sticks], some.dofs[sticks]]),
-        rows,
-        np.concatenate([force[kept], *stuck]),
-        np.concatenate([-closes * some.gap[kept], np.zeros(2 * np.count_nonzero(sticks))]),
+        np.concatenate([some.dofs, some.dofs[sticks], some.dofs[sticks]]),
+        np.concatenate([gradient, *stuck]),
+        np.concatenate([force, *stuck]),
+        np.concatenate([-some.gap, np.zeros(2 * np.count_nonzero(sticks))]),
     )

@@ -51,22 +51,23 @@ class SurfaceDamping:
         )
         self._work, self._groups = SurfaceWork(damping, rates.u_n, u, every), groups
         self._at_nodes: Floats = np.zeros(self._forces.free.shape)
-        self.taken: Floats = np.zeros(len(groups.nodes))
+        self._taken_before: Floats = np.zeros(len(groups.nodes))
+        self.taken: Floats = self._taken_before
 
     def begin(self) -> Floats:
         """Take the step that was solved; its forces at the nodes without mass, ``(m, d)`` [N]."""
         self._at_nodes = self._forces.at_nodes()
-        self.taken = self._groups.sums(slice(None), self._work.at_nodes())
+        self.taken = self._taken_before = self._groups.sums(slice(None), self._work.at_nodes())
         return self._at_nodes
 
     def follow(self, dx: Floats) -> Floats:
-        """Let the forces work on ways of the nodes without mass, ``(m, d)`` [m].
+        """Let the forces work on ways of the nodes since `begin`, ``(m, d)`` [m].
 
         Returns:
             What the damping of each group takes more by that, shape ``(g,)`` [J]. In all a step
             never gets energy from damping.
         """
         work = self._groups.sums(self._forces.nodes, (self._at_nodes * dx).sum(axis=1))
-        more: Floats = np.maximum(work, -self.taken)
-        self.taken = self.taken + more
+        more: Floats = np.maximum(work, -self._taken_before)
+        self.taken = self._taken_before + more
         return more
