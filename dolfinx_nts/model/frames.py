@@ -81,17 +81,16 @@ class Frame:
         """Positions in the frame where it is after a part of the whole way of its step."""
         return x
 
-    def ahead(self, X: Floats) -> Floats:
-        """Ways that the frame's points still have to go, in space, to first order."""
-        return np.zeros_like(X)
+    def ahead(self, X: Floats, force: Floats) -> tuple[Floats, Floats]:
+        """What is left of the step, in space and to first order.
+
+        Ways of the frame's points, and changes of forces ``(..., 3)`` that turn with the frame.
+        """
+        return np.zeros_like(X), np.zeros_like(force)
 
     def way_from(self, end: Placement, x: Floats) -> Floats:
         """Ways in space, to first order, of the frame's points that were at x at another end."""
         return np.zeros_like(x)
-
-    def turned_ahead(self, force: Floats) -> Floats:
-        """Changes of forces ``(..., 3)`` that turn with the frame as it goes on, as `ahead`."""
-        return np.zeros_like(force)
 
     def at_start(self, x_n: Floats) -> Floats:
         """Positions in the frame at t_n."""
@@ -181,21 +180,17 @@ class MovingFrame(Frame):
         """Positions in the frame on its way, see `Frame.on_the_way`."""
         return self._seen_from(self._place(part), x)
 
-    def ahead(self, X: Floats) -> Floats:
-        """Ways of the frame's points that are left, see `Frame.ahead`."""
+    def ahead(self, X: Floats, force: Floats) -> tuple[Floats, Floats]:
+        """Ways and changes of forces that are left, see `Frame.ahead`."""
         shift, turn = self._ahead
         way: Floats = shift + np.cross(turn, (X - self._origin) @ self.end.rotation.T)
-        return way
+        return way, np.cross(turn, force).astype(np.float64)
 
     def way_from(self, end: Placement, x: Floats) -> Floats:
         """Ways of the frame's points, see `Frame.way_from`."""
         shift, turn = end.way_to(self.end)
         way: Floats = shift + np.cross(turn, x - end.centre)
         return way
-
-    def turned_ahead(self, force: Floats) -> Floats:
-        """Changes of forces, see `Frame.turned_ahead`."""
-        return np.cross(self._ahead[1], force).astype(np.float64)
 
     def at_start(self, x_n: Floats) -> Floats:
         """Positions in the frame at t_n, see `Frame.at_start`."""

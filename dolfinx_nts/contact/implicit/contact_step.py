@@ -470,12 +470,12 @@ def ahead(step: ContactStep, pairs: PairKinematics, way: Floats) -> tuple[Floats
     change: Floats = np.zeros((len(way), 3))
     if not step.num_active:
         return np.zeros((len(pairs.node), 3)), change
-    ways = scatter.forward(in_space(way)) - frame.ahead(step.x)
+    force, tangent, columns, slopes = step._forces(pairs)
+    given, turned = frame.ahead(step.x, force.reshape(-1, 3))
+    ways = scatter.forward(in_space(way)) - given
     dofs, nodes = pairs.dofs, pairs.blocks.nodes
     changes = changes_by(pairs, ways[dofs].reshape(pairs.contact.gradient.shape))
-    force, tangent, columns, slopes = step._forces(pairs)
-    sloping = np.einsum("mid,mij,mj->md", columns, slopes, changes)
-    sloping += frame.turned_ahead(force.reshape(-1, 3)).reshape(force.shape)
+    sloping = np.einsum("mid,mij,mj->md", columns, slopes, changes) + turned.reshape(force.shape)
     turning = np.einsum("pij,pj->pi", tangent, ways[nodes].reshape(tangent.shape[:2]))
     for some, forces in ((dofs, sloping), (nodes, turning)):
         scatter.add(change, some, forces.reshape(*some.shape, 3))
