@@ -82,9 +82,11 @@ def _value(results: Results, scene: str, name: str, **values: Any) -> float:
     return float(_step(results, scene, **values)[name])
 
 
-def _share(results: Results, scene: str, **values: Any) -> float:
-    """Part of contact in a step [%]."""
-    return 100 * _value(results, scene, "contact_share", **values)
+def _percent(results: Results, scene: str, name: str, **values: Any) -> float:
+    return 100 * _value(results, scene, name, **values)
+
+
+_share = partial(_percent, name="contact_share")  # part of contact in a step [%]
 
 
 def _ratio(
@@ -198,6 +200,12 @@ _TARGETS = (
     Target(
         "part of contact in a step, pile of 27 balls with friction [%]",
         partial(_share, scene="pile, friction"),
+        25,
+        35,
+    ),
+    Target(
+        "the same without contact's part in the linear solver [%]",
+        partial(_percent, scene="pile, friction", name="share: search and projection"),
         25,
         35,
     ),
