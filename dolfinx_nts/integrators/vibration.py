@@ -7,14 +7,13 @@ from mpi4py import MPI
 import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.integrators.group_motions import GroupMotions
 from dolfinx_nts.integrators.recoil import Recoil
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.redistributed_mass import RedistributedMass
 
 __all__ = ["Vibration", "VibrationAnalysis"]
 
-# Mean square of a rigid motion at supports, relative to that of all of them [-], that is none.
-_NO_MOTION = 1e-12
 # Part of the energy of vibration that may be taken in a step, and how many times its own size
 # may be added [-].
 _MOST_TAKEN, _MOST_ADDED = 0.9, 3.0
@@ -29,15 +28,19 @@ _TURNS: dict[int, Floats] = {
 class Vibration(NamedTuple):
     """Velocities w that are orthogonal to rigid motions with regard to the mass.
 
-    The kinetic energy of a group changes by s b + s^2 a/2 if s w is added to the velocity.
+    The kinetic energy of a group less the work of moving supports changes by s b + s^2 a/2 if s w
+    is added to the velocity.
 
     Attributes:
         w: Velocities of the owned nodes, shape ``(n, d)`` [m/s].
+        held: Impulses of supports that it takes to add w, at the fixed dofs, as factors of the
+            fields of `Recoil`, shape ``(g, 1 + d, d)`` [N s, N s/m].
         linear: The numbers b of the groups, shape ``(g,)`` [J].
         square: The numbers a of the groups, shape ``(g,)`` [J].
     """
 
     w: Floats
+    held: Floats
     linear: Floats
     square: Floats
 
@@ -101,81 +104,67 @@ class VibrationAnalysis:
         self._free.ravel()[fixed] = 0
         self._held = [[np.flatnonzero(free == 0) for free in self._free[g].T] for g in groups]
 
-    def of(self, x: Floats, v: Floats, impulses: Floats) -> tuple[Vibration, Recoil]:
+    def of(self, x: Floats, v: Floats, led: Floats, impulses: Floats) -> tuple[Vibration, Recoil]:
         """Split velocities, and find those that impulses give. Collective.
+
+        Bodies vibrate about the rigid motion of their supports.
 
         Args:
             x: Positions of the owned nodes, shape ``(n, d)`` [m].
             v: Their velocities, shape ``(n, d)`` [m/s].
+            led: Velocities at which supports do work, of all owned nodes, ``(n, d)`` [m/s].
             impulses: Sums of impulses, and of x times them, by the group whose nodes touch, then
                 by that which gets them, shape ``(g, g, 1 + d, d)`` [N s, N s m].
         """
-        d = v.shape[1]
-        w = self._free * v
-        momentum, Mw, Mx = (self._mass.times(values) for values in (v, w, x))
+        d, num = v.shape[1], len(self._groups)
+        momentum, Mx, led = self._mass.times(v), self._mass.times(x), (1 - self._free) * led
         first = np.array([[self._m[g].sum(), *Mx[g].sum(axis=0)] for g in self._groups])
         first = reductions.total(self._comm, first.reshape(-1, 1 + d))
         centres = first[:, 1:] / first[:, :1]
         fields, M_fields = [], []
-        products = np.zeros((len(self._groups), 1 + d, 1 + d + 2 * d + d * (1 + d)))
-        parts = zip(self._groups, self._held, centres, products, strict=True)
-        for g, given, centre, product in parts:
+        products = np.zeros((num, 1 + d, 1 + d + 2 * d + d * (1 + d)))
+        for g, given, centre, product in zip(
+            self._groups, self._held, centres, products, strict=True
+        ):
             field = np.insert(x[g] - centre, 0, 1.0, axis=1)
             M_field = np.hstack([self._m[g], Mx[g] - self._m[g] * centre])
             at_supports = [field[nodes].T @ field[nodes] for nodes in given]
-            some = field.T @ M_field, field.T @ momentum[g], field.T @ Mw[g]
+            some = field.T @ M_field, field.T @ momentum[g], field.T @ led[g]
             np.concatenate([*some, *at_supports], axis=1, out=product)
             fields.append(field)
             M_fields.append(M_field)
         products = reductions.total(self._comm, products)
-        gram, of_momentum, right, held = np.split(products, np.cumsum([1 + d, d, d]), axis=2)
-        sums = np.zeros((len(self._groups), 2))
-        vibration, recoil = np.zeros_like(v), np.zeros_like(impulses)
+        gram, of_momentum, lead, held = np.split(products, np.cumsum([1 + d, d, d]), axis=2)
+        motions = [GroupMotions(self._motions, *some) for some in zip(gram, held, strict=True)]
+        lead = np.concatenate(
+            [some.at_supports(part[None]) for some, part in zip(motions, lead, strict=True)]
+        )
+        relative, w = np.zeros_like(v), np.zeros_like(v)
+        for g, field, part in zip(self._groups, fields, lead, strict=True):
+            relative[g] = v[g] - field @ part
+            w[g] = self._free[g] * relative[g]
+        Mw = self._mass.times(w)
+        right = np.array([field.T @ Mw[g] for g, field in zip(self._groups, fields, strict=True)])
+        right = reductions.total(self._comm, right.reshape(-1, 1 + d, d))
+        sums, of_vibration = np.zeros((num, 2)), np.zeros_like(right)
+        recoil, of_recoil = np.zeros_like(impulses), np.zeros_like(impulses)
         about = impulses.copy()
         about[:, :, 1:] -= centres[:, :, None] * impulses[:, :, :1]
         for i, (g, field, M_field) in enumerate(zip(self._groups, fields, M_fields, strict=True)):
             every = np.concatenate([right[i, None], about[:, i]])
-            rigid, *recoil[:, i] = self._rigid(gram[i], every, held[i])
-            vibration[g] = w[g] - field @ rigid
+            rigid, *recoil[:, i] = given = motions[i].by_impulses(every)
+            # What supports give, so that the others have no more momentum than by impulses.
+            missing = gram[i] @ given - every
+            of_vibration[i], *of_recoil[:, i] = motions[i].at_supports(missing)
+            w[g] -= field @ rigid
             M_vibration = Mw[g] - M_field @ rigid
-            # The rigid part has no product with it but that of round-off.
-            sums[i] = np.vdot(v[g] - field @ rigid, M_vibration), np.vdot(vibration[g], M_vibration)
+            # Its product with the rigid part is round-off, and that with the motion of supports
+            # is their work.
+            sums[i] = np.vdot(relative[g] - field @ rigid, M_vibration), np.vdot(w[g], M_vibration)
         linear, square = reductions.total(self._comm, sums).T
-        rows, M_rows = (a.reshape(len(recoil), -1) for a in (recoil, gram @ recoil))
-        towards = rows @ of_momentum.ravel()
-        return Vibration(vibration, linear, square), Recoil(
-            fields, recoil, towards, rows @ M_rows.T
+        rows, M_rows = (a.reshape(num, -1) for a in (recoil, gram @ recoil))
+        towards = rows @ (of_momentum - gram @ lead).ravel() + about.reshape(num, -1) @ lead.ravel()
+        return (
+            Vibration(w, -of_vibration, linear, square),
+            Recoil(fields, recoil, of_recoil, towards, rows @ M_rows.T),
         )
-
-    def _rigid(self, gram: Floats, right: Floats, at_supports: Floats) -> Floats:
-        """Rigid motions by r impulses, as factors of the fields 1 and x, ``(r, 1 + d, d)``. Local.
-
-        Args:
-            gram: Products of the fields with regard to the mass, shape ``(1 + d, 1 + d)``.
-            right: Products of the fields with the impulses, shape ``(r, 1 + d, d)``.
-            at_supports: Products of the fields at nodes that are held in a direction, one
-                direction after the other, shape ``(1 + d, d (1 + d))``.
-        """
-        num, _, d = right.shape
-        basis = self._motions.reshape(len(self._motions), -1)
-        held = at_supports.reshape(1 + d, d, 1 + d)
-        M_basis = (gram @ self._motions).reshape(basis.shape)
-        held_basis = np.einsum("aib,kbi->kai", held, self._motions).reshape(basis.shape)
-        amounts = _amounts(
-            basis @ M_basis.T, basis @ right.reshape(num, -1).T, basis @ held_basis.T
-        )
-        rigid: Floats = (amounts.T @ basis).reshape(right.shape)
-        return rigid
-
-
-def _amounts(gram: Floats, right: Floats, at_supports: Floats) -> Floats:
-    """Amounts of rigid motions, ``(k, r)``, of those alone in which supports stay."""
-    size = np.sqrt(np.diag(gram))
-    scale = 1 / np.where(size > 0, size, 1.0)
-    weighted = at_supports * scale * scale[:, None]
-    values, vectors = np.linalg.eigh(weighted)
-    whole = max(values[-1], 0.0)
-    kept = scale[:, None] * vectors[:, values <= _NO_MOTION * whole]
-    inner = kept.T @ gram @ kept
-    amounts: Floats = kept @ np.linalg.lstsq(inner, kept.T @ right, rcond=None)[0]
-    return amounts
