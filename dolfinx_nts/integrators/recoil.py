@@ -69,7 +69,7 @@ class Recoil(NamedTuple):
 
     def velocities(self, factors: Floats) -> list[Floats]:
         """Sum of the velocities times factors, ``(g,)``; of each group ``(n, d)`` [m/s]. Local."""
-        return self.at_nodes(np.tensordot(factors, self.rigid, 1))
+        return self.at_nodes(np.einsum("i,igcd->gcd", factors, self.rigid))
 
     def at_nodes(self, parts: Floats) -> list[Floats]:
         """Fields times factors, ``(g, 1 + d, d)``, of each group ``(n, d)``. Local."""

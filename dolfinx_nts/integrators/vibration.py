@@ -100,71 +100,81 @@ class VibrationAnalysis:
         # As factors of the fields 1 and x.
         self._motions = motions[possible]
         self._m = mass.times(np.ones(shape))[:, :1]
-        self._free: Floats = np.ones(shape)
-        self._free.ravel()[fixed] = 0
-        self._held = [[np.flatnonzero(free == 0) for free in self._free[g].T] for g in groups]
+        self._fixed: Floats = np.zeros(shape)
+        self._fixed.ravel()[fixed] = 1
 
     def of(self, x: Floats, v: Floats, led: Floats, impulses: Floats) -> tuple[Vibration, Recoil]:
         """Split velocities, and find those that impulses give. Collective.
 
-        Bodies vibrate about the rigid motion of their supports.
+        Bodies vibrate about the rigid motion that is nearest to that of their supports.
 
         Args:
             x: Positions of the owned nodes, shape ``(n, d)`` [m].
             v: Their velocities, shape ``(n, d)`` [m/s].
-            led: Velocities at which supports do work, of all owned nodes, ``(n, d)`` [m/s].
+            led: Their mean velocities in the step, in which supports work, ``(n, d)`` [m/s].
             impulses: Sums of impulses, and of x times them, by the group whose nodes touch, then
                 by that which gets them, shape ``(g, g, 1 + d, d)`` [N s, N s m].
         """
         d, num = v.shape[1], len(self._groups)
-        momentum, Mx, led = self._mass.times(v), self._mass.times(x), (1 - self._free) * led
-        first = np.array([[self._m[g].sum(), *Mx[g].sum(axis=0)] for g in self._groups])
-        first = reductions.total(self._comm, first.reshape(-1, 1 + d))
-        centres = first[:, 1:] / first[:, :1]
-        fields, M_fields = [], []
-        products = np.zeros((num, 1 + d, 1 + d + 2 * d + d * (1 + d)))
-        for g, given, centre, product in zip(
-            self._groups, self._held, centres, products, strict=True
-        ):
-            field = np.insert(x[g] - centre, 0, 1.0, axis=1)
-            M_field = np.hstack([self._m[g], Mx[g] - self._m[g] * centre])
-            at_supports = [field[nodes].T @ field[nodes] for nodes in given]
-            some = field.T @ M_field, field.T @ momentum[g], field.T @ led[g]
-            np.concatenate([*some, *at_supports], axis=1, out=product)
-            fields.append(field)
-            M_fields.append(M_field)
-        products = reductions.total(self._comm, products)
-        gram, of_momentum, lead, held = np.split(products, np.cumsum([1 + d, d, d]), axis=2)
-        motions = [GroupMotions(self._motions, *some) for some in zip(gram, held, strict=True)]
-        lead = np.concatenate(
-            [some.at_supports(part[None]) for some, part in zip(motions, lead, strict=True)]
-        )
-        relative, w = np.zeros_like(v), np.zeros_like(v)
-        for g, field, part in zip(self._groups, fields, lead, strict=True):
-            relative[g] = v[g] - field @ part
-            w[g] = self._free[g] * relative[g]
+        field, M_field, about = self._about_centres(x, impulses)
+        at_supports = [fixed[:, None] * field for fixed in self._fixed.T]
+        values = np.hstack([M_field, self._mass.times(v), self._fixed * led, *at_supports])
+        products = np.split(self._sums(field, values), np.cumsum([1 + d, d, d]), axis=2)
+        gram, of_momentum, of_led, held = products
+        motions = [GroupMotions(self._motions, gram[i], held[i]) for i in range(num)]
+        lead = np.array([motions[i].at_supports(of_led[i, None])[0] for i in range(num)])
+        w = v - self._at_nodes(field, lead)
+        relative = w.copy()
+        w[self._fixed > 0] = 0
         Mw = self._mass.times(w)
-        right = np.array([field.T @ Mw[g] for g, field in zip(self._groups, fields, strict=True)])
-        right = reductions.total(self._comm, right.reshape(-1, 1 + d, d))
-        sums, of_vibration = np.zeros((num, 2)), np.zeros_like(right)
-        recoil, of_recoil = np.zeros_like(impulses), np.zeros_like(impulses)
-        about = impulses.copy()
-        about[:, :, 1:] -= centres[:, :, None] * impulses[:, :, :1]
-        for i, (g, field, M_field) in enumerate(zip(self._groups, fields, M_fields, strict=True)):
-            every = np.concatenate([right[i, None], about[:, i]])
-            rigid, *recoil[:, i] = given = motions[i].by_impulses(every)
-            # What supports give, so that the others have no more momentum than by impulses.
-            missing = gram[i] @ given - every
-            of_vibration[i], *of_recoil[:, i] = motions[i].at_supports(missing)
-            w[g] -= field @ rigid
-            M_vibration = Mw[g] - M_field @ rigid
-            # Its product with the rigid part is round-off, and that with the motion of supports
-            # is their work.
-            sums[i] = np.vdot(relative[g] - field @ rigid, M_vibration), np.vdot(w[g], M_vibration)
-        linear, square = reductions.total(self._comm, sums).T
+        every = np.concatenate([self._sums(field, Mw)[None], about])
+        rigid, by_supports = np.zeros_like(every), np.zeros_like(every)
+        for i in range(num):
+            rigid[:, i] = motions[i].by_impulses(every[:, i])
+            # Supports give what the impulses do not.
+            missing = gram[i] @ rigid[:, i] - every[:, i]
+            by_supports[:, i] = motions[i].at_supports(missing)
+        part = self._at_nodes(field, rigid[0])
+        w -= part
+        relative -= part
+        M_vibration = Mw - self._at_nodes(M_field, rigid[0])
+        # The rigid part has no product with it but that of round-off, and the product with the
+        # motion of supports is their work.
+        energies = [[np.vdot(a[g], M_vibration[g]) for g in self._groups] for a in (relative, w)]
+        linear, square = reductions.total(self._comm, np.array(energies))
+        recoil = rigid[1:]
         rows, M_rows = (a.reshape(num, -1) for a in (recoil, gram @ recoil))
         towards = rows @ (of_momentum - gram @ lead).ravel() + about.reshape(num, -1) @ lead.ravel()
+        fields = [field[g] for g in self._groups]
         return (
-            Vibration(w, -of_vibration, linear, square),
-            Recoil(fields, recoil, of_recoil, towards, rows @ M_rows.T),
+            Vibration(w, -by_supports[0], linear, square),
+            Recoil(fields, recoil, by_supports[1:], towards, rows @ M_rows.T),
         )
+
+    def _about_centres(self, x: Floats, impulses: Floats) -> tuple[Floats, Floats, Floats]:
+        """Fields 1 and x - centre, ``(n, 1 + d)``, their products with the mass, and impulses.
+
+        The impulses and the moments are those with regard to these fields.
+        """
+        fields = np.insert(x, 0, 1.0, axis=1)
+        M_fields = np.hstack([self._m, self._mass.times(x)])
+        first = self._sums(np.ones((len(x), 1)), M_fields)[:, 0]
+        about = impulses.copy()
+        for i, g in enumerate(self._groups):
+            centre = first[i, 1:] / first[i, 0]
+            fields[g, 1:] -= centre
+            M_fields[g, 1:] -= self._m[g] * centre
+            about[:, i, 1:] -= centre[:, None] * impulses[:, i, :1]
+        return fields, M_fields, about
+
+    def _sums(self, fields: Floats, values: Floats) -> Floats:
+        """Products of fields, ``(n, k)``, and values, ``(n, m)``, by groups, ``(g, k, m)``."""
+        sums = np.array([fields[g].T @ values[g] for g in self._groups])
+        return reductions.total(self._comm, sums)
+
+    def _at_nodes(self, fields: Floats, parts: Floats) -> Floats:
+        """Fields, ``(n, 1 + d)``, times factors of each group, ``(g, 1 + d, d)``; ``(n, d)``."""
+        values: Floats = np.empty_like(self._fixed)
+        for g, part in zip(self._groups, parts, strict=True):
+            values[g] = fields[g] @ part
+        return values
