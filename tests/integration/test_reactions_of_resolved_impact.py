@@ -35,6 +35,15 @@ def ends(scene, held):
     return bcs, lead
 
 
+def struck(scene, bcs, update, method, mu):
+    """Stepper of the lower block with supports, which the upper one strikes."""
+    friction = nts.Coulomb(mu) if mu else None
+    law = nts.LagrangeMultiplier("resolved")
+    pair = nts.ContactPair(scene.nodes, scene.segments, law, friction, method)
+    bodies = [scene.lower, scene.upper]
+    return nts.EnergyMomentum(bodies, [pair], dt=DT, bcs=bcs, update=update)
+
+
 def momenta(scene, stepper):
     """Momentum of each block, and its moment about the origin, shape ``(2, 3 + 3)``. Collective."""
     n = len(stepper.node_ids)
@@ -66,11 +75,7 @@ def in_space(reaction, d):
 def test_reactions_and_contact_change_the_momenta(comm, agree, method, mu, held, depth, moves):
     scene = plane.blocks(angle=0.3, width=6, depth=depth, comm=comm)
     bcs, lead = ends(scene, held)
-    friction = nts.Coulomb(mu) if mu else None
-    law = nts.LagrangeMultiplier("resolved")
-    pair = nts.ContactPair(scene.nodes, scene.segments, law, friction, method)
-    bodies, update = [scene.lower, scene.upper], lead if moves else None
-    stepper = nts.EnergyMomentum(bodies, [pair], dt=DT, bcs=bcs, update=update)
+    stepper = struck(scene, bcs, lead if moves else None, method, mu)
     plane.throw(scene, stepper)
     diagnostics, d = nts.Diagnostics(stepper), len(scene.turn)
     before, energy = momenta(scene, stepper), diagnostics.balance().total_energy
@@ -104,3 +109,27 @@ def test_reactions_and_contact_change_the_momenta(comm, agree, method, mu, held,
     told, product = np.transpose(works)
     assert agree(np.abs(told - product).max() <= BALANCE * max(np.abs(told).max(), energy))
     assert agree((np.abs(told).max() > 1e-2) == moves)
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("method", ["node-to-segment", "mortar"])
+def test_motion_is_the_same_for_one_who_moves_with_the_supports(comm, method):
+    ends_of_runs = []
+    for velocity in np.array([[0.0, 0.0], [3.0, -2.0]]):
+        scene = plane.blocks(angle=0.3, width=6, comm=comm)
+        bcs, _ = ends(scene, (-1, 1))
+
+        def lead(t, bcs=bcs, velocity=velocity):
+            for bc in bcs:
+                bc.g.x.array.reshape(-1, 2)[:] = t * velocity
+
+        stepper = struck(scene, bcs, lead, method, 0.3)
+        falls = scene.turn @ [0.8, -1.2]
+        for body, own in ((scene.lower, 0.0), (scene.upper, falls)):
+            stepper.set_velocity(body, velocity + own)
+        steps = [stepper.advance() for _ in range(STEPS)]
+        assert sum(step.num_active > 0 for step in steps) > 5
+        u, v = (f.x.array.reshape(-1, 2) for f in (stepper.u, stepper.v))
+        ends_of_runs.append((u - stepper.t * velocity, v - velocity))
+    for resting, moving in zip(*ends_of_runs, strict=True):
+        assert np.abs(moving - resting).max() <= 1e-8 * np.abs(resting).max()
