@@ -432,12 +432,15 @@ class ImplicitStepper(Stepper):
         reactions, constraints = self._reactions.of(steps, solution, self.x, self._owned(du))
         self.memory.accept()
         v_n = self.v.x.array[:n].copy()
-        defect, settling = self._inertia.accept(steps)
+        settled = self._inertia.accept(steps)
+        if settled.reactions:
+            both = zip(reactions, settled.reactions, strict=True)
+            reactions = tuple(last + more for last, more in both)
         v = self.v.x.array[:n]
         of_this_rank = {
             "damping": -self._inertia.dissipated(),
             "solver": solution.end.R @ du,
-            "inertia": defect + constraints,
+            "inertia": settled.defect + constraints,
             "open gaps": self._work_of_open_gaps(steps),
             "segments": sum(len(step.candidates.size) for step in steps),
             "before": self._forces.kinetic_energy(v_n),
@@ -466,7 +469,7 @@ class ImplicitStepper(Stepper):
             num_active=solution.report.num_active,
             num_segments=int(total["segments"]),
             num_sleeping=len(self._sleeping.bodies),
-            contact_work=sum(works.values(), settling),
+            contact_work=sum(works.values(), settled.work),
             damping_work=total["damping"],
             solver_work=total["solver"],
             load_works=tuple(load_works),

@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import ufl
 from dolfinx import fem
@@ -15,10 +16,25 @@ from dolfinx_nts.integrators.memory import Memory
 from dolfinx_nts.integrators.rates import ConsistentMass, Rates
 from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.reaction import Reaction
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.tangent import Tangent, TangentOfAllCells
 
-__all__ = ["ConsistentInertia", "Inertia"]
+__all__ = ["ConsistentInertia", "Inertia", "Settlement"]
+
+
+class Settlement(NamedTuple):
+    """What else happens when the velocity at the end of a step is set, the same on all ranks.
+
+    Attributes:
+        defect: What `Rates.accept` returns [J], on this rank.
+        work: Energy that bodies get.
+        reactions: What each support adds to its reaction; none where none adds anything.
+    """
+
+    defect: float
+    work: ContactWork = ContactWork()
+    reactions: tuple[Reaction, ...] = ()
 
 
 class Inertia(ABC):
@@ -41,14 +57,11 @@ class Inertia(ABC):
         """Take forces at the owned nodes, ``(n, d)`` [N], to those that carry mass."""
 
     @abstractmethod
-    def accept(self, steps: Sequence[ContactStep]) -> tuple[float, ContactWork]:
+    def accept(self, steps: Sequence[ContactStep]) -> Settlement:
         """Set the velocity at the end of a step.
 
         Args:
             steps: Accepted attempts of the contact pairs.
-
-        Returns:
-            What `Rates.accept` does; and energy that bodies got, the same on all ranks.
         """
 
     def dissipated(self) -> float:
@@ -97,9 +110,9 @@ class ConsistentInertia(Inertia):
         """Leave forces where they are, see `Inertia.carried`."""
         return forces
 
-    def accept(self, steps: Sequence[ContactStep]) -> tuple[float, ContactWork]:
+    def accept(self, steps: Sequence[ContactStep]) -> Settlement:
         """Set the velocity, see `Inertia.accept`."""
-        return self._rates.accept(), ContactWork()
+        return Settlement(self._rates.accept())
 
     def dissipated(self) -> float:
         """Assemble the dissipation, see `Inertia.dissipated`."""

@@ -14,19 +14,21 @@ class Recoil(NamedTuple):
     r"""Velocities :math:`d_i` that groups of bodies get as if rigid, by impulses of contact.
 
     Impulses of pair and counterpart have no resultant, so that no multiple changes the momenta. The
-    kinetic energy less the work of moving obstacles changes by
+    kinetic energy less the work of moving supports and obstacles changes by
     :math:`\alpha \cdot b + \alpha \cdot a \alpha / 2` with :math:`\sum \alpha_i d_i`.
 
     Attributes:
         fields: Values of 1 and x - centre at the owned nodes of each group, ``(n, 1 + d)``.
         rigid: The velocities as factors of these, by the group whose nodes touch, then by that
             which moves, shape ``(g, g, 1 + d, d)``.
+        held: Impulses of supports that these take, at the fixed dofs, likewise.
         linear: The numbers b, shape ``(g,)`` [J].
         square: The matrix a, shape ``(g, g)`` [J].
     """
 
     fields: Sequence[Floats]
     rigid: Floats
+    held: Floats
     linear: Floats
     square: Floats
 
@@ -67,5 +69,8 @@ class Recoil(NamedTuple):
 
     def velocities(self, factors: Floats) -> list[Floats]:
         """Sum of the velocities times factors, ``(g,)``; of each group ``(n, d)`` [m/s]. Local."""
-        rigid = np.tensordot(factors, self.rigid, 1)
-        return [field @ part for field, part in zip(self.fields, rigid, strict=True)]
+        return self.at_nodes(np.einsum("i,igcd->gcd", factors, self.rigid))
+
+    def at_nodes(self, parts: Floats) -> list[Floats]:
+        """Fields times factors, ``(g, 1 + d, d)``, of each group ``(n, d)``. Local."""
+        return [field @ part for field, part in zip(self.fields, parts, strict=True)]

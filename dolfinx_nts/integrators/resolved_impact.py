@@ -9,8 +9,9 @@ Their mass acts at nodes below them, see `redistributed_mass`. After each step
 * the strain energy that this takes or gives, dV, comes from the impulse of contact, and from the
   vibration of the body: with the velocity v = v_rigid + w, where w is orthogonal to rigid motions
   with regard to the mass, v becomes v + s w + a d, where bodies that are rigid would have d by the
-  impulse of contact in the step. This changes neither linear nor angular momentum, and s and a
-  are such that the total energy is what it was before, but for what sliding dissipates.
+  impulse of contact in the step. This changes neither linear nor angular momentum but by impulses
+  of supports, and s and a are such that the total energy is what it was before, but for what
+  sliding dissipates, and for the work of what moves.
 """
 
 import logging
@@ -32,7 +33,7 @@ from dolfinx_nts.fem.components import dimension, in_space, possible_motions
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.integrators.body_groups import BodyGroups
 from dolfinx_nts.integrators.implicit_forms import StepForms
-from dolfinx_nts.integrators.inertia import Inertia
+from dolfinx_nts.integrators.inertia import Inertia, Settlement
 from dolfinx_nts.integrators.memory import Memory
 from dolfinx_nts.integrators.rates import MidpointRates
 from dolfinx_nts.integrators.recoil import Recoil
@@ -44,6 +45,7 @@ from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.extrapolation import extrapolate
 from dolfinx_nts.model.inverted_cells import VolumeRatio
 from dolfinx_nts.model.lumped_mass import lumped_mass
+from dolfinx_nts.model.reaction import Reaction
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.held_gaps import Holds
 from dolfinx_nts.solvers.redistributed_mass import (
@@ -199,7 +201,7 @@ class ResolvedImpact(Inertia):
         """Energy that is lost, see `Inertia.dissipated`."""
         return self._losses.on_this_rank()
 
-    def accept(self, steps: Sequence[ContactStep]) -> tuple[float, ContactWork]:
+    def accept(self, steps: Sequence[ContactStep]) -> Settlement:
         """Set the velocity, then find the equilibrium and pay for it, see `Inertia.accept`."""
         rates, massless = self._rates, self._equilibrium.nodes
         defect, n = rates.accept(), self.bulk.num_owned
@@ -207,7 +209,8 @@ class ResolvedImpact(Inertia):
         held = [(step, HeldNodes.of(step)) for step in steps if is_resolved(step.state.pair)]
         impulses, of_obstacles = self._impulses(held)
         # Nodes without mass have no part in these.
-        vibration, recoil = self._motions.of(self._X + u, v, impulses)
+        x, mean = self._X + u, self._mean_velocity()[:n].reshape(v.shape)
+        vibration, recoil = self._motions.of(x, v, mean, impulses)
         recoil = recoil._replace(linear=recoil.linear - of_obstacles)
         cost, dissipation = self._equilibrate(steps, held, vibration, recoil)
         refund = -cost - dissipation
@@ -215,6 +218,8 @@ class ResolvedImpact(Inertia):
         moves = recoil.velocities(recoils)
         for g, factor, move in zip(self._groups.nodes, factors, moves, strict=True):
             v[g] += factor * vibration.w[g] + move
+        impulses = factors[:, None, None] * vibration.held + np.tensordot(recoils, recoil.held, 1)
+        reactions = self._reactions(recoil.at_nodes(impulses), x, mean)
         self._share(held, recoils)
         mean_velocity = rates.mean_velocity.x.array
         mean_velocity[:] = self._mean_velocity()
@@ -223,7 +228,23 @@ class ResolvedImpact(Inertia):
         energies = cost, -dissipation, refund + dissipation, recoils * of_obstacles
         spent, friction, back, obstacles = (float(part.sum()) for part in energies)
         work = ContactWork(equilibrium=spent, friction=friction, refund=back, obstacles=obstacles)
-        return defect, work
+        return Settlement(defect, work, reactions)
+
+    def _reactions(
+        self, impulses: Sequence[Floats], x: Floats, velocity: Floats
+    ) -> tuple[Reaction, ...]:
+        """Reactions of supports by impulses at nodes of groups, if they are fixed. Collective.
+
+        Args:
+            impulses: Of each group, ``(n, d)`` [N s].
+            x: Positions of the owned nodes, ``(n, d)`` [m].
+            velocity: Mean velocity of the step there, ``(n, d)`` [m/s].
+        """
+        supports, dt, force = self.bulk.supports, float(self._rates.dt.value), np.zeros_like(x)
+        for g, impulse in zip(self._groups.nodes, impulses, strict=True):
+            force[g] = impulse / dt
+        force, way = (values.ravel()[supports.fixed] for values in (force, dt * velocity))
+        return supports.reactions(force, in_space(x), way)
 
     def _impulses(self, held: Sequence[tuple[ContactStep, HeldNodes]]) -> tuple[Floats, Floats]:
         """Impulses of normal contact in the step, see `VibrationAnalysis.of`. Collective.

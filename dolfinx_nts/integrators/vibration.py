@@ -7,14 +7,13 @@ from mpi4py import MPI
 import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.integrators.group_motions import GroupMotions
 from dolfinx_nts.integrators.recoil import Recoil
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.redistributed_mass import RedistributedMass
 
 __all__ = ["Vibration", "VibrationAnalysis"]
 
-# Mean square of a rigid motion at supports, relative to that of all of them [-], that is none.
-_NO_MOTION = 1e-12
 # Part of the energy of vibration that may be taken in a step, and how many times its own size
 # may be added [-].
 _MOST_TAKEN, _MOST_ADDED = 0.9, 3.0
@@ -29,15 +28,19 @@ _TURNS: dict[int, Floats] = {
 class Vibration(NamedTuple):
     """Velocities w that are orthogonal to rigid motions with regard to the mass.
 
-    The kinetic energy of a group changes by s b + s^2 a/2 if s w is added to the velocity.
+    The kinetic energy of a group less the work of moving supports changes by s b + s^2 a/2 if s w
+    is added to the velocity.
 
     Attributes:
         w: Velocities of the owned nodes, shape ``(n, d)`` [m/s].
+        held: Impulses of supports that it takes to add w, at the fixed dofs, as factors of the
+            fields of `Recoil`, shape ``(g, 1 + d, d)`` [N s, N s/m].
         linear: The numbers b of the groups, shape ``(g,)`` [J].
         square: The numbers a of the groups, shape ``(g,)`` [J].
     """
 
     w: Floats
+    held: Floats
     linear: Floats
     square: Floats
 
@@ -97,85 +100,81 @@ class VibrationAnalysis:
         # As factors of the fields 1 and x.
         self._motions = motions[possible]
         self._m = mass.times(np.ones(shape))[:, :1]
-        self._free: Floats = np.ones(shape)
-        self._free.ravel()[fixed] = 0
-        self._held = [[np.flatnonzero(free == 0) for free in self._free[g].T] for g in groups]
+        self._fixed: Floats = np.zeros(shape)
+        self._fixed.ravel()[fixed] = 1
 
-    def of(self, x: Floats, v: Floats, impulses: Floats) -> tuple[Vibration, Recoil]:
+    def of(self, x: Floats, v: Floats, led: Floats, impulses: Floats) -> tuple[Vibration, Recoil]:
         """Split velocities, and find those that impulses give. Collective.
+
+        Bodies vibrate about the rigid motion that is nearest to that of their supports.
 
         Args:
             x: Positions of the owned nodes, shape ``(n, d)`` [m].
             v: Their velocities, shape ``(n, d)`` [m/s].
+            led: Their mean velocities in the step, in which supports work, ``(n, d)`` [m/s].
             impulses: Sums of impulses, and of x times them, by the group whose nodes touch, then
                 by that which gets them, shape ``(g, g, 1 + d, d)`` [N s, N s m].
         """
-        d = v.shape[1]
-        w = self._free * v
-        momentum, Mw, Mx = (self._mass.times(values) for values in (v, w, x))
-        first = np.array([[self._m[g].sum(), *Mx[g].sum(axis=0)] for g in self._groups])
-        first = reductions.total(self._comm, first.reshape(-1, 1 + d))
-        centres = first[:, 1:] / first[:, :1]
-        fields, M_fields = [], []
-        products = np.zeros((len(self._groups), 1 + d, 1 + d + 2 * d + d * (1 + d)))
-        parts = zip(self._groups, self._held, centres, products, strict=True)
-        for g, given, centre, product in parts:
-            field = np.insert(x[g] - centre, 0, 1.0, axis=1)
-            M_field = np.hstack([self._m[g], Mx[g] - self._m[g] * centre])
-            at_supports = [field[nodes].T @ field[nodes] for nodes in given]
-            some = field.T @ M_field, field.T @ momentum[g], field.T @ Mw[g]
-            np.concatenate([*some, *at_supports], axis=1, out=product)
-            fields.append(field)
-            M_fields.append(M_field)
-        products = reductions.total(self._comm, products)
-        gram, of_momentum, right, held = np.split(products, np.cumsum([1 + d, d, d]), axis=2)
-        sums = np.zeros((len(self._groups), 2))
-        vibration, recoil = np.zeros_like(v), np.zeros_like(impulses)
-        about = impulses.copy()
-        about[:, :, 1:] -= centres[:, :, None] * impulses[:, :, :1]
-        for i, (g, field, M_field) in enumerate(zip(self._groups, fields, M_fields, strict=True)):
-            every = np.concatenate([right[i, None], about[:, i]])
-            rigid, *recoil[:, i] = self._rigid(gram[i], every, held[i])
-            vibration[g] = w[g] - field @ rigid
-            M_vibration = Mw[g] - M_field @ rigid
-            # The rigid part has no product with it but that of round-off.
-            sums[i] = np.vdot(v[g] - field @ rigid, M_vibration), np.vdot(vibration[g], M_vibration)
-        linear, square = reductions.total(self._comm, sums).T
-        rows, M_rows = (a.reshape(len(recoil), -1) for a in (recoil, gram @ recoil))
-        towards = rows @ of_momentum.ravel()
-        return Vibration(vibration, linear, square), Recoil(
-            fields, recoil, towards, rows @ M_rows.T
+        d, num = v.shape[1], len(self._groups)
+        field, M_field, about = self._about_centres(x, impulses)
+        at_supports = [fixed[:, None] * field for fixed in self._fixed.T]
+        values = np.hstack([M_field, self._mass.times(v), self._fixed * led, *at_supports])
+        products = np.split(self._sums(field, values), np.cumsum([1 + d, d, d]), axis=2)
+        gram, of_momentum, of_led, held = products
+        motions = [GroupMotions(self._motions, gram[i], held[i]) for i in range(num)]
+        lead = np.array([motions[i].at_supports(of_led[i, None])[0] for i in range(num)])
+        w = v - self._at_nodes(field, lead)
+        relative = w.copy()
+        w[self._fixed > 0] = 0
+        Mw = self._mass.times(w)
+        every = np.concatenate([self._sums(field, Mw)[None], about])
+        rigid, by_supports = np.zeros_like(every), np.zeros_like(every)
+        for i in range(num):
+            rigid[:, i] = motions[i].by_impulses(every[:, i])
+            # Supports give what the impulses do not.
+            missing = gram[i] @ rigid[:, i] - every[:, i]
+            by_supports[:, i] = motions[i].at_supports(missing)
+        part = self._at_nodes(field, rigid[0])
+        w -= part
+        relative -= part
+        M_vibration = Mw - self._at_nodes(M_field, rigid[0])
+        # The rigid part has no product with it but that of round-off, and the product with the
+        # motion of supports is their work.
+        energies = [[np.vdot(a[g], M_vibration[g]) for g in self._groups] for a in (relative, w)]
+        linear, square = reductions.total(self._comm, np.array(energies))
+        recoil = rigid[1:]
+        rows, M_rows = (a.reshape(num, -1) for a in (recoil, gram @ recoil))
+        towards = rows @ (of_momentum - gram @ lead).ravel() + about.reshape(num, -1) @ lead.ravel()
+        fields = [field[g] for g in self._groups]
+        return (
+            Vibration(w, -by_supports[0], linear, square),
+            Recoil(fields, recoil, by_supports[1:], towards, rows @ M_rows.T),
         )
 
-    def _rigid(self, gram: Floats, right: Floats, at_supports: Floats) -> Floats:
-        """Rigid motions by r impulses, as factors of the fields 1 and x, ``(r, 1 + d, d)``. Local.
+    def _about_centres(self, x: Floats, impulses: Floats) -> tuple[Floats, Floats, Floats]:
+        """Fields 1 and x - centre, ``(n, 1 + d)``, their products with the mass, and impulses.
 
-        Args:
-            gram: Products of the fields with regard to the mass, shape ``(1 + d, 1 + d)``.
-            right: Products of the fields with the impulses, shape ``(r, 1 + d, d)``.
-            at_supports: Products of the fields at nodes that are held in a direction, one
-                direction after the other, shape ``(1 + d, d (1 + d))``.
+        The impulses and the moments are those with regard to these fields.
         """
-        num, _, d = right.shape
-        basis = self._motions.reshape(len(self._motions), -1)
-        held = at_supports.reshape(1 + d, d, 1 + d)
-        M_basis = (gram @ self._motions).reshape(basis.shape)
-        held_basis = np.einsum("aib,kbi->kai", held, self._motions).reshape(basis.shape)
-        amounts = _amounts(
-            basis @ M_basis.T, basis @ right.reshape(num, -1).T, basis @ held_basis.T
-        )
-        rigid: Floats = (amounts.T @ basis).reshape(right.shape)
-        return rigid
+        fields = np.insert(x, 0, 1.0, axis=1)
+        M_fields = np.hstack([self._m, self._mass.times(x)])
+        first = self._sums(np.ones((len(x), 1)), M_fields)[:, 0]
+        about = impulses.copy()
+        for i, g in enumerate(self._groups):
+            centre = first[i, 1:] / first[i, 0]
+            fields[g, 1:] -= centre
+            M_fields[g, 1:] -= self._m[g] * centre
+            about[:, i, 1:] -= centre[:, None] * impulses[:, i, :1]
+        return fields, M_fields, about
 
+    def _sums(self, fields: Floats, values: Floats) -> Floats:
+        """Products of fields, ``(n, k)``, and values, ``(n, m)``, by groups, ``(g, k, m)``."""
+        sums = np.array([fields[g].T @ values[g] for g in self._groups])
+        return reductions.total(self._comm, sums)
 
-def _amounts(gram: Floats, right: Floats, at_supports: Floats) -> Floats:
-    """Amounts of rigid motions, ``(k, r)``, of those alone in which supports stay."""
-    size = np.sqrt(np.diag(gram))
-    scale = 1 / np.where(size > 0, size, 1.0)
-    weighted = at_supports * scale * scale[:, None]
-    values, vectors = np.linalg.eigh(weighted)
-    whole = max(values[-1], 0.0)
-    kept = scale[:, None] * vectors[:, values <= _NO_MOTION * whole]
-    inner = kept.T @ gram @ kept
-    amounts: Floats = kept @ np.linalg.lstsq(inner, kept.T @ right, rcond=None)[0]
-    return amounts
+    def _at_nodes(self, fields: Floats, parts: Floats) -> Floats:
+        """Fields, ``(n, 1 + d)``, times factors of each group, ``(g, 1 + d, d)``; ``(n, d)``."""
+        values: Floats = np.empty_like(self._fixed)
+        for g, part in zip(self._groups, parts, strict=True):
+            values[g] = fields[g] @ part
+        return values

@@ -1,5 +1,6 @@
 """Reactions of supports."""
 
+import operator
 from typing import NamedTuple
 
 from mpi4py import MPI
@@ -34,6 +35,12 @@ class Reaction(NamedTuple):
     force: tuple[float, ...]
     moment: tuple[float, ...]
     work: float
+
+    def __add__(self, other: "Reaction") -> "Reaction":  # type: ignore[override]
+        """Add forces, moments and works. Local."""
+        parts = zip(self[:2], other[:2], strict=True)
+        force, moment = (tuple(map(operator.add, *both)) for both in parts)
+        return Reaction(force, moment, self.work + other.work)
 
 
 def total_reactions(comm: MPI.Comm, parts: Floats, size: int) -> tuple[Reaction, ...]:
