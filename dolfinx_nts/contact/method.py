@@ -122,8 +122,6 @@ def _wrong_with_smooth(pair: Any) -> str:
         wrong = f"friction by the law 'objective', given {pair.friction!r}"
     elif isinstance(pair.enforcement, Tied):
         wrong = f"an enforcement by which nodes can part and slide, given {pair.enforcement!r}"
-    elif getattr(pair.enforcement, "impact", "") == "resolved":
-        wrong = f"another impact than 'resolved', given {pair.enforcement!r}"
     elif is_axisymmetric(pair.nodes.V.mesh):
         wrong = "a mesh that is not axisymmetric, given one"
     return wrong

@@ -70,6 +70,7 @@ LAWS = {
     "elastic": {},
     "friction": {"friction": SLIDING},
     "plastic": {"enforcement": nts.LagrangeMultiplier("plastic")},
+    "resolved": {"enforcement": nts.LagrangeMultiplier("resolved"), "friction": SLIDING},
     "springs": {"enforcement": nts.Penalty(1e4), "friction": SLIDING},
     "rigid": {"both_rigid": True},
     "restitution": {

@@ -117,9 +117,6 @@ NOT_SMOOTH = {
         "friction": nts.Coulomb(0.3, law="convective"),
     },
     "an enforcement by which nodes can part and slide, given Tied": {"enforcement": nts.Tied()},
-    "another impact than 'resolved', given LagrangeMultiplier": {
-        "enforcement": nts.LagrangeMultiplier("resolved")
-    },
 }
 
 
