@@ -7,9 +7,9 @@ forces from which nodes would be told to slide or to part mean nothing. Here the
 to come belongs to the linear systems, as a known part of the increment, so that it carries the
 bodies along: by the tangent of the cells and, at what touches, by that of contact, of which gaps
 that are closed stay so and what sticks goes along. Where this would strain cells by too much, all
-that is led goes a part of its way, and waits until the bodies are near equilibrium. So it does where it
-would bring nodes that touch nothing as yet deep into what they meet, of which the linear system
-does not know.
+that is led goes a part of its way, and waits until the bodies are near equilibrium.
+So it does where nodes that touch nothing as yet would come deep into what they meet, of which the
+linear systems do not know.
 """
 
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ __all__ = ["GivenWay", "behind", "largest_strain"]
 # the size of the cell [-].
 _LARGEST_STRAIN = 0.05
 # Residual, relative to what the way that is left would add to it [-], at which it goes on.
-_FOLLOWED = 1e-2
+_FOLLOWED = 1e-4
 # Parts of the way [-]: a rest for which nothing waits, as the forces that it would add are lost in
 # the round-off of the residual; and one that is none.
 _REST, _ROUND_OFF = 1e-6, 1e-12

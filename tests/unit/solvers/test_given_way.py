@@ -111,7 +111,8 @@ def punch(comm, kind, depth):
     def update(t):
         u.value[2] = -(depth + gap) * t
 
-    pair = nts.ContactPair(nts.Surface(V, facets, tag["sheet_top"]), tool, friction=nts.Coulomb(0.1))
+    sheet = nts.Surface(V, facets, tag["sheet_top"])
+    pair = nts.ContactPair(sheet, tool, friction=nts.Coulomb(0.1))
     return nts.QuasiStatic(bodies, [pair], dt=1.0, bcs=bcs, update=update)
 
 
