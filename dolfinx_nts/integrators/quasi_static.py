@@ -182,7 +182,7 @@ class QuasiStatic(ImplicitStepper):
         if reductions.largest(self._comm, float(max(ways))) <= _SMALL_WAY * size:
             return super()._way_from(start, steps)
         u.array[:] = guess
-        return GivenWay(self._bulk, steps, self._solver.nodal_resistance())
+        return GivenWay(self._bulk, steps, self._solver.nodal_resistance(), size)
 
     def _time_helps(self) -> str:
         """Advice where only the length of the step is left to change. Collective."""

@@ -8,6 +8,8 @@ to come belongs to the linear systems, as a known part of the increment, so that
 bodies along: by the tangent of the cells and, at what touches, by that of contact, of which gaps
 that are closed stay so and what sticks goes along. Where this would strain cells by too much, all
 that is led goes a part of its way, and waits until the bodies are near equilibrium.
+So it does where nodes that touch nothing as yet would come deep into what they meet, of which the
+linear systems do not know.
 """
 
 from collections.abc import Sequence
@@ -16,7 +18,7 @@ import numpy as np
 from dolfinx import fem
 
 from dolfinx_nts.common.arrays import Floats
-from dolfinx_nts.contact.implicit.contact_step import ContactStep, ahead
+from dolfinx_nts.contact.implicit.contact_step import ContactStep, ahead, until_met
 from dolfinx_nts.contact.implicit.contributions import ContactContribution, changed
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.parallel import reductions
@@ -34,6 +36,9 @@ _FOLLOWED = 1e-4
 _REST, _ROUND_OFF = 1e-6, 1e-12
 # The same of an increment that takes on what is led [-].
 _ADVANCE = 1e-2
+# Depth to which an increment may bring nodes that were apart into what they meet, relative to the
+# size of the smallest cell [-].
+_DEEPEST = 0.15
 
 
 class GivenWay:
@@ -43,6 +48,7 @@ class GivenWay:
         bulk: Residual of the bodies; at the start of the way its ``u`` is that of the last state.
         steps: Contact attempts, whose obstacles go along.
         stiffness: That of the owned nodes, shape ``(n,)`` [N/m]; None: nothing is left of the way.
+        size: That of the smallest cell [m].
 
     Attributes:
         duration: Number of increments until the last one that took on what is led by a part of
@@ -50,9 +56,14 @@ class GivenWay:
     """
 
     def __init__(
-        self, bulk: Bulk, steps: Sequence[ContactStep], stiffness: Floats | None = None
+        self,
+        bulk: Bulk,
+        steps: Sequence[ContactStep],
+        stiffness: Floats | None = None,
+        size: float = np.inf,
     ) -> None:
         """Lead obstacles to the beginning."""
+        self._depth = _DEEPEST * size
         self._bulk, self._steps, self._stiffness = bulk, steps, stiffness
         part = 1.0 if stiffness is None else 0.0
         self._part, self._next = part, part
@@ -67,7 +78,8 @@ class GivenWay:
         return self._part == 1.0
 
     @property
-    def _moves(self) -> bool:
+    def moves(self) -> bool:
+        """Whether what is led goes a part of its way in this iteration. Local."""
         return self._next > self._part
 
     def leave(self) -> None:
@@ -106,7 +118,7 @@ class GivenWay:
             is_rest = 1 - self._part <= _REST
             moves = not self._has_begun or has_followed or is_rest
             self._next, self._has_begun = 1.0 if moves else self._part, True
-        return R + forces if self._moves else R
+        return R + forces if self.moves else R
 
     def _resisted(self, step: ContactStep, state: ContactContribution, changes: Floats) -> float:
         """Square of the forces by which nodes resist changes of their constraints [N^2]. Local."""
@@ -120,7 +132,7 @@ class GivenWay:
 
         ``states`` are those of the last `pull`.
         """
-        if not self._moves:
+        if not self.moves:
             return tuple(states)
         return tuple(
             state._replace(pairs=changed(state.pairs, changes))
@@ -130,18 +142,26 @@ class GivenWay:
     def follow(self, du: Floats) -> Floats:
         """Increment of all nodes, shape ``(d n,)`` [m], with that of supports in its place.
 
-        It is so short that cells can follow.
+        It is so short that cells can follow, also where nodes meet others.
         """
-        if not self._moves:
+        if not self.moves:
             return du
         if (left := behind(self._bulk)) is not None:
             du = du + left.ravel()
         strain = largest_strain(self._bulk, du)
-        if strain <= _LARGEST_STRAIN:
+        part = min(_LARGEST_STRAIN / max(strain, _LARGEST_STRAIN), self._until_met(du))
+        if part == 1.0:
             return du
-        part = _LARGEST_STRAIN / strain
         self._next = self._part + part * (1 - self._part)
         return part * du
+
+    def _until_met(self, du: Floats) -> float:
+        """Part of an increment of all nodes after which others are met deep enough."""
+        bulk = self._bulk
+        nodes = bulk.u.x.array[: bulk.num_owned].reshape(-1, bulk.rigid.dim)
+        way = du.reshape(nodes.shape) + bulk.rigid.ahead(nodes, self._part)
+        parts = [until_met(step, way, self._depth) for step in self._steps]
+        return reductions.least(bulk.comm, min(parts, default=1.0))
 
     def go(self, nodes: Floats, du: Floats, part: float) -> Floats:
         """Displacements after a part of the increment that `follow` has returned.
@@ -153,7 +173,7 @@ class GivenWay:
         """
         bulk, last = self._bulk, self._part
         self._increments += 1
-        if not self._moves:
+        if not self.moves:
             return bulk.rigid.moved(nodes, du)
         self._part += part * (self._next - last) if part < 1 else self._next - last
         if 1 - self._part <= _ROUND_OFF:

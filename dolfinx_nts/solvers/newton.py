@@ -202,7 +202,7 @@ def solve(
         longest = _LONGEST_FALL if bulk.rigid.has_no_inertia else _LONGEST_INCREMENT
         longest *= sizes.smallest
         part = longest / du_norm if du_norm > longest else 1.0
-        if search is not None and way.is_over and seen.norm > _NEARLY_SOLVED * seen.target:
+        if search is not None and not way.moves and seen.norm > _NEARLY_SOLVED * seen.target:
             search.begin(du, part, R, R_bulk)
         if part < 1:
             with np.errstate(invalid="ignore"):  # of a singular system, which is told

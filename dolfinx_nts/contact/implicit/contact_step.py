@@ -44,6 +44,7 @@ __all__ = [
     "decide",
     "go_on_from",
     "predict",
+    "until_met",
 ]
 
 # Number of changes of state from which on a failed step names the node.
@@ -480,3 +481,25 @@ def ahead(step: ContactStep, pairs: PairKinematics, way: Floats) -> tuple[Floats
     for some, forces in ((dofs, sloping), (nodes, turning)):
         scatter.add(change, some, forces.reshape(*some.shape, 3))
     return changes, change
+
+
+def until_met(step: ContactStep, way: Floats, depth: float) -> float:
+    """Part of a way, from 0 to 1, after which a node that was apart is inside by some depth.
+
+    The obstacle goes all that is left of its own way. Collective, but the part is that of this
+    rank.
+
+    Args:
+        step: An attempt, evaluated.
+        way: Ways of the owned nodes, shape ``(n, d)`` [m].
+        depth: The depth [m].
+    """
+    search, frame, normal = step.search, step.state.search.frame, step.normal
+    x = frame.in_space(step.x) + step.candidates.scatter.forward(in_space(way))
+    apart = normal.nodes[~normal.active[normal.nodes]]
+    none = np.full(len(apart), -1, dtype=np.int32)
+    ends = step.x, frame.on_the_way(1.0, x)
+    ways = step.candidates.follow(search.points.take(apart), *ends, none)
+    deep = (ways.entered >= 0) & (ways.begin > 0) & (ways.gap < -depth)
+    begin, gap = ways.begin[deep], ways.gap[deep]
+    return float((begin - (1 - begin) * depth / gap).min(initial=1.0))

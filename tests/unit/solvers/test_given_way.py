@@ -74,6 +74,58 @@ def test_one_step_leads_where_many_lead(comm, case):
     np.testing.assert_allclose(result(whole, report), expected, atol=AGREEMENT * max(expected))
 
 
+def punch(comm, kind, depth):
+    """Return a metal sheet on which a tool comes down that is above it at the start."""
+    gap = 0.03
+
+    def build(model):
+        box = {"corner": (-0.25, -0.25, -0.1), "size": (0.5, 0.5, 0.1), "cells": (10, 10, 2)}
+        parts.add_box(model, "sheet", **box)
+        if kind != "obstacle":
+            box = {"corner": (-0.1, -0.1, gap), "size": (0.2, 0.2, 0.1), "cells": (2, 2, 1)}
+            parts.add_box(model, "punch", **box)
+
+    mesh, cells, facets, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    metal = nts.J2Plasticity(70e9, 0.33, 2.7e3, yield_stress=2e8, hardening=5e8)
+    bodies = [nts.Body(V, cells, tag["sheet"], metal)]
+    X = V.tabulate_dof_coordinates()
+    edge = np.isclose(np.abs(X[:, :2]), 0.25).any(axis=1) & (X[:, 2] < 1e-9)
+    top = np.isclose(X[:, 2], gap + 0.1)
+    own = V.dofmap.index_map.size_local + V.dofmap.index_map.num_ghosts
+    held, led = (np.flatnonzero(flags[:own]).astype(np.int32) for flags in (edge, top))
+    u = fem.Constant(mesh, (0.0, 0.0, 0.0))
+    bcs = [fem.dirichletbc(np.zeros(3), held, V)]
+    motion = nts.Motion(lambda t: (0.0, 0.0, -(depth + gap) * t))
+    if kind == "obstacle":
+        tool = nts.RigidSphere(centre=(0.0, 0.0, 0.3 + gap), radius=0.3).moving(motion)
+    else:
+        tool = nts.Surface(V, facets, tag["punch_bottom"])
+    if kind == "guide":
+        guide = nts.Guide(motion=motion)
+        bodies.append(nts.RigidBody(V, cells, tag["punch"], 7e3, guide=guide))
+    if kind == "supports":
+        bodies.append(nts.Body(V, cells, tag["punch"], nts.NeoHookean(2e11, 0.3, 7e3)))
+        bcs.append(fem.dirichletbc(u, led, V))
+
+    def update(t):
+        u.value[2] = -(depth + gap) * t
+
+    sheet = nts.Surface(V, facets, tag["sheet_top"])
+    pair = nts.ContactPair(sheet, tool, friction=nts.Coulomb(0.1))
+    return nts.QuasiStatic(bodies, [pair], dt=1.0, bcs=bcs, update=update)
+
+
+@pytest.mark.parametrize("kind", ["obstacle", "guide", "supports"])
+@pytest.mark.parametrize("depth", [0.01, 0.02])
+def test_tools_that_meet_a_sheet_on_their_way(comm, kind, depth):
+    # A guided body that goes all its way at once, by a fifth of the sheet, takes 68 iterations.
+    stepper = punch(comm, kind, depth)
+    assert stepper.advance().newton_iterations <= 20
+    force = nts.Diagnostics(stepper).contact_force()
+    assert force[2] < -1e6 and abs(force[:2]).max() < 1e-2 * -force[2]
+
+
 @pytest.mark.serial
 def test_forces_of_the_way_are_those_of_the_residual(comm, rng):
     stepper = press(comm, nts.NeoHookean, 0.05)
