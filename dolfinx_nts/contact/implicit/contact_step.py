@@ -486,8 +486,8 @@ def ahead(step: ContactStep, pairs: PairKinematics, way: Floats) -> tuple[Floats
 def until_met(step: ContactStep, way: Floats, depth: float) -> float:
     """Part of a way, from 0 to 1, after which a node that was apart is inside by some depth.
 
-    The obstacle goes all that is left of its own way, to first order. Collective, but the part is that of this
-    rank.
+    The obstacle goes all that is left of its own way, to first order. Collective, but the
+    part is that of this rank.
 
     Args:
         step: An attempt, evaluated.
