@@ -486,8 +486,8 @@ def ahead(step: ContactStep, pairs: PairKinematics, way: Floats) -> tuple[Floats
 def until_met(step: ContactStep, way: Floats, depth: float) -> float:
     """Part of a way, from 0 to 1, after which a node that was apart is inside by some depth.
 
-    The obstacle goes all that is left of its own way. Collective, but the part is that of this
-    rank.
+    The obstacle goes all that is left of its own way, to first order. Collective, but the
+    part is that of this rank.
 
     Args:
         step: An attempt, evaluated.
@@ -495,11 +495,11 @@ def until_met(step: ContactStep, way: Floats, depth: float) -> float:
         depth: The depth [m].
     """
     search, frame, normal = step.search, step.state.search.frame, step.normal
-    x = frame.in_space(step.x) + step.candidates.scatter.forward(in_space(way))
+    ways = step.candidates.scatter.forward(in_space(way)) - frame.ahead(step.x)
     apart = normal.nodes[~normal.active[normal.nodes]]
     none = np.full(len(apart), -1, dtype=np.int32)
-    ends = step.x, frame.on_the_way(1.0, x)
-    ways = step.candidates.follow(search.points.take(apart), *ends, none)
-    deep = (ways.entered >= 0) & (ways.begin > 0) & (ways.gap < -depth)
-    begin, gap = ways.begin[deep], ways.gap[deep]
+    ends = step.x, step.x + ways @ frame.end.rotation
+    met = step.candidates.follow(search.points.take(apart), *ends, none)
+    deep = (met.entered >= 0) & (met.begin > 0) & (met.gap < -depth)
+    begin, gap = met.begin[deep], met.gap[deep]
     return float((begin - (1 - begin) * depth / gap).min(initial=1.0))
