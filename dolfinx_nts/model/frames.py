@@ -81,12 +81,12 @@ class Frame:
         """Positions in the frame where it is after a part of the whole way of its step."""
         return x
 
-    def ahead(self, X: Floats, force: Floats) -> tuple[Floats, Floats]:
-        """What is left of the step, in space and to first order.
+    def ahead(self, X: Floats) -> tuple[Floats, Floats]:
+        """What is left of the step: ways of the frame's points, in space and to first order.
 
-        Ways of the frame's points, and changes of forces ``(..., 3)`` that turn with the frame.
+        Also returns the rotation that is left, axis times angle, shape ``(3,)`` [rad].
         """
-        return np.zeros_like(X), np.zeros_like(force)
+        return np.zeros_like(X), np.zeros(3)
 
     def way_from(self, end: Placement, x: Floats) -> Floats:
         """Ways in space, to first order, of the frame's points that were at x at another end."""
@@ -180,11 +180,11 @@ class MovingFrame(Frame):
         """Positions in the frame on its way, see `Frame.on_the_way`."""
         return self._seen_from(self._place(part), x)
 
-    def ahead(self, X: Floats, force: Floats) -> tuple[Floats, Floats]:
-        """Ways and changes of forces that are left, see `Frame.ahead`."""
+    def ahead(self, X: Floats) -> tuple[Floats, Floats]:
+        """Ways and rotation that are left, see `Frame.ahead`."""
         shift, turn = self._ahead
         way: Floats = shift + np.cross(turn, (X - self._origin) @ self.end.rotation.T)
-        return way, np.cross(turn, force).astype(np.float64)
+        return way, turn
 
     def way_from(self, end: Placement, x: Floats) -> Floats:
         """Ways of the frame's points, see `Frame.way_from`."""

@@ -472,11 +472,12 @@ def ahead(step: ContactStep, pairs: PairKinematics, way: Floats) -> tuple[Floats
     if not step.num_active:
         return np.zeros((len(pairs.node), 3)), change
     force, tangent, columns, slopes = step._forces(pairs)
-    given, turned = frame.ahead(step.x, force.reshape(-1, 3))
+    given, turn = frame.ahead(step.x)
     ways = scatter.forward(in_space(way)) - given
     dofs, nodes = pairs.dofs, pairs.blocks.nodes
     changes = changes_by(pairs, ways[dofs].reshape(pairs.contact.gradient.shape))
-    sloping = np.einsum("mid,mij,mj->md", columns, slopes, changes) + turned.reshape(force.shape)
+    sloping = np.einsum("mid,mij,mj->md", columns, slopes, changes)
+    sloping += np.cross(turn, force.reshape(-1, 3)).reshape(force.shape)
     turning = np.einsum("pij,pj->pi", tangent, ways[nodes].reshape(tangent.shape[:2]))
     for some, forces in ((dofs, sloping), (nodes, turning)):
         scatter.add(change, some, forces.reshape(*some.shape, 3))
@@ -495,7 +496,8 @@ def until_met(step: ContactStep, way: Floats, depth: float) -> float:
         depth: The depth [m].
     """
     search, frame, normal = step.search, step.state.search.frame, step.normal
-    ways = step.candidates.scatter.forward(in_space(way)) - frame.ahead(step.x)
+    given, _ = frame.ahead(step.x)
+    ways = step.candidates.scatter.forward(in_space(way)) - given
     apart = normal.nodes[~normal.active[normal.nodes]]
     none = np.full(len(apart), -1, dtype=np.int32)
     ends = step.x, step.x + ways @ frame.end.rotation
