@@ -18,8 +18,9 @@ import numpy as np
 from dolfinx import fem
 
 from dolfinx_nts.common.arrays import Floats
-from dolfinx_nts.contact.implicit.contact_step import ContactStep, ahead, until_met
+from dolfinx_nts.contact.implicit.contact_step import ContactStep, ahead
 from dolfinx_nts.contact.implicit.contributions import ContactContribution, changed
+from dolfinx_nts.contact.implicit.meeting import until_met
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk

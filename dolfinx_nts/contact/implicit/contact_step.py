@@ -44,7 +44,6 @@ __all__ = [
     "decide",
     "go_on_from",
     "predict",
-    "until_met",
 ]
 
 # Number of changes of state from which on a failed step names the node.
@@ -482,26 +481,3 @@ def ahead(step: ContactStep, pairs: PairKinematics, way: Floats) -> tuple[Floats
     for some, forces in ((dofs, sloping), (nodes, turning)):
         scatter.add(change, some, forces.reshape(*some.shape, 3))
     return changes, change
-
-
-def until_met(step: ContactStep, way: Floats, depth: float) -> float:
-    """Part of a way, from 0 to 1, after which a node that was apart is inside by some depth.
-
-    The obstacle goes all that is left of its own way, to first order. Collective, but the
-    part is that of this rank.
-
-    Args:
-        step: An attempt, evaluated.
-        way: Ways of the owned nodes, shape ``(n, d)`` [m].
-        depth: The depth [m].
-    """
-    search, frame, normal = step.search, step.state.search.frame, step.normal
-    given, _ = frame.ahead(step.x)
-    ways = step.candidates.scatter.forward(in_space(way)) - given
-    apart = normal.nodes[~normal.active[normal.nodes]]
-    none = np.full(len(apart), -1, dtype=np.int32)
-    ends = step.x, step.x + ways @ frame.end.rotation
-    met = step.candidates.follow(search.points.take(apart), *ends, none)
-    deep = (met.entered >= 0) & (met.begin > 0) & (met.gap < -depth)
-    begin, gap = met.begin[deep], met.gap[deep]
-    return float((begin - (1 - begin) * depth / gap).min(initial=1.0))
