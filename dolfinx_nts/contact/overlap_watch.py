@@ -67,7 +67,7 @@ class OverlapWatch:
         # Where and when the last look was, and by how much each two may come nearer until another
         # is due, see `OverlapSearch.approach`; whether anything has moved since the last look at
         # all bodies.
-        self._seen: tuple[Floats, float] = np.empty((0, 3)), 0.0
+        self._seen: tuple[Floats, float] | None = None
         self._moved = False
         self._ways: Floats = np.zeros((1, 1))
         # By how much any two may still come nearer, and may have done so in the last step.
@@ -154,8 +154,9 @@ class OverlapWatch:
 
     def follow(self, x: Floats, t: float) -> None:
         """Look if bodies have indeed moved far since the last look, see `look`."""
-        # The sum of steps is a crude bound, as most nodes move the same way.
-        nearer = self.search.approach(x, t, *self._seen)
+        # The sum of steps is a crude bound, as most nodes move the same way. A run that is resumed
+        # has not looked yet.
+        nearer = self._ways if self._seen is None else self.search.approach(x, t, *self._seen)
         if np.any(nearer + self._step > _USED * self._ways):
             # Walls of one body that no pair names are not worth the time within a run.
             self.look(x, t, self._selves)
@@ -179,7 +180,8 @@ class OverlapWatch:
                 self._tell(kind, overlaps, t)
         if selves is None:
             for kind, overlaps in self._waiting.items():
-                self._warn(f"until t = {t:g} ", "was", kind, overlaps)
+                grown = [self._grown(overlap) for overlap in overlaps]
+                self._warn(f"until t = {t:g} ", "was", kind, grown)
             self._waiting.clear()
 
     def _tell(self, kind: str, overlaps: list[Overlap], t: float) -> None:
@@ -194,6 +196,11 @@ class OverlapWatch:
         ):
             self._told[kind] = deepest
             self._warn(f"at t = {t:g} ", "is", kind, self._waiting.pop(kind))
+
+    def _grown(self, overlap: Overlap) -> Overlap:
+        """What an overlap was at its deepest, with the same body inside the other one."""
+        deepest = self.deepest[frozenset(overlap.names)]
+        return deepest if deepest.names == overlap.names else overlap
 
     def _new(
         self, x: Floats, t: float, part: float, selves: Collection[str] | None = None

@@ -169,6 +169,8 @@ class Stepper(TimeLoop):
             contact.serialize(archive, f"pair_{number}")
             contact.search.serialize(archive, f"pair_{number}/search")
         self.watch.serialize(archive)
+        # What a run has led to is no start, however deep bodies are in each other.
+        self._was_displaced &= not archive.giving
 
     def adopt(
         self,

@@ -8,6 +8,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts import parts
+from dolfinx_nts.common.archive import Snapshot
 from dolfinx_nts.contact import reverse_passage
 from dolfinx_nts.contact.overlap_watch import OverlapWatch
 
@@ -227,6 +228,35 @@ def test_a_body_that_is_put_into_another_between_steps_is_told(comm, told):
     stepper.advance()
     (text,) = told()
     assert "starts up to 0.08 inside" in text
+
+
+def test_a_run_that_is_resumed_does_not_tell_what_elastic_impact_holds_as_a_start(comm, told):
+    """It would tell a start of a fiftieth of a facet, and a run of a tenth."""
+    scene, saved = Scene(comm, height=0.031), Snapshot()
+    pair = nts.ContactPair(scene.bottom, scene.top)
+    stepper = scene.stepper(pair)
+    run(stepper, 0.04)
+    (overlap,) = nts.Diagnostics(stepper).overlaps()
+    assert 0.02 < overlap.depth / overlap.size < 0.1
+    stepper.serialize(saved)
+    resumed = scene.stepper(pair)
+    resumed.serialize(saved.rewind())
+    run(resumed, 0.06)
+    assert told() == []
+
+
+def test_the_end_of_a_run_tells_how_deep_an_overlap_was_in_between(comm, told):
+    bodies = plate_and_cubes(comm, [0.015, 0.035])
+    stepper = nts.EnergyMomentum(bodies, dt=0.02)
+    for body in bodies[1:]:
+        stepper.set_velocity(body, (0.0, 0.0, -1.0))
+    for _ in range(5):
+        stepper.advance()
+        stepper.watch.overlaps.look(stepper.x, stepper.t, ())
+    stepper.look_for_overlaps()
+    first, last = told()
+    assert "cube 0" in first and "is up to 0.045 inside" in first
+    assert "cube 1" in last and "was up to 0.065 inside" in last
 
 
 def test_a_small_overlap_at_the_end_of_a_run_is_told(comm, told):
