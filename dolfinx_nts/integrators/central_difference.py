@@ -36,6 +36,7 @@ from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.rigid import rigid_leapfrog
 from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.integrators.stability import Stability
+from dolfinx_nts.integrators.step_failure import SHORTER_STEP_HELPS
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 from dolfinx_nts.model.bodies import Body
@@ -423,6 +424,6 @@ class CentralDifference(Stepper):
         raise ConvergenceError(
             f"step {self.step + 1} of {self.dt:g} s from t = {self.t:g} is refused: {reason}; "
             f"the state is that of the last accepted step, the estimate of its largest stable "
-            f"step is {stable:.4g} s: a smaller dt may help",
+            f"step is {stable:.4g} s: {SHORTER_STEP_HELPS}",
             [],
         )

@@ -49,7 +49,7 @@ from dolfinx_nts.integrators.rigid import (
 )
 from dolfinx_nts.integrators.sleeping import SleepingBodies
 from dolfinx_nts.integrators.static_stiffness import static_stiffness
-from dolfinx_nts.integrators.step_failure import StepFailure
+from dolfinx_nts.integrators.step_failure import SHORTER_STEP_HELPS, StepFailure
 from dolfinx_nts.integrators.step_forces import StepForces
 from dolfinx_nts.integrators.step_works import StepWorks
 from dolfinx_nts.integrators.stepper import Stepper
@@ -377,7 +377,7 @@ class ImplicitStepper(Stepper):
 
     def _time_helps(self) -> str:
         """Advice where only the length of the step is left to change. Collective."""
-        return "a smaller dt may help, which StepControl takes where a step fails"
+        return SHORTER_STEP_HELPS
 
     def _accepted(
         self,

@@ -23,7 +23,10 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined
 from dolfinx_nts.solvers.newton_report import ConvergenceError, NewtonReport
 
-__all__ = ["StepFailure"]
+__all__ = ["SHORTER_STEP_HELPS", "StepFailure"]
+
+# Advice where only the length of the step is left to change.
+SHORTER_STEP_HELPS = "a smaller dt may help, which StepControl takes where a step fails"
 
 # Reasons for which springs of pairs may be too soft.
 _SUNK = "through a surface", "into a surface"

@@ -120,6 +120,33 @@ def test_reactions_loads_and_inertia_are_in_balance_and_works_are_those_of_each(
     assert all(np.linalg.norm(reaction.force) > 0 for reaction in step.reactions)
 
 
+def test_explicit_contact_forces_are_those_at_the_end_of_a_step(comm):
+    """A supported block is struck from below: the mean of two rows acts between them."""
+
+    def build(model):
+        nts.parts.add_box(model, "block", corner=(0, 0, 0), size=(1, 1, 1), cells=(2, 2, 2))
+
+    mesh, cells, _, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    block = nts.Body(V, cells, tag["block"], nts.NeoHookean(E=1e4, nu=0.3, rho=1e3))
+    rises = nts.Motion(lambda t: (0.0, 0.0, 0.5 * t))
+    floor = nts.RigidPlane((0, 0, -0.01), (0, 0, 1)).moving(rises)
+    pair = nts.ContactPair(nts.boundary_of(block), floor, nts.Penalty())
+    top = fem.locate_dofs_geometrical(V, lambda x: x[2] > 0.99)
+    support = fem.dirichletbc(np.zeros(3), top, V)
+    stepper = nts.CentralDifference([block], [pair], bcs=[support])
+    diagnostics = Diagnostics(stepper)
+    contact, momentum = np.zeros(3), np.zeros(3)
+    for _ in range(20):
+        step = stepper.advance()
+        force, before = contact, momentum
+        contact, momentum = diagnostics.contact_force(), diagnostics.linear_momentum()
+        (reaction,) = step.reactions
+        acts = (reaction.force + (force + contact) / 2) * step.dt
+        assert np.allclose(momentum - before, acts, rtol=0, atol=TOLERANCE * abs(acts).max())
+    assert contact[2] > 0 > reaction.force[2]
+
+
 @pytest.mark.serial
 def test_a_stretched_bar_at_rest_pulls_at_its_supports_in_every_step(comm):
     bodies = blocks(comm).stepper.bodies
