@@ -13,7 +13,7 @@ import numpy as np
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.common.parts import counts_of_parts
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
-from dolfinx_nts.contact.joint_state import JointState, bounds, members
+from dolfinx_nts.contact.joint_state import JointState, members
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.connected_bodies import connected
@@ -184,5 +184,5 @@ def _may_touch(step: ContactStep) -> list[PairState]:
     """Pairs of which nodes may touch, as far as this rank knows. Local."""
     if not step.may_touch:
         return []
-    counts = counts_of_parts(step.normal.may_touch, bounds(step.state))
+    counts = counts_of_parts(step.normal.may_touch, step.state.ends)
     return [pair for pair, count in zip(members(step.state), counts, strict=True) if count]
