@@ -19,13 +19,14 @@ from dolfinx_nts.common.arrays import Array, Floats, GlobalInts, Ints
 from dolfinx_nts.contact.enforcement import Tied
 from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.massless import is_resolved
+from dolfinx_nts.contact.nodes_of_pairs import NodesOfPairs
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.search.global_search import GlobalSearch
 from dolfinx_nts.search.joint_facets import JointFacets
 from dolfinx_nts.search.joint_search import JointSearch
 
-__all__ = ["JointNodes", "JointState", "bounds", "joint_states", "members", "segment_sizes"]
+__all__ = ["JointNodes", "JointState", "joint_states", "members"]
 
 
 class JointNodes(NamedTuple):
@@ -44,10 +45,8 @@ class JointNodes(NamedTuple):
     area: Floats
 
 
-class JointState:
+class JointState(NodesOfPairs):
     """Pairs whose contact is evaluated together, see `PairState`. Collective.
-
-    Arrays are over the nodes of all pairs, pair by pair.
 
     Args:
         states: Those of the ``c`` pairs, with the same laws and the same shape of segments.
@@ -55,8 +54,6 @@ class JointState:
     Attributes:
         members: The argument.
         nodes: Nodes of all pairs.
-        ends: Where the nodes of each pair begin, and the end, shape ``(c + 1,)``.
-        segment_sizes: Longest segment of each pair, shape ``(c,)`` [m].
         pair: One of the pairs, for the laws.
         search: Finds the candidates of all pairs.
         facets: Facets around the nodes, which make contact points of these.
@@ -64,15 +61,15 @@ class JointState:
 
     def __init__(self, states: Sequence[PairState]) -> None:
         """Join nodes and searches."""
+        super().__init__([state.pair for state in states])
         self.members = tuple(states)
         surfaces = [state.nodes for state in states]
         names = ("nodes", "node_ids", "area")
         arrays = (np.concatenate([getattr(each, name) for each in surfaces]) for name in names)
         self.nodes = JointNodes(surfaces[0].V, *arrays)
-        self.ends: Array = np.cumsum([0, *(len(surface.nodes) for surface in surfaces)])
         self.pair: ContactPair = states[0].pair
-        self.segment_sizes: Floats = np.array([state.pair.segment_size for state in states])
-        shorter = _kernels.DEEPEST * (self.segment_sizes.max() - self.segment_sizes)
+        sizes = np.array([state.pair.segment_size for state in states])
+        shorter = _kernels.DEEPEST * (self.longest_segment - sizes)
         searches = [cast(GlobalSearch, state.search) for state in states]
         self.search = JointSearch(self.nodes.V.mesh.comm, searches, shorter)
         self.facets = JointFacets([state.facets for state in states])
@@ -128,18 +125,6 @@ def joint_states(states: Sequence[PairState]) -> list[PairState | JointState]:
 def members(state: PairState | JointState) -> tuple[PairState, ...]:
     """The pairs of a state. Local."""
     return state.members if isinstance(state, JointState) else (state,)
-
-
-def bounds(state: PairState | JointState) -> Array:
-    """Where the nodes of each of ``c`` pairs begin, and the end, ``(c + 1,)``. Local."""
-    return state.ends if isinstance(state, JointState) else np.array([0, len(state.nodes.nodes)])
-
-
-def segment_sizes(state: PairState | JointState) -> Floats:
-    """Longest segment of each of ``c`` pairs, shape ``(c,)`` [m]. Local."""
-    if isinstance(state, JointState):
-        return state.segment_sizes
-    return np.array([state.pair.segment_size])
 
 
 def _kind(state: PairState) -> Hashable:

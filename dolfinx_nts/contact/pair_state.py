@@ -12,6 +12,7 @@ from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.history import ContactHistory, begun_anew
 from dolfinx_nts.contact.method import EDGES, MORTAR
+from dolfinx_nts.contact.nodes_of_pairs import NodesOfPairs
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.passes import Passes
 from dolfinx_nts.model.obstacles import Obstacle
@@ -37,7 +38,7 @@ __all__ = ["PairState"]
 _logger = logging.getLogger("dolfinx_nts")
 
 
-class PairState:
+class PairState(NodesOfPairs):
     """Contact of one pair in one stepper: search, springs and accepted contact. Collective.
 
     Only an accepted step replaces its `history`.
@@ -58,6 +59,7 @@ class PairState:
 
     def __init__(self, pair: ContactPair, passes: Passes | None = None) -> None:
         """Begin without contact; the pair answers for this state from now on."""
+        super().__init__([pair])
         self.pair = pair
         at_rest = Passes(pair.nodes.V.tabulate_dof_coordinates, lambda: 0.0)
         self._passes = at_rest if passes is None else passes

@@ -129,7 +129,10 @@ class NodalFields:
     def contact(self, now: Present, name: str) -> Some:
         """One of the fields of contact, see `of`. Collective."""
         rule, (nodes, rows) = _RULES[name], self._places[name]
+        of_pairs = [(rule.of(now, self._contacts[i], i), some) for i, some in rows.items()]
+        if len(of_pairs) == 1 and isinstance(of_pairs[0][1], slice):  # there is nothing to merge
+            return Some(nodes, of_pairs[0][0], rule.elsewhere)
         values: Array = np.full((len(nodes), *rule.shape), rule.elsewhere)
-        for number, some in rows.items():
-            values[some] = rule.merged(values[some], rule.of(now, self._contacts[number], number))
+        for own, some in of_pairs:
+            values[some] = rule.merged(values[some], own)
         return Some(nodes, values, rule.elsewhere)

@@ -38,7 +38,8 @@ def dimension(V: fem.FunctionSpace) -> int:
 
 def nodal(function: fem.Function) -> Floats:
     """Values at the local nodes, a view of shape ``(l, 2)`` or ``(l, 3)``. Local."""
-    values: Floats = function.x.array.reshape(-1, function.x.block_size)
+    vector = function.x
+    values: Floats = vector.array.reshape(-1, vector.block_size)
     return values
 
 

@@ -22,14 +22,14 @@ class AdmissibleMotion:
 
     def __init__(self, bulk: Bulk, u: fem.Function, u_n: fem.Function) -> None:
         """Begin. Local."""
-        self._bulk, self._u, self._u_n = bulk, u, u_n
+        self._bulk, self._u, self._u_n = bulk, u, u_n.x.array
 
     def displacements(self, u: Floats, part: float = 1.0) -> Floats:
         """The admissible ones next to displacements u of the local dofs [m]. Collective.
 
         With a part of the step, displacements after that part of the way from those at its start.
         """
-        u_n, rigid = self._u_n.x.array, self._bulk.rigid
+        u_n, rigid = self._u_n, self._bulk.rigid
         u = self._bulk.supports.applied(u)
         if part < 1:
             u = u_n + part * (u - u_n)
@@ -53,7 +53,7 @@ class AdmissibleMotion:
         # Where guides rest, rigid bodies move by round-off, which has no direction.
         rigid = self._bulk.rigid
         led = self.displacements if rigid.guides.move else self._bulk.supports.applied
-        u_n = self._u_n.x.array
+        u_n = self._u_n
         ways: Floats = (led(u_n) - u_n)[: self._bulk.num_owned]
         for contact in contacts:
             frame, nodes = contact.search.frame, contact.nodes.nodes

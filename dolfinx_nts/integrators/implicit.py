@@ -208,9 +208,7 @@ class ImplicitStepper(Stepper):
 
     def _check_state(self) -> None:
         super()._check_state()
-        self._bulk.rigid.check(
-            self._motion.owned(self.u.x.array), self._motion.owned(self.v.x.array)
-        )
+        self._bulk.rigid.check(self._motion.owned(self._u), self._motion.owned(self.v.x.array))
 
     def _set(self, function: fem.Function, body: Body, value: Any) -> None:
         super()._set(function, body, value)
@@ -234,7 +232,7 @@ class ImplicitStepper(Stepper):
         load = self._forces.norm(self._forces.loads()) if self.loads else 0.0
         if not np.isfinite(load):
             raise ValueError(f"expected finite loads, given loads of {load} N in this step")
-        self._bulk.rigid.begin(self._motion.owned(self.u_n.x.array))
+        self._bulk.rigid.begin(self._motion.owned(self._u_n))
         at_rest = partial(self._is_at_rest, load)
         forces = self._forces_at_start
         given = partial(self._motion.given, self.x, self.contacts)
@@ -265,7 +263,7 @@ class ImplicitStepper(Stepper):
                 self._rates.forget()  # It does not go on like that.
                 return report
             advice += f"; {IF_IT_MOVES}"
-        self.u.x.array[:] = self.u_n.x.array
+        self._u[:] = self._u_n
         raise self._failure(reports, steps, solution.end.states, advice)
 
     def _problem(self, starts: Iterable[Start], load: float) -> StepProblem:
@@ -353,7 +351,7 @@ class ImplicitStepper(Stepper):
 
     def _is_at_rest(self, load: float) -> bool:
         """Whether supports and obstacles stay, nothing relaxes, and the loads [N] are the last."""
-        fixed, u = self.supports.fixed, self.u.x.array
+        fixed, u = self.supports.fixed, self._u
         moves = any(contact.search.frame.moves for contact in self.contacts) or self.memory.exists
         stays = np.array_equal(self.supports.applied(u)[fixed], u[fixed])
         stays = stays and not (moves or self._bulk.rigid.guides.move)
@@ -398,16 +396,15 @@ class ImplicitStepper(Stepper):
             step.state.accept(history)
         self.watch.springs.look()
         self._inertia_relief.tell(steps)
-        du = (self.u.x.array - self.u_n.x.array)[:n]
-        reactions, constraints = self._reactions.of(steps, solution, self.x, self._motion.owned(du))
+        x, v, du = self.x, self.v.x.array[:n], (self._u - self._u_n)[:n]
+        reactions, constraints = self._reactions.of(steps, solution, x, self._motion.owned(du))
         self.memory.accept()
-        v_n = self.v.x.array[:n].copy()
+        v_n = v.copy()
         settled = self._inertia.accept(steps)
         if settled.reactions:
             both = zip(reactions, settled.reactions, strict=True)
             reactions = tuple(last + more for last, more in both)
-        v = self.v.x.array[:n]
-        digits = last_digits(float(np.abs(self.x).max(initial=0.0)))
+        digits = last_digits(float(np.abs(x).max(initial=0.0)))
         total = StepWorks.of(
             self._bulk,
             self._inertia,
@@ -463,14 +460,14 @@ class ImplicitStepper(Stepper):
             drag: Resistance to all motions, if any.
             after: Contact at the end of an attempt, as which it begins here, if there was one.
         """
-        self.u.x.array[:] = start.u
+        self._u[:] = start.u
         with self.timings.phase("contact"):
             steps = self._contact_steps(problem, start.begins_sticking)
             if after:
                 go_on_from(steps, after)
         # Bodies that only contact holds go as far as it takes to touch others.
         if not (all_awake or self._inertia_relief.bodies):
-            self._sleeping.find(self.v.x.array, self.u_n.x.array, steps)
+            self._sleeping.find(self.v.x.array, self._u_n, steps)
         way = self._way_from(start, steps)
         solution = newton.solve(
             self._bulk,

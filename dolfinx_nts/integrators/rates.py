@@ -76,6 +76,9 @@ class Rates(ABC):
         self.u_n, self.u, self.v, self.dt = state.u_n, state.u, state.v, dt
         # Contact makes velocities alternate from step to step, but not their mean in a step.
         self.mean_velocity = fem.Function(self.u.function_space)
+        # DOLFINx takes its time each time that it is asked for an array.
+        functions = self.u_n, self.u, self.v, self.mean_velocity
+        self._values: tuple[Floats, ...] = tuple(function.x.array for function in functions)
         self.forget()
 
     def inertia_share(self, mass: Floats) -> Floats:
@@ -88,16 +91,17 @@ class Rates(ABC):
 
         Where the first one fails, as at the first contact of a fast body, another may not.
         """
-        u_n, dt = self.u_n.x.array, float(self.dt.value)
+        (u_n, _, v, mean), dt = self._values, float(self.dt.value)
         return {
-            "coasting": u_n + dt * self.mean_velocity.x.array,
-            "ballistic": u_n + dt * self.v.x.array,
+            "coasting": u_n + dt * mean,
+            "ballistic": u_n + dt * v,
             "last": u_n,
         }
 
     def forget(self) -> None:
         """Take the velocity as the mean one of the last step, because the state was set."""
-        self.mean_velocity.x.array[:] = self.v.x.array
+        *_, v, mean = self._values
+        mean[:] = v
 
     def begin(  # noqa: B027 (most rates have nothing to prepare)
         self,
@@ -126,7 +130,8 @@ class Rates(ABC):
         Returns:
             Kinetic energy on this rank for which the step does not account [J].
         """
-        self.mean_velocity.x.array[:] = (self.u.x.array - self.u_n.x.array) / float(self.dt.value)
+        u_n, u, _, mean = self._values
+        mean[:] = (u - u_n) / float(self.dt.value)
         return self._set_velocity()
 
     @abstractmethod
@@ -148,13 +153,13 @@ class MidpointRates(Rates):
 
     def mean_acceleration(self) -> Floats:
         """Values of `acceleration` at the local dofs, shape ``(d l,)`` [m/s^2]. Local."""
-        u_n, u, v, dt = self.u_n.x.array, self.u.x.array, self.v.x.array, float(self.dt.value)
+        (u_n, u, v, _), dt = self._values, float(self.dt.value)
         acceleration: Floats = 2 / dt * ((u - u_n) / dt - v)
         return acceleration
 
     def _set_velocity(self) -> float:
-        v = self.v.x.array
-        v[:] = 2 * self.mean_velocity.x.array - v
+        *_, v, mean = self._values
+        v[:] = 2 * mean - v
         return 0.0
 
 

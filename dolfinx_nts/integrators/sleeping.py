@@ -13,7 +13,7 @@ import numpy as np
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.common.parts import counts_of_parts
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
-from dolfinx_nts.contact.joint_state import JointState, bounds, members
+from dolfinx_nts.contact.joint_state import JointState, members
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.connected_bodies import connected
@@ -117,18 +117,19 @@ class SleepingBodies:
             steps: Contact in the step, but for pairs that face nothing.
         """
         comm, flags = self._bulk.comm, []
-        v, moved, displaced = (
-            a.reshape(-1, self._bulk.rigid.dim)
-            for a in (v, self._bulk.u.x.array - u_n, u_n - self._u_n)
+        v, start, accepted, before = (
+            a.reshape(-1, self._bulk.rigid.dim) for a in (v, self._bulk.u.x.array, u_n, self._u_n)
         )
         may_touch = {pair for step in steps for pair in _may_touch(step)}
         for group in self._groups:
             nodes = self._nodes[group]
             # Nodes are looked at only where nothing else says that the body moves.
             still = group not in self._loaded and may_touch.isdisjoint(self._pairs[group])
-            still = still and not (np.any(v[nodes]) or np.any(moved[nodes]))
+            still = still and not np.any(v[nodes])
+            still = still and np.array_equal(start[nodes], accepted[nodes])
             # Its displacement may have been set since its equilibrium was checked.
-            known = still and group in self._asleep and not np.any(displaced[nodes])
+            known = still and group in self._asleep
+            known = known and np.array_equal(accepted[nodes], before[nodes])
             flags.append((still, known))
         counts = reductions.total(comm, np.array(flags, dtype=np.int64)) == comm.size
         states = zip(self._groups, counts.tolist(), strict=True)
@@ -184,5 +185,5 @@ def _may_touch(step: ContactStep) -> list[PairState]:
     """Pairs of which nodes may touch, as far as this rank knows. Local."""
     if not step.may_touch:
         return []
-    counts = counts_of_parts(step.normal.may_touch, bounds(step.state))
+    counts = counts_of_parts(step.normal.may_touch, step.state.ends)
     return [pair for pair, count in zip(members(step.state), counts, strict=True) if count]

@@ -11,7 +11,7 @@ from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.prescribed import prescribed_nodes
-from dolfinx_nts.contact.joint_state import bounds, members
+from dolfinx_nts.contact.joint_state import members
 from dolfinx_nts.contact.method import may_be_smooth
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
@@ -113,7 +113,7 @@ class StepFailure:
     def _pairs(self) -> Iterator[tuple[ContactPair, bool]]:
         """Pairs, and whether nodes of them do not come to rest. Collective."""
         for step, _ in self._steps:
-            ends, node = bounds(step.state), step.restless
+            ends, node = step.state.ends, step.restless
             counts = reductions.total(self._comm, np.diff(np.searchsorted(node, ends)))
             for each, count in zip(members(step.state), counts, strict=True):
                 yield each.pair, bool(count > 0)
@@ -173,7 +173,7 @@ class StepFailure:
         advice = ""
         for step, state in self._steps:
             node = prescribed_nodes(step, state)
-            ends = np.searchsorted(node, bounds(step.state))
+            ends = np.searchsorted(node, step.state.ends)
             for each, some in zip(members(step.state), np.split(node, ends[1:-1]), strict=True):
                 if nodes := self._listed([step.state.nodes.node_ids[some]]):
                     advice = (

@@ -322,7 +322,7 @@ class Stepper(TimeLoop):
 
     def _check_state(self) -> None:
         n = dimension(self.u.function_space) * len(self.node_ids)
-        bad = [np.count_nonzero(~np.isfinite(f.x.array[:n])) for f in (self.u, self.v)]
+        bad = [np.count_nonzero(~np.isfinite(u[:n])) for u in (self._u, self.v.x.array)]
         if not any(meet(self._comm, self._next(), *bad)):
             return
         counts = reductions.total(self._comm, bad)

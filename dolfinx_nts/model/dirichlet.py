@@ -164,11 +164,12 @@ class Supports:
         Returns:
             A copy with the values of the conditions where there is one.
         """
-        self._u.x.array[:] = values
-        for bc in self.conditions:
-            bc.set(self._u.x.array)
+        applied = values.copy()
         if self.conditions:
+            for bc in self.conditions:
+                bc.set(applied)
             # The user may have located owned dofs only, so ghosts need an update.
+            self._u.x.array[:] = applied
             self._u.x.scatter_forward()
-        copy: Floats = self._u.x.array.copy()
-        return copy
+            applied[:] = self._u.x.array
+        return applied

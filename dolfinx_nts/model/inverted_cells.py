@@ -34,6 +34,7 @@ class VolumeRatio:
         owned = V.mesh.topology.index_map(V.mesh.topology.dim).size_local
         self._numbers = np.arange(owned) if cells is None else cells
         self._cells: Ints = V.dofmap.list[self._numbers]
+        self._volumes = _kernels.cell_volumes(*self._shapes, self._X, self._cells)
 
     def inverted(self) -> str:
         """Describe the cell with the least det F, if it is inverted. Collective.
@@ -43,7 +44,7 @@ class VolumeRatio:
             inverted. The same on all ranks.
         """
         mesh, x = self._u.function_space.mesh, self._X + in_space(nodal(self._u))
-        worst, cell = _kernels.least_volume_ratio(*self._shapes, x, self._X, self._cells)
+        worst, cell = _kernels.least_volume_ratio(*self._shapes, x, self._volumes, self._cells)
         is_inverted, text = not worst > 0, ""
         if not reductions.anywhere(mesh.comm, is_inverted):
             return ""

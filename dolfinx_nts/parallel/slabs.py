@@ -118,7 +118,7 @@ class Slabs:
         n = len(self._order)
         if isinstance(rows, Some):
             if self._comm.size == 1:
-                some = rows._replace(rows=self._place[rows.rows])
+                some = Some(self._place[rows.rows], *rows[1:])
                 if room is None:
                     room = some.whole(n)
                 else:

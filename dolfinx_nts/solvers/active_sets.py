@@ -85,7 +85,7 @@ def _coupled(pairs: Sequence[ActivePairs]) -> bool:
     for p in pairs:
         constrained, first = p.blocks.rank > 0, p.blocks.start[:-1]
         marks: Floats = np.zeros((p.ghosts.num_local, 3))
-        np.add.at(marks[:, 0], p.blocks.constrained, 1)
+        marks[:, 0] = np.bincount(p.blocks.constrained, minlength=len(marks))
         marks[np.delete(p.blocks.nodes, first[constrained]), 1] = 1
         marks = p.ghosts.reverse(marks)
         taken, others = taken + marks[:, 0], others + marks[:, 1]

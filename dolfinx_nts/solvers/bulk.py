@@ -141,7 +141,7 @@ class Bulk:
         y = self._forces_by(self._derivative.by(kernels), direction)
         if self.stabilisation is not None:
             y += self.stabilisation(x).ravel()
-        np.copyto(y, x.ravel(), where=self.given)
+        y[self.given] = x.ravel()[self.given]
         return y.reshape(-1, self._dim)
 
     def _given(self, nodes: Ints) -> Flags:

@@ -16,6 +16,7 @@ from dolfinx_nts.solvers.newton_report import NewtonReport
 
 __all__ = ["Convergence", "Iterate", "Measures", "closed_within", "last_digits"]
 
+_EPS = float(np.finfo(np.float64).eps)
 # In so many iterations after each other given displacements violate constraints: none is left
 # to help, as only given displacements can change these gaps.
 _GIVEN_ITERATIONS = 6
@@ -31,10 +32,10 @@ _SETTLED = 1e-3
 # Negligible increment and error of a constraint, relative to the smallest cell [-].
 _INCREMENT_TOLERANCE, _GAP_TOLERANCE = 5e-14, 2e-11
 # Error of a constraint that is round-off, relative to the positions [-].
-_GAP_ROUNDING = 16 * np.finfo(np.float64).eps
+_GAP_ROUNDING = 16 * _EPS
 # Increment and error of a constraint that positions cannot tell from none, relative to them [-]:
 # far from the origin their last digit is longer than the tolerances above.
-_LAST_DIGITS = 4 * float(np.finfo(np.float64).eps)
+_LAST_DIGITS = 4 * _EPS
 # Number of long increments from which on a step with inertia, whose starts are near its end, is
 # given up.
 _MOST_LONG = 12
@@ -307,8 +308,9 @@ def _round_off(bulk: Bulk, stiffness: Floats, sizes: CellSizes) -> float:
     a node and the size h of its cells this is a force of eps k (h + |u|). Where
     bodies are rigid k is that of inertia, whose increment is known up to eps |u|.
     """
-    u = np.linalg.norm(bulk.u.x.array[: bulk.num_owned].reshape(-1, bulk.rigid.dim), axis=1)
-    forces = np.finfo(np.float64).eps * stiffness * (sizes.nodal + u)
+    u = bulk.u.x.array[: bulk.num_owned].reshape(-1, bulk.rigid.dim)
+    length = np.sqrt((u * u) @ np.ones(bulk.rigid.dim))
+    forces = _EPS * stiffness * (sizes.nodal + length)
     return float(np.sqrt(reductions.total(bulk.comm, forces @ forces)))
 
 
@@ -321,4 +323,4 @@ def _round_off_of_contact(states: Sequence[ContactContribution], x: Floats) -> f
     slopes = sum(float(np.vdot(state.slopes, state.slopes)) for state in states)
     if slopes == 0:
         return 0.0
-    return float(np.finfo(np.float64).eps * np.abs(x).max(initial=0.0) * np.sqrt(slopes))
+    return float(_EPS * np.abs(x).max(initial=0.0) * np.sqrt(slopes))

@@ -76,7 +76,7 @@ class Derivative:
         owned = self._values[: self._num_owned]
         owned[:] = x.ravel()
         if given is not None:
-            np.copyto(owned, 0, where=given)
+            owned[given] = 0
         self._direction.x.scatter_forward()
         return owned
 

@@ -228,14 +228,11 @@ class Elimination:
     def particular(self, shape: tuple[int, ...]) -> tuple[Floats, list[Floats]]:
         """Nodal vector x_p with G^T x_p = -(g - g_ref), and as `constrain`."""
         x = np.zeros(shape)
-        return x, self._constrain(x, [-p.excess for p in self.pairs])
+        return x, [p.constrain(-p.excess, x) for p in self.pairs]
 
     def constrain(self, x: Floats) -> list[Floats]:
         """Replace x by Z x; returns the part of Z x that each of `pairs` needs."""
-        return self._constrain(x, [_NO_VALUES] * len(self.pairs))
-
-    def _constrain(self, x: Floats, values: list[Floats]) -> list[Floats]:
-        return [p.constrain(value, x) for p, value in zip(self.pairs, values, strict=True)]
+        return [p.constrain(_NO_VALUES, x) for p in self.pairs]
 
     def act(self, parts: list[Floats], y: Floats) -> Floats:
         """Z~^T (y + sum lambda dF/dq x), x as `constrain` returns it; overwrites y."""

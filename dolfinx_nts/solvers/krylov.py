@@ -428,9 +428,11 @@ class LinearSolver:
         The matrix knows nothing of rigid bodies, whose nodes have the mean stiffness of others:
         there it is that or inertia, whichever is more.
         """
-        resistance, rigid = self.tangent.nodal_stiffness().copy(), self._operator.bulk.rigid.nodes
-        inertia = self._nodal(self._inertia())[rigid, 0]
-        resistance[rigid] = np.maximum(resistance[rigid], inertia)
+        stiffness, rigid = self.tangent.nodal_stiffness(), self._operator.bulk.rigid
+        if not rigid.exists:
+            return stiffness
+        resistance, inertia = stiffness.copy(), self._nodal(self._inertia())[rigid.nodes, 0]
+        resistance[rigid.nodes] = np.maximum(resistance[rigid.nodes], inertia)
         return resistance
 
     def _nodal(self, values: Floats) -> Floats:

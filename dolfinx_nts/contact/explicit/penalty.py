@@ -270,7 +270,7 @@ class ContactSprings:
                 "normal": normal,
                 "energy": energy,
             }
-            return replace(nothing, **values | slip)
+            return ContactHistory(**vars(nothing) | values | slip)
 
         dissipation = slip.get("dissipation", _NO_DISSIPATION)
         return SpringForces(candidates.scatter, springs, dissipation, history)

@@ -11,7 +11,7 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Array, Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
-from dolfinx_nts.contact.joint_state import JointState, bounds, segment_sizes
+from dolfinx_nts.contact.joint_state import JointState
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.parallel import reductions
 
@@ -152,9 +152,9 @@ class ActiveSet:
     ) -> None:
         """Begin without any decision."""
         self._law, self._stiffness, self._is_static = law, stiffness, is_static
-        nodes, ends = state.nodes, bounds(state)
-        self._size = np.repeat(segment_sizes(state), np.diff(ends))
-        self._pivoting = BlockPivoting(nodes.V.mesh.comm, nodes.node_ids, ends)
+        nodes = state.nodes
+        self._size = state.segment_sizes
+        self._pivoting = BlockPivoting(nodes.V.mesh.comm, nodes.node_ids, state.ends)
 
     def update(
         self, node: Ints, excess: Floats, before: Flags, lambda_N: Floats, iteration: int

@@ -31,7 +31,7 @@ from dolfinx_nts.contact.implicit.normal_contact import NormalContact, go_on
 from dolfinx_nts.contact.implicit.penalty import PenaltyContact
 from dolfinx_nts.contact.implicit.stick_slip import StickSlip
 from dolfinx_nts.contact.implicit.tied import Bond, TiedContact
-from dolfinx_nts.contact.joint_state import JointState, bounds, members
+from dolfinx_nts.contact.joint_state import JointState, members
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.components import dimension, in_space, of_space
 from dolfinx_nts.parallel import reductions
@@ -181,7 +181,7 @@ class ContactStep:
 
     def _count(self, node: Ints) -> None:
         """Count the active pairs of all ranks, of which ``node`` are these. Collective."""
-        own = _kernels.counts_of_parts(self.normal.active[node], node, bounds(self.state))
+        own = _kernels.counts_of_parts(self.normal.active[node], node, self.state.ends)
         counts = reductions.total(self._comm, own)
         self.num_active = int(counts.sum())
         self.touched |= counts > 0

@@ -148,14 +148,18 @@ class ContactContribution(NamedTuple):
     @property
     def violations(self) -> Floats:
         """Largest violation of a constraint of each pair, shape ``(m,)`` [m]."""
-        rows = np.arange(3) < self.rank[:, None]
-        largest: Floats = np.where(rows, np.abs(self.pairs.excess), 0.0).max(axis=1, initial=0.0)
+        largest: Floats = self._violated.max(axis=1, initial=0.0)
         return largest
 
     @property
     def constraint_error(self) -> float:
         """Largest violation of a constraint on this rank [m]."""
-        return float(self.violations.max(initial=0.0))
+        return float(self._violated.max(initial=0.0))
+
+    @property
+    def _violated(self) -> Floats:
+        """Violations of all constraints, 0 where there is none, shape ``(m, 3)`` [m]."""
+        return np.where(np.arange(3) < self.rank[:, None], np.abs(self.pairs.excess), 0.0)
 
 
 def changes_by(pairs: PairKinematics, ways: Floats) -> Floats:

@@ -11,7 +11,7 @@ from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.friction import Friction
 from dolfinx_nts.contact.implicit.local_search import LocalSearch, sunk
 from dolfinx_nts.contact.implicit.normal_contact import NormalContact
-from dolfinx_nts.contact.joint_state import JointState, bounds, segment_sizes
+from dolfinx_nts.contact.joint_state import JointState
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.parallel import reductions
 
@@ -66,7 +66,7 @@ class MultiplierContact(NormalContact):
         if is_static:
             self._begin_in_touch()
         self._set = ActiveSet(state, law, stiffness, is_static)
-        self._farthest = _CLOSE * np.repeat(segment_sizes(state), np.diff(bounds(state)))
+        self._farthest = _CLOSE * state.segment_sizes
 
     def choose(self) -> Flags:
         """Choose the eligible nodes, see `NormalContact.choose`."""
@@ -76,7 +76,7 @@ class MultiplierContact(NormalContact):
         if self._holds:
             # Gaps that are held stay the same, so that what they are compared with must not
             # change either, lest nodes are let go under load where segments are shorter.
-            size = np.repeat(segment_sizes(self._state), np.diff(bounds(self._state)))
+            size = self._state.segment_sizes
             eligible &= self._law.eligible(approach.gap_n, approach.gap, size, history.active)
         if isinstance(self._state, JointState):  # with segments of other bodies
             return eligible

@@ -12,7 +12,7 @@ from dolfinx_nts.contact.implicit.friction import Friction
 from dolfinx_nts.contact.implicit.linear_values import LinearValues
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.implicit.normal_contact import NormalContact
-from dolfinx_nts.contact.joint_state import JointState, bounds, segment_sizes
+from dolfinx_nts.contact.joint_state import JointState
 from dolfinx_nts.contact.pair_state import PairState
 
 __all__ = ["PenaltyContact"]
@@ -49,8 +49,7 @@ class PenaltyContact(NormalContact):
         self._rounding: Floats = np.empty(0)
         if self._is_static:
             self._begin_in_touch()
-            size = np.repeat(segment_sizes(state), np.diff(bounds(state)))
-            self._rounding = ROUNDING * size
+            self._rounding = ROUNDING * state.segment_sizes
 
     def update(
         self, pairs: PairKinematics, x: Floats, R: Floats | None, friction: Friction, iteration: int

@@ -15,7 +15,7 @@ from dolfinx_nts.contact.implicit.joint_decision import NoFriction
 from dolfinx_nts.contact.implicit.lagged_limit import LaggedLimit
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.implicit.slips import Slips, with_length
-from dolfinx_nts.contact.joint_state import JointState, bounds, segment_sizes
+from dolfinx_nts.contact.joint_state import JointState
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.axisymmetry import axis_nodes
 
@@ -58,18 +58,17 @@ class StickSlip(Friction):
         self._law, self._search, self._stiffness = law, search, stiffness
         self._acts_at_end = acts_at_end
         self._has_spring = state.pair.has_slip_spring
-        nodes, ends = state.nodes, bounds(state)
+        nodes = state.nodes
         self._pivoting = BlockPivoting(
             nodes.V.mesh.comm,
             nodes.node_ids,
-            ends,
+            state.ends,
             waits=not self._has_spring,
             is_patient=begins_sticking,
         )
-        size = np.repeat(segment_sizes(state), np.diff(ends))
         self.decided = None if self._has_spring else self._Decided(self)
         follows = is_static and self._has_spring
-        self._slips = Slips(size, state.search.frame if follows else None)
+        self._slips = Slips(state.segment_sizes, state.search.frame if follows else None)
         # Where nothing moves nodes stick until they are found to slide, as bodies may have no
         # other hold.
         self.sliding = history.sliding | (~history.active & (not is_static))
@@ -85,7 +84,7 @@ class StickSlip(Friction):
             law.mu,
             self._has_spring,
             self._on_axis,
-            ROUNDING * stiffness * size,
+            ROUNDING * stiffness * state.segment_sizes,
             self.sliding,
             self.flips,
             self.traction,

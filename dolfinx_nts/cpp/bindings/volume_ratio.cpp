@@ -7,35 +7,70 @@ namespace nts::bindings
 {
 namespace
 {
-auto least_ratio(const Doubles& values, const Doubles& gradients,
-                 bool makes_rings, const Doubles& x, const Doubles& X,
-                 const In<std::int32_t>& cells)
+/// @brief Call a function with the volumes that shape functions give.
+auto with_volumes(const Doubles& values, const Doubles& gradients,
+                  bool makes_rings, const Doubles& x,
+                  const In<std::int32_t>& cells, auto&& function)
 {
   check("values", values, {any, any});
   const std::size_t points = values.shape(0), nodes = values.shape(1);
   check("gradients", gradients, {points, nodes, any});
-  check("X", X, {any, 3});
-  check("x", x, {X.shape(0), 3});
+  check("x", x, {any, 3});
   check("cells", cells, {any, nodes});
-  check_rows("cells: expected rows of X", cells, X.shape(0));
-  const VolumeRatio least = dispatch_components(
-      gradients.shape(2),
-      [&]<std::size_t D>()
+  check_rows("cells: expected rows of x", cells, x.shape(0));
+  return dispatch_components(gradients.shape(2),
+                             [&]<std::size_t D>()
+                             {
+                               return function(
+                                   CellVolumes<D>(view(values), view(gradients),
+                                                  points, nodes, makes_rings));
+                             });
+}
+
+auto volumes(const Doubles& values, const Doubles& gradients, bool makes_rings,
+             const Doubles& x, const In<std::int32_t>& cells)
+{
+  return with_volumes(
+      values, gradients, makes_rings, x, cells,
+      [&](const auto& of)
       {
-        const ShapeFunctions<D> shapes{view(values), view(gradients), points,
-                                       nodes, makes_rings};
-        return least_volume_ratio(shapes, view(x), view(X), view(cells));
+        auto all = create<double>({cells.shape(0), of.points()});
+        each_cell(of, view(x), view(cells),
+                  [&](std::size_t c, std::span<const double> own)
+                  {
+                    std::ranges::copy(own, all.data() + of.points() * c);
+                    return true;
+                  });
+        return all;
       });
-  return std::tuple(least.ratio, least.cell);
+}
+
+auto least_ratio(const Doubles& values, const Doubles& gradients,
+                 bool makes_rings, const Doubles& x, const Doubles& reference,
+                 const In<std::int32_t>& cells)
+{
+  return with_volumes(
+      values, gradients, makes_rings, x, cells,
+      [&](const auto& of)
+      {
+        check("reference", reference, {cells.shape(0), of.points()});
+        const VolumeRatio least
+            = least_volume_ratio(of, view(x), view(reference), view(cells));
+        return std::tuple(least.ratio, least.cell);
+      });
 }
 } // namespace
 
 void volume_ratio(nb::module_& m)
 {
+  m.def("cell_volumes", &volumes, nb::arg("values"), nb::arg("gradients"),
+        nb::arg("makes_rings"), nb::arg("x"), nb::arg("cells"),
+        "(q, k), (q, k, d), -, (n, 3), (c, k) -> volumes of the cells at the "
+        "points (c, q)");
   m.def("least_volume_ratio", &least_ratio, nb::arg("values"),
         nb::arg("gradients"), nb::arg("makes_rings"), nb::arg("x"),
-        nb::arg("X"), nb::arg("cells"),
-        "(q, k), (q, k, d), -, (n, 3), (n, 3), (c, k) -> least det F of all "
+        nb::arg("reference"), nb::arg("cells"),
+        "(q, k), (q, k, d), -, (n, 3), (c, q), (c, k) -> least det F of all "
         "points, or NaN, and its cell, or -1");
 }
 } // namespace nts::bindings

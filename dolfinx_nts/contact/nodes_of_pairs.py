@@ -1,0 +1,31 @@
+"""Nodes of contact pairs in arrays that several pairs may share."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Array, Floats
+from dolfinx_nts.contact.pair import ContactPair
+
+__all__ = ["NodesOfPairs"]
+
+
+class NodesOfPairs:
+    """Base of states in arrays over the nodes of ``c`` pairs, pair by pair. Local.
+
+    Args:
+        pairs: The pairs.
+
+    Attributes:
+        ends: Where the nodes of each pair begin, and the end, shape ``(c + 1,)``.
+        longest_segment: That of all pairs [m].
+        segment_sizes: Longest segment of the pair of each node, shape ``(n,)`` [m].
+    """
+
+    def __init__(self, pairs: Sequence[ContactPair]) -> None:
+        """Count the nodes."""
+        counts = [len(pair.nodes.nodes) for pair in pairs]
+        sizes = [pair.segment_size for pair in pairs]
+        self.ends: Array = np.cumsum([0, *counts])
+        self.longest_segment = max(sizes)
+        self.segment_sizes: Floats = np.repeat(sizes, counts)
