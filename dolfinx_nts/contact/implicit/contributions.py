@@ -6,6 +6,7 @@ segments of k vertices, three times the nodes of the longest list with mortar co
 is local.
 """
 
+from collections.abc import Callable
 from copy import copy
 from typing import NamedTuple
 
@@ -20,7 +21,7 @@ __all__ = ["ContactContribution", "PairKinematics", "changed", "changes_by"]
 
 # Length of the free part of a unit normal [-] above which a node can move along it.
 _FREE_NORMAL = 0.5
-# Part of a gradient of the gap [-] that is round-off.
+# Part of a gradient of the gap, of a force, or of the square of a direction [-] that is round-off.
 _NO_FREEDOM = 1e-8
 
 
@@ -57,6 +58,7 @@ class PairKinematics:
         blocks: PairBlocks,
     ) -> None:
         """Fill the normal parts; the tangential ones are zero."""
+        self._kept: Floats | None = None  # projection of slips, shape (m, 2, 2)
         self.node, self.segment, self._free = node, segment, free
         self.contact, self.blocks = contact, blocks
         m, d = contact.force.shape
@@ -83,6 +85,35 @@ class PairKinematics:
             self.gradients[:, 1:] *= self._free[:, None]
             # A sticking node gives up all its displacements.
             self.fixed |= np.any(self._free[:, :3] != 1, axis=1) & ~never_sticks
+
+    def see(self, slip: Floats) -> None:
+        """Let constraints see slips, shape ``(m, 2)`` [m], but for directions that are left out."""
+        self.excess[:, 1:] = slip
+        if self._kept is not None:
+            self.excess[:, 1:] = np.einsum("mij,mj->mi", self._kept, slip)
+
+    def leave_out_given(self, are_none: Callable[[Floats], Flags]) -> None:
+        """Leave directions of slip out of constraints in which all displacements are given.
+
+        Across a plane of symmetry nothing but small levers and the last digits would decide on
+        multipliers. Where supports move nodes in such a direction, it stays. ``are_none`` tells
+        which slips, shape ``(m, 2)`` [m], are none.
+        """
+        if self._free is None:
+            return
+        m = len(self.node)
+        size = np.abs(self.force).reshape(m, 3, -1, 3).max(axis=(1, 3))
+        takes_part = size > _NO_FREEDOM * size.max(axis=1, keepdims=True)
+        free = (self._free.reshape(m, -1, 3) * takes_part[..., None]).max(axis=1)
+        directions = self.slip.frame_n * free[:, None]
+        length, axes = np.linalg.eigh(directions @ directions.swapaxes(1, 2))
+        axes *= (length > _NO_FREEDOM)[:, None]
+        kept = axes @ axes.swapaxes(1, 2)
+        given = self.slip.value - np.einsum("mij,mj->mi", kept, self.slip.value)
+        kept[~(self.fixed & are_none(given))] = np.eye(2)
+        self._kept = kept
+        for rows in (self.columns, self.gradients):
+            rows[:, 1:] = kept @ rows[:, 1:]
 
     @property
     def dofs(self) -> Ints:

@@ -65,11 +65,13 @@ class Slips:
         self.present[node] = self.without_none(pairs, self._all[node])
         none = np.where(pairs.fixed, _STILL * self._size[node], 0.0)
         left = np.maximum(length_of(self._all[node]) - none, 0.0)
-        pairs.excess[:, 1:] = with_length(self._all[node], left)
+        if self._values is None:  # springs have no constraints
+            pairs.leave_out_given(lambda slip: length_of(slip) <= none)
+        pairs.see(with_length(self._all[node], left))
 
     def show(self, pairs: PairKinematics) -> None:
         """Let constraints see all slips of the last evaluation."""
-        pairs.excess[:, 1:] = self._all[pairs.node]
+        pairs.see(self._all[pairs.node])
 
     def predict(self, pairs: PairKinematics, change: Floats) -> None:
         """Know the slips of the next evaluation by their changes, shape ``(m, 2)`` [m]."""
