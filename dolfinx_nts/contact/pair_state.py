@@ -13,7 +13,7 @@ from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.history import ContactHistory, begun_anew
 from dolfinx_nts.contact.method import EDGES, MORTAR
 from dolfinx_nts.contact.pair import ContactPair
-from dolfinx_nts.contact.passes import Passes
+from dolfinx_nts.contact.passes import ForcesOfNodes, Passes
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.rigid_shapes import RigidSphere
 from dolfinx_nts.model.rigid_surface import RigidSurface
@@ -159,11 +159,35 @@ class PairState:
     @property
     def pressure(self) -> Floats:
         """Contact pressure at the nodes, see `ContactPair.pressure`. Collective."""
-        nodes, history = self.pair.nodes, self.history
-        pressure = self.search.per_area(-history.lambda_N, history.area)
-        for others in self._passes.forces_on_nodes_of(self.pair):
-            pressure = pressure + nodes.per_area(others[nodes.nodes])
+        history = self.history
+        own = self.search.per_area(-history.lambda_N, history.area)
+        pressure: Floats = own + self._per_area_by_reverse(_normal_forces)[:, 0]
         return pressure
+
+    @property
+    def traction(self) -> Floats:
+        """Whole contact force per reference area of the nodes, ``(n, 3)`` [Pa]. Collective."""
+        own = self.nodes.per_area(self.history.force)
+        return own + self._per_area_by_reverse(lambda history: history.force)
+
+    @property
+    def friction_traction(self) -> Floats:
+        """The part of the traction that is friction, ``(n, 3)`` [Pa]. Collective."""
+        history = self.history
+        own = self.search.per_area(-history.traction, history.area)
+        return own + self._per_area_by_reverse(lambda history: -history.traction)
+
+    def _per_area_by_reverse(self, of_nodes: ForcesOfNodes) -> Floats:
+        """Tractions of all passes in which the nodes are segments, ``(n, 3)`` [Pa]. Collective.
+
+        ``of_nodes`` tells the forces of the nodes of a pass.
+        """
+        nodes = self.nodes
+        forces = self._passes.forces_on_nodes_of(self.pair, of_nodes)
+        total = np.zeros((len(nodes.nodes), 3))
+        for each in forces:
+            total += nodes.per_area(each[nodes.nodes])
+        return total
 
     def gap(self, x: Floats, reach: float = np.inf) -> Floats:
         """Compute the gap of every node, see `ContactPair.gap`. Collective."""
@@ -182,11 +206,14 @@ class PairState:
         points, x = self.facets.points(x), candidates.scatter.forward(x)
         return candidates, *candidates.pair(points, x, current, reach)
 
-    def _forces_on_segments(self) -> Floats:
-        """Normal forces on the vertices of the segments, positive. Collective.
+    def _forces_on_segments(self, of_nodes: ForcesOfNodes) -> Floats:
+        """Forces on the vertices of the segments, against those on the nodes. Collective.
+
+        Args:
+            of_nodes: Tells the forces of the nodes, shape ``(n, 3)`` [N].
 
         Returns:
-            Values at the owned nodes of the space, shape ``(n,)`` [N].
+            Values at the owned nodes of the space, shape ``(n, 3)`` [N].
         """
         candidates, segment, _ = self._faced(self._passes.positions(), np.inf)
         x = candidates.scatter.forward(self._passes.positions())
@@ -196,12 +223,10 @@ class PairState:
         gradient = gradient.reshape(len(node), 1 + candidates.segments.shape[1], 3)
         # The gradient of the gap is the normal at the node, and -phi times it at a vertex.
         phi = -np.einsum("mki,mi->mk", gradient[:, 1:], gradient[:, 0])
-        forces = np.zeros((*phi.shape, 3))
-        forces[..., 0] = -phi * self.history.lambda_N[node, None]
+        forces = -phi[..., None] * of_nodes(self.history)[node, None]
         total = np.zeros((self.pair.nodes.V.dofmap.index_map.size_local, 3))
         candidates.scatter.add(total, candidates.segments[segment], forces)
-        sums: Floats = total[:, 0]
-        return sums
+        return total
 
     def serialize(self, archive: Archive, name: str) -> None:
         """Serialize the accepted contact and springs, but not the search. Collective.
@@ -249,6 +274,11 @@ def _leaves_springs_open(pair: ContactPair) -> bool:
     normal = isinstance(pair.enforcement, Penalty) and pair.enforcement.eps_N is None
     slip = pair.friction is not None and pair.has_slip_spring and pair.friction.eps_T is None
     return normal or slip
+
+
+def _normal_forces(history: ContactHistory) -> Floats:
+    """Normal forces on nodes, against their normals, in the first of three columns [N]. Local."""
+    return np.column_stack([history.lambda_N, *np.zeros((2, len(history.lambda_N)))])
 
 
 def _search(pair: ContactPair) -> Search:
