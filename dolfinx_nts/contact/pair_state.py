@@ -14,6 +14,7 @@ from dolfinx_nts.contact.history import ContactHistory, begun_anew
 from dolfinx_nts.contact.method import EDGES, MORTAR
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.passes import ForcesOfNodes, Passes
+from dolfinx_nts.contact.tractions import Tractions
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.rigid_shapes import RigidSphere
 from dolfinx_nts.model.rigid_surface import RigidSurface
@@ -37,7 +38,7 @@ __all__ = ["PairState"]
 _logger = logging.getLogger("dolfinx_nts")
 
 
-class PairState:
+class PairState(Tractions):
     """Contact of one pair in one stepper: search, springs and accepted contact. Collective.
 
     Only an accepted step replaces its `history`.
@@ -58,12 +59,11 @@ class PairState:
 
     def __init__(self, pair: ContactPair, passes: Passes | None = None) -> None:
         """Begin without contact; the pair answers for this state from now on."""
-        self.pair = pair
         at_rest = Passes(pair.nodes.V.tabulate_dof_coordinates, lambda: 0.0)
-        self._passes = at_rest if passes is None else passes
+        super().__init__(pair, _search(pair), at_rest if passes is None else passes)
         self._passes.join(pair, self._forces_on_segments)
         # Users ask for gaps at any distance, which must not change the candidates of steps.
-        self.search, self._far_search = _search(pair), _search(pair)
+        self._far_search = _search(pair)
         self.facets = NodalFacets(pair.nodes)
         self.eps_N: Floats | None = None
         self.eps_T: Floats | None = None
@@ -75,11 +75,6 @@ class PairState:
         # The contact that an accepted function has computed, with the function: once is enough.
         self._made: tuple[Any, ContactHistory] | None = None
         pair.attach(self)
-
-    @property
-    def nodes(self) -> Surface:
-        """Surface whose nodes may touch. Local."""
-        return self.pair.nodes
 
     @property
     def segments(self) -> Surface | Obstacle:
@@ -155,39 +150,6 @@ class PairState:
         if pair.nodes.V.mesh.comm.rank == 0 and (text := str(self)) != self._told:
             self._told = text
             _logger.info("%s", text)
-
-    @property
-    def pressure(self) -> Floats:
-        """Contact pressure at the nodes, see `ContactPair.pressure`. Collective."""
-        history = self.history
-        own = self.search.per_area(-history.lambda_N, history.area)
-        pressure: Floats = own + self._per_area_by_reverse(_normal_forces)[:, 0]
-        return pressure
-
-    @property
-    def traction(self) -> Floats:
-        """Whole contact force per reference area of the nodes, ``(n, 3)`` [Pa]. Collective."""
-        own = self.nodes.per_area(self.history.force)
-        return own + self._per_area_by_reverse(lambda history: history.force)
-
-    @property
-    def friction_traction(self) -> Floats:
-        """The part of the traction that is friction, ``(n, 3)`` [Pa]. Collective."""
-        history = self.history
-        own = self.search.per_area(-history.traction, history.area)
-        return own + self._per_area_by_reverse(lambda history: -history.traction)
-
-    def _per_area_by_reverse(self, of_nodes: ForcesOfNodes) -> Floats:
-        """Tractions of all passes in which the nodes are segments, ``(n, 3)`` [Pa]. Collective.
-
-        ``of_nodes`` tells the forces of the nodes of a pass.
-        """
-        nodes = self.nodes
-        forces = self._passes.forces_on_nodes_of(self.pair, of_nodes)
-        total = np.zeros((len(nodes.nodes), 3))
-        for each in forces:
-            total += nodes.per_area(each[nodes.nodes])
-        return total
 
     def gap(self, x: Floats, reach: float = np.inf) -> Floats:
         """Compute the gap of every node, see `ContactPair.gap`. Collective."""
@@ -274,11 +236,6 @@ def _leaves_springs_open(pair: ContactPair) -> bool:
     normal = isinstance(pair.enforcement, Penalty) and pair.enforcement.eps_N is None
     slip = pair.friction is not None and pair.has_slip_spring and pair.friction.eps_T is None
     return normal or slip
-
-
-def _normal_forces(history: ContactHistory) -> Floats:
-    """Normal forces on nodes, against their normals, in the first of three columns [N]. Local."""
-    return np.column_stack([history.lambda_N, *np.zeros((2, len(history.lambda_N)))])
 
 
 def _search(pair: ContactPair) -> Search:

@@ -6,7 +6,6 @@ segments of k vertices, three times the nodes of the longest list with mortar co
 is local.
 """
 
-from collections.abc import Callable
 from copy import copy
 from typing import NamedTuple
 
@@ -58,7 +57,6 @@ class PairKinematics:
         blocks: PairBlocks,
     ) -> None:
         """Fill the normal parts; the tangential ones are zero."""
-        self._kept: Floats | None = None  # projection of slips, shape (m, 2, 2)
         self.node, self.segment, self._free = node, segment, free
         self.contact, self.blocks = contact, blocks
         m, d = contact.force.shape
@@ -74,10 +72,16 @@ class PairKinematics:
             self.fixed = ~(np.linalg.norm(self.normal, axis=1) > _FREE_NORMAL)
             self.normal = _kernels.unit_vectors(self.normal)
 
-    def add_slip(self, slip: Slip, never_sticks: Flags) -> None:
-        """Fill the tangential parts; ``never_sticks`` are pairs without friction, ``(m,)``."""
+    def add_slip(self, slip: Slip, never_sticks: Flags, still: Floats | None) -> None:
+        """Fill the tangential parts.
+
+        Args:
+            slip: Slips of the pairs. Those to round-off become 0 in directions that are given.
+            never_sticks: Pairs without friction, shape ``(m,)``.
+            still: Lengths of slips that are none where constraints hold them, shape ``(m,)``
+                [m]; None where springs do.
+        """
         self.slip = slip
-        self.excess[:, 1:] = slip.value
         self.force[:, 1:] = slip.force
         self.gradients[:, 1:] = slip.gradient
         if self._free is not None:
@@ -85,33 +89,27 @@ class PairKinematics:
             self.gradients[:, 1:] *= self._free[:, None]
             # A sticking node gives up all its displacements.
             self.fixed |= np.any(self._free[:, :3] != 1, axis=1) & ~never_sticks
+            if still is not None and self.fixed.any():
+                self._leave_out_given(self._free, still)
+        self.excess[:, 1:] = slip.value
 
-    def see(self, slip: Floats) -> None:
-        """Let constraints see slips, shape ``(m, 2)`` [m], but for directions that are left out."""
-        self.excess[:, 1:] = slip
-        if self._kept is not None:
-            self.excess[:, 1:] = np.einsum("mij,mj->mi", self._kept, slip)
-
-    def leave_out_given(self, are_none: Callable[[Floats], Flags]) -> None:
-        """Leave directions of slip out of constraints in which all displacements are given.
+    def _leave_out_given(self, free: Floats, still: Floats) -> None:
+        """Leave directions of slip out in which all displacements are given, and of no length.
 
         Across a plane of symmetry nothing but small levers and the last digits would decide on
-        multipliers. Where supports move nodes in such a direction, it stays. ``are_none`` tells
-        which slips, shape ``(m, 2)`` [m], are none.
+        multipliers. Arguments are those of the class and of `add_slip`.
         """
-        if self._free is None:
-            return
-        m = len(self.node)
+        m, slip = len(self.node), self.slip.value
         size = np.abs(self.force).reshape(m, 3, -1, 3).max(axis=(1, 3))
         takes_part = size > _NO_FREEDOM * size.max(axis=1, keepdims=True)
-        free = (self._free.reshape(m, -1, 3) * takes_part[..., None]).max(axis=1)
-        directions = self.slip.frame_n * free[:, None]
+        axes_free = (free.reshape(m, -1, 3) * takes_part[..., None]).max(axis=1)
+        directions = self.slip.frame_n * axes_free[:, None]
         length, axes = np.linalg.eigh(directions @ directions.swapaxes(1, 2))
         axes *= (length > _NO_FREEDOM)[:, None]
         kept = axes @ axes.swapaxes(1, 2)
-        given = self.slip.value - np.einsum("mij,mj->mi", kept, self.slip.value)
-        kept[~(self.fixed & are_none(given))] = np.eye(2)
-        self._kept = kept
+        given = slip - np.einsum("mij,mj->mi", kept, slip)
+        kept[~self.fixed | (np.linalg.norm(given, axis=1) > still)] = np.eye(2)
+        slip[:] = np.einsum("mij,mj->mi", kept, slip)
         for rows in (self.columns, self.gradients):
             rows[:, 1:] = kept @ rows[:, 1:]
 
