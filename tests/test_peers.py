@@ -8,6 +8,10 @@ from benchmarks.peers import calculix, ours, scene
 from benchmarks.peers.hexahedra import LMBDA, MU, Hexahedra
 from benchmarks.peers.judge import judge
 from benchmarks.peers.scene import RHO, Run
+from benchmarks.press import calculix as press_in_calculix
+from benchmarks.press import ours as press_by_ours
+from benchmarks.press import scene as press
+from benchmarks.press.judge import judge as judge_press
 from benchmarks.problems import PROBLEMS
 from benchmarks.scenes import ELEMENTS, SCHEMES
 from reference.bulk import rotation
@@ -80,6 +84,25 @@ def test_input_for_calculix_has_all_nodes_cells_and_facets_in_contact(mesh):
     assert count("*NODE,") == len(mesh.X) and count("*ELEMENT,") == len(mesh.cells)
     assert count("*SURFACE, NAME=OUTER") == len(mesh.outer)
     assert count("*SURFACE, NAME=TOP") == len(mesh.top)
+
+
+def test_forces_of_the_pressed_and_dragged_block_are_those_of_theory(monkeypatch):
+    """As judged by another program: Hertz, and Cattaneo and Mindlin in the first step aside."""
+    monkeypatch.setattr(press_by_ours, "NUM_STEPS", press.NUM_DOWN + 1)
+    pressed = press.read()
+    x, _, newton = press_by_ours.run(pressed, "mortar", swapped=False)
+    verdict = judge_press(pressed, x)
+    assert newton <= 6 * (len(x) - 1)
+    assert verdict.balance <= 1e-8
+    assert verdict.pressure_error <= 0.01 and verdict.traction_error <= 0.03
+
+
+def test_input_of_the_press_for_calculix_has_all_facets_in_contact():
+    pressed = press.read()
+    lines = press_in_calculix.deck(pressed, "MORTAR", swapped=False).splitlines()
+    named = sum(", S" in line for line in lines if not line.startswith("*"))
+    assert named == len(pressed.outer) + len(pressed.top) - 2
+    assert lines.count("*END STEP") == press.NUM_STEPS
 
 
 def test_the_fine_reference_is_a_problem_of_the_benchmark():

@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks.peers.scene import NU, RHO, VELOCITY, E, Floats, H, Ints, Run, Scene, num_steps
 
-__all__ = ["command", "deck", "run", "version"]
+__all__ = ["command", "deck", "run", "surface", "version"]
 
 # Nodes of the faces of a hexahedron in the numbering of CalculiX.
 _FACES = ((0, 1, 2, 3), (4, 7, 6, 5), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0))
@@ -64,8 +64,8 @@ def deck(scene: Scene) -> str:
         [
             *("*NODE, NSET=NALL", *nodes),
             *("*ELEMENT, TYPE=C3D8, ELSET=EALL", *cells),
-            *("*SURFACE, NAME=OUTER, TYPE=ELEMENT", *_faces(scene.cells, scene.outer)),
-            *("*SURFACE, NAME=TOP, TYPE=ELEMENT", *_faces(scene.cells, scene.top)),
+            *surface("OUTER", scene.cells, scene.outer),
+            *surface("TOP", scene.cells, scene.top),
             *("*MATERIAL, NAME=RUBBER", "*ELASTIC", f"{E}, {NU}", "*DENSITY", f"{RHO}"),
             "*SOLID SECTION, ELSET=EALL, MATERIAL=RUBBER",
             *("*SURFACE INTERACTION, NAME=TOUCH",),
@@ -80,15 +80,16 @@ def deck(scene: Scene) -> str:
     )
 
 
-def _faces(cells: Ints, facets: Ints) -> list[str]:
-    """Lines that name facets by their cells."""
+def surface(name: str, cells: Ints, facets: Ints) -> list[str]:
+    """Lines of a surface, whose facets are named by their cells."""
     wanted = {frozenset(facet) for facet in facets.tolist()}
-    return [
+    faces = [
         f"{i + 1}, S{number + 1}"
         for i, cell in enumerate(cells.tolist())
         for number, face in enumerate(_FACES)
         if frozenset(cell[k] for k in face) in wanted
     ]
+    return [f"*SURFACE, NAME={name}, TYPE=ELEMENT", *faces]
 
 
 def _printed(path: Path, num_nodes: int) -> tuple[Floats, Floats]:

@@ -14,7 +14,8 @@ from dolfinx_nts.contact.history import ContactHistory, begun_anew
 from dolfinx_nts.contact.method import EDGES, MORTAR
 from dolfinx_nts.contact.nodes_of_pairs import NodesOfPairs
 from dolfinx_nts.contact.pair import ContactPair
-from dolfinx_nts.contact.passes import Passes
+from dolfinx_nts.contact.passes import ForcesOfNodes, Passes
+from dolfinx_nts.contact.tractions import Tractions
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.rigid_shapes import RigidSphere
 from dolfinx_nts.model.rigid_surface import RigidSurface
@@ -38,7 +39,7 @@ __all__ = ["PairState"]
 _logger = logging.getLogger("dolfinx_nts")
 
 
-class PairState(NodesOfPairs):
+class PairState(Tractions, NodesOfPairs):
     """Contact of one pair in one stepper: search, springs and accepted contact. Collective.
 
     Only an accepted step replaces its `history`.
@@ -59,13 +60,12 @@ class PairState(NodesOfPairs):
 
     def __init__(self, pair: ContactPair, passes: Passes | None = None) -> None:
         """Begin without contact; the pair answers for this state from now on."""
-        super().__init__([pair])
-        self.pair = pair
+        NodesOfPairs.__init__(self, [pair])
         at_rest = Passes(pair.nodes.V.tabulate_dof_coordinates, lambda: 0.0)
-        self._passes = at_rest if passes is None else passes
+        Tractions.__init__(self, pair, _search(pair), at_rest if passes is None else passes)
         self._passes.join(pair, self._forces_on_segments)
         # Users ask for gaps at any distance, which must not change the candidates of steps.
-        self.search, self._far_search = _search(pair), _search(pair)
+        self._far_search = _search(pair)
         self.facets = NodalFacets(pair.nodes)
         self.eps_N: Floats | None = None
         self.eps_T: Floats | None = None
@@ -77,11 +77,6 @@ class PairState(NodesOfPairs):
         # The contact that an accepted function has computed, with the function: once is enough.
         self._made: tuple[Any, ContactHistory] | None = None
         pair.attach(self)
-
-    @property
-    def nodes(self) -> Surface:
-        """Surface whose nodes may touch. Local."""
-        return self.pair.nodes
 
     @property
     def segments(self) -> Surface | Obstacle:
@@ -158,15 +153,6 @@ class PairState(NodesOfPairs):
             self._told = text
             _logger.info("%s", text)
 
-    @property
-    def pressure(self) -> Floats:
-        """Contact pressure at the nodes, see `ContactPair.pressure`. Collective."""
-        nodes, history = self.pair.nodes, self.history
-        pressure = self.search.per_area(-history.lambda_N, history.area)
-        for others in self._passes.forces_on_nodes_of(self.pair):
-            pressure = pressure + nodes.per_area(others[nodes.nodes])
-        return pressure
-
     def gap(self, x: Floats, reach: float = np.inf) -> Floats:
         """Compute the gap of every node, see `ContactPair.gap`. Collective."""
         return self._faced(x, reach)[2]
@@ -184,11 +170,14 @@ class PairState(NodesOfPairs):
         points, x = self.facets.points(x), candidates.scatter.forward(x)
         return candidates, *candidates.pair(points, x, current, reach)
 
-    def _forces_on_segments(self) -> Floats:
-        """Normal forces on the vertices of the segments, positive. Collective.
+    def _forces_on_segments(self, of_nodes: ForcesOfNodes) -> Floats:
+        """Forces on the vertices of the segments, against those on the nodes. Collective.
+
+        Args:
+            of_nodes: Tells the forces of the nodes, shape ``(n, 3)`` [N].
 
         Returns:
-            Values at the owned nodes of the space, shape ``(n,)`` [N].
+            Values at the owned nodes of the space, shape ``(n, 3)`` [N].
         """
         candidates, segment, _ = self._faced(self._passes.positions(), np.inf)
         x = candidates.scatter.forward(self._passes.positions())
@@ -198,12 +187,10 @@ class PairState(NodesOfPairs):
         gradient = gradient.reshape(len(node), 1 + candidates.segments.shape[1], 3)
         # The gradient of the gap is the normal at the node, and -phi times it at a vertex.
         phi = -np.einsum("mki,mi->mk", gradient[:, 1:], gradient[:, 0])
-        forces = np.zeros((*phi.shape, 3))
-        forces[..., 0] = -phi * self.history.lambda_N[node, None]
+        forces = -phi[..., None] * of_nodes(self.history)[node, None]
         total = np.zeros((self.pair.nodes.V.dofmap.index_map.size_local, 3))
         candidates.scatter.add(total, candidates.segments[segment], forces)
-        sums: Floats = total[:, 0]
-        return sums
+        return total
 
     def serialize(self, archive: Archive, name: str) -> None:
         """Serialize the accepted contact and springs, but not the search. Collective.

@@ -8,10 +8,15 @@ import weakref
 from collections.abc import Callable
 
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.method import EDGES
 from dolfinx_nts.contact.pair import ContactPair
 
-__all__ = ["Passes"]
+__all__ = ["ForcesOfNodes", "Passes"]
+
+# Tells forces of the nodes of a pass from its accepted contact, shape ``(n, 3)`` [N].
+ForcesOfNodes = Callable[[ContactHistory], Floats]
+_ForcesOnSegments = Callable[[ForcesOfNodes], Floats]
 
 
 class Passes:
@@ -29,26 +34,28 @@ class Passes:
         """Begin without a pass."""
         self.positions, self.time = positions, time
         # Weak, as those in a circle would be removed at another time on each rank.
-        self._all: list[tuple[ContactPair, weakref.WeakMethod[Callable[[], Floats]]]] = []
+        self._all: list[tuple[ContactPair, weakref.WeakMethod[_ForcesOnSegments]]] = []
 
-    def join(self, pair: ContactPair, forces_on_segments: Callable[[], Floats]) -> None:
+    def join(self, pair: ContactPair, forces_on_segments: _ForcesOnSegments) -> None:
         """Add a pass, with the method that tells its forces.
 
         Args:
             pair: The pair.
-            forces_on_segments: Returns the normal forces on the vertices of its segments, values
-                at the owned nodes of the space, shape ``(n,)`` [N]. Collective.
+            forces_on_segments: Returns the forces on the vertices of its segments that go with
+                forces of its nodes, values at the owned nodes of the space, shape ``(n, 3)`` [N].
+                Collective.
         """
         self._all.append((pair, weakref.WeakMethod(forces_on_segments)))
 
-    def forces_on_nodes_of(self, pair: ContactPair) -> list[Floats]:
+    def forces_on_nodes_of(self, pair: ContactPair, of_nodes: ForcesOfNodes) -> list[Floats]:
         """Forces of all passes whose segments are the nodes of a pair, and the reverse. Collective.
 
-        Each has values at the owned nodes of the space, shape ``(n,)`` [N].
+        ``of_nodes`` tells the forces of the nodes of these passes. Each item has values at the
+        owned nodes of the space, shape ``(n, 3)`` [N].
         """
         passes = [(other, method) for other, ref in self._all if (method := ref()) is not None]
         return [
-            forces_on_segments()
+            forces_on_segments(of_nodes)
             for other, forces_on_segments in passes
             if (other.nodes, other.segments) == (pair.segments, pair.nodes)
             and other.method == pair.method != EDGES

@@ -62,13 +62,18 @@ class Fields:
         return self._contact("gap")
 
     def contact_pressure(self) -> fem.Function:
-        """Contact pressure at the nodes of all pairs [Pa], 0 elsewhere."""
+        """Contact pressure at the nodes of all pairs [Pa], 0 elsewhere.
+
+        With mortar contact it is that of the part of the surface that has contact. Facets of which
+        only a part does therefore show more than the force, which `contact_traction` adds up to.
+        """
         return self._contact("contact_pressure")
 
     def contact_traction(self) -> fem.Function:
         """Contact force per reference area, with friction, at the nodes of all pairs [Pa].
 
-        It is 0 elsewhere, also on the side of the segments.
+        It is 0 elsewhere, also on the side of the segments, if that gives no nodes. Its integral
+        is the force; at degree 2 that of the values taken as linear on halves of edges.
         """
         return self._contact("contact_traction")
 

@@ -37,15 +37,9 @@ _RULES = {
     "gap": _Rule(lambda now, pair, i: now.gaps()[i], np.fmin, np.nan),
     "contact_pressure": _Rule(lambda now, pair, i: now.pressures[i], np.add),
     "active": _Rule(lambda now, pair, i: pair.history.active.astype(np.float64), np.maximum),
-    "contact_traction": _Rule(
-        lambda now, pair, i: pair.nodes.per_area(pair.history.force), np.add, shape=(3,)
-    ),
+    "contact_traction": _Rule(lambda now, pair, i: pair.traction, np.add, shape=(3,)),
     "friction_traction": _Rule(
-        lambda now, pair, i: -pair.search.per_area(pair.history.traction, pair.history.area),
-        np.add,
-        0.0,
-        (3,),
-        True,
+        lambda now, pair, i: pair.friction_traction, np.add, 0.0, (3,), True
     ),
     "slip_state": _Rule(
         lambda now, pair, i: pair.history.active + 1.0 * pair.history.sliding,

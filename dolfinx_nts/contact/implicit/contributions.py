@@ -20,7 +20,7 @@ __all__ = ["ContactContribution", "PairKinematics", "changed", "changes_by"]
 
 # Length of the free part of a unit normal [-] above which a node can move along it.
 _FREE_NORMAL = 0.5
-# Part of a gradient of the gap [-] that is round-off.
+# Part of a gradient of the gap, of a force, or of the square of a direction [-] that is round-off.
 _NO_FREEDOM = 1e-8
 
 
@@ -72,10 +72,16 @@ class PairKinematics:
             self.fixed = ~(np.linalg.norm(self.normal, axis=1) > _FREE_NORMAL)
             self.normal = _kernels.unit_vectors(self.normal)
 
-    def add_slip(self, slip: Slip, never_sticks: Flags) -> None:
-        """Fill the tangential parts; ``never_sticks`` are pairs without friction, ``(m,)``."""
+    def add_slip(self, slip: Slip, never_sticks: Flags, still: Floats | None) -> None:
+        """Fill the tangential parts.
+
+        Args:
+            slip: Slips of the pairs. Those to round-off become 0 in directions that are given.
+            never_sticks: Pairs without friction, shape ``(m,)``.
+            still: Lengths of slips that are none where constraints hold them, shape ``(m,)``
+                [m]; None where springs do.
+        """
         self.slip = slip
-        self.excess[:, 1:] = slip.value
         self.force[:, 1:] = slip.force
         self.gradients[:, 1:] = slip.gradient
         if self._free is not None:
@@ -83,6 +89,29 @@ class PairKinematics:
             self.gradients[:, 1:] *= self._free[:, None]
             # A sticking node gives up all its displacements.
             self.fixed |= np.any(self._free[:, :3] != 1, axis=1) & ~never_sticks
+            if still is not None and self.fixed.any():
+                self._leave_out_given(self._free, still)
+        self.excess[:, 1:] = slip.value
+
+    def _leave_out_given(self, free: Floats, still: Floats) -> None:
+        """Leave directions of slip out in which all displacements are given, and of no length.
+
+        Across a plane of symmetry nothing but small levers and the last digits would decide on
+        multipliers. Arguments are those of the class and of `add_slip`.
+        """
+        m, slip = len(self.node), self.slip.value
+        size = np.abs(self.force).reshape(m, 3, -1, 3).max(axis=(1, 3))
+        takes_part = size > _NO_FREEDOM * size.max(axis=1, keepdims=True)
+        axes_free = (free.reshape(m, -1, 3) * takes_part[..., None]).max(axis=1)
+        directions = self.slip.frame_n * axes_free[:, None]
+        length, axes = np.linalg.eigh(directions @ directions.swapaxes(1, 2))
+        axes *= (length > _NO_FREEDOM)[:, None]
+        kept = axes @ axes.swapaxes(1, 2)
+        given = slip - np.einsum("mij,mj->mi", kept, slip)
+        kept[~self.fixed | (np.linalg.norm(given, axis=1) > still)] = np.eye(2)
+        slip[:] = np.einsum("mij,mj->mi", kept, slip)
+        for rows in (self.columns, self.gradients):
+            rows[:, 1:] = kept @ rows[:, 1:]
 
     @property
     def dofs(self) -> Ints:

@@ -63,7 +63,7 @@ class Slips:
         is_same &= pairs.fixed
         self._all[node] = np.where(is_same[:, None], predicted, value)
         self.present[node] = self.without_none(pairs, self._all[node])
-        none = np.where(pairs.fixed, _STILL * self._size[node], 0.0)
+        none = np.where(pairs.fixed, self.still(node), 0.0)
         left = np.maximum(length_of(self._all[node]) - none, 0.0)
         pairs.excess[:, 1:] = with_length(self._all[node], left)
 
@@ -77,8 +77,13 @@ class Slips:
 
     def without_none(self, pairs: PairKinematics, slip: Floats) -> Floats:
         """Slips, ``(m, 2)`` [m], with 0 where they are none."""
-        still: Flags = pairs.fixed & (length_of(slip) <= _STILL * self._size[pairs.node])
+        still: Flags = pairs.fixed & (length_of(slip) <= self.still(pairs.node))
         return np.where(still[:, None], 0.0, slip)
+
+    def still(self, node: Ints) -> Floats:
+        """Lengths of slips that are none where the displacement is not its own, ``(m,)`` [m]."""
+        lengths: Floats = _STILL * self._size[node]
+        return lengths
 
     def of(self, node: Ints) -> Floats:
         """Slips of nodes in the last evaluation, 0 where they are none, shape ``(m, 2)`` [m]."""

@@ -101,7 +101,8 @@ class StickSlip(Friction):
         if self._acts_at_end:
             slip = slip.at_end()
         self._tractions.turn(pairs.node, slip.frame_n)
-        pairs.add_slip(slip, self._on_axis[pairs.node])
+        still = None if self._has_spring else self._slips.still(pairs.node)
+        pairs.add_slip(slip, self._on_axis[pairs.node], still)
         self._slips.measure(pairs, x)
 
     def follow_contact(self, pairs: PairKinematics, before: Flags, active: Flags) -> None:

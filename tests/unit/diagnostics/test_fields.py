@@ -7,6 +7,8 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts.diagnostics.functions import nodal_values
+from dolfinx_nts.diagnostics.nodal_fields import NodalFields
+from dolfinx_nts.diagnostics.present import Present
 from helpers.scenes import BLOCK_RUBBER, blocks
 
 pytestmark = pytest.mark.at_most_two_ranks
@@ -78,6 +80,28 @@ def test_functions_of_contact_have_the_resultants_of_the_pair(comm, agree):
     assert agree(np.array_equal(gap[pairs[0].nodes.nodes], pairs[0].gap(stepper.x), equal_nan=True))
     others = np.setdiff1d(np.arange(len(gap)), pairs[0].nodes.nodes)
     assert agree(np.isnan(gap[others]).all() and not np.isfinite(gap[others]).any())
+
+
+@pytest.mark.parametrize("field", ["contact_traction", "friction_traction"])
+def test_tractions_of_half_passes_have_the_forces_of_both(comm, field):
+    """What one surface feels, the other feels in the opposite direction."""
+    old = blocks(comm).stepper
+    (pair,) = old.pairs
+    pairs = nts.two_half_passes(pair.nodes, pair.segments, nts.Penalty(5e3), nts.Coulomb(0.3))
+    stepper = nts.EnergyMomentum(old.bodies, pairs, dt=old.dt)
+    stepper.v.x.array[:] = old.v.x.array
+    for _ in range(6):
+        stepper.advance()
+    nodes, values = NodalFields(stepper).contact(Present(stepper), field)[:2]
+    parts = {"contact_traction": "force", "friction_traction": "traction"}
+    sign = 1 if field == "contact_traction" else -1
+    given = [sign * getattr(p.history, parts[field]).sum(axis=0) for p in pairs]
+    first, second = comm.allreduce(np.array(given))
+    assert min(map(np.linalg.norm, (first, second))) > 0
+    for p, expected in zip(pairs, (first - second, second - first), strict=True):
+        tractions = values[np.searchsorted(nodes, p.nodes.nodes)]
+        force = comm.allreduce(p.nodes.area @ tractions)
+        assert np.allclose(force, expected, rtol=0, atol=TOLERANCE * np.linalg.norm(expected))
 
 
 def test_values_at_nodes_are_found_in_functions_of_spaces_with_the_same_nodes(comm, agree, refused):
