@@ -33,6 +33,7 @@ from dolfinx_nts.contact.massless import is_resolved, massless_nodes
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.components import in_space
+from dolfinx_nts.integrators.admissible_motion import AdmissibleMotion
 from dolfinx_nts.integrators.attempt import Start, StepProblem
 from dolfinx_nts.integrators.inertia import ConsistentInertia, Inertia
 from dolfinx_nts.integrators.rates import MidpointRates
@@ -50,12 +51,14 @@ from dolfinx_nts.integrators.sleeping import SleepingBodies
 from dolfinx_nts.integrators.static_stiffness import static_stiffness
 from dolfinx_nts.integrators.step_failure import StepFailure
 from dolfinx_nts.integrators.step_forces import StepForces
+from dolfinx_nts.integrators.step_works import StepWorks
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.loads import Load
 from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers import newton
+from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.cell_sizes import cell_sizes
 from dolfinx_nts.solvers.contact_surroundings import ContactSurroundings
 from dolfinx_nts.solvers.convergence import closed_within, last_digits
@@ -115,10 +118,10 @@ class ImplicitStepper(Stepper):
             self._inertia = ConsistentInertia(
                 bodies, self._rates, self.scheme, bcs, works, self.memory
             )
-        self._bulk = self._inertia.bulk
         self._bulk.rigid = rigid_motion(bodies, self._rates, self.scheme, self._bulk.supports)
         self._sizes = cell_sizes(self.u.function_space)
         self.supports = self._bulk.supports
+        self._motion = AdmissibleMotion(self._bulk, self.u, self.u_n)
         # For the size of forces, where lumped masses are exact enough.
         self._lumped_mass: Floats = np.repeat(lumped_mass(bodies), self._bulk.rigid.dim)
         free: Sequence[FreeBody] = ()
@@ -157,6 +160,11 @@ class ImplicitStepper(Stepper):
             is_static=self._is_static,
         )
         self._forces = StepForces(self._bulk, self._lumped_mass)
+
+    @property
+    def _bulk(self) -> Bulk:
+        """Residual of the bodies. Local."""
+        return self._inertia.bulk
 
     @property
     def _tangent(self) -> Tangent:
@@ -200,7 +208,9 @@ class ImplicitStepper(Stepper):
 
     def _check_state(self) -> None:
         super()._check_state()
-        self._bulk.rigid.check(self._owned(self.u.x.array), self._owned(self.v.x.array))
+        self._bulk.rigid.check(
+            self._motion.owned(self.u.x.array), self._motion.owned(self.v.x.array)
+        )
 
     def _set(self, function: fem.Function, body: Body, value: Any) -> None:
         super()._set(function, body, value)
@@ -224,11 +234,15 @@ class ImplicitStepper(Stepper):
         load = self._forces.norm(self._forces.loads()) if self.loads else 0.0
         if not np.isfinite(load):
             raise ValueError(f"expected finite loads, given loads of {load} N in this step")
-        self._bulk.rigid.begin(self._owned(self.u_n.x.array))
+        self._bulk.rigid.begin(self._motion.owned(self.u_n.x.array))
         at_rest = partial(self._is_at_rest, load)
         forces = self._forces_at_start
-        self._rates.begin(forces, self._free, self._bulk.rigid, at_rest, self._given_ways)
-        starts = [Start(name, self._admissible(u), u) for name, u in self._rates.starts().items()]
+        given = partial(self._motion.given, self.x, self.contacts)
+        self._rates.begin(forces, self._free, self._bulk.rigid, at_rest, given)
+        starts = [
+            Start(name, self._motion.displacements(u), u)
+            for name, u in self._rates.starts().items()
+        ]
         problem = self._problem(starts, load)
         reports: dict[str, NewtonReport] = {}
         for start in self._attempts(starts, reports) if self._tries else ():
@@ -258,7 +272,7 @@ class ImplicitStepper(Stepper):
         """What is given in the step that begins; ``load`` is the norm of its loads [N]."""
         trial = next(start for start in starts if start.name == self._rates.trial)
         on_the_way = {
-            part: self._X + self._in_space(self._admissible(trial.guess, part))
+            part: self._X + self._in_space(self._motion.displacements(trial.guess, part))
             for part in _held_parts(() if self._is_static else self.pairs)
         }
         v = self.v.x.array[: len(self._lumped_mass)]
@@ -308,50 +322,12 @@ class ImplicitStepper(Stepper):
         for contact in self.contacts:
             contact.derive_penalty(stiffness, stiffer)
 
-    def _admissible(self, u: Floats, part: float = 1.0) -> Floats:
-        """Displacements u of the local dofs [m] as supports and rigid bodies let them be.
-
-        With a part of the step, displacements after that part of the way from those at its start.
-        """
-        u_n = self.u_n.x.array
-        u = self.supports.applied(u)
-        if part < 1:
-            u = u_n + part * (u - u_n)
-        if self._bulk.rigid.exists:
-            trial, du, led = self.u.x, self._owned(u - u_n), self._bulk.rigid.guides.led
-            self._owned(trial.array)[:] = self._bulk.rigid.moved(self._owned(u_n), du, part * led)
-            trial.scatter_forward()
-            u = trial.array.copy()
-            trial.array[:] = u_n
-        return u
-
-    def _given_ways(self) -> Floats:
-        """Displacements that are given in the step, at the owned dofs [m].
-
-        Those of supports and guided bodies, and those of obstacles at nodes that may touch them.
-        """
-        # Where guides rest, rigid bodies move by round-off, which has no direction.
-        led = self._admissible if self._bulk.rigid.guides.move else self.supports.applied
-        u_n, x_n = self.u_n.x.array, self.x
-        ways: Floats = (led(u_n) - u_n)[: self._bulk.num_owned]
-        for contact in self.contacts:
-            frame, nodes = contact.search.frame, contact.nodes.nodes
-            if frame.moves:
-                way = frame.in_space(frame.at_start(x_n[nodes])) - x_n[nodes]
-                self._owned(ways)[nodes] += way[:, : self._bulk.rigid.dim]
-        return ways
-
     def _way_from(self, start: Start, steps: Sequence[ContactStep]) -> GivenWay:
         """What is led has still to go from a start, where u is. Collective.
 
         With inertia ways are short: all is at their ends at once.
         """
         return GivenWay(self._bulk, steps)
-
-    def _owned(self, values: Floats) -> Floats:
-        """Those of the owned nodes among values of dofs, a view of shape ``(n, d)``. Local."""
-        d = self._bulk.rigid.dim
-        return values[: self._bulk.num_owned].reshape(-1, d)
 
     def _wrong(self, steps: Sequence[ContactStep], x_n: Floats) -> str:
         """Say why a solution cannot be accepted, or "".
@@ -403,12 +379,6 @@ class ImplicitStepper(Stepper):
         """Advice where only the length of the step is left to change. Collective."""
         return "a smaller dt may help, which StepControl takes where a step fails"
 
-    def _work_of_open_gaps(self, steps: Sequence[ContactStep]) -> float:
-        """Work of multipliers on gaps that count as closed, of this rank, at most [J]. Local."""
-        forces = sum(float(np.abs(step.normal.lambda_N).sum()) for step in steps)
-        digits = last_digits(float(np.abs(self.x).max(initial=0.0)))
-        return forces * closed_within(self._sizes.smallest, digits)
-
     def _accepted(
         self,
         steps: Sequence[ContactStep],
@@ -429,7 +399,7 @@ class ImplicitStepper(Stepper):
         self.watch.springs.look()
         self._inertia_relief.tell(steps)
         du = (self.u.x.array - self.u_n.x.array)[:n]
-        reactions, constraints = self._reactions.of(steps, solution, self.x, self._owned(du))
+        reactions, constraints = self._reactions.of(steps, solution, self.x, self._motion.owned(du))
         self.memory.accept()
         v_n = self.v.x.array[:n].copy()
         settled = self._inertia.accept(steps)
@@ -437,28 +407,27 @@ class ImplicitStepper(Stepper):
             both = zip(reactions, settled.reactions, strict=True)
             reactions = tuple(last + more for last, more in both)
         v = self.v.x.array[:n]
-        of_this_rank = {
-            "damping": -self._inertia.dissipated(),
-            "solver": solution.end.R @ du,
-            "inertia": settled.defect + constraints,
-            "open gaps": self._work_of_open_gaps(steps),
-            "segments": sum(len(step.candidates.size) for step in steps),
-            "before": self._forces.kinetic_energy(v_n),
-            "after": self._forces.kinetic_energy(v),
-        }
-        of_loads = [force @ du for force in self._bulk.loads()]
-        values = list(map(float, [*of_this_rank.values(), *of_loads]))
-        sums = reductions.total(self._comm, values)
-        total, load_works = dict(zip(of_this_rank, sums, strict=False)), sums[len(of_this_rank) :]
-        self.inertia_defect, t = total["inertia"], self.t + self.dt
+        digits = last_digits(float(np.abs(self.x).max(initial=0.0)))
+        total = StepWorks.of(
+            self._bulk,
+            self._inertia,
+            self._forces,
+            steps,
+            solution,
+            defect=settled.defect + constraints,
+            du=du,
+            v_n=v_n,
+            v=v,
+            closed_within=closed_within(self._sizes.smallest, digits),
+        )
+        self.inertia_defect, t = total.inertia, self.t + self.dt
         if not self._is_static:
-            kinetic = total["before"], total["after"]
-            self.watch.gains.look(works, kinetic, t, total["open gaps"])
+            self.watch.gains.look(works, total.kinetic, t, total.open_gaps)
         # Without inertia bodies may press against supports alone.
         internal = self._bulk.forces() if self._is_static else solution.end.R_bulk
         internal = internal - self._lumped_mass * (v - v_n) / self.dt
         # What keeps a body rigid is no force of the balance.
-        self._forces.accept(load, self._bulk.rigid.without(self._owned(internal)).ravel())
+        self._forces.accept(load, self._bulk.rigid.without(self._motion.owned(internal)).ravel())
         return StepReport(
             step=self.step + 1,
             t=t,
@@ -467,12 +436,12 @@ class ImplicitStepper(Stepper):
             active_set_changes=solution.report.active_set_changes,
             residual_norms=solution.report.residual_norms,
             num_active=solution.report.num_active,
-            num_segments=int(total["segments"]),
+            num_segments=total.num_segments,
             num_sleeping=len(self._sleeping.bodies),
             contact_work=sum(works.values(), settled.work),
-            damping_work=total["damping"],
-            solver_work=total["solver"],
-            load_works=tuple(load_works),
+            damping_work=total.damping,
+            solver_work=total.solver,
+            load_works=total.loads,
             reactions=reactions,
         )
 
