@@ -2,6 +2,8 @@
 RUN := environment/run
 SIZE := default
 PYTEST := python3 -m pytest -p no:cacheprovider
+# Python translates a file once, not in every process again.
+export PYTHONDONTWRITEBYTECODE :=
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /make \1\t/p' Makefile
