@@ -2,6 +2,8 @@
 RUN := environment/run
 SIZE := default
 PYTEST := python3 -m pytest -p no:cacheprovider
+# Python translates a file once, not in every process again.
+export PYTHONDONTWRITEBYTECODE :=
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## /make \1\t/p' Makefile
@@ -25,8 +27,12 @@ bench-publish: ## put figures and tables of the last bench into the documentatio
 verification: ## closed forms, other programs, published data: table of the page (10 minutes)
 	$(RUN) $(PYTEST) --publish
 
-test: ## all tests, and on 2 and 3 ranks those that ranks can change
+test: test-one-rank test-ranks ## all tests, and on 2 and 3 ranks those that ranks can change
+
+test-one-rank: ## those on one rank, in two processes
 	$(RUN) $(PYTEST) --numprocesses 2 --dist worksteal -m "not alone and not several_ranks"
+
+test-ranks: ## those on 2 and 3 ranks, and those that measure wall time: nothing runs beside them
 	$(RUN) $(PYTEST) -m alone
 	$(RUN) environment/ranks 2 $(PYTEST) -m "not serial"
 	$(RUN) environment/ranks 3 $(PYTEST) -m "not serial and not at_most_two_ranks"
@@ -64,4 +70,4 @@ clean: ## remove what was built and say where the environment lies
 	find . -name __pycache__ -prune -exec rm -rf {} +
 	@echo "The environment stays in $${XDG_CACHE_HOME:-$$HOME/.cache}/dolfinx_nts"
 
-.PHONY: help demo docs bench bench-peers bench-publish verification test test-latest stress sanitize traps lint shell clean
+.PHONY: help demo docs bench bench-peers bench-publish verification test test-one-rank test-ranks test-latest stress sanitize traps lint shell clean

@@ -56,9 +56,9 @@ def collision(comm: Any, cell: str, scheme: Any = nts.EnergyMomentum, **how: Any
 @pytest.mark.parametrize(
     ("enforcement", "friction"),
     [
-        (nts.LagrangeMultiplier(), None),
+        once(nts.LagrangeMultiplier(), None),
         once(nts.LagrangeMultiplier(), nts.Coulomb(0.1)),
-        (nts.LagrangeMultiplier("plastic"), nts.Coulomb(0.3, eps_T=1e5)),
+        once(nts.LagrangeMultiplier("plastic"), nts.Coulomb(0.3, eps_T=1e5)),
         (nts.Penalty(), nts.Coulomb(0.3)),
     ],
 )

@@ -258,7 +258,7 @@ def test_a_drum_of_facets_that_turns_far_in_a_step_passes_no_node(comm):
     [
         (nts.EnergyMomentum, 0.0, "have turned by more than 90 degrees"),
         (nts.CentralDifference, 0.0, "pass through a surface that they face: .*; a dt of "),
-        (nts.CentralDifference, 170.0, "pass through a surface that they face: .*; a dt of "),
+        once(nts.CentralDifference, 170.0, "pass through a surface that they face: .*; a dt of "),
     ],
 )
 def test_a_tool_that_would_go_through_nodes_in_a_step_is_caught(
@@ -320,7 +320,7 @@ def test_a_tool_in_what_its_pair_does_not_name_is_told(comm, caplog):
 
 
 @pytest.mark.at_most_two_ranks
-@pytest.mark.parametrize("speed", [0.0, 0.5])
+@pytest.mark.parametrize("speed", [once(0.0), 0.5])
 @pytest.mark.parametrize("angle", [once(0.0), -np.pi / 2])
 def test_obstacle_that_has_turned_returns_e_times_the_speed(comm, speed, angle):
     # A plane that was declared upright, or level, and lies level below a rigid block.

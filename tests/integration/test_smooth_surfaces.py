@@ -10,6 +10,7 @@ import pytest
 import dolfinx_nts as nts
 from dolfinx_nts.integrators import implicit
 from helpers.collision import check_balances, collide
+from helpers.once import once
 from helpers.round import balls, marble, rings, throw
 from helpers.scene import gathered
 
@@ -52,10 +53,8 @@ def test_rings_bounce_with_exact_energy_and_momenta(comm, law, method):
         assert given < -1e-4 * first.total_energy
 
 
-@pytest.mark.at_most_two_ranks
-@pytest.mark.parametrize(
-    "cell", ["hexahedron", pytest.param("tetrahedron", marks=pytest.mark.serial)]
-)
+@pytest.mark.serial
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 @METHODS
 def test_balls_bounce_with_exact_energy_and_momenta(comm, cell, method):
     first, last, given, active = run(balls(comm, cell=cell, method=method), 8)
@@ -146,7 +145,7 @@ def test_what_rests_or_rolls_on_a_smooth_hollow_is_no_overlap(comm, warned):
 
 @pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize(
-    ("smooth", "depth", "warnings"), [(True, 0.005, 0), (True, 0.03, 1), (False, 0.005, 1)]
+    ("smooth", "depth", "warnings"), [once(True, 0.005, 0), (True, 0.03, 1), once(False, 0.005, 1)]
 )
 def test_overlaps_with_a_hollow_are_told_at_the_start(comm, warned, smooth, depth, warnings):
     marble(comm, smooth=smooth, depth=depth).advance()
@@ -176,7 +175,7 @@ def test_nodes_are_put_onto_the_smooth_surface(comm):
     assert np.count_nonzero(on_circle) == 16 + moved
 
 
-@pytest.mark.parametrize("smooth", [False, True])
+@pytest.mark.parametrize("smooth", [False, once(True)])
 def test_nodes_caught_between_flat_facets_lead_to_the_advice(comm, agree, monkeypatch, smooth):
     text = "nodes that sank into a surface between two segments: 1"
     monkeypatch.setattr(implicit, "check_penetration", lambda step, dt: text)

@@ -6,6 +6,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from helpers.belt import ANGLE, MU, PULL, RADIUS, THICKNESS, belt
+from helpers.once import once
 from helpers.plane import blocks
 
 pytestmark = pytest.mark.at_most_two_ranks
@@ -27,7 +28,7 @@ def pressed_and_drawn(**laws) -> nts.QuasiStatic:
     return nts.QuasiStatic(bodies, [pair], dt=0.25, bcs=bcs, update=update)
 
 
-@pytest.mark.parametrize(("mu", "most"), [(0.0, 40), (0.3, 55)])
+@pytest.mark.parametrize(("mu", "most"), [once(0.0, 40), (0.3, 55)])
 def test_mortar_points_are_laid_anew_before_equilibrium(mu, most):
     """Equilibrium on points that will not stay need not be found to the last digit."""
     friction = nts.Coulomb(mu) if mu else None
@@ -125,6 +126,7 @@ def test_a_strip_of_metal_bends_around_a_circle_with_few_iterations(comm):
     assert sum(later) <= 105
 
 
+@pytest.mark.serial
 def test_what_turns_or_comes_back_is_no_more_work_than_what_begins():
     """Nodes do not go on as in the last step where the supports that lead them do not."""
     scene = blocks(width=12, material=nts.NeoHookean(1e5, 0.49, 1e3))
@@ -148,6 +150,7 @@ def test_what_turns_or_comes_back_is_no_more_work_than_what_begins():
     assert sum(iterations[8:12]) == 0
 
 
+@pytest.mark.serial
 def test_a_first_step_that_fails_is_not_tried_twice_from_the_same_state():
     """There is no last step whose motion might go on."""
     scene = blocks(material=nts.NeoHookean(1e5, 0.3, 1e3))

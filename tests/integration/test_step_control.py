@@ -141,6 +141,7 @@ def test_an_impact_that_fails_in_long_steps_does_not_in_shorter_ones(comm, agree
     assert agree(abs(sum(report.dt for report in reports) - 2 / 14) < 1e-15)
 
 
+@pytest.mark.serial
 def test_a_material_that_collapses_is_followed_until_it_does(comm, agree, refused):
     long, cut = (fast(comm, nts.SaintVenantKirchhoff, 6) for _ in range(2))
     long.dt = cut.dt = 0.1 / 6
@@ -151,6 +152,7 @@ def test_a_material_that_collapses_is_followed_until_it_does(comm, agree, refuse
     assert agree(cut.t > 1.5 * long.t > 0)
 
 
+@pytest.mark.serial
 def test_steps_end_exactly_at_the_given_times(comm, folder, agree):
     stepper, times = scene(comm).stepper, [0.03, 0.05, 0.05 + 1e-3, 0.11]
     with nts.Recorder(folder / "run", stepper, times=times) as recorder:
@@ -317,6 +319,7 @@ def test_a_limit_load_is_named_soon(comm, monkeypatch):
     assert 0.1e6 > 5e5 * stepper.t > 0.09e6
 
 
+@pytest.mark.serial
 @pytest.mark.parametrize(
     ("has_loads", "text"), [(True, "a limit load"), (False, "though no loads act")]
 )
@@ -329,7 +332,7 @@ def test_a_limit_point_takes_more_than_one_fast_step(has_loads, text):
     assert text in limit.told(0.1, 0.2, has_loads)
 
 
-@pytest.mark.parametrize("part", [16, 32])
+@pytest.mark.parametrize("part", [16, once(32)])
 def test_a_run_that_crawls_says_why_once(comm, agree, caplog, monkeypatch, part):
     """The error of a step that is cut is told below the level of warnings."""
     stepper = scene(comm).stepper

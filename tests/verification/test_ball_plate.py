@@ -40,13 +40,17 @@ class Hold(nts.LagrangeMultiplier):
 
 @dataclass
 class Run:
-    """What a run leaves behind, one entry for each step."""
+    """What a run leaves behind, one entry for each step.
+
+    Pressures are the least and the greatest of each on this rank.
+    """
 
     scene: Scene
     history: History
     impulse: np.ndarray
     smallest_gap: np.ndarray
     tension: float
+    pressures: list[float]
     velocity: np.ndarray
 
     @property
@@ -66,29 +70,26 @@ def run(scheme, enforcement, dt, until) -> Run:
     comm = scene.comm
     totals, ball = Totals(scene), local_momentum(scene, "ball")
     history = History([totals.row()], [])
-    impulse, smallest_gap, tension = [np.zeros(3)], [], 0.0
+    impulse, smallest_gap, tension, pressures = [np.zeros(3)], [], 0.0, []
     for report in scene.stepper.run(until):
         history.reports.append(report)
         history.rows.append(totals.row())
         impulse.append(impulse[-1] + report.dt * comm.allreduce(pair.history.force.sum(axis=0)))
         smallest_gap.append(np.nanmin(pair.gap(scene.stepper.x), initial=np.inf))
         tension = max(tension, pair.history.lambda_N.max(initial=0.0))
+        pressure = pair.pressure
+        pressures += [pressure.min(initial=0.0), pressure.max(initial=0.0)]
     mass, momentum = ball()
     comm.Allreduce(MPI.IN_PLACE, smallest := np.array(smallest_gap), op=MPI.MIN)
     tension = comm.allreduce(tension, op=MPI.MAX)
-    return Run(scene, history, np.array(impulse), smallest, tension, momentum / mass)
+    velocity = momentum / mass
+    return Run(scene, history, np.array(impulse), smallest, tension, pressures, velocity)
 
 
 @pytest.fixture(scope="module")
 def elastic() -> Run:
-    """Energy-momentum scheme, elastic impact, to t = 1."""
-    return run(nts.EnergyMomentum, nts.LagrangeMultiplier(), 0.01, 1.0)
-
-
-@pytest.fixture(scope="module")
-def to_two() -> dict[float, Run]:
-    """The same to t = 2 with three steps."""
-    return {dt: run(nts.EnergyMomentum, None, dt, 2.0) for dt in (0.02, 0.01, 0.005)}
+    """Energy-momentum scheme, elastic impact, to t = 2, when the ball has left."""
+    return run(nts.EnergyMomentum, nts.LagrangeMultiplier(), 0.01, 2.0)
 
 
 @pytest.fixture(scope="module")
@@ -117,7 +118,7 @@ def test_elastic_impact_conserves_energy_in_every_step(elastic):
 def test_elastic_impact_conserves_both_momenta_in_every_step(elastic, told):
     history = elastic.history
     told(
-        "`EnergyMomentum`, elastic, 100 steps of 0.01 s",
+        "`EnergyMomentum`, elastic, 200 steps of 0.01 s",
         "energy, linear and angular momentum are conserved",
         f"largest relative changes {history.energy_error:.0e}, {history.linear_drift:.0e}, "
         f"{history.angular_drift:.0e}",
@@ -134,14 +135,13 @@ def test_nodes_penetrate_by_less_than_they_approach_in_half_a_step(elastic):
 @pytest.mark.serial
 def test_contact_never_pulls(elastic, to_five):
     assert elastic.tension == to_five.tension == 0
-    (pair,) = elastic.scene.stepper.pairs
-    assert np.all(pair.pressure >= 0)
-    assert pair.pressure.max() > 0
+    assert min(elastic.pressures) == 0 < max(elastic.pressures)
 
 
 @pytest.mark.serial
 def test_newton_needs_few_iterations(elastic):
-    assert np.mean(elastic.history.iterations) <= MEAN_ITERATIONS
+    # The ball touches the plate until t = 1 and longer.
+    assert np.mean(elastic.history.iterations[:100]) <= MEAN_ITERATIONS
     assert max(elastic.history.iterations) <= MOST_ITERATIONS
 
 
@@ -221,18 +221,20 @@ def test_run_agrees_with_the_reference_program(name, elastic, told):
 
 
 @pytest.mark.serial
-def test_ball_leaves_with_the_velocity_of_the_reference(to_two):
+def test_ball_leaves_with_the_velocity_of_the_reference(elastic):
     # Its x component vanishes by symmetry but for broken ties.
-    vx, vy, vz = to_two[0.01].velocity
+    vx, vy, vz = elastic.velocity
     assert abs(vz - 0.1926) <= 0.006
     assert abs(vy - 0.9408) <= 0.006
     assert abs(vx) <= 0.01
 
 
 @pytest.mark.serial
-@pytest.mark.parametrize("dt", [0.02, 0.01, 0.005])
-def test_energy_is_conserved_whatever_the_step(to_two, dt):
-    assert to_two[dt].history.energy_error <= ENERGY_TOLERANCE
+def test_energy_is_conserved_in_short_steps():
+    """As in those of 0.01 and 0.02 s; half of the contact."""
+    history = run(nts.EnergyMomentum, None, 0.005, 0.8).history
+    assert history.energy_error <= ENERGY_TOLERANCE
+    assert max(history.num_active) > 10
 
 
 @pytest.mark.serial

@@ -250,8 +250,10 @@ def test_metal_that_flows_to_and_fro_needs_few_iterations(comm, dt):
     assert sum(counts) <= 12 * len(counts)
 
 
-@pytest.mark.parametrize("law", [nts.LagrangeMultiplier(), nts.Penalty()], ids=["exact", "springs"])
-@pytest.mark.parametrize("way", [5e-5, 1.6e-4])
+@pytest.mark.parametrize(
+    "law", [nts.LagrangeMultiplier(), once(nts.Penalty())], ids=["exact", "springs"]
+)
+@pytest.mark.parametrize("way", [once(5e-5), 1.6e-4])
 def test_the_first_step_bends_a_sheet_that_lies_flat_with_friction(comm, law, way):
     corners = [(-18e-3, 0.0), (18e-3, 2e-3)]
     mesh = create_rectangle(comm, corners, [36, 2], CellType.quadrilateral)

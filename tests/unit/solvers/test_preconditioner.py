@@ -64,6 +64,7 @@ def default():
     return positions(stepper), stepper.statistics.solver.num_iterations
 
 
+@pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize("name", OPTIONS)
 def test_every_preconditioner_of_petsc_gives_the_same_steps(comm, default, name):
     stepper = with_options(scenes.blocks(comm), OPTIONS[name])
