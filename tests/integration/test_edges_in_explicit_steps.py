@@ -222,7 +222,8 @@ def test_an_edge_that_turns_past_a_corner_is_not_held_deep_inside(comm):
         stepper.set_velocity(
             body, lambda X, a=place, v=velocity, w=spin: (v + np.cross(w, X.T - a)).T
         )
-    first, last, given, least = run(stepper, 0.01)
+    first, last, _, least = run(stepper, 0.012)
     check_momenta(first, last)
-    assert abs(last.total_energy - first.total_energy - given) < 0.01 * first.total_energy
+    # A spring that began there would bring 90 J.
+    assert last.total_energy < 1.01 * first.total_energy
     assert -0.02 < least < -0.01
