@@ -179,10 +179,12 @@ class QuasiStatic(ImplicitStepper):
             return super()._way_from(start, steps)
         ways = [np.abs(u.array - guess).max(initial=0.0)]
         ways += [contact.search.way(self.x, 0.0) for contact in self.contacts]
-        if reductions.largest(self._comm, float(max(ways))) <= _SMALL_WAY * size:
+        way = reductions.largest(self._comm, float(max(ways)))
+        if way <= _SMALL_WAY * size:
             return super()._way_from(start, steps)
         u.array[:] = guess
-        return GivenWay(self._bulk, steps, self._solver.nodal_resistance(), size)
+        stiffness = self._solver.nodal_resistance()
+        return GivenWay(self._bulk, steps, stiffness, self._sizes.nodal, way)
 
     def _time_helps(self) -> str:
         """Advice where only the length of the step is left to change. Collective."""

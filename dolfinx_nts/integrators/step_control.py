@@ -27,7 +27,9 @@ class StepControl(Declaration):
     A step is tried again with half its length when Newton's method fails, a cell is inverted, a
     normal turns by more than 90 degrees, an explicit step is not stable, or contact holds a
     node at a gap above ``gap_tol``. A cut step leaves no trace. The length doubles after some
-    steps, up to the ``dt`` of the stepper. Steps end exactly at the given times.
+    steps, up to the ``dt`` of the stepper. Steps end exactly at the given times. Where five cuts
+    after each other change nothing, as where given displacements jump, the run ends with an error
+    that says so.
 
     In statics steps may close in on a limit load, beyond which there is no equilibrium near the
     last one. After five cuts by which bodies became ever faster it is taken for certain. Then, or
@@ -37,7 +39,8 @@ class StepControl(Declaration):
 
     Args:
         smallest: Length below which a step fails for good [s], also near a limit load; None for
-            2**-20 of the ``dt`` of the stepper, or for more at limit loads.
+            2**-20 of the ``dt`` of the stepper, or for more at limit loads and where cuts change
+            nothing.
         gap_tol: Largest distance from the surface at which contact by elastic impact may catch
             a node or hold it inside [m]; None for any. A node that was deeper before may stay.
         times: Times at which a step must end, for instance for output [s].

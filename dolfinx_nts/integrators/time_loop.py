@@ -17,6 +17,7 @@ from dolfinx_nts.common.declaration import SetOnce
 from dolfinx_nts.contact.held_apart import held_apart
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.node_numbering import listed
+from dolfinx_nts.integrators.futile_cuts import FutileCuts
 from dolfinx_nts.integrators.limit_point import LimitPoint
 from dolfinx_nts.integrators.memory import Memory
 from dolfinx_nts.integrators.relaxation import IF_IT_MOVES
@@ -148,6 +149,7 @@ class TimeLoop(State):
         smallest, gap_tol = control.shortest(self.dt), control.gap_tol
         apart = None if gap_tol is None else self._held_apart(gap_tol)
         rejected, first, limit, short = 0, "", LimitPoint(), ShortSteps()
+        futile = FutileCuts(inertia=self._static_way() is None)
         given_up: ConvergenceError | None = None  # what ends the run unless bodies may go far
         with self._progress(until, initial=self.t, bar_format=_BAR) as bar:
             while until - self.t > ROUND_OFF * smallest:
@@ -164,9 +166,12 @@ class TimeLoop(State):
                     if given_up is not None:
                         raise _in_vain(given_up, error) from None
                     first = first or f"it was first tried with dt = {dt:.3g} s: {error}"
+                    futile.fail(error.reports, dt, self._length.cuts)
                     text = ""
                     if limit.is_near and control.smallest is None:
                         text = f"{limit.told(self.t, end, len(self.loads) > 0)}; {error}"
+                    elif futile.are_certain and control.smallest is None:
+                        text = f"{futile.told()}; {error}"
                     elif dt / 2 < smallest:
                         text = (
                             f"{error}; dt has been cut to {dt:.3g} s, half of which is "
@@ -195,6 +200,7 @@ class TimeLoop(State):
                 if told and self._comm.rank == 0:
                     _logger.warning("at t = %g %s", self.t, told)
                 self._length.accept()
+                futile.accept()
                 if (way := self._static_way()) is not None:
                     limit.accept(way / dt, rejected)
                 yield report._replace(rejected=rejected)

@@ -45,6 +45,7 @@ class Candidates(ABC):
         key: Number of each candidate, the same on any partition of the mesh, ``(s,)``.
         size: Length to which gaps are compared, shape ``(s,)`` [m].
         passage: Relative motion below which no point passes a candidate, shape ``(s,)`` [m].
+        may_curve: Whether candidates may be curved, so that straight ways along them leave them.
     """
 
     scatter: NodalScatter
@@ -52,6 +53,7 @@ class Candidates(ABC):
     key: GlobalInts
     size: Floats
     passage: Floats
+    may_curve = False
 
     @abstractmethod
     def find(self, key: GlobalInts) -> Ints:

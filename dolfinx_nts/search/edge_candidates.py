@@ -207,6 +207,7 @@ class EdgeCandidates(SegmentCandidates):
         # Beyond a convex corner there is nothing to be inside of; outside of it the nearest
         # points of lines are beyond ends by as much as the lines are apart.
         faces &= ~is_beyond | (beyond * self._lengths[pair] <= gap)
+        faces &= self._depth(x, pair) >= -gap - _DEEPER * self.size[2 * pair]
         candidate = (2 * pair + (sense > 0)).astype(np.int32)[faces]
         return _Found(candidate, gap[faces], is_beyond[faces], gap[faces])
 
@@ -228,6 +229,19 @@ class EdgeCandidates(SegmentCandidates):
                 self._edges[0].between(x, own, -normal),
             ]
         )
+
+    def _depth(self, x: Floats, pair: Ints) -> Floats:
+        """Shortest way of a whole edge out of a facet at the other one, shape ``(m,)`` [m].
+
+        Where it is less than that out of the crossing, an end is inside of the facet, which holds
+        its node. Turning past that end, edges would come to cross from the side, deep inside.
+        """
+        own, other = (self._pairs[pair, i] for i in range(2))
+        (a, b), (ends_a, ends_b) = (
+            self._edges,
+            (x[edges.ends[some]] for edges, some in zip(self._edges, (own, other), strict=True)),
+        )
+        return np.minimum(a.depth(x, own, ends_b), b.depth(x, other, ends_a))
 
     def pairs(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
         """Positions of the points and triangles that stand for edges, ``(m, 4, 3)`` [m]."""

@@ -56,6 +56,16 @@ class Edges:
         sides = (cross(first, n), cross(n, second))
         return np.column_stack([np.einsum("mi,mi->m", side, axis) for side in sides])
 
+    def depth(self, x: Floats, edge: Ints, points: Floats) -> Floats:
+        """How deep some points, ``(m, k, 3)``, are below one facet at an edge at most [m].
+
+        It is the facet for which this is less, shape ``(m,)``.
+        """
+        normals = unit_normals(x[self.facets[edge]])
+        ways = points - x[self.ends[edge, :1]]
+        below: Floats = np.einsum("mfi,mpi->mfp", -normals, ways).max(axis=2).min(axis=1)
+        return below
+
 
 def pairs_within(
     own: Edges, other: Edges, num_others: int, x: Floats, reach: float

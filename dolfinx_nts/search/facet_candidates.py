@@ -82,7 +82,8 @@ class FacetCandidates(SegmentCandidates):
             self.weights = found.weights - found.rise[:, None]
             self._of_pairs = weights_of_pairs(self.weights)
             self._of_flat = _among(flat_patch(k), n)
-        self._kernels = _FLAT if self._of_flat is None else _CURVED
+        self.may_curve = self._of_flat is not None
+        self._kernels = _CURVED if self.may_curve else _FLAT
 
     def of_points(self, points: ContactPoints, segment: Ints, states: Sequence[Floats]) -> Ints:
         """Facet of each point, or the flat one where it is far beside it in a state. Local.

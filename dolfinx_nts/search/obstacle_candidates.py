@@ -33,6 +33,8 @@ class ObstacleCandidates(Candidates):
         frame: Frame of the obstacle in the present step.
     """
 
+    may_curve = True
+
     def __init__(self, obstacle: Obstacle, nodes: Surface) -> None:
         """Make a map of the owned nodes only, as no rank needs those of another."""
         self._obstacle, self.frame = obstacle, Frame()

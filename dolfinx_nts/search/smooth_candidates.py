@@ -30,6 +30,8 @@ class SmoothCandidates(SegmentCandidates):
         k: Number of vertices of a facet, which come first among the nodes.
     """
 
+    may_curve = True
+
     def __init__(self, found: FoundSegments, k: int) -> None:
         """Tell facets and patches apart."""
         super().__init__(found._replace(vertices=np.ascontiguousarray(found.vertices[:, :k])))

@@ -35,11 +35,9 @@ _FOLLOWED = 1e-4
 # Parts of the way [-]: a rest for which nothing waits, as the forces that it would add are lost in
 # the round-off of the residual; and one that is none.
 _REST, _ROUND_OFF = 1e-6, 1e-12
-# The same of an increment that takes on what is led [-].
+# Part of what is left of the way that an increment takes on for it to count [-]: most of the way
+# may lead to where bodies meet.
 _ADVANCE = 1e-2
-# Depth to which an increment may bring nodes that were apart into what they meet, relative to the
-# size of the smallest cell [-].
-_DEEPEST = 0.15
 
 
 class GivenWay:
@@ -49,7 +47,8 @@ class GivenWay:
         bulk: Residual of the bodies; at the start of the way its ``u`` is that of the last state.
         steps: Contact attempts, whose obstacles go along.
         stiffness: That of the owned nodes, shape ``(n,)`` [N/m]; None: nothing is left of the way.
-        size: That of the smallest cell [m].
+        size: Those of the cells at the owned nodes, shape ``(n,)`` [m]; needed with ``stiffness``.
+        length: Largest way of what is led [m].
 
     Attributes:
         duration: Number of increments until the last one that took on what is led by a part of
@@ -61,11 +60,12 @@ class GivenWay:
         bulk: Bulk,
         steps: Sequence[ContactStep],
         stiffness: Floats | None = None,
-        size: float = np.inf,
+        size: Floats | None = None,
+        length: float = 0.0,
     ) -> None:
         """Lead obstacles to the beginning."""
-        self._depth = _DEEPEST * size
-        self._bulk, self._steps, self._stiffness = bulk, steps, stiffness
+        self._bulk, self._steps, self._stiffness, self._size = bulk, steps, stiffness, size
+        self._length = length
         part = 1.0 if stiffness is None else 0.0
         self._part, self._next = part, part
         self._has_begun = False
@@ -82,6 +82,11 @@ class GivenWay:
     def moves(self) -> bool:
         """Whether what is led goes a part of its way in this iteration. Local."""
         return self._next > self._part
+
+    @property
+    def length(self) -> float:
+        """Largest way of what is led in this iteration [m]. Local."""
+        return (self._next - self._part) * self._length
 
     def leave(self) -> None:
         """Let obstacles be at the ends of their ways. Local."""
@@ -159,9 +164,10 @@ class GivenWay:
     def _until_met(self, du: Floats) -> float:
         """Part of an increment of all nodes after which others are met deep enough."""
         bulk = self._bulk
+        assert self._size is not None
         nodes = bulk.u.x.array[: bulk.num_owned].reshape(-1, bulk.rigid.dim)
         way = du.reshape(nodes.shape) + bulk.rigid.ahead(nodes, self._part)
-        parts = [until_met(step, way, self._depth) for step in self._steps]
+        parts = [until_met(step, way, self._size) for step in self._steps]
         return reductions.least(bulk.comm, min(parts, default=1.0))
 
     def go(self, nodes: Floats, du: Floats, part: float) -> Floats:
@@ -180,7 +186,7 @@ class GivenWay:
         if 1 - self._part <= _ROUND_OFF:
             self._part = 1.0
         self._next = self._part
-        if self._part - last > _ADVANCE:
+        if self._part - last > _ADVANCE * (1 - last):
             self.duration = self._increments
         self._place_obstacles()
         moved = bulk.rigid.moved(nodes, du, bulk.rigid.guides.led_between(last, self._part))

@@ -59,6 +59,8 @@ _FEWEST_DECADES = 0.3
 _NEGLIGIBLE = 0.03
 # Bound on a force of the bulk: sum of a row of the tangent over its diagonal [-].
 _ROW_SUM = 3.0
+# Number of random forces that look for a motion along which the energy falls.
+_NUM_FORCES = 4
 # Inertia over stiffness that is none [-].
 _NO_INERTIA = 1e-30
 
@@ -284,7 +286,8 @@ class LinearSolver:
     ) -> Floats | None:
         """Motion along which the energy falls from the present equilibrium. Collective.
 
-        Friction is constant in it. It is looked for with the factors that there are.
+        Friction is constant in it. It is looked for with the factors that there are, or where
+        whole systems are factorised by those of one more.
 
         Args:
             steps: Contact attempts.
@@ -292,24 +295,34 @@ class LinearSolver:
             seed: Chooses the forces that look for it.
 
         Returns:
-            The motion at the owned nodes, shape ``(n, d)``; None if there is none, or where whole
-            systems are factorised, or none has been solved yet.
+            The motion at the owned nodes, shape ``(n, d)``; None if there is none, or where no
+            system has been solved yet.
         """
         bulk, dim = self._operator.bulk, self._operator.bulk.rigid.dim
         pairs = active_pairs(steps, states, dim)
         present = Elimination(pairs, self._active_sets.number(pairs))
-        is_known = self._preconditioner.point is not None and not bulk.rigid.has_no_inertia
-        if not is_known or (pairs and self._active_sets.are_coupled(pairs)):
+        is_whole = bulk.rigid.has_no_inertia
+        is_whole = is_whole or (len(pairs) > 0 and self._active_sets.are_coupled(pairs))
+        if not is_whole and self._preconditioner.point is None:
             return None
+        constant = [state._replace(columns=state.pairs.gradients) for state in states]
+        stiffness, generator = (
+            self.tangent.nodal_stiffness()[:, None],
+            np.random.default_rng([seed, bulk.comm.rank]),
+        )
+        if is_whole:
+            weights = np.repeat(stiffness, dim, axis=1).ravel()
+            forces = generator.standard_normal((_NUM_FORCES, len(weights))) * np.sqrt(weights)
+            forces[:, bulk.given] = 0
+            found = self._saddle.falling_motion(active_pairs(steps, constant, dim), forces, weights)
+            return None if found is None else found.reshape(-1, dim)
         if pairs:
             self._contacts.choose(sum(step.num_active for step in steps))
             self._contacts.update(present)
-        constant = [state._replace(columns=state.pairs.gradients) for state in states]
         pairs = active_pairs(steps, constant, dim)
         self._operator.elimination = Elimination(pairs, present.active_version)
-        weight: Floats = np.sqrt(self.tangent.nodal_stiffness())[:, None]
-        numbers = np.random.default_rng([seed, bulk.comm.rank]).standard_normal((len(weight), dim))
-        return self._krylov.falling_motion(weight, numbers)
+        numbers = generator.standard_normal((len(stiffness), dim))
+        return self._krylov.falling_motion(np.sqrt(stiffness), numbers)
 
     def _decidable(
         self, steps: Sequence[ContactStep], states: Sequence[ContactContribution], inertia: bool

@@ -32,8 +32,8 @@ _logger = logging.getLogger("dolfinx_nts")
 _MAX_ITERATIONS = 50  # until another start is tried
 _MAX_STICKING = 100  # where nodes with friction slide only near an equilibrium
 _MAX_DRAGGED = 20  # until a resistance, or a larger one, is tried
-# Longest increment that is trusted, relative to the smallest cell [-].
-_LONGEST_INCREMENT = 0.5
+# Longest increment that is trusted, relative to the smallest cell, and to what is led in it [-].
+_LONGEST_INCREMENT, _ALONG = 0.5, 2.0
 # The same where loads push rigid bodies that nothing holds as yet: they must not go by what they
 # are to touch.
 _LONGEST_FALL = 0.2
@@ -201,6 +201,8 @@ def solve(
         du_norm = reductions.largest(bulk.comm, float(np.abs(du).max(initial=0.0)))
         longest = _LONGEST_FALL if bulk.rigid.has_no_inertia else _LONGEST_INCREMENT
         longest *= sizes.smallest
+        if not bulk.rigid.has_no_inertia:
+            longest = max(longest, _ALONG * way.length)
         part = longest / du_norm if du_norm > longest else 1.0
         if search is not None and not way.moves and seen.norm > _NEARLY_SOLVED * seen.target:
             search.begin(du, part, R, R_bulk)

@@ -27,7 +27,8 @@ from dolfinx_nts.solvers.elimination import ActivePairs
 from dolfinx_nts.solvers.rigid_motion import RigidColumns
 from dolfinx_nts.solvers.rigid_reduction import Reduced, reduced
 from dolfinx_nts.solvers.tangent import Tangent
-from dolfinx_nts.solvers.whole_factors import solved
+from dolfinx_nts.solvers.whole_factors import WholeFactors, solved
+from dolfinx_nts.solvers.whole_stability import falling_ritz_motion
 
 __all__ = ["SaddlePointSystem"]
 
@@ -144,6 +145,51 @@ class SaddlePointSystem:
         """How forces at points move them, see `contact_decisions.System`. Collective."""
         whole = self._whole(R, pairs)
         return None if whole is None else whole.condensed(is_point, present)
+
+    def falling_motion(
+        self, pairs: Sequence[ActivePairs], forces: Floats, stiffness: Floats
+    ) -> Floats | None:
+        """Motion along which the energy falls from an equilibrium. Collective.
+
+        Args:
+            pairs: Active pairs, with the gradients of gaps as the directions of their forces.
+            forces: Random forces on the owned dofs that look for it, shape ``(k, d n)`` [N].
+            stiffness: That of the owned dofs, shape ``(d n,)`` [N/m].
+
+        Returns:
+            Displacements of the owned dofs of any size, None where there is no such motion.
+        """
+        n = forces.shape[1]
+        A, right, counts = self._assembled(np.zeros(n), pairs)
+        known = A.createVecLeft()
+        system = self._reduced(A, right)[0] if self._bulk.rigid.exists else None
+        matrix = A if system is None else system.matrix
+        other = matrix.transpose(PETSc.Mat())
+        matrix.axpy(1.0, other)
+        matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        factors = WholeFactors(matrix, is_symmetric=True)
+        num_multipliers = reductions.total(self.comm, sum(counts))
+
+        def solve(force: Floats) -> Floats:
+            """Displacements for forces."""
+            known.array[:] = 0.0
+            known.array[:n] = force
+            if system is None:
+                return factors.solve(known.array)[:n]
+            short = system.rows.createVecRight()
+            system.rows.multTranspose(known, short)
+            short.array[:] = factors.solve(short.array)
+            system.columns.mult(short, known)
+            short.destroy()
+            return np.array(known.array[:n])
+
+        motion = None
+        if (factors.num_negative or 0) > num_multipliers:
+            motion = falling_ritz_motion(self.comm, forces, stiffness, solve)
+        factors.destroy()
+        for item in (known, other, A, *(system or ())):
+            item.destroy()
+        return motion
 
     def _whole(self, R: Floats, pairs: Sequence[ActivePairs]) -> _WholeSystem | None:
         """The system on every rank if it is small, otherwise None. Collective."""

@@ -7,12 +7,15 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+from dolfinx import fem
 
 import dolfinx_nts as nts
+from helpers.box_meshes import boxes, distribute
 from helpers.corners import corners
 from helpers.crossing import crossed, deepest, tumbling
 from helpers.scene import gathered
 from helpers.separation import separation
+from reference.bulk import rotation
 
 SPRINGS = nts.Penalty(2.0e4)
 # Of the spring [m] that stops cubes of 10 kg, of which one comes with 1 m/s.
@@ -190,3 +193,37 @@ def test_tumbling_cubes_do_not_enter_each_other_at_their_edges(comm):
         depths.append(-least)
     assert depths[0] < 0.02
     assert depths[1] > 0.08
+
+
+@pytest.mark.serial
+def test_an_edge_that_turns_past_a_corner_is_not_held_deep_inside(comm):
+    """A corner has come into a face by 1.2 cm; beside it edges cross, 6.7 cm deep in each other."""
+    places = np.array([[1.0045, 2.3308, 0.9978], [1.0628, 1.1682, 1.8426]])
+    turns = np.array([[1.8565, -0.0354, 0.1804], [0.1393, -3.0984, -0.339]])
+    velocities = np.array([[0.503, -0.535, 0.72], [0.074, -0.012, -1.593]])
+    spins = np.array([[0.385, -2.691, 1.368], [-4.354, 5.382, 3.976]])
+    data = boxes([(1, 1, 1)] * 2, [(1.0, 1.0, 1.0)] * 2)
+    for body, (place, turn) in enumerate(zip(places, turns, strict=True)):
+        some = np.unique(data.cells[data.body == body])
+        X = data.X[some] - data.X[some].mean(axis=0)
+        data.X[some] = X @ rotation(turn, np.linalg.norm(turn)).T + place
+    mesh, cells, _, tag = distribute(comm, data)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    bodies = [nts.RigidBody(V, cells, tag[f"body {i}"], 2.0) for i in range(2)]
+    springs = nts.Penalty(4e4)
+    pairs = nts.all_pairs(bodies, enforcement=springs, edges=True)
+    pairs += [
+        nts.ContactPair(pair.segments, pair.nodes, springs)
+        for pair in pairs
+        if pair.method != "edge-to-edge"
+    ]
+    stepper = nts.CentralDifference(bodies, pairs, dt=1e-3)
+    for body, place, velocity, spin in zip(bodies, places, velocities, spins, strict=True):
+        stepper.set_velocity(
+            body, lambda X, a=place, v=velocity, w=spin: (v + np.cross(w, X.T - a)).T
+        )
+    first, last, _, least = run(stepper, 0.012)
+    check_momenta(first, last)
+    # A spring that began there would bring 90 J.
+    assert last.total_energy < 1.01 * first.total_energy
+    assert -0.02 < least < -0.01

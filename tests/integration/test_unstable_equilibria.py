@@ -86,6 +86,48 @@ def test_a_strip_that_is_pressed_far_in_one_step_is_told_once(caplog):
     assert len(told(caplog)) == 1
 
 
+def capped(part: float, *laws: Any) -> nts.QuasiStatic:
+    """A column that is clamped at its left end, and pressed by a rigid cap that is free to slide.
+
+    The cap is tied to its right end, and pushed by a part of the Euler load of two clamps.
+    """
+
+    def build(model):
+        for name, left, length, cells in (("column", 0.0, LENGTH, 20), ("cap", LENGTH, HEIGHT, 1)):
+            size = {"corner": (left, 0), "size": (length, HEIGHT), "cells": (cells, 1)}
+            parts.add_rectangle(model, name, **size)
+
+    mesh, cells, facets, tag = nts.read_mesh(build, MPI.COMM_WORLD)
+    V = fem.functionspace(mesh, ("Lagrange", 2, (2,)))
+    body = nts.Body(V, cells, tag["column"], nts.NeoHookean(MODULUS, 0.0, 1e3))
+    cap = nts.RigidBody(V, cells, tag["cap"], 1e3, guide=nts.Guide(slides="x"))
+    sides = [nts.Surface(V, facets, tag[name]) for name in ("column_right", "cap_left")]
+    left = fem.locate_dofs_topological(V, 1, facets.find(tag["column_left"]))
+    return nts.QuasiStatic(
+        [body, cap],
+        [nts.ContactPair(*sides, *laws)],
+        dt=1.0,
+        bcs=[fem.dirichletbc(np.zeros(2), left, V)],
+        loads=[nts.Force(cap, (-part * euler_load(2, LENGTH / 2), 0.0))],
+    )
+
+
+@pytest.mark.parametrize(
+    "laws",
+    [(nts.Tied(),), once((nts.LagrangeMultiplier(), nts.Coulomb(1.0)))],
+    ids=["tied", "pressed"],
+)
+@pytest.mark.parametrize("part", [0.9, 1.1])
+def test_a_column_below_a_free_rigid_cap_is_unstable_beyond_its_euler_load(caplog, laws, part):
+    """Signs of the pivots of the whole system tell."""
+    stepper = capped(part, *laws)
+    stepper.advance()
+    assert np.abs(stepper.u.x.array.reshape(-1, 2)[:, 1]).max(initial=0.0) < 1e-6 * HEIGHT
+    warnings = told(caplog)
+    assert len(warnings) == (part > 1)
+    assert all("of column most near (0.5" in text for text in warnings)
+
+
 def walls(V, body, facets, tag):
     """Two walls without friction that touch the column all along."""
     sides = {"bottom": (0.0, 1.0), "top": (HEIGHT, -1.0)}

@@ -5,6 +5,7 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
+from dolfinx_nts import parts
 from helpers import box_meshes, scenes
 from helpers.once import once
 
@@ -216,6 +217,32 @@ def test_nodes_that_rest_on_a_turning_drum_keep_their_gaps(e):
     steps = list(stepper.run(50 * STEP))
     assert min(step.num_active for step in steps) > 0
     assert np.abs(np.nanmin(pair.gap(stepper.x))) < 1e-12
+
+
+@pytest.mark.serial
+def test_block_that_slides_in_a_tube_does_not_sink_into_it_step_by_step():
+    """Half of the straight way of each step leaves the tube, by 9 mm in all steps."""
+    radius, size, dt = 1.0, 0.1, 5e-3
+
+    def build(model):
+        corner = (-size / 2, 0.02 - radius)
+        parts.add_rectangle(model, "block", corner=corner, size=(size, size), cells=(2, 2))
+
+    mesh, cells, _, tag = nts.read_mesh(build, scenes.MPI.COMM_SELF)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+    block = nts.Body(V, cells, tag["block"], nts.SaintVenantKirchhoff(1e7, 0.0, 1e3))
+    tube = nts.RigidSphere((0.0, 0.0), radius, hollow=True)
+    law = nts.LagrangeMultiplier("restitution", e=0.0)
+    pair = nts.ContactPair(nts.boundary_of(block), tube, law)
+    stepper = nts.EnergyMomentum([block], [pair], dt=dt)
+    stepper.set_velocity(block, lambda X: 5.25 * np.array([-X[1], X[0]]))
+    depth = []
+    for step in stepper.run(until=0.5):
+        depth.append(np.linalg.norm(stepper.x, axis=1).max() - radius)
+        assert sum(step.contact_work) < 1e-9
+    # It has come to the wall, with what an impact may leave, and stays as it is.
+    assert 0 < np.mean(depth[-20:]) < 2.5e-3
+    assert np.mean(depth[-20:]) - np.mean(depth[40:60]) < 1e-3
 
 
 @pytest.mark.serial

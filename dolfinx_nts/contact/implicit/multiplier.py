@@ -126,7 +126,23 @@ class MultiplierContact(NormalContact):
         # All gaps are then those of one motion of a rigid body that turns and touches at many
         # points, also relative to an obstacle that moves.
         gap = self._search.pairing.gaps(self._on_the_way, pairs.node, pairs.segment)
+        if self._search.candidates.may_curve:
+            flat = gap_n + self._approach(self._on_the_way, pairs)
+            # Where nodes cannot give way one by one, only such gaps can be held.
+            gap = np.where(pairs.fixed, gap, np.maximum(gap, flat))
         return np.asarray(np.minimum(gap_n, gap))
+
+    def _approach(self, x: Floats, pairs: PairKinematics) -> Floats:
+        """How much farther nodes are at x than at t_n from the planes that touch there, ``(m,)``.
+
+        A straight way along a hollow leaves it, but does not approach it at its begin.
+        """
+        search, rotation = self._search, self._state.search.frame.end.rotation
+        start = search.pairing.kinematics("static", search.x_n, pairs.node, pairs.segment, None)
+        gradient = start.contact.gradient
+        way = ((x - search.x_n) @ rotation.T)[start.dofs].reshape(gradient.shape)
+        change: Floats = np.einsum("md,md->m", gradient, way)
+        return change
 
     def update(
         self, pairs: PairKinematics, x: Floats, R: Floats | None, friction: Friction, iteration: int
