@@ -209,7 +209,7 @@ def solve(
                 du = part * du
         nodes[:] = way.go(nodes, du.reshape(-1, dim), part)
         # Nodes that have just become active have far to go.
-        if du_norm <= longest and not seen.changed:
+        if du_norm <= longest:
             x = X + in_space(nodes)
             with timings.phase("contact"):
                 for step, state in zip(steps, states, strict=True):

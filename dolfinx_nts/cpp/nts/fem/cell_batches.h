@@ -3,6 +3,7 @@
 #include "nts/fem/cell_integral.h"
 #include "nts/fem/lane_rows.h"
 
+#include <algorithm>
 #include <array>
 #include <concepts>
 #include <memory>
@@ -98,7 +99,10 @@ std::span<const T> in_precision(std::span<const double> values,
     return values;
   else
   {
-    memory.assign(values.begin(), values.end());
+    // Several numbers at once, which `assign` does one by one.
+    memory.resize(values.size());
+    std::ranges::transform(values, memory.begin(),
+                           [](double value) { return static_cast<T>(value); });
     return memory;
   }
 }
