@@ -163,6 +163,15 @@ class LinearSolver:
         self.num_direct = 0
 
     @property
+    def reduction_at_once(self) -> float:
+        """Reduction for which the preconditioner is applied once, without a product [-]. Local.
+
+        As one iteration was found to give; NaN as long as this is not known.
+        """
+        fresh = self._age.fresh
+        return float(10 ** (-1 / fresh)) if fresh > 0 else math.nan
+
+    @property
     def num_iterations(self) -> int:
         """Krylov iterations so far, but for those of `solve_for`."""
         return self._krylov.num_iterations
@@ -410,6 +419,9 @@ class LinearSolver:
             if part > negligible:
                 total += self._operator.action(particular, negligible / part)
             r = -bulk.rigid.project(None, elimination.act(parts, total))
+        if not is_local and rtol >= self.reduction_at_once:
+            one: Floats = (particular + self._krylov.solve_roughly(r)).ravel()
+            return one
         x, iterations = self._krylov.solve(r, rtol, is_local=is_local)
         decades = -math.log10(rtol)
         if not (is_local or elimination.empty):

@@ -188,7 +188,7 @@ def solve(
                 R = R_bulk + contact_residual(steps, states, (len(X), dim))
                 R = way.pull(bulk.rigid.balance(nodes, R.reshape(-1, dim)).ravel(), states)
         with timings.phase("solve"):
-            rtol = _forcing(convergence.norms, seen.target)
+            rtol = _forcing(convergence.norms, seen.target, solver.reduction_at_once)
             if not inertia:
                 rtol = min(rtol, _STATIC_REDUCTION)
             du, dlambda = solver.solve(R, steps, states, rtol)
@@ -224,14 +224,16 @@ def _may_decide(iteration: int) -> bool:
     return iteration < _FIRST_DECISIONS or later
 
 
-def _forcing(norms: Sequence[float], target: float) -> float:
+def _forcing(norms: Sequence[float], target: float, at_once: float) -> float:
     """Reduction asked of the linear solver: no more than Newton's method can use.
 
     Where this leads close to the target, the target is aimed at, which saves
-    the next iteration.
+    the next iteration. The first iteration asks for what the solver gives ``at_once``.
     """
     if norms[-1] <= _AIM * target:
         return _LEAST_REDUCTION
+    if len(norms) == 1 and _FIRST_REDUCTION < at_once < _LEAST_REDUCTION:
+        return at_once
     rate = norms[-1] / norms[-2] if len(norms) > 1 and norms[-2] > 0 else 1.0
     quadratic = min(_FIRST_REDUCTION, _RATE_FACTOR * rate**_RATE_POWER)
     last = _AIM * target / norms[-1]
