@@ -351,16 +351,10 @@ private:
 /// @brief Largest absolute value, 0 of none.
 inline double largest(std::span<const double> values) noexcept
 {
-  // One maximum waits for the one before: there are several.
-  constexpr std::size_t many = 8;
-  double most[many] = {};
-  std::size_t i = 0;
-  for (; i + many <= values.size(); i += many)
-    for (std::size_t l = 0; l < many; ++l)
-      most[l] = std::max(most[l], std::abs(values[i + l]));
-  for (; i < values.size(); ++i)
-    most[0] = std::max(most[0], std::abs(values[i]));
-  return *std::ranges::max_element(most);
+  double most = 0;
+  for (const double value : values)
+    most = std::max(most, std::abs(value));
+  return most;
 }
 
 /// @brief Factor that brings a number to the size of 1 without rounding, so
