@@ -19,13 +19,14 @@ from dolfinx_nts.common.arguments import as_call
 from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
 from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.common.named_tag import NamedTag
-from dolfinx_nts.fem.axisymmetry import is_on_axis, of_rings
+from dolfinx_nts.fem.axisymmetry import of_rings
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.elements import Element, check_space, check_tag
 from dolfinx_nts.fem.jit import assembled, compile_quickly
 from dolfinx_nts.fem.node_numbering import input_ids
+from dolfinx_nts.model.facet_segments import facet_segments
 from dolfinx_nts.model.rigid_shapes import RigidSphere
-from dolfinx_nts.model.segments import NEIGHBOURS, area_vectors, diameters
+from dolfinx_nts.model.segments import NEIGHBOURS, diameters
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import places_among_all
 from dolfinx_nts.parallel.errors import agreed
@@ -37,9 +38,6 @@ _NO_LENGTH = 1e-12
 # Part [-] of the force and area of a node in the middle that is moved to each vertex around it:
 # a uniform pressure has no force at the vertices of triangles of degree 2.
 _TO_END = 1 / 8
-# Distance of the centre of a cell from one of its facets, relative to the height of the cell above
-# the facet [-].
-_CENTRE = {"tetrahedron": 1 / 4, "triangle": 1 / 3, "hexahedron": 1 / 2, "quadrilateral": 1 / 2}
 # How far vertices of a surface may be off the sphere that is its shape, relative to the radius [-].
 _ON_SPHERE = 1e-3
 
@@ -104,65 +102,25 @@ class Surface(Declaration):
                 "curved cells (setOrder(2) in gmsh) surfaces of degree 2 are round themselves"
             )
         mesh = V.mesh
-        tdim = mesh.topology.dim
-        check_tag(V, facets, tag, tdim - 1, "facets")
+        check_tag(V, facets, tag, mesh.topology.dim - 1, "facets")
         if not isinstance(smooth, bool | RigidSphere):
             raise TypeError(f"expected smooth=True, False or a RigidSphere, given {smooth!r}")
         self.V, self._facets, self._tag, self.smooth = V, facets, tag, smooth
         self.name = NamedTag.name_of(tag, "surface")
 
-        mesh.topology.create_connectivity(tdim - 1, tdim)
-        mesh.topology.create_connectivity(tdim, tdim - 1)
-        to_cell = mesh.topology.connectivity(tdim - 1, tdim)
-        to_facet = mesh.topology.connectivity(tdim, tdim - 1)
-        local = facets.find(tag)
-        first = to_cell.offsets[local]
-        owned = local < mesh.topology.index_map(tdim - 1).size_local
-        # Without ghost cells a facet between two ranks has one local cell.
-        between = np.isin(local, mesh.topology.interprocess_facets())
-        between |= to_cell.offsets[local + 1] - first != 1
-        if inner := reductions.total(mesh.comm, int(np.count_nonzero(between & owned))):
-            raise ValueError(
-                f"expected facets on the boundary, given tag {tag} with {inner} between two cells"
-            )
-
+        found = facet_segments(V, facets, tag)
         # All local facets mark nodes, but only owned facets become segments.
-        sides, cells = Element.of(V).sides, to_cell.array[first]
-        number = (to_facet.array.reshape(-1, len(sides))[cells] == local[:, None]).argmax(axis=1)
-        X = V.tabulate_dof_coordinates()
-        rows, of_cells = np.arange(len(local))[:, None, None], V.dofmap.list[cells]
-        on_facet, pieces = (
-            of_cells[rows, np.array(nodes)[number]] for nodes in zip(*sides, strict=True)
-        )
-        segments: Ints = on_facet.reshape(-1, on_facet.shape[2])
-        outward = (X[on_facet].mean(axis=2) - X[pieces].mean(axis=2)).reshape(-1, 3)
-        mine = np.repeat(owned, on_facet.shape[1])
-        x = X[segments]
-        # The axis of rings bounds the mesh, but no body.
-        is_surface = ~is_on_axis(mesh, x).all(axis=1)
-        if not reductions.anywhere(mesh.comm, bool(is_surface.any())):
-            raise ValueError(f"expected facets of a surface, given tag {tag} on the axis only")
-        segments, mine, x = segments[is_surface], mine[is_surface], x[is_surface]
-        # Not the normal in a corner, which does not exist if an edge has no length.
-        normal = area_vectors(x, np.ones(len(x)))
-        height = np.einsum("si,si->s", normal, outward[is_surface])
-        length = np.linalg.norm(normal, axis=1)
-        height /= np.where(length > 0, length, np.inf)
-
         block_map = V.dofmap.index_map
         marker = la.vector(block_map)
-        marker.array[segments.ravel()] = 1
+        marker.array[found.vertices.ravel()] = 1
         marker.scatter_reverse(la.InsertMode.add)
         self.nodes: Ints = np.flatnonzero(marker.array[: block_map.size_local]).astype(np.int32)
-
-        self.segments: Ints = segments[mine]
-        self.orientation: Floats = np.where(height[mine] > 0, 1.0, -1.0)
-        self.thickness: Floats = Element.of(V).degree * (
-            np.abs(height[mine]) / _CENTRE[Element.of(V).cell]
-        )
+        self.segments: Ints = found.vertices[found.is_owned]
+        self.orientation: Floats = found.orientation[found.is_owned]
+        self.thickness: Floats = found.thickness[found.is_owned]
         ids = np.sort(input_ids(V)[self.segments], axis=1)
         self.key = places_among_all(mesh.comm, ids)
-        x = X[self.segments]
+        x = V.tabulate_dof_coordinates()[self.segments]
         if isinstance(smooth, RigidSphere):
             self._check_sphere(smooth, x)
         self.size = float(reductions.largest(mesh.comm, diameters(x).max(initial=0.0)))
