@@ -166,9 +166,11 @@ class LinearSolver:
     def reduction_at_once(self) -> float:
         """Reduction for which the preconditioner is applied once, without a product [-]. Local.
 
-        As one iteration was found to give; NaN as long as this is not known.
+        It is what an iteration was found to give; NaN as long as this is not known, and where
+        waves go so far in a step that incomplete factors do not suffice: there what is left of an
+        increment moves contacts everywhere.
         """
-        fresh = self._age.fresh
+        fresh = self._age.fresh if self._preconditioner.is_plain else math.nan
         return float(10 ** (-1 / fresh)) if fresh > 0 else math.nan
 
     @property

@@ -192,8 +192,8 @@ def solve(
                 R = way.pull(bulk.rigid.balance(nodes, R.reshape(-1, dim)).ravel(), states)
         with timings.phase("solve"):
             rtol = _forcing(convergence.norms, seen.target)
-            begins = iteration == num_settled == 0
-            if begins and inertia and solver.reduction_at_once <= _ROUGH_REDUCTION:
+            are_struck = iteration == num_settled == 0 and seen.changed > 0
+            if are_struck and solver.reduction_at_once <= _ROUGH_REDUCTION:
                 rtol = max(rtol, _ROUGH_REDUCTION)
             if not inertia:
                 rtol = min(rtol, _STATIC_REDUCTION)

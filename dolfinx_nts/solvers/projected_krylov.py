@@ -218,7 +218,9 @@ class KrylovMethod:
     def _preconditioned(self, r: Floats) -> Floats:
         self._b.array[:] = r.ravel()
         self._preconditioner.apply(None, self._b, self._x)
-        x: Floats = self._x.array.reshape(r.shape).copy()
+        x: Floats = self._x.array.copy()
+        x[self._operator.bulk.given] = 0
+        x = x.reshape(r.shape)
         self._operator.elimination.constrain(x)
         return x
 
@@ -241,7 +243,7 @@ class KrylovMethod:
             return values
 
         def precondition(r: Floats) -> Floats:
-            return free(self._preconditioned(r.reshape(numbers.shape)))
+            return self._preconditioned(r.reshape(numbers.shape)).ravel()
 
         def act(p: Floats) -> Floats:
             self._b.array[:] = p
