@@ -53,6 +53,8 @@ _MOST_DOUBLINGS = 5
 # Decades of reduction over which the iterations of new factors are measured: about
 # those of a step.
 _DECADES = 12.0
+# Reduction with which the preconditioner alone is trusted [-]: iterations also scale what it gives.
+_UNSCALED = 0.1
 # Decades that count at least, as a solve that asks for less takes an iteration, too.
 _FEWEST_DECADES = 0.3
 # Share of the reduction asked for that a right-hand side may leave out [-].
@@ -166,12 +168,14 @@ class LinearSolver:
     def reduction_at_once(self) -> float:
         """Reduction for which the preconditioner is applied once, without a product [-]. Local.
 
-        It is what an iteration was found to give; NaN as long as this is not known, and where
-        waves go so far in a step that incomplete factors do not suffice: there what is left of an
-        increment moves contacts everywhere.
+        It is what an iteration was found to give; NaN as long as this is not known, with rigid
+        bodies, and where waves go so far in a step that incomplete factors do not suffice: there
+        what is left of an increment moves contacts everywhere.
         """
-        fresh = self._age.fresh if self._preconditioner.is_plain else math.nan
-        return float(10 ** (-1 / fresh)) if fresh > 0 else math.nan
+        if self._operator.bulk.rigid.exists or not self._preconditioner.is_plain:
+            return math.nan
+        fresh = self._age.fresh
+        return max(float(10 ** (-1 / fresh)), _UNSCALED) if fresh > 0 else math.nan
 
     @property
     def num_iterations(self) -> int:
