@@ -50,8 +50,8 @@ _LEAST_REDUCTION, _FIRST_REDUCTION = 0.3, 0.03
 # The least without inertia: what is left moves bodies far that contact alone holds, and wakes
 # the friction of nodes that hardly slip.
 _STATIC_REDUCTION = 1e-4
-# The first one in contact, where the solver gives it at once: what linear systems do not know of the
-# step is hardly less, so that it is better computed early.
+# The first one in contact, where the solver gives it at once: what linear systems do not know of
+# the step is hardly less, so that it is better computed early.
 _ROUGH_REDUCTION = 0.15
 # Those that quadratic convergence can use: factor and power of the last reduction
 # (S. C. Eisenstat, H. F. Walker, SIAM J. Sci. Comput. 17 (1996), choice 2).
