@@ -53,6 +53,8 @@ _MOST_DOUBLINGS = 5
 # Decades of reduction over which the iterations of new factors are measured: about
 # those of a step.
 _DECADES = 12.0
+# Reduction with which the preconditioner alone is trusted [-]: iterations also scale what it gives.
+_UNSCALED = 0.1
 # Decades that count at least, as a solve that asks for less takes an iteration, too.
 _FEWEST_DECADES = 0.3
 # Share of the reduction asked for that a right-hand side may leave out [-].
@@ -163,6 +165,19 @@ class LinearSolver:
         self._age, self._hopeless = _Age(), _Hopeless()
         self._crossings = 0.0
         self.num_direct = 0
+
+    @property
+    def reduction_at_once(self) -> float:
+        """Reduction for which the preconditioner is applied once, without a product [-]. Local.
+
+        It is what an iteration was found to give; NaN as long as this is not known, with rigid
+        bodies, and where waves go so far in a step that incomplete factors do not suffice: there
+        what is left of an increment moves contacts everywhere.
+        """
+        if self._operator.bulk.rigid.exists or not self._preconditioner.is_plain:
+            return math.nan
+        fresh = self._age.fresh
+        return max(float(10 ** (-1 / fresh)), _UNSCALED) if fresh > 0 else math.nan
 
     @property
     def num_iterations(self) -> int:
@@ -423,6 +438,9 @@ class LinearSolver:
             if part > negligible:
                 total += self._operator.action(particular, negligible / part)
             r = -bulk.rigid.project(None, elimination.act(parts, total))
+        if not is_local and rtol >= self.reduction_at_once:
+            one: Floats = (particular + self._krylov.solve_roughly(r)).ravel()
+            return one
         x, iterations = self._krylov.solve(r, rtol, is_local=is_local)
         decades = -math.log10(rtol)
         if not (is_local or elimination.empty):

@@ -203,6 +203,27 @@ class KrylovMethod:
             return None, iterations
         return self._x.array.reshape(-1, self._operator.bulk.rigid.dim), iterations
 
+    def solve_roughly(self, b: Floats) -> Floats:
+        """Solve as well as the preconditioner does by itself, in one iteration. Collective.
+
+        Args:
+            b: Right-hand side at the owned nodes, shape ``(n, d)``.
+
+        Returns:
+            The solution, the same shape.
+        """
+        self.num_iterations += 1
+        return self._preconditioned(b)
+
+    def _preconditioned(self, r: Floats) -> Floats:
+        self._b.array[:] = r.ravel()
+        self._preconditioner.apply(None, self._b, self._x)
+        x: Floats = self._x.array.copy()
+        x[self._operator.bulk.given] = 0
+        x = x.reshape(r.shape)
+        self._operator.elimination.constrain(x)
+        return x
+
     def falling_motion(self, weight: Floats, numbers: Floats) -> Floats | None:
         """Motion along which the energy falls, by the present operator. Collective.
 
@@ -222,11 +243,7 @@ class KrylovMethod:
             return values
 
         def precondition(r: Floats) -> Floats:
-            self._b.array[:] = r
-            self._preconditioner.apply(None, self._b, self._x)
-            x = self._x.array.reshape(numbers.shape)
-            elimination.constrain(x)
-            return free(x.copy())
+            return self._preconditioned(r.reshape(numbers.shape)).ravel()
 
         def act(p: Floats) -> Floats:
             self._b.array[:] = p

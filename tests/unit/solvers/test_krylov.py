@@ -121,6 +121,31 @@ def test_one_preconditioner_lasts_for_many_steps(comm):
 
 
 @pytest.mark.at_most_two_ranks
+def test_rough_solutions_take_one_application_of_the_preconditioner(comm, monkeypatch):
+    scene = scenes.ball_plate(comm, shift=scenes.NO_TIES)
+    solver, bulk = scene.stepper._solver, scene.stepper._bulk
+    solve, products, errors = solver.solve, [], []
+
+    def rough(R, steps, states, rtol):
+        reduction, before = solver.reduction_at_once, bulk.num_assembled[1]
+        if not reduction > 0:
+            return solve(R, steps, states, rtol)
+        du, _ = solve(R, steps, states, reduction)
+        products.append(bulk.num_assembled[1] - before)
+        exact, multipliers = solve(R, steps, states, 1e-3)
+        squares = comm.allreduce(np.array([(du - exact) @ (du - exact), exact @ exact]))
+        errors.append(np.sqrt(squares[0] / squares[1]))
+        return exact, multipliers
+
+    monkeypatch.setattr(solver, "solve", rough)
+    for _ in range(8):
+        scene.stepper.advance()
+    # One for the part that meets the constraints, where that is large.
+    assert len(errors) > 5 and max(products) <= 1
+    assert max(errors) < 0.3
+
+
+@pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize("mu", [0.0, 0.3])
 def test_contact_hardly_adds_to_the_iterations_of_the_bulk(comm, mu):
     scene = scenes.ball_plate(comm, shift=scenes.NO_TIES, friction=nts.Coulomb(mu))

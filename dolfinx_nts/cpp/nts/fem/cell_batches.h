@@ -134,10 +134,13 @@ void add_batches(std::span<const BatchKernel> kernels, const CellNodes& mesh,
       for (std::size_t l = 0; l < L; ++l)
         w.data()[places[i] * L + l]
             = static_cast<T>(packed[places.size() * batch[l] + i]);
-    for (std::size_t f = 0; f < functions.size(); ++f)
-      for (std::size_t i = 0; i < k; ++i)
-        rows_to_lanes<D>(values[f].data(), rows_of<D>(all_nodes, k, i, batch),
+    for (std::size_t i = 0; i < k; ++i)
+    {
+      const auto rows = rows_of<D>(all_nodes, k, i, batch);
+      for (std::size_t f = 0; f < functions.size(); ++f)
+        rows_to_lanes<D>(values[f].data(), rows,
                          w.data() + (functions[f].first + D * i) * L);
+    }
     element.clear();
     for (const BatchKernel& kernel : kernels)
       kernel(element.data(), w.data(), c.data(), X.data());
