@@ -97,19 +97,19 @@ class _GatheredRows:
         reached = np.concatenate([domain, halo])
         self._order = np.argsort(reached)
         self._sorted = reached[self._order]
-        self._factors = _kernels.ContactSchwarz(start, self._place(column), value)
-
         own = (reached >= first) & (reached < last)
         ghosts = reached[~own]
         owner = np.searchsorted(ends, ghosts, side="right").astype(np.int32)
         index_map = compat.index_map(space.comm, space.size_local, ghosts, owner)
+        # It carries rows of r and z beside each other.
         self._vector = la.vector(index_map, 2 * rows.dim)
-        self._position = reached - first
-        self._position[~own] = space.size_local + np.arange(len(ghosts))
-        self._num_rows = len(domain)
-        self._inner = np.flatnonzero(own[: self._num_rows])
-        # Owned nodes whose values somebody needs.
-        self._needed = np.union1d(compat.shared(index_map), self._position[own])
+        self._values: Floats = self._vector.array.reshape(-1, 2 * rows.dim)
+        self._shared, self._num_owned = compat.shared(index_map), space.size_local
+        places = reached - first
+        places[~own] = space.size_local + np.arange(len(ghosts))
+        self._factors = _kernels.ContactSchwarz(
+            start, self._place(column), value, places.astype(np.int32)
+        )
 
     def cover(self, nodes: GlobalInts) -> bool:
         """Whether these rows are enough for other nodes of contacts."""
@@ -124,15 +124,10 @@ class _GatheredRows:
 
     def correct(self, r: Floats, z: Floats) -> None:
         """Constrain z and correct it at owned nodes. Collective."""
-        d, needed = z.shape[1], self._needed
-        both: Floats = self._vector.array.reshape(-1, 2 * d)
-        both[needed, :d], both[needed, d:] = r[needed], z[needed]
+        shared, values = self._shared, self._values
+        values[shared] = np.concatenate([r.take(shared, axis=0), z.take(shared, axis=0)], axis=1)
         self._vector.scatter_forward()
-        known = both[self._position]
-        right = np.ascontiguousarray(known[: self._num_rows, :d])
-        values = np.ascontiguousarray(known[:, d:])
-        self._factors.correct(right, values)
-        z[self._position[self._inner]] = values[self._inner]
+        self._factors.correct(r, z, values[self._num_owned :])
 
     def _place(self, nodes: GlobalInts) -> Ints:
         """Positions of nodes among those that rows reach."""
