@@ -50,9 +50,7 @@ class SerialSubdomain:
         if version != self._version:
             rows, self._version = self._rows, version
             own_places: Ints = np.empty(0, dtype=np.int32)
-            self._factors = _kernels.ContactSchwarz(
-                rows.start, rows.column, rows.value, own_places
-            )
+            self._factors = _kernels.ContactSchwarz(rows.start, rows.column, rows.value, own_places)
         self._factors.clear()
         for blocks in contacts:
             self._factors.add(blocks.kernel())

@@ -72,9 +72,10 @@ class OverlappingSubdomain:
         comm = self._rows.index_map.comm
         self._learn(np.union1d(blocks.nodes, blocks.tangent_nodes))
         flags = (self._of_ranks(some) for some in (blocks.nodes, blocks.tangent_nodes))
-        parts = [blocks.take(*blocks.touching(*flag)) for flag in zip(*flags, strict=True)]
-        others = parts[: comm.rank] + parts[comm.rank + 1 :]
-        if not reductions.anywhere(comm, any(len(part.rank) or part.tangent.size for part in others)):
+        touching = (blocks.touching(*flag) for flag in zip(*flags, strict=True))
+        parts: list[ContactBlocks] = [blocks.take(*some) for some in touching]
+        others = (part for rank, part in enumerate(parts) if rank != comm.rank)
+        if not reductions.anywhere(comm, any(p.nodes.size + p.tangent.size for p in others)):
             return parts[comm.rank]
         return ContactBlocks.concatenated(exchanged(comm, parts))
 
