@@ -93,14 +93,14 @@ class _Tags(dict[str, int]):
 def read_mesh(source: Any, comm: MPI.Comm, *, rank: int = 0) -> MeshData:
     """Read a mesh with named physical groups and distribute it.
 
-    Collective; every error is raised on all ranks. Mirrored cells are accepted, as DOLFINx
-    integrates with ``|det J|``. Cells of second order may be curved, as those of round surfaces
-    are after ``gmsh.model.mesh.setOrder(2)``; they go with displacements of degree 2. DOLFINx
-    has spaces on cells of one kind only, and not on prisms: meshes of prisms, or of several
-    kinds, are cut into hexahedra, four of a tetrahedron, six of a prism and eight of a
-    hexahedron, and a warning is logged. A model without volumes is a mesh of the plane z = 0,
-    whose cells are on physical surfaces; triangles next to quadrilaterals are cut into three and
-    four quadrilaterals.
+    Planes cut it into parts of as many cells, the same each time. Collective; every error is raised
+    on all ranks. Mirrored cells are accepted, as DOLFINx integrates with ``|det J|``. Cells of
+    second order may be curved, as those of round surfaces are after
+    ``gmsh.model.mesh.setOrder(2)``; they go with displacements of degree 2. DOLFINx has spaces on
+    cells of one kind only, and not on prisms: meshes of prisms, or of several kinds, are cut into
+    hexahedra, four of a tetrahedron, six of a prism and eight of a hexahedron, and a warning is
+    logged. A model without volumes is a mesh of the plane z = 0, whose cells are on physical
+    surfaces; triangles next to quadrilaterals are cut into three and four quadrilaterals.
 
     Args:
         source: Path of a ``.msh`` file; a live gmsh model such as ``gmsh.model``; or a function

@@ -28,8 +28,7 @@ public:
     {
       if (place < 0)
         throw nb::value_error("places: expected no negative entry");
-      _num_places
-          = std::max(_num_places, static_cast<std::size_t>(place) + 1);
+      _num_places = std::max(_num_places, static_cast<std::size_t>(place) + 1);
     }
   }
 
@@ -78,8 +77,9 @@ public:
             return;
           const auto place = [&](std::size_t node)
           {
-            return _places.size() ? static_cast<std::size_t>(view(_places)[node])
-                                  : node;
+            return _places.size()
+                       ? static_cast<std::size_t>(view(_places)[node])
+                       : node;
           };
           const auto ghost = [&](std::size_t i)
           { return ghosts.data() + 2 * B * (i - owned); };

@@ -71,8 +71,7 @@ public:
             .tangent = view(_tangent)};
   }
 
-  void constrain(const Doubles& values, Out<double> x,
-                 Out<double> ghosts) const
+  void constrain(const Doubles& values, Out<double> x, Out<double> ghosts) const
   {
     check_values(values);
     check_rows("x", x, ghosts);
@@ -90,15 +89,15 @@ public:
     check_values(values);
     check_rows("x", x, ghosts);
     auto result = create<double>({_rank.size(), components()});
-    dispatch_components(
-        components(),
-        [&]<std::size_t B>()
-        {
-          const KnownValues known{view(x), view(ghosts)};
-          for (std::size_t i = 0; i < _rank.size(); ++i)
-            std::ranges::copy(nts::missing(get<B>(), i, view(values), known),
-                              result.data() + B * i);
-        });
+    dispatch_components(components(),
+                        [&]<std::size_t B>()
+                        {
+                          const KnownValues known{view(x), view(ghosts)};
+                          for (std::size_t i = 0; i < _rank.size(); ++i)
+                            std::ranges::copy(
+                                nts::missing(get<B>(), i, view(values), known),
+                                result.data() + B * i);
+                        });
     return result;
   }
 
@@ -122,14 +121,13 @@ public:
     check_rows("x", x, x_ghosts);
     check_rows("y", y, y_ghosts);
     auto multipliers = create<double>({_rank.size(), components()});
-    dispatch_components(components(),
-                        [&]<std::size_t B>()
-                        {
-                          nts::act(get<B>(),
-                                   KnownValues{view(x), view(x_ghosts)},
-                                   ChangedValues{view(y), view(y_ghosts)},
-                                   view(multipliers));
-                        });
+    dispatch_components(
+        components(),
+        [&]<std::size_t B>()
+        {
+          nts::act(get<B>(), KnownValues{view(x), view(x_ghosts)},
+                   ChangedValues{view(y), view(y_ghosts)}, view(multipliers));
+        });
     return multipliers;
   }
 
@@ -138,13 +136,13 @@ public:
   {
     check_rows("x", x, x_ghosts);
     check_rows("y", y, y_ghosts);
-    dispatch_components(
-        components(),
-        [&]<std::size_t B>()
-        {
-          nts::add_tangent(get<B>(), KnownValues{view(x), view(x_ghosts)},
-                           ChangedValues{view(y), view(y_ghosts)});
-        });
+    dispatch_components(components(),
+                        [&]<std::size_t B>()
+                        {
+                          nts::add_tangent(
+                              get<B>(), KnownValues{view(x), view(x_ghosts)},
+                              ChangedValues{view(y), view(y_ghosts)});
+                        });
   }
 
   /// @brief One more than the greatest node.

@@ -127,8 +127,7 @@ public:
     const double scale = power_of_two(largest), back = 1 / scale;
     for (const std::int32_t node : _nodes)
       for (std::size_t c = 0; c < B; ++c)
-        _z[B * node + c]
-            = without_dust(static_cast<float>(scale * z(node)[c]));
+        _z[B * node + c] = without_dust(static_cast<float>(scale * z(node)[c]));
     _x.resize(B * _size);
     const auto subtract = [&](std::size_t p, const PackedRows<B>& rows,
                               std::size_t e, std::size_t end)
