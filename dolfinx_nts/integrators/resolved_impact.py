@@ -212,9 +212,8 @@ class ResolvedImpact(Inertia):
         x, mean = self._X + u, self._mean_velocity()[:n].reshape(v.shape)
         vibration, recoil = self._motions.of(x, v, mean, impulses)
         recoil = recoil._replace(linear=recoil.linear - of_obstacles)
-        cost, dissipation = self._equilibrate(steps, held, vibration, recoil)
+        cost, dissipation, recoils, factors = self._equilibrate(steps, held, vibration, recoil)
         refund = -cost - dissipation
-        recoils, factors, _ = _payment(vibration, recoil, refund)
         moves = recoil.velocities(recoils)
         for g, factor, move in zip(self._groups.nodes, factors, moves, strict=True):
             v[g] += factor * vibration.w[g] + move
@@ -241,6 +240,8 @@ class ResolvedImpact(Inertia):
             velocity: Mean velocity of the step there, ``(n, d)`` [m/s].
         """
         supports, dt, force = self.bulk.supports, float(self._rates.dt.value), np.zeros_like(x)
+        if not supports.exist:
+            return ()
         for g, impulse in zip(self._groups.nodes, impulses, strict=True):
             force[g] = impulse / dt
         force, way = (values.ravel()[supports.fixed] for values in (force, dt * velocity))
@@ -276,11 +277,12 @@ class ResolvedImpact(Inertia):
         held: Sequence[tuple[ContactStep, HeldNodes]],
         vibration: Vibration,
         recoil: Recoil,
-    ) -> tuple[Floats, Floats]:
+    ) -> tuple[Floats, Floats, Floats, Floats]:
         """Move nodes without mass towards equilibrium, as far as groups can pay for it.
 
         ``vibration`` and ``recoil`` are what they pay with. Returns the work of stress and damping
-        on this way, and what friction dissipates, both ``(g,)`` [J]. Collective.
+        on this way, and what friction dissipates, both ``(g,)`` [J], and the factors of recoil and
+        of vibration that pay for it. Collective.
         """
         u = self._rates.u.x
         massless, way = self._equilibrium.nodes, np.zeros_like(self._X)
@@ -301,7 +303,7 @@ class ResolvedImpact(Inertia):
             cost += self._losses.follow(way[massless])
             histories, dissipation = self._slid(held, way)
             wanted = -cost - dissipation
-            _, _, given = _payment(vibration, recoil, wanted)
+            recoils, factors, given = _payment(vibration, recoil, wanted)
             good = np.abs(wanted - given) <= _ROUND_OFF * np.abs(wanted)
             good &= (cost <= _MOST_SPENT * most) & (not self._volume_ratio.inverted())
             if np.all(good | (share == 0)):
@@ -309,7 +311,7 @@ class ResolvedImpact(Inertia):
             share = np.where(good, share, np.where(share > _LEAST, share / 2, 0.0))
         for (step, _), history in zip(held, histories, strict=True):
             step.state.accept(history)
-        return cost, dissipation
+        return cost, dissipation, recoils, factors
 
     def _share(self, held: Sequence[tuple[ContactStep, HeldNodes]], recoils: Floats) -> None:
         """Let contact know the impulses of recoil, factors ``(g,)`` of its own. Local."""

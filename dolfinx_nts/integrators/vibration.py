@@ -92,7 +92,8 @@ class VibrationAnalysis:
         possible: Flags,
     ) -> None:
         """Sum up the rows of the mass."""
-        self._comm, self._mass, self._groups = comm, mass, groups
+        self._comm, self._mass, self._shape = comm, mass, shape
+        self._groups = [_contiguous(nodes) for nodes in groups]
         d = shape[1]
         motions: Floats = np.zeros((len(possible), 1 + d, d))
         motions[:d, 0] = np.eye(d)
@@ -100,8 +101,10 @@ class VibrationAnalysis:
         # As factors of the fields 1 and x.
         self._motions = motions[possible]
         self._m = mass.times(np.ones(shape))[:, :1]
-        self._fixed: Floats = np.zeros(shape)
-        self._fixed.ravel()[fixed] = 1
+        held: Flags = np.zeros(shape, dtype=bool)
+        held.ravel()[fixed] = True
+        supported = [nodes[held[nodes].any(axis=1)] for nodes in groups]
+        self._supports = [(nodes, held[nodes]) for nodes in supported]
 
     def of(self, x: Floats, v: Floats, led: Floats, impulses: Floats) -> tuple[Vibration, Recoil]:
         """Split velocities, and find those that impulses give. Collective.
@@ -117,15 +120,15 @@ class VibrationAnalysis:
         """
         d, num = v.shape[1], len(self._groups)
         field, M_field, about = self._about_centres(x, impulses)
-        at_supports = [fixed[:, None] * field for fixed in self._fixed.T]
-        values = np.hstack([M_field, self._mass.times(v), self._fixed * led, *at_supports])
-        products = np.split(self._sums(field, values), np.cumsum([1 + d, d, d]), axis=2)
-        gram, of_momentum, of_led, held = products
+        products = self._sums(field, np.hstack([M_field, self._mass.times(v)]), led)
+        gram, of_momentum, of_led, held = np.split(products, np.cumsum([1 + d, d, d]), axis=2)
         motions = [GroupMotions(self._motions, gram[i], held[i]) for i in range(num)]
         lead = np.array([motions[i].at_supports(of_led[i, None])[0] for i in range(num)])
         w = v - self._at_nodes(field, lead)
-        relative = w.copy()
-        w[self._fixed > 0] = 0
+        # Fixed dofs do not keep what they have relative to this motion.
+        lost = [np.where(is_held, w[nodes], 0.0) for nodes, is_held in self._supports]
+        for (nodes, _), values in zip(self._supports, lost, strict=True):
+            w[nodes] -= values
         Mw = self._mass.times(w)
         every = np.concatenate([self._sums(field, Mw)[None], about])
         rigid, by_supports = np.zeros_like(every), np.zeros_like(every)
@@ -134,14 +137,15 @@ class VibrationAnalysis:
             # Supports give what the impulses do not.
             missing = gram[i] @ rigid[:, i] - every[:, i]
             by_supports[:, i] = motions[i].at_supports(missing)
-        part = self._at_nodes(field, rigid[0])
-        w -= part
-        relative -= part
+        w -= self._at_nodes(field, rigid[0])
         M_vibration = Mw - self._at_nodes(M_field, rigid[0])
         # The rigid part has no product with it but that of round-off, and the product with the
         # motion of supports is their work.
-        energies = [[np.vdot(a[g], M_vibration[g]) for g in self._groups] for a in (relative, w)]
-        linear, square = reductions.total(self._comm, np.array(energies))
+        energies = np.zeros((2, num))
+        for i, (g, (nodes, _)) in enumerate(zip(self._groups, self._supports, strict=True)):
+            energies[:, i] = np.vdot(w[g], M_vibration[g])
+            energies[0, i] += np.vdot(lost[i], M_vibration[nodes])
+        linear, square = reductions.total(self._comm, energies)
         recoil = rigid[1:]
         rows, M_rows = (a.reshape(num, -1) for a in (recoil, gram @ recoil))
         towards = rows @ (of_momentum - gram @ lead).ravel() + about.reshape(num, -1) @ lead.ravel()
@@ -167,14 +171,32 @@ class VibrationAnalysis:
             about[:, i, 1:] -= centre[:, None] * impulses[:, i, :1]
         return fields, M_fields, about
 
-    def _sums(self, fields: Floats, values: Floats) -> Floats:
-        """Products of fields, ``(n, k)``, and values, ``(n, m)``, by groups, ``(g, k, m)``."""
-        sums = np.array([fields[g].T @ values[g] for g in self._groups])
-        return reductions.total(self._comm, sums)
+    def _sums(self, fields: Floats, values: Floats, led: Floats | None = None) -> Floats:
+        """Products of fields, ``(n, k)``, and values, ``(n, m)``, by groups, ``(g, k, m)``.
+
+        With velocities of supports, ``(n, d)``, also those of the fields at fixed dofs with these
+        and with the fields, ``(g, k, m + d + d k)``.
+        """
+        sums = [fields[g].T @ values[g] for g in self._groups]
+        if led is not None:
+            for i, (nodes, is_held) in enumerate(self._supports):
+                some = fields[nodes]
+                each = (is_held[:, :, None] * some[:, None]).reshape(
+                    len(some), is_held.shape[1] * some.shape[1]
+                )
+                sums[i] = np.hstack([sums[i], some.T @ np.hstack([is_held * led[nodes], each])])
+        return reductions.total(self._comm, np.array(sums))
 
     def _at_nodes(self, fields: Floats, parts: Floats) -> Floats:
         """Fields, ``(n, 1 + d)``, times factors of each group, ``(g, 1 + d, d)``; ``(n, d)``."""
-        values: Floats = np.empty_like(self._fixed)
+        values: Floats = np.empty(self._shape)
         for g, part in zip(self._groups, parts, strict=True):
             values[g] = fields[g] @ part
         return values
+
+
+def _contiguous(nodes: Ints) -> Ints | slice:
+    """The same sorted nodes, as a slice if none is missing between them, which is quicker."""
+    if len(nodes) and nodes[-1] - nodes[0] + 1 == len(nodes):
+        return slice(int(nodes[0]), int(nodes[-1]) + 1)
+    return nodes

@@ -137,6 +137,9 @@ class HeldGaps:
             )
             ways.append(hold.way / length)
         self._way = np.concatenate(ways)
+        ones = [rows.gradient.any(axis=2, keepdims=True) * np.ones(3) for rows in self._rows]
+        most = self._sum(ones, np.ones(len(self._way))).max(initial=0.0)
+        self._share_no_nodes = bool(reductions.largest(comm, float(most)) <= 1)
         self.slides = reductions.anywhere(comm, slides)
         exists = reductions.anywhere(comm, len(self._way) > 0)
         self._passes = _SLIDING_PASSES if self.slides else int(exists)
@@ -188,8 +191,10 @@ class HeldGaps:
         b: Floats,
     ) -> tuple[Floats, Floats]:
         """Solve A x = b by conjugate gradients; the shortest x, and b - A x."""
+        s = transposed(b)
+        if self._share_no_nodes:  # A has orthonormal rows or columns.
+            return s, b - times(s)
         r = b.copy()
-        s = transposed(r)
         x, p, old = np.zeros_like(s), s, self._dot(s, s)
         # Gradients have unit length, so that s has the round-off of b.
         least = max(_REDUCTION**2 * old, _ROUND_OFF**2 * self._dot(b, b))

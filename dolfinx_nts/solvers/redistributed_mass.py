@@ -117,15 +117,18 @@ class _Product:
         size = (matrix.getSizes()[1], (None, width))
         self._columns = PETSc.Mat().createDense(size, comm=matrix.comm)
         self._columns.setUp()
+        self._columns.assemble()
         # PETSc keeps what it knows of a product in the matrix of its result.
         self._result = matrix.matMult(self._columns)
+        self._given, self._product = (
+            dense.getDenseArray() for dense in (self._columns, self._result)
+        )
 
     def of(self, values: Floats) -> Floats:
         """Multiply values at the owned nodes, both ``(n, width)``. Collective."""
-        self._columns.getDenseArray()[:] = values
-        self._columns.assemble()
+        self._given[:] = values
         self._matrix.matMult(self._columns, result=self._result)
-        return np.ascontiguousarray(self._result.getDenseArray())
+        return np.ascontiguousarray(self._product)
 
 
 class _Entries(NamedTuple):
