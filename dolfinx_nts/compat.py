@@ -185,7 +185,8 @@ def model_to_mesh(
 
     # 0.9 returns three values; 0.10 returns a longer named tuple, whose facet tags are
     # None if there is no physical group of facets. Use attributes when 0.9 is dropped.
-    read = _reader.model_to_mesh(model, comm, rank, gdim=dim, partitioner=partitioner)
+    chosen = partitioner if comm.size > 1 else None
+    read = _reader.model_to_mesh(model, comm, rank, gdim=dim, partitioner=chosen)
     mesh, cells, facets = read[:3]
     if facets is None:
         none = np.empty(0, dtype=np.int32)
