@@ -73,10 +73,11 @@ class OverlappingSubdomain:
         self._learn(np.union1d(blocks.nodes, blocks.tangent_nodes))
         flags = (self._of_ranks(some) for some in (blocks.nodes, blocks.tangent_nodes))
         touching = (blocks.touching(*flag) for flag in zip(*flags, strict=True))
-        parts: list[ContactBlocks] = [blocks.take(*some) for some in touching]
+        parts = [blocks.take(*some) for some in touching]
         others = (part for rank, part in enumerate(parts) if rank != comm.rank)
         if not reductions.anywhere(comm, any(p.nodes.size + p.tangent.size for p in others)):
-            return parts[comm.rank]
+            own: ContactBlocks = parts[comm.rank]
+            return own
         return ContactBlocks.concatenated(exchanged(comm, parts))
 
     def _learn(self, nodes: GlobalInts) -> None:
