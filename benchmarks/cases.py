@@ -35,9 +35,8 @@ _PILE = {"h": 0.002, "t_start": 0.04, "t_end": 0.1}
 
 # Each item is measured in a process of its own. Machines change their speed: cases
 # that are compared share a process and take their steps in turn, or, where they
-# cannot, the processes take turns. Several runs where steps are short, or the
-# partition is another one each time; the median counts. Ranks and runs of a process
-# are those of its first case.
+# cannot, the processes take turns. Several runs where steps are short, or of ranks that
+# share a machine; the median counts. Ranks and runs of a process are those of its first case.
 _DEFAULT: list[Rows] = [
     *(
         [{**_IMPACT, "scheme": scheme, "element": "default"}]

@@ -5,7 +5,7 @@ what changed, in which release, and when the function can be simplified.
 """
 
 import gc
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
 from importlib import import_module, metadata
@@ -18,9 +18,11 @@ import cffi
 import numpy as np
 from dolfinx import fem
 from dolfinx.common import IndexMap
+from dolfinx.cpp.mesh import cell_num_vertices
+from dolfinx.graph import adjacencylist
 from dolfinx.mesh import Geometry, GhostMode, Mesh, MeshTags, create_cell_partitioner, meshtags
 
-from dolfinx_nts.common.arrays import GlobalInts, Ints
+from dolfinx_nts.common.arrays import Array, GlobalInts, Ints
 
 # The gmsh reader `dolfinx.io.gmshio` became `dolfinx.io.gmsh` in 0.10.
 # Import it directly when 0.9 is dropped.
@@ -159,7 +161,7 @@ def shared(index_map: IndexMap) -> Ints:
 
 
 def model_to_mesh(
-    model: Any, comm: MPI.Comm, rank: int, dim: int
+    model: Any, comm: MPI.Comm, rank: int, dim: int, ranks_of_cells: Callable[[Array, int], Ints]
 ) -> tuple[Mesh, MeshTags, MeshTags]:
     """Distribute a gmsh model as a DOLFINx mesh. Collective.
 
@@ -168,14 +170,24 @@ def model_to_mesh(
         comm: Communicator of the mesh.
         rank: Rank on which gmsh holds the model.
         dim: Dimension of its cells and of their positions, 2 or 3.
+        ranks_of_cells: Called on all ranks with the vertices of their cells, numbers of gmsh's
+            nodes from 0, shape ``(c, k)``, and the number of ranks; returns the owner of each.
 
     Returns:
         Mesh, cell tags and facet tags; the facet tags are empty if the
         model has no physical group of facets.
     """
+
+    def partitioner(_comm: Any, num_ranks: int, types: Any, cells: Any) -> Any:
+        vertices = np.asarray(cells[0]).reshape(-1, cell_num_vertices(types[0]))
+        owners = ranks_of_cells(vertices, num_ranks).astype(np.int32)
+        return cpp_object(adjacencylist(owners, np.arange(len(owners) + 1, dtype=np.int32)))
+
     # 0.9 returns three values; 0.10 returns a longer named tuple, whose facet tags are
     # None if there is no physical group of facets. Use attributes when 0.9 is dropped.
-    mesh, cells, facets = _reader.model_to_mesh(model, comm, rank, gdim=dim)[:3]
+    chosen = partitioner if comm.size > 1 else None
+    read = _reader.model_to_mesh(model, comm, rank, gdim=dim, partitioner=chosen)
+    mesh, cells, facets = read[:3]
     if facets is None:
         none = np.empty(0, dtype=np.int32)
         facets = meshtags(mesh, mesh.topology.dim - 1, none, none)

@@ -8,6 +8,7 @@ the tags. Simple bodies to fill a model with are in `parts`.
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple, NoReturn
@@ -18,8 +19,10 @@ import numpy as np
 from dolfinx.mesh import Mesh, MeshTags
 
 from dolfinx_nts import compat
+from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.named_tag import NamedTag
 from dolfinx_nts.meshing.mixed_cells import gmsh_options, only_one_kind
+from dolfinx_nts.meshing.partition import ranks_of_cells
 from dolfinx_nts.meshing.parts import (
     add_bowl,
     add_box,
@@ -90,14 +93,14 @@ class _Tags(dict[str, int]):
 def read_mesh(source: Any, comm: MPI.Comm, *, rank: int = 0) -> MeshData:
     """Read a mesh with named physical groups and distribute it.
 
-    Collective; every error is raised on all ranks. Mirrored cells are accepted, as DOLFINx
-    integrates with ``|det J|``. Cells of second order may be curved, as those of round surfaces
-    are after ``gmsh.model.mesh.setOrder(2)``; they go with displacements of degree 2. DOLFINx
-    has spaces on cells of one kind only, and not on prisms: meshes of prisms, or of several
-    kinds, are cut into hexahedra, four of a tetrahedron, six of a prism and eight of a
-    hexahedron, and a warning is logged. A model without volumes is a mesh of the plane z = 0,
-    whose cells are on physical surfaces; triangles next to quadrilaterals are cut into three and
-    four quadrilaterals.
+    Planes cut it into parts of as many cells, the same each time. Collective; every error is raised
+    on all ranks. Mirrored cells are accepted, as DOLFINx integrates with ``|det J|``. Cells of
+    second order may be curved, as those of round surfaces are after
+    ``gmsh.model.mesh.setOrder(2)``; they go with displacements of degree 2. DOLFINx has spaces on
+    cells of one kind only, and not on prisms: meshes of prisms, or of several kinds, are cut into
+    hexahedra, four of a tetrahedron, six of a prism and eight of a hexahedron, and a warning is
+    logged. A model without volumes is a mesh of the plane z = 0, whose cells are on physical
+    surfaces; triangles next to quadrilaterals are cut into three and four quadrilaterals.
 
     Args:
         source: Path of a ``.msh`` file; a live gmsh model such as ``gmsh.model``; or a function
@@ -147,7 +150,10 @@ def read_mesh(source: Any, comm: MPI.Comm, *, rank: int = 0) -> MeshData:
                         raise
                     raise ValueError(f"expected a gmsh mesh, given {source}: {error}") from error
         dim, tags, num_facets = comm.bcast((dim, tags, num_facets), root=rank)
-        mesh, cells, facets = compat.model_to_mesh(model, comm, rank, dim)
+        X = _positions(model)
+        mesh, cells, facets = compat.model_to_mesh(
+            model, comm, rank, dim, partial(ranks_of_cells, X)
+        )
 
     mesh.topology.create_connectivity(dim - 1, dim)
     mesh.topology.create_connectivity(dim, dim - 1)
@@ -248,6 +254,15 @@ def _only_cells_and_facets(model: Any, dim: int) -> Iterator[None]:
     finally:
         for of, tag, entities, name in known:
             model.addPhysicalGroup(of, entities, tag, name)
+
+
+def _positions(model: Any) -> Floats:
+    """Positions of the nodes by their numbers, shape ``(n, 3)`` [m]; none without a model."""
+    if model is None:
+        return np.empty((0, 3))
+    numbers, x, _ = model.mesh.getNodes()
+    X: Floats = np.reshape(x, (-1, 3))[np.argsort(numbers)]
+    return X
 
 
 def _dimension(model: Any) -> int:

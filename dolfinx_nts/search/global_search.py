@@ -124,7 +124,7 @@ class GlobalSearch(Search):
             ghost_owners[place] = owners[remote]
             local[remote] = last - first + place
             space = compat.index_map(comm, space.size_local, ghosts, ghost_owners)
-        scatter = NodalScatter(space, is_local=comm.size == 1)
+        scatter = NodalScatter(space)
         values = (orientation, key, size, thickness, *weights)
         vertices, others = np.split(local.astype(np.int32), [len(local) - num_others])
         found = FoundSegments(scatter, vertices.reshape(shape), *(each[order] for each in values))

@@ -42,7 +42,7 @@ class ObstacleCandidates(Candidates):
         owned = compat.index_map(
             nodes.V.mesh.comm, nodes.V.dofmap.index_map.size_local, none, none.astype(np.int32)
         )
-        self.scatter = NodalScatter(owned, is_local=True)
+        self.scatter = NodalScatter(owned)
         self.key = obstacle.key
         self.segments = np.empty((len(self.key), 0), dtype=np.int32)
         self.size = np.full(len(self.key), nodes.size)

@@ -8,6 +8,7 @@ from dolfinx import common, la
 
 from dolfinx_nts import _kernels, compat
 from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.parallel import reductions
 
 __all__ = ["NodalScatter", "joint_scatter"]
 
@@ -15,28 +16,32 @@ __all__ = ["NodalScatter", "joint_scatter"]
 class NodalScatter:
     """Sends values of nodes from owners to ghosts and back.
 
-    Methods are collective, and local if `is_local`.
+    All methods are collective, and local if `is_local`. Values have the shape ``(..., d)`` with d
+    up to 3. Only those of nodes that other ranks need are touched: a contact has few of them, and a
+    copy of all takes longer than the exchange.
 
     Args:
         index_map: Owned nodes of the space, then the ghosts that segments on this rank need.
-        is_local: Whether no rank needs anything of another.
 
     Attributes:
-        index_map, is_local: The arguments.
-        vector: Carries values of nodes between ranks, shape ``(3 l,)``.
+        index_map: The argument.
+        is_local: Whether no rank needs anything of another.
         shared: Owned nodes that are ghosts of other ranks.
     """
 
-    def __init__(self, index_map: common.IndexMap, *, is_local: bool) -> None:
-        """Allocate the vector that carries values between ranks."""
-        self.index_map, self.is_local = index_map, is_local
-        self.vector: Any = la.vector(index_map, 3)
+    def __init__(self, index_map: common.IndexMap) -> None:
+        """Allocate the vector that carries values between ranks. Collective."""
+        self.index_map, self._num_owned = index_map, index_map.size_local
+        self.is_local = not reductions.anywhere(index_map.comm, index_map.num_ghosts > 0)
         self.shared: Ints = compat.shared(index_map)
+        self._vector: Any = la.vector(index_map, 3)
+        # DOLFINx takes 2 us each time that it is asked for the array.
+        self._values: Floats = self._vector.array.reshape(-1, 3)
 
     @property
     def num_local(self) -> int:
         """Number of owned nodes and ghosts. Local."""
-        return int(self.index_map.size_local + self.index_map.num_ghosts)
+        return len(self._values)
 
     def global_nodes(self, nodes: Ints) -> Any:
         """Global numbers of local nodes, of the same shape. Local."""
@@ -45,25 +50,19 @@ class NodalScatter:
         return np.asarray(self.index_map.local_to_global(nodes.ravel())).reshape(nodes.shape)
 
     def forward(self, values: Floats) -> Floats:
-        """Send values of the owned nodes, the first rows of ``values``, to the ghosts.
+        """Values at all nodes of the map, shape ``(l, 3)``; a view if `is_local`.
 
-        Returns values at all nodes of the map, shape ``(l, 3)``; a view if `is_local`.
+        Those of the owned nodes are the first rows of ``values``.
         """
-        owned = values[: self.index_map.size_local]
-        if self.is_local:
-            return owned
-        self.vector.array[: owned.size] = owned.ravel()
-        self.vector.scatter_forward()
-        everywhere: Floats = self.vector.array.reshape(-1, 3).copy()
-        return everywhere
+        owned = values[: self._num_owned]
+        return owned if self.is_local else np.concatenate([owned, self.at_ghosts(owned)])
 
     def reverse(self, values: Floats) -> Floats:
         """Sum at owned nodes, ``(n, 3)``, what all ranks have at nodes of the map, ``(l, 3)``."""
         if self.is_local:
             return values
-        self.vector.array[:] = values.ravel()
-        self.vector.scatter_reverse(la.InsertMode.add)
-        sums: Floats = self.vector.array.reshape(-1, 3)[: self.index_map.size_local].copy()
+        sums = values[: self._num_owned].copy()
+        self.add_of_ghosts(sums, values[self._num_owned :])
         return sums
 
     def add(self, total: Floats, nodes: Ints, values: Floats) -> None:
@@ -72,14 +71,34 @@ class NodalScatter:
         ``total`` are the values at the owned nodes, shape ``(n, 3)``, changed; ``nodes`` are
         nodes of the map, of any shape, and values have the shape ``(*nodes.shape, 3)``.
         """
+        ghosts = self.no_values(3)
+        _kernels.add_rows(total, ghosts, nodes, values)
+        self.add_of_ghosts(total, ghosts)
+
+    def no_values(self, d: int) -> Floats:
+        """Zeros at the ghosts, shape ``(g, d)``. Local."""
+        return np.zeros((len(self._values) - self._num_owned, d))
+
+    def at_ghosts(self, values: Floats) -> Floats:
+        """Values at the ghosts, shape ``(g, d)``, of those at the owned nodes, ``(n, d)``."""
+        d = values.shape[1]
+        if not self.is_local:
+            self._values[self.shared, :d] = values.take(self.shared, axis=0)
+            self._vector.scatter_forward()
+        return self._values[self._num_owned :, :d].copy()
+
+    def add_of_ghosts(self, total: Floats, ghosts: Floats) -> None:
+        """Add to values at the owned nodes, ``(n, d)``, what all ranks have at ghosts, ``(g, d)``.
+
+        The former are changed.
+        """
         if self.is_local:
-            _kernels.add_rows(total, nodes, values)
             return
-        sums = self.vector.array.reshape(-1, 3)
-        sums[:] = 0
-        _kernels.add_rows(sums, nodes, values)
-        self.vector.scatter_reverse(la.InsertMode.add)
-        total += sums[: len(total)]
+        d = total.shape[1]
+        self._values[self.shared] = 0.0
+        self._values[self._num_owned :, :d] = ghosts
+        self._vector.scatter_reverse(la.InsertMode.add)
+        total[self.shared] += self._values[self.shared, :d]
 
 
 def joint_scatter(scatters: Sequence[NodalScatter]) -> tuple[NodalScatter, list[Ints | None]]:
@@ -104,4 +123,4 @@ def joint_scatter(scatters: Sequence[NodalScatter]) -> tuple[NodalScatter, list[
         np.concatenate([own, num_owned + np.searchsorted(ghosts, m.ghosts)]).astype(np.int32)
         for m in maps
     ]
-    return NodalScatter(joint, is_local=False), rows
+    return NodalScatter(joint), rows

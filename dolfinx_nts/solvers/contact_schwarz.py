@@ -6,7 +6,7 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arrays import Floats, same_numbers
+from dolfinx_nts.common.arrays import Floats, Ints, same_numbers
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.block_csr import BlockCSR
 from dolfinx_nts.solvers.contact_blocks import ContactBlocks, slopes_at_nodes
@@ -49,7 +49,8 @@ class SerialSubdomain:
         """
         if version != self._version:
             rows, self._version = self._rows, version
-            self._factors = _kernels.ContactSchwarz(rows.start, rows.column, rows.value)
+            own_places: Ints = np.empty(0, dtype=np.int32)
+            self._factors = _kernels.ContactSchwarz(rows.start, rows.column, rows.value, own_places)
         self._factors.clear()
         for blocks in contacts:
             self._factors.add(blocks.kernel())
@@ -57,7 +58,7 @@ class SerialSubdomain:
 
     def correct(self, r: Floats, z: Floats) -> None:
         """Constrain z and correct it, as `ContactSchwarz.correct`."""
-        self._factors.correct(r, z)
+        self._factors.correct(r, z, np.empty((0, 2 * z.shape[1])))
 
 
 class ContactSchwarz:

@@ -26,10 +26,11 @@ from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.mortar_pairing import PointBlocks
 from dolfinx_nts.search.candidates import Candidates
 from dolfinx_nts.solvers.contact_blocks import ContactBlocks
-from dolfinx_nts.solvers.partial_scatter import PartialScatter
 
 __all__ = ["ActivePairs", "CoupledPairs", "Elimination", "active_pairs"]
 
+
+Part = tuple[Floats, Floats]
 
 _NO_VALUES = np.empty(0)  # of constraints: they are to become zero
 
@@ -38,7 +39,8 @@ class ActivePairs:
     """Active pairs of one contact pair, of which no node is constrained by two.
 
     Vectors are nodal, shape ``(n, d)``, over the owned nodes; a part of one
-    is over the nodes that pairs of this rank need.
+    is what pairs of this rank need: the vector, which must stay as it is, and
+    its values at ghosts.
 
     Args:
         candidates: What carries the values of their nodes.
@@ -79,49 +81,33 @@ class ActivePairs:
         tangent = tangent.reshape(len(tangent), *[dim * tangent_nodes.shape[1]] * 2)
         constraints = start, nodes, rank, normal, gradients, columns, slopes
         self.blocks = blocks = ContactBlocks(*constraints, tangent_nodes, tangent)
-        needed = blocks
-        # Takes the part of a vector; None where that is the vector itself.
-        self._scatter: PartialScatter | None = None
-        if not ghosts.is_local:
-            nodes = np.union1d(blocks.nodes, blocks.tangent_nodes)
-            self._scatter = PartialScatter(ghosts, nodes)
-            needed = blocks.renumbered(lambda some: np.searchsorted(nodes, some).astype(np.int32))
-        self._needed, self._kernel = needed, needed.kernel()
+        self._kernel = blocks.kernel()
 
     @property
     def is_regular(self) -> bool:
         """Whether the projections exist as far as the pairs alone decide. Collective."""
         return True
 
-    def constrain(self, values: Floats, x: Floats) -> Floats:
+    def constrain(self, values: Floats, x: Floats) -> Part:
         """Replace x by Z x + E (G^T E)^-1 values; return the part of it. Collective."""
         part = self.part(x)
-        self._kernel.constrain(values, part)
-        if part is not x:
-            x[self.blocks.constrained] = part[self._needed.constrained]
+        self._kernel.constrain(values, *part)
         return part
 
-    def act(self, part: Floats, y: Floats) -> Floats:
+    def act(self, part: Part, y: Floats) -> Floats:
         """Replace y by Z~^T (y + C x), with the part of x. Collective.
 
         Returns:
             Multipliers of the forces that this removes, shape ``(m, 3)`` [N].
         """
-        own = self._own(y)
-        removed = self._kernel.act(part, own)
-        self._put(own, y)
+        ghosts = self.ghosts.no_values(y.shape[1])
+        removed = self._kernel.act(*part, y, ghosts)
+        self.ghosts.add_of_ghosts(y, ghosts)
         return removed
 
-    def part(self, x: Floats) -> Floats:
-        """Part of a nodal vector over the nodes that these pairs need. Collective."""
-        return x if self._scatter is None else self._scatter.take(x)
-
-    def _own(self, y: Floats) -> Floats:
-        return y if self._scatter is None else self._scatter.owned(y)
-
-    def _put(self, own: Floats, y: Floats) -> None:
-        if self._scatter is not None:
-            self._scatter.put(own, y)
+    def part(self, x: Floats) -> Part:
+        """Part of a nodal vector that these pairs need. Collective."""
+        return x, self.ghosts.at_ghosts(x)
 
     def global_blocks(self) -> ContactBlocks:
         """The blocks with global numbers of the nodes."""
@@ -153,26 +139,26 @@ class CoupledPairs(ActivePairs):
         parts = [system.solve(ones) for system in (self._gradients, self._forces)]
         return all(bool(np.isfinite(part).all()) for part in parts)
 
-    def constrain(self, values: Floats, x: Floats) -> Floats:
+    def constrain(self, values: Floats, x: Floats) -> Part:
         """Solve for all nodes at once, see `ActivePairs.constrain`."""
-        missing = self._kernel.missing(values, self.part(x))
+        missing = self._kernel.missing(values, *self.part(x))
         directions = self._gradients.directions
         way = self._gradients.solve(missing[:, : directions.shape[1]])
         self._given_up.move((way[:, None] @ directions)[:, 0], x)
         return self.part(x)
 
-    def act(self, part: Floats, y: Floats) -> Floats:
+    def act(self, part: Part, y: Floats) -> Floats:
         """Sum up tangents first, then balance, see `ActivePairs.act`."""
-        own = self._own(y)
-        self._kernel.add_tangent(part, own)
-        self._put(own, y)
+        ghosts = self.ghosts.no_values(y.shape[1])
+        self._kernel.add_tangent(*part, y, ghosts)
+        self.ghosts.add_of_ghosts(y, ghosts)
         directions = self._forces.directions
         force = (directions @ self._given_up.gather(y)[:, :, None])[:, :, 0]
         removed = np.zeros((len(force), y.shape[1]))
         removed[:, : force.shape[1]] = self._forces.solve(force)
-        own = self._own(y)
-        self._kernel.remove(removed, own)
-        self._put(own, y)
+        ghosts.fill(0)
+        self._kernel.remove(removed, y, ghosts)
+        self.ghosts.add_of_ghosts(y, ghosts)
         return removed
 
 
@@ -225,16 +211,16 @@ class Elimination:
         """Whether no pair is active on any rank."""
         return not self.pairs
 
-    def particular(self, shape: tuple[int, ...]) -> tuple[Floats, list[Floats]]:
+    def particular(self, shape: tuple[int, ...]) -> tuple[Floats, list[Part]]:
         """Nodal vector x_p with G^T x_p = -(g - g_ref), and as `constrain`."""
         x = np.zeros(shape)
         return x, [p.constrain(-p.excess, x) for p in self.pairs]
 
-    def constrain(self, x: Floats) -> list[Floats]:
+    def constrain(self, x: Floats) -> list[Part]:
         """Replace x by Z x; returns the part of Z x that each of `pairs` needs."""
         return [p.constrain(_NO_VALUES, x) for p in self.pairs]
 
-    def act(self, parts: list[Floats], y: Floats) -> Floats:
+    def act(self, parts: list[Part], y: Floats) -> Floats:
         """Z~^T (y + sum lambda dF/dq x), x as `constrain` returns it; overwrites y."""
         self._act(parts, y)
         return y
@@ -255,6 +241,6 @@ class Elimination:
             for p, values in removed
         ]
 
-    def _act(self, parts: list[Floats], y: Floats) -> list[Floats]:
+    def _act(self, parts: list[Part], y: Floats) -> list[Floats]:
         """Project y; returns the multipliers of what this removes, each ``(m, 3)``."""
         return [p.act(x, y) for p, x in zip(self.pairs, parts, strict=True)]

@@ -6,7 +6,7 @@ import numpy as np
 from dolfinx import la
 
 from dolfinx_nts import _kernels, compat
-from dolfinx_nts.common.arrays import Array, Floats, GlobalInts, Ints
+from dolfinx_nts.common.arrays import Array, Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import exchanged
 from dolfinx_nts.solvers.block_csr import BlockCSR
@@ -37,6 +37,10 @@ class OverlappingSubdomain:
         asked = [ghosts[owner == rank] for rank in range(space.comm.size)]
         self._reached = exchanged(space.comm, asked)
         self._reached[space.comm.rank] = np.arange(*space.local_range)
+        # Nodes of contacts, ascending, and which ranks' rows reach them: contacts come to few
+        # others.
+        self._known: GlobalInts = np.empty(0, dtype=np.int64)
+        self._reaches: Flags = np.empty((0, space.comm.size), dtype=bool)
         self._version = -1
         self._gathered: _GatheredRows
 
@@ -66,15 +70,32 @@ class OverlappingSubdomain:
     def _near(self, blocks: ContactBlocks) -> ContactBlocks:
         """Those of all ranks that touch nodes which rows of this rank reach."""
         comm = self._rows.index_map.comm
-        nodes = np.union1d(blocks.nodes, blocks.tangent_nodes)
-        # The owners of the nodes know which ranks reach them.
-        asked = exchanged(comm, np.split(nodes, np.searchsorted(nodes, self._ends[:-1])))
-        answers = [np.column_stack([np.isin(some, r) for r in self._reached]) for some in asked]
-        reaches = np.concatenate(exchanged(comm, answers))
-        places = (np.searchsorted(nodes, some) for some in (blocks.nodes, blocks.tangent_nodes))
-        flags = zip(*(np.moveaxis(reaches[some], -1, 0) for some in places), strict=True)
-        parts = [blocks.take(*blocks.touching(*flag)) for flag in flags]
+        self._learn(np.union1d(blocks.nodes, blocks.tangent_nodes))
+        flags = (self._of_ranks(some) for some in (blocks.nodes, blocks.tangent_nodes))
+        touching = (blocks.touching(*flag) for flag in zip(*flags, strict=True))
+        parts = [blocks.take(*some) for some in touching]
+        others = (part for rank, part in enumerate(parts) if rank != comm.rank)
+        if not reductions.anywhere(comm, any(p.nodes.size + p.tangent.size for p in others)):
+            own: ContactBlocks = parts[comm.rank]
+            return own
         return ContactBlocks.concatenated(exchanged(comm, parts))
+
+    def _learn(self, nodes: GlobalInts) -> None:
+        """Ask the owners of nodes that are new which ranks reach them."""
+        comm = self._rows.index_map.comm
+        new = np.setdiff1d(nodes, self._known, assume_unique=True)
+        if not reductions.anywhere(comm, len(new) > 0):
+            return
+        asked = exchanged(comm, np.split(new, np.searchsorted(new, self._ends[:-1])))
+        answers = [np.column_stack([np.isin(some, r) for r in self._reached]) for some in asked]
+        known = np.concatenate([self._known, new])
+        reaches = np.concatenate([self._reaches, *exchanged(comm, answers)])
+        order = np.argsort(known)
+        self._known, self._reaches = known[order], reaches[order]
+
+    def _of_ranks(self, nodes: GlobalInts) -> Flags:
+        """Whether rows of each rank reach nodes that are known, shape ``(ranks, ...)``."""
+        return np.moveaxis(self._reaches[np.searchsorted(self._known, nodes)], -1, 0)
 
 
 class _GatheredRows:
@@ -97,19 +118,20 @@ class _GatheredRows:
         reached = np.concatenate([domain, halo])
         self._order = np.argsort(reached)
         self._sorted = reached[self._order]
-        self._factors = _kernels.ContactSchwarz(start, self._place(column), value)
-
         own = (reached >= first) & (reached < last)
         ghosts = reached[~own]
         owner = np.searchsorted(ends, ghosts, side="right").astype(np.int32)
         index_map = compat.index_map(space.comm, space.size_local, ghosts, owner)
+        self._is_local = not reductions.anywhere(space.comm, len(ghosts) > 0)
+        # It carries rows of r and z beside each other.
         self._vector = la.vector(index_map, 2 * rows.dim)
-        self._position = reached - first
-        self._position[~own] = space.size_local + np.arange(len(ghosts))
-        self._num_rows = len(domain)
-        self._inner = np.flatnonzero(own[: self._num_rows])
-        # Owned nodes whose values somebody needs.
-        self._needed = np.union1d(compat.shared(index_map), self._position[own])
+        self._values: Floats = self._vector.array.reshape(-1, 2 * rows.dim)
+        self._shared, self._num_owned = compat.shared(index_map), space.size_local
+        places = reached - first
+        places[~own] = space.size_local + np.arange(len(ghosts))
+        self._factors = _kernels.ContactSchwarz(
+            start, self._place(column), value, places.astype(np.int32)
+        )
 
     def cover(self, nodes: GlobalInts) -> bool:
         """Whether these rows are enough for other nodes of contacts."""
@@ -124,15 +146,12 @@ class _GatheredRows:
 
     def correct(self, r: Floats, z: Floats) -> None:
         """Constrain z and correct it at owned nodes. Collective."""
-        d, needed = z.shape[1], self._needed
-        both: Floats = self._vector.array.reshape(-1, 2 * d)
-        both[needed, :d], both[needed, d:] = r[needed], z[needed]
-        self._vector.scatter_forward()
-        known = both[self._position]
-        right = np.ascontiguousarray(known[: self._num_rows, :d])
-        values = np.ascontiguousarray(known[:, d:])
-        self._factors.correct(right, values)
-        z[self._position[self._inner]] = values[self._inner]
+        shared, values = self._shared, self._values
+        if not self._is_local:
+            both = [r.take(shared, axis=0), z.take(shared, axis=0)]
+            values[shared] = np.concatenate(both, axis=1)
+            self._vector.scatter_forward()
+        self._factors.correct(r, z, values[self._num_owned :])
 
     def _place(self, nodes: GlobalInts) -> Ints:
         """Positions of nodes among those that rows reach."""

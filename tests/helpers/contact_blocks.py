@@ -9,6 +9,7 @@ ROUNDING = 1e4 * np.finfo(float).eps
 
 NODES = 40
 RANKS = (0, 1, 3, 1, 3)  # constraints of each of the first nodes
+OWNED = 20  # nodes of a rank that has values of the others at ghosts
 
 
 def blocks(kind, rng, nodes=NODES):
@@ -49,6 +50,11 @@ def blocks(kind, rng, nodes=NODES):
         tangent_nodes.astype(np.int32),
         0.3 * rng.normal(size=(p, 3 * k, 3 * k)),
     )
+
+
+def parts(x):
+    """Views of the rows of owned nodes and of ghosts."""
+    return x[:OWNED], x[OWNED:]
 
 
 def dense(start, nodes, rank, normal, gradients, columns, slopes, tangent_nodes, tangent):

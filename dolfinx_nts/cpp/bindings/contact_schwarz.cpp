@@ -13,10 +13,23 @@ class BoundContactSchwarz
 {
 public:
   BoundContactSchwarz(In<std::int64_t> start, In<std::int32_t> column,
-                      Doubles value)
+                      Doubles value, In<std::int32_t> places)
       : _start(std::move(start)), _column(std::move(column)),
-        _value(std::move(value)), _schwarz(made(_start, _column, _value))
+        _value(std::move(value)), _places(std::move(places)),
+        _schwarz(made(_start, _column, _value))
   {
+    _num_places = std::visit([](const auto& schwarz)
+                             { return schwarz.num_columns(); }, _schwarz);
+    if (_places.size() == 0)
+      return;
+    check("places", _places, {_num_places});
+    _num_places = 0;
+    for (const std::int32_t place : view(_places))
+    {
+      if (place < 0)
+        throw nb::value_error("places: expected no negative entry");
+      _num_places = std::max(_num_places, static_cast<std::size_t>(place) + 1);
+    }
   }
 
   void add(const BoundElimination& contacts)
@@ -46,19 +59,41 @@ public:
     return std::visit([](auto& schwarz) { return schwarz.build(); }, _schwarz);
   }
 
-  void correct(const Doubles& r, Out<double> z)
+  /// @brief Correct values that lie in rows of z, (n, B), and then of ghosts,
+  /// (g, 2 B), which have those of r and of z.
+  void correct(const Doubles& r, Out<double> z, Out<double> ghosts)
   {
     std::visit(
         [&]<std::size_t B>(ContactSchwarz<B>& schwarz)
         {
-          const std::size_t width = num_rows() ? B : any;
-          check("r", r, {num_rows(), width});
+          const std::size_t owned = z.shape(0), width = num_rows() ? B : any;
           check("z", z, {any, width});
-          if (z.shape(0) < schwarz.num_columns())
-            throw nb::value_error("z: expected a row for each column of the "
-                                  "matrix and each row");
-          if (num_rows())
-            schwarz.correct(view(r), view(z));
+          check("r", r, {owned, width});
+          check("ghosts", ghosts, {any, num_rows() ? 2 * B : any});
+          if (owned + ghosts.shape(0) < _num_places)
+            throw nb::value_error("z: expected a row, or one of ghosts, for "
+                                  "each column of the matrix and each row");
+          if (!num_rows())
+            return;
+          const auto place = [&](std::size_t node)
+          {
+            return _places.size()
+                       ? static_cast<std::size_t>(view(_places)[node])
+                       : node;
+          };
+          const auto ghost = [&](std::size_t i)
+          { return ghosts.data() + 2 * B * (i - owned); };
+          schwarz.correct(
+              [&](std::size_t node) -> const double*
+              {
+                const std::size_t i = place(node);
+                return i < owned ? r.data() + B * i : ghost(i);
+              },
+              [&](std::size_t node)
+              {
+                const std::size_t i = place(node);
+                return i < owned ? z.data() + B * i : ghost(i) + B;
+              });
         },
         _schwarz);
   }
@@ -85,7 +120,9 @@ private:
   In<std::int64_t> _start;
   In<std::int32_t> _column;
   Doubles _value;
+  In<std::int32_t> _places;
   Schwarz _schwarz;
+  std::size_t _num_places = 0; // rows of vectors that have values for columns
 };
 } // namespace
 
@@ -95,18 +132,22 @@ void contact_schwarz(nb::module_& m)
       m, "ContactSchwarz",
       "Incomplete factors of the projected tangent around "
       "the contacts, see nts/solvers/contact_schwarz.h")
-      .def(nb::init<In<std::int64_t>, In<std::int32_t>, Doubles>(),
+      .def(nb::init<In<std::int64_t>, In<std::int32_t>, Doubles,
+                    In<std::int32_t>>(),
            nb::arg("start"), nb::arg("column"), nb::arg("value"),
+           nb::arg("places"),
            "Matrix of B x B blocks, B = 2 or 3, whose rows are read when "
-           "contacts first need them: (n + 1,), (b,), (B B b,)")
+           "contacts first need them: (n + 1,), (b,), (B B b,); and rows of "
+           "vectors that have the values of its columns (columns,), or (0,) "
+           "where they have their numbers")
       .def("clear", &BoundContactSchwarz::clear, "Remove all contacts")
       .def("add", &BoundContactSchwarz::add, nb::arg("contacts"),
            "Add constraints and blocks of the tangent")
       .def("build", &BoundContactSchwarz::build, "Factorise; false if singular")
       .def("correct", &BoundContactSchwarz::correct, nb::arg("r"),
-           nb::arg("z").noconvert(),
-           "Constrain z and correct it around the contacts: (n, B), "
-           "(columns, B)")
+           nb::arg("z").noconvert(), nb::arg("ghosts").noconvert(),
+           "Constrain z and correct it around the contacts: (n, B), (n, B), "
+           "and rows of both after these, (g, 2 B)")
       .def_prop_ro("size", &BoundContactSchwarz::size,
                    "Nodes of the subdomain");
 }

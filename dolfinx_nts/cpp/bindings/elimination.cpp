@@ -189,20 +189,24 @@ void elimination(nb::module_& m)
            "(m + 1,), (l,), (m,) of 0, 1, B, (m, B), B B l numbers, the same, "
            "(m, B, B), (p, k), (p, B k, B k), with B = 2 or 3")
       .def("constrain", &BoundElimination::constrain, nb::arg("values"),
-           nb::arg("x").noconvert(),
-           "x <- Z x + E (G^T E)^-1 values: (m, B) or (0,), (n, B)")
-      .def("act", &BoundElimination::act, nb::arg("x"),
-           nb::arg("y").noconvert(),
-           "y <- Z~^T (y + C x): (n, B), (n, B); the multipliers of the forces "
-           "that this removes, (m, B)")
+           nb::arg("x").noconvert(), nb::arg("ghosts").noconvert(),
+           "x <- Z x + E (G^T E)^-1 values: (m, B) or (0,); x at the owned "
+           "nodes (n, B), and at ghosts (g, B)")
+      .def("act", &BoundElimination::act, nb::arg("x"), nb::arg("x_ghosts"),
+           nb::arg("y").noconvert(), nb::arg("y_ghosts").noconvert(),
+           "y <- Z~^T (y + C x): (n, B), (g, B), (n, B), (g, B); the "
+           "multipliers of the forces that this removes, (m, B)")
       .def("missing", &BoundElimination::missing, nb::arg("values"),
-           nb::arg("x"),
-           "values - G^T x: (m, B) or (0,), (n, B) -> (m, B), 0 where there is "
-           "no constraint")
+           nb::arg("x"), nb::arg("ghosts"),
+           "values - G^T x: (m, B) or (0,), (n, B), (g, B) -> (m, B), 0 where "
+           "there is no constraint")
       .def("remove", &BoundElimination::remove, nb::arg("multipliers"),
-           nb::arg("y").noconvert(), "y <- y - F lambda: (m, B), (n, B)")
+           nb::arg("y").noconvert(), nb::arg("ghosts").noconvert(),
+           "y <- y - F lambda: (m, B), (n, B), (g, B)")
       .def("add_tangent", &BoundElimination::add_tangent, nb::arg("x"),
-           nb::arg("y").noconvert(), "y <- y + C x: (n, B), (n, B)");
+           nb::arg("x_ghosts"), nb::arg("y").noconvert(),
+           nb::arg("y_ghosts").noconvert(),
+           "y <- y + C x: (n, B), (g, B), (n, B), (g, B)");
   m.def("largest_difference", &largest_difference, nb::arg("a"), nb::arg("b"),
         "Largest absolute difference of the values of two arrays of one size, "
         "NaN where there is one");

@@ -71,72 +71,96 @@ public:
             .tangent = view(_tangent)};
   }
 
-  void constrain(const Doubles& values, Out<double> x) const
+  void constrain(const Doubles& values, Out<double> x, Out<double> ghosts) const
   {
-    if (values.size())
-      check("values", values, {_rank.size(), components()});
-    check_rows("x", x);
-    dispatch_components(components(), [&]<std::size_t B>()
-                        { nts::constrain(get<B>(), view(values), view(x)); });
+    check_values(values);
+    check_rows("x", x, ghosts);
+    dispatch_components(components(),
+                        [&]<std::size_t B>()
+                        {
+                          nts::constrain(get<B>(), view(values),
+                                         ChangedValues{view(x), view(ghosts)});
+                        });
   }
 
-  auto missing(const Doubles& values, const Doubles& x) const
+  auto missing(const Doubles& values, const Doubles& x,
+               const Doubles& ghosts) const
   {
-    if (values.size())
-      check("values", values, {_rank.size(), components()});
-    check_rows("x", x);
+    check_values(values);
+    check_rows("x", x, ghosts);
     auto result = create<double>({_rank.size(), components()});
-    dispatch_components(
-        components(),
-        [&]<std::size_t B>()
-        {
-          for (std::size_t i = 0; i < _rank.size(); ++i)
-            std::ranges::copy(nts::missing(get<B>(), i, view(values), view(x)),
-                              result.data() + B * i);
-        });
+    dispatch_components(components(),
+                        [&]<std::size_t B>()
+                        {
+                          const KnownValues known{view(x), view(ghosts)};
+                          for (std::size_t i = 0; i < _rank.size(); ++i)
+                            std::ranges::copy(
+                                nts::missing(get<B>(), i, view(values), known),
+                                result.data() + B * i);
+                        });
     return result;
   }
 
-  void remove(const Doubles& multipliers, Out<double> y) const
+  void remove(const Doubles& multipliers, Out<double> y,
+              Out<double> ghosts) const
   {
-    check_rows("y", y);
+    check_rows("y", y, ghosts);
     check("multipliers", multipliers, {_rank.size(), components()});
     dispatch_components(components(),
                         [&]<std::size_t B>()
                         {
                           for (std::size_t i = 0; i < _rank.size(); ++i)
                             nts::remove(get<B>(), i, multipliers.data() + B * i,
-                                        view(y));
+                                        ChangedValues{view(y), view(ghosts)});
                         });
   }
 
-  auto act(const Doubles& x, Out<double> y) const
+  auto act(const Doubles& x, const Doubles& x_ghosts, Out<double> y,
+           Out<double> y_ghosts) const
   {
-    check_rows("y", y);
-    check("x", x, {y.shape(0), components()});
+    check_rows("x", x, x_ghosts);
+    check_rows("y", y, y_ghosts);
     auto multipliers = create<double>({_rank.size(), components()});
     dispatch_components(
-        components(), [&]<std::size_t B>()
-        { nts::act(get<B>(), view(x), view(y), view(multipliers)); });
+        components(),
+        [&]<std::size_t B>()
+        {
+          nts::act(get<B>(), KnownValues{view(x), view(x_ghosts)},
+                   ChangedValues{view(y), view(y_ghosts)}, view(multipliers));
+        });
     return multipliers;
   }
 
-  void add_tangent(const Doubles& x, Out<double> y) const
+  void add_tangent(const Doubles& x, const Doubles& x_ghosts, Out<double> y,
+                   Out<double> y_ghosts) const
   {
-    check_rows("y", y);
-    check("x", x, {y.shape(0), components()});
-    dispatch_components(components(), [&]<std::size_t B>()
-                        { nts::add_tangent(get<B>(), view(x), view(y)); });
+    check_rows("x", x, x_ghosts);
+    check_rows("y", y, y_ghosts);
+    dispatch_components(components(),
+                        [&]<std::size_t B>()
+                        {
+                          nts::add_tangent(
+                              get<B>(), KnownValues{view(x), view(x_ghosts)},
+                              ChangedValues{view(y), view(y_ghosts)});
+                        });
   }
 
   /// @brief One more than the greatest node.
   std::size_t num_nodes() const noexcept { return _num_nodes; }
 
 private:
-  void check_rows(const char* name, const Doubles& x) const
+  void check_values(const Doubles& values) const
+  {
+    if (values.size())
+      check("values", values, {_rank.size(), components()});
+  }
+
+  void check_rows(const char* name, const Doubles& x,
+                  const Doubles& ghosts) const
   {
     check(name, x, {any, components()});
-    if (x.shape(0) < _num_nodes)
+    check("ghosts", ghosts, {any, components()});
+    if (x.shape(0) + ghosts.shape(0) < _num_nodes)
       throw nb::value_error(
           (std::string(name) + ": expected a row for each of the nodes")
               .c_str());

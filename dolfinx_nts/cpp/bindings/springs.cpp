@@ -187,15 +187,22 @@ std::array<double, 5> work_of(const Springs& before, const Springs& after,
                        view(dissipation));
 }
 
-void add_to_rows(Out<double> total, const Ints& rows, const Doubles& values)
+void add_to_rows(Out<double> total, Out<double> ghosts, const Ints& rows,
+                 const Doubles& values)
 {
   check("total", total, {any, any});
   const std::size_t components = total.shape(1);
+  check("ghosts", ghosts, {any, components});
   if (values.size() != components * rows.size())
     throw nb::value_error("values: expected those of a row for each of rows");
-  check_rows("rows: expected rows of total", rows, total.shape(0));
-  dispatch_components(components, [&]<std::size_t B>()
-                      { add_rows<B>(view(total), view(rows), view(values)); });
+  check_rows("rows: expected rows of total, and then of ghosts", rows,
+             total.shape(0) + ghosts.shape(0));
+  dispatch_components(components,
+                      [&]<std::size_t B>()
+                      {
+                        add_rows<B>(ChangedValues{view(total), view(ghosts)},
+                                    view(rows), view(values));
+                      });
 }
 } // namespace
 
@@ -236,7 +243,8 @@ void springs(nb::module_& m)
         nb::arg("du_before"), nb::arg("du_after"), nb::arg("dissipation"),
         "springs, springs, (l, 3), (l, 3), (n,) or (0,) -> work of nodes that "
         "stayed, that came, that changed the segment, of springs, of friction");
-  m.def("add_rows", &add_to_rows, nb::arg("total").noconvert(), nb::arg("rows"),
-        nb::arg("values"), "adds values (..., b) to rows (...) of (n, b)");
+  m.def("add_rows", &add_to_rows, nb::arg("total").noconvert(),
+        nb::arg("ghosts").noconvert(), nb::arg("rows"), nb::arg("values"),
+        "adds values (..., b) to rows (...) of (n, b), and then of (g, b)");
 }
 } // namespace nts::bindings

@@ -33,7 +33,7 @@ def step_of(facets, before, after, held):
     index_map = compat.index_map(MPI.COMM_SELF, 7, none, none.astype(np.int32))
     size = np.full(len(segments), np.sqrt(2))
     found = FoundSegments(
-        scatter=NodalScatter(index_map, is_local=True),
+        scatter=NodalScatter(index_map),
         vertices=segments,
         orientation=orientation,
         key=np.arange(len(segments)),

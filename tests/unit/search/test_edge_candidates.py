@@ -42,7 +42,7 @@ def candidates(x, reach=1.0, turned=(True, False)):
         facets = outward(first)[..., ::-1] if is_turned else outward(first)
         ends = np.array([[first, first + 1]], dtype=np.int32)
         edges.append(Edges(ends, np.ascontiguousarray(facets), np.zeros(1, int), np.ones(1)))
-    scatter = NodalScatter(index_map, is_local=True)
+    scatter = NodalScatter(index_map)
     return EdgeCandidates.paired(scatter, *edges, 1, x, reach)
 
 

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.serial
 def serial_scatter(num_nodes: int) -> NodalScatter:
     none = np.empty(0, dtype=np.int64)
     index_map = compat.index_map(MPI.COMM_SELF, num_nodes, none, none.astype(np.int32))
-    return NodalScatter(index_map, is_local=True)
+    return NodalScatter(index_map)
 
 
 def sheet(n: int, k: int, size: float, rng: np.random.Generator, noise: float):

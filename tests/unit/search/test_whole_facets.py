@@ -29,7 +29,7 @@ def test_hats_are_linear_on_facets_and_forces_do_the_same_work_on_them(cell, rng
     element, none = Element(cell, 2), np.empty(0, dtype=np.int64)
     n, k = len(element.points), len(element.basix.entity_closure_dofs[0])
     index_map = compat.index_map(MPI.COMM_SELF, n, none, none.astype(np.int32))
-    hats = Hats(NodalScatter(index_map, is_local=True), np.arange(n, dtype=np.int32)[None], k)
+    hats = Hats(NodalScatter(index_map), np.arange(n, dtype=np.int32)[None], k)
     values = np.zeros((n, 3))
     values[:k] = element.points[:k] @ rng.normal(size=(2, 3)) + 0.4
     field, forces = hats.spread(values), rng.normal(size=(n, 3))

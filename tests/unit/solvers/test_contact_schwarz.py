@@ -11,13 +11,14 @@ import pytest
 from dolfinx_nts import _kernels
 from dolfinx_nts.solvers.contact_blocks import ContactBlocks
 from dolfinx_nts.solvers.contact_schwarz import SerialSubdomain
-from helpers.contact_blocks import NODES, blocks, dense, kinds
+from helpers.contact_blocks import NODES, OWNED, blocks, dense, kinds
 
 pytestmark = pytest.mark.serial
 
 SINGLE = 100 * np.finfo(np.float32).eps
 CONDITION = 100  # of these matrices
 FAR = 4  # nodes at the end that only neighbour each other
+NO_PLACES, NO_GHOSTS = np.empty(0, dtype=np.int32), np.empty((0, 6))
 
 
 def matrix(rng, far=0):
@@ -57,19 +58,24 @@ def projections(E, G, F):
     return one - E @ np.linalg.solve(G.T @ E, G.T), one - F @ np.linalg.solve(E.T @ F, E.T)
 
 
+def made(start, column, value, places=NO_PLACES):
+    """Factors of a matrix whose columns have their numbers in vectors, or other places."""
+    return _kernels.ContactSchwarz(start, column, value, places)
+
+
 @kinds
 def test_complete_factors_solve_the_projected_system(kind, rng):
     rows, K = matrix(rng)
     arrays = blocks(kind, rng)
     E, G, F, C = dense(*arrays)
     Z, Zt = projections(E, G, F)
-    schwarz = _kernels.ContactSchwarz(*rows)
+    schwarz = made(*rows)
     schwarz.add(_kernels.Elimination(*arrays))
     assert schwarz.build()
     assert schwarz.size == NODES
     r = Zt @ rng.normal(size=3 * NODES)
     z = rng.normal(size=(NODES, 3))  # any guess
-    schwarz.correct(r.reshape(-1, 3), z)
+    schwarz.correct(r.reshape(-1, 3), z, NO_GHOSTS)
     # Only the rows of the contact nodes in z are left to the projection.
     A = Zt @ (K + C) @ Z
     residual = A @ z.ravel() - r
@@ -94,12 +100,12 @@ def test_contact_nodes_on_one_segment_are_solved_exactly(rank, rng):
     arrays += (np.zeros((m, 3, 3)), lists, tangent)
     E, G, F, C = dense(*arrays)
     Z, Zt = projections(E, G, F) if rank else 2 * (np.eye(3 * NODES),)
-    schwarz = _kernels.ContactSchwarz(*rows)
+    schwarz = made(*rows)
     schwarz.add(_kernels.Elimination(*arrays))
     assert schwarz.build()
     r = Zt @ np.pad(rng.normal(size=30), (0, 3 * NODES - 30))
     z = np.zeros((NODES, 3))
-    schwarz.correct(r.reshape(-1, 3), z)
+    schwarz.correct(r.reshape(-1, 3), z, NO_GHOSTS)
     A = Zt @ (K + C) @ Z
     residual = A @ z.ravel() - r
     largest = np.linalg.norm(A, axis=0).max()
@@ -113,11 +119,11 @@ def test_units_do_not_matter(force, stiffness, rng):
     r, guess = rng.normal(size=(2, NODES, 3))
     results = []
     for f, k in ((1.0, 1.0), (force, stiffness)):
-        schwarz = _kernels.ContactSchwarz(start, column, k * value)
+        schwarz = made(start, column, k * value)
         schwarz.add(_kernels.Elimination(*others, k * slopes, lists, k * tangent))
         assert schwarz.build()
         z = f / k * guess
-        schwarz.correct(f * r, z)
+        schwarz.correct(f * r, z, NO_GHOSTS)
         results.append(z * (k / f))
     largest = np.abs(results[0]).max()
     np.testing.assert_allclose(*results, rtol=0, atol=CONDITION * SINGLE * largest)
@@ -127,7 +133,7 @@ def test_units_do_not_matter(force, stiffness, rng):
 def test_factors_of_former_pairs_leave_nothing_behind(kind, rng):
     rows, _ = matrix(rng, FAR)
     first, second = blocks(kind, rng), blocks(kind, rng, NODES - FAR)
-    former, fresh = _kernels.ContactSchwarz(*rows), _kernels.ContactSchwarz(*rows)
+    former, fresh = made(*rows), made(*rows)
     former.add(_kernels.Elimination(*first))
     former.build()
     former.clear()
@@ -138,7 +144,7 @@ def test_factors_of_former_pairs_leave_nothing_behind(kind, rng):
         assert schwarz.build()
         assert schwarz.size == NODES - FAR
         result = z.copy()
-        schwarz.correct(r, result)
+        schwarz.correct(r, result, NO_GHOSTS)
         results.append(result)
     np.testing.assert_array_equal(*results)
 
@@ -164,13 +170,13 @@ def test_rows_of_other_values_are_read_again(rng):
 def test_nodes_far_from_contact_are_left_alone(kind, rng):
     rows, _ = matrix(rng, FAR)
     arrays = blocks(kind, rng, NODES - FAR)
-    schwarz = _kernels.ContactSchwarz(*rows)
+    schwarz = made(*rows)
     schwarz.add(_kernels.Elimination(*arrays))
     assert schwarz.build()
     assert schwarz.size == NODES - FAR
     r, z = rng.normal(size=(2, NODES, 3))
     before = z.copy()
-    schwarz.correct(r, z)
+    schwarz.correct(r, z, NO_GHOSTS)
     np.testing.assert_array_equal(z[-FAR:], before[-FAR:])
     assert np.all(np.any(z[:-FAR] != before[:-FAR], axis=1))
 
@@ -178,22 +184,43 @@ def test_nodes_far_from_contact_are_left_alone(kind, rng):
 def test_nodes_without_rows_are_left_alone(rng):
     (start, column, value), _ = matrix(rng)
     rows = NODES - 2
-    schwarz = _kernels.ContactSchwarz(
-        start[: rows + 1], column[: start[rows]], value[: 9 * start[rows]]
-    )
+    schwarz = made(start[: rows + 1], column[: start[rows]], value[: 9 * start[rows]])
     schwarz.add(_kernels.Elimination(*blocks(4, rng, rows)))
     assert schwarz.build()
     assert schwarz.size == rows
     z = rng.normal(size=(NODES, 3))
     before = z.copy()
-    schwarz.correct(rng.normal(size=(rows, 3)), z)
+    schwarz.correct(rng.normal(size=(NODES, 3)), z, NO_GHOSTS)
     np.testing.assert_array_equal(z[rows:], before[rows:])
     assert np.all(np.any(z[:rows] != before[:rows], axis=1))
 
 
+@kinds
+def test_values_may_lie_anywhere_in_vectors_and_at_ghosts(kind, rng):
+    rows, _ = matrix(rng)
+    contacts = _kernels.Elimination(*blocks(kind, rng))
+    r, z = rng.normal(size=(2, NODES, 3))
+    places = rng.permutation(NODES).astype(np.int32)
+    there = np.empty((2, NODES, 3))
+    there[:, places] = r, z
+    ghosts = np.concatenate(there[:, OWNED:], axis=1)
+    schwarz, elsewhere = made(*rows), made(*rows, places)
+    for some in (schwarz, elsewhere):
+        some.add(contacts)
+        assert some.build()
+    schwarz.correct(r, z, NO_GHOSTS)
+    elsewhere.correct(*there[:, :OWNED], ghosts)
+    there[1, OWNED:] = ghosts[:, 3:]
+    np.testing.assert_array_equal(there[1, places], z)
+    with pytest.raises(ValueError, match="for each column"):
+        elsewhere.correct(*there[:, :OWNED], ghosts[1:])
+    with pytest.raises(ValueError, match="places: expected no negative entry"):
+        made(*rows, places - 1)
+
+
 def test_singular_rows_are_reported(rng):
     start, column, value = matrix(rng)[0]
-    schwarz = _kernels.ContactSchwarz(start, column, 0 * value)
+    schwarz = made(start, column, 0 * value)
     *others, slopes, lists, tangent = blocks(4, rng)
     schwarz.add(_kernels.Elimination(*others, 0 * slopes, lists, 0 * tangent))
     assert not schwarz.build()
@@ -202,15 +229,15 @@ def test_singular_rows_are_reported(rng):
 def test_wrong_matrices_and_nodes_are_refused(rng):
     start, column, value = matrix(rng)[0]
     with pytest.raises(ValueError, match="expected rows that hold all columns"):
-        _kernels.ContactSchwarz(start[:-1], column, value)
+        made(start[:-1], column, value)
     with pytest.raises(ValueError, match=r"value: expected shape"):
-        _kernels.ContactSchwarz(start, column, value[:-1])
-    schwarz = _kernels.ContactSchwarz(start, column, value)
+        made(start, column, value[:-1])
+    schwarz = made(start, column, value)
     lists, nodes, *others = blocks(4, rng)
     with pytest.raises(ValueError, match="expected nodes that are rows of the matrix"):
         schwarz.add(_kernels.Elimination(lists, nodes + NODES, *others))
-    with pytest.raises(ValueError, match="expected a row for each column"):
-        schwarz.correct(np.zeros((NODES, 3)), np.zeros((NODES - 1, 3)))
+    with pytest.raises(ValueError, match="for each column"):
+        schwarz.correct(*np.zeros((2, NODES - 1, 3)), NO_GHOSTS)
 
 
 def test_largest_difference_tells_what_is_not_a_number(rng):

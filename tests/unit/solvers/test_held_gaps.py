@@ -18,7 +18,7 @@ NUM_ROWS, NODES_A_ROW = 7, 3
 def rows(rng):
     """Scatter, stiffness, free dofs, and gradients by nodes, a third of which do not move."""
     V = fem.functionspace(mesh.create_unit_cube(MPI.COMM_SELF, 2, 2, 2), ("Lagrange", 1, (3,)))
-    scatter = NodalScatter(V.dofmap.index_map, is_local=True)
+    scatter = NodalScatter(V.dofmap.index_map)
     n = scatter.num_local
     free = (rng.random((n, 3)) < 0.8).astype(float)
     free[rng.choice(n, n // 3, replace=False)] = 0

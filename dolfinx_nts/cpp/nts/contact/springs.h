@@ -1,6 +1,7 @@
 #pragma once
 
 #include "nts/geometry/gap.h"
+#include "nts/geometry/nodal_values.h"
 #include "nts/search/self_contact.h"
 
 #include <cstdint>
@@ -137,13 +138,16 @@ work_by_cause(const MovedSprings& before, const MovedSprings& after,
   return work;
 }
 
-/// @brief Add values, (r, B), to rows, (r,), of total, (n, B); rows may repeat.
+/// @brief Add values, (r, B), to those of nodes, (r,); nodes may repeat.
 template <std::size_t B>
-void add_rows(std::span<double> total, std::span<const std::int32_t> rows,
+void add_rows(const ChangedValues& total, std::span<const std::int32_t> nodes,
               std::span<const double> values) noexcept
 {
-  for (std::size_t i = 0; i < rows.size(); ++i)
+  for (std::size_t i = 0; i < nodes.size(); ++i)
+  {
+    double* const sum = total[B * nodes[i]];
     for (std::size_t c = 0; c < B; ++c)
-      total[B * rows[i] + c] += values[B * i + c];
+      sum[c] += values[B * i + c];
+  }
 }
 } // namespace nts

@@ -106,29 +106,28 @@ public:
   }
 
   /// @brief Constrain z = B r and correct it at the nodes of the subdomain.
-  /// @param[in] r Right-hand side without a part in E, (n, B).
-  /// @param[in,out] z Values at the columns of K.
-  void correct(std::span<const double> r, std::span<double> z)
+  /// @param[in] r Gives the right-hand side of a row, which has no part in E.
+  /// @param[in] z Gives the values of a column of K, which change.
+  template <class Known, class Changed>
+  void correct(const Known& r, const Changed& z)
   {
     for (const Constraint& constraint : _constraints)
     {
       std::array<double, B> x = {};
       for (std::size_t a = 0; a < constraint.nodes.size(); ++a)
-        add_product(constraint.right[a], z.data() + B * constraint.nodes[a],
-                    x.data());
-      std::ranges::copy(x, z.begin() + B * constraint.nodes[0]);
+        add_product(constraint.right[a], z(constraint.nodes[a]), x.data());
+      std::ranges::copy(x, z(constraint.nodes[0]));
     }
     if (_factors.size() != _size) // they do not exist
       return;
     double largest = 0;
     for (const std::int32_t node : _nodes)
       for (std::size_t c = 0; c < B; ++c)
-        largest = std::max(largest, std::abs(z[B * node + c]));
+        largest = std::max(largest, std::abs(z(node)[c]));
     const double scale = power_of_two(largest), back = 1 / scale;
     for (const std::int32_t node : _nodes)
       for (std::size_t c = 0; c < B; ++c)
-        _z[B * node + c]
-            = without_dust(static_cast<float>(scale * z[B * node + c]));
+        _z[B * node + c] = without_dust(static_cast<float>(scale * z(node)[c]));
     _x.resize(B * _size);
     const auto subtract = [&](std::size_t p, const PackedRows<B>& rows,
                               std::size_t e, std::size_t end)
@@ -140,7 +139,7 @@ public:
     for (std::size_t p = 0; p < _size; ++p)
     {
       for (std::size_t c = 0; c < B; ++c)
-        _x[B * p + c] = _scale * r[B * _nodes[p] + c];
+        _x[B * p + c] = _scale * r(_nodes[p])[c];
       const std::size_t e = _taken[_nodes[p]];
       subtract(p, _rows, e, e + _K.row(_nodes[p]).size());
     }
@@ -163,7 +162,7 @@ public:
     _factors.apply(_x, _x);
     for (std::size_t p = 0; p < _size; ++p)
       for (std::size_t c = 0; c < B; ++c)
-        z[B * _nodes[p] + c] += _x[B * p + c];
+        z(_nodes[p])[c] += _x[B * p + c];
   }
 
   /// @brief Number of nodes of the subdomain.

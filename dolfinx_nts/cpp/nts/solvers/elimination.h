@@ -1,5 +1,6 @@
 #pragma once
 
+#include "nts/geometry/nodal_values.h"
 #include "nts/geometry/small.h"
 
 #include <cstdint>
@@ -102,10 +103,10 @@ void close_gaps(std::span<const std::int32_t> nodes,
 
 /// @brief What node i misses of wanted values of G^T x, 0 beyond its rank.
 /// @param[in] values Wanted G^T x, (m, B), or empty for none.
-template <std::size_t B>
+template <std::size_t B, class T>
 std::array<double, B> missing(const Elimination<B>& e, std::size_t i,
                               std::span<const double> values,
-                              std::span<const double> x) noexcept
+                              const NodalValues<T>& x) noexcept
 {
   std::array<double, B> result = {};
   for (std::size_t a = 0; a < static_cast<std::size_t>(e.rank[i]); ++a)
@@ -113,8 +114,10 @@ std::array<double, B> missing(const Elimination<B>& e, std::size_t i,
     const double* G = e.row(e.gradients, i, a);
     double product = 0;
     for (const std::int32_t node : e.list(i))
-      for (std::size_t c = 0; c < B; ++c)
-        product += *G++ * x[B * node + c];
+    {
+      product += inner<B>(G, x[B * node]);
+      G += B;
+    }
     result[a] = (values.empty() ? 0 : values[B * i + a]) - product;
   }
   return result;
@@ -123,7 +126,7 @@ std::array<double, B> missing(const Elimination<B>& e, std::size_t i,
 /// @brief y <- y - F lambda for the multipliers of node i.
 template <std::size_t B>
 void remove(const Elimination<B>& e, std::size_t i, const double* lambda,
-            std::span<double> y) noexcept
+            const ChangedValues& y) noexcept
 {
   const std::span<const std::int32_t> list = e.list(i);
   const std::size_t n = B * list.size();
@@ -134,18 +137,19 @@ void remove(const Elimination<B>& e, std::size_t i, const double* lambda,
     for (std::size_t a = 0; a < static_cast<std::size_t>(e.rank[i]); ++a)
       for (std::size_t c = 0; c < B; ++c)
         sum[c] += lambda[a] * F[n * a + B * K + c];
+    double* const values = y[B * list[K]];
     for (std::size_t c = 0; c < B; ++c)
-      y[B * list[K] + c] -= sum[c];
+      values[c] -= sum[c];
   }
 }
 
 /// @brief x <- Z x + E (G^T E)^-1 values.
 /// @param[in] e Constraints.
 /// @param[in] values Wanted G^T x, (m, B), or empty for none.
-/// @param[in,out] x Nodal vectors, (n, B).
+/// @param[in,out] x A nodal vector; lists begin with nodes that are owned.
 template <std::size_t B>
 void constrain(const Elimination<B>& e, std::span<const double> values,
-               std::span<double> x) noexcept
+               const ChangedValues& x) noexcept
 {
   for (std::size_t i = 0; i < e.rank.size(); ++i)
   {
@@ -172,15 +176,16 @@ void constrain(const Elimination<B>& e, std::span<const double> values,
       for (std::size_t c = 0; c < B; ++c)
         dx[c] = b[c][0];
     }
+    double* const own = x[B * list[0]];
     for (std::size_t c = 0; c < B; ++c)
-      x[B * list[0] + c] += dx[c];
+      own[c] += dx[c];
   }
 }
 
 /// @brief y <- y + sum of F_a S_ab G_b^T x.
 template <std::size_t B>
-void add_slopes(const Elimination<B>& e, std::span<const double> x,
-                std::span<double> y) noexcept
+void add_slopes(const Elimination<B>& e, const KnownValues& x,
+                const ChangedValues& y) noexcept
 {
   for (std::size_t i = 0; i < e.rank.size(); ++i)
   {
@@ -194,7 +199,7 @@ void add_slopes(const Elimination<B>& e, std::span<const double> x,
       const double* G = e.row(e.gradients, i, b);
       double product = 0;
       for (std::size_t K = 0; K < list.size(); ++K)
-        product += inner<B>(G + B * K, x.data() + B * list[K]);
+        product += inner<B>(G + B * K, x[B * list[K]]);
       for (std::size_t a = 0; a < B; ++a)
         change[a] += S[a][b] * product;
     }
@@ -203,15 +208,15 @@ void add_slopes(const Elimination<B>& e, std::span<const double> x,
       const double* F = e.row(e.columns, i, a);
       for (std::size_t K = 0; K < list.size(); ++K)
         for (std::size_t c = 0; c < B; ++c)
-          y[B * list[K] + c] += change[a] * F[B * K + c];
+          y[B * list[K]][c] += change[a] * F[B * K + c];
     }
   }
 }
 
 /// @brief y <- y + C x.
 template <std::size_t B>
-void add_tangent(const Elimination<B>& e, std::span<const double> x,
-                 std::span<double> y) noexcept
+void add_tangent(const Elimination<B>& e, const KnownValues& x,
+                 const ChangedValues& y) noexcept
 {
   add_slopes(e, x, y);
   const std::size_t n = B * e.width;
@@ -224,14 +229,15 @@ void add_tangent(const Elimination<B>& e, std::span<const double> x,
       std::array<double, B> sum = {};
       for (const std::int32_t column : nodes)
       {
-        const double* values = x.data() + B * column;
+        const double* values = x[B * column];
         for (std::size_t r = 0; r < B; ++r)
           sum[r] += inner<B>(C + n * r, values);
         C += B;
       }
       C += (B - 1) * n;
+      double* const values = y[B * row];
       for (std::size_t r = 0; r < B; ++r)
-        y[B * row + r] += sum[r];
+        values[r] += sum[r];
     }
   }
 }
@@ -239,8 +245,8 @@ void add_tangent(const Elimination<B>& e, std::span<const double> x,
 /// @brief y <- Z~^T (y + C x).
 /// @param[out] multipliers What this removes from y, in forces F, (m, B).
 template <std::size_t B>
-void act(const Elimination<B>& e, std::span<const double> x,
-         std::span<double> y, std::span<double> multipliers) noexcept
+void act(const Elimination<B>& e, const KnownValues& x, const ChangedValues& y,
+         std::span<double> multipliers) noexcept
 {
   add_tangent(e, x, y);
   for (std::size_t i = 0; i < e.rank.size(); ++i)
@@ -251,7 +257,7 @@ void act(const Elimination<B>& e, std::span<const double> x,
     if (rank == 0)
       continue;
     // The multipliers balance the force in the directions that are given up.
-    const double* force = y.data() + B * list[0];
+    const double* force = y[B * list[0]];
     std::array<double, B> lambda = {};
     if (rank == 1)
     {
