@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dolfinx_nts.solvers.contact_blocks import ContactBlocks
-from helpers.contact_blocks import NODES, blocks, kinds
+from helpers.contact_blocks import NODES, blocks, kinds, parts
 
 pytestmark = pytest.mark.serial
 
@@ -13,12 +13,12 @@ pytestmark = pytest.mark.serial
 def test_parts_together_are_the_whole(kind, rng):
     whole = ContactBlocks(*blocks(kind, rng))
     m, p = len(whole.rank), len(whole.tangent)
-    parts = [whole.take(np.arange(i, m, 2), np.arange(i, p, 2)) for i in range(2)]
-    joined = ContactBlocks.concatenated([*parts, whole.take(np.arange(0), np.arange(0))])
+    halves = [whole.take(np.arange(i, m, 2), np.arange(i, p, 2)) for i in range(2)]
+    joined = ContactBlocks.concatenated([*halves, whole.take(np.arange(0), np.arange(0))])
     x, y = rng.normal(size=(2, NODES, 3))
     results = [y.copy(), y.copy()]
     for some, result in zip((whole, joined), results, strict=True):
-        some.kernel().act(x, result)
+        some.kernel().act(*parts(x), *parts(result))
     # The same sums in another order.
     np.testing.assert_allclose(*results, rtol=0, atol=1e-13 * np.abs(results[0]).max())
     order = [*range(0, m, 2), *range(1, m, 2)]
