@@ -9,6 +9,7 @@ from petsc4py import PETSc
 
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Array, Flags, Floats
+from dolfinx_nts.solvers import mumps
 from dolfinx_nts.solvers.block_ilu import BlockILU, SinglePrecisionOperator
 from dolfinx_nts.solvers.complete_factors import CompleteFactors
 from dolfinx_nts.solvers.petsc_options import PetscOptions
@@ -31,13 +32,6 @@ _MULTIGRID_OPTIONS = {
     "mg_levels_ksp_max_it": 1,
     "mg_levels_pc_type": "asm",
     "mg_levels_sub_pc_type": "ilu",
-}
-# Options of complete factors that count negative pivots, on several ranks without ScaLAPACK.
-_INERTIA_OPTIONS = {
-    "pc_type": "cholesky",
-    "pc_factor_mat_solver_type": "mumps",
-    "mat_mumps_icntl_13": 1,
-    "mat_mumps_icntl_24": 1,
 }
 # Preconditioners of PETSc that do with blocks of nodes what takes twice as long with
 # scalars; of the others, many know scalars only.
@@ -206,8 +200,10 @@ class BulkPreconditioner:
         if kind == _ROUNDED:
             return CompleteFactors(tangent.rows, tangent.X)
         if self.is_strong:
-            make = {_COMPLETE: _complete, _EXACT: _of_derivative, _MULTIGRID: _multigrid}[kind]
-            return _PetscFactors(lambda: make(tangent, f"{options.prefix}strong_"))
+            if kind == _MULTIGRID:
+                return _PetscFactors(lambda: _multigrid(tangent, f"{options.prefix}strong_"))
+            make = {_COMPLETE: _complete, _EXACT: _of_derivative}[kind]
+            return _PetscFactors(lambda: make(tangent))
         if options.bulk:
             return _PetscFactors(lambda: _chosen(tangent, options))
         return BlockILU(tangent.rows, fill=kind == _FILLED)
@@ -268,14 +264,12 @@ def _chosen(tangent: Tangent, options: PetscOptions) -> tuple[Any, ...]:
         return (_from_options(matrix, matrix, options.bulk_prefix),)
 
 
-def _complete(tangent: Tangent, prefix: str) -> tuple[Any, ...]:
+def _complete(tangent: Tangent) -> tuple[Any, ...]:
     """Complete factors by MUMPS. Collective."""
-    matrix = tangent.matrix(scalar=True)
-    with _options(prefix, {"pc_type": "lu", "pc_factor_mat_solver_type": "mumps"}):
-        return (_from_options(matrix, matrix, prefix),)
+    return (mumps.factorised(tangent.matrix(scalar=True)),)
 
 
-def _of_derivative(tangent: Tangent, prefix: str) -> tuple[Any, ...]:
+def _of_derivative(tangent: Tangent) -> tuple[Any, ...]:
     """Complete factors of the derivative where it is definite, elsewhere those near it. Collective.
 
     Where it is not, they would let the soft motions of an instability grow without bounds. Free
@@ -284,14 +278,13 @@ def _of_derivative(tangent: Tangent, prefix: str) -> tuple[Any, ...]:
     tangent.assemble_exact()
     matrix = tangent.matrix(scalar=True)
     matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
-    with _options(prefix, _INERTIA_OPTIONS):
-        pc = _from_options(matrix, matrix, prefix)
-    num_negative, num_zero, _ = pc.getFactorMatrix().getInertia()
-    if num_negative + num_zero <= tangent.num_free:
+    pc = mumps.factorised(matrix, is_symmetric=True, finds_null=True)
+    signs = mumps.signs(pc)
+    if signs is not None and sum(signs) <= tangent.num_free:
         return (pc,)
     pc.destroy()
     tangent.assemble_nearby()
-    return _complete(tangent, prefix)
+    return _complete(tangent)
 
 
 def _multigrid(tangent: Tangent, prefix: str) -> tuple[Any, ...]:
