@@ -1,8 +1,8 @@
 """Which rank owns each cell of a mesh: planes cut it in halves, and these in halves.
 
-Such parts keep together what is close to each other, also in different bodies, so that most
-contacts are between nodes of one rank. Partitions of the graph of cells know nothing of this, and
-may be others in each run.
+Such parts are the same in each run, which partitions of the graph of cells need not be. Where a
+plane cuts bodies of different sizes across, what touches stays together, and most contacts are
+between nodes of one rank. Bodies of one size that a plane parts go to different ranks as a whole.
 """
 
 import numpy as np

@@ -321,10 +321,8 @@ class LinearSolver:
         if not is_whole and self._preconditioner.point is None:
             return None
         constant = [state._replace(columns=state.pairs.gradients) for state in states]
-        stiffness, generator = (
-            self.tangent.nodal_stiffness()[:, None],
-            np.random.default_rng([seed, bulk.comm.rank]),
-        )
+        stiffness = self.tangent.nodal_stiffness()[:, None]
+        generator = np.random.default_rng([seed, bulk.comm.rank])
         if is_whole:
             weights = np.repeat(stiffness, dim, axis=1).ravel()
             forces = generator.standard_normal((_NUM_FORCES, len(weights))) * np.sqrt(weights)

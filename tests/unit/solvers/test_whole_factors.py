@@ -6,6 +6,7 @@ from petsc4py import PETSc
 import numpy as np
 import pytest
 
+from dolfinx_nts.solvers import mumps
 from dolfinx_nts.solvers.whole_factors import solved
 
 
@@ -37,3 +38,18 @@ def test_systems_of_many_constraints_are_solved(n, m):
     matrix = as_sparse(A)
     assert solved(matrix, A @ x) == pytest.approx(x, abs=1e-6)
     matrix.destroy()
+
+
+@pytest.mark.serial
+def test_factors_that_lack_room_are_none_and_signs_are_those_of_eigenvalues(monkeypatch):
+    A = constrained(300, 290, np.random.default_rng(0))
+    matrix = as_sparse(A)
+    matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+    pc = mumps.factorised(matrix, is_symmetric=True)
+    assert mumps.signs(pc) == (np.count_nonzero(np.linalg.eigvalsh(A) < 0), 0)
+    pc.destroy()
+    monkeypatch.setattr(mumps, "_ROOM", (0,))
+    pc = mumps.factorised(matrix, is_symmetric=True)
+    assert mumps.signs(pc) is None
+    for item in (pc, matrix):
+        item.destroy()
