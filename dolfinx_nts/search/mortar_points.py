@@ -299,7 +299,8 @@ def _sums(row: Array, values: Floats, num_rows: int) -> Floats:
 
 
 def _starts(counts: Array) -> GlobalInts:
-    starts: GlobalInts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    starts: GlobalInts = np.zeros(len(counts) + 1, dtype=np.int64)
+    np.cumsum(counts, out=starts[1:])
     return starts
 
 

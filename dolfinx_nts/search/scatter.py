@@ -31,7 +31,8 @@ class NodalScatter:
 
     def __init__(self, index_map: common.IndexMap) -> None:
         """Allocate the vector that carries values between ranks. Collective."""
-        self.index_map, self._num_owned = index_map, index_map.size_local
+        self.index_map = index_map
+        self._num_owned, self._num_ghosts = index_map.size_local, index_map.num_ghosts
         self.is_local = not reductions.anywhere(index_map.comm, index_map.num_ghosts > 0)
         self.shared: Ints = compat.shared(index_map)
         self._vector: Any = la.vector(index_map, 3)
@@ -77,14 +78,15 @@ class NodalScatter:
 
     def no_values(self, d: int) -> Floats:
         """Zeros at the ghosts, shape ``(g, d)``. Local."""
-        return np.zeros((len(self._values) - self._num_owned, d))
+        return np.zeros((self._num_ghosts, d))
 
     def at_ghosts(self, values: Floats) -> Floats:
         """Values at the ghosts, shape ``(g, d)``, of those at the owned nodes, ``(n, d)``."""
         d = values.shape[1]
-        if not self.is_local:
-            self._values[self.shared, :d] = values.take(self.shared, axis=0)
-            self._vector.scatter_forward()
+        if self.is_local:
+            return self.no_values(d)
+        self._values[self.shared, :d] = values.take(self.shared, axis=0)
+        self._vector.scatter_forward()
         return self._values[self._num_owned :, :d].copy()
 
     def add_of_ghosts(self, total: Floats, ghosts: Floats) -> None:

@@ -270,13 +270,15 @@ class ContactStep:
         work -= self.friction.scheme_work(pairs, dx)
         # What springs account for is not counted twice.
         work += self.normal.stored(pairs)
-        before = old.active[pairs.node]
+        # Pairs that were active, that were not, and that were on another segment.
         same = self.search.pairing.is_same(pairs)
+        kind = np.where(old.active[pairs.node], np.where(same, 0, 2), 1)
+        stays, arrives, moves = np.bincount(kind, work, minlength=3)
         parts = np.array(
             [
-                work[before & same].sum(),
-                work[~before].sum(),
-                work[before & ~same].sum() - self.normal.released_energy(pairs.node),
+                stays,
+                arrives,
+                moves - self.normal.released_energy(pairs.node),
                 old.energy.sum() - new.energy.sum(),
                 -new.dissipation.sum(),
                 of_obstacle,

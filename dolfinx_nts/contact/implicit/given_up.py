@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.common.arrays import Floats, Ints, same_numbers
 from dolfinx_nts.contact.implicit.nodal_system import NodalSystem
 from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.parallel import reductions
@@ -40,7 +40,7 @@ class GivenUp:
         changed from then on.
         """
         scatter, last = self._candidates.scatter, self._last.get(transposed)
-        is_known = last is not None and rows is last[1] and np.array_equal(rank, last[0])
+        is_known = last is not None and rows is last[1] and same_numbers(rank, last[0])
         if not reductions.everywhere(scatter.index_map.comm, is_known):
             where = scatter, self._candidates.hats, self._dofs
             last = rank, rows, NodalSystem(*where, rank, rows, normal, transposed=transposed)

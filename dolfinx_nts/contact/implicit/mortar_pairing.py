@@ -3,7 +3,7 @@
 import numpy as np
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, Ints, same_numbers
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.given_up import GivenUp
 from dolfinx_nts.contact.implicit.mortar_slip import MortarSlip, NodalFrames
@@ -47,8 +47,7 @@ class MortarPairing(Pairing):
         self.reached = np.concatenate([candidates.facets.wholes.ravel(), candidates.wholes.ravel()])
         self._candidates, self._points, self._x_n = candidates, points, x_n
         # Nodes of the last call, and their points.
-        none = np.empty(0, dtype=np.int32)
-        self._last: tuple[Ints, MortarPoints] = none, points.take(none)
+        self._last: tuple[Ints, MortarPoints] | None = None
         # Points that were evaluated last, the positions of then, and these points with their
         # facets at t_n and there.
         self._evaluated: MortarPoints | None = None
@@ -61,7 +60,7 @@ class MortarPairing(Pairing):
         """Points of nodes, which are mostly those of the last call."""
         if len(node) == len(self.area):
             return self._points
-        if not np.array_equal(node, self._last[0]):
+        if self._last is None or not same_numbers(node, self._last[0]):
             self._last = node.copy(), self._points.take(node)
         return self._last[1]
 
@@ -227,7 +226,7 @@ class PointBlocks(PairBlocks):
         system = self.given_up.system(rank, gradients, normal)
         way = system.solve(gap[:, None])[:, 0]
         # Neither where it is not a number.
-        near = held & (np.abs(np.nan_to_num(way, nan=np.inf)) <= farthest)
+        near = held & (np.where(np.isnan(way), np.inf, np.abs(way)) <= farthest)
         way = -np.where(near, way, 0.0)[:, None] * normal
         self.given_up.move(way[:, : u.shape[1]], u)
 

@@ -291,7 +291,8 @@ public:
 
   /// @brief Sum of the next blocks times the values of their nodes.
   /// @param[in,out] e The first block; then `end`.
-  Values product(std::size_t& e, std::size_t end, const float* x) const noexcept
+  [[gnu::always_inline]] Values product(std::size_t& e, std::size_t end,
+                                        const float* x) const noexcept
   {
     const float* block = (*this)[e];
     if constexpr (B == 2)

@@ -1,5 +1,7 @@
 #pragma once
 
+#include "nts/processors.h"
+
 #include <cmath>
 #include <cstddef>
 #include <cstring>
@@ -10,18 +12,6 @@
 /// @file
 /// Products of dense matrices in single precision, row by row in memory.
 
-// The library chooses at run time what the processor has. Registers are named
-// by their size, as compilers keep wider vectors in memory.
-#if defined(__x86_64__) && defined(__gnu_linux__) && !defined(__clang__)
-#define NTS_BY_PROCESSOR
-#define NTS_FOR(processor) __attribute__((target(processor)))
-#define NTS_FOR_PROCESSORS                                                     \
-  __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
-#else
-#define NTS_FOR(processor)
-#define NTS_FOR_PROCESSORS
-#endif
-
 namespace nts
 {
 /// Rows and columns that are eliminated at once.
@@ -30,7 +20,8 @@ inline constexpr std::size_t panel = 48;
 /// Columns that are computed at once.
 inline constexpr std::size_t wide = 16;
 
-/// @brief L numbers in a register.
+/// @brief L numbers in a register, named by its size, as compilers keep wider
+/// vectors in memory.
 template <std::size_t L>
 struct FloatRegister
 {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "nts/processors.h"
 #include "nts/solvers/blocks.h"
 
 #include <ranges>
@@ -93,8 +94,9 @@ public:
   /// @param[in] fill See `FactorPattern`.
   /// @return False if a block on the diagonal is singular.
   template <class Rows>
-  bool factorise(const Rows& A, std::span<const std::int32_t> order,
-                 bool fill = false)
+  NTS_FOR_PROCESSORS bool factorise(const Rows& A,
+                                    std::span<const std::int32_t> order,
+                                    bool fill = false)
   {
     const std::size_t n = order.size();
     _order.assign(order.begin(), order.end());
@@ -173,8 +175,9 @@ public:
 private:
   /// @brief Forward and backward substitution at some places, ascending.
   template <class Places>
-  void substitute(const Places& places, std::span<const double> b,
-                  std::span<double> x)
+  NTS_FOR_PROCESSORS void substitute(const Places& places,
+                                     std::span<const double> b,
+                                     std::span<double> x)
   {
     const double scale = power_of_two(largest(b));
     const std::size_t n = size();

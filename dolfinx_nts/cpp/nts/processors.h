@@ -1,0 +1,15 @@
+#pragma once
+
+/// @file
+/// Functions of which the library has several versions: it chooses at run time
+/// what the processor has. What they call must be inlined to be compiled so.
+
+#if defined(__x86_64__) && defined(__gnu_linux__) && !defined(__clang__)
+#define NTS_BY_PROCESSOR
+#define NTS_FOR(processor) __attribute__((target(processor)))
+#define NTS_FOR_PROCESSORS                                                     \
+  __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
+#else
+#define NTS_FOR(processor)
+#define NTS_FOR_PROCESSORS
+#endif
