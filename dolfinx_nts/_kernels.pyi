@@ -259,15 +259,14 @@ class CellIntegral:
         nodes: _Ints,
         functions: Sequence[_Floats],
         first: Sequence[int],
+        constants: Sequence[_Floats],
         places: _Ints,
         width: int,
         components: int,
         rows: _Ints,
         length: int,
     ) -> None: ...
-    def add(
-        self, cells: _Ints, packed: _Floats, constants: _Floats, b: _Floats, sums: _Floats
-    ) -> None: ...
+    def add(self, cells: _Ints, packed: _Floats, b: _Floats, sums: _Floats) -> None: ...
 
 class NodeFacets:
     def __init__(
@@ -343,6 +342,7 @@ class SingleMatrix:
     def __init__(self, start: _Keys, column: _Ints, value: _Floats) -> None: ...
     def multiply(self, x: _Floats, y: _Floats) -> None: ...
 
+def largest_size(a: _Floats) -> float: ...
 def largest_difference(a: _Floats, b: _Floats) -> float: ...
 def slopes_at_nodes(
     start: _Keys, gradients: _Floats, columns: _Floats, slopes: _Floats
