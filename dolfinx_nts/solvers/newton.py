@@ -122,6 +122,8 @@ def solve(
     target = 0.0  # of the last residual, as it is measured
     relief.begin()
     search = LineSearch(bulk) if jumps else None
+    # Factors that statics decides with do not know of metals that flow.
+    may_decide = (inertia or not jumps) and not begins_sticking
     num_settled = 0  # evaluations of contact beside those of the iterations
     farthest = float(np.abs(X + in_space(nodes)).max(initial=0.0))
     convergence = Convergence(
@@ -179,7 +181,7 @@ def solve(
                 continue
 
         states = way.change(states)
-        if convergence.is_doubtful(seen) and not begins_sticking:
+        if may_decide and convergence.is_doubtful(seen):
             with timings.phase("solve"):
                 decided = solver.decided(R, steps, states, inertia, relief)
             if decided is not None:
