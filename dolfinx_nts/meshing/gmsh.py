@@ -19,6 +19,7 @@ import numpy as np
 from dolfinx.mesh import Mesh, MeshTags
 
 from dolfinx_nts import compat
+from dolfinx_nts.common.arguments import kind_of
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.named_tag import NamedTag
 from dolfinx_nts.meshing.mixed_cells import gmsh_options, only_one_kind
@@ -130,6 +131,8 @@ def read_mesh(source: Any, comm: MPI.Comm, *, rank: int = 0) -> MeshData:
         >>> sorted(tag)
         ['plate', 'plate_back', 'plate_bottom', ..., 'plate_top']
     """
+    if not isinstance(comm, MPI.Comm):
+        raise TypeError(f"expected a communicator such as MPI.COMM_WORLD, given {kind_of(comm)}")
     if not 0 <= rank < comm.size:
         raise ValueError(f"expected a rank below {comm.size}, given {rank}")
     with ExitStack() as stack:
