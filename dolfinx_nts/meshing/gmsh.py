@@ -178,7 +178,10 @@ def _opened(source: Any) -> Iterator[Any]:
     try:
         import gmsh
     except (ImportError, OSError) as error:  # OSError: gmsh misses a library
-        raise ImportError(f"expected the Python module gmsh, given {error}") from error
+        raise ImportError(
+            f"expected the Python module gmsh, given {error}: install python-gmsh (conda), "
+            "python3-gmsh (apt) or gmsh (pip), or use a mesh and tags of DOLFINx without read_mesh"
+        ) from error
     if hasattr(source, "getPhysicalGroups"):
         if not gmsh.isInitialized():
             raise ValueError("expected a live gmsh model, given gmsh before gmsh.initialize()")
