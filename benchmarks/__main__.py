@@ -105,16 +105,23 @@ def measure_errors(size: str) -> list[dict[str, Any]]:
     return references.rows(runs)
 
 
-def count_messages(size: str, folder: Path) -> list[dict[str, Any]]:
-    """Rows of ``messages.csv``."""
+def count_messages(
+    counted: Sequence[Mapping[str, Any]], folder: str | Path
+) -> list[dict[str, Any]]:
+    """Rows of ``messages.csv`` of some cases.
+
+    Args:
+        counted: Arguments of `benchmarks.messages.count`, and numbers of ranks.
+        folder: Where the library that counts is put.
+    """
     if shutil.which("mpicc") is None:
         progress("no messages: mpicc is not installed")
         return []
-    library = folder / "libcount_messages.so"
+    library = Path(folder) / "libcount_messages.so"
     source = Path(__file__).parent / "count_messages.c"
     subprocess.run(["mpicc", "-shared", "-fPIC", "-O2", "-o", library, source], check=True)
     rows = []
-    for case in cases.MESSAGES[size]:
+    for case in counted:
         progress(f"messages: {case}")
         argument = {name: value for name, value in case.items() if name != "ranks"}
         rows.append(child("benchmarks.messages", argument, case["ranks"], str(library)))
@@ -161,7 +168,7 @@ def main() -> None:
     write(folder / "output.csv", output)
     errors = measure_errors(arguments.size)
     write(folder / "errors.csv", errors)
-    messages = count_messages(arguments.size, folder)
+    messages = count_messages(cases.MESSAGES[arguments.size], folder)
     write(folder / "messages.csv", messages)
     plots.draw(folder, steps, errors)
     text = tables.markdown(tables.Results(steps, errors, messages, start, output))

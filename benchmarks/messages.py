@@ -17,7 +17,7 @@ from mpi4py import MPI
 import numpy as np
 
 from benchmarks.profile import CONTACT, Profile
-from benchmarks.scenes import ball_on_plate
+from benchmarks.scenes import ball_on_plate, row_of_balls
 
 __all__ = ["count"]
 
@@ -63,10 +63,24 @@ class Counter(Profile):
         return call
 
 
-def count(n: int, h: float, skip: int, steps: int, comm: MPI.Comm) -> dict[str, Any]:
-    """Row of ``messages.csv``: the rank that sends most. Collective."""
+def count(
+    n: int, h: float, skip: int, steps: int, comm: MPI.Comm, *, in_a_row: bool = False
+) -> dict[str, Any]:
+    """Row of ``messages.csv``: the rank that sends most. Collective.
+
+    Args:
+        n: Cells along an edge of the ball.
+        h: Step [s].
+        skip: Steps before those that count.
+        steps: Steps that count.
+        comm: Communicator.
+        in_a_row: Whether there are as many balls beside each other as ranks.
+    """
     counter = Counter()
-    stepper = ball_on_plate(comm, "EM elastic", h, n=n).stepper
+    if in_a_row:
+        stepper = row_of_balls(comm, "EM elastic", h, n=n, number=comm.size).stepper
+    else:
+        stepper = ball_on_plate(comm, "EM elastic", h, n=n).stepper
     stepper.timings = counter
     start, newton, krylov = counter.now(), 0, 0
     for step in range(skip + steps):

@@ -19,6 +19,7 @@ __all__ = [
     "Scheme",
     "ball_on_plate",
     "pile",
+    "row_of_balls",
     "sliding_block",
 ]
 
@@ -173,6 +174,47 @@ def ball_on_plate(
     stepper = SCHEMES[scheme].integrator([ball, plate], [pair], dt=h)
     stepper.set_velocity(ball, (0.0, 1.0, -1.0))
     return Scene(stepper, ball)
+
+
+def row_of_balls(comm: MPI.Comm, scheme: str, h: float, *, n: int, number: int) -> Scene:
+    """Hollow balls that strike a long plate beside each other, all in the same way.
+
+    Collective.
+
+    Args:
+        comm: Communicator of the mesh.
+        scheme: Key of `SCHEMES`.
+        h: Step [s].
+        n: Cells along an edge of a cubed ball.
+        number: Number of balls.
+    """
+    names = [f"ball {k}" for k in range(number)]
+
+    def build(model: Any) -> None:
+        for k, name in enumerate(names):
+            add_hollow_ball(
+                model,
+                name,
+                centre=(4.0 * k + 2.0, 0.0, 1.02),
+                inner_radius=0.8,
+                outer_radius=1.0,
+                cells_per_edge=n,
+                layers=2,
+            )
+        size, cells = (4.0 * number, 4.0, 0.4), (2 * n * number, 2 * n, 2)
+        add_box(model, "plate", corner=(0.0, -2.0, -0.4), size=size, cells=cells)
+
+    mesh, cells, facets, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    rubber = nts.SaintVenantKirchhoff(1e5, 0.4, 1e3)
+    *balls, plate = (nts.Body(V, cells, tag[name], rubber) for name in (*names, "plate"))
+    top = nts.Surface(V, facets, tag["plate_top"])
+    outer = (nts.Surface(V, facets, tag[f"{name}_outer"]) for name in names)
+    pairs = [SCHEMES[scheme].pair(surface, top) for surface in outer]
+    stepper = SCHEMES[scheme].integrator([*balls, plate], pairs, dt=h)
+    for ball in balls:
+        stepper.set_velocity(ball, (0.3, 0.2, -1.0))
+    return Scene(stepper, balls[0])
 
 
 def sliding_block(comm: MPI.Comm, scheme: str, h: float, *, n: int, friction: Any = None) -> Scene:

@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.targets import Results, Rows, measured
 
-__all__ = ["markdown"]
+__all__ = ["markdown", "messages_table"]
 
 
 def markdown(results: Results) -> str:
@@ -23,7 +23,7 @@ def markdown(results: Results) -> str:
         _output(results.output),
         _errors(results.errors),
         _orders(results.errors),
-        _messages(results.messages) if results.messages else "",
+        messages_table(results.messages) if results.messages else "",
     ]
     return "\n\n".join(part for part in parts if part) + "\n"
 
@@ -176,7 +176,8 @@ def _output(output: Rows) -> str:
     return "A `Recorder` in every step, relative to the step:\n\n" + _table(head, rows)
 
 
-def _messages(messages: Rows) -> str:
+def messages_table(messages: Rows) -> str:
+    """Table of rows of ``messages.csv``."""
     head = (
         "unknowns",
         "ranks",

@@ -327,10 +327,18 @@ class Segments:
 class IncompleteFactors:
     def __init__(self) -> None: ...
     def factorise(
-        self, start: _Keys, column: _Ints, value: _Floats, order: _Ints, fill: bool = False
+        self,
+        start: _Keys,
+        column: _Ints,
+        value: _Floats,
+        order: _Ints,
+        fill: bool = False,
+        behind: _Floats | None = None,
     ) -> bool: ...
-    def apply(self, b: _Floats, x: _Floats) -> None: ...
-    def apply_at(self, places: _Ints, b: _Floats, x: _Floats) -> None: ...
+    def apply(self, b: _Floats, x: _Floats, behind: _Floats | None = None) -> None: ...
+    def apply_at(
+        self, places: _Ints, b: _Floats, x: _Floats, behind: _Floats | None = None
+    ) -> None: ...
 
 class CompleteFactors:
     entries: int

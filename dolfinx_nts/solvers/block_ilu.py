@@ -12,6 +12,7 @@ from dolfinx import la
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.search.scatter import NodalScatter
 from dolfinx_nts.solvers.block_csr import BlockCSR
 from dolfinx_nts.solvers.shells import shell_matrix
 
@@ -38,12 +39,10 @@ class BlockILU:
         self._rows, self._fill = rows, fill
         self._alone = bool(rows.index_map.comm.size == 1)
         self._order: Ints | None = None
-        # It is used again, as new memory takes 20 times as long to fill.
-        self._values: Floats = np.empty(0)
         self._factors = _kernels.IncompleteFactors()
         self._places: Ints | None = None  # of the rows that are solved for; None: of all
         # Its ghosts are the nodes of other ranks that the owned rows reach.
-        self._vector = la.vector(rows.matrix.index_map(1), rows.dim)
+        self._scatter = NodalScatter(rows.matrix.index_map(1))
         self._ends = np.array(rows.index_map.comm.allgather(rows.index_map.local_range[1]))
 
     def __str__(self) -> str:
@@ -58,12 +57,14 @@ class BlockILU:
             Whether the factors exist on all ranks.
         """
         rows = self._rows
-        start, column, value = rows.start, rows.column, rows.value
+        start, column, behind = rows.start, rows.column, None
         if not self._alone:
-            start, column, value = self._overlapping()
+            start, column, behind = self._overlapping()
         if self._order is None:
-            self._order = _order(start, column, self._rows.index_map.size_local)
-        exist: bool = self._factors.factorise(start, column, value, self._order, self._fill)
+            self._order = _order(start, column, rows.index_map.size_local)
+        exist: bool = self._factors.factorise(
+            start, column, rows.value, self._order, self._fill, behind
+        )
         return bool(reductions.everywhere(rows.index_map.comm, exist))
 
     def restrict(self, nodes: Flags | None) -> None:
@@ -75,11 +76,10 @@ class BlockILU:
         if nodes is None:
             self._places = None
             return
-        values = self._vector.array.reshape(-1, self._rows.dim)
-        values[: len(nodes)] = nodes[:, None]
-        self._vector.scatter_forward()
+        flags = nodes[:, None].astype(np.float64)
+        flags = np.concatenate([flags, self._scatter.at_ghosts(flags)])
         assert self._order is not None
-        self._places = np.flatnonzero(values[:, 0][self._order] > 0).astype(np.int32)
+        self._places = np.flatnonzero(flags[self._order] > 0).astype(np.int32)
 
     def solve(self, b: Floats) -> Floats:
         """Solution for b, nodal vectors of shape ``(n, d)``. Collective."""
@@ -100,30 +100,25 @@ class BlockILU:
         return x
 
     def _solve(self, known: Floats, unknown: Floats) -> None:
-        if not self._alone:
-            values = self._vector.array.reshape(-1, self._rows.dim)
-            values[: len(known)] = known
-            self._vector.scatter_forward()
-            known = values
+        behind = None if self._alone else self._scatter.at_ghosts(known)
         if self._places is None:
-            self._factors.apply(known, unknown)
+            self._factors.apply(known, unknown, behind)
         else:
             unknown.fill(0)
-            self._factors.apply_at(self._places, known, unknown)
+            self._factors.apply_at(self._places, known, unknown, behind)
 
     def _overlapping(self) -> tuple[GlobalInts, Ints, Floats]:
-        """Rows of all nodes that this rank solves for, with local columns. Collective."""
-        own, nodes = self._rows, self._vector.index_map
+        """Rows of all nodes that this rank solves for, with local columns. Collective.
+
+        Returns:
+            Where each row begins, and the end; columns; blocks of the rows of other ranks.
+        """
+        own, nodes = self._rows, self._scatter.index_map
         start, far, value = own.gather(nodes.ghosts, self._ends)
         column = nodes.global_to_local(far)
         column[column < 0] = nodes.size_local + nodes.num_ghosts  # beyond these nodes
-        if len(self._values) != len(own.value) + len(value):
-            self._values = np.empty(len(own.value) + len(value))
-        return (
-            np.concatenate([own.start, own.start[-1] + start[1:]]),
-            np.concatenate([own.column, column]),
-            np.concatenate([own.value, value], out=self._values),
-        )
+        start = np.concatenate([own.start, own.start[-1] + start[1:]])
+        return start, np.concatenate([own.column, column]), value
 
 
 def _order(start: GlobalInts, column: Ints, num_owned: int) -> Ints:

@@ -53,6 +53,9 @@ class BlockPivoting:
             changed with it, and would change to and fro with them, as do stick and slip.
         is_patient: Whether nodes change only in iterations before which Newton's method came near
             to equilibrium, also those that change together.
+
+    Attributes:
+        num_violators: Those of all ranks when they were last counted.
     """
 
     def __init__(
@@ -71,6 +74,7 @@ class BlockPivoting:
         self._patience = np.full(num_pairs, _PATIENCE)
         self._changed: Flags = np.zeros(len(ids), dtype=bool)
         self._is_quiet = False  # none violated at last, fewer cannot be
+        self.num_violators = 0
 
     def select(self, violates: Flags, node: Ints, iteration: int) -> tuple[Flags, int]:
         """Choose the nodes that change their state, shape ``(m,)``. Collective.
@@ -83,14 +87,15 @@ class BlockPivoting:
             return np.zeros(len(node), dtype=bool), int(np.count_nonzero(violates))
         own = _kernels.counts_of_parts(violates, node, self._ends)
         count = reductions.total(self._comm, own)
-        if self._is_quiet and not np.count_nonzero(count):
+        self.num_violators = int(count.sum())
+        if self._is_quiet and not self.num_violators:
             return violates, 0
         fewer = count < self._fewest
         self._patience[fewer] = _PATIENCE
         if iteration:
             self._fewest = np.minimum(self._fewest, count)
         changes = violates
-        if count.any():
+        if self.num_violators:
             stays = count >= self._last
             is_stuck = stays & ~fewer & (count > 0)
             self._patience[is_stuck] -= 1
@@ -106,7 +111,7 @@ class BlockPivoting:
         self._changed[:] = False
         self._changed[node[changes]] = True
         self._last = count
-        self._is_quiet = not (count.any() or self._fewest.any())
+        self._is_quiet = not (self.num_violators or self._fewest.any())
         return changes, int(own.sum())
 
     def changes_singly(self, node: Ints) -> Flags | None:
@@ -155,6 +160,11 @@ class ActiveSet:
         nodes = state.nodes
         self._size = state.segment_sizes
         self._pivoting = BlockPivoting(nodes.V.mesh.comm, nodes.node_ids, state.ends)
+
+    @property
+    def num_violators(self) -> int:
+        """Nodes of all ranks that contradicted their state in the last update. Local."""
+        return self._pivoting.num_violators
 
     def update(
         self, node: Ints, excess: Floats, before: Flags, lambda_N: Floats, iteration: int

@@ -170,7 +170,7 @@ class MultiplierContact(NormalContact):
         self.active[node] = active
         # Otherwise the same balance would follow from the same decisions.
         has_friction = self._state.pair.friction is not None
-        if has_friction or reductions.anywhere(self._comm, changes > 0):
+        if has_friction or self._set.num_violators:
             lambda_N = self._balance(pairs, R, lambda_N, active, friction)
         self.lambda_N[node] = lambda_N
         return changes

@@ -7,23 +7,29 @@ namespace nts::bindings
 {
 /// @brief Components B of a node in a matrix of B x B blocks; 3 without blocks.
 inline std::size_t components_of(const In<std::int32_t>& column,
-                                 const Doubles& value)
+                                 const Doubles& value,
+                                 std::span<const double> behind = {})
 {
   const std::size_t b = column.size();
-  return b > 0 && value.size() == 4 * b ? 2 : 3;
+  return b > 0 && value.size() + behind.size() == 4 * b ? 2 : 3;
 }
 
-/// @brief View of rows of B x B blocks; raise ValueError unless they are.
+/// @brief View of rows of B x B blocks, of which values may have the first ones
+/// and another array those behind; raise ValueError unless they are.
 template <std::size_t B>
-BlockMatrix<B> block_matrix(const In<std::int64_t>& start,
-                            const In<std::int32_t>& column,
-                            const Doubles& value)
+BlockMatrix<B>
+block_matrix(const In<std::int64_t>& start, const In<std::int32_t>& column,
+             const Doubles& value, std::span<const double> behind = {})
 {
   check("start", start, {any});
   check("column", column, {any});
-  check("value", value, {B * B * column.size()});
-  const BlockMatrix<B> result
-      = {.start = view(start), .column = view(column), .value = view(value)};
+  if (behind.size() % (B * B) != 0 || behind.size() > B * B * column.size())
+    throw nb::value_error("behind: expected blocks of the last columns");
+  check("value", value, {B * B * column.size() - behind.size()});
+  const BlockMatrix<B> result = {.start = view(start),
+                                 .column = view(column),
+                                 .value = view(value),
+                                 .behind = behind};
   if (result.start.empty())
     throw nb::value_error("start: expected at least one entry");
   if (result.start.front() != 0

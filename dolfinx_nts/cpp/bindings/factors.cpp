@@ -2,6 +2,8 @@
 #include "nts/solvers/complete_factors.h"
 #include "nts/solvers/single_matrix.h"
 
+#include <nanobind/stl/optional.h>
+
 #include <variant>
 
 namespace nts::bindings
@@ -59,9 +61,16 @@ void check_pattern(std::span<const std::int64_t> start,
   }
 }
 
+/// @brief What is behind the first rows, if it is kept elsewhere.
+std::span<const double> rest(const std::optional<Doubles>& behind)
+{
+  return behind ? view(*behind) : std::span<const double>{};
+}
+
 bool factorise(Factors& factors, const In<std::int64_t>& start,
                const In<std::int32_t>& column, const Doubles& value,
-               const In<std::int32_t>& order, bool fill)
+               const In<std::int32_t>& order, bool fill,
+               const std::optional<Doubles>& behind)
 {
   check("start", start, {any});
   if (!start.size())
@@ -76,10 +85,10 @@ bool factorise(Factors& factors, const In<std::int64_t>& start,
     found[row] = true;
   }
   return dispatch_components(
-      components_of(column, value),
+      components_of(column, value, rest(behind)),
       [&]<std::size_t B>()
       {
-        const auto A = block_matrix<B>(start, column, value);
+        const auto A = block_matrix<B>(start, column, value, rest(behind));
         if (!std::holds_alternative<IncompleteFactors<B>>(factors.factors))
           factors.factors.emplace<IncompleteFactors<B>>();
         return std::get<IncompleteFactors<B>>(factors.factors)
@@ -90,16 +99,22 @@ bool factorise(Factors& factors, const In<std::int64_t>& start,
 /// @brief Call a function with factors that right-hand side and result fit.
 template <class Function>
 void with_factors(Factors& factors, const Doubles& b, const Out<double>& x,
+                  const std::optional<Doubles>& behind,
                   const Function& function)
 {
-  const std::size_t n = factors.size();
-  if (n == 0 && b.size() == 0 && x.size() == 0)
+  const std::size_t n = factors.size(), m = behind ? behind->shape(0) : 0;
+  if (n == 0 && b.size() == 0 && x.size() == 0 && m == 0)
     return; // a rank without nodes
   std::visit(
       [&](auto& some)
       {
         const std::size_t width = components(some);
-        check("b", b, {n, width});
+        if (behind)
+          check("behind", *behind, {any, width});
+        if (m > n)
+          throw nb::value_error(
+              "behind: expected no more rows than the matrix has");
+        check("b", b, {n - m, width});
         check("x", x, {any, width});
         if (x.shape(0) > n)
           throw nb::value_error("x: expected no more rows than the matrix has");
@@ -108,14 +123,16 @@ void with_factors(Factors& factors, const Doubles& b, const Out<double>& x,
       factors.factors);
 }
 
-void apply(Factors& factors, const Doubles& b, Out<double> x)
+void apply(Factors& factors, const Doubles& b, Out<double> x,
+           const std::optional<Doubles>& behind)
 {
-  with_factors(factors, b, x,
-               [&](auto& some) { some.apply(view(b), view(x)); });
+  with_factors(factors, b, x, behind,
+               [&](auto& some) { some.apply(view(b), view(x), rest(behind)); });
 }
 
 void apply_at(Factors& factors, const In<std::int32_t>& places,
-              const Doubles& b, Out<double> x)
+              const Doubles& b, Out<double> x,
+              const std::optional<Doubles>& behind)
 {
   check("places", places, {any});
   std::int64_t last = -1;
@@ -125,8 +142,9 @@ void apply_at(Factors& factors, const In<std::int32_t>& places,
       throw nb::value_error("places: expected ascending places of rows");
     last = place;
   }
-  with_factors(factors, b, x, [&](auto& some)
-               { some.apply_at(view(places), view(b), view(x)); });
+  with_factors(
+      factors, b, x, behind, [&](auto& some)
+      { some.apply_at(view(places), view(b), view(x), rest(behind)); });
 }
 
 void dissect(CompleteFactors* self, const In<std::int64_t>& start,
@@ -214,15 +232,19 @@ void factors(nb::module_& m)
       .def(nb::init<>())
       .def("factorise", &factorise, nb::arg("start"), nb::arg("column"),
            nb::arg("value"), nb::arg("order"), nb::arg("fill") = false,
+           nb::arg("behind") = nb::none(),
            "Factorise rows, columns beyond them left out; false if singular: "
            "(n + 1,), (b,), (B B b,), (n,) rows in the order of elimination, "
-           "whether to keep what the elimination of a neighbour fills")
+           "whether to keep what the elimination of a neighbour fills, blocks "
+           "of the last rows if value lacks them")
       .def("apply", &apply, nb::arg("b"), nb::arg("x").noconvert(),
-           "Solve for x at the first m rows: (n, B), (m, B)")
+           nb::arg("behind") = nb::none(),
+           "Solve for x at the first m rows: (n, B), (m, B), last rows of the "
+           "right-hand side if b lacks them")
       .def("apply_at", &apply_at, nb::arg("places"), nb::arg("b"),
-           nb::arg("x").noconvert(),
+           nb::arg("x").noconvert(), nb::arg("behind") = nb::none(),
            "The same at rows with some places in the order of elimination, "
-           "others zero: (k,) ascending, (n, B), (m, B)");
+           "others zero: (k,) ascending, (n, B), (m, B), last rows as above");
   nb::class_<CompleteFactors>(
       m, "CompleteFactors",
       "Complete factors of a matrix of 2 x 2 or 3 x 3 blocks with a symmetric "

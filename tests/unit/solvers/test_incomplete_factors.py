@@ -56,6 +56,29 @@ def test_units_do_not_matter(rng):
     np.testing.assert_array_equal(solve((start, column, value), order, 0 * b), 0 * b)
 
 
+@pytest.mark.parametrize("dim", [2, 3])
+def test_last_rows_may_be_kept_elsewhere(rng, dim):
+    (start, column, value), _, _ = matrix(rng, 0.5, dim)
+    order = rng.permutation(NODES).astype(np.int32)
+    b, first = rng.normal(size=(NODES, dim)), NODES // 3
+    expected = solve((start, column, value), order, b)
+    factors, blocks = _kernels.IncompleteFactors(), np.split(value, [dim**2 * start[first]])
+    assert factors.factorise(start, column, blocks[0], order, behind=blocks[1])
+    x = np.full_like(b, np.nan)
+    factors.apply(b[:first], x, b[first:])
+    np.testing.assert_array_equal(x, expected)
+    factors.apply_at(np.arange(NODES, dtype=np.int32), b[:first], x[:1], b[first:])
+    np.testing.assert_array_equal(x, expected)
+    with pytest.raises(ValueError, match="expected"):
+        factors.factorise(start, column, blocks[0][:-1], order, behind=blocks[1])
+    for behind in (value[1:], np.concatenate([value, value])):
+        with pytest.raises(ValueError, match="behind: expected blocks of the last columns"):
+            factors.factorise(start, column, blocks[0], order, behind=behind)
+    for behind in (b[first + 1 :], b[: 2 * first, :1], np.concatenate([b, b])):
+        with pytest.raises(ValueError, match="expected"):
+            factors.apply(b[:first], x, behind)
+
+
 @pytest.mark.parametrize("row", range(2))
 @pytest.mark.parametrize("dim", [2, 3])
 def test_entries_far_below_rounding_leave_no_trace(row, dim):

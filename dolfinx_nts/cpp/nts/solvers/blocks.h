@@ -161,11 +161,14 @@ struct BlockMatrix
   std::span<const std::int64_t> start;  ///< where each row begins, and the end
   std::span<const std::int32_t> column; ///< of each block
   std::span<const double> value;        ///< (blocks, B, B)
+  std::span<const double> behind = {};  ///< those behind, kept elsewhere
 
   /// @brief A block, row by row.
   const double* operator[](std::size_t e) const noexcept
   {
-    return value.data() + B * B * e;
+    const std::size_t at = B * B * e;
+    return at < value.size() ? value.data() + at
+                             : behind.data() + (at - value.size());
   }
 
   /// @brief Columns of a row.

@@ -148,25 +148,28 @@ public:
   }
 
   /// @brief x = (L U)^-1 b.
-  /// @param[in] b Right-hand side of all rows.
+  /// @param[in] b Right-hand side of all rows, or of the first ones.
   /// @param[out] x Values of the first rows, all or fewer; may be b.
-  void apply(std::span<const double> b, std::span<double> x)
+  /// @param[in] behind Right-hand side of the rows behind those of b.
+  void apply(std::span<const double> b, std::span<double> x,
+             std::span<const double> behind = {})
   {
     _x.resize(B * size());
-    substitute(std::views::iota(std::size_t(0), size()), b, x);
+    substitute(std::views::iota(std::size_t(0), size()), b, x, behind);
   }
 
   /// @brief The same for some rows, with zero in the place of all others.
   /// @param[in] places Places of these rows in the order of elimination,
   /// ascending.
-  /// @param[in] b Right-hand side of all rows.
+  /// @param[in] b Right-hand side of all rows, or of the first ones.
   /// @param[out] x Values of the first rows, all or fewer, of which others than
   /// these rows are left as they are.
+  /// @param[in] behind Right-hand side of the rows behind those of b.
   void apply_at(std::span<const std::int32_t> places, std::span<const double> b,
-                std::span<double> x)
+                std::span<double> x, std::span<const double> behind = {})
   {
     _x.assign(B * size(), 0);
-    substitute(places, b, x);
+    substitute(places, b, x, behind);
   }
 
   /// @brief Number of rows, 0 without factors.
@@ -177,9 +180,10 @@ private:
   template <class Places>
   NTS_FOR_PROCESSORS void substitute(const Places& places,
                                      std::span<const double> b,
-                                     std::span<double> x)
+                                     std::span<double> x,
+                                     std::span<const double> behind)
   {
-    const double scale = power_of_two(largest(b));
+    const double scale = power_of_two(std::max(largest(b), largest(behind)));
     const std::size_t n = size();
     const auto set = [&](std::size_t i, const Values& y)
     {
@@ -189,8 +193,11 @@ private:
     for (const std::size_t i : places)
     {
       Values y = {};
+      const std::size_t at = B * static_cast<std::size_t>(_order[i]);
+      const double* known
+          = at < b.size() ? b.data() + at : behind.data() + (at - b.size());
       for (std::size_t c = 0; c < B; ++c)
-        y[c] = static_cast<float>(scale * b[B * _order[i] + c]);
+        y[c] = static_cast<float>(scale * known[c]);
       std::size_t e = _begin[i];
       set(i, y - _factors.product(e, _begin[i + 1], _x.data()));
     }
