@@ -73,7 +73,7 @@ _PANELS = (
     _Panel("striker on rod", "velocity handed on", "striker on rod: velocity", _RATIO),
     _Panel("ball on wall", "greatest force", "Hertz' impact: greatest force", _RATIO),
     _Panel("ball on wall", "duration", "Hertz' impact: duration", _RATIO),
-    _Panel("braking block", "way", "block that friction stops: way", _RATIO),
+    _Panel("braking block", "way", "block that friction stops: distance", _RATIO),
     _Panel("paraboloid", "pressure, rms error", "Hertz' pressure at the nodes, statics", _RATIO),
 )
 
@@ -154,6 +154,8 @@ def _errors(path: Path, errors: Rows) -> None:
             rows = _selected(rows, element="default")
         shown += rows
         _curves(axes, rows, "cpu_seconds", "error")
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.xaxis.set_minor_formatter(lambda x, _: f"{x:g}" if f"{x:e}"[0] in "25" else "")
         axes.set(title=panel.title, xlabel="CPU time [s]", ylabel=panel.label)
     grid.flat[-1].axis("off")
     _explain(grid.flat[-1], shown, loc="center", fontsize=9)

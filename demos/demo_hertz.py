@@ -76,7 +76,7 @@ ball = nts.Body(V, cells, tag["ball"], nts.SaintVenantKirchhoff(E, nu, 1.0))
 # middle plane, and the rest.
 
 # +
-tiny, way = 1e-9, fem.Constant(mesh, 0.0)
+tiny, approach = 1e-9, fem.Constant(mesh, 0.0)
 
 
 def hold(axis, place, value):
@@ -87,10 +87,10 @@ def hold(axis, place, value):
 
 def update(t):
     """Move the middle plane."""
-    way.value = -depth * t
+    approach.value = -depth * t
 
 
-bcs = [hold(0, 0.0, np.float64(0)), hold(1, 0.0, np.float64(0)), hold(2, 1.0, way)]
+bcs = [hold(0, 0.0, np.float64(0)), hold(1, 0.0, np.float64(0)), hold(2, 1.0, approach)]
 surface = nts.boundary_of(ball, where=lambda x: x[0] ** 2 + x[1] ** 2 + (x[2] - 1) ** 2 > 1 - tiny)
 pair = nts.ContactPair(surface, nts.RigidPlane((0, 0, 0), (0, 0, 1)))
 
@@ -98,7 +98,7 @@ stepper = nts.QuasiStatic([ball], [pair], dt=1 / full, bcs=bcs, update=update)
 # Two columns of our own in the table hold the displacement and the theoretical force on the
 # quarter.
 columns = {
-    "way": lambda s: depth * s.t,
+    "approach": lambda s: depth * s.t,
     "force_of_Hertz": lambda s: E_star / 3 * (depth * s.t) ** 1.5,
 }
 with nts.Recorder("hertz", stepper, own_columns=columns) as record:
@@ -130,7 +130,7 @@ assert abs(pressure / p_0 - 1) < 0.04
 # The pictures show the force over the displacement, and the pressure over the radius.
 
 plotting.force_displacement(
-    "hertz.csv", "way", ["contact_force_z", "force_of_Hertz"], "hertz_force.png"
+    "hertz.csv", "approach", ["contact_force_z", "force_of_Hertz"], "hertz_force.png"
 )
 
 # +

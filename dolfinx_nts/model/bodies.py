@@ -233,4 +233,4 @@ def check_member(body: Any, bodies: Sequence[Body]) -> None:
             f"not its name or number, given {body!r}"
         )
     if body not in bodies:
-        raise ValueError(f"expected a body of this stepper ({names}), given another: {body!r}")
+        raise ValueError(f"expected a body of this stepper ({names}), given another, {body.name}")

@@ -24,7 +24,7 @@ class SolverStatistics:
         num_tangents: Matrices of this tangent.
         num_cells: Owned cells that residual and action now go over.
 
-    ``str`` is a line for a summary.
+    ``str`` is a few lines for a summary.
     """
 
     preconditioner: str
@@ -48,8 +48,8 @@ class SolverStatistics:
             return f"{self.num_direct} factorisations of whole systems"
         crossed = f"waves cross {self.wave_crossings:.3g} cells a step"
         return (
-            f"GMRES with {self.preconditioner} of the bulk and a correction around the contacts, "
-            f"{crossed if isfinite(self.wave_crossings) else 'statics without waves'}; "
-            f"{self.num_iterations} iterations, {self.num_builds} factorisations of the bulk, "
+            f"GMRES with {self.preconditioner} of the bulk and a correction around the contacts\n"
+            f"  {crossed if isfinite(self.wave_crossings) else 'statics without waves'}; "
+            f"{self.num_iterations} iterations; factorisations: {self.num_builds} of the bulk, "
             f"{self.num_schwarz_builds} around the contacts, {self.num_direct} of whole systems"
         )

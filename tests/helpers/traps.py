@@ -6,8 +6,8 @@ A division by zero and an overflow are trapped in all that runs in a test, an
 invalid operation in the kernels and, as `FloatingPointError`, in NumPy. (To
 compare with NaN, the gap of a node that faces nothing, is invalid as well, and
 NumPy may do so.) Where PETSc builds a preconditioner, multigrid for instance,
-and where VTK and Matplotlib draw, which divide by zero, nothing is trapped. The
-values are those of x86.
+where LAPACK looks for singular values, and where VTK and Matplotlib draw, which
+divide by zero, nothing is trapped. The values are those of x86.
 """
 
 import ctypes
@@ -86,6 +86,8 @@ def strict(kernel: Callable[..., Any]) -> Callable[..., Any]:
 
 if WANTED:
     BulkPreconditioner.build = untrapped(BulkPreconditioner.build)
+    for name in ("cond", "svd"):
+        setattr(np.linalg, name, untrapped(getattr(np.linalg, name)))
     for name in set(plotting.__all__) - {"Picture"}:
         setattr(plotting, name, untrapped(getattr(plotting, name)))
     for name in dir(_kernels):

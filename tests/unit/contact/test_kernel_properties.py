@@ -104,3 +104,15 @@ def test_segments_of_any_shape_give_numbers_or_no_turn(k, data):
         *values, turn = getattr(_kernels, f"contact_{scheme}")(x_n, x, np.ones(1))
         if not np.isnan(turn[0]):
             assert all(np.isfinite(value).all() for value in values)
+
+
+def test_a_segment_that_becomes_a_line_gives_no_number_at_all():
+    # det m of its metric is round-off above zero, and its normal 0/0.
+    line = [[1.0, -1.0, 1.0], [-1.0, -1.0, 1.0], [523080.7519677214, -1.0, 1.0]]
+    line.append([654248.5928225648, -1.0, 1.0])
+    x_n = np.array([[[-322852.58790032566, -1.0, 0.0], *line]])
+    x = np.array([[[-577776.6, 0.0, -447435.2], [0.0, 765343.4, 1.0], [-441241.4, -1.0, -12756.0]]])
+    x = np.concatenate([x, [[[1.0, 146478.1, 574289.3], [999639.3, -841963.0, 494726.6]]]], axis=1)
+    for scheme in ("conserving", "midpoint", "static"):
+        for value in getattr(_kernels, f"contact_{scheme}")(x_n, x, np.ones(1)):
+            assert np.isnan(value).all()

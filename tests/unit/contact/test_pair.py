@@ -328,9 +328,9 @@ def test_pair_refuses_wrong_arguments(comm, refused):
     V, W = (fem.functionspace(mesh, ("Lagrange", 1, (3,))) for _ in range(2))
     side = nts.Surface(V, facets, tag["top 1"])
     lower = nts.Surface(V, facets, tag["bottom 0"])
-    with refused(TypeError, "Surface as nodes, given int"):
+    with refused(TypeError, r"Surface as nodes, such as boundary_of\(body\), given int"):
         nts.ContactPair(3, lower)
-    with refused(TypeError, "Surface or an obstacle as segments, given NoneType"):
+    with refused(TypeError, "or an obstacle as segments, given NoneType"):
         nts.ContactPair(side, None)
     with refused(TypeError, "given str"):
         nts.ContactPair(side, lower, "elastic")

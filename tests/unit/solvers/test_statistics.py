@@ -63,7 +63,7 @@ def test_counts_are_those_of_the_calls(comm, monkeypatch, direct):
         assert f"{work.num_direct} factorisations of whole systems" in line
     else:
         assert (
-            f"{work.num_iterations} iterations, {work.num_builds} factorisations of the bulk"
+            f"{work.num_iterations} iterations; factorisations: {work.num_builds} of the bulk"
             in line
         )
         assert work.preconditioner in line and 0.5 < work.wave_crossings < 2

@@ -43,7 +43,7 @@ template <IsPatch S>
 Projection<S> project(const Pair<S>& pair, double orientation) noexcept
 {
   constexpr int max_iterations = 50;
-  constexpr double degenerate = 1e-20; // patch: det m relative to (tr m)^2
+  constexpr double degenerate = 1e-20; // patch: |n|^2 relative to (tr m)^2
   constexpr double convex = 0.1; // Newton's matrix: det A relative to det m
   constexpr double round_off = 1e-12; // of xi: the next step has its square
   constexpr double longest = 0.5;
@@ -58,12 +58,13 @@ Projection<S> project(const Pair<S>& pair, double orientation) noexcept
         p.metric[a][b] = dot(p.tangents[a], p.tangents[b]);
     const double trace = p.metric[0][0] + p.metric[1][1];
     const double area = det(p.metric);
-    if (!(area > degenerate * trace * trace))
+    // det m = |n|^2, but for the round-off in it, which a line has as well.
+    const Vec3 n = cross(p.tangents[0], p.tangents[1]);
+    if (!(std::min(area, dot(n, n)) > degenerate * trace * trace))
       return {};
     // The last pass only evaluates the geometry at the converged xi.
     if (p.converged)
     {
-      const Vec3 n = cross(p.tangents[0], p.tangents[1]);
       p.normal = (orientation / norm(n)) * n;
       p.gap = dot(r, p.normal);
       p.curvature = along_second<S>(x, p.xi, p.normal);

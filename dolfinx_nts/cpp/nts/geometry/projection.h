@@ -62,7 +62,7 @@ template <class S>
 Projection<S> project(const Pair<S>& pair, double orientation) noexcept
 {
   constexpr int max_iterations = 30;
-  constexpr double degenerate = 1e-20; // segment: det m relative to (tr m)^2
+  constexpr double degenerate = 1e-20; // segment: |n|^2 relative to (tr m)^2
   constexpr double convex = 0.1; // Newton's matrix: det A relative to det m
   constexpr double round_off = 1e-12; // of xi, for a node on the segment
   constexpr double unit = 1e-15;      // round-off of numbers of size 1
@@ -72,9 +72,8 @@ Projection<S> project(const Pair<S>& pair, double orientation) noexcept
   const std::array<Vec3, 2> edge = S::directions(x);
 
   Projection<S> p;
-  const auto finished = [&](const Vec3& r) noexcept
+  const auto finished = [&](const Vec3& r, const Vec3& n) noexcept
   {
-    const Vec3 n = cross(p.tangents[0], p.tangents[1]);
     p.normal = (orientation / norm(n)) * n;
     p.gap = dot(r, p.normal);
     p.twist = dot(mixed, p.normal);
@@ -90,12 +89,14 @@ Projection<S> project(const Pair<S>& pair, double orientation) noexcept
         p.metric[a][b] = dot(p.tangents[a], p.tangents[b]);
     const double trace = p.metric[0][0] + p.metric[1][1];
     const double area = det(p.metric);
-    if (!(area > degenerate * trace * trace))
+    // det m = |n|^2, but for the round-off in it, which a line has as well.
+    const Vec3 n = cross(p.tangents[0], p.tangents[1]);
+    if (!(std::min(area, dot(n, n)) > degenerate * trace * trace))
       return {};
 
     // The last pass only evaluates the geometry at the converged xi.
     if (p.converged)
-      return finished(r);
+      return finished(r, n);
 
     Matrix<2, 2> A = p.metric;
     A[0][1] -= dot(r, mixed);
@@ -106,7 +107,7 @@ Projection<S> project(const Pair<S>& pair, double orientation) noexcept
     const Vec2 dxi = inverse(A) * f;
     const double way = std::max(std::abs(dxi[0]), std::abs(dxi[1]));
     if (way <= unit) // there already, as in the second pass where it is flat
-      return finished(r);
+      return finished(r, n);
     p.xi = {p.xi[0] + dxi[0], p.xi[1] + dxi[1]};
     // Round-off in xi grows with the distance of the node.
     const double excess = way - round_off;
