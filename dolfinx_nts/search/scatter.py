@@ -81,10 +81,11 @@ class NodalScatter:
 
     def at_ghosts(self, values: Floats) -> Floats:
         """Values at the ghosts, shape ``(g, d)``, of those at the owned nodes, ``(n, d)``."""
+        if self.is_local:
+            return values[:0]
         d = values.shape[1]
-        if not self.is_local:
-            self._values[self.shared, :d] = values.take(self.shared, axis=0)
-            self._vector.scatter_forward()
+        self._values[self.shared, :d] = values.take(self.shared, axis=0)
+        self._vector.scatter_forward()
         return self._values[self._num_owned :, :d].copy()
 
     def add_of_ghosts(self, total: Floats, ghosts: Floats) -> None:
