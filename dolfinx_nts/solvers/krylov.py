@@ -138,7 +138,7 @@ class LinearSolver:
             return self._solve_direct(R, steps, pairs)
         if self._operator.bulk.rigid.has_no_inertia or self._failures.skip():
             return self._solve_direct(R, steps, pairs)
-        preconditioner, factors = self._preconditioner, self._factors
+        factors = self._factors
         is_new = factors.renew()
         num_active = sum(step.num_active for step in steps)
         self._contacts.choose(num_active)
@@ -146,11 +146,9 @@ class LinearSolver:
             if self._contacts.choose(num_active):
                 continue
             # Where it fails, there are new factors, then stronger ones, then the whole system.
-            if is_new and preconditioner.is_strongest:
+            if is_new and not self._preconditioner.strengthen():
                 self._failures.count()
                 return self._solve_direct(R, steps, pairs)
-            if is_new:
-                preconditioner.strengthen()
             factors.build()
             is_new = True
         self._failures.forget()
