@@ -83,13 +83,12 @@ def _coupled(pairs: Sequence[ActivePairs]) -> bool:
     allowed: Any = 0
     blocked = False
     for p in pairs:
-        constrained, first = p.blocks.rank > 0, p.blocks.start[:-1]
         marks: Floats = np.zeros((p.ghosts.num_local, 3))
         marks[:, 0] = np.bincount(p.blocks.constrained, minlength=len(marks))
-        marks[np.delete(p.blocks.nodes, first[constrained]), 1] = 1
+        marks[:, 1] = np.bincount(p.blocks.nodes, minlength=len(marks)) > marks[:, 0]
         marks = p.ghosts.reverse(marks)
         taken, others = taken + marks[:, 0], others + marks[:, 1]
         if p.may_overlap:
             allowed = allowed + marks[:, 1] * (marks[:, 0] > 0)
-        blocked = not p.is_regular or blocked or bool(p.fixed[constrained].any())
+        blocked = not p.is_regular or blocked or bool(p.fixed[p.blocks.rank > 0].any())
     return blocked or bool(((taken > 1) | ((taken > 0) & (others > allowed))).any())

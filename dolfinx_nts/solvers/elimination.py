@@ -73,12 +73,11 @@ class ActivePairs:
         self.fixed, self.excess, dofs, rank, normal, gradients, columns, slopes = arrays
         self._pair_dofs, self.ghosts = dofs, ghosts
         start, nodes = np.arange(0, dofs.size + 1, dofs.shape[1]), dofs.ravel()
-        # The linear system has the components of the space.
-        self.excess, normal, slopes = self.excess[:, :dim], normal[:, :dim], slopes[:, :dim, :dim]
-        gradients, columns = (_components(rows, dim) for rows in (gradients, columns))
-        shape = (len(tangent), tangent_nodes.shape[1], 3) * 2
-        tangent = tangent.reshape(*shape[:3], *shape[4:])[:, :, :dim, :, :dim]
-        tangent = tangent.reshape(len(tangent), *[dim * tangent_nodes.shape[1]] * 2)
+        if dim < 3:  # the linear system has the components of the space
+            self.excess, normal = self.excess[:, :dim], normal[:, :dim]
+            gradients, columns, slopes, tangent = (
+                _components(blocks, dim) for blocks in (gradients, columns, slopes, tangent)
+            )
         constraints = start, nodes, rank, normal, gradients, columns, slopes
         self.blocks = blocks = ContactBlocks(*constraints, tangent_nodes, tangent)
         self._kernel = blocks.kernel()
@@ -162,12 +161,11 @@ class CoupledPairs(ActivePairs):
         return removed
 
 
-def _components(rows: Floats, dim: int) -> Floats:
-    """Those of rows ``(m, 3, 3 k)`` that a space has, ``(m, d, d k)``."""
-    if dim == 3:
-        return rows
-    m, k = len(rows), rows.shape[2] // 3
-    return rows.reshape(m, 3, k, 3)[:, :dim, :, :dim].reshape(m, dim, dim * k)
+def _components(blocks: Floats, dim: int) -> Floats:
+    """Those of blocks, shape ``(m, 3 j, 3 k)``, that a space has, ``(m, d j, d k)``."""
+    m, j, k = len(blocks), blocks.shape[1] // 3, blocks.shape[2] // 3
+    parts = blocks.reshape(m, j, 3, k, 3)[:, :, :dim, :, :dim]
+    return parts.reshape(m, dim * j, dim * k)
 
 
 def active_pairs(

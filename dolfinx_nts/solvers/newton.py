@@ -149,12 +149,13 @@ def solve(
                 if search.cuts(R_bulk):
                     continue
                 search.forget()
-        R_nodes = R_bulk.reshape(-1, dim) - relief.force if balanced else None
+        R_free = R_bulk - relief.force.ravel()
+        R_nodes = R_free.reshape(-1, dim) if balanced else None
         with timings.phase("contact"):
             number = iteration + num_settled
             states = tuple(step.evaluate(x, R_nodes, number) for step in steps)
             R_contact = contact_residual(steps, states, (len(X), dim))
-        R = relief.relieve(R_bulk - relief.force.ravel() + R_contact, x, force_scale, steps, states)
+        R = relief.relieve(R_free + R_contact, x, force_scale, steps, states)
         R = way.pull(bulk.rigid.balance(nodes, R.reshape(-1, dim)).ravel(), states, target)
         iterate = Iterate(x, states, R, R_bulk, R_contact, forces)
         seen = convergence.measure(iterate, is_led=way.is_over)

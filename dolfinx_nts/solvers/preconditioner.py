@@ -91,17 +91,12 @@ class BulkPreconditioner:
         return self._kind == _COMPLETE
 
     @property
-    def is_strongest(self) -> bool:
-        """Whether there are no stronger ones."""
-        return self._kind == self._kinds[-1]
-
-    @property
     def gives_way(self) -> bool:
         """Whether slow iterations are a reason for stronger factors.
 
         Those that the user has chosen have to fail before others take over.
         """
-        return not (self.is_strongest or self._options.bulk)
+        return not (self._is_strongest or self._options.bulk)
 
     @property
     def has_responses(self) -> bool:
@@ -118,13 +113,15 @@ class BulkPreconditioner:
         self.point, self.in_addition = self._tangent.point, self._tangent.in_addition
         self.num_builds, self._last_kind = self.num_builds + 1, str(self._factors)
 
-    def strengthen(self, *, fully: bool = False) -> None:
-        """Let the next `build` make stronger factors. Local.
+    def strengthen(self, *, fully: bool = False) -> bool:
+        """Let the next `build` make stronger factors; returns whether there are any. Local.
 
         Args:
             fully: Whether to make complete ones in double precision, or multigrid, at once: single
                 precision is too coarse where inertia does little.
         """
+        if self._is_strongest:
+            return False
         is_of_user = self._options.bulk and not self.is_strong
         if is_of_user and self._tangent.rows.index_map.comm.rank == 0:
             text = (
@@ -137,6 +134,7 @@ class BulkPreconditioner:
         most = self._kinds.index(_MULTIGRID if _MULTIGRID in self._kinds else _COMPLETE)
         self._strength = most if at_once else self._strength + 1
         self._factors = None
+        return True
 
     def solve(self, b: Floats) -> Floats:
         """Solution for b, nodal vectors of shape ``(n, d)``. Collective."""
@@ -190,6 +188,10 @@ class BulkPreconditioner:
                 self.build()
         if last is not None and last is not point:
             tangent.restore(last)
+
+    @property
+    def _is_strongest(self) -> bool:
+        return self._kind == self._kinds[-1]
 
     @property
     def _kind(self) -> int:

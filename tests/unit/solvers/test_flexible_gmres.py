@@ -47,6 +47,15 @@ def test_residuals_of_solutions_are_zero_and_those_of_singular_systems_not_finit
 
 
 @pytest.mark.serial
+def test_squares_of_rows_times_weights(rng):
+    weights, x = rng.normal(size=5), rng.normal(size=(5, 3))
+    expected = np.sum((weights[:, None] * x) ** 2)
+    assert _kernels.weighted_square(weights, x) == pytest.approx(expected, rel=1e-14)
+    with pytest.raises(ValueError, match=r"weights: expected shape \(5\), given \(4\)"):
+        _kernels.weighted_square(weights[:4], x)
+
+
+@pytest.mark.serial
 def test_vectors_of_other_shapes_are_refused():
     b = np.ones((4, 2))
     with pytest.raises(ValueError, match=r"b: expected shape \(any, any\), given \(8\)"):
