@@ -9,7 +9,6 @@ system is factorised.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import astuple, dataclass
 from typing import Any
 
 import numpy as np
@@ -24,6 +23,8 @@ from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.contact_corrections import ContactCorrections
 from dolfinx_nts.solvers.contact_decisions import System, decided, may_be_decided
 from dolfinx_nts.solvers.elimination import ActivePairs, Elimination, active_pairs
+from dolfinx_nts.solvers.factor_age import FactorAge
+from dolfinx_nts.solvers.krylov_failures import KrylovFailures
 from dolfinx_nts.solvers.petsc_options import PetscOptions
 from dolfinx_nts.solvers.preconditioner import BulkPreconditioner
 from dolfinx_nts.solvers.projected_krylov import (
@@ -38,89 +39,12 @@ from dolfinx_nts.solvers.tangent import Tangent
 
 __all__ = ["LinearSolver"]
 
-# Cost of assembling and factorising the bulk, in Krylov iterations; the strongest
-# factors cost more.
-_REBUILD_COST, _STRONG_REBUILD_COST = 15.0, 40.0
-# Iterations per decade of reduction from which on the next stronger factors are cheaper
-# than new ones of the same kind; from which on those with fill are cheaper than those
-# without, if these decades have shown it; and from which on new complete factors are of a matrix
-# too far from the derivative.
-_SLOW, _FILL_PAYS, _DECADES_SHOW, _EXACT_PAYS = 15.0, 6.0, 4.0, 4.0
-# Cells that waves cross in a step, from which on this is known beforehand.
-_MOST_CROSSINGS = 50.0
-# How often the number of systems doubles for which a method that failed is not tried.
-_MOST_DOUBLINGS = 5
-# Decades of reduction over which the iterations of new factors are measured: about
-# those of a step.
-_DECADES = 12.0
-# Reduction with which the preconditioner alone is trusted [-]: iterations also scale what it gives.
-_UNSCALED = 0.1
-# Decades that count at least, as a solve that asks for less takes an iteration, too.
-_FEWEST_DECADES = 0.3
 # Share of the reduction asked for that a right-hand side may leave out [-].
 _NEGLIGIBLE = 0.03
 # Bound on a force of the bulk: sum of a row of the tangent over its diagonal [-].
 _ROW_SUM = 3.0
 # Number of random forces that look for a motion along which the energy falls.
 _NUM_FORCES = 4
-# Inertia over stiffness that is none [-].
-_NO_INERTIA = 1e-30
-
-
-@dataclass
-class _Age:
-    """How many iterations the age of the factors has cost.
-
-    Attributes:
-        iterations: Those of the first decades.
-        decades: These decades.
-        fresh: Iterations per decade of new factors, NaN until they are known.
-        excess: Iterations beyond those that new factors would have needed.
-    """
-
-    iterations: float = 0.0
-    decades: float = 0.0
-    fresh: float = np.nan
-    excess: float = 0.0
-
-    @property
-    def rate(self) -> float:
-        """Iterations per decade in the first decades."""
-        return self.iterations / max(self.decades, _FEWEST_DECADES)
-
-    def count(self, iterations: int, decades: float) -> None:
-        """Add those of a solve."""
-        if np.isnan(self.fresh):
-            self.iterations += iterations
-            self.decades += decades
-            if self.decades >= _DECADES:
-                self.fresh = self.rate
-        else:
-            self.excess += iterations - self.fresh * decades
-
-
-@dataclass
-class _Hopeless:
-    """For how many systems the Krylov method is not tried again after it failed.
-
-    Attributes:
-        failures: Failures in a row with new and strong factors.
-        left: Systems that are still left out.
-    """
-
-    failures: int = 0
-    left: int = 0
-
-    def fail(self) -> None:
-        """Leave out twice as many as last time."""
-        self.failures = min(self.failures + 1, _MOST_DOUBLINGS)
-        self.left = 2**self.failures
-
-    def skips(self) -> bool:
-        """Whether the next system is left out, which counts."""
-        is_left_out = self.left > 0
-        self.left -= is_left_out
-        return is_left_out
 
 
 class LinearSolver:
@@ -162,8 +86,8 @@ class LinearSolver:
         self._krylov = KrylovMethod(self._operator, context, known)
         self._active_sets = ActiveSets(bulk.comm)
         self._saddle = SaddlePointSystem(tangent, bulk)
-        self._age, self._hopeless = _Age(), _Hopeless()
-        self._crossings = 0.0
+        self._factors = FactorAge(tangent, self._preconditioner, self._operator, inertia)
+        self._failures = KrylovFailures()
         self.num_direct = 0
 
     @property
@@ -174,10 +98,8 @@ class LinearSolver:
         bodies, and where waves go so far in a step that incomplete factors do not suffice: there
         what is left of an increment moves contacts everywhere.
         """
-        if self._operator.bulk.rigid.exists or not self._preconditioner.is_plain:
-            return math.nan
-        fresh = self._age.fresh
-        return max(float(10 ** (-1 / fresh)), _UNSCALED) if fresh > 0 else math.nan
+        has_rigid = self._operator.bulk.rigid.exists
+        return math.nan if has_rigid else self._factors.reduction_at_once
 
     @property
     def num_iterations(self) -> int:
@@ -211,10 +133,10 @@ class LinearSolver:
         elimination = Elimination(pairs, self._active_sets.number(pairs))
         if pairs and self._active_sets.are_coupled(pairs):
             return self._solve_direct(R, steps, pairs)
-        if self._operator.bulk.rigid.has_no_inertia or self._hopeless.skips():
+        if self._operator.bulk.rigid.has_no_inertia or self._failures.skip():
             return self._solve_direct(R, steps, pairs)
-        preconditioner = self._preconditioner
-        is_new = self._renew()
+        preconditioner, factors = self._preconditioner, self._factors
+        is_new = factors.renew()
         num_active = sum(step.num_active for step in steps)
         self._contacts.choose(num_active)
         while (du := self._solve_krylov(R, elimination, rtol)) is None:
@@ -222,16 +144,14 @@ class LinearSolver:
                 continue
             # Where it fails, there are new factors, then stronger ones, then the whole system.
             if is_new and preconditioner.is_strongest:
-                self._hopeless.fail()
+                self._failures.count()
                 return self._solve_direct(R, steps, pairs)
             if is_new:
                 preconditioner.strengthen()
-            self._build()
+            factors.build()
             is_new = True
-        self._hopeless = _Hopeless()
-        if preconditioner.gives_way and self._is_slow(is_new):
-            preconditioner.strengthen()
-            self._build()
+        self._failures.forget()
+        factors.strengthen_if_slow(is_new)
         if not (num_active and self._contacts.reach_far):
             return du, None
         # Near incompressibility this balance is of no use before convergence: what volumes lack
@@ -364,7 +284,7 @@ class LinearSolver:
         return SolverStatistics(
             preconditioner=str(preconditioner),
             is_strong=preconditioner.is_strong,
-            wave_crossings=self._crossings,
+            wave_crossings=self._factors.crossings,
             num_iterations=self.num_iterations,
             num_local_iterations=self._krylov.num_local_iterations,
             num_builds=preconditioner.num_builds,
@@ -382,38 +302,8 @@ class LinearSolver:
         self._active_sets.serialize(archive)
         self._contacts.serialize(archive, self._active_sets.version)
         self._operator.serialize(archive)
-        age = archive.same("age_of_factors", np.array(astuple(self._age)))
-        hopeless = archive.same("hopeless_systems", np.array(astuple(self._hopeless)))
-        if archive.giving:
-            self._hopeless = _Hopeless(*map(int, hopeless))
-            known = self._preconditioner.point is not None
-            self._age = _Age(*age) if known else _Age()
-
-    def _renew(self) -> bool:
-        """Make factors of the bulk if there are none, or old ones; returns whether it did."""
-        preconditioner = self._preconditioner
-        cost = _STRONG_REBUILD_COST if preconditioner.is_strong else _REBUILD_COST
-        is_due = preconditioner.point is None or self._age.excess > cost
-        if is_due:
-            self._build()
-        return is_due
-
-    def _build(self) -> None:
-        preconditioner = self._preconditioner
-        self._crossings = self._wave_crossings()
-        is_first = preconditioner.point is None
-        if is_first and preconditioner.gives_way and self._crossings > _MOST_CROSSINGS:
-            preconditioner.strengthen(fully=True)
-        preconditioner.build()
-        self._operator.forget()
-        self._age = _Age()
-
-    def _is_slow(self, is_new: bool) -> bool:
-        """Whether stronger factors are cheaper. Local."""
-        age = self._age
-        pays = self._preconditioner.is_plain and age.decades > _DECADES_SHOW
-        is_far = self._preconditioner.is_complete and age.fresh > _EXACT_PAYS
-        return (is_new and age.rate > _SLOW) or (pays and age.rate > _FILL_PAYS) or is_far
+        self._factors.serialize(archive)
+        self._failures.serialize(archive)
 
     def _solve_krylov(
         self, R: Floats, elimination: Elimination, rtol: float, *, is_local: bool = False
@@ -422,12 +312,13 @@ class LinearSolver:
         bulk = self._operator.bulk
         rtol = min(rtol, self._contacts.least_reduction)
         self._operator.elimination = elimination
-        r: Floats = -self._nodal(R)
         particular: Floats | float = 0.0
-        if not elimination.empty:
+        if elimination.empty:
+            r: Floats = -self._nodal(R)
+        else:
             self._contacts.update(elimination)
-            particular, parts = elimination.particular(r.shape)
             total: Floats = self._nodal(R).copy()
+            particular, parts = elimination.particular(total.shape)
             # Near the constraints this part is smaller than what rtol leaves.
             force = _ROW_SUM * self.tangent.nodal_stiffness()[:, None] * particular
             squares = [float(np.vdot(force, force)), float(R @ R)]
@@ -446,7 +337,7 @@ class LinearSolver:
         if x is None:
             return None
         if not is_local:
-            self._age.count(iterations, decades)
+            self._factors.count(iterations, decades)
         elimination.constrain(x)
         du: Floats = (particular + x).ravel()
         return du
@@ -467,21 +358,6 @@ class LinearSolver:
     def _nodal(self, values: Floats) -> Floats:
         """Values of dofs by nodes, shape ``(n, d)``. Local."""
         return values.reshape(-1, self._operator.bulk.rigid.dim)
-
-    def _wave_crossings(self) -> float:
-        """Number of cells that waves cross in a step, about h c/dx. Collective.
-
-        In a chain of lumped masses m with waves of speed c, K_ii/m is
-        2 (c/dx)^2; half of K and 2 m/h^2 make up the tangent of a step.
-        """
-        stiffness, inertia = self.tangent.nodal_stiffness(), self._nodal(self._inertia())[:, 0]
-        # Without inertia waves cross any number of cells.
-        moves = inertia > _NO_INERTIA * stiffness
-        infinite = np.where(stiffness > 0, np.inf, 0.0)
-        ratio = np.where(moves, stiffness, infinite) / np.where(moves, inertia, 1.0)
-        comm = self._operator.bulk.comm
-        greatest = reductions.largest(comm, ratio.max(initial=0.0))
-        return float(np.sqrt(2 * greatest))
 
     def _solve_direct(
         self, R: Floats, steps: Sequence[ContactStep], pairs: Sequence[ActivePairs]

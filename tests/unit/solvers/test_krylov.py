@@ -230,4 +230,4 @@ def test_waves_cross_any_number_of_cells_where_there_is_no_inertia(comm, monkeyp
     stiffness[:1] = 0.0
     monkeypatch.setattr(solver.tangent, "nodal_stiffness", lambda: stiffness)
     with np.errstate(all="raise"):
-        assert solver._wave_crossings() == np.inf
+        assert solver._factors._wave_crossings() == np.inf

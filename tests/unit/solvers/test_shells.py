@@ -15,7 +15,7 @@ import os
 from mpi4py import MPI
 import dolfinx_nts as nts
 from dolfinx_nts import _kernels
-from dolfinx_nts.solvers import krylov, preconditioner
+from dolfinx_nts.solvers import factor_age, preconditioner
 from helpers.scenes import blocks
 from counted import counted
 
@@ -23,7 +23,7 @@ for name in ("CellIntegral", "IncompleteFactors", "SingleMatrix", "Segments"):
     setattr(_kernels, name, counted(getattr(_kernels, name)))
 steppers = [blocks(MPI.COMM_SELF).stepper]
 steppers[0].advance()
-krylov._MOST_CROSSINGS, preconditioner._DIRECT_UP_TO = 0.0, 0
+factor_age._MOST_CROSSINGS, preconditioner._DIRECT_UP_TO = 0.0, 0
 steppers.append(blocks(MPI.COMM_SELF).stepper)
 steppers[1].advance()
 os.write(1, (str(steppers[1].statistics) + "\\n").encode())

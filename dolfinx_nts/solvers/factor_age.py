@@ -1,0 +1,158 @@
+"""Age of the factors of the bulk, which tells when new ones, or stronger ones, are cheaper."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.solvers.preconditioner import BulkPreconditioner
+from dolfinx_nts.solvers.projected_krylov import Operator
+from dolfinx_nts.solvers.tangent import Tangent
+
+__all__ = ["FactorAge"]
+
+# Cost of assembling and factorising the bulk, in Krylov iterations; the strongest
+# factors cost more.
+_REBUILD_COST, _STRONG_REBUILD_COST = 15.0, 40.0
+# Iterations per decade of reduction from which on the next stronger factors are cheaper
+# than new ones of the same kind; from which on those with fill are cheaper than those
+# without, if these decades have shown it; and from which on new complete factors are of a matrix
+# too far from the derivative.
+_SLOW, _FILL_PAYS, _DECADES_SHOW, _EXACT_PAYS = 15.0, 6.0, 4.0, 4.0
+# Cells that waves cross in a step, from which on this is known beforehand.
+_MOST_CROSSINGS = 50.0
+# Decades of reduction over which the iterations of new factors are measured: about
+# those of a step.
+_DECADES = 12.0
+# Reduction with which the preconditioner alone is trusted [-]: iterations also scale what it gives.
+_UNSCALED = 0.1
+# Decades that count at least, as a solve that asks for less takes an iteration, too.
+_FEWEST_DECADES = 0.3
+# Inertia over stiffness that is none [-].
+_NO_INERTIA = 1e-30
+
+
+class FactorAge:
+    """How many iterations the age of the factors has cost, and new factors where it costs more.
+
+    Args:
+        tangent: Matrix of the bulk.
+        factors: Its preconditioner.
+        operator: The projected tangent, which measures its precision anew with new factors.
+        inertia: As of `LinearSolver`.
+
+    Attributes:
+        crossings: Cells that waves crossed in the step in which the factors were made, about.
+    """
+
+    def __init__(
+        self,
+        tangent: Tangent,
+        factors: BulkPreconditioner,
+        operator: Operator,
+        inertia: Callable[[], Floats],
+    ) -> None:
+        """Begin without factors."""
+        self._tangent, self._factors, self._operator = tangent, factors, operator
+        self._inertia = inertia
+        self.crossings = 0.0
+        self._begin()
+
+    def _begin(
+        self,
+        iterations: float = 0.0,
+        decades: float = 0.0,
+        fresh: float = math.nan,
+        excess: float = 0.0,
+    ) -> None:
+        """Set iterations of the first decades, and these; others are known after them.
+
+        Args:
+            iterations: Those of the first decades.
+            decades: These decades.
+            fresh: Iterations per decade of new factors, NaN until they are known.
+            excess: Iterations beyond those that new factors would have needed.
+        """
+        self._first, self._decades, self._fresh, self._excess = iterations, decades, fresh, excess
+
+    @property
+    def reduction_at_once(self) -> float:
+        """Reduction that an application gives, NaN while it is not known or too little. Local."""
+        if not (self._factors.is_plain and self._fresh > 0):
+            return math.nan
+        return max(float(10 ** (-1 / self._fresh)), _UNSCALED)
+
+    def count(self, iterations: int, decades: float) -> None:
+        """Add those of a solve. Local."""
+        if math.isnan(self._fresh):
+            self._first += iterations
+            self._decades += decades
+            if self._decades >= _DECADES:
+                self._fresh = self._rate
+        else:
+            self._excess += iterations - self._fresh * decades
+
+    def renew(self) -> bool:
+        """Make factors if there are none, or old ones; returns whether it did. Collective."""
+        factors = self._factors
+        cost = _STRONG_REBUILD_COST if factors.is_strong else _REBUILD_COST
+        is_due = factors.point is None or self._excess > cost
+        if is_due:
+            self.build()
+        return is_due
+
+    def build(self) -> None:
+        """Make factors. Collective."""
+        factors = self._factors
+        self.crossings = self._wave_crossings()
+        is_first = factors.point is None
+        if is_first and factors.gives_way and self.crossings > _MOST_CROSSINGS:
+            factors.strengthen(fully=True)
+        factors.build()
+        self._operator.forget()
+        self._begin()
+
+    def strengthen_if_slow(self, is_new: bool) -> None:
+        """Make stronger factors where they are cheaper. Collective.
+
+        Args:
+            is_new: Whether the present ones were made for the last system.
+        """
+        factors = self._factors
+        if not factors.gives_way:
+            return
+        pays = factors.is_plain and self._decades > _DECADES_SHOW and self._rate > _FILL_PAYS
+        is_far = factors.is_complete and self._fresh > _EXACT_PAYS
+        if (is_new and self._rate > _SLOW) or pays or is_far:
+            factors.strengthen()
+            self.build()
+
+    def serialize(self, archive: Archive) -> None:
+        """Serialize the age, after the factors. Collective."""
+        age = np.array([self._first, self._decades, self._fresh, self._excess])
+        age = archive.same("age_of_factors", age)
+        if archive.giving:
+            self._begin(*(age.tolist() if self._factors.point is not None else ()))
+
+    @property
+    def _rate(self) -> float:
+        """Iterations per decade in the first decades."""
+        return self._first / max(self._decades, _FEWEST_DECADES)
+
+    def _wave_crossings(self) -> float:
+        """Number of cells that waves cross in a step, about h c/dx. Collective.
+
+        In a chain of lumped masses m with waves of speed c, K_ii/m is
+        2 (c/dx)^2; half of K and 2 m/h^2 make up the tangent of a step.
+        """
+        stiffness = self._tangent.nodal_stiffness()
+        inertia = self._inertia().reshape(-1, self._operator.bulk.rigid.dim)[:, 0]
+        # Without inertia waves cross any number of cells.
+        moves = inertia > _NO_INERTIA * stiffness
+        infinite = np.where(stiffness > 0, np.inf, 0.0)
+        ratio = np.where(moves, stiffness, infinite) / np.where(moves, inertia, 1.0)
+        greatest = reductions.largest(self._tangent.comm, ratio.max(initial=0.0))
+        return float(np.sqrt(2 * greatest))
