@@ -47,9 +47,7 @@ class SerialSubdomain:
         """Number of nodes."""
         return self._factors.size
 
-    def build(
-        self, contacts: Sequence[ContactBlocks], version: int, *, wide: bool = False
-    ) -> None:
+    def build(self, contacts: Sequence[ContactBlocks], version: int, *, wide: bool = False) -> None:
         """Choose the nodes for some contacts, and factorise.
 
         Args:

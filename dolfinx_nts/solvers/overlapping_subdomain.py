@@ -49,9 +49,7 @@ class OverlappingSubdomain:
         """Number of nodes. Local."""
         return self._gathered.size
 
-    def build(
-        self, contacts: Sequence[ContactBlocks], version: int, *, wide: bool = False
-    ) -> None:
+    def build(self, contacts: Sequence[ContactBlocks], version: int, *, wide: bool = False) -> None:
         """Factorise for the contacts of this rank.
 
         Rows that were gathered the last time are used again where they are
