@@ -1,7 +1,6 @@
 """Correction around the contacts: the part of the preconditioner that knows them."""
 
 from collections.abc import Sequence
-from dataclasses import astuple
 
 import numpy as np
 
@@ -124,13 +123,11 @@ class ContactSchwarz:
             active_version: Number of the last active set.
         """
         version = self._tangent.num_assembled, active_version
-        width = archive.same("width_of_subdomain", np.array(astuple(self._width), dtype=float))
+        self._width.serialize(archive)
         arrays = [array for blocks in self._contacts for array in blocks]
         known = archive.local("schwarz", arrays if version == self._version else None)
         if not archive.giving:
             return
-        is_wide, *costs, is_final = width
-        self._width = SubdomainWidth(bool(is_wide), *costs, bool(is_final))
         self._version = _NOTHING
         if known is not None:
             width = len(ContactBlocks.__annotations__)
@@ -176,8 +173,8 @@ class ContactSchwarz:
     def _part(self) -> float:
         """Part of a rank's nodes that the subdomain has, the largest one [-]. Collective."""
         assert self._domain is not None
-        owned = self._tangent.rows.index_map.size_local
-        return reductions.largest(self._tangent.comm, self._domain.size / max(owned, 1))
+        part = self._domain.size / max(self._tangent.rows.index_map.size_local, 1)
+        return float(reductions.largest(self._tangent.comm, part))
 
 
 def _essential(contacts: ContactBlocks, least: float) -> ContactBlocks:

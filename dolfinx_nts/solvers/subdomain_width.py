@@ -1,8 +1,10 @@
 """How wide the subdomain around the contacts is: what a trial has found to cost less."""
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
+
+from dolfinx_nts.common.archive import Archive
 
 __all__ = ["SubdomainWidth"]
 
@@ -60,3 +62,10 @@ class SubdomainWidth:
         elif is_poor:
             self.is_wide, self.narrow = True, cost
         return self.is_wide != was_wide
+
+    def serialize(self, archive: Archive) -> None:
+        """Serialize what a later solve goes on with. Collective."""
+        state = archive.same("width_of_subdomain", np.array(astuple(self), dtype=float))
+        if archive.giving:
+            self.is_wide, *costs, self.is_final = bool(state[0]), *state[1:5], bool(state[5])
+            self.iterations, self.factors, self.decades, self.narrow = costs
