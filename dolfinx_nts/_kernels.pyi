@@ -403,7 +403,7 @@ class ContactSchwarz:
 
 def counts_of_parts(flags: _Flags, number: _Ints, ends: _Keys) -> _Keys: ...
 
-class Tractions:
+class NodalFriction:
     def __init__(
         self,
         mu: float,
@@ -432,7 +432,7 @@ class Tractions:
         trial: _Floats,
         way: _Floats,
     ) -> tuple[_Floats, _Flags]: ...
-    def model(
+    def accept(
         self,
         node: _Ints,
         active: _Flags,

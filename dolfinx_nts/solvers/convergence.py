@@ -43,6 +43,10 @@ _LAST_DIGITS = 4 * _EPS
 _MOST_LONG = 12
 # Reduction of the residual [-] that is too little if states do not contradict themselves.
 _LITTLE_REDUCTION = 0.1
+# Iterations from the first one in which states of contact that contradict themselves may be decided
+# all at once, and the period of that later: in between multipliers tell, as they do at points of
+# which round-off decides whether they stick.
+_FIRST_DECISIONS, _DECISION_PERIOD = 3, 5
 # Residual without inertia, relative to the forces at work [-], below which nodes are decided on one
 # by one: factors of an earlier state do not tell which of them hardly stick or hardly slide.
 _MARGINAL = 1e-5
@@ -228,12 +232,15 @@ class Convergence:
     def is_doubtful(self, seen: Measures) -> bool:
         """Whether states of contact should be decided on all at once. Local.
 
-        Without inertia forces of the first guess tell little, and one node changes by itself.
+        Without inertia forces of the first guess tell little, and one node changes by itself; far
+        from equilibrium each iteration may be of other nodes.
         """
+        later = self.iteration % _DECISION_PERIOD == _DECISION_PERIOD - 1
+        is_due = self.iteration < _FIRST_DECISIONS or later
         if self._inertia:
-            return seen.changed > 0 or seen.is_open or self._is_slow(seen)
-        is_far = self.iteration > 0 and seen.norm > _MARGINAL * seen.scale
-        return is_far and seen.changed > 1
+            return is_due and (seen.changed > 0 or seen.is_open or self._is_slow(seen))
+        most = _MARGINAL if is_due else _SETTLED
+        return self.iteration > 0 and seen.changed > 1 and seen.norm > most * seen.scale
 
     def _is_slow(self, seen: Measures) -> bool:
         """Whether the last increment has not brought the iterate much nearer. Local."""

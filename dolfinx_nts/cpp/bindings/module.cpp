@@ -18,9 +18,9 @@ void friction(nanobind::module_& m);
 void leapfrog(nanobind::module_& m);
 void mortar(nanobind::module_& m);
 void mortar_slip(nanobind::module_& m);
+void nodal_friction(nanobind::module_& m);
 void rows(nanobind::module_& m);
 void springs(nanobind::module_& m);
-void tractions(nanobind::module_& m);
 void volume_ratio(nanobind::module_& m);
 } // namespace nts::bindings
 
@@ -42,8 +42,8 @@ NB_MODULE(_kernels, m)
   nts::bindings::leapfrog(m);
   nts::bindings::mortar(m);
   nts::bindings::mortar_slip(m);
+  nts::bindings::nodal_friction(m);
   nts::bindings::rows(m);
   nts::bindings::springs(m);
-  nts::bindings::tractions(m);
   nts::bindings::volume_ratio(m);
 }
