@@ -1,5 +1,7 @@
 """How wide the subdomain around the contacts is."""
 
+from types import SimpleNamespace
+
 import pytest
 
 from dolfinx_nts.solvers.subdomain_width import SubdomainWidth
@@ -41,3 +43,17 @@ def test_factors_may_cost_more_than_they_save():
         width.count(8, 2.0)
     assert changes(width, 4, part=0.5) == 1
     assert not width.is_wide
+
+
+def test_a_trial_goes_on_after_it_has_been_serialized():
+    width, resumed = SubdomainWidth(), SubdomainWidth()
+    while not width.is_wide:
+        width.count(8, 2.0)
+    width.count(4, 2.0)
+    kept = {}
+    width.serialize(SimpleNamespace(giving=False, same=lambda *item: kept.update([item])))
+    resumed.serialize(SimpleNamespace(giving=True, same=lambda name, _: kept[name]))
+    assert resumed == width
+    assert changes(resumed, 4) == changes(width, 4) == 0
+    assert resumed == width
+    assert resumed.is_final and resumed.is_wide is True
