@@ -67,6 +67,6 @@ class SubdomainWidth:
         """Serialize what a later solve goes on with. Collective."""
         state = archive.same("width_of_subdomain", np.array(astuple(self), dtype=float))
         if archive.giving:
-            is_wide, *costs, is_final = state.tolist()
+            is_wide, *costs, is_final = map(float, state)
             self.is_wide, self.is_final = bool(is_wide), bool(is_final)
             self.iterations, self.factors, self.decades, self.narrow = costs
