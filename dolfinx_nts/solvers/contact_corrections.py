@@ -79,6 +79,8 @@ class ContactCorrections:
             iterations: Krylov iterations.
             decades: Reduction that was asked for.
         """
+        if not self.reach_far:
+            self._schwarz.judge(iterations, decades)
         slow = iterations > _POOR * max(decades, _FEWEST_DECADES)
         self._schwarz_is_poor |= slow and self._bulk.has_responses
 

@@ -12,6 +12,7 @@ from dolfinx_nts.solvers.block_csr import BlockCSR
 from dolfinx_nts.solvers.contact_blocks import ContactBlocks, slopes_at_nodes
 from dolfinx_nts.solvers.elimination import Elimination
 from dolfinx_nts.solvers.overlapping_subdomain import OverlappingSubdomain
+from dolfinx_nts.solvers.subdomain_width import SubdomainWidth
 from dolfinx_nts.solvers.tangent import Tangent
 
 __all__ = ["ContactSchwarz", "SerialSubdomain"]
@@ -40,12 +41,18 @@ class SerialSubdomain:
         self._rows, self._version = rows, -1
         self._factors: _kernels.ContactSchwarz
 
-    def build(self, contacts: Sequence[ContactBlocks], version: int) -> None:
+    @property
+    def size(self) -> int:
+        """Number of nodes."""
+        return self._factors.size
+
+    def build(self, contacts: Sequence[ContactBlocks], version: int, *, wide: bool = False) -> None:
         """Choose the nodes for some contacts, and factorise.
 
         Args:
             contacts: Constraints and tangent of each contact pair.
             version: Number of the matrix's values, of which factors remember rows.
+            wide: Whether there are neighbours of neighbours.
         """
         if version != self._version:
             rows, self._version = self._rows, version
@@ -54,7 +61,7 @@ class SerialSubdomain:
         self._factors.clear()
         for blocks in contacts:
             self._factors.add(blocks.kernel())
-        self._factors.build()
+        self._factors.build(wide=wide)
 
     def correct(self, r: Floats, z: Floats) -> None:
         """Constrain z and correct it, as `ContactSchwarz.correct`."""
@@ -81,6 +88,7 @@ class ContactSchwarz:
         self._softest = np.inf
         self._version = _NOTHING  # of the matrix and of the active set
         self._domain: SerialSubdomain | OverlappingSubdomain | None = None
+        self._width = SubdomainWidth()
         self.num_builds = 0
 
     def update(self, elimination: Elimination) -> None:
@@ -94,7 +102,18 @@ class ContactSchwarz:
         if version[0] != self._version[0] or self._has_changed(now):
             self._contacts = now
             self._build(version[0])
+            self._width.count_factors(self._part())
         self._version = version
+
+    def judge(self, iterations: int, decades: float) -> None:
+        """Learn from a solve how wide the subdomain should be. Local.
+
+        Args:
+            iterations: Krylov iterations.
+            decades: Reduction that was asked for.
+        """
+        if self._width.count(iterations, decades):
+            self._version = _NOTHING
 
     def serialize(self, archive: Archive, active_version: int) -> None:
         """Serialize what was last factorised. Collective.
@@ -104,6 +123,7 @@ class ContactSchwarz:
             active_version: Number of the last active set.
         """
         version = self._tangent.num_assembled, active_version
+        self._width.serialize(archive)
         arrays = [array for blocks in self._contacts for array in blocks]
         known = archive.local("schwarz", arrays if version == self._version else None)
         if not archive.giving:
@@ -147,8 +167,14 @@ class ContactSchwarz:
         self._slopes = [slopes_at_nodes(blocks) for blocks in self._contacts]
         least = _NEGLIGIBLE * self._softest
         contacts = [_essential(blocks, least) for blocks in self._contacts]
-        self._domain.build(contacts, version)
+        self._domain.build(contacts, version, wide=self._width.is_wide)
         self.num_builds += 1
+
+    def _part(self) -> float:
+        """Part of a rank's nodes that the subdomain has, the largest one [-]. Collective."""
+        assert self._domain is not None
+        part = self._domain.size / max(self._tangent.rows.index_map.size_local, 1)
+        return float(reductions.largest(self._tangent.comm, part))
 
 
 def _essential(contacts: ContactBlocks, least: float) -> ContactBlocks:

@@ -25,8 +25,9 @@ _SLOW, _FILL_PAYS, _DECADES_SHOW, _EXACT_PAYS = 15.0, 6.0, 4.0, 4.0
 # Cells that waves cross in a step, from which on this is known beforehand.
 _MOST_CROSSINGS = 50.0
 # Decades of reduction over which the iterations of new factors are measured: about
-# those of a step.
-_DECADES = 12.0
+# those of a step; and part of these iterations from which on factors were not as poor as it
+# seemed: contact was hard.
+_DECADES, _EASIER = 12.0, 0.7
 # Reduction with which the preconditioner alone is trusted [-]: iterations also scale what it gives.
 _UNSCALED = 0.1
 # Decades that count at least, as a solve that asks for less takes an iteration, too.
@@ -67,6 +68,8 @@ class FactorAge:
         decades: float = 0.0,
         fresh: float = math.nan,
         excess: float = 0.0,
+        last: float = 0.0,
+        last_decades: float = 0.0,
     ) -> None:
         """Set iterations of the first decades, and these; others are known after them.
 
@@ -75,8 +78,11 @@ class FactorAge:
             decades: These decades.
             fresh: Iterations per decade of new factors, NaN until they are known.
             excess: Iterations beyond those that new factors would have needed.
+            last: Iterations of the last decades.
+            last_decades: These decades.
         """
         self._first, self._decades, self._fresh, self._excess = iterations, decades, fresh, excess
+        self._last, self._last_decades = last, last_decades
 
     @property
     def reduction_at_once(self) -> float:
@@ -92,8 +98,15 @@ class FactorAge:
             self._decades += decades
             if self._decades >= _DECADES:
                 self._fresh = self._rate
-        else:
-            self._excess += iterations - self._fresh * decades
+            return
+        self._excess += iterations - self._fresh * decades
+        self._last += iterations
+        self._last_decades += decades
+        if self._last_decades >= _DECADES:
+            rate = self._last / self._last_decades
+            self._last = self._last_decades = 0.0
+            if rate < _EASIER * self._fresh:
+                self._fresh, self._excess = rate, 0.0
 
     def renew(self) -> bool:
         """Make factors if there are none, or old ones; returns whether it did. Collective."""
@@ -124,15 +137,18 @@ class FactorAge:
         factors = self._factors
         if not factors.gives_way:
             return
-        pays = factors.is_plain and self._decades > _DECADES_SHOW and self._rate > _FILL_PAYS
+        shown = self._decades > _DECADES_SHOW
+        is_slow = (is_new or shown) and self._rate > _SLOW
+        pays = factors.is_plain and shown and self._rate > _FILL_PAYS
         is_far = factors.is_complete and self._fresh > _EXACT_PAYS
-        if (is_new and self._rate > _SLOW) or pays or is_far:
+        if is_slow or pays or is_far:
             factors.strengthen()
             self.build()
 
     def serialize(self, archive: Archive) -> None:
         """Serialize the age, after the factors. Collective."""
         age = np.array([self._first, self._decades, self._fresh, self._excess])
+        age = np.append(age, [self._last, self._last_decades])
         age = archive.same("age_of_factors", age)
         if archive.giving:
             self._begin(*(age.tolist() if self._factors.point is not None else ()))

@@ -40,10 +40,15 @@ class OverlappingSubdomain:
         # others.
         self._known: GlobalInts = np.empty(0, dtype=np.int64)
         self._reaches: dict[int, GlobalInts] = {space.comm.rank: self._known}
-        self._version = -1
+        self._version, self._is_wide = -1, False
         self._gathered: _GatheredRows
 
-    def build(self, contacts: Sequence[ContactBlocks], version: int) -> None:
+    @property
+    def size(self) -> int:
+        """Number of nodes. Local."""
+        return self._gathered.size
+
+    def build(self, contacts: Sequence[ContactBlocks], version: int, *, wide: bool = False) -> None:
         """Factorise for the contacts of this rank.
 
         Rows that were gathered the last time are used again where they are
@@ -53,13 +58,15 @@ class OverlappingSubdomain:
             contacts: Constraints and tangent of each contact pair, in
                 global numbers.
             version: Number of the matrix's values.
+            wide: Whether there are neighbours of neighbours.
         """
         near = self._near(contacts)
         nodes = _unique([part for blocks in near for part in (blocks.nodes, blocks.tangent_nodes)])
-        enough = version == self._version and self._gathered.cover(nodes)
+        same = (version, wide) == (self._version, self._is_wide)
+        enough = same and self._gathered.cover(nodes)
         if not reductions.everywhere(self._rows.index_map.comm, enough):
-            self._version = version
-            self._gathered = _GatheredRows(self._rows, self._ends, nodes)
+            self._version, self._is_wide = version, wide
+            self._gathered = _GatheredRows(self._rows, self._ends, nodes, wide=wide)
         self._gathered.factorise(near)
 
     def correct(self, r: Floats, z: Floats) -> None:
@@ -105,19 +112,22 @@ def _touching(contacts: ContactBlocks, nodes: GlobalInts) -> ContactBlocks:
 
 
 class _GatheredRows:
-    """Rows of some nodes and of their neighbours, wherever they are from.
+    """Rows of some nodes, of their neighbours and maybe of theirs, wherever they are from.
 
     Args:
         rows: Bulk tangent of the owned nodes.
         ends: First number after those of each rank.
         nodes: Nodes of contacts, ascending.
+        wide: Whether there are neighbours of neighbours.
     """
 
-    def __init__(self, rows: BlockCSR, ends: GlobalInts, nodes: GlobalInts) -> None:
+    def __init__(self, rows: BlockCSR, ends: GlobalInts, nodes: GlobalInts, *, wide: bool) -> None:
         space = rows.index_map
         first, last = space.local_range
-        self._contacts = nodes
-        domain = _unique([nodes, rows.neighbours(nodes, ends)])
+        self._contacts, self._is_wide = nodes, wide
+        domain = nodes
+        for _ in range(2 if wide else 1):
+            domain = _unique([domain, rows.neighbours(domain, ends)])
         start, column, value = rows.gather(domain, ends)
         # The domain, then what its rows reach outside.
         halo = np.setdiff1d(column, domain)
@@ -137,6 +147,11 @@ class _GatheredRows:
             start, self._place(column), value, places.astype(np.int32)
         )
 
+    @property
+    def size(self) -> int:
+        """Number of nodes whose rows are solved for."""
+        return self._factors.size
+
     def cover(self, nodes: GlobalInts) -> bool:
         """Whether these rows are enough for other nodes of contacts."""
         return bool(np.isin(nodes, self._contacts).all())
@@ -146,7 +161,7 @@ class _GatheredRows:
         self._factors.clear()
         for blocks in contacts:
             self._factors.add(blocks.renumbered(self._place).kernel())
-        self._factors.build()
+        self._factors.build(wide=self._is_wide)
 
     def correct(self, r: Floats, z: Floats) -> None:
         """Constrain z and correct it at owned nodes. Collective."""

@@ -54,9 +54,10 @@ public:
     std::visit([](auto& schwarz) { schwarz.clear(); }, _schwarz);
   }
 
-  bool build()
+  bool build(bool wide)
   {
-    return std::visit([](auto& schwarz) { return schwarz.build(); }, _schwarz);
+    return std::visit([&](auto& schwarz) { return schwarz.build(wide); },
+                      _schwarz);
   }
 
   /// @brief Correct values that lie in rows of z, (n, B), and then of ghosts,
@@ -143,7 +144,9 @@ void contact_schwarz(nb::module_& m)
       .def("clear", &BoundContactSchwarz::clear, "Remove all contacts")
       .def("add", &BoundContactSchwarz::add, nb::arg("contacts"),
            "Add constraints and blocks of the tangent")
-      .def("build", &BoundContactSchwarz::build, "Factorise; false if singular")
+      .def("build", &BoundContactSchwarz::build, nb::kw_only(),
+           nb::arg("wide") = false,
+           "Factorise, a wide subdomain with fill; false if singular")
       .def("correct", &BoundContactSchwarz::correct, nb::arg("r"),
            nb::arg("z").noconvert(), nb::arg("ghosts").noconvert(),
            "Constrain z and correct it around the contacts: (n, B), (n, B), "

@@ -166,6 +166,32 @@ def test_rows_of_other_values_are_read_again(rng):
     np.testing.assert_array_equal(*results)
 
 
+@pytest.mark.parametrize(("wide", "size"), [(False, 2), (True, 3)])
+def test_a_wide_subdomain_has_neighbours_of_neighbours(wide, size, rng):
+    """In a chain whose first node is held at rest."""
+    n, link = 6, np.eye(3)
+    full = np.zeros((n, n, 3, 3))
+    for i in range(n):
+        full[i, i] = 2 * link
+        full[i, [j for j in (i - 1, i + 1) if 0 <= j < n]] = -link
+    pattern = full.any(axis=(2, 3))
+    start = np.concatenate([[0], np.cumsum(pattern.sum(axis=1))])
+    schwarz = made(start, np.nonzero(pattern)[1].astype(np.int32), full[pattern].ravel())
+    node, rank = np.array([0], dtype=np.int32), np.array([3], dtype=np.int32)
+    lists, normal = (np.array([0, 1]), node, rank), np.array([[1.0, 0.0, 0.0]])
+    none = np.zeros((1, 3, 3)), np.empty((0, 1), dtype=np.int32), np.empty((0, 3, 3))
+    schwarz.add(_kernels.Elimination(*lists, normal, link.ravel(), link.ravel(), *none))
+    assert schwarz.build(wide=wide)
+    assert schwarz.size == size
+    r, z = rng.normal(size=(n, 3)), np.zeros((n, 3))
+    r[0] = 0
+    schwarz.correct(r, z, NO_GHOSTS)
+    inner = full[1:size, 1:size, 0, 0]
+    expected = np.zeros((n, 3))
+    expected[1:size] = np.linalg.solve(inner, r[1:size])
+    np.testing.assert_allclose(z, expected, rtol=0, atol=SINGLE * np.abs(expected).max())
+
+
 @kinds
 def test_nodes_far_from_contact_are_left_alone(kind, rng):
     rows, _ = matrix(rng, FAR)

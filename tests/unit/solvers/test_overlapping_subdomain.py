@@ -31,6 +31,13 @@ def test_ranks_gather_rows_again_only_for_more_contacts_or_another_matrix(comm, 
     for blocks, version, times in history:
         domain.build([blocks], version)
         assert len(gathered) == times
+    narrow = comm.allreduce(domain.size)
+    domain.build([every], 2, wide=True)
+    assert len(gathered) == 4
+    assert comm.allreduce(domain.size) > narrow
+    domain.build([every], 2)
+    domain.build([fewer], 2)
+    assert len(gathered) == 5
     # What there is more than needed changes nothing.
     exact = OverlappingSubdomain(rows)
     exact.build([fewer], 2)

@@ -10,7 +10,9 @@
 /// subdomain.
 ///
 /// The subdomain has the nodes of the constraints and of the contact tangent
-/// and their neighbours in the matrix. There a system is solved with the rows
+/// and their neighbours in the matrix, and where it is wide the neighbours of
+/// these, too: a thin wall that is pushed at a node bends farther than to the
+/// next one. There a system is solved with the rows
 /// of
 ///
 ///     A = Z~^T (K + C) Z + E E^T   (see elimination.h)
@@ -95,14 +97,16 @@ public:
   }
 
   /// @brief Choose the nodes and factorise.
+  /// @param[in] wide Whether the subdomain is wide. Its factors have fill then:
+  /// without, they are worse than those of fewer nodes.
   /// @return False if the factors do not exist.
-  bool build()
+  bool build(bool wide)
   {
-    number_nodes();
+    number_nodes(wide);
     for (std::size_t p = 0; p < _size; ++p)
       take_row(_nodes[p]);
     make_projected();
-    return _factors.factorise(_projected, contacts_first());
+    return _factors.factorise(_projected, contacts_first(), wide);
   }
 
   /// @brief Constrain z = B r and correct it at the nodes of the subdomain.
@@ -284,8 +288,9 @@ private:
   }
 
   /// @brief Number the nodes of contacts and their neighbours among the rows of
-  /// K, and then the nodes outside that their rows reach.
-  void number_nodes()
+  /// K, in a wide subdomain the neighbours of these, too, and then the nodes
+  /// outside that their rows reach.
+  void number_nodes(bool wide)
   {
     constexpr std::int32_t chosen = 0;
     const auto choose = [&](std::int32_t node)
@@ -297,19 +302,25 @@ private:
     };
     const auto is_row = [&](std::int32_t node)
     { return static_cast<std::size_t>(node) + 1 < _K.start.size(); };
+    const auto choose_neighbours = [&](std::int32_t node)
+    {
+      for (const std::int32_t column : _K.row(node))
+        if (is_row(column))
+          choose(column);
+    };
     const auto choose_around = [&](const auto& items)
     {
       for (const auto& item : items)
         for (const std::int32_t node : item.nodes)
         {
           choose(node);
-          for (const std::int32_t column : _K.row(node))
-            if (is_row(column))
-              choose(column);
+          choose_neighbours(node);
         }
     };
     choose_around(_constraints);
     choose_around(_tangents);
+    for (std::size_t p = 0, end = wide ? _nodes.size() : 0; p < end; ++p)
+      choose_neighbours(_nodes[p]);
     std::ranges::sort(_nodes);
     _size = _nodes.size();
     for (std::size_t p = 0; p < _size; ++p)

@@ -1,0 +1,71 @@
+"""Age of factors, by the iterations of a solver that only counts."""
+
+from types import SimpleNamespace
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+
+from dolfinx_nts.solvers.factor_age import FactorAge
+
+pytestmark = pytest.mark.serial
+
+DECADES = 12.0  # of a step
+FEW, MORE, MANY = 24, 36, 90  # iterations in them
+
+
+class Factors:
+    """Factors that are as strong as they were made."""
+
+    point, is_strong, is_plain, is_complete, gives_way = None, True, False, False, True
+
+    def __init__(self):
+        """Begin without any."""
+        self.num_builds = self.num_strengthened = 0
+
+    def build(self):
+        self.point = ()
+        self.num_builds += 1
+
+    def strengthen(self):
+        self.num_strengthened += 1
+
+
+def made():
+    """Return the age of new factors, and these."""
+    tangent = SimpleNamespace(nodal_stiffness=lambda: np.ones(1), comm=MPI.COMM_SELF)
+    rigid = SimpleNamespace(dim=3)
+    operator = SimpleNamespace(forget=lambda: None, bulk=SimpleNamespace(rigid=rigid))
+    factors = Factors()
+    age = FactorAge(tangent, factors, operator, lambda: np.ones(3))
+    assert age.renew()
+    return age, factors
+
+
+def is_due(age, steps):
+    """Whether factors are made anew within steps of which each takes more iterations."""
+    return any(age.count(MORE, DECADES) or age.renew() for _ in range(steps))
+
+
+def test_factors_that_need_more_iterations_are_made_anew_after_some_steps():
+    age, _ = made()
+    age.count(FEW, DECADES)
+    assert not is_due(age, 3)
+    assert is_due(age, 4)
+
+
+def test_a_hard_first_step_does_not_excuse_what_age_costs_later():
+    """As where a flat face lands: iterations of that step tell nothing of the factors."""
+    age, _ = made()
+    for iterations in (MANY, FEW):
+        age.count(iterations, DECADES)
+    assert is_due(age, 7)
+
+
+def test_factors_that_are_slow_from_the_start_give_way_within_their_first_step():
+    age, factors = made()
+    for _ in range(3):
+        age.count(MANY, DECADES / 4)
+        age.strengthen_if_slow(is_new=False)
+    assert factors.num_strengthened > 0
