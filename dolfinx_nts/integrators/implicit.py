@@ -406,7 +406,7 @@ class ImplicitStepper(Stepper):
         if settled.reactions:
             both = zip(reactions, settled.reactions, strict=True)
             reactions = tuple(last + more for last, more in both)
-        digits = last_digits(float(np.abs(x).max(initial=0.0)))
+        digits = last_digits(_kernels.largest_size(x))
         total = StepWorks.of(
             self._bulk,
             self._inertia,

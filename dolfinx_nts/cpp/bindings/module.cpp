@@ -12,6 +12,7 @@ void local_search(nanobind::module_& m);
 void contact(nanobind::module_& m);
 void elimination(nanobind::module_& m);
 void factors(nanobind::module_& m);
+void flexible_gmres(nanobind::module_& m);
 void contact_schwarz(nanobind::module_& m);
 void friction(nanobind::module_& m);
 void leapfrog(nanobind::module_& m);
@@ -37,6 +38,7 @@ NB_MODULE(_kernels, m)
   nts::bindings::contact(m);
   nts::bindings::elimination(m);
   nts::bindings::factors(m);
+  nts::bindings::flexible_gmres(m);
   nts::bindings::contact_schwarz(m);
   nts::bindings::friction(m);
   nts::bindings::leapfrog(m);
