@@ -211,7 +211,7 @@ def test_wrong_arguments_of_run_are_refused_at_once(comm, refused):
         stepper.run(until=-1)
     with refused(ValueError, "finite number for until, given nan"):
         stepper.run(until=np.nan)
-    with refused(TypeError, r"expected a StepControl as control, given \[1\]"):
+    with refused(TypeError, r"expected a StepControl\(\) as control, given list"):
         stepper.run(until=0.1, control=[1])
 
 
@@ -403,7 +403,7 @@ def test_stepper_refuses_wrong_arguments(comm, refused):
         nts.EnergyMomentum([stranger], stepper.pairs, dt=0.1)
     with refused(ValueError, "in none and 0 in several"):
         nts.EnergyMomentum(bodies[:1], dt=0.1)
-    with refused(ValueError, "a body of this stepper, given another"):
+    with refused(ValueError, r"a body of this stepper \(.*\), given another"):
         stepper.set_velocity(stranger, (0, 0, 1))
     with refused(ValueError, r"expected a velocity of shape \(3,\) or"):
         # The number of nodes differs from rank to rank: any wrong one will do.
