@@ -76,15 +76,15 @@ class StepSolver:
     ) -> None:
         """Find the bodies that nothing holds, and make the solvers."""
         self._bulk, self._tangent, self._rates, self._scheme = bulk, tangent, rates, scheme
-        self._bodies, self._flows = bodies, flows
+        self._bodies = bodies
         V, dim = bulk.u.function_space, bulk.rigid.dim
         n = V.dofmap.index_map.size_local
-        self._X: Floats = V.tabulate_dof_coordinates()[:n]
+        X: Floats = V.tabulate_dof_coordinates()[:n]
         self.sizes = cell_sizes(V)
         self.mass: Floats = mass[::dim]
         free: Sequence[FreeBody] = ()
         if self._is_static:
-            free = find_free_bodies(bodies, bulk, tangent, self._X)
+            free = find_free_bodies(bodies, bulk, tangent, X)
         self.relief = InertiaRelief(free, tangent, self.mass, dim)
         if free:
             bulk.stabilisation = self.relief.resistance
@@ -92,9 +92,18 @@ class StepSolver:
             tangent.num_free = self.relief.num_motions
             tangent.forget()
         self.linear = LinearSolver(bulk, tangent, partial(rates.inertia_share, mass), petsc_options)
-        self._surroundings: ContactSurroundings | None = None
+        surroundings: ContactSurroundings | None = None
         if not (self._is_static or bulk.rigid.exists or flows):
-            self._surroundings = ContactSurroundings(bulk, self.linear, self.sizes)
+            surroundings = ContactSurroundings(bulk, self.linear, self.sizes)
+        # What all attempts have in common, by the arguments of `newton.solve`.
+        self._common: dict[str, Any] = {
+            "X": X,
+            "relief": self.relief,
+            "sizes": self.sizes,
+            "inertia": not self._is_static,
+            "jumps": flows,
+            "surroundings": surroundings,
+        }
         states = joint_states(contacts)
         self.sleeping = SleepingBodies(bulk, tangent, self.sizes, bodies, states, loads)
         self.free: Floats | None = None
@@ -143,18 +152,13 @@ class StepSolver:
             self._bulk,
             self.linear,
             steps,
-            self._X,
             way=way,
-            relief=self.relief,
             at_rest=rates.at_rest and drag is None,
-            sizes=self.sizes,
             force_scale=problem.force_scale,
-            inertia=not self._is_static,
-            jumps=self._flows,
             timings=timings,
             drag=drag,
             begins_sticking=start.begins_sticking,
-            surroundings=self._surroundings,
+            **self._common,
         )
         way.leave()
         return steps, solution
