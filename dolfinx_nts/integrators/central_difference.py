@@ -14,23 +14,22 @@ The kinetic energy changes in a step by the work of the mean of the forces at bo
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from dolfinx import fem
 
-from dolfinx_nts import _kernels, compat
+from dolfinx_nts import compat
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arguments import instances
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.explicit.all_springs import AllSprings
 from dolfinx_nts.contact.history import ContactWork
-from dolfinx_nts.contact.method import EDGES, NODES, has_patches
 from dolfinx_nts.contact.pair import ContactPair
-from dolfinx_nts.fem.components import dimension, in_space, nodal
+from dolfinx_nts.fem.components import in_space, nodal
 from dolfinx_nts.integrators.drift import Drift
 from dolfinx_nts.integrators.explicit_forms import ExplicitBulk
+from dolfinx_nts.integrators.explicit_scope import check_scope
+from dolfinx_nts.integrators.present_forces import PresentForces
 from dolfinx_nts.integrators.rates import NoRates
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.rigid import rigid_leapfrog
@@ -61,23 +60,6 @@ def _mean_stress(material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> A
     """Mean of the stresses at both ends of a step, see `Scheme`."""
     stresses = (G * material.stress(right_cauchy_green(G), **parameters) for G in (F_n, F))
     return sum(stresses) / 2
-
-
-@dataclass
-class _Forces:
-    """Forces of the present state.
-
-    Attributes:
-        acceleration: Acceleration of the owned nodes, shape ``(n, 3)`` [m/s^2].
-        power: Sum of force times acceleration on this rank [N m/s^2].
-        strain_energy: Strain energy, on all ranks together [J].
-        known: Whether the forces belong to the present state.
-    """
-
-    acceleration: Floats
-    power: float = 0.0
-    strain_energy: float = 0.0
-    known: bool = False
 
 
 class CentralDifference(Stepper):
@@ -139,26 +121,10 @@ class CentralDifference(Stepper):
         update: Callable[[float], None] | None = None,
     ) -> None:
         """Check the arguments, compile the forms, and estimate the stable step."""
-        methods = {pair.method for pair in instances(ContactPair, pairs)}
-        if others := sorted(methods - {NODES, EDGES}):
-            raise ValueError(
-                f"expected pairs of method {NODES!r} or {EDGES!r} with CentralDifference, given "
-                f"{' and '.join(map(repr, others))}, which the implicit steppers can do"
-            )
-        if smooth := [pair.segments.name for pair in pairs if has_patches(pair)]:
-            raise ValueError(
-                "expected segments without smooth=True with CentralDifference, given "
-                f"{' and '.join(smooth)}, which the implicit steppers can do"
-            )
-        if names := [body.name for body in instances(Body, bodies) if body.material.remembers]:
-            raise ValueError(
-                f"expected materials without branches or plasticity with CentralDifference, given "
-                f"{names}, "
-                "which the implicit steppers can do"
-            )
+        check_scope(bodies, pairs)
         first = 1.0 if dt is None else dt
         super().__init__(bodies, pairs, dt=first, loads=loads, update=update)
-        V, n = self.u.function_space, len(self.node_ids)
+        V = self.u.function_space
         self.supports = Supports(V, bcs)
         self.supports.warn_of_empty()
         self.supports.check()
@@ -170,8 +136,8 @@ class CentralDifference(Stepper):
         ghosts = [f.x for f in moving] if self._comm.size > 1 else []
         functions = self.u_n, self.u, self.v, self._bulk.rate
         self._drift = Drift(functions, self.supports, self._rigid, ghosts)
-        self._mobility: Floats = np.where(self._drift.given, 0.0, 1 / self.mass[:, None])
-        self._mobility[self._rigid.nodes] = 0.0
+        mobility: Floats = np.where(self._drift.given, 0.0, 1 / self.mass[:, None])
+        mobility[self._rigid.nodes] = 0.0
         self._springs = AllSprings(self.contacts, resisting)
         mass = float(reductions.total(self._comm, self.mass.sum()))
         self._stability = Stability(bodies, self._springs.pairs, mass)
@@ -182,7 +148,7 @@ class CentralDifference(Stepper):
             )
         self.dt = default if dt is None else dt
         self.stable_step = self._stability.choose_penalties(self.x, self.dt)
-        self._forces = _Forces(np.zeros((n, dimension(V))))
+        self._forces = PresentForces(self._bulk, self._springs, mobility)
         self._positions, self._nodal_u = np.empty_like(self._X), nodal(self.u)
 
     def serialize(self, archive: Archive) -> None:
@@ -194,20 +160,9 @@ class CentralDifference(Stepper):
             self._rigid.restored()
         self._stability.serialize(archive)
         self.stable_step = archive.same("stable_step", self.stable_step)
-        forces = self._forces
-        forces.known = archive.same("forces_are_known", forces.known)
-        if not forces.known:
-            if archive.giving:
-                self._state_was_set()
-            return
-        for number, force in enumerate((forces.acceleration, *self._bulk.forces)):
-            force[:] = archive.nodal(f"force/{number}", self.node_ids, force)
-        # A step sums it in another order, so that a new sum would differ in the last digit.
-        forces.strain_energy = archive.same("strain_energy", forces.strain_energy)
-        stored = archive.local("power", None if archive.giving else [np.array(forces.power)])
-        anew = np.vdot(self._bulk.total, forces.acceleration)
-        forces.power = float(anew if stored is None else stored[0])
-        self._springs.serialize(archive, self.x)
+        self._forces.serialize(archive, self.node_ids, self.x)
+        if archive.giving and not self._forces.known:
+            self._state_was_set()
 
     def nodal_momentum(self) -> Floats:
         """Momentum of the owned nodes by the lumped mass, shape ``(n, 3)`` [kg m/s]."""
@@ -278,14 +233,11 @@ class CentralDifference(Stepper):
         self._evaluate([0.0] * len(self.contacts))
         self._begin(self.t, self.t + self.dt)
         self._load_at(self.scheme.load_point)
-        forces, v = self._forces, self._drift.arrays[2]
-        self._springs.accept()
-        np.multiply(self._mobility, self._bulk.total, out=forces.acceleration)
-        forces.power = float(np.vdot(self._bulk.total, forces.acceleration))
-        forces.strain_energy = reductions.total(self._comm, self._bulk.strain_energy)
+        self._forces.begin()
+        v = self._drift.arrays[2]
         self._stability.start(self._total_energy(v))
         self._watch(v)
-        forces.known = True
+        self._forces.known = True
 
     def _step(self) -> StepReport:
         """Move, evaluate the forces at the new place, and complete the velocity."""
@@ -303,12 +255,11 @@ class CentralDifference(Stepper):
         self._way = 0.0 if free else moved
         if not free:
             self._check_passage(way, ways)
-        power, strained, at_start = forces.power, forces.strain_energy, bulk.work(du)
+        strained, at_start = forces.strain_energy, bulk.work(du)
         held = bulk.total[given] if self.supports.exist else np.empty(0)
         self._evaluate(ways)
         works = [a + b for a, b in zip(at_start, bulk.work(du), strict=True)]
-        a = forces.acceleration
-        forces.power = _kernels.kick(dt, self._mobility, bulk.total, a, rate)
+        power = forces.kick(dt, rate)
         gained = rigid.kick(bulk.total, rate) if rigid.exists else 0.0
         reactions: tuple[Reaction, ...] = ()
         if self.supports.exist:
@@ -319,7 +270,7 @@ class CentralDifference(Stepper):
         reactions += rigid.reactions()
         watch = self.watch.springs
         contact = self._springs.counted(self._positions[: len(du)], du, watch.watches)
-        defect = dt**2 / 8 * (forces.power - power)
+        defect = dt**2 / 8 * power
         sums = reductions.total(self._comm, [*contact, defect, bulk.strain_energy, *works])
         num_lost, num_deep, num_segments, num_active, *by_cause = sums[: len(contact)]
         defect, forces.strain_energy, internal, damping, *loads = sums[len(contact) :]

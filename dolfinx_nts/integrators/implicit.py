@@ -25,33 +25,26 @@ from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.implicit.accepted_contact import contact_history, contact_work
-from dolfinx_nts.contact.implicit.contact_step import ContactStep, go_on_from
+from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
-from dolfinx_nts.contact.implicit.local_search import may_face
 from dolfinx_nts.contact.implicit.penetration import check_penetration
-from dolfinx_nts.contact.joint_state import JointState, joint_states
 from dolfinx_nts.contact.massless import is_resolved, massless_nodes
 from dolfinx_nts.contact.pair import ContactPair
-from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.integrators.admissible_motion import AdmissibleMotion
 from dolfinx_nts.integrators.attempt import Start, StepProblem
 from dolfinx_nts.integrators.inertia import ConsistentInertia, Inertia
+from dolfinx_nts.integrators.open_springs import choose_springs
 from dolfinx_nts.integrators.rates import MidpointRates
 from dolfinx_nts.integrators.reactions import Reactions
 from dolfinx_nts.integrators.relaxation import IF_IT_MOVES
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.resolved_impact import ResolvedImpact
-from dolfinx_nts.integrators.rigid import (
-    check_statics,
-    contact_stiffness,
-    rigid_motion,
-    spring_stiffness,
-)
+from dolfinx_nts.integrators.rigid import check_statics, rigid_motion
 from dolfinx_nts.integrators.sleeping import SleepingBodies
-from dolfinx_nts.integrators.static_stiffness import static_stiffness
 from dolfinx_nts.integrators.step_failure import SHORTER_STEP_HELPS, StepFailure
 from dolfinx_nts.integrators.step_forces import StepForces
+from dolfinx_nts.integrators.step_solver import StepSolver
 from dolfinx_nts.integrators.step_works import StepWorks
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.bodies import Body
@@ -60,13 +53,9 @@ from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers import newton
 from dolfinx_nts.solvers.bulk import Bulk
-from dolfinx_nts.solvers.cell_sizes import cell_sizes
-from dolfinx_nts.solvers.contact_surroundings import ContactSurroundings
+from dolfinx_nts.solvers.cell_sizes import CellSizes
 from dolfinx_nts.solvers.convergence import closed_within, last_digits
-from dolfinx_nts.solvers.drag import Drag
-from dolfinx_nts.solvers.free_bodies import FreeBody, find_free_bodies
 from dolfinx_nts.solvers.given_way import GivenWay
-from dolfinx_nts.solvers.inertia_relief import InertiaRelief
 from dolfinx_nts.solvers.krylov import LinearSolver
 from dolfinx_nts.solvers.newton_report import ConvergenceError, NewtonReport
 from dolfinx_nts.solvers.statistics import SolverStatistics
@@ -75,11 +64,6 @@ from dolfinx_nts.solvers.tangent import Tangent
 __all__ = ["ImplicitStepper"]
 
 _logger = logging.getLogger("dolfinx_nts")
-
-# Stiffness of normal springs that are left open, relative to that of their nodes without inertia
-# [-]. In a motion stiffer ones make nodes bounce in a time that steps do not resolve; in statics
-# nothing bounces, and Newton's method alone limits them.
-_RESOLVED, _STIFF = 1.0, 10.0
 
 
 class ImplicitStepper(Stepper):
@@ -120,40 +104,22 @@ class ImplicitStepper(Stepper):
                 bodies, self._rates, self.scheme, bcs, works, self.memory
             )
         self._bulk.rigid = rigid_motion(bodies, self._rates, self.scheme, self._bulk.supports)
-        self._sizes = cell_sizes(self.u.function_space)
         self.supports = self._bulk.supports
         self._motion = AdmissibleMotion(self._bulk, self.u, self.u_n)
         # For the size of forces, where lumped masses are exact enough.
         self._lumped_mass: Floats = np.repeat(lumped_mass(bodies), self._bulk.rigid.dim)
-        free: Sequence[FreeBody] = ()
-        if self._is_static:
-            X = self._X[: len(self.node_ids)]
-            free = find_free_bodies(bodies, self._bulk, self._tangent, X)
-        dim = self._bulk.rigid.dim
-        mass = self._lumped_mass[::dim]
-        self._inertia_relief = InertiaRelief(free, self._tangent, mass, dim)
-        if free:
-            self._bulk.stabilisation = self._inertia_relief.resistance
-            self._tangent.shift = self._inertia_relief.shift
-            self._tangent.num_free = self._inertia_relief.num_motions
-            self._tangent.forget()
-        share = partial(self._rates.inertia_share, self._lumped_mass)
-        self._solver = LinearSolver(self._bulk, self._tangent, share, petsc_options)
-        self._surroundings: ContactSurroundings | None = None
-        if not (self._is_static or self._bulk.rigid.exists or self.memory.flows):
-            self._surroundings = ContactSurroundings(self._bulk, self._solver, self._sizes)
-        self._sleeping = SleepingBodies(
+        self._step_solver = StepSolver(
             self._bulk,
             self._tangent,
-            self._sizes,
+            self._rates,
+            self.scheme,
             self.bodies,
-            joint_states(self.contacts),
+            self.contacts,
             self.loads,
+            self._lumped_mass,
+            petsc_options,
+            flows=self.memory.flows,
         )
-        self._free: Floats | None = None
-        if self.supports.exist:
-            self._free = np.ones((len(self.node_ids), self._bulk.rigid.dim))
-            self._free.ravel()[self.supports.fixed] = 0
         self._reactions = Reactions(
             self._bulk,
             self.bodies,
@@ -171,6 +137,21 @@ class ImplicitStepper(Stepper):
     def _tangent(self) -> Tangent:
         """Matrix of the derivative of the residual. Local."""
         return self._inertia.tangent
+
+    @property
+    def _solver(self) -> LinearSolver:
+        """Solver of the linear systems. Local."""
+        return self._step_solver.linear
+
+    @property
+    def _sleeping(self) -> SleepingBodies:
+        """Bodies that are not computed. Local."""
+        return self._step_solver.sleeping
+
+    @property
+    def _sizes(self) -> CellSizes:
+        """Sizes of the cells. Local."""
+        return self._step_solver.sizes
 
     @property
     def _is_static(self) -> bool:
@@ -229,7 +210,10 @@ class ImplicitStepper(Stepper):
 
     def _step(self) -> StepReport:
         """Try Newton's method from several states, until one succeeds."""
-        self._choose_springs()
+        mass, share = self._step_solver.mass, self.scheme.stress_share
+        choose_springs(
+            *(self.contacts, self.bodies, self._tangent, self._rates, mass, self._dt, share)
+        )
         load = self._forces.norm(self._forces.loads()) if self.loads else 0.0
         if not np.isfinite(load):
             raise ValueError(f"expected finite loads, given loads of {load} N in this step")
@@ -237,7 +221,7 @@ class ImplicitStepper(Stepper):
         at_rest = partial(self._is_at_rest, load)
         forces = self._forces_at_start
         given = partial(self._motion.given, self.x, self.contacts)
-        self._rates.begin(forces, self._free, self._bulk.rigid, at_rest, given)
+        self._rates.begin(forces, self._step_solver.free, self._bulk.rigid, at_rest, given)
         starts = [
             Start(name, self._motion.displacements(u), u)
             for name, u in self._rates.starts().items()
@@ -254,7 +238,7 @@ class ImplicitStepper(Stepper):
                 return self._accepted(steps, solution, reports.values(), load)
             if solution.report.is_hopeless:
                 break
-        advice = self._inertia_relief.advice() or self._time_helps()
+        advice = self._step_solver.relief.advice() or self._time_helps()
         hopeless = any(report.is_hopeless for report in reports.values())
         if self._relaxes and not hopeless and (found := self._elsewhere(starts[-1], problem)):
             steps, solution = found
@@ -266,6 +250,12 @@ class ImplicitStepper(Stepper):
             advice += f"; {IF_IT_MOVES}"
         self._u[:] = self._u_n
         raise self._failure(reports, steps, solution.end.states, advice)
+
+    def _solve(
+        self, start: Start, problem: StepProblem, **how: Any
+    ) -> tuple[list[ContactStep], newton.Solution]:
+        """Solve the step, see `StepSolver.solve`, which explains ``how``."""
+        return self._step_solver.solve(start, problem, self._way_from, self.timings, **how)
 
     def _problem(self, starts: Iterable[Start], load: float) -> StepProblem:
         """What is given in the step that begins; ``load`` is the norm of its loads [N]."""
@@ -302,24 +292,6 @@ class ImplicitStepper(Stepper):
     ) -> tuple[list[ContactStep], newton.Solution] | None:
         """Look for a solution far from the last state, the start; None: not with inertia."""
         return None
-
-    def _choose_springs(self) -> None:
-        """Choose the stiffness of springs that the user left open, in the first step."""
-        known: list[tuple[Floats, Floats]] = []
-
-        def stiffness() -> tuple[Floats, Floats]:
-            """That of all nodes, which the pairs with open springs have in common."""
-            if not known:
-                static = partial(
-                    static_stiffness, self._tangent, self._dt, self.scheme.stress_share
-                )
-                mass = self._lumped_mass[:: self._bulk.rigid.dim]
-                known.append(spring_stiffness(static, self.bodies, mass, self._rates))
-            return known[0]
-
-        stiffer = _STIFF if self._is_static else _RESOLVED
-        for contact in self.contacts:
-            contact.derive_penalty(stiffness, stiffer)
 
     def _way_from(self, start: Start, steps: Sequence[ContactStep]) -> GivenWay:
         """What is led has still to go from a start, where u is. Collective.
@@ -397,7 +369,7 @@ class ImplicitStepper(Stepper):
             works[step.state] = contact_work(step, pairs, history)
             step.state.accept(history)
         self.watch.springs.look()
-        self._inertia_relief.tell(steps)
+        self._step_solver.relief.tell(steps)
         x, v, du = self.x, self.v.x.array[:n], (self._u - self._u_n)[:n]
         reactions, constraints = self._reactions.of(steps, solution, x, self._motion.owned(du))
         self.memory.accept()
@@ -443,75 +415,6 @@ class ImplicitStepper(Stepper):
             load_works=total.loads,
             reactions=reactions,
         )
-
-    def _solve(
-        self,
-        start: Start,
-        problem: StepProblem,
-        *,
-        all_awake: bool = False,
-        drag: Drag | None = None,
-        after: Sequence[ContactStep] = (),
-    ) -> tuple[list[ContactStep], newton.Solution]:
-        """Solve the step.
-
-        Args:
-            start: Where Newton's method starts.
-            problem: What is given in the step.
-            all_awake: Whether bodies that sleep are computed, too.
-            drag: Resistance to all motions, if any.
-            after: Contact at the end of an attempt, as which it begins here, if there was one.
-        """
-        self._u[:] = start.u
-        with self.timings.phase("contact"):
-            steps = self._contact_steps(problem, start.begins_sticking)
-            if after:
-                go_on_from(steps, after)
-        # Bodies that only contact holds go as far as it takes to touch others.
-        if not (all_awake or self._inertia_relief.bodies):
-            self._sleeping.find(self.v.x.array, self._u_n, steps)
-        way = self._way_from(start, steps)
-        solution = newton.solve(
-            self._bulk,
-            self._solver,
-            steps,
-            self._X[: len(self.node_ids)],
-            way=way,
-            relief=self._inertia_relief,
-            at_rest=self._rates.at_rest and drag is None,
-            sizes=self._sizes,
-            force_scale=problem.force_scale,
-            inertia=not self._is_static,
-            jumps=self.memory.flows,
-            timings=self.timings,
-            drag=drag,
-            begins_sticking=start.begins_sticking,
-            surroundings=self._surroundings,
-        )
-        way.leave()
-        return steps, solution
-
-    def _contact_steps(self, problem: StepProblem, begins_sticking: bool) -> list[ContactStep]:
-        """Contact of the pairs that may touch, at the beginning of an attempt."""
-        mass = self._lumped_mass[:: self._bulk.rigid.dim]
-        stiffness = contact_stiffness(
-            self._tangent.nodal_stiffness(), self.bodies, mass, self._rates
-        )
-        x_n, x_trial = problem.x_n, problem.x_trial
-        states: Sequence[PairState | JointState] = self._sleeping.states
-        if not self._is_static:
-            way = reductions.largest(self._comm, _kernels.farthest(x_n, x_trial))
-            states = [state for state in states if may_face(state, x_n, way)]
-        return [
-            ContactStep(
-                *(state, self.scheme.contact, x_n, x_trial, stiffness, self._free, self._is_static),
-                self._bulk.rigid.nodes,
-                problem.on_the_way,
-                self.scheme.stress_share,
-                begins_sticking,
-            )
-            for state in states
-        ]
 
     def _work_of_solvers(self) -> tuple[int, SolverStatistics]:
         return self._bulk.num_assembled[0], self._solver.statistics

@@ -21,6 +21,7 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers import newton
 from dolfinx_nts.solvers.drag import Drag
 from dolfinx_nts.solvers.given_way import GivenWay
+from dolfinx_nts.solvers.gradual_way import GradualWay
 from dolfinx_nts.solvers.newton_report import NewtonReport
 
 __all__ = ["QuasiStatic"]
@@ -184,7 +185,7 @@ class QuasiStatic(ImplicitStepper):
             return super()._way_from(start, steps)
         u.array[:] = guess
         stiffness = self._solver.nodal_resistance()
-        return GivenWay(self._bulk, steps, stiffness, self._sizes.nodal, way)
+        return GradualWay(self._bulk, steps, stiffness, self._sizes.nodal, way)
 
     def _time_helps(self) -> str:
         """Advice where only the length of the step is left to change. Collective."""

@@ -14,9 +14,7 @@ Their mass acts at nodes below them, see `redistributed_mass`. After each step
   sliding dissipates, and for the work of what moves.
 """
 
-import logging
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 from operator import attrgetter
 
@@ -25,29 +23,28 @@ import ufl
 from dolfinx import fem
 
 from dolfinx_nts.common.arrays import Floats, Ints
-from dolfinx_nts.contact.history import ContactHistory, ContactWork
+from dolfinx_nts.contact.history import ContactWork
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
-from dolfinx_nts.contact.implicit.held_nodes import HeldNodes
-from dolfinx_nts.contact.massless import is_resolved
 from dolfinx_nts.fem.components import dimension, in_space, possible_motions
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.integrators.body_groups import BodyGroups
+from dolfinx_nts.integrators.held_contact import HeldContact
 from dolfinx_nts.integrators.implicit_forms import StepForms
 from dolfinx_nts.integrators.inertia import Inertia, Settlement
 from dolfinx_nts.integrators.memory import Memory
+from dolfinx_nts.integrators.payment import Payment
 from dolfinx_nts.integrators.rates import MidpointRates
 from dolfinx_nts.integrators.recoil import Recoil
 from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.integrators.static_stiffness import long_step
 from dolfinx_nts.integrators.step_losses import StepLosses
+from dolfinx_nts.integrators.surface_waves import SurfaceWaves
 from dolfinx_nts.integrators.vibration import Vibration, VibrationAnalysis
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.extrapolation import extrapolate
 from dolfinx_nts.model.inverted_cells import VolumeRatio
 from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.model.reaction import Reaction
-from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.held_gaps import Holds
 from dolfinx_nts.solvers.redistributed_mass import (
     MassForce,
     RedistributedBulk,
@@ -60,17 +57,11 @@ from dolfinx_nts.solvers.surface_work import SurfaceWork
 
 __all__ = ["ResolvedImpact"]
 
-_logger = logging.getLogger("dolfinx_nts")
-
 # Part of the energy of vibration that closing gaps may cost in a step [-], and that the
 # equilibrium may cost in all.
 _CLOSING, _MOST_SPENT = 0.05, 0.5
-# Energy that was not paid, relative to what was wanted [-], that is round-off.
-_ROUND_OFF = 1e-12
 # Part of the way to equilibrium [-] below which nodes stay where they are.
 _LEAST = 1e-3
-# Cells that waves cross in a step [-] above which a step does not resolve them.
-_RESOLVED = 1.0
 
 
 class ResolvedImpact(Inertia):
@@ -131,7 +122,8 @@ class ResolvedImpact(Inertia):
         self._motions = VibrationAnalysis(
             groups.comm, mass, groups.nodes, fixed, self._X.shape, possible
         )
-        self._untold_speed = self._cells_per_second(stiffness, lumped_mass(bodies)[massless])
+        mass_there, degree = lumped_mass(bodies)[massless], Element.of(V).degree
+        self._waves = SurfaceWaves(groups.comm, stiffness, mass_there, degree)
 
     def _undeformed_stiffness(self, share: float) -> Floats:
         """Mean stiffness of statics at the owned nodes, where they are free, ``(n,)`` [N/m].
@@ -161,33 +153,6 @@ class ResolvedImpact(Inertia):
         """Derivative of the mean acceleration by the displacement [1/s^2]. Local."""
         return 2 / float(self._rates.dt.value) ** 2
 
-    def _cells_per_second(self, stiffness: Floats, lumped: Floats) -> float:
-        """How many cells, or halves of those of degree 2, a wave crosses in a second. Collective.
-
-        At the surface: in a chain of springs k between masses m it crosses sqrt(k/m) of them, and
-        the last one, which has the mass m/2, has the stiffness k.
-        """
-        ratio = stiffness / (2 * lumped)
-        return float(np.sqrt(reductions.largest(self._groups.comm, ratio.max(initial=0.0))))
-
-    def _tell(self) -> None:
-        """Say once, when there is contact, if a step does not resolve what waves do in a cell."""
-        speed = self._untold_speed
-        crossings = speed * float(self._rates.dt.value)
-        if crossings <= _RESOLVED:
-            return
-        self._untold_speed = 0.0
-        degree = Element.of(self._rates.u.function_space).degree
-        if self._groups.comm.rank == 0:
-            _logger.warning(
-                "waves cross %.2g %s at the surface in a step, too many for impact 'resolved' "
-                "to be of second order in time: harmless, as the energy is exact nevertheless, "
-                "but 'elastic' does as well in less time; take dt <= %.2g s to resolve impact",
-                crossings,
-                "cells" if degree == 1 else "halves of cells",
-                _RESOLVED / speed,
-            )
-
     def momentum(self) -> Floats:
         """Multiply the velocity by the mass, see `Inertia.momentum`."""
         v = self._rates.v.x.array[: self.bulk.num_owned]
@@ -206,25 +171,27 @@ class ResolvedImpact(Inertia):
         rates, massless = self._rates, self._equilibrium.nodes
         defect, n = rates.accept(), self.bulk.num_owned
         u, v = (f.x.array[:n].reshape(self._X.shape) for f in (rates.u, rates.v))
-        held = [(step, HeldNodes.of(step)) for step in steps if is_resolved(step.state.pair)]
-        impulses, of_obstacles = self._impulses(held)
+        dt, held = float(rates.dt.value), HeldContact(steps, self._groups)
+        impulses, of_obstacles = held.impulses(v.shape[1], dt)
         # Nodes without mass have no part in these.
         x, mean = self._X + u, self._mean_velocity()[:n].reshape(v.shape)
         vibration, recoil = self._motions.of(x, v, mean, impulses)
         recoil = recoil._replace(linear=recoil.linear - of_obstacles)
-        cost, dissipation, recoils, factors = self._equilibrate(steps, held, vibration, recoil)
-        refund = -cost - dissipation
+        if any(step.num_active for step in steps):
+            self._waves.tell(dt)
+        cost, dissipation, payment = self._equilibrate(held, vibration, recoil)
+        recoils, factors = payment.recoils, payment.factors
         moves = recoil.velocities(recoils)
         for g, factor, move in zip(self._groups.nodes, factors, moves, strict=True):
             v[g] += factor * vibration.w[g] + move
         impulses = factors[:, None, None] * vibration.held + np.tensordot(recoils, recoil.held, 1)
         reactions = self._reactions(recoil.at_nodes(impulses), x, mean)
-        self._share(held, recoils)
+        held.add_recoil(recoils)
         mean_velocity = rates.mean_velocity.x.array
         mean_velocity[:] = self._mean_velocity()
         v[massless] = mean_velocity[:n].reshape(v.shape)[massless]
         rates.v.x.scatter_forward()
-        energies = cost, -dissipation, refund + dissipation, recoils * of_obstacles
+        energies = cost, -dissipation, payment.wanted + dissipation, recoils * of_obstacles
         spent, friction, back, obstacles = (float(part.sum()) for part in energies)
         work = ContactWork(equilibrium=spent, friction=friction, refund=back, obstacles=obstacles)
         return Settlement(defect, work, reactions)
@@ -247,52 +214,23 @@ class ResolvedImpact(Inertia):
         force, way = (values.ravel()[supports.fixed] for values in (force, dt * velocity))
         return supports.reactions(force, in_space(x), way)
 
-    def _impulses(self, held: Sequence[tuple[ContactStep, HeldNodes]]) -> tuple[Floats, Floats]:
-        """Impulses of normal contact in the step, see `VibrationAnalysis.of`. Collective.
-
-        They act at the end of the step, where gaps have gradients without resultant and moment.
-        Also returns the work of moving obstacles by them, shape ``(g,)`` [J].
-        """
-        n, d = self._X.shape
-        dt, size = float(self._rates.dt.value), len(self._groups.nodes)
-        impulses, work = np.zeros((size, size, 1 + d, d)), np.zeros(size)
-        group = np.zeros((n, 3))
-        group[:, 0] = self._groups.number_of
-        for step, some in held:
-            mine = self._groups.number_of[step.state.nodes.nodes[some.node]]
-            other = step.candidates.scatter.forward(group)[some.dofs, 0].astype(np.int32)
-            x_n, x = (positions[some.dofs] for positions in (step.search.x_n, step.x))
-            impulse = some.gradients[:, 0].reshape(x.shape) * (dt * some.force)[:, None, None]
-            fields = np.insert(x[:, :, :d], 0, 1.0, axis=2)
-            products = fields[:, :, :, None] * impulse[:, :, None, :d]
-            np.add.at(impulses, (mine[:, None], other), products)
-            carried = step.state.search.frame.carried(x_n, x)
-            np.add.at(work, mine, (impulse * carried).sum(axis=(1, 2)) / dt)
-        comm = self._groups.comm
-        return reductions.total(comm, impulses), reductions.total(comm, work)
-
     def _equilibrate(
         self,
-        steps: Sequence[ContactStep],
-        held: Sequence[tuple[ContactStep, HeldNodes]],
+        held: HeldContact,
         vibration: Vibration,
         recoil: Recoil,
-    ) -> tuple[Floats, Floats, Floats, Floats]:
+    ) -> tuple[Floats, Floats, Payment]:
         """Move nodes without mass towards equilibrium, as far as groups can pay for it.
 
         ``vibration`` and ``recoil`` are what they pay with. Returns the work of stress and damping
-        on this way, and what friction dissipates, both ``(g,)`` [J], and the factors of recoil and
-        of vibration that pay for it. Collective.
+        on this way, and what friction dissipates, both ``(g,)`` [J], and what is paid. Collective.
         """
         u = self._rates.u.x
         massless, way = self._equilibrium.nodes, np.zeros_like(self._X)
         before, work, damping = u.array.copy(), self._work.at_nodes(), self._losses.begin()
-        if any(step.num_active for step in steps):
-            self._tell()
-        holds = [_held(step, some) for step, some in held]
         most = vibration.energy + recoil.most
         part = partial(self._affordable, _CLOSING * vibration.energy + recoil.most)
-        increments = self._equilibrium.find(holds, part, damping)
+        increments = self._equilibrium.find(held.holds, part, damping)
         share: Floats = np.ones(len(self._groups.nodes))
         while True:
             way[massless] = share[self._groups.number_of[massless], None] * increments
@@ -301,26 +239,15 @@ class ResolvedImpact(Inertia):
             self._memory.accept()
             cost = self._groups.sums(slice(None), self._work.at_nodes() - work)
             cost += self._losses.follow(way[massless])
-            histories, dissipation = self._slid(held, way)
-            wanted = -cost - dissipation
-            recoils, factors, given = _payment(vibration, recoil, wanted)
-            good = np.abs(wanted - given) <= _ROUND_OFF * np.abs(wanted)
+            histories, dissipation = held.after(way)
+            payment = Payment.of(vibration, recoil, -cost - dissipation)
+            good = payment.is_whole
             good &= (cost <= _MOST_SPENT * most) & (not self._volume_ratio.inverted())
             if np.all(good | (share == 0)):
                 break
             share = np.where(good, share, np.where(share > _LEAST, share / 2, 0.0))
-        for (step, _), history in zip(held, histories, strict=True):
-            step.state.accept(history)
-        return cost, dissipation, recoils, factors
-
-    def _share(self, held: Sequence[tuple[ContactStep, HeldNodes]], recoils: Floats) -> None:
-        """Let contact know the impulses of recoil, factors ``(g,)`` of its own. Local."""
-        for step, some in held:
-            nodes, history = step.state.nodes.nodes, step.state.history
-            factor = recoils[self._groups.number_of[nodes]]
-            lambda_N = (1 + factor) * history.lambda_N
-            force = history.force + factor[:, None] * some.pushes
-            step.state.accept(replace(history, lambda_N=lambda_N, force=force))
+        held.accept(histories)
+        return cost, dissipation, payment
 
     def _affordable(self, budget: Floats, costs: Floats) -> Floats:
         """Parts of gaps that groups can pay for closing, at nodes without mass, ``(m,)``.
@@ -332,61 +259,3 @@ class ResolvedImpact(Inertia):
         sums = self._groups.sums(massless, costs)
         part: Floats = np.divide(budget, sums, out=np.ones_like(sums), where=sums > budget)
         return part[self._groups.number_of[massless]]
-
-    def _slid(
-        self, held: Sequence[tuple[ContactStep, HeldNodes]], way: Floats
-    ) -> tuple[list[ContactHistory], Floats]:
-        """Contact of each pair after its nodes have gone a way, ``(n, d)`` [m]. Collective.
-
-        Also returns what friction dissipates in each group on it, ``(g,)`` [J].
-        """
-        histories, dissipated = [], np.zeros(len(self._groups.nodes))
-        for step, some in held:
-            history = step.state.history
-            rows = some.gradients.reshape(len(some.node), 3, some.dofs.shape[1], 3)
-            ways = step.candidates.scatter.forward(in_space(way))[some.dofs]
-            opened, *slid = np.einsum("mcki,mki->cm", rows, ways)
-            gap, dissipation = history.gap.copy(), history.dissipation.copy()
-            gap[some.node] = some.gap + opened
-            # In all a step never gets energy from friction.
-            lost = (some.traction * np.transpose(slid)).sum(axis=1)
-            lost = np.maximum(lost, -np.maximum(dissipation[some.node], 0.0))
-            dissipation[some.node] += lost
-            histories.append(replace(history, gap=gap, dissipation=dissipation))
-            dissipated += self._groups.sums(step.state.nodes.nodes[some.node], lost)
-        return histories, dissipated
-
-
-def _payment(vibration: Vibration, recoil: Recoil, wanted: Floats) -> tuple[Floats, Floats, Floats]:
-    """Factors of recoil and of vibration by which groups get energy, ``(g,)`` [J]. Local.
-
-    Each of both gives in proportion to the energy that it has. Also returns what groups get,
-    which is what is wanted, or as much of it as they can give or take.
-    """
-    whole = vibration.energy + recoil.energy
-    share = np.divide(recoil.energy, whole, out=np.zeros_like(whole), where=whole > 0)
-    recoils, by_recoil = recoil.factors(share * wanted)
-    factors, by_vibration = vibration.factors(wanted - by_recoil)
-    return recoils, factors, by_recoil + by_vibration
-
-
-def _held(step: ContactStep, some: HeldNodes) -> Holds:
-    """Gaps that nodes close, ``(m,)``, and slips of those that stick. Local."""
-    sticks = some.sticks
-    gradient, *along = some.gradients.transpose(1, 0, 2)
-    slides = ~sticks & (some.force > 0)
-    ratio = np.divide(
-        some.traction,
-        -some.force[:, None],
-        out=np.zeros_like(some.traction),
-        where=slides[:, None],
-    )
-    force = gradient + np.einsum("ma,ami->mi", ratio, np.array(along))
-    stuck = [rows[sticks] for rows in along]
-    return Holds(
-        step.candidates.scatter,
-        np.concatenate([some.dofs, some.dofs[sticks], some.dofs[sticks]]),
-        np.concatenate([gradient, *stuck]),
-        np.concatenate([force, *stuck]),
-        np.concatenate([-some.gap, np.zeros(2 * np.count_nonzero(sticks))]),
-    )

@@ -84,7 +84,7 @@ class Insides:
             points of the first one that may be deeper in the second, ``(p, 2, 3)`` [m]. The
             same on all ranks.
         """
-        return self._kernels.meetings(self._boxes, touch)
+        return _kernels.meetings(self._boxes, touch)
 
     def depth(self, points: Floats, where: Ints, least: Floats) -> Floats:
         """Tell how deep points are inside. Collective.

@@ -132,7 +132,7 @@ class OverlapSearch:
             diagonal how much each has come nearer to an obstacle. The same on all ranks.
         """
         displacements = self._insides.displacements
-        nearer = _kernels.nearer(displacements(x, before))
+        nearer = _kernels.approach(displacements(x, before))
         for obstacle in self._obstacles:
             frame = obstacle.motion.frame(t_before, t, obstacle.dim)
             seen = displacements(frame.at_end(x), frame.at_start(before))

@@ -95,6 +95,17 @@ def plate_and_cubes(comm, heights):
     return [nts.Body(V, cells, tag[name], SOFT) for name in tag if name.count("_") == 0]
 
 
+def watched_fall(bodies, num_steps):
+    """Let cubes fall into the plate, with a look after each step."""
+    stepper = nts.EnergyMomentum(bodies, dt=0.02)
+    for body in bodies[1:]:
+        stepper.set_velocity(body, (0.0, 0.0, -1.0))
+    for _ in range(num_steps):
+        stepper.advance()
+        stepper.watch.overlaps.look(stepper.x, stepper.t, ())
+    return stepper
+
+
 def test_of_overlaps_of_one_kind_the_deepest_is_told_and_the_others_are_counted(comm, told):
     bodies = plate_and_cubes(comm, [-0.02, -0.05, -0.03, -0.06, -0.04])
     nts.EnergyMomentum(bodies, dt=0.02).advance()
@@ -104,13 +115,7 @@ def test_of_overlaps_of_one_kind_the_deepest_is_told_and_the_others_are_counted(
 
 
 def test_a_run_tells_overlaps_of_one_kind_one_after_the_other_when_they_are_deeper(comm, told):
-    bodies = plate_and_cubes(comm, [0.015, 0.035, 0.034])
-    stepper = nts.EnergyMomentum(bodies, dt=0.02)
-    for body in bodies[1:]:
-        stepper.set_velocity(body, (0.0, 0.0, -1.0))
-    for _ in range(4):
-        stepper.advance()
-        stepper.watch.overlaps.look(stepper.x, stepper.t, ())
+    stepper = watched_fall(plate_and_cubes(comm, [0.015, 0.035, 0.034]), num_steps=4)
     # The others are hardly deeper when they are seen. Each of two bodies is as deep in the other.
     (first,) = told()
     assert first.startswith("at t = 0.06 ") and "is up to 0.045 inside" in first
@@ -246,13 +251,7 @@ def test_a_run_that_is_resumed_does_not_tell_what_elastic_impact_holds_as_a_star
 
 
 def test_the_end_of_a_run_tells_how_deep_an_overlap_was_in_between(comm, told):
-    bodies = plate_and_cubes(comm, [0.015, 0.035])
-    stepper = nts.EnergyMomentum(bodies, dt=0.02)
-    for body in bodies[1:]:
-        stepper.set_velocity(body, (0.0, 0.0, -1.0))
-    for _ in range(5):
-        stepper.advance()
-        stepper.watch.overlaps.look(stepper.x, stepper.t, ())
+    stepper = watched_fall(plate_and_cubes(comm, [0.015, 0.035]), num_steps=5)
     stepper.look_for_overlaps()
     first, last = told()
     assert "cube 0" in first and "is up to 0.045 inside" in first

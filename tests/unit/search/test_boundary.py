@@ -176,7 +176,7 @@ def test_boundaries_come_nearer_by_the_difference_of_their_displacements(rng):
     x, moved = rng.uniform(size=(2, 9, 3))
     rows = np.arange(9, dtype=np.int32).reshape(3, 3)
     boundaries = _kernels.Boundaries([r.ravel() for r in rows], [r[None] for r in rows])
-    nearer = _kernels.nearer(boundaries.displacements(moved, x))
+    nearer = _kernels.approach(boundaries.displacements(moved, x))
     way = (moved - x)[rows]
     for i, j in np.ndindex(3, 3):
         apart = np.abs(way[i][:, None] - way[j]).max(axis=(0, 1))

@@ -6,8 +6,8 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts.meshing import parts
-from dolfinx_nts.solvers import given_way
-from dolfinx_nts.solvers.given_way import behind, largest_strain
+from dolfinx_nts.solvers import gradual_way
+from dolfinx_nts.solvers.gradual_way import behind, largest_strain
 from helpers.once import once, once_except
 
 # Of energies and forces, relative: displacements are known to the tolerance of Newton's method.
@@ -167,9 +167,9 @@ def test_a_rest_of_the_way_is_not_waited_for(comm, monkeypatch):
         strains.append(largest_strain(bulk, du))
         return strains[-1]
 
-    monkeypatch.setattr(given_way, "largest_strain", measured)
+    monkeypatch.setattr(gradual_way, "largest_strain", measured)
     few = press(comm, nts.SaintVenantKirchhoff, 0.05, nu=0.3).advance().newton_iterations
-    monkeypatch.setattr(given_way, "_LARGEST_STRAIN", strains[0] * (1 - 1e-11))
+    monkeypatch.setattr(gradual_way, "_LARGEST_STRAIN", strains[0] * (1 - 1e-11))
     report = press(comm, nts.SaintVenantKirchhoff, 0.05, nu=0.3).advance()
     assert report.newton_iterations <= few + 1
 

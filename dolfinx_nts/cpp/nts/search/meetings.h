@@ -41,33 +41,22 @@ inline std::vector<Meeting> meetings(std::span<const Box> boxes,
   return found;
 }
 
-/// @brief Visit nodes, and edges whose box meets a region, as ways.
-/// @param[in] x Positions, (l, 3) [m].
-/// @param[in] nodes Rows of x, (n).
-/// @param[in] edges Rows of x, (e, 2).
-/// @param[in] region The region.
-/// @param[out] found Called with begin and end of each way, which are the same
-/// at nodes.
-template <class OnWay>
-void ways_in(std::span<const double> x, std::span<const std::int32_t> nodes,
-             std::span<const std::int32_t> edges, const Box& region,
-             OnWay&& found)
+/// @brief Bounds on how much boundaries have come nearer to each other.
+/// @param[in] displacements Box around the displacements of the nodes of each
+/// boundary (g).
+/// @param[out] nearer The bounds, 0 on the diagonal (g, g) [m].
+inline void approach(std::span<const Box> displacements,
+                     std::span<double> nearer) noexcept
 {
-  // Edges have more ends than nodes.
-  constexpr std::uint8_t unknown = 0xff;
-  std::vector<std::uint8_t> sides(x.size() / 3, unknown);
-  const auto beyond = [&](std::int32_t node)
-  {
-    if (sides[node] == unknown)
-      sides[node] = region.sides_beyond(vector(x, node));
-    return sides[node];
-  };
-  for (const std::int32_t node : nodes)
-    if (beyond(node) == 0)
-      found(vector(x, node), vector(x, node));
-  for (std::size_t i = 0; i < edges.size(); i += 2)
-    if (const std::int32_t a = edges[i], b = edges[i + 1];
-        (beyond(a) & beyond(b)) == 0)
-      found(vector(x, a), vector(x, b));
+  const std::size_t n = displacements.size();
+  for (std::size_t i = 0; i < n; ++i)
+    for (std::size_t j = 0; j < n; ++j)
+    {
+      const Box &a = displacements[i], &b = displacements[j];
+      Vec3 apart;
+      for (std::size_t c = 0; c < 3; ++c)
+        apart[c] = std::min(b.lower[c] - a.upper[c], a.lower[c] - b.upper[c]);
+      nearer[n * i + j] = i == j ? 0 : norm(apart);
+    }
 }
 } // namespace nts

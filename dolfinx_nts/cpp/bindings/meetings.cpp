@@ -1,0 +1,57 @@
+#include "nts/search/meetings.h"
+#include "boxes.h"
+
+#include <nanobind/stl/tuple.h>
+
+namespace nts::bindings
+{
+namespace
+{
+auto meetings_of(const Doubles& boxes, const Doubles& touch)
+{
+  const std::size_t n = touch.size();
+  check("touch", touch, {n});
+  check("boxes", boxes, {2, n, 3});
+  std::vector<Box> around;
+  for (std::size_t i = 0; i < n; ++i)
+    around.push_back(box_by_corners(boxes, i));
+  auto apart = create<double>({n, n});
+  const std::vector<Meeting> found = meetings(around, view(touch), view(apart));
+  auto pair = create<std::int32_t>({found.size(), 2});
+  auto depth = create<double>({found.size()}),
+       region = create<double>({found.size(), 2, 3});
+  for (std::size_t p = 0; p < found.size(); ++p)
+  {
+    const Meeting& meeting = found[p];
+    pair.data()[2 * p] = meeting.inner;
+    pair.data()[2 * p + 1] = meeting.outer;
+    depth.data()[p] = meeting.depth;
+    store(meeting.region.lower, view(region), 2 * p);
+    store(meeting.region.upper, view(region), 2 * p + 1);
+  }
+  return std::tuple(apart, pair, depth, region);
+}
+
+auto approach_of(const Doubles& displacements)
+{
+  const std::vector<Box> boxes = boxes_by_extremes(displacements);
+  auto nearer = create<double>({boxes.size(), boxes.size()});
+  approach(boxes, view(nearer));
+  return nearer;
+}
+} // namespace
+
+void meetings(nb::module_& m)
+{
+  m.def("meetings", &meetings_of, nb::arg("boxes"), nb::arg("touch"),
+        "(2, g, 3) corners of boxes around the whole of each boundary, (g,) "
+        "-> distances of any two boxes (g, g), 0 where they overlap and "
+        "infinite on the diagonal; those two that overlap by more than a "
+        "touch, in both orders (p, 2); that touch (p,); and boxes around all "
+        "that may be deeper in the second (p, 2, 3)");
+  m.def("approach", &approach_of, nb::arg("displacements"),
+        "(2, g, 3) as of Boundaries.displacements -> bound on how much each "
+        "two boundaries have come nearer to each other, 0 on the diagonal "
+        "(g, g)");
+}
+} // namespace nts::bindings

@@ -1,0 +1,185 @@
+"""Solution of one attempt at an implicit step, with the contact of its pairs."""
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from dolfinx_nts import _kernels
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.common.timing import Timings
+from dolfinx_nts.contact.implicit.contact_step import ContactStep, go_on_from
+from dolfinx_nts.contact.implicit.local_search import may_face
+from dolfinx_nts.contact.joint_state import JointState, joint_states
+from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.integrators.attempt import Start, StepProblem
+from dolfinx_nts.integrators.rates import Rates
+from dolfinx_nts.integrators.rigid import contact_stiffness
+from dolfinx_nts.integrators.scheme import Scheme
+from dolfinx_nts.integrators.sleeping import SleepingBodies
+from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.loads import Load
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.solvers import newton
+from dolfinx_nts.solvers.bulk import Bulk
+from dolfinx_nts.solvers.cell_sizes import cell_sizes
+from dolfinx_nts.solvers.contact_surroundings import ContactSurroundings
+from dolfinx_nts.solvers.drag import Drag
+from dolfinx_nts.solvers.free_bodies import FreeBody, find_free_bodies
+from dolfinx_nts.solvers.given_way import GivenWay
+from dolfinx_nts.solvers.inertia_relief import InertiaRelief
+from dolfinx_nts.solvers.krylov import LinearSolver
+from dolfinx_nts.solvers.tangent import Tangent
+
+__all__ = ["StepSolver"]
+
+
+class StepSolver:
+    """Solves attempts at a step by Newton's method. Collective, as are its methods.
+
+    Args:
+        bulk: Residual of the bodies, with the motion of rigid ones.
+        tangent: Matrix of its derivative.
+        rates: How velocities follow from displacements.
+        scheme: The scheme.
+        bodies: All bodies.
+        contacts: States of the contact pairs.
+        loads: Loads on the bodies.
+        mass: Lumped mass of the owned dofs, shape ``(d n,)`` [kg].
+        petsc_options: See `EnergyMomentum`.
+        flows: Whether points of materials flow, so that stresses have tangents that jump.
+
+    Attributes:
+        linear: Solver of the linear systems.
+        sizes: Sizes of the cells.
+        mass: Lumped mass of the owned nodes, shape ``(n,)`` [kg].
+        free: 1 where the displacement of an owned node is unknown, 0 where it is given, shape
+            ``(n, d)``; None if all are unknown.
+        relief: Keeps bodies in place that contact alone may hold.
+        sleeping: Bodies that are not computed.
+    """
+
+    def __init__(
+        self,
+        bulk: Bulk,
+        tangent: Tangent,
+        rates: Rates,
+        scheme: Scheme,
+        bodies: Sequence[Body],
+        contacts: Sequence[PairState],
+        loads: Sequence[Load],
+        mass: Floats,
+        petsc_options: Mapping[str, Any] | None,
+        *,
+        flows: bool,
+    ) -> None:
+        """Find the bodies that nothing holds, and make the solvers."""
+        self._bulk, self._tangent, self._rates, self._scheme = bulk, tangent, rates, scheme
+        self._bodies = bodies
+        V, dim = bulk.u.function_space, bulk.rigid.dim
+        n = V.dofmap.index_map.size_local
+        X: Floats = V.tabulate_dof_coordinates()[:n]
+        self.sizes = cell_sizes(V)
+        self.mass: Floats = mass[::dim]
+        free: Sequence[FreeBody] = ()
+        if self._is_static:
+            free = find_free_bodies(bodies, bulk, tangent, X)
+        self.relief = InertiaRelief(free, tangent, self.mass, dim)
+        if free:
+            bulk.stabilisation = self.relief.resistance
+            tangent.shift = self.relief.shift
+            tangent.num_free = self.relief.num_motions
+            tangent.forget()
+        self.linear = LinearSolver(bulk, tangent, partial(rates.inertia_share, mass), petsc_options)
+        surroundings: ContactSurroundings | None = None
+        if not (self._is_static or bulk.rigid.exists or flows):
+            surroundings = ContactSurroundings(bulk, self.linear, self.sizes)
+        # What all attempts have in common, by the arguments of `newton.solve`.
+        self._common: dict[str, Any] = {
+            "X": X,
+            "relief": self.relief,
+            "sizes": self.sizes,
+            "inertia": not self._is_static,
+            "jumps": flows,
+            "surroundings": surroundings,
+        }
+        states = joint_states(contacts)
+        self.sleeping = SleepingBodies(bulk, tangent, self.sizes, bodies, states, loads)
+        self.free: Floats | None = None
+        if bulk.supports.exist:
+            self.free = np.ones((n, dim))
+            self.free.ravel()[bulk.supports.fixed] = 0
+
+    @property
+    def _is_static(self) -> bool:
+        """Whether there is no inertia. Local."""
+        return self._rates.acceleration is None
+
+    def solve(
+        self,
+        start: Start,
+        problem: StepProblem,
+        way_from: Callable[[Start, Sequence[ContactStep]], GivenWay],
+        timings: Timings,
+        *,
+        all_awake: bool = False,
+        drag: Drag | None = None,
+        after: Sequence[ContactStep] = (),
+    ) -> tuple[list[ContactStep], newton.Solution]:
+        """Solve the step.
+
+        Args:
+            start: Where Newton's method starts.
+            problem: What is given in the step.
+            way_from: Finds what is led has still to go from the start.
+            timings: Receives the wall time of the phases.
+            all_awake: Whether bodies that sleep are computed, too.
+            drag: Resistance to all motions, if any.
+            after: Contact at the end of an attempt, as which it begins here, if there was one.
+        """
+        rates = self._rates
+        self._bulk.u.x.array[:] = start.u
+        with timings.phase("contact"):
+            steps = self._contact_steps(problem, start.begins_sticking)
+            if after:
+                go_on_from(steps, after)
+        # Bodies that only contact holds go as far as it takes to touch others.
+        if not (all_awake or self.relief.bodies):
+            self.sleeping.find(rates.v.x.array, rates.u_n.x.array, steps)
+        way = way_from(start, steps)
+        solution = newton.solve(
+            self._bulk,
+            self.linear,
+            steps,
+            way=way,
+            at_rest=rates.at_rest and drag is None,
+            force_scale=problem.force_scale,
+            timings=timings,
+            drag=drag,
+            begins_sticking=start.begins_sticking,
+            **self._common,
+        )
+        way.leave()
+        return steps, solution
+
+    def _contact_steps(self, problem: StepProblem, begins_sticking: bool) -> list[ContactStep]:
+        """Contact of the pairs that may touch, at the beginning of an attempt."""
+        stiffness = contact_stiffness(
+            self._tangent.nodal_stiffness(), self._bodies, self.mass, self._rates
+        )
+        x_n, x_trial, scheme = problem.x_n, problem.x_trial, self._scheme
+        states: Sequence[PairState | JointState] = self.sleeping.states
+        if not self._is_static:
+            way = reductions.largest(self._bulk.comm, _kernels.farthest(x_n, x_trial))
+            states = [state for state in states if may_face(state, x_n, way)]
+        return [
+            ContactStep(
+                *(state, scheme.contact, x_n, x_trial, stiffness, self.free, self._is_static),
+                self._bulk.rigid.nodes,
+                problem.on_the_way,
+                scheme.stress_share,
+                begins_sticking,
+            )
+            for state in states
+        ]
