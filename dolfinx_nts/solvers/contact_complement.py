@@ -26,6 +26,7 @@ from dolfinx_nts.common.arrays import Array, Flags, Floats, GlobalInts
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.contact_blocks import ContactBlocks
 from dolfinx_nts.solvers.elimination import ActivePairs, Elimination
+from dolfinx_nts.solvers.mobility import Mobility
 from dolfinx_nts.solvers.preconditioner import BulkPreconditioner
 from dolfinx_nts.solvers.tangent import Tangent
 
@@ -69,9 +70,17 @@ class ContactComplement:
         self._response = _response(self._among_reached, *_dense(nodes, contacts, self._dim))
 
     def condensed(
-        self, R: Floats, pairs: Sequence[ActivePairs], is_point: Flags, present: Floats
+        self,
+        R: Floats,
+        pairs: Sequence[ActivePairs],
+        is_point: Flags,
+        present: Floats,
+        mobility: Mobility | None = None,
     ) -> tuple[Floats, Floats] | None:
-        """How forces at points move them, see `contact_decisions.System`. Collective."""
+        """How forces at points move them, see `contact_decisions.System`. Collective.
+
+        ``mobility`` is that of free bodies beside the factors, if there are any.
+        """
         # Forces that turn with surfaces make bodies unstable whose stress the factors do not know.
         contacts = [
             blocks._replace(tangent_nodes=blocks.tangent_nodes[:0], tangent=blocks.tangent[:0])
@@ -84,16 +93,20 @@ class ContactComplement:
         gaps = np.concatenate([values for part in parts for values in part])
         alone = self._bulk.responses(-np.asfortranarray(R[:, None]))
         S, s = self._among_reached, self._at_known(alone)[self._reached]
+        if mobility is not None:
+            motions = np.array([self._at_known(m)[self._reached] for m in mobility.motions])
+            S = S + motions.T @ mobility.compliance @ motions
+            s += mobility.by(self._tangent.comm, -R) @ motions
         by_points = S @ F[:, is_point]
         A, m = _system(S, C, F[:, ~is_point], G[~is_point]), len(s)
         right = np.zeros((len(A), 1 + len(present)))
         right[:m] = np.column_stack([s + by_points @ present, by_points])
         right[m:, 0] = -gaps[~is_point]
         try:
-            motions = G[is_point] @ np.linalg.solve(A, right)[:m]
+            moved = G[is_point] @ np.linalg.solve(A, right)[:m]
         except np.linalg.LinAlgError:
             return None
-        return motions[:, 1:], motions[:, 0] + gaps[is_point]
+        return moved[:, 1:], moved[:, 0] + gaps[is_point]
 
     def _gathered(self, pairs: Sequence[ActivePairs]) -> list[ContactBlocks]:
         """Pairs of all ranks, rank by rank. Collective."""

@@ -8,6 +8,7 @@ from dolfinx_nts.common.arrays import Flags, Floats
 from dolfinx_nts.solvers.contact_complement import ContactComplement
 from dolfinx_nts.solvers.contact_schwarz import ContactSchwarz
 from dolfinx_nts.solvers.elimination import ActivePairs, Elimination
+from dolfinx_nts.solvers.inertia_relief import InertiaRelief
 from dolfinx_nts.solvers.preconditioner import BulkPreconditioner
 from dolfinx_nts.solvers.tangent import Tangent
 
@@ -48,7 +49,7 @@ class ContactCorrections:
 
     def __init__(self, tangent: Tangent, bulk: BulkPreconditioner) -> None:
         """Create both, of which the first is the present one."""
-        self._bulk = bulk
+        self._tangent, self._bulk = tangent, bulk
         self._schwarz, self._complement = ContactSchwarz(tangent), ContactComplement(tangent, bulk)
         self._present: _Correction = self._schwarz
         self._schwarz_is_poor = False
@@ -90,16 +91,24 @@ class ContactCorrections:
         self._present.correct(r, z)
 
     def condensed(
-        self, R: Floats, pairs: Sequence[ActivePairs], is_point: Flags, present: Floats
+        self,
+        R: Floats,
+        pairs: Sequence[ActivePairs],
+        is_point: Flags,
+        present: Floats,
+        *,
+        relief: InertiaRelief,
     ) -> tuple[Floats, Floats] | None:
         """How forces at points move them, see `contact_decisions.System`.
 
-        None where there are many, and without good factors of the bulk.
+        ``relief`` knows how free bodies move. None where points are many, and without good factors
+        of the bulk.
         """
         is_known = self._bulk.point is not None and self._bulk.has_responses
         if not is_known or len(present) > _MOST_FORCES:
             return None
-        return self._complement.condensed(R, pairs, is_point, present)
+        mobility = relief.mobility(self._bulk.in_addition, self._tangent.drag)
+        return self._complement.condensed(R, pairs, is_point, present, mobility)
 
     def serialize(self, archive: Archive, active_version: int) -> None:
         """Serialize what a later step goes on with, after the factors of the bulk.

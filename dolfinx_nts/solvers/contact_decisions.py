@@ -15,8 +15,9 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Tied
-from dolfinx_nts.contact.implicit.contact_step import ContactStep, decide
+from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
+from dolfinx_nts.contact.implicit.decided_step import decide
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers import friction_cones
@@ -27,9 +28,9 @@ __all__ = ["System", "decided", "may_be_decided"]
 
 
 class System(Protocol):
-    """A linear system that can be condensed to points of contact."""
+    """Condenses a linear system to points of contact."""
 
-    def condensed(
+    def __call__(
         self, R: Floats, pairs: Sequence[ActivePairs], is_point: Flags, present: Floats
     ) -> tuple[Floats, Floats] | None:
         """Motions y = W f + q of points by the forces on them. Collective.
@@ -46,9 +47,15 @@ class System(Protocol):
         """
 
 
-def may_be_decided(steps: Sequence[ContactStep]) -> bool:
-    """Whether there is friction at pairs on which can be decided. Local, the same on all ranks."""
-    return any(_takes_part(step) and step.state.pair.friction is not None for step in steps)
+def may_be_decided(steps: Sequence[ContactStep], inertia: bool) -> bool:
+    """Whether there are pairs on which is to be decided. Local, the same on all ranks.
+
+    With inertia active sets without friction are found node by node. Without, bodies that contact
+    alone holds go far by each node that is wrong.
+    """
+    return any(
+        _takes_part(step) and not (inertia and step.state.pair.friction is None) for step in steps
+    )
 
 
 def decided(
@@ -57,26 +64,27 @@ def decided(
     R: Floats,
     steps: Sequence[ContactStep],
     states: Sequence[ContactContribution],
+    inertia: bool,
 ) -> tuple[ContactContribution, ...] | None:
     """Let all points obey the conditions of contact and friction in the next iterate. Collective.
 
     Args:
-        system: Linear system of the iteration.
+        system: Condenses the linear system of the iteration.
         comm: Communicator of the mesh.
         R: Residual on the owned dofs [N].
         steps: Contact attempts, which take over what is decided.
         states: Their last evaluations.
+        inertia: Whether there is any.
 
     Returns:
-        The evaluations with the states that were decided. None if nothing was: where no pair with
-        friction is near, as active sets are found without that; in large systems; where no forces
-        obey.
+        The evaluations with the states that were decided. None if nothing was: where no pair is
+        near on which is to be decided; in large systems; where no forces obey.
     """
     near = reductions.total(comm, np.array([len(state.active) for state in states])) > 0
     takes_part = [bool(n) and _takes_part(step) for n, step in zip(near, steps, strict=True)]
     deciding = [i for i, takes in enumerate(takes_part) if takes]
     laws = {i: law for i in deciding if (law := steps[i].friction.decided) is not None}
-    if not may_be_decided([steps[i] for i in deciding]):
+    if not may_be_decided([steps[i] for i in deciding], inertia):
         return None
     dim = dimension(steps[0].state.nodes.V)
     pairs, is_decided = [], []
@@ -94,7 +102,7 @@ def decided(
     )
     parts = comm.allgather(own)
     present, mu, is_point = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-    condensed = system.condensed(R, pairs, is_point, present.ravel())
+    condensed = system(R, pairs, is_point, present.ravel())
     found = None if condensed is None else _solution(*condensed, mu, dim)
     if found is None:
         return None

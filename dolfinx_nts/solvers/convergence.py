@@ -1,10 +1,12 @@
 """Convergence of Newton's method: what the residual of an iterate says of it."""
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
@@ -41,6 +43,10 @@ _LAST_DIGITS = 4 * _EPS
 _MOST_LONG = 12
 # Reduction of the residual [-] that is too little if states do not contradict themselves.
 _LITTLE_REDUCTION = 0.1
+# Iterations from the first one in which states of contact that contradict themselves may be decided
+# all at once, and the period of that later: in between multipliers tell, as they do at points of
+# which round-off decides whether they stick.
+_FIRST_DECISIONS, _DECISION_PERIOD = 3, 5
 # Residual without inertia, relative to the forces at work [-], below which nodes are decided on one
 # by one: factors of an earlier state do not tell which of them hardly stick or hardly slide.
 _MARGINAL = 1e-5
@@ -178,9 +184,9 @@ class Convergence:
         reactions, contact = iterate.forces[fixed], iterate.R_contact
         squares = [R @ R, contact @ contact, reactions @ reactions]
         squares.append(_round_off_of_contact(states, iterate.x) ** 2)
-        sums = reductions.total(self._bulk.comm, np.array([*squares, *counts]))
-        norm, contact_norm, reaction, steep = np.sqrt(sums[:4]).tolist()
-        changed, failed, num_open, num_given = (int(value) for value in sums[4:])
+        sums = reductions.total(self._bulk.comm, list(map(float, [*squares, *counts])))
+        norm, contact_norm, reaction, steep = map(math.sqrt, sums[:4])
+        changed, failed, num_open, num_given = map(int, sums[4:])
         self.norms.append(norm)
         self._given = self._given + 1 if num_given else 0
         self._changes += changed
@@ -206,7 +212,7 @@ class Convergence:
         if self._is_polished or not self.iteration or self._du_norm <= self._scales.increment:
             return False
         self._is_polished = True
-        rounding = _GAP_ROUNDING * float(np.abs(x).max(initial=0.0))
+        rounding = _GAP_ROUNDING * _kernels.largest_size(x)
         return reductions.anywhere(self._bulk.comm, bool(excess > rounding))
 
     def take_back(self, moved: int) -> None:
@@ -226,12 +232,15 @@ class Convergence:
     def is_doubtful(self, seen: Measures) -> bool:
         """Whether states of contact should be decided on all at once. Local.
 
-        Without inertia forces of the first guess tell little, and one node changes by itself.
+        Without inertia forces of the first guess tell little, and one node changes by itself; far
+        from equilibrium each iteration may be of other nodes.
         """
+        later = self.iteration % _DECISION_PERIOD == _DECISION_PERIOD - 1
+        is_due = self.iteration < _FIRST_DECISIONS or later
         if self._inertia:
-            return seen.changed > 0 or seen.is_open or self._is_slow(seen)
-        is_far = self.iteration > 0 and seen.norm > _MARGINAL * seen.scale
-        return is_far and seen.changed > 1
+            return is_due and (seen.changed > 0 or seen.is_open or self._is_slow(seen))
+        most = _MARGINAL if is_due else _SETTLED
+        return self.iteration > 0 and seen.changed > 1 and seen.norm > most * seen.scale
 
     def _is_slow(self, seen: Measures) -> bool:
         """Whether the last increment has not brought the iterate much nearer. Local."""
@@ -311,7 +320,7 @@ def _round_off(bulk: Bulk, stiffness: Floats, sizes: CellSizes) -> float:
     u = bulk.u.x.array[: bulk.num_owned].reshape(-1, bulk.rigid.dim)
     length = np.sqrt((u * u) @ np.ones(bulk.rigid.dim))
     forces = _EPS * stiffness * (sizes.nodal + length)
-    return float(np.sqrt(reductions.total(bulk.comm, forces @ forces)))
+    return math.sqrt(reductions.total(bulk.comm, float(forces @ forces)))
 
 
 def _round_off_of_contact(states: Sequence[ContactContribution], x: Floats) -> float:
@@ -323,4 +332,4 @@ def _round_off_of_contact(states: Sequence[ContactContribution], x: Floats) -> f
     slopes = sum(float(np.vdot(state.slopes, state.slopes)) for state in states)
     if slopes == 0:
         return 0.0
-    return float(_EPS * np.abs(x).max(initial=0.0) * np.sqrt(slopes))
+    return _EPS * _kernels.largest_size(x) * math.sqrt(slopes)

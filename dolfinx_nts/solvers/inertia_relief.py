@@ -12,7 +12,7 @@ which leave the equilibrium as it is:
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -26,6 +26,7 @@ from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.free_bodies import FreeBody
+from dolfinx_nts.solvers.mobility import Mobility
 from dolfinx_nts.solvers.tangent import Tangent
 
 __all__ = ["InertiaRelief"]
@@ -59,6 +60,8 @@ class _Relief:
         gram: Products of both, shape ``(k, k)`` [kg].
         force: What inertia carries, shape ``(n, 3)`` [N].
         share: Its part of the forces at work [-].
+        free: All free motions at the owned nodes, shape ``(f, n, 3)`` [-].
+        held: Those that are not made, as sums of the free ones, shape ``(f, k)``.
         driven: What is driven away, in words; empty if nothing is.
     """
 
@@ -66,14 +69,17 @@ class _Relief:
     weighted: Floats
     gram: Floats
     force: Floats
+    free: Floats
+    held: Floats
     share: float = 0.0
     driven: str = ""
 
     @classmethod
-    def none(cls, nodal: Floats) -> "_Relief":
-        """Keep nothing; ``nodal`` has the shape of the force."""
-        empty = np.zeros((0, nodal.size))
-        return cls(empty, empty, np.zeros((0, 0)), np.zeros_like(nodal))
+    def none(cls, free: Floats, driven: str = "") -> "_Relief":
+        """Make all free motions."""
+        nodal = np.zeros(free.shape[1:])
+        empty, gram = np.zeros((0, nodal.size)), np.zeros((0, 0))
+        return cls(empty, empty, gram, nodal, free, np.zeros((len(free), 0)), driven=driven)
 
 
 class InertiaRelief:
@@ -118,7 +124,7 @@ class InertiaRelief:
     def begin(self) -> None:
         """Begin a solution, without any force."""
         self._limit = _DRIVING
-        self._relief = _Relief.none(self._label)
+        self._relief = _Relief.none(np.zeros((self.num_motions, *self._label.shape)))
         self._driven: list[str] = []
 
     @property
@@ -149,13 +155,13 @@ class InertiaRelief:
         if not self.bodies:
             return R
         total = R.reshape(self.force.shape) + self.force
-        motions = np.zeros((self.num_motions, *total.shape))
+        free = np.zeros((self.num_motions, *total.shape))
         for body, columns in zip(self.bodies, self._columns, strict=True):
-            motions[columns, body.nodes] = body.at(x[body.nodes])[..., : total.shape[1]]
+            free[columns, body.nodes] = body.at(x[body.nodes])[..., : total.shape[1]]
         pressing = sum(float(np.abs(step.normal.lambda_N).sum()) for step in steps)
         pressing = reductions.total(self._comm, pressing)
         neutral = self._neutral(steps, states, pressing > _NEGLIGIBLE * scale)
-        motions = np.einsum("ik,inj->knj", neutral, motions)
+        motions = np.einsum("ik,inj->knj", neutral, free)
         modes = motions.reshape(len(motions), R.size)
         weighted = (self._mass * motions).reshape(len(motions), R.size)
         sums = np.column_stack([weighted @ modes.T, modes @ total.ravel()])
@@ -170,9 +176,9 @@ class InertiaRelief:
         self._driven.append(driven)
         if len(f) and share <= self._limit:
             carried = (np.linalg.solve(gram, f) @ weighted).reshape(total.shape)
-            self._relief = _Relief(modes, weighted, gram, carried, share, driven)
+            self._relief = _Relief(modes, weighted, gram, carried, free, neutral, share, driven)
         else:
-            self._relief = replace(_Relief.none(self._label), driven=driven)
+            self._relief = _Relief.none(free, driven)
         return (total - self.force).ravel()
 
     def resistance(self, x: Floats) -> Floats:
@@ -183,6 +189,21 @@ class InertiaRelief:
             amount = self._amount(x.ravel())
             y += self._stiffness * (amount @ relief.weighted).reshape(x.shape)
         return y
+
+    def mobility(self, added: Floats | float, drag: Floats | float) -> Mobility | None:
+        """How forces move free bodies beside what factors tell; None without any. Collective.
+
+        Motions that nothing resists, as the last call of `relieve` found, are not made, all others
+        as a body falls.
+
+        Args:
+            added: Stiffness that the matrix of the factors has in addition, shape ``(n, 1)`` [N/m].
+            drag: That of a present resistance, of the same shape or of all nodes [N/m].
+        """
+        if not self.bodies:
+            return None
+        relief, falling = self._relief, _FALLING * self.shift + drag
+        return Mobility.of(self._comm, relief.free, relief.held, added, falling)
 
     def settles(self) -> bool:
         """Whether what was taken away is negligible; otherwise bodies move from now on. Local."""

@@ -10,6 +10,7 @@ system is factorised.
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.contact_corrections import ContactCorrections
 from dolfinx_nts.solvers.contact_decisions import System, decided, may_be_decided
 from dolfinx_nts.solvers.elimination import ActivePairs, Elimination, active_pairs
+from dolfinx_nts.solvers.inertia_relief import InertiaRelief
 from dolfinx_nts.solvers.petsc_options import PetscOptions
 from dolfinx_nts.solvers.preconditioner import BulkPreconditioner
 from dolfinx_nts.solvers.projected_krylov import (
@@ -277,6 +279,7 @@ class LinearSolver:
         steps: Sequence[ContactStep],
         states: Sequence[ContactContribution],
         inertia: bool,
+        relief: InertiaRelief,
     ) -> tuple[ContactContribution, ...] | None:
         """States of contact that obey all conditions of the linear system. Collective.
 
@@ -285,16 +288,17 @@ class LinearSolver:
             steps: Contact attempts.
             states: Their pairs.
             inertia: Whether there is any.
+            relief: Knows how free bodies move.
 
         Returns:
             The pairs with these states, None if nothing was decided, see `contact_decisions`.
         """
-        if not may_be_decided(steps):
+        if not may_be_decided(steps, inertia):
             return None
-        system = self._decidable(steps, states, inertia)
+        system = self._decidable(steps, states, inertia, relief)
         if system is None:
             return None
-        return decided(system, self._operator.bulk.comm, R, steps, states)
+        return decided(system, self._operator.bulk.comm, R, steps, states, inertia)
 
     def falling_motion(
         self, steps: Sequence[ContactStep], states: Sequence[ContactContribution], seed: int
@@ -338,23 +342,28 @@ class LinearSolver:
         return self._krylov.falling_motion(np.sqrt(stiffness), numbers)
 
     def _decidable(
-        self, steps: Sequence[ContactStep], states: Sequence[ContactContribution], inertia: bool
+        self,
+        steps: Sequence[ContactStep],
+        states: Sequence[ContactContribution],
+        inertia: bool,
+        relief: InertiaRelief,
     ) -> System | None:
         """The system whose points may be decided on all at once. Collective.
 
         With inertia these are the points of small systems in which nothing is eliminated;
-        elsewhere multipliers tell node by node. Without, where nodes feel each other far around,
-        those of all bodies that supports hold.
+        elsewhere multipliers tell node by node. Without, where nodes feel each other far around
+        and bodies may have no other hold, those of all deformable bodies.
         """
         bulk = self._operator.bulk
         if not inertia:
-            is_held = not (bulk.rigid.exists or self.tangent.num_free)
-            return self._contacts if is_held else None
+            condense = partial(self._contacts.condensed, relief=relief)
+            return None if bulk.rigid.exists else condense
         if not self._saddle.may_be_small:
             return None
         pairs = active_pairs(steps, states, bulk.rigid.dim)
         self._active_sets.number(pairs)
-        return self._saddle if pairs and self._active_sets.are_coupled(pairs) else None
+        is_whole = pairs and self._active_sets.are_coupled(pairs)
+        return self._saddle.condensed if is_whole else None
 
     @property
     def statistics(self) -> SolverStatistics:

@@ -6,9 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.timing import Timings
-from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual, predict
+from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual
+from dolfinx_nts.contact.implicit.decided_step import predict
 from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
@@ -40,10 +42,6 @@ _LONGEST_FALL = 0.2
 # Residual, relative to the target, below which no line is searched [-]: Newton's method is at its
 # end, and works of increments are round-off soon.
 _NEARLY_SOLVED = 1e3
-# Iterations from the first one in which states of contact that contradict themselves may be decided
-# all at once, and the period of that later: in between multipliers tell, as they do at points of
-# which round-off decides whether they stick.
-_FIRST_DECISIONS, _DECISION_PERIOD = 3, 5
 # Reductions asked of the linear solver [-]: the least; the first, as active sets let
 # residuals fall by no more than a tenth.
 _LEAST_REDUCTION, _FIRST_REDUCTION = 0.3, 0.03
@@ -126,8 +124,10 @@ def solve(
     target = 0.0  # of the last residual, as it is measured
     relief.begin()
     search = LineSearch(bulk) if jumps else None
+    # Factors that statics decides with do not know of metals that flow.
+    may_decide = (inertia or not jumps) and not begins_sticking
     num_settled = 0  # evaluations of contact beside those of the iterations
-    farthest = float(np.abs(X + in_space(nodes)).max(initial=0.0))
+    farthest = _kernels.largest_size(X + in_space(nodes))
     convergence = Convergence(
         bulk,
         steps,
@@ -183,12 +183,13 @@ def solve(
                 continue
 
         states = way.change(states)
-        if convergence.is_doubtful(seen) and _may_decide(iteration) and not begins_sticking:
+        if may_decide and convergence.is_doubtful(seen):
             with timings.phase("solve"):
-                decided = solver.decided(R, steps, states, inertia)
+                decided = solver.decided(R, steps, states, inertia, relief)
             if decided is not None:
                 states = decided
-                R = R_bulk + contact_residual(steps, states, (len(X), dim))
+                R_contact = contact_residual(steps, states, (len(X), dim))
+                R = R_bulk - relief.force.ravel() + R_contact
                 R = way.pull(bulk.rigid.balance(nodes, R.reshape(-1, dim)).ravel(), states)
         with timings.phase("solve"):
             rtol = _forcing(convergence.norms, seen.target)
@@ -204,7 +205,7 @@ def solve(
             for step, state, d in zip(steps, states, dlambda, strict=True):
                 step.add_multipliers(state, d)
                 predict(step, state, du.reshape(-1, dim))
-        du_norm = reductions.largest(bulk.comm, float(np.abs(du).max(initial=0.0)))
+        du_norm = reductions.largest(bulk.comm, _kernels.largest_size(du))
         longest = _LONGEST_FALL if bulk.rigid.has_no_inertia else _LONGEST_INCREMENT
         longest *= sizes.smallest
         if not bulk.rigid.has_no_inertia:
@@ -223,12 +224,6 @@ def solve(
                     step.close_gaps(state, x, nodes)
         bulk.u.x.scatter_forward()
         convergence.advance(du_norm, is_long=du_norm > longest)
-
-
-def _may_decide(iteration: int) -> bool:
-    """Whether states of contact are decided all at once in an iteration. Local."""
-    later = iteration % _DECISION_PERIOD == _DECISION_PERIOD - 1
-    return iteration < _FIRST_DECISIONS or later
 
 
 def _forcing(norms: Sequence[float], target: float) -> float:

@@ -55,6 +55,7 @@ class BulkPreconditioner:
 
     Attributes:
         point: `Tangent.point` of the factors; None before the first.
+        in_addition: `Tangent.in_addition` of the factors.
         num_builds: Factorisations so far.
 
     ``str`` tells the kind of the factors, of the last ones where the next are not made yet.
@@ -67,6 +68,7 @@ class BulkPreconditioner:
         self._factors: BlockILU | CompleteFactors | _PetscFactors | None = None
         self._strength, self._last_kind = 0, ""
         self.point: Sequence[Array] | None = None
+        self.in_addition: Floats | float = 0.0
         self.num_builds = 0
 
     def __str__(self) -> str:
@@ -113,7 +115,7 @@ class BulkPreconditioner:
         while not self._factors.build():
             self.strengthen()
             self._factors = self._made()
-        self.point = self._tangent.point
+        self.point, self.in_addition = self._tangent.point, self._tangent.in_addition
         self.num_builds, self._last_kind = self.num_builds + 1, str(self._factors)
 
     def strengthen(self, *, fully: bool = False) -> None:
@@ -136,10 +138,10 @@ class BulkPreconditioner:
         self._strength = most if at_once else self._strength + 1
         self._factors = None
 
-    def apply(self, pc: Any, r: Any, z: Any) -> None:
-        """Set z to the solution for r; called by PETSc. Collective."""
+    def solve(self, b: Floats) -> Floats:
+        """Solution for b, nodal vectors of shape ``(n, d)``. Collective."""
         assert self._factors is not None
-        self._factors.apply(pc, r, z)
+        return self._factors.solve(b)
 
     @property
     def is_incomplete(self) -> bool:
@@ -238,10 +240,14 @@ class _PetscFactors:
         if self._pc is not None:
             self._pc.destroy()
         self._pc, *self._contexts = self._make()
+        self._x, self._b = self._pc.getOperators()[1].createVecs()
         return True
 
-    def apply(self, _pc: Any, r: Any, z: Any) -> None:
-        self._pc.apply(r, z)
+    def solve(self, b: Floats) -> Floats:
+        self._b.array[:] = b.ravel()
+        self._pc.apply(self._b, self._x)
+        x: Floats = self._x.array.copy()
+        return x.reshape(b.shape)
 
     def solve_all(self, b: Floats) -> Floats:
         """Solve with the factors of a matrix for the columns of an array. Collective."""

@@ -40,6 +40,7 @@ class Tangent(AddedStiffness):
     Attributes:
         comm: Communicator of the mesh.
         shift, num_free, drag: Those of `AddedStiffness`.
+        in_addition: What the last matrix got of them, shape ``(n, 1)`` or of all nodes [N/m].
         num_assembled: Matrices assembled so far. It tells the values of the
             last one from those of others.
         point: What `restore` needs to make the last matrix again: the values
@@ -69,6 +70,7 @@ class Tangent(AddedStiffness):
         self._stiffness = NodalStiffness(u.function_space, self._supports.fixed, bodies)
         self.point: Sequence[Array] | None = None
         self.num_assembled = 0
+        self.in_addition: Floats | float = 0.0
 
     @property
     def rows(self) -> BlockCSR:
@@ -209,6 +211,7 @@ class Tangent(AddedStiffness):
         csr.scatter_reverse()
         self._rows.set_diagonal(self._supports.fixed, 1.0)
         self._rows.add_to_diagonal(self.added(self.held, is_exact=is_exact))
+        self.in_addition = self.added(0.0, is_exact=is_exact)
         stiffness = self._stiffness.of(self._rows)
         self._stiffness.values = stiffness + self._add_to(self._rows)
         self.num_assembled += 1

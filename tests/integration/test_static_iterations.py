@@ -74,6 +74,38 @@ def test_a_strip_begins_to_slide_with_few_iterations(comm):
 
 
 @pytest.mark.serial
+@pytest.mark.parametrize("load", [150.0, 1500.0])
+def test_a_pin_finds_its_place_in_a_hole_with_few_iterations(comm, load):
+    """Contact alone holds it: where nodes are decided one by one it goes to and fro 446 times."""
+    radius, hole, plate = 0.1, 0.1002, 0.25
+
+    def build(model):
+        pin, whole, inner = (model.occ.addDisk(0, 0, 0, r, r) for r in (radius, plate, hole))
+        model.occ.cut([(2, whole)], [(2, inner)])
+        model.occ.synchronize()
+        for tag, name in ((pin, "pin"), (whole, "plate")):
+            model.addPhysicalGroup(2, [tag], name=name)
+            model.mesh.setRecombine(2, tag)
+        model.mesh.setSize(model.getEntities(0), 0.02)
+        model.mesh.generate(2)
+
+    mesh, cells, _, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+    rubber = nts.NeoHookean(1e6, 0.3, 1e3)
+    bodies = [nts.Body(V, cells, tag[name], rubber) for name in ("pin", "plate")]
+    pair = nts.ContactPair(*map(nts.boundary_of, bodies))
+    rim = fem.locate_dofs_geometrical(V, lambda x: np.hypot(x[0], x[1]) > 0.999 * plate)
+    weight = nts.Gravity(bodies[:1], (0.0, -load / (1e3 * np.pi * radius**2)))
+    bcs = [fem.dirichletbc(np.zeros(2), rim, V)]
+    stepper = nts.QuasiStatic(bodies, [pair], dt=1.0, bcs=bcs, loads=[weight])
+    step = stepper.advance()
+    assert step.newton_iterations <= 20
+    (reaction,) = step.reactions
+    # The hole is a polygon, and so is the pin, whose weight is less by that.
+    assert reaction.force[1] == pytest.approx(load, rel=0.03)
+
+
+@pytest.mark.serial
 def test_springs_hold_a_belt_with_few_iterations():
     """Gaps that are left where it turns and goes around, times stiffness, decide on nothing."""
     stepper = belt(0.1, nts.Penalty()).stepper

@@ -20,6 +20,8 @@ __all__ = ["MultiplierContact"]
 # Gap, relative to the size of a segment [-], up to which nodes are moved along their normals
 # between Newton iterations.
 _CLOSE = 0.01
+# Gap, relative to the size of a segment [-], up to which nodes may close it in an iteration.
+_NEAR = 0.1
 # Depth, relative to the size of a segment [-], by which a step may make a node deeper that another
 # one keeps from being held, and how often nodes are chosen anew in a step because of that.
 _SUNK, _MOST_CHOICES = 0.05, 2
@@ -49,6 +51,7 @@ class MultiplierContact(NormalContact):
     ) -> None:
         """Choose the eligible nodes; begin with those of them that were held in the last step."""
         # Elastic impact holds gaps; in statics there is no impact.
+        self._reach = _NEAR if is_static else 0.0
         self._holds, self._law = law.holds_gaps and not is_static, law
         # Contact points are others in each step: the mean gap of a node that stays in contact
         # would do work if it had to become 0 again.
@@ -111,10 +114,14 @@ class MultiplierContact(NormalContact):
         return self._eligible if self._holds else super().may_touch
 
     def needs(self, x: Floats, node: Ints) -> Flags | None:
-        """Whether the kinematics of nodes matter: all others are open and inactive."""
+        """Whether the kinematics of nodes matter: all others are open and inactive.
+
+        In statics those of nodes that the next increment may close do, as is decided beside others.
+        """
         if self._holds:
             return super().needs(x, node)
-        return self.active[node] | self._stays[node] | (self._gaps(x, node) < 0)
+        near = self._gaps(x, node) < self._reach * self._state.segment_sizes[node]
+        return self.active[node] | self._stays[node] | near
 
     def _target(self, pairs: PairKinematics) -> Floats:
         """Gaps that multipliers hold, shape ``(m,)`` [m]."""

@@ -31,22 +31,6 @@ Pair<S> load(std::span<const double> x, std::size_t i,
   return pair;
 }
 
-/// @brief Write values to row i of an array.
-template <std::size_t N>
-void store(const std::array<double, N>& values, std::span<double> out,
-           std::size_t i) noexcept
-{
-  std::copy(values.begin(), values.end(), out.begin() + N * i);
-}
-
-template <std::size_t R, std::size_t C>
-void store(const Matrix<R, C>& values, std::span<double> out,
-           std::size_t i) noexcept
-{
-  for (std::size_t r = 0; r < R; ++r)
-    store(values[r], out, R * i + r);
-}
-
 /// @brief Where the contact batch writes, sizes as in `Contact` times m.
 struct ContactArrays
 {
