@@ -36,8 +36,9 @@ class OverlapWatch:
     """Looks for overlaps when bodies have moved, and tells of each kind the deepest.
 
     A kind is what is wrong. A run tells it when it is new, and again when it is deeper by a tenth
-    of a facet or reaches the centres of cells; of others it tells the number. Collective, as are
-    all its methods.
+    of a facet or reaches the centres of cells; of others it tells the number. What it has told of
+    two bodies it tells again only when it is more than twice as deep or reaches the centres of
+    cells. Collective, as are all its methods.
 
     Args:
         bodies: The bodies.
@@ -59,7 +60,7 @@ class OverlapWatch:
         """Begin with nothing seen; boundaries are found at the first look."""
         self._bodies, self._contacts, self._clear = tuple(bodies), tuple(contacts), clear
         self.deepest: dict[frozenset[str], Overlap] = {}
-        # Depth and number of cells that are known of two, infinite where a run has told them.
+        # Depth and number of cells that are known of two, twice the depth where a run has told it.
         self._known: dict[frozenset[str], tuple[float, float]] = {}
         # The deepest overlap of each kind that a run has told, and those that it has not told.
         self._told: dict[str, Overlap] = {}
@@ -174,7 +175,7 @@ class OverlapWatch:
         if self._moved:
             new = self._new(x, t, _IN_RUN, selves)
             self._moved = selves is not None
-            self._known |= {names: (np.inf, np.inf) for _, names in new}
+            self._known |= {names: (2 * overlap.depth, overlap.cells) for overlap, names in new}
             kinds = _by_kind({overlap: self._in_run(overlap) for overlap, _ in new})
             for kind, overlaps in kinds.items():
                 self._tell(kind, overlaps, t)

@@ -207,3 +207,48 @@ def test_explicit_ring_keeps_its_momenta_and_its_energy_to_one_per_cent(comm):
     for name in ("linear_momentum", "angular_momentum"):
         change = np.abs(getattr(after, name) - getattr(before, name)).max()
         assert change < CONSERVED * scale, name
+
+
+def cracked_block(comm):
+    """A block of 1 m x 1 m in the plane with a closed crack from its middle to its right side."""
+    n = 8
+
+    def build(model):
+        t = np.linspace(0.0, 1.0, n + 1)
+        x, y = np.meshgrid(t, t, indexing="ij")
+        points = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
+        below = np.arange(x.size).reshape(x.shape)
+        above = below.copy()
+        opened = t > 0.5
+        above[opened, n // 2] = x.size + np.arange(np.count_nonzero(opened))
+        points = np.vstack([points, points[below[opened, n // 2]]])
+        quads = []
+        for i, j in np.ndindex(n, n):
+            number = above if j >= n // 2 else below
+            corners = ((i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1))
+            quads += [number[corner] + 1 for corner in corners]
+        entity = model.addDiscreteEntity(2)
+        model.mesh.addNodes(2, entity, range(1, len(points) + 1), points.ravel())
+        model.mesh.addElementsByType(entity, 3, range(1, n * n + 1), quads)
+        model.addPhysicalGroup(2, [entity], name="block")
+
+    mesh, cells, _, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+    return nts.Body(V, cells, tag["block"], RUBBER)
+
+
+@pytest.mark.parametrize("law", ["elastic", once("penalty"), once("rubbing springs")])
+def test_walls_of_a_crack_that_starts_closed_are_kept_apart(comm, law):
+    body = cracked_block(comm)
+    whole = nts.boundary_of(body)
+    pair = nts.ContactPair(whole, whole, **LAWS[law])
+    stepper = nts.EnergyMomentum([body], [pair], dt=2e-3)
+    X = body.V.tabulate_dof_coordinates()[body.nodes]
+    cells = body.V.dofmap.list
+    middle = body.V.tabulate_dof_coordinates()[cells].mean(axis=1)
+    upper = np.isin(body.nodes, cells[middle[:, 1] > 0.5])
+    is_right = np.maximum(X[:, 0] - 0.5, 0)
+    stepper.set_velocity(body, np.array([0 * is_right, np.where(upper, -8, 0) * is_right]))
+    most, _ = check(stepper, pair, 0.04, comm)
+    assert most >= 3
+    assert all(overlap.depth < 0.02 for overlap in nts.Diagnostics(stepper).overlaps())

@@ -81,6 +81,18 @@ def test_a_forgotten_pair_is_told_with_what_to_add(comm, told):
     assert "cube" in text and "plate" in text and FORGOTTEN in text and "all_pairs" in text
 
 
+def test_an_overlap_that_grows_is_told_again_when_twice_as_deep_or_at_the_centres_of_cells(
+    comm, told
+):
+    stepper = Scene(comm).stepper()
+    for _ in stepper.run(until=0.26):
+        stepper.watch.overlaps.look(stepper.x, stepper.t, ())
+    first, twice, cells = told()
+    assert "up to 0.04 inside" in first
+    assert "up to 0.12 inside" in twice and "0 centres of cells" in twice
+    assert "up to 0.14 inside" in cells and "1 centres of cells" in cells
+
+
 def plate_and_cubes(comm, heights):
     """A plate, and small cubes in a row over it, those at ``heights`` over its top."""
 

@@ -11,8 +11,8 @@ struct SelfContactRule
   /// Segments this near are neighbours of a node on the mesh, or the other side
   /// of its wall.
   static constexpr double near = 2;
-  /// A node in front of a segment is at least this far from it: more than
-  /// round-off, which alone does not put a node in front.
+  /// A node this far behind a segment still counts as in front of it but for
+  /// round-off, as one on the other side of a closed crack.
   static constexpr double front = 1e-6;
 };
 
@@ -24,9 +24,9 @@ struct SelfContactRule
 /// - it is no deeper below the segment than the cell there is thick: further
 ///   down it is on the other side of a wall,
 /// - in the reference state they are `near` apart, or the node is in front of
-///   the segment with opposed normals, as in a notch. That excludes neighbours
-///   on the mesh and the other side of the node's own wall, whatever the
-///   motion.
+///   the segment with opposed normals, as in a notch, or on it, as in a closed
+///   crack. That excludes neighbours on the mesh, whose normals are not
+///   opposed, and the other side of the node's own wall, whatever the motion.
 template <class S>
 struct SelfContact
 {
@@ -71,7 +71,7 @@ struct SelfContact
       return false;
     if (distance(pair, p) > SelfContactRule::near * size)
       return true;
-    return p.gap > SelfContactRule::front * size
+    return p.gap > -SelfContactRule::front * size
            && dot(vector(N_node, i), p.normal) < 0;
   }
 };
