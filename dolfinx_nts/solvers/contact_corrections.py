@@ -101,10 +101,12 @@ class ContactCorrections:
     ) -> tuple[Floats, Floats] | None:
         """How forces at points move them, see `contact_decisions.System`.
 
-        ``relief`` knows how free bodies move. None where points are many, and without good factors
-        of the bulk.
+        ``relief`` knows how free bodies move. None where points are many, without good factors of
+        the bulk, and where free bodies turn under the forces that press on them, as they do in
+        those of the derivative.
         """
         is_known = self._bulk.point is not None and self._bulk.has_responses
+        is_known &= not (relief.bodies and self._bulk.is_of_derivative)
         if not is_known or len(present) > _MOST_FORCES:
             return None
         mobility = relief.mobility(self._bulk.in_addition, self._tangent.drag)

@@ -91,6 +91,11 @@ class BulkPreconditioner:
         return self._kind == _COMPLETE
 
     @property
+    def is_of_derivative(self) -> bool:
+        """Whether they are those of the derivative itself."""
+        return self._kind == _EXACT
+
+    @property
     def is_strongest(self) -> bool:
         """Whether there are no stronger ones."""
         return self._kind == self._kinds[-1]
