@@ -10,8 +10,7 @@ help: ## list the targets
 
 demo: ## ball on plate with both schemes
 	@mkdir -p results
-	cd results && ../$(RUN) python3 ../demos/demo_ball_plate.py
-	@echo "The results lie in $(CURDIR)/results"
+	@cd results && ../$(RUN) python3 ../demos/demo_ball_plate.py
 
 bench: ## run time against error, SIZE=default (7 to 15 minutes) or full
 	$(RUN) python3 -m benchmarks --size $(SIZE)

@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from dolfinx_nts.contact.implicit import contact_step
+from dolfinx_nts.integrators import implicit
 from dolfinx_nts.solvers import (
     active_sets,
     bulk,
@@ -41,7 +41,8 @@ class Profile:
         self._open: list[str] = []
         self._since = 0.0
         for owner, name, phase in (
-            (contact_step.ContactStep, "accepted", "contact"),
+            (implicit, "contact_history", "contact"),
+            (implicit, "contact_work", "contact"),
             (bulk.Bulk, "action", "action"),
             (bulk.Bulk, "rounded_action", "action"),
             (bulk.Bulk, "forces", "assembly"),

@@ -1,6 +1,6 @@
 """Types of the compiled module; shapes are in its docstrings."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -259,15 +259,14 @@ class CellIntegral:
         nodes: _Ints,
         functions: Sequence[_Floats],
         first: Sequence[int],
+        constants: Sequence[_Floats],
         places: _Ints,
         width: int,
         components: int,
         rows: _Ints,
         length: int,
     ) -> None: ...
-    def add(
-        self, cells: _Ints, packed: _Floats, constants: _Floats, b: _Floats, sums: _Floats
-    ) -> None: ...
+    def add(self, cells: _Ints, packed: _Floats, b: _Floats, sums: _Floats) -> None: ...
 
 class NodeFacets:
     def __init__(
@@ -343,6 +342,7 @@ class SingleMatrix:
     def __init__(self, start: _Keys, column: _Ints, value: _Floats) -> None: ...
     def multiply(self, x: _Floats, y: _Floats) -> None: ...
 
+def largest_size(a: _Floats) -> float: ...
 def largest_difference(a: _Floats, b: _Floats) -> float: ...
 def slopes_at_nodes(
     start: _Keys, gradients: _Floats, columns: _Floats, slopes: _Floats
@@ -383,6 +383,15 @@ class Elimination:
     def remove(self, multipliers: _Floats, y: _Floats, ghosts: _Floats) -> None: ...
     def add_tangent(self, x: _Floats, x_ghosts: _Floats, y: _Floats, y_ghosts: _Floats) -> None: ...
 
+class FlexibleGmres:
+    def __init__(self, b: _Floats, sums: Callable[[_Floats], _Floats] | None) -> None: ...
+    @property
+    def residual(self) -> float: ...
+    @property
+    def vector(self) -> _Floats: ...
+    def add(self, z: _Floats, w: _Floats) -> float: ...
+    def solution(self) -> _Floats: ...
+
 class ContactSchwarz:
     def __init__(self, start: _Keys, column: _Ints, value: _Floats, places: _Ints) -> None: ...
     def clear(self) -> None: ...
@@ -394,7 +403,7 @@ class ContactSchwarz:
 
 def counts_of_parts(flags: _Flags, number: _Ints, ends: _Keys) -> _Keys: ...
 
-class Tractions:
+class NodalFriction:
     def __init__(
         self,
         mu: float,
@@ -423,7 +432,7 @@ class Tractions:
         trial: _Floats,
         way: _Floats,
     ) -> tuple[_Floats, _Flags]: ...
-    def model(
+    def accept(
         self,
         node: _Ints,
         active: _Flags,

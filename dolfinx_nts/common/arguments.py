@@ -4,7 +4,7 @@ import math
 import reprlib
 from collections.abc import Iterable, Mapping
 from inspect import signature
-from numbers import Real
+from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
@@ -14,13 +14,16 @@ from dolfinx_nts.common.arrays import Floats
 __all__ = [
     "as_call",
     "check_call",
+    "chosen_times",
     "finite",
+    "functions_by_name",
     "instances",
     "kind_of",
     "nonnegative",
     "positive",
     "real",
     "real_array",
+    "whole",
 ]
 
 # Digits of printed numbers [-]: enough for any given number, too few for its round-off.
@@ -75,14 +78,39 @@ def check_call(
         call.bind(None, *arguments, **options)
     except TypeError as error:
         _, *taken = call.parameters.values()
-        names = ", ".join(f"**{p.name}" if p.kind == p.VAR_KEYWORD else p.name for p in taken)
+        names = [f"**{p.name}" if p.kind == p.VAR_KEYWORD else p.name for p in taken]
+        named = [p.kind == p.KEYWORD_ONLY for p in taken]
+        if any(named):
+            names.insert(named.index(True), "*")
         required = [p for p in taken if p.default is p.empty and p.kind != p.VAR_KEYWORD]
         needed = " and ".join(p.name for p in required)
+        must = f", of which {needed} must be given{hint}" if needed else ""
         given = ", ".join([*map(kind_of, arguments), *(f"{name}=" for name in options)])
         raise TypeError(
-            f"expected {kind.__name__}({names}), of which {needed} must be given{hint}, "
+            f"expected {kind.__name__}({', '.join(names)}){must}, "
             f"given {kind.__name__}({given}): {error}"
         ) from None
+
+
+def functions_by_name(name: str, given: Any) -> dict[str, Any]:
+    """Check that an argument is a mapping from names to functions. Local.
+
+    Args:
+        name: Name of the argument.
+        given: Its value.
+
+    Returns:
+        The functions by name.
+
+    Raises:
+        TypeError: The value is no mapping, or one of its values no function.
+    """
+    if not isinstance(given, Mapping):
+        raise TypeError(f"expected {name} as a dict of functions by name, given {kind_of(given)}")
+    for key, function in given.items():
+        if not callable(function):
+            raise TypeError(f"expected a function as {name}[{key!r}], given {function!r}")
+    return dict(given)
 
 
 def instances(kind: type[Any], items: Iterable[Any]) -> tuple[Any, ...]:
@@ -168,6 +196,40 @@ def positive(name: str, value: Any) -> float:
     if not (math.isfinite(number) and number > 0):
         raise ValueError(f"expected {name} > 0, given {value}")
     return number
+
+
+def chosen_times(values: Any) -> tuple[float, ...]:
+    """Check that a value is a list of finite times [s], and sort them. Local.
+
+    Raises:
+        TypeError: The value is no list of numbers.
+        ValueError: A time is not finite.
+    """
+    times = real_array("times", values)
+    if times.ndim != 1:
+        raise TypeError(f"expected a list of times, such as [0.1, 0.2], given {values!r}")
+    if not np.all(np.isfinite(times)):
+        raise ValueError(f"expected finite times, given {values!r}")
+    return tuple(map(float, np.sort(times)))
+
+
+def whole(name: str, value: Any) -> int:
+    """Check that a value is an integer of at least 1. Local.
+
+    Arguments are those of `real`.
+
+    Returns:
+        The integer.
+
+    Raises:
+        TypeError: The value is no integer.
+        ValueError: It is below 1.
+    """
+    if not isinstance(value, Integral):
+        raise TypeError(f"expected an integer for {name}, given {value!r}")
+    if value < 1:
+        raise ValueError(f"expected {name} >= 1, given {value}")
+    return int(value)
 
 
 def real_array(name: str, value: Any) -> Floats:

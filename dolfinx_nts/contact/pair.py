@@ -110,10 +110,13 @@ class ContactPair(Declaration):
     ) -> None:
         """Check types, surfaces and that the laws suit each other."""
         if not isinstance(nodes, Surface):
-            raise TypeError(f"expected a Surface as nodes, given {kind_of(nodes)}")
+            raise TypeError(
+                f"expected a Surface as nodes, such as boundary_of(body), given {kind_of(nodes)}"
+            )
         if not isinstance(segments, Surface | Obstacle):
             raise TypeError(
-                f"expected a Surface or an obstacle as segments, given {kind_of(segments)}"
+                "expected a Surface, such as boundary_of(body), or an obstacle as segments, given "
+                f"{kind_of(segments)}"
             )
         enforcement = LagrangeMultiplier() if enforcement is None else enforcement
         if not isinstance(enforcement, LagrangeMultiplier | Penalty):
@@ -122,7 +125,7 @@ class ContactPair(Declaration):
                 f"given {kind_of(enforcement)}"
             )
         if not (friction is None or isinstance(friction, Coulomb)):
-            raise TypeError(f"expected Coulomb as friction, given {kind_of(friction)}")
+            raise TypeError(f"expected Coulomb(mu) as friction, given {kind_of(friction)}")
         convective = friction is not None and friction.law == "convective"
         if convective and not (isinstance(enforcement, Penalty) and isinstance(segments, Surface)):
             raise ValueError(

@@ -23,7 +23,7 @@ from dolfinx_nts.fem.components import (
 from dolfinx_nts.fem.jit import assembled, compile_form, compile_quickly
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.materials.hyperelastic import right_cauchy_green
-from dolfinx_nts.model.bodies import Body, bulk_form
+from dolfinx_nts.model.bodies import Body, bulk_form, check_member
 from dolfinx_nts.parallel import reductions
 
 __all__ = ["BodyBalance", "BodyDiagnostics"]
@@ -119,8 +119,7 @@ class BodyDiagnostics:
         Raises:
             ValueError: The body belongs to another stepper.
         """
-        if body not in self._stepper.bodies:
-            raise ValueError("expected a body of this stepper, given another")
+        check_member(body, self._stepper.bodies)
         mass = self._masses[body]
         sums = reductions.total(self._comm, np.append(mass @ values[: len(mass)], mass.sum()))
         mean: Floats = sums[:-1] / sums[-1]

@@ -7,7 +7,7 @@ from mpi4py import MPI
 
 import numpy as np
 
-from dolfinx_nts.common.arguments import real_array
+from dolfinx_nts.common.arguments import functions_by_name, real_array
 from dolfinx_nts.diagnostics.balance import Diagnostics
 from dolfinx_nts.diagnostics.energy_ledger import EnergyLedger
 from dolfinx_nts.diagnostics.names import flat, part_names
@@ -47,7 +47,7 @@ class RunColumns:
         if unknown := sorted(set(parts) - set(get_args(Parts))):
             names = ", ".join(map(repr, get_args(Parts)))
             raise ValueError(f"expected columns_of some of {names}, given {unknown}")
-        self._diagnostics, self._own = diagnostics, dict(own or {})
+        self._diagnostics, self._own = diagnostics, functions_by_name("own_columns", own or {})
         stepper = diagnostics.stepper
         self._V = stepper.u.function_space
         self._dim, self._zero = dimension(self._V), np.zeros(3)

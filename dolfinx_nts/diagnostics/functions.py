@@ -74,7 +74,9 @@ def nodal_values(V: fem.FunctionSpace, function: Any) -> Floats:
     element, own = W.ufl_element(), V.ufl_element()
     shape, dim = element.reference_value_shape, dimension(V)
     kinds = [(e.family_name, e.degree, e.discontinuous) for e in (element, own)]
-    if W.mesh is not V.mesh or kinds[0] != kinds[1] or shape not in ((), (dim,)):
+    if W.mesh is not V.mesh:
+        raise ValueError("expected a Function on the mesh of the bodies, given one of another mesh")
+    if kinds[0] != kinds[1] or shape not in ((), (dim,)):
         raise ValueError(
             f"expected a Function with values at the nodes of the bodies, Lagrange of degree "
             f"{own.degree}, scalar or of {_NUMBERS[dim]} parts, given one of {element}"

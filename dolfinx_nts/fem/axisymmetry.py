@@ -14,6 +14,7 @@ from dolfinx import fem
 from dolfinx.mesh import Mesh
 from ufl.domain import extract_unique_domain
 
+from dolfinx_nts.common.arguments import kind_of
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.meeting import meet
@@ -61,6 +62,8 @@ def axisymmetric(mesh: Mesh) -> None:
         >>> round(float(side.area.sum()), 6)  # 2 pi 0.5 m x 1 m
         3.141593
     """
+    if not isinstance(mesh, Mesh):
+        raise TypeError(f"expected a mesh, given {kind_of(mesh)}")
     meet(mesh.comm, "make a mesh axisymmetric")
     if mesh.geometry.dim != 2 or mesh.topology.dim != 2:
         raise ValueError(

@@ -199,6 +199,7 @@ class _CellLoop:
                 V.dofmap.list,
                 [f.x.array for f in ours],
                 [ranges[f][0] for f in ours],
+                [c.value.reshape(-1) for c in form.constants()],  # as they will be
                 self._places,
                 width,
                 V.dofmap.index_map_bs,
@@ -226,11 +227,10 @@ class _CellLoop:
                 self._by_cell(region, [rows[i] for i in group])
                 for region, group in zip(self._regions, self._groups, strict=True)
             ]
-        constants = cpp.fem.pack_constants(self._form._cpp_object)
         self._sums.fill(0.0)
         parts = zip(self._integrals, self._cells, self._packed, strict=True)
         for integral, cells, packed in parts:
-            integral.add(cells[:most], packed, constants, b, self._sums)
+            integral.add(cells[:most], packed, b, self._sums)
 
     def _by_cell(self, cells: Ints, rows: Sequence[Floats]) -> Floats:
         """Put rows of some cells, by integral, into an array with a row for every local cell."""

@@ -24,6 +24,7 @@ from dolfinx_nts import _kernels, compat
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
+from dolfinx_nts.contact.implicit.accepted_contact import contact_history, contact_work
 from dolfinx_nts.contact.implicit.contact_step import ContactStep, go_on_from
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.local_search import may_face
@@ -392,7 +393,8 @@ class ImplicitStepper(Stepper):
         n = len(self._lumped_mass)
         works = {}
         for step, pairs in zip(steps, solution.end.states, strict=True):
-            history, works[step.state] = step.accepted(pairs)
+            history = contact_history(step, pairs)
+            works[step.state] = contact_work(step, pairs, history)
             step.state.accept(history)
         self.watch.springs.look()
         self._inertia_relief.tell(steps)
@@ -404,7 +406,7 @@ class ImplicitStepper(Stepper):
         if settled.reactions:
             both = zip(reactions, settled.reactions, strict=True)
             reactions = tuple(last + more for last, more in both)
-        digits = last_digits(float(np.abs(x).max(initial=0.0)))
+        digits = last_digits(_kernels.largest_size(x))
         total = StepWorks.of(
             self._bulk,
             self._inertia,

@@ -75,7 +75,7 @@ class QuasiStatic(ImplicitStepper):
 
     def _check_state(self) -> None:
         super()._check_state()
-        speed = np.abs(self.v.x.array).max(initial=0.0)
+        speed = _kernels.largest_size(self.v.x.array)
         if (speed := reductions.largest(self._comm, float(speed))) > 0:
             raise ValueError(
                 f"expected no velocity in QuasiStatic, given one of up to {speed:g}: it finds "
@@ -177,7 +177,7 @@ class QuasiStatic(ImplicitStepper):
         guess, u, size = start.guess, self.u.x, self._sizes.smallest
         if reductions.anywhere(self._comm, not np.array_equal(guess, self.u_n.x.array)):
             return super()._way_from(start, steps)
-        ways = [np.abs(u.array - guess).max(initial=0.0)]
+        ways = [_kernels.largest_size(u.array - guess)]
         ways += [contact.search.way(self.x, 0.0) for contact in self.contacts]
         way = reductions.largest(self._comm, float(max(ways)))
         if way <= _SMALL_WAY * size:

@@ -10,6 +10,7 @@ from mpi4py import MPI
 import numpy as np
 from dolfinx import fem, la
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arguments import positive, real_array
 from dolfinx_nts.common.arrays import Floats
@@ -187,8 +188,8 @@ class State(ABC):
         if not is_axisymmetric(V.mesh):
             return
         axis = axis_nodes(V)
-        radial = float(np.abs(values[axis, 0]).max(initial=0.0))
-        parts = [radial, float(np.abs(values).max(initial=0.0))]
+        radial = _kernels.largest_size(values[axis, 0])
+        parts = [radial, _kernels.largest_size(values)]
         radial, largest = reductions.largest(self._comm, parts)
         if radial > _ROUND_OFF * largest:
             raise ValueError(

@@ -1,11 +1,10 @@
 """Lengths of steps: equal ones, and ones that are cut where they fail."""
 
 import bisect
-import math
 from collections.abc import Sequence
 
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arguments import as_call, positive
+from dolfinx_nts.common.arguments import as_call, chosen_times, positive
 from dolfinx_nts.common.declaration import Declaration
 
 __all__ = ["ROUND_OFF", "EvenSteps", "StepControl", "StepLength"]
@@ -70,9 +69,7 @@ class StepControl(Declaration):
         for name, value in (("smallest", smallest), ("gap_tol", gap_tol)):
             if value is not None:
                 positive(name, value)
-        self.times = tuple(sorted(float(t) for t in times))
-        if not all(map(math.isfinite, self.times)):
-            raise ValueError(f"expected finite times, given {self.times}")
+        self.times = chosen_times(times)
         self.smallest, self.gap_tol = smallest, gap_tol
 
     def __repr__(self) -> str:

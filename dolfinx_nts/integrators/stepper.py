@@ -33,7 +33,7 @@ from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.integrators.state import current_positions
 from dolfinx_nts.integrators.statistics import StepperStatistics
 from dolfinx_nts.integrators.time_loop import TimeLoop
-from dolfinx_nts.model.bodies import Body, check_bodies, common_space
+from dolfinx_nts.model.bodies import Body, check_bodies, check_member, common_space
 from dolfinx_nts.model.dirichlet import Supports
 from dolfinx_nts.model.flat_cells import check_volumes
 from dolfinx_nts.model.inverted_cells import VolumeRatio
@@ -199,14 +199,7 @@ class Stepper(TimeLoop):
         self._state_was_set()
 
     def _check_body(self, body: Body) -> None:
-        if not isinstance(body, Body):
-            names = ", ".join(each.name for each in self.bodies)
-            raise TypeError(
-                f"expected one of the bodies given to the stepper ({names}), the Body itself and "
-                f"not its name or number, given {body!r}"
-            )
-        if body not in self.bodies:
-            raise ValueError("expected a body of this stepper, given another")
+        check_member(body, self.bodies)
 
     def advance(self) -> StepReport:
         """Advance by one step of length ``dt``.

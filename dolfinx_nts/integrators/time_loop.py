@@ -11,7 +11,7 @@ from dolfinx import fem
 from tqdm import tqdm
 
 from dolfinx_nts.common.archive import Archive, Snapshot
-from dolfinx_nts.common.arguments import finite
+from dolfinx_nts.common.arguments import finite, kind_of
 from dolfinx_nts.common.arrays import Flags
 from dolfinx_nts.common.declaration import SetOnce
 from dolfinx_nts.contact.held_apart import held_apart
@@ -112,7 +112,7 @@ class TimeLoop(State):
         if finite("until", until) < 0:
             raise ValueError(f"expected a time until >= 0 for the end of a run, given {until}")
         if not (control is None or isinstance(control, StepControl)):
-            raise TypeError(f"expected a StepControl as control, given {control!r}")
+            raise TypeError(f"expected a StepControl() as control, given {kind_of(control)}")
         if until < self.t - ROUND_OFF * self.dt and self._comm.rank == 0:
             _logger.warning(
                 "run(until=%g) has no steps to take, as the time is %g: harmless where a resumed "

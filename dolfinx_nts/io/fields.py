@@ -8,7 +8,7 @@ from mpi4py import MPI
 import numpy as np
 from dolfinx import fem
 
-from dolfinx_nts.common.arguments import real_array
+from dolfinx_nts.common.arguments import functions_by_name, real_array
 from dolfinx_nts.common.arrays import Array
 from dolfinx_nts.compat import geometry_nodes
 from dolfinx_nts.diagnostics.functions import nodal_values
@@ -96,7 +96,7 @@ class RunFields:
         self, stepper: Stepper, stress: bool = False, own: Mapping[str, OwnField] | None = None
     ) -> None:
         """Check the names, and compile the stress."""
-        self._stepper, self._own = stepper, dict(own or {})
+        self._stepper, self._own = stepper, functions_by_name("own_fields", own or {})
         self._nodal = NodalFields(stepper)
         for name in self._own:
             if not name.isidentifier():

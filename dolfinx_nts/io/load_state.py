@@ -10,6 +10,7 @@ from mpi4py import MPI
 
 import numpy as np
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.arguments import kind_of
 from dolfinx_nts.contact.history import without_friction
 from dolfinx_nts.diagnostics.names import pair_names
@@ -112,7 +113,7 @@ def load_state(path: str | Path, stepper: Stepper) -> tuple[str, ...]:
 
 def _without_motion(stepper: Stepper, comm: MPI.Comm) -> list[str]:
     """Set the velocity to zero where the integrator has none; tell if there was any."""
-    speed = reductions.largest(comm, float(np.abs(stepper.v.x.array).max(initial=0.0)))
+    speed = reductions.largest(comm, _kernels.largest_size(stepper.v.x.array))
     if not isinstance(stepper, QuasiStatic) or speed == 0.0:
         return []
     for body in stepper.bodies:

@@ -9,7 +9,7 @@ from typing import Literal, get_args
 
 from mpi4py import MPI
 
-from dolfinx_nts.common.arguments import as_call
+from dolfinx_nts.common.arguments import as_call, chosen_times, whole
 from dolfinx_nts.diagnostics.balance import Diagnostics
 from dolfinx_nts.diagnostics.columns import OwnColumn, Parts, RunColumns
 from dolfinx_nts.diagnostics.energy_ledger import EnergyLedger
@@ -133,11 +133,12 @@ class Recorder:
         fields: FieldsKind = "vtkhdf",
     ) -> None:
         """Check the arguments; entering the ``with`` block creates the files."""
-        chosen = None if times is None else tuple(float(t) for t in times)
+        if isinstance(columns_of, str):
+            raise TypeError(f"expected a list of parts as columns_of, given {columns_of!r}")
         self._options = _Options(
             name=str(name),
             every=every,
-            times=chosen,
+            times=None if times is None else chosen_times(times),
             checkpoint_every=checkpoint_every,
             resume=resume,
             columns_of=tuple(columns_of),
@@ -301,12 +302,9 @@ class _Options:
             raise ValueError(
                 "expected fields='vtkhdf' with stress, given 'vtx', whose fields have nodes"
             )
-        if self.every < 1:
-            raise ValueError(f"expected fields every 1 step or more, given {self.every}")
-        if self.checkpoint_every is not None and self.checkpoint_every < 1:
-            raise ValueError(
-                f"expected checkpoints every 1 step or more, given {self.checkpoint_every}"
-            )
+        whole("every", self.every)
+        if self.checkpoint_every is not None:
+            whole("checkpoint_every", self.checkpoint_every)
 
     def has_fields(self, count: int, t: float) -> bool:
         """Whether the fields are written after so many steps, at the time t."""

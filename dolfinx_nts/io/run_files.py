@@ -169,6 +169,11 @@ def _check_name(name: str) -> None:
             f"expected the path of files without suffix, such as 'results/run', given {name!r}, "
             "a folder"
         )
+    if (suffix := Path(last).suffix) in (".csv", ".h5", ".vtkhdf", ".vtu", ".xdmf"):
+        raise ValueError(
+            f"expected the path of files without suffix, such as 'results/run', given {name!r}: "
+            f"leave {suffix} out, as each file of the run has its own"
+        )
     if unfit := sorted({c for c in last if c in ":\\" or not c.isprintable()}):
         raise ValueError(
             "expected a name that readers of XDMF take as it is, without "

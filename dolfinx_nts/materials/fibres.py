@@ -190,7 +190,8 @@ def _checked(fibres: Any) -> tuple[tuple[Any, ...], dict[str, float]]:
         length = float(np.linalg.norm(values))
         if values.shape != (3,) or not np.isfinite(length) or length == 0.0:
             raise ValueError(
-                f"expected a direction of fibres of three numbers, not all 0, given {fibre!r}"
+                "expected a direction of fibres of three numbers, not all 0, as in "
+                f"fibres=[(1, 0, 0)], given {fibre!r}"
             )
         kept.append(tuple(map(float, values)))
         components |= dict(zip(_names(number), map(float, values / length), strict=True))

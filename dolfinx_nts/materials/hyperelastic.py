@@ -6,7 +6,8 @@ constants, so that nothing is compiled again when one changes. Materials that ha
 `library`.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from inspect import signature
 from typing import Any, ClassVar
 
 import numpy as np
@@ -108,6 +109,7 @@ class Hyperelastic(StrainEnergy):
         """Check the numbers and the energy."""
         if not callable(psi):
             raise TypeError(f"expected a function psi(C), given {type(psi).__name__}")
+        _check_parameters(psi, parameters)
         damping = {"mass_damping": mass_damping, "stiffness_damping": stiffness_damping}
         for name, value in {"rho": rho, **damping, **parameters}.items():
             finite(name, value)
@@ -290,3 +292,16 @@ class Hyperelastic(StrainEnergy):
             for name, (energy, of_volume) in terms.items()
             if abs(energy - of_volume) <= _ROUND_OFF * abs(energy) != 0
         )
+
+
+def _check_parameters(psi: Callable[..., Any], parameters: Mapping[str, float]) -> None:
+    """Raise unless an energy takes the parameters that are given, and needs no others."""
+    try:
+        signature(psi).bind(None, **parameters)
+    except TypeError as error:
+        _, *names = signature(psi).parameters
+        raise TypeError(
+            f"expected numbers for the parameters {names} of the energy, and no options but "
+            "mass_damping, stiffness_damping, one_point and branches, given "
+            f"{list(parameters)}: {error}"
+        ) from None

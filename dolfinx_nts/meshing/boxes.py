@@ -47,7 +47,7 @@ def add_box(
         >>> data.cells.values.size
         32
     """
-    _check_sizes(size, cells)
+    _check_sizes(3, corner=corner, size=size, cells=cells)
     ids = np.arange(np.prod(np.add(cells, 1))).reshape(np.add(cells, 1))
     x = corner + np.argwhere(ids >= 0) / cells * size
     grid = hexahedra(ids)
@@ -85,7 +85,7 @@ def add_rectangle(
         >>> sorted(data.tag)
         ['bar', 'bar_bottom', 'bar_left', 'bar_right', 'bar_top']
     """
-    _check_sizes(size, cells)
+    _check_sizes(2, corner=corner, size=size, cells=cells)
     if cell not in _PLANE_CELLS:
         raise ValueError(f"expected cell out of {sorted(_PLANE_CELLS)}, given {cell!r}")
     kind, corners = _PLANE_CELLS[cell]
@@ -106,6 +106,9 @@ def add_rectangle(
         model.addPhysicalGroup(1, [curve], name=f"{name}_{side}")
 
 
-def _check_sizes(size: Sequence[float], cells: Sequence[int]) -> None:
+def _check_sizes(dim: int, corner: Any, size: Any, cells: Any) -> None:
+    for name, given in {"corner": corner, "size": size, "cells": cells}.items():
+        if np.shape(given) != (dim,):
+            raise ValueError(f"expected {dim} numbers for {name}, given {given!r}")
     if min(size) <= 0 or min(cells) < 1:
         raise ValueError(f"expected positive size and cells, given {size} and {cells}")

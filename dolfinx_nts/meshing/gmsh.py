@@ -19,6 +19,7 @@ import numpy as np
 from dolfinx.mesh import Mesh, MeshTags
 
 from dolfinx_nts import compat
+from dolfinx_nts.common.arguments import kind_of
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.named_tag import NamedTag
 from dolfinx_nts.meshing.mixed_cells import gmsh_options, only_one_kind
@@ -130,6 +131,8 @@ def read_mesh(source: Any, comm: MPI.Comm, *, rank: int = 0) -> MeshData:
         >>> sorted(tag)
         ['plate', 'plate_back', 'plate_bottom', ..., 'plate_top']
     """
+    if not isinstance(comm, MPI.Comm):
+        raise TypeError(f"expected a communicator such as MPI.COMM_WORLD, given {kind_of(comm)}")
     if not 0 <= rank < comm.size:
         raise ValueError(f"expected a rank below {comm.size}, given {rank}")
     with ExitStack() as stack:
@@ -175,7 +178,10 @@ def _opened(source: Any) -> Iterator[Any]:
     try:
         import gmsh
     except (ImportError, OSError) as error:  # OSError: gmsh misses a library
-        raise ImportError(f"expected the Python module gmsh, given {error}") from error
+        raise ImportError(
+            f"expected the Python module gmsh, given {error}: install python-gmsh (conda), "
+            "python3-gmsh (apt) or gmsh (pip), or use a mesh and tags of DOLFINx without read_mesh"
+        ) from error
     if hasattr(source, "getPhysicalGroups"):
         if not gmsh.isInitialized():
             raise ValueError("expected a live gmsh model, given gmsh before gmsh.initialize()")

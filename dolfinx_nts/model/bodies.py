@@ -68,7 +68,9 @@ class Body(Declaration):
         tdim = V.mesh.topology.dim
         check_tag(V, cells, tag, tdim, "cells")
         if not isinstance(material, Hyperelastic):
-            raise TypeError(f"expected a material, given {kind_of(material)}")
+            raise TypeError(
+                f"expected a material, such as NeoHookean(E, nu, rho), given {kind_of(material)}"
+            )
         named = material.one_point and not material.splits_volume
         if named and V.ufl_element().degree > 1:
             raise ValueError(
@@ -215,3 +217,20 @@ def check_bodies(bodies: Sequence[Body]) -> fem.FunctionSpace:
             "RigidBody for each tag of cells"
         )
     return V
+
+
+def check_member(body: Any, bodies: Sequence[Body]) -> None:
+    """Check that something is one of the bodies of a stepper. Local.
+
+    Raises:
+        TypeError: It is no body.
+        ValueError: It is another body.
+    """
+    names = ", ".join(each.name for each in bodies)
+    if not isinstance(body, Body):
+        raise TypeError(
+            f"expected one of the bodies given to the stepper ({names}), the Body itself and "
+            f"not its name or number, given {body!r}"
+        )
+    if body not in bodies:
+        raise ValueError(f"expected a body of this stepper ({names}), given another: {body!r}")

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dolfinx_nts.common.arguments import as_call
+from dolfinx_nts.common.arguments import as_call, real
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.model.motion import vector
 from dolfinx_nts.model.rigid_shapes import RigidPlane
@@ -34,8 +34,11 @@ class RigidCone(RigidPlane):
         """Check the arguments."""
         if vector("tip", tip, 2)[0] != 0:
             raise ValueError(f"expected a tip on the axis x = 0, given {tip!r}")
-        if not 0 < half_angle < np.pi / 2:
-            raise ValueError(f"expected 0 < half_angle < pi/2, given {half_angle}")
+        if not 0 < real("a half_angle [rad]", half_angle) < np.pi / 2:
+            raise ValueError(
+                "expected 0 < half_angle < pi/2 in radians, such as np.radians(70), given "
+                f"{half_angle}"
+            )
         if opens not in (1, -1):
             raise ValueError(f"expected opens 1 or -1, given {opens!r}")
         self._half_angle, self._opens = float(half_angle), int(opens)

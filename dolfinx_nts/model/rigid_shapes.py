@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dolfinx_nts.common.arguments import as_call, real_array
+from dolfinx_nts.common.arguments import as_call, positive, real_array
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.common.vectors import cross
 from dolfinx_nts.model.facing import Facing
@@ -205,10 +205,8 @@ class _Round(_Exact):
         projector: Floats,
         hollow: bool,
     ) -> None:
-        if not (np.isfinite(radius) and radius > 0):
-            raise ValueError(f"expected a radius > 0, given {radius}")
         self.dim = _dimension("centre", centre)
-        self.centre, self.radius = vector("centre", centre, self.dim), float(radius)
+        self.centre, self.radius = vector("centre", centre, self.dim), positive("a radius", radius)
         self._axes, self._projector, self._sign = axes, projector, -1.0 if hollow else 1.0
         if not hollow:
             self.shortest_passage = self.radius / 2

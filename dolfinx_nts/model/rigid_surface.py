@@ -46,14 +46,23 @@ class RigidSurface(Obstacle):
             raise ValueError(f"expected points of shape (n, 3), given {points.shape}")
         if facets.ndim != 2 or facets.shape[1] not in (3, 4):
             raise ValueError(f"expected facets of shape (s, 3) or (s, 4), given {facets.shape}")
+        if facets.dtype.kind not in "iu":
+            raise TypeError(f"expected facets of integers, numbers of points, given {facets.dtype}")
         if facets.size and not (0 <= facets.min() and facets.max() < len(points)):
-            raise ValueError(f"expected facets of vertices below {len(points)}")
+            raise ValueError(
+                f"expected facets of numbers of points, from 0 to {len(points) - 1}, given "
+                f"{facets.min()} to {facets.max()}"
+            )
         self._points, self.corners = points, points[facets]
         centre = self.corners.mean(axis=1)
         edges = self.corners[:, 1:3] - self.corners[:, :1]
         side = np.einsum("si,si->s", np.cross(edges[:, 0], edges[:, 1]), outside - centre)
         if np.any(side == 0):
-            raise ValueError("expected facets that turn a side to outside, given edges")
+            raise ValueError(
+                "expected facets that turn a side to the point outside, given "
+                f"{np.count_nonzero(side == 0)} without area, or in one plane with it, first "
+                f"{np.flatnonzero(side == 0)[0]}"
+            )
         self._orientation = np.sign(side)
         self.key = np.arange(len(facets), dtype=np.int64)
         self._facets: Ints = np.ascontiguousarray(facets, dtype=np.int32)

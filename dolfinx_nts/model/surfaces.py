@@ -322,17 +322,23 @@ def boundary_facets(V: fem.FunctionSpace, predicate: Callable[[Any], Any]) -> In
         Local indices, sorted, shape ``(s,)``.
 
     Raises:
+        TypeError: The predicate is no function.
         ValueError: The space does not fit, or the function returns another shape.
     """
     check_space(V)
+
+    if not callable(predicate):
+        raise TypeError(
+            f"expected a function of positions, such as lambda x: x[2] < 0.1, given {predicate!r}"
+        )
 
     def checked(x: Floats) -> Any:
         with agreed(V.mesh.comm, "look for facets of the boundary"):
             inside = np.asarray(predicate(x))
             if inside.shape != x.shape[1:]:
                 raise ValueError(
-                    f"expected a boolean for each of {x.shape[1]} positions, given shape "
-                    f"{inside.shape}"
+                    f"expected a boolean for each of {x.shape[1]} positions x of shape {x.shape}, "
+                    f"such as x[2] < 0.1, given shape {inside.shape}"
                 )
         return inside.astype(bool)
 

@@ -1,7 +1,8 @@
 """Communication of Python objects and of rows between ranks."""
 
-from collections.abc import Callable, Iterable
-from typing import Any, TypeVar
+import os
+from collections.abc import Callable, Mapping
+from typing import TypeVar
 
 from mpi4py import MPI
 
@@ -10,9 +11,14 @@ import numpy as np
 from dolfinx_nts.common.arrays import Array, GlobalInts
 from dolfinx_nts.parallel.errors import portable
 
-__all__ = ["exchanged", "joined", "on_root", "places_among_all"]
+__all__ = ["exchanged", "joined", "on_root", "places_among_all", "rows_by_rank"]
 
 T = TypeVar("T")
+
+# Tags of exchanges in turn, numbers that no other message has.
+_TAGS = 20112, 20113
+# Attribute of a communicator: its exchanges so far.
+_NUM_EXCHANGES = MPI.Comm.Create_keyval()
 
 
 def on_root(comm: MPI.Comm, action: Callable[[], T]) -> T:
@@ -44,26 +50,61 @@ def on_root(comm: MPI.Comm, action: Callable[[], T]) -> T:
     return result  # type: ignore[return-value]
 
 
-def exchanged(comm: MPI.Comm, parts: Iterable[T]) -> list[T]:
-    """Send one object to each rank, and receive one from each. Collective.
+def exchanged(comm: MPI.Comm, parts: Mapping[int, T]) -> dict[int, T]:
+    """Send an object to each of some ranks, and receive what others send. Collective.
 
-    What a rank has for itself is not sent, as that would take as long as a message to another
-    rank.
+    Nobody knows beforehand who sends. There are messages to the given ranks alone, and a barrier
+    that a rank enters when all it has sent has arrived, and in which it still receives (T. Hoefler,
+    C. Siebert, A. Lumsdaine, PPoPP 2010): what a rank does is the same however many ranks there
+    are.
 
     Args:
         comm: Communicator.
-        parts: One object for each rank, in the order of the ranks.
+        parts: Objects by the ranks that get them. What a rank has for itself is not sent, as that
+            would take as long as a message to another rank.
 
     Returns:
-        One object from each rank, in the order of the ranks; that of this rank is the very
-        object.
+        Objects by the ranks that have sent them, in the order of the ranks; that of this rank is
+        the very object.
     """
-    received: Any = list(parts)
-    if comm.size > 1:
-        own, received[comm.rank] = received[comm.rank], None
-        received = comm.alltoall(received)
-        received[comm.rank] = own
-    return received  # type: ignore[no-any-return]
+    if comm.size == 1:
+        return dict(parts)
+    tag, status = _next_tag(comm), MPI.Status()
+    received = {rank: part for rank, part in parts.items() if rank == comm.rank}
+    sent = [comm.issend(part, rank, tag) for rank, part in parts.items() if rank != comm.rank]
+    barrier = None
+    while barrier is None or not barrier.Test():
+        message = comm.improbe(tag=tag, status=status)
+        if message is not None:
+            received[status.source] = message.recv()
+        elif barrier is None and MPI.Request.Testall(sent):
+            barrier = comm.Ibarrier()
+        else:
+            os.sched_yield()
+    return dict(sorted(received.items()))
+
+
+def rows_by_rank(comm: MPI.Comm, ranks: Array) -> dict[int, Array]:
+    """Which rows go to each rank that gets any, and to this one in any case. Local.
+
+    Args:
+        comm: Communicator.
+        ranks: Rank that gets each row, shape ``(n,)``.
+
+    Returns:
+        Numbers of rows by rank, ascending.
+    """
+    order = np.argsort(ranks, kind="stable")
+    some, first = np.unique(ranks[order], return_index=True)
+    rows = {int(rank): own for rank, own in zip(some, np.split(order, first[1:]), strict=False)}
+    return {comm.rank: order[:0], **rows}
+
+
+def _next_tag(comm: MPI.Comm) -> int:
+    """Tag of the next exchange: while some ranks still end one, others may begin the next."""
+    number = comm.Get_attr(_NUM_EXCHANGES) or 0
+    comm.Set_attr(_NUM_EXCHANGES, number + 1)
+    return _TAGS[number % len(_TAGS)]
 
 
 def joined(comm: MPI.Comm, values: Array) -> Array:

@@ -15,7 +15,7 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Array, Floats, GlobalInts, Ints
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.parallel.communication import exchanged, joined
+from dolfinx_nts.parallel.communication import exchanged, joined, rows_by_rank
 
 __all__ = ["Slab", "Slabs", "Some", "looked_up"]
 
@@ -224,12 +224,13 @@ def looked_up(comm: MPI.Comm, ids: GlobalInts, known: GlobalInts, rows: Array) -
     largest = int(known[-1]) if len(known) else -1
     lasts = np.maximum.accumulate(comm.allgather(largest))
     rank = np.minimum(np.searchsorted(lasts, ids), comm.size - 1)
-    order = np.argsort(rank, kind="stable")
-    ends = np.searchsorted(rank[order], np.arange(1, comm.size))
-    requests = exchanged(comm, np.split(ids[order], ends))
-    if not reductions.everywhere(comm, all(np.isin(part, known).all() for part in requests)):
+    parts = rows_by_rank(comm, rank)
+    requests = exchanged(comm, {owner: ids[part] for owner, part in parts.items()})
+    is_known = all(np.isin(part, known).all() for part in requests.values())
+    if not reductions.everywhere(comm, is_known):
         raise ValueError("expected the numbers of the same nodes, given others")
-    answers = exchanged(comm, [rows[np.searchsorted(known, part)] for part in requests])
+    places = {asker: np.searchsorted(known, part) for asker, part in requests.items()}
     found = np.empty((len(ids), *rows.shape[1:]), dtype=rows.dtype)
-    found[order] = np.concatenate(answers)
+    for owner, answer in exchanged(comm, {k: rows[place] for k, place in places.items()}).items():
+        found[parts[owner]] = answer
     return found

@@ -13,6 +13,7 @@ from mpi4py import MPI
 
 import numpy as np
 
+from dolfinx_nts.plotting.arguments import columns
 from dolfinx_nts.plotting.picture import Picture
 from dolfinx_nts.plotting.scales import prefixed
 
@@ -52,7 +53,7 @@ def energies(table: str | Path, filename: str | Path | None = None) -> Picture:
     Example:
         >>> picture = plotting.energies("run.csv", "energies.png")
     """
-    rows = _read(table)
+    rows = columns(table)
     figure, axes = _figure(1, 1)
     for name in ("total", "kinetic", "strain", "contact"):
         if np.any(energy := rows[f"{name}_energy"]):
@@ -78,7 +79,7 @@ def momenta(table: str | Path, filename: str | Path | None = None) -> Picture:
     Example:
         >>> picture = plotting.momenta("run.csv", "momenta.png")
     """
-    rows = _read(table)
+    rows = columns(table)
     figure, axes = _figure(2, 2)
     kinds = (("linear", "p", "kg m/s"), ("angular", "L", "kg m²/s"))
     for (kind, symbol, unit), (above, below) in zip(kinds, axes.T, strict=True):
@@ -119,10 +120,12 @@ def energy_error(
         >>> runs = {"energy-momentum scheme": "run.csv"}
         >>> picture = plotting.energy_error(runs)
     """
-    figure, axes = _figure(1, 1)
     runs = tables if isinstance(tables, Mapping) else {"": tables}
+    if not runs:
+        raise ValueError("expected a table, or tables by the labels of their curves, given none")
+    figure, axes = _figure(1, 1)
     for label, table in runs.items():
-        time, error = _unexplained(_read(table))
+        time, error = _unexplained(columns(table))
         axes[0, 0].semilogy(time, np.maximum(error, _EPSILON), label=label)
     axes[0, 0].set(xlabel="time [s]", ylabel="energy error, relative [-]")
     if any(runs):
@@ -146,7 +149,7 @@ def forces(table: str | Path, filename: str | Path | None = None) -> Picture:
     Example:
         >>> picture = plotting.forces("run.csv", "forces.png")
     """
-    rows = _read(table)
+    rows = columns(table)
     figure, axes = _figure(2, 1)
     above, below = axes[:, 0]
     for name in rows.dtype.names:
@@ -181,7 +184,7 @@ def ledger(table: str | Path, filename: str | Path | None = None) -> Picture:
     Example:
         >>> picture = plotting.ledger("run.csv", "ledger.png")
     """
-    rows = _read(table)
+    rows = columns(table)
     layers = {name: rows[f"{name}_energy"] for name in ("strain", "contact", "kinetic")}
     layers |= {f"taken by {name}": -rows[f"energy_{name}"] for name in ("friction", "damping")}
     layers = {name: layer for name, layer in layers.items() if np.any(layer)}
@@ -222,7 +225,7 @@ def force_displacement(
         >>> column = "contact_force_z"
         >>> picture = plotting.force_displacement("run.csv", "min_gap", column, "force.png")
     """
-    rows = _read(table)
+    rows = columns(table)
     names = [forces] if isinstance(forces, str) else list(forces)
     if missing := {displacement, *names} - set(rows.dtype.names):
         raise ValueError(
@@ -241,13 +244,13 @@ def force_displacement(
     return _finished(figure, filename)
 
 
-def _figure(rows: int, columns: int) -> tuple[Any, Any]:
+def _figure(high: int, wide: int) -> tuple[Any, Any]:
     """Figure with a grid of diagrams, and their axes."""
     from matplotlib.figure import Figure
 
-    size = (_WIDTH * columns, _MARGIN + _HEIGHT * rows)
+    size = (_WIDTH * wide, _MARGIN + _HEIGHT * high)
     figure = Figure(figsize=size, dpi=_PIXELS / size[0], layout="constrained")
-    axes = figure.subplots(rows, columns, squeeze=False, sharex=True)
+    axes = figure.subplots(high, wide, squeeze=False, sharex=True)
     for panel in axes.flat:
         panel.grid(alpha=0.3)
     return figure, axes
@@ -267,8 +270,3 @@ def _finished(figure: Any, filename: str | Path | None) -> Picture:
     if filename is not None:
         figure.savefig(filename)
     return Picture.of_figure(figure)
-
-
-def _read(table: str | Path) -> Any:
-    """Columns of a table by name."""
-    return np.genfromtxt(table, delimiter=",", names=True)

@@ -22,6 +22,7 @@ from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import on_root
+from dolfinx_nts.plotting.arguments import check_stepper, check_view, numbered_pair
 from dolfinx_nts.plotting.canvas import (
     Unit,
     add_arrows,
@@ -102,11 +103,12 @@ def snapshot(
 
     Raises:
         OSError: The file cannot be written.
-        ValueError: ``colour`` is unknown.
+        ValueError: ``colour`` is unknown, or a range or direction does not fit.
 
     Example:
         >>> picture = plotting.snapshot(stepper, "start.png", colour="displacement")
     """
+    check_stepper(stepper)
     put = _bodies(stepper, colour, limits, camera, unit, cut)
 
     def draw() -> Picture:
@@ -147,6 +149,7 @@ def show(
     Example:
         >>> plotting.show(stepper)
     """
+    check_stepper(stepper)
     put = _bodies(stepper, colour, limits, camera, unit, cut)
 
     def draw() -> None:
@@ -191,14 +194,16 @@ def contact(
     Raises:
         IndexError: There is no such pair.
         OSError: The file cannot be written.
-        ValueError: ``colour`` is unknown.
+        ValueError: ``colour`` is unknown, or a range or direction does not fit.
 
     Example:
         >>> picture = plotting.contact(stepper, "gap.png", colour="gap")
     """
     if colour not in ("pressure", "gap"):
         raise ValueError(f"expected colour 'pressure' or 'gap', given {colour!r}")
-    touching = stepper.contacts[pair]
+    check_stepper(stepper)
+    check_view(limits, camera)
+    touching = numbered_pair(stepper, pair)
     surface, V = touching.nodes, stepper.u.function_space
     comm: MPI.Comm = V.mesh.comm
     gap = touching.gap(stepper.x)
@@ -270,10 +275,11 @@ def animate(
     """
     if MPI.COMM_WORLD.rank != 0:
         return Picture(b"")
+    check_view(limits, camera)
     name = colour.replace("_", " ")
     shown = _unit(_UNITS.get(colour, ""), unit)
+    times, grids = _states(fields, colour, name)
     with Movie(filename, fps) as movie, canvas() as plotter:
-        times, grids = _states(fields, colour, name)
         values = [grid[name] for grid in grids]
         ends = rounded(float(np.nanmin(values)), float(np.nanmax(values)))
         for t, grid in zip(times, grids, strict=True):
@@ -310,6 +316,7 @@ def _bodies(
     """Make a function that draws the bodies with a plotter on rank 0. Collective."""
     if colour not in ("stress", "displacement"):
         raise ValueError(f"expected colour 'stress' or 'displacement', given {colour!r}")
+    check_view(limits, camera, cut)
     comm, u = stepper.u.function_space.mesh.comm, in_space(nodal(stepper.u))
     ids, cells = _pieces(stepper)
     parts = comm.gather((ids, stepper.x[cells], u[cells], von_mises(stepper)))

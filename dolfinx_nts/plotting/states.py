@@ -15,8 +15,14 @@ def states(fields: str | Path) -> Iterator[tuple[float, Any]]:
 
     Raises:
         FileNotFoundError: There is no such file.
+        ValueError: It has another suffix.
     """
-    return _of_vtkhdf(Path(fields)) if Path(fields).suffix == ".vtkhdf" else _of_xdmf(fields)
+    path = Path(fields)
+    if path.suffix not in (".vtkhdf", ".xdmf"):
+        raise ValueError(f"expected the .vtkhdf or .xdmf file of a Recorder, given {path}")
+    if not path.exists():
+        raise FileNotFoundError(f"expected a file of fields, given {path}, which does not exist")
+    return _of_vtkhdf(path) if path.suffix == ".vtkhdf" else _of_xdmf(path)
 
 
 def _of_xdmf(fields: str | Path) -> Iterator[tuple[float, Any]]:
@@ -33,8 +39,6 @@ def _of_vtkhdf(fields: Path) -> Iterator[tuple[float, Any]]:
     import pyvista
     from vtkmodules.vtkIOHDF import vtkHDFReader
 
-    if not fields.exists():
-        raise FileNotFoundError(f"expected a file of fields, given {fields}, which does not exist")
     reader = vtkHDFReader()
     reader.SetFileName(str(fields))
     reader.UpdateInformation()

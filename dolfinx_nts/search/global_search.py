@@ -11,7 +11,7 @@ from dolfinx import common
 
 from dolfinx_nts import compat
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.model.segments import diameters
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel.communication import exchanged
@@ -102,13 +102,12 @@ class GlobalSearch(Search):
         # One rank has nobody to ask, and asking itself would take half of the time.
         boxes = np.array(comm.allgather(box) if comm.size > 1 else [box])
         x_vertex = self._offered(x)  # reduced along the first axis, which is faster
-        lower, upper = x_vertex.min(axis=0), x_vertex.max(axis=0)
-        near = np.all((lower <= boxes[:, None, 1]) & (upper >= boxes[:, None, 0]), axis=2)
+        near = _near(x_vertex.min(axis=0), x_vertex.max(axis=0), boxes, comm.rank)
         size = diameters(x_vertex.swapaxes(0, 1))
         mine = (*self._offer, size, *self._weights)
-        parts = exchanged(comm, [tuple(values[n] for values in mine) for n in near])
-        ids, owners, orientation, key, thickness, size, *weights = (
-            np.concatenate([part[i] for part in parts]) for i in range(len(mine))
+        parts = {rank: tuple(values[n] for values in mine) for rank, n in near.items()}
+        ids, owners, orientation, key, thickness, size, *weights = map(
+            np.concatenate, zip(*exchanged(comm, parts).values(), strict=True)
         )
         order = np.argsort(key)
         shape, num_others = ids.shape, len(self._others[0])
@@ -151,6 +150,28 @@ def _box(x: Floats, reach: float) -> Floats:
     if len(x) == 0:
         return np.repeat([[np.inf], [-np.inf]], 3, axis=1)
     return np.array([x.min(axis=0) - reach, x.max(axis=0) + reach])
+
+
+def _near(lower: Floats, upper: Floats, boxes: Floats, own: int) -> dict[int, Flags]:
+    """Segments within the box of each rank that has any near it, and in any case of this one.
+
+    Args:
+        lower: Least coordinates of ``s`` segments, shape ``(s, 3)`` [m].
+        upper: Greatest ones.
+        boxes: Box of each rank, shape ``(ranks, 2, 3)`` [m].
+        own: Number of this rank.
+
+    Returns:
+        Flags by rank, shape ``(s,)``.
+    """
+    least, greatest = lower.min(axis=0, initial=np.inf), upper.max(axis=0, initial=-np.inf)
+    meet = np.all((least <= boxes[:, 1]) & (greatest >= boxes[:, 0]), axis=1)
+    near = {}
+    for rank in {own, *map(int, np.flatnonzero(meet))}:
+        flags: Flags = np.all((lower <= boxes[rank, 1]) & (upper >= boxes[rank, 0]), axis=1)
+        if rank == own or flags.any():
+            near[rank] = flags
+    return near
 
 
 def owners_of(index_map: common.IndexMap) -> Ints:

@@ -90,14 +90,16 @@ def _around(comm: MPI.Comm, rows: tuple[Any, ...]) -> tuple[Any, ...]:
     two columns are the nodes and their owners.
     """
     owners = rows[-1]
-    parts = [(owners == rank).any(axis=1) for rank in range(comm.size)]
-    at_nodes = exchanged(comm, [tuple(values[part] for values in rows) for part in parts])
-    everything = tuple(map(np.concatenate, zip(*at_nodes, strict=True)))
-    parts = []
-    for *_, dofs, owners in at_nodes:
-        parts.append(np.isin(everything[-2], dofs[owners == comm.rank]).any(axis=1))
-    answers = exchanged(comm, [tuple(values[part] for values in everything) for part in parts])
-    return tuple(map(np.concatenate, zip(*answers, strict=True)))
+    parts = {rank: (owners == rank).any(axis=1) for rank in {comm.rank, *owners.flat}}
+    at_nodes = exchanged(
+        comm, {rank: tuple(values[part] for values in rows) for rank, part in parts.items()}
+    )
+    everything = tuple(map(np.concatenate, zip(*at_nodes.values(), strict=True)))
+    answers = {}
+    for rank, (*_, dofs, owners) in at_nodes.items():
+        part = np.isin(everything[-2], dofs[owners == comm.rank]).any(axis=1)
+        answers[rank] = tuple(values[part] for values in everything)
+    return tuple(map(np.concatenate, zip(*exchanged(comm, answers).values(), strict=True)))
 
 
 def _edges(facets: Ints) -> tuple[Ints, Ints]:

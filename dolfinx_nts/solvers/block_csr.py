@@ -8,7 +8,7 @@ import numpy as np
 from dolfinx import la
 
 from dolfinx_nts.common.arrays import Array, Floats, GlobalInts, Ints
-from dolfinx_nts.parallel.communication import exchanged
+from dolfinx_nts.parallel.communication import exchanged, rows_by_rank
 
 __all__ = ["BlockCSR", "entries_of_rows", "starts"]
 
@@ -110,14 +110,15 @@ class BlockCSR:
 
     def _gather(self, nodes: GlobalInts, ends: GlobalInts, *arrays: Any) -> list[Any]:
         """Where the rows begin and the end, and what arrays over the blocks have for them."""
-        comm = self.index_map.comm
+        comm, first = self.index_map.comm, self.index_map.local_range[0]
         order = np.argsort(nodes)
-        asked = exchanged(comm, np.split(nodes[order], np.searchsorted(nodes[order], ends[:-1])))
-        answers = []
-        for wanted in asked:
-            start, blocks = entries_of_rows(self.start, wanted - self.index_map.local_range[0])
-            answers.append((np.diff(start), *(array.take(blocks, axis=0) for array in arrays)))
-        parts = exchanged(comm, answers)
+        wanted = nodes[order]
+        owners = rows_by_rank(comm, np.searchsorted(ends, wanted, side="right"))
+        answers = {}
+        for rank, some in exchanged(comm, {k: wanted[rows] for k, rows in owners.items()}).items():
+            start, blocks = entries_of_rows(self.start, some - first)
+            answers[rank] = np.diff(start), *(array.take(blocks, axis=0) for array in arrays)
+        parts = exchanged(comm, answers).values()
         length, *gathered = (np.concatenate(part) for part in zip(*parts, strict=True))
         start, blocks = entries_of_rows(starts(length), np.argsort(order))
         return [start, *(array.take(blocks, axis=0) for array in gathered)]

@@ -81,19 +81,25 @@ class BlockILU:
         assert self._order is not None
         self._places = np.flatnonzero(values[:, 0][self._order] > 0).astype(np.int32)
 
+    def solve(self, b: Floats) -> Floats:
+        """Solution for b, nodal vectors of shape ``(n, d)``. Collective."""
+        x = np.empty_like(b)
+        self._solve(b, x)
+        return x
+
     def apply(self, _pc: Any, r: Any, z: Any) -> None:
         """Set z to the solution for r; called by PETSc. Collective."""
         dim = self._rows.dim
-        self._apply(r.array_r.reshape(-1, dim), z.array.reshape(-1, dim))
+        self._solve(r.array_r.reshape(-1, dim), z.array.reshape(-1, dim))
 
     def solve_all(self, b: Floats) -> Floats:
         """Solve for the columns of an array, shape ``(d n, k)``, by columns. Collective."""
         x = np.empty_like(b)
         for known, unknown in zip(b.T, x.T, strict=True):
-            self._apply(*(values.reshape(-1, self._rows.dim) for values in (known, unknown)))
+            self._solve(*(values.reshape(-1, self._rows.dim) for values in (known, unknown)))
         return x
 
-    def _apply(self, known: Floats, unknown: Floats) -> None:
+    def _solve(self, known: Floats, unknown: Floats) -> None:
         if not self._alone:
             values = self._vector.array.reshape(-1, self._rows.dim)
             values[: len(known)] = known

@@ -1,7 +1,5 @@
 """Complete factors of the bulk tangent in single precision, for preconditioners on one rank."""
 
-from typing import Any
-
 import numpy as np
 
 from dolfinx_nts import _kernels
@@ -36,10 +34,11 @@ class CompleteFactors:
         exist: bool = self._factors.factorise(rows.start, rows.column, rows.value)
         return exist
 
-    def apply(self, _pc: Any, r: Any, z: Any) -> None:
-        """Set z to the solution for r; called by PETSc. Local."""
-        dim = self._rows.dim
-        self._factors.apply(r.array_r.reshape(-1, dim), z.array.reshape(-1, dim))
+    def solve(self, b: Floats) -> Floats:
+        """Solution for b, nodal vectors of shape ``(n, d)``. Local."""
+        x = np.empty_like(b)
+        self._factors.apply(b, x)
+        return x
 
     def solve_all(self, b: Floats) -> Floats:
         """Solve for the columns of an array, shape ``(d n, k)``, by columns. Local."""

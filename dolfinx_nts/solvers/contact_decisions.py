@@ -15,8 +15,9 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Tied
-from dolfinx_nts.contact.implicit.contact_step import ContactStep, decide
+from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
+from dolfinx_nts.contact.implicit.decided_step import decide
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers import friction_cones

@@ -14,6 +14,7 @@ from contextlib import contextmanager
 import numpy as np
 from dolfinx import la
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats
 from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
@@ -94,7 +95,7 @@ class ContactSurroundings:
 
     def _are_long(self, du: Floats) -> bool:
         """Whether increments are too long to be trusted, or there are none."""
-        longest = reductions.largest(self._bulk.comm, float(np.abs(du).max(initial=0.0)))
+        longest = reductions.largest(self._bulk.comm, _kernels.largest_size(du))
         return not longest <= _LONGEST * self._sizes.smallest
 
     def _move(self, nodes: Flags, steps: Sequence[ContactStep], start: Iterate, X: Floats) -> int:

@@ -1,10 +1,12 @@
 """Convergence of Newton's method: what the residual of an iterate says of it."""
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
@@ -189,9 +191,9 @@ class Convergence:
         reactions, contact = iterate.forces[fixed], iterate.R_contact
         squares = [R @ R, contact @ contact, reactions @ reactions]
         squares.append(_round_off_of_contact(states, iterate.x) ** 2)
-        sums = reductions.total(self._bulk.comm, np.array([*squares, *counts]))
-        norm, contact_norm, reaction, steep = np.sqrt(sums[:4]).tolist()
-        changed, failed, num_open, num_given = (int(value) for value in sums[4:])
+        sums = reductions.total(self._bulk.comm, list(map(float, [*squares, *counts])))
+        norm, contact_norm, reaction, steep = map(math.sqrt, sums[:4])
+        changed, failed, num_open, num_given = map(int, sums[4:])
         self.norms.append(norm)
         self._given = self._given + 1 if num_given else 0
         self._changes += changed
@@ -217,7 +219,7 @@ class Convergence:
         if self._is_polished or not self.iteration or self._du_norm <= self._scales.increment:
             return False
         self._is_polished = True
-        rounding = _GAP_ROUNDING * float(np.abs(x).max(initial=0.0))
+        rounding = _GAP_ROUNDING * _kernels.largest_size(x)
         return reductions.anywhere(self._bulk.comm, bool(excess > rounding))
 
     def take_back(self, moved: int) -> None:
@@ -336,7 +338,7 @@ def _round_off(bulk: Bulk, stiffness: Floats, sizes: CellSizes) -> float:
     u = bulk.u.x.array[: bulk.num_owned].reshape(-1, bulk.rigid.dim)
     length = np.sqrt((u * u) @ np.ones(bulk.rigid.dim))
     forces = _EPS * stiffness * (sizes.nodal + length)
-    return float(np.sqrt(reductions.total(bulk.comm, forces @ forces)))
+    return math.sqrt(reductions.total(bulk.comm, float(forces @ forces)))
 
 
 def _round_off_of_contact(states: Sequence[ContactContribution], x: Floats) -> float:
@@ -348,4 +350,4 @@ def _round_off_of_contact(states: Sequence[ContactContribution], x: Floats) -> f
     slopes = sum(float(np.vdot(state.slopes, state.slopes)) for state in states)
     if slopes == 0:
         return 0.0
-    return float(_EPS * np.abs(x).max(initial=0.0) * np.sqrt(slopes))
+    return _EPS * _kernels.largest_size(x) * math.sqrt(slopes)

@@ -8,6 +8,7 @@ from mpi4py import MPI
 import numpy as np
 from dolfinx import la
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.connected_bodies import connected
@@ -129,7 +130,7 @@ def _frame(comm: MPI.Comm, x: Floats) -> tuple[Floats, float]:
     """Centre of nodes and largest distance from it [m]. Collective."""
     *total, count = reductions.total(comm, np.array([*x.sum(axis=0), len(x)]))
     centre = np.array(total) / count
-    size = float(np.abs(x - centre).max(initial=0.0))
+    size = _kernels.largest_size(x - centre)
     return centre, reductions.largest(comm, size) or 1.0
 
 

@@ -112,7 +112,7 @@ def _solve_group(W: Floats, q: Floats, mu: Floats) -> ConeSolution | None:
     """Solve for points that feel each other's forces, see `solve`. Local."""
     m, d = len(mu), len(q) // len(mu)
     own = np.diag(W)
-    length = float(np.abs(q).max(initial=0.0))
+    length = _kernels.largest_size(q)
     if not (length > 0 and (own > 0).any()):
         return None
     # Cones of right angles, and forces and motions without units.

@@ -18,7 +18,8 @@ import numpy as np
 from dolfinx import fem
 
 from dolfinx_nts.common.arrays import Floats
-from dolfinx_nts.contact.implicit.contact_step import ContactStep, ahead
+from dolfinx_nts.contact.implicit.changes_ahead import changes_ahead
+from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution, changed
 from dolfinx_nts.contact.implicit.meeting import until_met
 from dolfinx_nts.fem.components import dimension
@@ -111,7 +112,7 @@ class GivenWay:
         forces = bulk.action(way, moves_given=True)
         self._changes, resisted = [], 0.0
         for step, state in zip(self._steps, states, strict=True):
-            changes, change = ahead(step, state.pairs, way)
+            changes, change = changes_ahead(step, state.pairs, way)
             self._changes.append(changes)
             forces += change[:, : way.shape[1]]
             resisted += self._resisted(step, state, changes)

@@ -4,6 +4,7 @@ from mpi4py import MPI
 
 import numpy as np
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Array, Floats, Ints
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.model.rigid_body import RigidBody
@@ -61,7 +62,7 @@ class LinearFields:
             point = np.array(total) / count
         self.point: Floats = point
         self.values: Floats = np.column_stack([np.ones(len(X)), X - point])
-        self.size = reductions.largest(comm, float(np.abs(X - point).max(initial=0.0)))
+        self.size = reductions.largest(comm, _kernels.largest_size(X - point))
         self.products: Floats = reductions.total(comm, self.values.T @ self.values)
         self.reference: Floats = np.vstack([point, np.eye(len(point))])
         self.free: Floats = body.free()

@@ -6,9 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.timing import Timings
-from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual, predict
+from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual
+from dolfinx_nts.contact.implicit.decided_step import predict
 from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
@@ -125,7 +127,7 @@ def solve(
     # Factors that statics decides with do not know of metals that flow.
     may_decide = (inertia or not jumps) and not begins_sticking
     num_settled = 0  # evaluations of contact beside those of the iterations
-    farthest = float(np.abs(X + in_space(nodes)).max(initial=0.0))
+    farthest = _kernels.largest_size(X + in_space(nodes))
     convergence = Convergence(
         bulk,
         steps,
@@ -203,7 +205,7 @@ def solve(
             for step, state, d in zip(steps, states, dlambda, strict=True):
                 step.add_multipliers(state, d)
                 predict(step, state, du.reshape(-1, dim))
-        du_norm = reductions.largest(bulk.comm, float(np.abs(du).max(initial=0.0)))
+        du_norm = reductions.largest(bulk.comm, _kernels.largest_size(du))
         longest = _LONGEST_FALL if bulk.rigid.has_no_inertia else _LONGEST_INCREMENT
         longest *= sizes.smallest
         if not bulk.rigid.has_no_inertia:

@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 
 import numpy as np
-from dolfinx import la
+from dolfinx import common, la
 
 from dolfinx_nts import _kernels, compat
-from dolfinx_nts.common.arrays import Array, Flags, Floats, GlobalInts, Ints
+from dolfinx_nts.common.arrays import Array, Floats, GlobalInts, Ints
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.parallel.communication import exchanged
+from dolfinx_nts.parallel.communication import exchanged, rows_by_rank
 from dolfinx_nts.solvers.block_csr import BlockCSR
 from dolfinx_nts.solvers.contact_blocks import ContactBlocks
 
@@ -31,16 +31,15 @@ class OverlappingSubdomain:
         """Create the lists of nodes that rows of other ranks reach."""
         self._rows, space = rows, rows.index_map
         self._ends = np.array(space.comm.allgather(space.local_range[1]))
-        # Nodes of this rank that rows of each rank reach.
+        # Nodes of this rank that rows of it and of others reach, by rank.
         ghosts = rows.matrix.index_map(1).ghosts
-        owner = np.searchsorted(self._ends, ghosts, side="right")
-        asked = [ghosts[owner == rank] for rank in range(space.comm.size)]
-        self._reached = exchanged(space.comm, asked)
+        owners = rows_by_rank(space.comm, np.searchsorted(self._ends, ghosts, side="right"))
+        self._reached = exchanged(space.comm, {rank: ghosts[k] for rank, k in owners.items()})
         self._reached[space.comm.rank] = np.arange(*space.local_range)
-        # Nodes of contacts, ascending, and which ranks' rows reach them: contacts come to few
+        # Nodes of contacts, and those of them that rows of each rank reach: contacts come to few
         # others.
         self._known: GlobalInts = np.empty(0, dtype=np.int64)
-        self._reaches: Flags = np.empty((0, space.comm.size), dtype=bool)
+        self._reaches: dict[int, GlobalInts] = {space.comm.rank: self._known}
         self._version = -1
         self._gathered: _GatheredRows
 
@@ -55,7 +54,7 @@ class OverlappingSubdomain:
                 global numbers.
             version: Number of the matrix's values.
         """
-        near = [self._near(blocks) for blocks in contacts]
+        near = self._near(contacts)
         nodes = _unique([part for blocks in near for part in (blocks.nodes, blocks.tangent_nodes)])
         enough = version == self._version and self._gathered.cover(nodes)
         if not reductions.everywhere(self._rows.index_map.comm, enough):
@@ -67,18 +66,17 @@ class OverlappingSubdomain:
         """Constrain z and correct it, as `ContactSchwarz.correct`."""
         self._gathered.correct(r, z)
 
-    def _near(self, blocks: ContactBlocks) -> ContactBlocks:
+    def _near(self, contacts: Sequence[ContactBlocks]) -> list[ContactBlocks]:
         """Those of all ranks that touch nodes which rows of this rank reach."""
         comm = self._rows.index_map.comm
-        self._learn(np.union1d(blocks.nodes, blocks.tangent_nodes))
-        flags = (self._of_ranks(some) for some in (blocks.nodes, blocks.tangent_nodes))
-        touching = (blocks.touching(*flag) for flag in zip(*flags, strict=True))
-        parts = [blocks.take(*some) for some in touching]
-        others = (part for rank, part in enumerate(parts) if rank != comm.rank)
-        if not reductions.anywhere(comm, any(p.nodes.size + p.tangent.size for p in others)):
-            own: ContactBlocks = parts[comm.rank]
-            return own
-        return ContactBlocks.concatenated(exchanged(comm, parts))
+        self._learn(_unique([a for c in contacts for a in (c.nodes, c.tangent_nodes.ravel())]))
+        parts = {}
+        for rank, reached in self._reaches.items():
+            part = [_touching(blocks, reached) for blocks in contacts]
+            if rank == comm.rank or any(b.nodes.size + b.tangent.size for b in part):
+                parts[rank] = part
+        received = exchanged(comm, parts).values()
+        return [ContactBlocks.concatenated(every) for every in zip(*received, strict=True)]
 
     def _learn(self, nodes: GlobalInts) -> None:
         """Ask the owners of nodes that are new which ranks reach them."""
@@ -86,16 +84,24 @@ class OverlappingSubdomain:
         new = np.setdiff1d(nodes, self._known, assume_unique=True)
         if not reductions.anywhere(comm, len(new) > 0):
             return
-        asked = exchanged(comm, np.split(new, np.searchsorted(new, self._ends[:-1])))
-        answers = [np.column_stack([np.isin(some, r) for r in self._reached]) for some in asked]
-        known = np.concatenate([self._known, new])
-        reaches = np.concatenate([self._reaches, *exchanged(comm, answers)])
-        order = np.argsort(known)
-        self._known, self._reaches = known[order], reaches[order]
+        self._known = np.union1d(self._known, new)
+        owners = rows_by_rank(comm, np.searchsorted(self._ends, new, side="right"))
+        asked = exchanged(comm, {rank: new[rows] for rank, rows in owners.items()})
+        answers = {asker: self._reached_of(some) for asker, some in asked.items()}
+        for answer in exchanged(comm, answers).values():
+            for rank, some in answer.items():
+                self._reaches[rank] = np.union1d(self._reaches.get(rank, some), some)
 
-    def _of_ranks(self, nodes: GlobalInts) -> Flags:
-        """Whether rows of each rank reach nodes that are known, shape ``(ranks, ...)``."""
-        return np.moveaxis(self._reaches[np.searchsorted(self._known, nodes)], -1, 0)
+    def _reached_of(self, nodes: GlobalInts) -> dict[int, GlobalInts]:
+        """Those of some nodes of this rank that rows of each rank reach, if there are any."""
+        found = {rank: np.intersect1d(nodes, some) for rank, some in self._reached.items()}
+        return {rank: some for rank, some in found.items() if len(some)}
+
+
+def _touching(contacts: ContactBlocks, nodes: GlobalInts) -> ContactBlocks:
+    """Those in whose lists there are some of these nodes."""
+    flags = (np.isin(some, nodes) for some in (contacts.nodes, contacts.tangent_nodes))
+    return contacts.take(*contacts.touching(*flags))
 
 
 class _GatheredRows:
@@ -121,12 +127,10 @@ class _GatheredRows:
         own = (reached >= first) & (reached < last)
         ghosts = reached[~own]
         owner = np.searchsorted(ends, ghosts, side="right").astype(np.int32)
-        index_map = compat.index_map(space.comm, space.size_local, ghosts, owner)
-        self._is_local = not reductions.anywhere(space.comm, len(ghosts) > 0)
-        # It carries rows of r and z beside each other.
-        self._vector = la.vector(index_map, 2 * rows.dim)
-        self._values: Floats = self._vector.array.reshape(-1, 2 * rows.dim)
-        self._shared, self._num_owned = compat.shared(index_map), space.size_local
+        self._halo: _Halo | None = None  # where no rank reaches another one
+        if reductions.anywhere(space.comm, len(ghosts) > 0):
+            index_map = compat.index_map(space.comm, space.size_local, ghosts, owner)
+            self._halo = _Halo(index_map, rows.dim)
         places = reached - first
         places[~own] = space.size_local + np.arange(len(ghosts))
         self._factors = _kernels.ContactSchwarz(
@@ -146,17 +150,34 @@ class _GatheredRows:
 
     def correct(self, r: Floats, z: Floats) -> None:
         """Constrain z and correct it at owned nodes. Collective."""
-        shared, values = self._shared, self._values
-        if not self._is_local:
-            both = [r.take(shared, axis=0), z.take(shared, axis=0)]
-            values[shared] = np.concatenate(both, axis=1)
-            self._vector.scatter_forward()
-        self._factors.correct(r, z, values[self._num_owned :])
+        none: Floats = np.empty((0, 2 * r.shape[1]))
+        self._factors.correct(r, z, none if self._halo is None else self._halo.carry(r, z))
 
     def _place(self, nodes: GlobalInts) -> Ints:
         """Positions of nodes among those that rows reach."""
         place: Ints = self._order[np.searchsorted(self._sorted, nodes)].astype(np.int32)
         return place
+
+
+class _Halo:
+    """Brings two nodal vectors, beside each other, to the ghosts of an index map.
+
+    Args:
+        index_map: That of the nodes.
+        dim: Components of a node.
+    """
+
+    def __init__(self, index_map: common.IndexMap, dim: int) -> None:
+        self._shared, self._num_owned = compat.shared(index_map), index_map.size_local
+        self._vector = la.vector(index_map, 2 * dim)
+        self._values: Floats = self._vector.array.reshape(-1, 2 * dim)
+
+    def carry(self, r: Floats, z: Floats) -> Floats:
+        """Values at the ghosts of those at the owned nodes, both ``(n, d)``. Collective."""
+        both = [r.take(self._shared, axis=0), z.take(self._shared, axis=0)]
+        self._values[self._shared] = np.concatenate(both, axis=1)
+        self._vector.scatter_forward()
+        return self._values[self._num_owned :]
 
 
 def _unique(arrays: Sequence[Array]) -> GlobalInts:

@@ -39,6 +39,7 @@ class PetscOptions:
         prefix: Of those for the Krylov method.
         bulk_prefix: Of those for the preconditioner of the bulk.
         bulk: The latter, without prefix.
+        krylov: Whether there are any of the former.
 
     Raises:
         TypeError: The options are no mapping.
@@ -56,6 +57,7 @@ class PetscOptions:
         self.prefix = f"nts_{next(_number)}_"
         self.bulk_prefix = f"{self.prefix}bulk_"
         self.bulk = {key: value for key, value in options.items() if not key.startswith("ksp_")}
+        self.krylov = len(self.bulk) < len(options)
         kind = self.bulk.get("pc_type")
         if comm.size > 1 and kind in _SERIAL and "pc_factor_mat_solver_type" not in self.bulk:
             raise ValueError(

@@ -143,10 +143,10 @@ class BulkPreconditioner:
         self._strength = most if at_once else self._strength + 1
         self._factors = None
 
-    def apply(self, pc: Any, r: Any, z: Any) -> None:
-        """Set z to the solution for r; called by PETSc. Collective."""
+    def solve(self, b: Floats) -> Floats:
+        """Solution for b, nodal vectors of shape ``(n, d)``. Collective."""
         assert self._factors is not None
-        self._factors.apply(pc, r, z)
+        return self._factors.solve(b)
 
     @property
     def is_incomplete(self) -> bool:
@@ -245,10 +245,14 @@ class _PetscFactors:
         if self._pc is not None:
             self._pc.destroy()
         self._pc, *self._contexts = self._make()
+        self._x, self._b = self._pc.getOperators()[1].createVecs()
         return True
 
-    def apply(self, _pc: Any, r: Any, z: Any) -> None:
-        self._pc.apply(r, z)
+    def solve(self, b: Floats) -> Floats:
+        self._b.array[:] = b.ravel()
+        self._pc.apply(self._b, self._x)
+        x: Floats = self._x.array.copy()
+        return x.reshape(b.shape)
 
     def solve_all(self, b: Floats) -> Floats:
         """Solve with the factors of a matrix for the columns of an array. Collective."""

@@ -2,12 +2,10 @@
 
 import math
 from collections.abc import Callable
-from typing import Any
-
-from petsc4py import PETSc
 
 import numpy as np
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.parallel import reductions
@@ -15,10 +13,10 @@ from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.contact_corrections import ContactCorrections
 from dolfinx_nts.solvers.elimination import Elimination
 from dolfinx_nts.solvers.falling_motion import falling_motion
+from dolfinx_nts.solvers.petsc_krylov import PetscKrylov
 from dolfinx_nts.solvers.petsc_options import PetscOptions
 from dolfinx_nts.solvers.preconditioner import BulkPreconditioner
 from dolfinx_nts.solvers.rigid_motion import RigidMotion
-from dolfinx_nts.solvers.shells import shell_matrix, use_shell
 from dolfinx_nts.solvers.tangent import Tangent
 
 __all__ = ["KrylovMethod", "Operator", "Preconditioner", "RigidPreconditioner"]
@@ -30,12 +28,12 @@ _DIVERGED = 1e6
 # Rounding of products relative to the reduction that is still asked for, at which it does not
 # matter [-]: what products contribute to the solution becomes smaller as the residual does.
 _NEGLIGIBLE = 0.3
-# Relative error of products [-] that is enough to look for negative curvatures.
+# Reduction [-] that is enough to look for negative curvatures.
 _ENOUGH = 1e-3
 
 
 class Operator:
-    """Context of the shell matrix: projected tangent.
+    """Projected tangent.
 
     Right-hand sides and products have no part in the directions that
     nodes give up, and such a part of what is multiplied has no effect. Products are
@@ -48,14 +46,12 @@ class Operator:
     Attributes:
         bulk: The residual.
         elimination: Contacts of this Newton iteration.
-        reduction: Gives the reduction of the residual that is still asked for [-].
     """
 
     def __init__(self, bulk: Bulk) -> None:
         """Create the operator, without contact."""
         self.bulk = bulk
         self.elimination = Elimination((), 0)
-        self.reduction: Callable[[], float] = float
         self._rounding = math.inf
 
     def forget(self) -> None:
@@ -66,15 +62,18 @@ class Operator:
         """Serialize what decides on the precision of products. Collective."""
         self._rounding = archive.same("rounding_of_products", self._rounding)
 
-    def mult(self, _matrix: Any, x: Any, y: Any) -> None:
-        """Set y to Z~^T (K + C) Z x; called by PETSc."""
-        z = x.array_r.reshape(-1, self.bulk.rigid.dim).copy()
-        parts = self.elimination.constrain(z)
+    def act(self, x: Floats, reduction: float) -> Floats:
+        """Product Z~^T (K + C) Z x. Collective.
+
+        Args:
+            x: Vector at the owned nodes, shape ``(n, d)``, which becomes Z x.
+            reduction: Reduction of the residual that is still asked for [-].
+        """
+        parts = self.elimination.constrain(x)
         if math.isinf(self._rounding):
-            self._rounding = self.bulk.rounding(z)
-        product = self.action(z, _NEGLIGIBLE * self.reduction())
-        forces = self.elimination.act(parts, product)
-        y.array[:] = self.bulk.rigid.project(z, forces).ravel()
+            self._rounding = self.bulk.rounding(x)
+        product = self.action(x, _NEGLIGIBLE * reduction)
+        return self.bulk.rigid.project(x, self.elimination.act(parts, product))
 
     def action(self, z: Floats, error: float) -> Floats:
         """Tangent of the bodies times a vector, with a relative error up to ``error``."""
@@ -83,7 +82,7 @@ class Operator:
 
 
 class Preconditioner:
-    """Context of the shell preconditioner: that of the bulk, corrected around contacts.
+    """That of the bulk, corrected around contacts.
 
     Args:
         operator: The operator.
@@ -97,16 +96,16 @@ class Preconditioner:
         """Create the composition of both."""
         self._operator, self._bulk, self._contacts = operator, bulk, contacts
 
-    def apply(self, pc: Any, r: Any, z: Any) -> None:
-        """Set z to the approximate solution for r; called by PETSc."""
-        self._bulk.apply(pc, r, z)
+    def solve(self, r: Floats) -> Floats:
+        """Approximate solution for r, nodal vectors of shape ``(n, d)``. Collective."""
+        z = self._bulk.solve(r)
         if not self._operator.elimination.empty:
-            dim = self._operator.bulk.rigid.dim
-            self._contacts.correct(r.array_r.reshape(-1, dim), z.array.reshape(-1, dim))
+            self._contacts.correct(r, z)
+        return z
 
 
 class RigidPreconditioner:
-    """Context of the shell preconditioner with rigid bodies.
+    """The same with rigid bodies.
 
     They move as their inertia alone lets them, and all other nodes follow them.
 
@@ -121,26 +120,27 @@ class RigidPreconditioner:
         self._others, self._rigid = others, rigid
         self._holding = tangent.hold(rigid.nodes)
 
-    def apply(self, pc: Any, r: Any, z: Any) -> None:
-        """Set z to the approximate solution for r; called by PETSc."""
-        forces, nodes = r.copy(), self._rigid.nodes
-        known, unknown = (v.array.reshape(-1, self._rigid.dim) for v in (forces, z))
-        motion = self._rigid.respond(known.copy())[nodes]
+    def solve(self, r: Floats) -> Floats:
+        """Approximate solution for r, nodal vectors of shape ``(n, d)``. Collective."""
+        nodes = self._rigid.nodes
+        motion = self._rigid.respond(r.copy())[nodes]
+        known = r.copy()
         known[nodes] = self._holding * motion
-        self._others.apply(pc, forces, z)
-        unknown[nodes] = motion
-        forces.destroy()
+        z = self._others.solve(known)
+        z[nodes] = motion
+        return z
 
 
 class KrylovMethod:
     """Iterations of flexible GMRES, or of another method by the user's options.
 
     Args:
-        operator: Context of the shell matrix.
-        preconditioner: Context of the shell preconditioner.
+        operator: The projected tangent.
+        preconditioner: Its preconditioner.
         options: Options of the user.
 
     Attributes:
+        others: What the user's options choose instead, if they choose a method.
         num_iterations: Iterations so far.
         num_local_iterations: Those beside them of systems of few nodes.
     """
@@ -151,24 +151,18 @@ class KrylovMethod:
         preconditioner: Preconditioner | RigidPreconditioner,
         options: PetscOptions,
     ) -> None:
-        """Create the PETSc objects, which live as long as the solver."""
-        comm, n = operator.bulk.comm, operator.bulk.num_owned
+        """Create a method of PETSc if the user asks for one."""
+        bulk = operator.bulk
         self._operator, self._preconditioner = operator, preconditioner
-        matrix = shell_matrix(comm, (n, None), operator)
-        matrix.setUp()
         self._options: PetscOptions | None = options  # until they are known to be used
-        self._ksp = PETSc.KSP().create(comm)
-        self._ksp.setOptionsPrefix(options.prefix)
-        self._ksp.setOperators(matrix)
-        # Flexible: it stores what the preconditioner gave, instead of applying it once more.
-        self._ksp.setType("fgmres")
-        self._ksp.setGMRESRestart(_MAX_ITERATIONS)
-        self._ksp.setPCSide(PETSc.PC.Side.RIGHT)
-        self._ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
-        use_shell(self._ksp.getPC(), preconditioner)
-        with options.understood():
-            self._ksp.setFromOptions()
-        self._x, self._b = matrix.createVecs()
+        self.others: PetscKrylov | None = None
+        if options.krylov:
+            shape = bulk.num_owned // bulk.rigid.dim, bulk.rigid.dim
+            functions = operator.act, preconditioner.solve
+            self.others = PetscKrylov(bulk.comm, shape, *functions, options)
+        self._sums: Callable[[Floats], Floats] | None = None
+        if bulk.comm.size > 1:
+            self._sums = lambda values: reductions.total(bulk.comm, values)
         self.num_iterations = self.num_local_iterations = 0
 
     def solve(self, b: Floats, rtol: float, *, is_local: bool = False) -> tuple[Floats | None, int]:
@@ -180,18 +174,15 @@ class KrylovMethod:
             is_local: Whether all but few nodes are given.
 
         Returns:
-            The solution, a view that the next call overwrites, or None where
-            the method fails; number of iterations.
+            The solution, the same shape, or None where the method fails; number of iterations.
 
         Raises:
             ValueError: There are options that nothing asks for.
         """
-        self._b.array[:] = b.ravel()
-        target = rtol * self._b.norm()
-        self._operator.reduction = lambda: target / max(self._ksp.getResidualNorm(), target)
-        self._ksp.setTolerances(rtol=rtol, atol=0.0, divtol=_DIVERGED, max_it=_MAX_ITERATIONS)
-        self._ksp.solve(self._b, self._x)
-        iterations = int(self._ksp.getIterationNumber())
+        if self.others is not None:
+            x, iterations = self.others.solve(b, rtol, _DIVERGED, _MAX_ITERATIONS)
+        else:
+            x, iterations = self._iterate(b, rtol)
         if is_local:
             self.num_local_iterations += iterations
         else:
@@ -199,9 +190,19 @@ class KrylovMethod:
         if self._options is not None and iterations > 0:
             self._options.check_used()
             self._options = None
-        if self._ksp.getConvergedReason() < 0:
-            return None, iterations
-        return self._x.array.reshape(-1, self._operator.bulk.rigid.dim), iterations
+        return x, iterations
+
+    def _iterate(self, b: Floats, rtol: float) -> tuple[Floats | None, int]:
+        gmres, iterations = _kernels.FlexibleGmres(b, self._sums), 0
+        residual = first = gmres.residual
+        target = rtol * first
+        while not residual <= target < math.inf:
+            if iterations == _MAX_ITERATIONS or not residual < _DIVERGED * first:
+                return None, iterations
+            z = self._preconditioner.solve(gmres.vector)
+            residual = gmres.add(z, self._operator.act(z, target / residual))
+            iterations += 1
+        return gmres.solution(), iterations
 
     def solve_roughly(self, b: Floats) -> Floats:
         """Solve as well as the preconditioner does by itself, in one iteration. Collective.
@@ -216,11 +217,8 @@ class KrylovMethod:
         return self._preconditioned(b)
 
     def _preconditioned(self, r: Floats) -> Floats:
-        self._b.array[:] = r.ravel()
-        self._preconditioner.apply(None, self._b, self._x)
-        x: Floats = self._x.array.copy()
-        x[self._operator.bulk.given] = 0
-        x = x.reshape(r.shape)
+        x = self._preconditioner.solve(r)
+        x.reshape(-1)[self._operator.bulk.given] = 0
         self._operator.elimination.constrain(x)
         return x
 
@@ -246,11 +244,9 @@ class KrylovMethod:
             return self._preconditioned(r.reshape(numbers.shape)).ravel()
 
         def act(p: Floats) -> Floats:
-            self._b.array[:] = p
-            self._operator.mult(None, self._b, self._x)
-            return free(self._x.array.copy())
+            return free(self._operator.act(p.reshape(numbers.shape).copy(), accuracy))
 
-        self._operator.reduction = lambda: _ENOUGH
+        accuracy = _ENOUGH
         rest = np.zeros(numbers.shape)
         b = elimination.act(elimination.constrain(rest), weight * numbers)
         b = free(bulk.rigid.project(None, b))
@@ -258,6 +254,6 @@ class KrylovMethod:
         motion = falling_motion(bulk.comm, b, weights, precondition, act)
         if motion is None:
             return None
-        self._operator.reduction = float  # to all digits: no round-off is told
+        accuracy = 0.0  # to all digits: no round-off is told
         curvature = reductions.total(bulk.comm, float(motion @ act(motion)))
         return motion.reshape(numbers.shape) if curvature < 0 else None

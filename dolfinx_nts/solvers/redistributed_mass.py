@@ -25,7 +25,7 @@ from dolfinx_nts.fem.jit import compile_form
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
 from dolfinx_nts.model.bodies import Body, bulk_form
 from dolfinx_nts.model.extrapolation import Extrapolation
-from dolfinx_nts.parallel.communication import exchanged, joined
+from dolfinx_nts.parallel.communication import exchanged, joined, rows_by_rank
 from dolfinx_nts.solvers.block_csr import BlockCSR, entries_of_rows, starts
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.nodal_sum import NodalSum
@@ -190,10 +190,8 @@ def _assembled(index_map: Any, entries: _Entries) -> Any:
     row, column, value = entries
     ends = np.array(comm.allgather(first + n))
     owner = np.searchsorted(ends, row, side="right")
-    order = np.argsort(owner, kind="stable")
-    cuts = np.searchsorted(owner[order], np.arange(1, comm.size))
-    parts = (np.split(array[order], cuts) for array in (row, column, value))
-    received: Any = exchanged(comm, zip(*parts, strict=True))
+    parts = {rank: (row[k], column[k], value[k]) for rank, k in rows_by_rank(comm, owner).items()}
+    received = exchanged(comm, parts).values()
     row, column, value = (np.concatenate(arrays) for arrays in zip(*received, strict=True))
     order = np.lexsort((column, row))
     row, column, value = row[order], column[order], value[order]

@@ -7,6 +7,7 @@ from mpi4py import MPI
 import numpy as np
 from dolfinx import fem
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.axisymmetry import is_axisymmetric
 from dolfinx_nts.fem.components import dimension
@@ -98,4 +99,4 @@ class RigidStates:
     def _greatest(self, body: LinearFields, values: Floats, field: Floats) -> float:
         """Greatest component of values at the nodes of a body less a field."""
         rest = values[body.nodes] - body.values @ field
-        return reductions.largest(self._comm, float(np.abs(rest).max(initial=0.0)))
+        return reductions.largest(self._comm, _kernels.largest_size(rest))

@@ -12,6 +12,7 @@ from petsc4py import PETSc
 import numpy as np
 from dolfinx import fem
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.held_gaps import HeldGaps, Holds
@@ -112,7 +113,7 @@ class SurfaceEquilibrium:
             costs = np.abs((r - damping) * x).sum(axis=1) + np.abs(Kx * x).sum(axis=1) / 2
             x *= affordable(costs)[:, None]
             r -= self._times(x)
-        size = reductions.largest(self._comm, float(np.abs(self._u.array).max(initial=0.0)))
+        size = reductions.largest(self._comm, _kernels.largest_size(self._u.array))
         floor = _ROUND_OFF * size * self._stiffness
         least = float(np.sqrt(reductions.total(self._comm, float(np.vdot(floor, floor)))))
         self._b.array[:] = self._held.project(r).ravel()

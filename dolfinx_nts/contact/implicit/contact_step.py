@@ -5,7 +5,6 @@ A `ContactStep` never changes what the stepper remembers of the pairs. Evaluatin
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 from mpi4py import MPI
@@ -14,53 +13,23 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
-from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Tied
-from dolfinx_nts.contact.history import ContactHistory, ContactWork
-from dolfinx_nts.contact.implicit.contributions import (
-    ContactContribution,
-    PairKinematics,
-    changes_by,
-)
-from dolfinx_nts.contact.implicit.crossing_edges import CrossingEdges
-from dolfinx_nts.contact.implicit.friction import Friction
-from dolfinx_nts.contact.implicit.frozen_points import FrozenPoints, SettlingPoints, TiedPoints
-from dolfinx_nts.contact.implicit.joint_decision import Decision
-from dolfinx_nts.contact.implicit.local_search import LocalSearch, StaticSearch, last_segments
-from dolfinx_nts.contact.implicit.multiplier import MultiplierContact
-from dolfinx_nts.contact.implicit.normal_contact import NormalContact, go_on
-from dolfinx_nts.contact.implicit.penalty import PenaltyContact
-from dolfinx_nts.contact.implicit.stick_slip import StickSlip
-from dolfinx_nts.contact.implicit.tied import Bond, TiedContact
+from dolfinx_nts.contact.implicit.contributions import ContactContribution, PairKinematics
+from dolfinx_nts.contact.implicit.laws import make_friction, make_normal_contact, make_search
+from dolfinx_nts.contact.implicit.local_search import LocalSearch, last_segments
+from dolfinx_nts.contact.implicit.normal_contact import go_on
+from dolfinx_nts.contact.implicit.pair_forces import contribution_of
 from dolfinx_nts.contact.joint_state import JointState, members
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.components import dimension, in_space, of_space
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Candidates
 
-__all__ = [
-    "ContactStep",
-    "ahead",
-    "contact_residual",
-    "decide",
-    "go_on_from",
-    "predict",
-]
+__all__ = ["ContactStep", "contact_residual", "go_on_from"]
 
 # Number of changes of state from which on a failed step names the node.
 _RESTLESS = 4
 
 _NONE: Ints = np.empty(0, dtype=np.int32)
-# How contact points find their segments, by the method of the pair and absence of inertia.
-_SEARCHES = {
-    ("node-to-segment", False): LocalSearch,
-    ("node-to-segment", True): StaticSearch,
-    ("node-to-segment", "tied"): LocalSearch,
-    ("mortar", False): FrozenPoints,
-    ("mortar", True): SettlingPoints,
-    ("mortar", "tied"): TiedPoints,
-    ("edge-to-edge", False): CrossingEdges,
-    ("edge-to-edge", True): CrossingEdges,
-}
 
 
 class _Unknown(NamedTuple):
@@ -129,7 +98,7 @@ class ContactStep:
         """Find the candidates in reach and the nodes that may touch."""
         self.state, self._scheme = state, scheme
         self._comm: MPI.Comm = state.nodes.V.mesh.comm
-        self.search = search = _search(state, x_n, x_trial, is_static)
+        self.search = search = make_search(state, x_n, x_trial, is_static)
         self.x = search.x_n
         self._unknown = _Unknown(
             dimension(state.nodes.V),
@@ -137,10 +106,10 @@ class ContactStep:
             np.isin(state.nodes.nodes, rigid) if len(rigid) else None,
         )
         nodal_stiffness = stiffness[state.nodes.nodes]
-        self.normal = _normal_contact(
+        self.normal = make_normal_contact(
             state, is_static, search, nodal_stiffness, on_the_way or {}, share
         )
-        self.friction = _friction(
+        self.friction = make_friction(
             state, is_static, search, nodal_stiffness, scheme == "static", begins_sticking
         )
         self.may_touch = reductions.anywhere(self._comm, bool(self.normal.may_touch.any()))
@@ -171,15 +140,16 @@ class ContactStep:
         pairs, changed = self._kinematics(x, iteration)
         R = None if R_bulk is None else in_space(R_bulk)
         changed += self.normal.update(pairs, x, R, self.friction, iteration)
-        self._count(pairs.node)
+        self.count_active(pairs.node)
         if iteration == 0:  # without a previous one the set of active pairs is new
             changed = int(np.count_nonzero(self.normal.active[pairs.node]))
-        contribution = self._contribution(pairs, changed)
+        dim = self._unknown.dim
+        contribution = contribution_of(pairs, self.normal, self.friction, dim, changed)
         if not (self.may_touch or reductions.anywhere(self._comm, len(self.normal.nodes) > 0)):
             self._idle = contribution
         return contribution
 
-    def _count(self, node: Ints) -> None:
+    def count_active(self, node: Ints) -> None:
         """Count the active pairs of all ranks, of which ``node`` are these. Collective."""
         own = _kernels.counts_of_parts(self.normal.active[node], node, self.state.ends)
         counts = reductions.total(self._comm, own)
@@ -220,70 +190,6 @@ class ContactStep:
         nodes: Ints = (self.search.restless | (flips >= _RESTLESS)).nonzero()[0].astype(np.int32)
         return nodes
 
-    def accepted(self, contribution: ContactContribution) -> tuple[ContactHistory, ContactWork]:
-        """What is to become the history of the pair, and the energy that the step gave.
-
-        ``contribution`` is the last evaluation. Collective.
-        """
-        history = self._history(contribution)
-        return history, self._work(contribution, history)
-
-    def _history(self, contribution: ContactContribution) -> ContactHistory:
-        pairs, search, n = contribution.pairs, self.search, len(self.normal.active)
-        key = np.full(n, -1, dtype=np.int64)
-        found = search.segment >= 0
-        key[found] = self.candidates.key[search.segment[found]]
-        energy, offset = self.normal.energy(pairs)
-        slip_energy, slip = self.friction.accepted(pairs, self.x)
-        history = ContactHistory.at(
-            n,
-            pairs.node,
-            normal=pairs.contact.gradient[:, :3],
-            energy=energy,
-            offset=offset,
-        )
-        return replace(
-            history,
-            key=key,
-            active=self.normal.active.copy(),
-            sliding=self.normal.active & self.friction.sliding,
-            lambda_N=self.normal.lambda_N.copy(),
-            gap=search.gap.copy(),
-            area=search.pairing.area,
-            force=-search.pairing.on_nodes(pairs, contribution.force),
-            energy=history.energy + slip_energy,
-            **slip,
-        )
-
-    def _work(self, contribution: ContactContribution, new: ContactHistory) -> ContactWork:
-        """Energy given by the contact of the step, by cause. Collective."""
-        old, pairs = self.state.history, contribution.pairs
-        frame, ends = self.state.search.frame, (self.search.x_n, self.x)
-        dx = frame.relative(*(x.take(pairs.dofs, axis=0) for x in ends))
-        of_obstacle = 0.0
-        if frame.moves:
-            carried = frame.carried(*(x.take(self.state.nodes.nodes, axis=0) for x in ends))
-            of_obstacle = float(np.vdot(new.force, carried))
-        F = pairs.contact.force
-        dx = dx.reshape(F.shape)
-        work = -self.normal.lambda_N[pairs.node] * (F * dx).sum(axis=1)
-        work -= self.friction.scheme_work(pairs, dx)
-        # What springs account for is not counted twice.
-        work += self.normal.stored(pairs)
-        before = old.active[pairs.node]
-        same = self.search.pairing.is_same(pairs)
-        parts = np.array(
-            [
-                work[before & same].sum(),
-                work[~before].sum(),
-                work[before & ~same].sum() - self.normal.released_energy(pairs.node),
-                old.energy.sum() - new.energy.sum(),
-                -new.dissipation.sum(),
-                of_obstacle,
-            ]
-        )
-        return ContactWork(*reductions.total(self._comm, parts).tolist())
-
     def _kinematics(self, x: Floats, iteration: int) -> tuple[PairKinematics, int]:
         """Kinematics of nodes that may transmit force; how many changed or left their segment."""
         search, node, released = self.search, self.normal.nodes, 0
@@ -305,39 +211,6 @@ class ContactStep:
         search.gap[node] = pairs.contact.gap
         return pairs, int(np.count_nonzero(moved)) + released
 
-    def _contribution(self, pairs: PairKinematics, changed: int) -> ContactContribution:
-        """Residual and tangent from multipliers and tractions. Local."""
-        active = self.normal.active[pairs.node]
-        force, tangent, columns, slopes = self._forces(pairs)
-        rank = self.normal.rank(active)
-        rank[self.friction.sticks(pairs.node, active)] = self._unknown.dim
-        residual = pairs.blocks.restrict(force, tangent)
-        failed = pairs.failures(active)
-        return ContactContribution(
-            pairs, active, rank, columns, slopes, residual, tangent, force, changed, failed
-        )
-
-    def _forces(self, pairs: PairKinematics) -> tuple[Floats, Floats, Floats, Floats]:
-        """Forces, tangent, columns and slopes, see `ContactContribution`. Local.
-
-        The tangent also has rows and columns of given displacements.
-        """
-        active, lambda_N = self.normal.active[pairs.node], self.normal.lambda_N[pairs.node]
-        force = lambda_N[:, None] * pairs.contact.force
-        turning, slope = self.normal.tangent(pairs.node)
-        tangent = pairs.blocks.tangent(turning)
-        columns, slopes = self.friction.add_to(pairs, active, force, tangent)
-        slopes[:, 0, 0] = slope
-        return force, tangent, columns, slopes
-
-
-def _search(
-    state: PairState | JointState, x_n: Floats, x_trial: Floats, is_static: bool
-) -> LocalSearch:
-    """Find what the nodes may face. Collective."""
-    kind = "tied" if isinstance(state.pair.enforcement, Tied) else is_static
-    return _SEARCHES[state.pair.method, kind](state, x_n, x_trial)
-
 
 def _unknowns(search: LocalSearch, free: Floats) -> Floats | None:
     """Which displacements of the nodes that the candidates know are unknown. Collective.
@@ -350,40 +223,6 @@ def _unknowns(search: LocalSearch, free: Floats) -> Floats | None:
     known[:, : free.shape[1]] = free
     free = search.candidates.scatter.forward(known)
     return None if free[search.pairing.reached].all() else free
-
-
-def _normal_contact(
-    state: PairState | JointState,
-    is_static: bool,
-    search: LocalSearch,
-    stiffness: Floats,
-    on_the_way: Mapping[float, Floats],
-    share: float,
-) -> NormalContact:
-    """Make the normal contact of a pair by its enforcement. Collective."""
-    law = state.pair.enforcement
-    if isinstance(law, Tied):
-        return TiedContact(state, law, is_static, search, stiffness, on_the_way)
-    if isinstance(law, LagrangeMultiplier):
-        return MultiplierContact(state, law, is_static, search, stiffness, on_the_way)
-    return PenaltyContact(state, law, is_static, search, share)
-
-
-def _friction(
-    state: PairState | JointState,
-    is_static: bool,
-    search: LocalSearch,
-    stiffness: Floats,
-    acts_at_end: bool,
-    begins_sticking: bool,
-) -> Friction:
-    """Make the tangential forces of a pair by its laws. Local."""
-    law = state.pair.friction
-    if isinstance(state.pair.enforcement, Tied):
-        return Bond(state, is_static, search, stiffness, acts_at_end)
-    if law is None:
-        return Friction(state)
-    return StickSlip(state, law, is_static, search, stiffness, acts_at_end, begins_sticking)
 
 
 def contact_residual(
@@ -416,68 +255,3 @@ def go_on_from(steps: Sequence[ContactStep], others: Sequence[ContactStep]) -> N
         step.search.segment = last_segments(step.search, other.search)
         go_on(step.normal, other.normal)
         step.friction.go_on_from(other.friction)
-
-
-def decide(
-    step: ContactStep, contribution: ContactContribution, found: Decision
-) -> ContactContribution:
-    """Take over contact, stick and slip, with the forces of the next iterate. Collective.
-
-    Args:
-        step: An attempt of pairs by multipliers that push, without springs of friction.
-        contribution: Its last evaluation.
-        found: What was decided on its pairs.
-
-    Returns:
-        The same with these states.
-    """
-    pairs, active = contribution.pairs, found.presses
-    node, d = pairs.node, found.force.shape[1]
-    forces, slip = np.zeros((len(node), 3)), np.zeros((len(node), 2))
-    forces[:, :d] = -found.force * active[:, None]
-    slip[:, : d - 1] = found.motion[:, 1:]
-    step.normal.active[node], step.normal.lambda_N[node] = active, forces[:, 0]
-    assert step.friction.decided is not None
-    step.friction.decided.decide(pairs, found.slides, active, forces, slip)
-    step._count(node)
-    return step._contribution(pairs, contribution.changed)
-
-
-def predict(step: ContactStep, contribution: ContactContribution, du: Floats) -> None:
-    """Know how slips change with increments ``(n, d)`` [m] of the owned nodes. Collective."""
-    decided = step.friction.decided
-    if decided is not None and step.state.pair.friction is not None and step.num_active:
-        pairs = contribution.pairs
-        m, _, d = pairs.gradients.shape
-        du = step.candidates.scatter.forward(in_space(du)).take(pairs.dofs, axis=0)
-        change = np.einsum("mid,md->mi", pairs.gradients[:, 1:], du.reshape(m, d))
-        decided.predict(pairs, change)
-
-
-def ahead(step: ContactStep, pairs: PairKinematics, way: Floats) -> tuple[Floats, Floats]:
-    """How gaps, slips and forces change by ways that nodes and obstacles are given. Collective.
-
-    Args:
-        step: An attempt, whose obstacle knows its own way.
-        pairs: Those of its last evaluation.
-        way: Ways of the owned nodes to first order, shape ``(n, d)`` [m].
-
-    Returns:
-        Changes of gaps and slips, shape ``(m, 3)`` [m], and of forces on the owned nodes at
-        multipliers that stay, shape ``(n, 3)`` [N].
-    """
-    frame, scatter = step.state.search.frame, step.candidates.scatter
-    change: Floats = np.zeros((len(way), 3))
-    if not step.num_active:
-        return np.zeros((len(pairs.node), 3)), change
-    force, tangent, columns, slopes = step._forces(pairs)
-    given, turn = frame.ahead(step.x)
-    ways = scatter.forward(in_space(way)) - given
-    dofs, nodes = pairs.dofs, pairs.blocks.nodes
-    changes = changes_by(pairs, ways[dofs].reshape(pairs.contact.gradient.shape))
-    sloping = np.einsum("mid,mij,mj->md", columns, slopes, changes)
-    sloping += np.cross(turn, force.reshape(-1, 3)).reshape(force.shape)
-    turning = np.einsum("pij,pj->pi", tangent, ways[nodes].reshape(tangent.shape[:2]))
-    for some, forces in ((dofs, sloping), (nodes, turning)):
-        scatter.add(change, some, forces.reshape(*some.shape, 3))
-    return changes, change

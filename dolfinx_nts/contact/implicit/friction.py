@@ -25,7 +25,6 @@ class Friction:
         state: State of the contact pair.
 
     Attributes:
-        dim: Components of the displacement in which a node that sticks is held.
         sliding: Nodes that slide where they are active, shape ``(n,)``.
         traction: Traction in the frames of the segments at t_n, shape ``(n, 2)`` [N].
         flips: How often a node has changed between stick and slip, shape ``(n,)``.

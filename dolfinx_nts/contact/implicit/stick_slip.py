@@ -80,7 +80,7 @@ class StickSlip(Friction):
         # Model of the traction of the last iteration.
         self._model = TractionModel(np.zeros((n, 2)), np.zeros((n, 2)), np.zeros((n, 2, 2)))
         self._limit = LaggedLimit(n)
-        self._tractions = _kernels.Tractions(
+        self._nodal = _kernels.NodalFriction(
             law.mu,
             self._has_spring,
             self._on_axis,
@@ -100,7 +100,7 @@ class StickSlip(Friction):
         slip = self._search.pairing.slip(self._law.law, x, pairs.node, pairs.segment)
         if self._acts_at_end:
             slip = slip.at_end()
-        self._tractions.turn(pairs.node, slip.frame_n)
+        self._nodal.turn(pairs.node, slip.frame_n)
         still = None if self._has_spring else self._slips.still(pairs.node)
         pairs.add_slip(slip, self._on_axis[pairs.node], still)
         self._slips.measure(pairs, x)
@@ -120,7 +120,7 @@ class StickSlip(Friction):
 
     def sticks(self, node: Ints, active: Flags) -> Flags:
         """Nodes held by multipliers, where there are no springs, see `Friction.sticks`."""
-        return self._tractions.sticks(node, active)
+        return self._nodal.sticks(node, active)
 
     def update(
         self,
@@ -146,7 +146,7 @@ class StickSlip(Friction):
             heading, sliding, violators = self._first_heading(pairs, way), self.sliding[node], 0
         else:
             given = p, limiting, trial, way
-            heading, sliding = self._tractions.judge(node, active, *given)
+            heading, sliding = self._nodal.judge(node, active, *given)
             violates = active & (sliding != self.sliding[node])
             changes, violators = self._pivoting.select(violates, node, iteration)
             sliding ^= violates ^ changes
@@ -159,7 +159,7 @@ class StickSlip(Friction):
         else:
             known = float(iteration > 0)  # multipliers of the first guess mean nothing
             new = self._exact(pairs, known * t, value, known * limiting, heading, sliding)
-        self._tractions.model(node, active, sliding, measured, value, *new, lags, limiting)
+        self._nodal.accept(node, active, sliding, measured, value, *new, lags, limiting)
         if eps_T is not None:
             turning = self.traction[node] - of_slip + (p - measured)[:, None] * new.direction
             self._slips.turning[node] = np.where(active[:, None], turning, 0.0)
@@ -208,10 +208,10 @@ class StickSlip(Friction):
     def balance(self, pairs: PairKinematics, R: Floats, active: Flags) -> Floats:
         """Balance with tractions, sticking nodes in all directions, see `Friction.balance`."""
         node = pairs.node
-        rank, known, direction = self._tractions.known(node, active, pairs.fixed, self._dim)
+        rank, known, direction = self._nodal.known(node, active, pairs.fixed, self._dim)
         friction = known, direction
         multipliers = pairs.blocks.balance(pairs.normal, R, pairs.columns, rank, friction)
-        self._tractions.balance(node, active, rank, multipliers, known)
+        self._nodal.balance(node, active, rank, multipliers, known)
         lambda_N: Floats = multipliers[:, 0]
         return lambda_N
 
@@ -219,7 +219,7 @@ class StickSlip(Friction):
         """Set tractions of sliding nodes by their model, see `Friction.follow_multipliers`."""
         node = pairs.node
         slides = active & ~self.sticks(node, active)
-        _, known, direction = self._tractions.known(node, active, pairs.fixed, self._dim)
+        _, known, direction = self._nodal.known(node, active, pairs.fixed, self._dim)
         traction = known - lambda_N[:, None] * direction
         self.traction[node[slides]] = traction[slides]
 
@@ -231,7 +231,7 @@ class StickSlip(Friction):
         is_linear = isinstance(self._state.pair.enforcement, Penalty)
         turning = self._slips.turning if is_linear else self.traction
         tangent += pairs.slip.tangent(turning[node])
-        return self._tractions.add_to(node, active, pairs.force, pairs.columns, force)
+        return self._nodal.add_to(node, active, pairs.force, pairs.columns, force)
 
     def scheme_work(self, pairs: PairKinematics, dx: Floats) -> Floats:
         """Work of tractions at the end of the step, see `Friction.scheme_work`."""

@@ -20,13 +20,14 @@ public:
 
   CellIntegral(const Kernels& kernels, Doubles X, Ints vertices, Ints nodes,
                std::vector<Doubles> functions,
-               const std::vector<std::size_t>& first, Ints places,
-               std::size_t width, std::size_t components, Ints rows,
-               std::size_t length)
+               const std::vector<std::size_t>& first,
+               std::vector<Doubles> constants, Ints places, std::size_t width,
+               std::size_t components, Ints rows, std::size_t length)
       : _kernels(kernels), _X(std::move(X)), _vertices(std::move(vertices)),
         _nodes(std::move(nodes)), _functions(std::move(functions)),
-        _places(std::move(places)), _rows(std::move(rows)), _width(width),
-        _components(components), _length(length)
+        _constants(std::move(constants)), _places(std::move(places)),
+        _rows(std::move(rows)), _width(width), _components(components),
+        _length(length)
   {
     std::visit([](const auto& some) { check_alike(some); }, kernels);
     if (components != 2 && components != 3)
@@ -53,18 +54,22 @@ public:
     check_rows("places: expected less than width", _places, width);
   }
 
-  void add(const Ints& cells, const Doubles& packed, const Doubles& constants,
-           const Out<double>& b, const Out<double>& sums)
+  void add(const Ints& cells, const Doubles& packed, const Out<double>& b,
+           const Out<double>& sums)
   {
     check("cells", cells, {any});
     check_rows("cells: expected numbers of cells", cells, _nodes.shape(0));
     check("packed", packed, {_nodes.shape(0), _places.size()});
     check_values("b", b, _length * _num_rows);
     check("sums", sums, {any});
+    std::vector<double> constants;
+    for (const Doubles& values : _constants)
+      constants.insert(constants.end(), values.data(),
+                       values.data() + values.size());
     const CellNodes mesh{view(_X),     view(_vertices), _vertices.shape(1),
                          view(_nodes), _nodes.shape(1), _components};
     const KernelInput input{_gathered, view(packed), view(_places), _width,
-                            view(constants)};
+                            constants};
     const CellRows out{view(b), view(_rows), _rows.shape(1), _length,
                        view(sums)};
     std::visit(
@@ -118,7 +123,7 @@ private:
   Kernels _kernels;
   Doubles _X;
   Ints _vertices, _nodes;
-  std::vector<Doubles> _functions;
+  std::vector<Doubles> _functions, _constants;
   std::vector<Gathered> _gathered; // views of them
   Rounded _rounded;
   Ints _places, _rows;
@@ -142,24 +147,25 @@ void cells(nb::module_& m)
   {
     integral.def(
         nb::init<const std::vector<Kernel>&, Doubles, Ints, Ints,
-                 std::vector<Doubles>, const std::vector<std::size_t>&, Ints,
-                 std::size_t, std::size_t, Ints, std::size_t>(),
+                 std::vector<Doubles>, const std::vector<std::size_t>&,
+                 std::vector<Doubles>, Ints, std::size_t, std::size_t, Ints,
+                 std::size_t>(),
         nb::arg("kernels"), nb::arg("X").noconvert(),
         nb::arg("vertices").noconvert(), nb::arg("nodes").noconvert(),
-        nb::arg("functions").noconvert(), nb::arg("first"), nb::arg("places"),
-        nb::arg("width"), nb::arg("components"), nb::arg("rows"),
-        nb::arg("length"),
-        "-, (g, 3), (c, v), (c, k), each (d l,), place of each, places of "
-        "other values, number of values that the kernel reads, d; rows of the "
+        nb::arg("functions").noconvert(), nb::arg("first"),
+        nb::arg("constants").noconvert(), nb::arg("places"), nb::arg("width"),
+        nb::arg("components"), nb::arg("rows"), nb::arg("length"),
+        "-, (g, 3), (c, v), (c, k), each (d l,), place of each, values of "
+        "each constant, places of other values, number of values that the "
+        "kernel reads, d; rows of the "
         "vector that are added to, of so many values, (c, r)");
   };
   init.operator()<ElementKernel>();
   init.operator()<BatchKernel>();
   integral.def(
       "add", &CellIntegral::add, nb::arg("cells"), nb::arg("packed"),
-      nb::arg("constants"), nb::arg("b").noconvert(),
-      nb::arg("sums").noconvert(),
-      "(m,) of which cells, (c, n) values of other functions, (n,); adds "
+      nb::arg("b").noconvert(), nb::arg("sums").noconvert(),
+      "(m,) of which cells, (c, n) values of other functions; adds "
       "to the rows of b, one behind the other, and the numbers that cells have "
       "behind their rows to their sums, (s,)");
 }

@@ -1,6 +1,7 @@
 #include "elimination.h"
 #include "nts/solvers/contact_changes.h"
 
+#include <bit>
 #include <nanobind/stl/tuple.h>
 
 namespace nts::bindings
@@ -35,20 +36,27 @@ void close_gaps_batch(const In<std::int32_t>& nodes, const In<bool>& moves,
 }
 
 /// @brief Largest absolute value, NaN where there is one.
+template <class Value>
+double largest(std::size_t n, Value&& value) noexcept
+{
+  // Bits of values without sign are in the order of the values, NaN behind.
+  std::uint64_t bits = 0;
+  for (std::size_t i = 0; i < n; ++i)
+    bits = std::max(bits, std::bit_cast<std::uint64_t>(std::abs(value(i))));
+  return std::bit_cast<double>(bits);
+}
+
+double largest_size(const Doubles& a)
+{
+  return largest(a.size(), [x = a.data()](std::size_t i) { return x[i]; });
+}
+
 double largest_difference(const Doubles& a, const Doubles& b)
 {
   if (a.size() != b.size())
     throw nb::value_error("expected as many values in both arrays");
-  double largest = 0;
-  for (std::size_t i = 0; i < a.size(); ++i)
-  {
-    const double difference = std::abs(a.data()[i] - b.data()[i]);
-    if (!(difference <= largest))
-      largest = difference;
-    if (std::isnan(largest))
-      break;
-  }
-  return largest;
+  return largest(a.size(), [x = a.data(), y = b.data()](std::size_t i)
+                 { return x[i] - y[i]; });
 }
 
 /// @brief Constraints of nodes with B components, by arrays of these sizes.
@@ -207,6 +215,8 @@ void elimination(nb::module_& m)
            nb::arg("x_ghosts"), nb::arg("y").noconvert(),
            nb::arg("y_ghosts").noconvert(),
            "y <- y + C x: (n, B), (g, B), (n, B), (g, B)");
+  m.def("largest_size", &largest_size, nb::arg("a"),
+        "Largest absolute value, NaN where there is one, 0 of none");
   m.def("largest_difference", &largest_difference, nb::arg("a"), nb::arg("b"),
         "Largest absolute difference of the values of two arrays of one size, "
         "NaN where there is one");

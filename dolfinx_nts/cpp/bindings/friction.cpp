@@ -1,6 +1,5 @@
-#include "nts/contact/friction.h"
 #include "array.h"
-#include "nts/contact/batch.h"
+#include "nts/contact/nodal_friction.h"
 
 #include <nanobind/stl/tuple.h>
 
@@ -8,11 +7,6 @@ namespace nts::bindings
 {
 namespace
 {
-Vec2 pair(const Doubles& x, std::size_t i) noexcept
-{
-  return {x.data()[2 * i], x.data()[2 * i + 1]};
-}
-
 auto exact_batch(double mu, const Doubles& t, const Doubles& slip,
                  const Doubles& p, const Doubles& c, const Doubles& heading,
                  const In<bool>& sliding)
@@ -29,9 +23,9 @@ auto exact_batch(double mu, const Doubles& t, const Doubles& slip,
   auto stiffness = create<double>({m, 2, 2});
   for (std::size_t i = 0; i < m; ++i)
   {
-    const TractionModel model
-        = exact_friction(mu, pair(t, i), pair(slip, i), p.data()[i],
-                         c.data()[i], pair(heading, i), sliding.data()[i]);
+    const TractionModel model = exact_friction(
+        mu, vector2(view(t), i), vector2(view(slip), i), p.data()[i],
+        c.data()[i], vector2(view(heading), i), sliding.data()[i]);
     store(model.fixed, view(fixed), i);
     store(model.direction, view(direction), i);
     store(model.stiffness, view(stiffness), i);
@@ -59,9 +53,10 @@ auto balance_batch(const Doubles& normal, const Doubles& force,
     Matrix<3, 3> own;
     for (std::size_t a = 0; a < 3; ++a)
       std::copy_n(columns.data() + (3 * i + a) * d, 3, own[a].begin());
-    const Vec3 result = balance(vector(view(normal), i), vector(view(force), i),
-                                own, static_cast<std::size_t>(rank.data()[i]),
-                                pair(known, i), pair(direction, i));
+    const Vec3 result
+        = balance(vector(view(normal), i), vector(view(force), i), own,
+                  static_cast<std::size_t>(rank.data()[i]),
+                  vector2(view(known), i), vector2(view(direction), i));
     store(result, view(multipliers), i);
   }
   return multipliers;
@@ -79,8 +74,9 @@ auto slides_batch(double mu, const Doubles& trial, const Doubles& way,
   check("sliding", sliding, {m});
   auto flags = create<bool>({m});
   for (std::size_t i = 0; i < m; ++i)
-    flags.data()[i] = slides(mu, pair(trial, i), pair(way, i), p.data()[i],
-                             pair(heading, i), sliding.data()[i]);
+    flags.data()[i]
+        = slides(mu, vector2(view(trial), i), vector2(view(way), i),
+                 p.data()[i], vector2(view(heading), i), sliding.data()[i]);
   return flags;
 }
 
@@ -93,12 +89,9 @@ auto with_friction_batch(const Doubles& columns, const Doubles& direction)
   auto mixed = create<double>({m, 3, d});
   std::copy_n(columns.data(), columns.size(), mixed.data());
   for (std::size_t i = 0; i < m; ++i)
-  {
-    const Vec2 s = pair(direction, i);
-    double* row = mixed.data() + 3 * d * i;
-    for (std::size_t e = 0; e < d; ++e)
-      row[e] -= s[0] * row[d + e] + s[1] * row[2 * d + e];
-  }
+    add_tangential(-1. * vector2(view(direction), i),
+                   view(columns).subspan(3 * d * i, 3 * d),
+                   view(mixed).subspan(3 * d * i, d));
   return mixed;
 }
 

@@ -13,7 +13,9 @@ template <class S>
 Projection<S> project_pair(const Doubles& x_pair, const Doubles& orientation,
                            std::size_t i) noexcept
 {
-  Projection<S> p = project(load<S>(view(x_pair), i), orientation.data()[i]);
+  const Vec3 origin = node_of<S>(view(x_pair), i);
+  Projection<S> p
+      = project(load<S>(view(x_pair), i, origin), orientation.data()[i]);
   if (!p.converged)
   {
     p.xi = {NAN, NAN};
@@ -137,8 +139,10 @@ auto invariants_batch(const Doubles& x_pair, const Doubles& normal,
         {
           const double* n = normal.data() + 3 * i;
           const double* c = xi.data() + 2 * i;
-          store(invariants(augment(load<S>(view(x_pair), i), {n[0], n[1], n[2]},
-                                   {c[0], c[1]}, slack.data()[i])),
+          const Vec3 origin = node_of<S>(view(x_pair), i);
+          store(invariants(augment(load<S>(view(x_pair), i, origin),
+                                   {n[0], n[1], n[2]}, {c[0], c[1]},
+                                   slack.data()[i])),
                 view(pi), i);
         }
         return pi;

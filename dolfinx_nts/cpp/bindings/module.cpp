@@ -12,14 +12,15 @@ void local_search(nanobind::module_& m);
 void contact(nanobind::module_& m);
 void elimination(nanobind::module_& m);
 void factors(nanobind::module_& m);
+void flexible_gmres(nanobind::module_& m);
 void contact_schwarz(nanobind::module_& m);
 void friction(nanobind::module_& m);
 void leapfrog(nanobind::module_& m);
 void mortar(nanobind::module_& m);
 void mortar_slip(nanobind::module_& m);
+void nodal_friction(nanobind::module_& m);
 void rows(nanobind::module_& m);
 void springs(nanobind::module_& m);
-void tractions(nanobind::module_& m);
 void volume_ratio(nanobind::module_& m);
 } // namespace nts::bindings
 
@@ -35,13 +36,14 @@ NB_MODULE(_kernels, m)
   nts::bindings::contact(m);
   nts::bindings::elimination(m);
   nts::bindings::factors(m);
+  nts::bindings::flexible_gmres(m);
   nts::bindings::contact_schwarz(m);
   nts::bindings::friction(m);
   nts::bindings::leapfrog(m);
   nts::bindings::mortar(m);
   nts::bindings::mortar_slip(m);
+  nts::bindings::nodal_friction(m);
   nts::bindings::rows(m);
   nts::bindings::springs(m);
-  nts::bindings::tractions(m);
   nts::bindings::volume_ratio(m);
 }

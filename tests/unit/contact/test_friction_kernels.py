@@ -28,7 +28,7 @@ class Friction:
         self.frame = np.zeros((N, 2, 3))
         names = "on_axis rounding sliding flips traction explicit direction stiffness heading"
         arrays = (getattr(self, name) for name in f"{names} present modelled frame".split())
-        self.kernel = _kernels.Tractions(MU, has_springs, *arrays)
+        self.kernel = _kernels.NodalFriction(MU, has_springs, *arrays)
 
 
 def test_what_is_at_the_limit_or_on_the_axis_keeps_its_state(rng):
@@ -53,7 +53,7 @@ def test_tractions_follow_their_model(rng, has_springs):
     p, limiting = rng.random((2, M))
     slip, explicit, direction = rng.normal(size=(3, M, 2))
     model, lags = (explicit, direction, rng.normal(size=(M, 2, 2))), np.arange(M) == 3
-    of.kernel.model(of.node, of.active, sliding, p, slip, *model, lags, limiting)
+    of.kernel.accept(of.node, of.active, sliding, p, slip, *model, lags, limiting)
     assert of.flips[of.node].tolist() == [1, 1, 0, 0, 0]
     np.testing.assert_array_equal(of.sliding[of.node], sliding)
     np.testing.assert_array_equal(of.modelled[of.node], slip)

@@ -12,6 +12,7 @@ from dolfinx import fem
 import dolfinx_nts as nts
 from dolfinx_nts import _kernels
 from dolfinx_nts.contact.history import ContactHistory
+from dolfinx_nts.contact.implicit.accepted_contact import contact_history, contact_work
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.pair_state import PairState
 from helpers import box_meshes, scenes
@@ -116,7 +117,7 @@ def test_evaluation_leaves_the_history_untouched(comm, agree):
     for iteration in range(3):
         state = step.evaluate(x, None, iteration)
         step.normal.lambda_N[state.pairs.node] -= 1.0
-    step.accepted(state)
+    contact_work(step, state, contact_history(step, state))
     assert agree(same(pair.history, before))
     assert comm.allreduce(np.count_nonzero(pair.history.active)) > 0
 

@@ -91,6 +91,18 @@ def test_projection_is_where_the_surface_is_across_to_the_node(kind):
 
 @patches
 @pytest.mark.parametrize("scheme", SCHEMES)
+def test_pairs_far_from_the_origin_have_the_results_of_near_ones(kind, scheme):
+    x_n, x, orientation = states(kind, 6, m=40)
+    place = 1e4 * np.array([1, -2, 0 if kind.startswith("edge") else 3])
+    far = x_n + place, x + place
+    near = far[0] - place, far[1] - place  # exact: both have the same digits
+    kernel = getattr(_kernels, f"patch_{scheme}")
+    for found, expected in zip(kernel(*far, orientation), kernel(*near, orientation), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
+
+
+@patches
+@pytest.mark.parametrize("scheme", SCHEMES)
 def test_gradient_and_tangent_are_derivatives(kind, scheme):
     x_n, x, orientation = states(kind, 2)
     kernel = getattr(_kernels, f"patch_{scheme}")

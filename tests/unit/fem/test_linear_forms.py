@@ -227,6 +227,7 @@ def test_kernel_refuses_what_does_not_fit():
         "nodes": nodes,
         "functions": [values],
         "first": [0],
+        "constants": [],
         "places": np.empty(0, dtype=np.int32),
         "width": 12,
         "components": 3,
@@ -249,13 +250,14 @@ def test_kernel_refuses_what_does_not_fit():
     ):
         with pytest.raises(ValueError, match=message):
             _kernels.CellIntegral(**good | wrong)
-    # A copy would not be what the function is later.
-    with pytest.raises(TypeError):
-        _kernels.CellIntegral(**good | {"functions": [values[::-1]]})
+    # A copy would not be what they are later.
+    for name in ("functions", "constants"):
+        with pytest.raises(TypeError):
+            _kernels.CellIntegral(**good | {name: [values[::-1]]})
     none, nothing = np.empty(0, dtype=np.int32), np.empty((1, 0))
     with pytest.raises(ValueError, match="numbers of cells"):
-        integral.add(np.array([1], dtype=np.int32), nothing, np.empty(0), values, np.empty(0))
+        integral.add(np.array([1], dtype=np.int32), nothing, values, np.empty(0))
     with pytest.raises(ValueError, match="packed: expected shape"):
-        integral.add(none, np.zeros((1, 12)), np.empty(0), values, np.empty(0))
+        integral.add(none, np.zeros((1, 12)), values, np.empty(0))
     with pytest.raises(ValueError, match="all values of each node"):
-        integral.add(none, nothing, np.empty(0), values[:9], np.empty(0))
+        integral.add(none, nothing, values[:9], np.empty(0))

@@ -361,7 +361,7 @@ def test_it_tells_its_arguments(comm, folder, monkeypatch):
 @pytest.mark.at_most_two_ranks
 def test_wrong_use_is_refused(comm, folder, refused):
     stepper = blocks(comm).stepper
-    with refused(ValueError, "every 1 step or more, given 0"):
+    with refused(ValueError, "every >= 1, given 0"):
         Recorder(folder / "run", stepper, every=0)
     recorder = Recorder(folder / "run", stepper)
     step = stepper.advance()

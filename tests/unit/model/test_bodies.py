@@ -183,7 +183,7 @@ def test_body_refuses_wrong_arguments(comm, refused):
         nts.Body(V, cells, 1.0, RUBBER)
     with refused(TypeError, "MeshTags as cells, given ndarray"):
         nts.Body(V, cells.values, 1, RUBBER)
-    with refused(TypeError, "expected a material, given float"):
+    with refused(TypeError, r"such as NeoHookean\(E, nu, rho\), given float"):
         nts.Body(V, cells, 1, 1.0e5)
     other = two_boxes(comm)
     with refused(ValueError, "of the mesh of the function space, given those of another mesh"):

@@ -2,7 +2,13 @@
 
 import numpy as np
 
-from dolfinx_nts.parallel.communication import exchanged, joined, on_root, places_among_all
+from dolfinx_nts.parallel.communication import (
+    exchanged,
+    joined,
+    on_root,
+    places_among_all,
+    rows_by_rank,
+)
 
 
 def table(ids):
@@ -10,12 +16,23 @@ def table(ids):
     return np.column_stack([10.0 * ids, -ids])
 
 
-def test_each_rank_has_something_for_every_rank(comm, agree):
-    parts = [table(np.arange(comm.rank, other + 3)) for other in range(comm.size)]
-    received = exchanged(comm, iter(parts))
-    assert received[comm.rank] is parts[comm.rank]
-    expected = [table(np.arange(other, comm.rank + 3)) for other in range(comm.size)]
-    assert agree(all(map(np.array_equal, received, expected)) and len(received) == comm.size)
+def test_each_rank_hears_from_those_that_have_something_for_it(comm, agree):
+    # Of each two neighbours the lower one has rows for the other, and then the other way round.
+    for step in (1, -1) * 3:
+        to, source = comm.rank + step, comm.rank - step
+        parts = {rank: table(np.arange(comm.rank, rank + 3)) for rank in (to, comm.rank)}
+        parts = {rank: part for rank, part in parts.items() if 0 <= rank < comm.size}
+        received = exchanged(comm, parts)
+        senders = [rank for rank in sorted({source, comm.rank}) if 0 <= rank < comm.size]
+        expected = [table(np.arange(rank, comm.rank + 3)) for rank in senders]
+        assert agree(list(received) == senders and received[comm.rank] is parts[comm.rank])
+        assert agree(all(map(np.array_equal, received.values(), expected)))
+
+
+def test_rows_go_to_their_ranks_in_their_order(comm, agree):
+    ranks = np.array([5, 0, 5, 7, 0]) + comm.size
+    rows = {rank - comm.size: list(some) for rank, some in rows_by_rank(comm, ranks).items()}
+    assert agree(rows == {comm.rank - comm.size: [], 0: [1, 4], 5: [0, 2], 7: [3]})
 
 
 def test_first_rank_acts_alone_and_all_get_the_result(comm, agree):

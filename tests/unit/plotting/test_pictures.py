@@ -10,6 +10,7 @@ import dolfinx_nts as nts
 from dolfinx_nts import plotting
 from dolfinx_nts.io.recorder import Recorder
 from dolfinx_nts.plotting import diagrams, pictures
+from dolfinx_nts.plotting.arguments import columns
 from dolfinx_nts.plotting.canvas import aim
 from dolfinx_nts.plotting.obstacles import surface_near
 from dolfinx_nts.plotting.scales import prefixed, rounded
@@ -238,7 +239,7 @@ def test_energy_error_is_what_no_work_explains(tmp_path):
     rows = [[0.0] * 7, [1.0, 2.4, 3.0, -1.0, 1.0, 0.0, -0.5]]
     text = "\n".join([",".join(names), *(",".join(map(str, row)) for row in rows)])
     (tmp_path / "run.csv").write_text(text)
-    time, error = diagrams._unexplained(diagrams._read(tmp_path / "run.csv"))
+    time, error = diagrams._unexplained(columns(tmp_path / "run.csv"))
     assert time.tolist() == [0.0, 1.0]
     assert error == pytest.approx([0.0, 0.1 / 2.5])
     assert plotting.energy_error(tmp_path / "run.csv").data
@@ -271,7 +272,7 @@ def test_a_wrong_contact_picture_is_refused(comm, folder, refused):
     stepper = blocks(comm).stepper
     with refused(ValueError, "'pressure' or 'gap', given 'stress'"):
         plotting.contact(stepper, folder / "a.png", colour="stress")
-    with refused(IndexError, "range"):
+    with refused(IndexError, "one of 1 pairs, from 0, given 7"):
         plotting.contact(stepper, folder / "a.png", pair=7)
 
 

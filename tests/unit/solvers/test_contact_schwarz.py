@@ -240,11 +240,15 @@ def test_wrong_matrices_and_nodes_are_refused(rng):
         schwarz.correct(*np.zeros((2, NODES - 1, 3)), NO_GHOSTS)
 
 
-def test_largest_difference_tells_what_is_not_a_number(rng):
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_largest_sizes_tell_what_is_not_a_number(rng, sign):
     a, b = rng.normal(size=(2, 4, 3))
+    assert _kernels.largest_size(a) == np.abs(a).max()
     assert _kernels.largest_difference(a, b) == np.abs(a - b).max()
-    assert _kernels.largest_difference(a[:0], b[:0]) == 0
-    a[1, 1] = np.nan
-    assert np.isnan(_kernels.largest_difference(a, b))
+    assert _kernels.largest_size(a[:0]) == _kernels.largest_difference(a[:0], b[:0]) == 0
+    a[1, 0] = sign * np.inf
+    assert _kernels.largest_size(a) == np.inf
+    a[1, 1] = np.copysign(np.nan, sign)
+    assert np.isnan([_kernels.largest_size(a), _kernels.largest_difference(a, b)]).all()
     with pytest.raises(ValueError, match="as many values"):
         _kernels.largest_difference(a, b[:2])

@@ -52,7 +52,8 @@ def test_each_rank_gets_the_contacts_of_its_nodes_and_of_their_neighbours_once(c
         tangent_nodes=every.tangent_nodes[:, :1], tangent=every.tangent[:, :3, :3]
     )
     ranks = (np.arange(len(a)) % comm.size for a in (every.rank, every.tangent))
-    found = OverlappingSubdomain(rows)._near(some(every, *(r == comm.rank for r in ranks)))
+    own = some(every, *(r == comm.rank for r in ranks))
+    (found,) = OverlappingSubdomain(rows)._near([own])
 
     reached = rows.matrix.index_map(1).local_to_global(rows.column)
     flags = (np.isin(nodes, reached) for nodes in (every.nodes, every.tangent_nodes))

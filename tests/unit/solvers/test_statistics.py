@@ -41,7 +41,7 @@ def test_counts_are_those_of_the_calls(comm, monkeypatch, direct):
     for name, (owner, method) in COUNTED.items():
         count(name, owner, method)
     count("num_actions", Bulk, "rounded_action")
-    count("products", Operator, "mult")
+    count("products", Operator, "act")
     count("rough", KrylovMethod, "solve_roughly")
     if direct:
         monkeypatch.setattr(ActiveSets, "are_coupled", lambda *_: True)

@@ -9,35 +9,26 @@
 /// by the caller; every pair is independent of all others.
 namespace nts
 {
-/// @brief Pair number i of x, shape (m, 1 + k, 3).
+/// @brief Position of the node of pair number i of x, shape (m, 1 + k, 3).
 template <class S>
-Pair<S> load(std::span<const double> x, std::size_t i) noexcept
+Vec3 node_of(std::span<const double> x, std::size_t i) noexcept
 {
-  const double* first = x.data() + pair_size<S> * i;
+  return vector(x, (1 + S::vertices) * i);
+}
+
+/// @brief Pair number i of x, shape (m, 1 + k, 3), about an origin near it.
+///
+/// Nothing that is computed of a pair depends on the origin, but sums of
+/// positions far from it lose the digits by which they differ.
+template <class S>
+Pair<S> load(std::span<const double> x, std::size_t i,
+             const Vec3& origin) noexcept
+{
   Pair<S> pair;
-  for (std::size_t c = 0; c < 3; ++c)
-  {
-    pair.node[c] = first[c];
-    for (std::size_t K = 0; K < S::vertices; ++K)
-      pair.segment[K][c] = first[3 * (K + 1) + c];
-  }
+  pair.node = node_of<S>(x, i) - origin;
+  for (std::size_t K = 0; K < S::vertices; ++K)
+    pair.segment[K] = vector(x, (1 + S::vertices) * i + 1 + K) - origin;
   return pair;
-}
-
-/// @brief Write values to row i of an array.
-template <std::size_t N>
-void store(const std::array<double, N>& values, std::span<double> out,
-           std::size_t i) noexcept
-{
-  std::copy(values.begin(), values.end(), out.begin() + N * i);
-}
-
-template <std::size_t R, std::size_t C>
-void store(const Matrix<R, C>& values, std::span<double> out,
-           std::size_t i) noexcept
-{
-  for (std::size_t r = 0; r < R; ++r)
-    store(values[r], out, R * i + r);
 }
 
 /// @brief Where the contact batch writes, sizes as in `Contact` times m.
@@ -63,7 +54,9 @@ void contact(std::span<const double> x_pair_n, std::span<const double> x_pair,
   for (std::size_t i = 0; i < orientation.size(); ++i)
   {
     Contact<S> c;
-    const Pair<S> pair_n = load<S>(x_pair_n, i), pair = load<S>(x_pair, i);
+    const Vec3 origin = node_of<S>(x_pair_n, i);
+    const Pair<S> pair_n = load<S>(x_pair_n, i, origin),
+                  pair = load<S>(x_pair, i, origin);
     if constexpr (scheme == Scheme::conserving)
       contact_conserving(pair_n, pair, orientation[i], c);
     else if constexpr (scheme == Scheme::midpoint)
@@ -100,7 +93,9 @@ void slips(std::span<const double> x_pair_n, std::span<const double> x_pair,
 {
   for (std::size_t i = 0; i < orientation.size(); ++i)
   {
-    const Pair<S> pair_n = load<S>(x_pair_n, i), pair = load<S>(x_pair, i);
+    const Vec3 origin = node_of<S>(x_pair_n, i);
+    const Pair<S> pair_n = load<S>(x_pair_n, i, origin),
+                  pair = load<S>(x_pair, i, origin);
     const Projection<S> p_n = project(pair_n, orientation[i]);
     const Projection<S> p = project(pair, orientation[i]);
     Slip<S> s;
@@ -134,8 +129,10 @@ void convective_slips(std::span<const double> x_pair_n,
 {
   for (std::size_t i = 0; i < orientation.size(); ++i)
   {
-    ConvectiveSlip<S> s = convective_slip(load<S>(x_pair_n, i),
-                                          load<S>(x_pair, i), orientation[i]);
+    const Vec3 origin = node_of<S>(x_pair_n, i);
+    ConvectiveSlip<S> s
+        = convective_slip(load<S>(x_pair_n, i, origin),
+                          load<S>(x_pair, i, origin), orientation[i]);
     if (!s.valid)
       s.value = {NAN, NAN};
     store(s.value, out.value, i);

@@ -24,6 +24,28 @@ constexpr Vec3 vector(std::span<const double> x, std::size_t i) noexcept
   return {x[3 * i], x[3 * i + 1], x[3 * i + 2]};
 }
 
+/// @brief Row i of x, shape (n, 2).
+constexpr Vec2 vector2(std::span<const double> x, std::size_t i) noexcept
+{
+  return {x[2 * i], x[2 * i + 1]};
+}
+
+/// @brief Write values to row i of an array.
+template <std::size_t N>
+void store(const std::array<double, N>& values, std::span<double> out,
+           std::size_t i) noexcept
+{
+  std::copy(values.begin(), values.end(), out.begin() + N * i);
+}
+
+template <std::size_t R, std::size_t C>
+void store(const Matrix<R, C>& values, std::span<double> out,
+           std::size_t i) noexcept
+{
+  for (std::size_t r = 0; r < R; ++r)
+    store(values[r], out, R * i + r);
+}
+
 constexpr Vec2 operator+(const Vec2& a, const Vec2& b) noexcept
 {
   return {a[0] + b[0], a[1] + b[1]};

@@ -1,0 +1,40 @@
+"""How contact changes on ways that nodes and obstacles are given."""
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.implicit.contact_step import ContactStep
+from dolfinx_nts.contact.implicit.contributions import PairKinematics, changes_by
+from dolfinx_nts.contact.implicit.pair_forces import PairForces
+from dolfinx_nts.fem.components import in_space
+
+__all__ = ["changes_ahead"]
+
+
+def changes_ahead(step: ContactStep, pairs: PairKinematics, way: Floats) -> tuple[Floats, Floats]:
+    """How gaps, slips and forces change by ways that nodes and obstacles are given. Collective.
+
+    Args:
+        step: An attempt, whose obstacle knows its own way.
+        pairs: Those of its last evaluation.
+        way: Ways of the owned nodes to first order, shape ``(n, d)`` [m].
+
+    Returns:
+        Changes of gaps and slips, shape ``(m, 3)`` [m], and of forces on the owned nodes at
+        multipliers that stay, shape ``(n, 3)`` [N].
+    """
+    frame, scatter = step.state.search.frame, step.candidates.scatter
+    change: Floats = np.zeros((len(way), 3))
+    if not step.num_active:
+        return np.zeros((len(pairs.node), 3)), change
+    force, tangent, columns, slopes = PairForces.of(pairs, step.normal, step.friction)
+    given, turn = frame.ahead(step.x)
+    ways = scatter.forward(in_space(way)) - given
+    dofs, nodes = pairs.dofs, pairs.blocks.nodes
+    changes = changes_by(pairs, ways[dofs].reshape(pairs.contact.gradient.shape))
+    sloping = np.einsum("mid,mij,mj->md", columns, slopes, changes)
+    sloping += np.cross(turn, force.reshape(-1, 3)).reshape(force.shape)
+    turning = np.einsum("pij,pj->pi", tangent, ways[nodes].reshape(tangent.shape[:2]))
+    for some, forces in ((dofs, sloping), (nodes, turning)):
+        scatter.add(change, some, forces.reshape(*some.shape, 3))
+    return changes, change

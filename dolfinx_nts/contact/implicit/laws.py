@@ -1,0 +1,91 @@
+"""What acts on the nodes of a pair in an attempt at a step, by what the pair declares."""
+
+from collections.abc import Mapping
+
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Tied
+from dolfinx_nts.contact.implicit.crossing_edges import CrossingEdges
+from dolfinx_nts.contact.implicit.friction import Friction
+from dolfinx_nts.contact.implicit.frozen_points import FrozenPoints, SettlingPoints, TiedPoints
+from dolfinx_nts.contact.implicit.local_search import LocalSearch, StaticSearch
+from dolfinx_nts.contact.implicit.multiplier import MultiplierContact
+from dolfinx_nts.contact.implicit.normal_contact import NormalContact
+from dolfinx_nts.contact.implicit.penalty import PenaltyContact
+from dolfinx_nts.contact.implicit.stick_slip import StickSlip
+from dolfinx_nts.contact.implicit.tied import Bond, TiedContact
+from dolfinx_nts.contact.joint_state import JointState
+from dolfinx_nts.contact.pair_state import PairState
+
+__all__ = ["make_friction", "make_normal_contact", "make_search"]
+
+# How contact points find their segments, by the method of the pair and absence of inertia.
+_SEARCHES = {
+    ("node-to-segment", False): LocalSearch,
+    ("node-to-segment", True): StaticSearch,
+    ("node-to-segment", "tied"): LocalSearch,
+    ("mortar", False): FrozenPoints,
+    ("mortar", True): SettlingPoints,
+    ("mortar", "tied"): TiedPoints,
+    ("edge-to-edge", False): CrossingEdges,
+    ("edge-to-edge", True): CrossingEdges,
+}
+
+
+def make_search(
+    state: PairState | JointState, x_n: Floats, x_trial: Floats, is_static: bool
+) -> LocalSearch:
+    """Find what the nodes may face, see `ContactStep` for the arguments. Collective."""
+    kind = "tied" if isinstance(state.pair.enforcement, Tied) else is_static
+    return _SEARCHES[state.pair.method, kind](state, x_n, x_trial)
+
+
+def make_normal_contact(
+    state: PairState | JointState,
+    is_static: bool,
+    search: LocalSearch,
+    stiffness: Floats,
+    on_the_way: Mapping[float, Floats],
+    share: float,
+) -> NormalContact:
+    """Make the normal contact of a pair by its enforcement. Collective.
+
+    Args:
+        state: See `ContactStep`, as ``is_static``, ``on_the_way`` and ``share``.
+        is_static: Whether there is no inertia.
+        search: Segments of the nodes.
+        stiffness: That of the nodes of the surface, shape ``(n,)`` [N/m].
+        on_the_way: Positions by parts of the ballistic way [m].
+        share: Share of the end of the step in the forces of springs [-].
+    """
+    law = state.pair.enforcement
+    if isinstance(law, Tied):
+        return TiedContact(state, law, is_static, search, stiffness, on_the_way)
+    if isinstance(law, LagrangeMultiplier):
+        return MultiplierContact(state, law, is_static, search, stiffness, on_the_way)
+    return PenaltyContact(state, law, is_static, search, share)
+
+
+def make_friction(
+    state: PairState | JointState,
+    is_static: bool,
+    search: LocalSearch,
+    stiffness: Floats,
+    acts_at_end: bool,
+    begins_sticking: bool,
+) -> Friction:
+    """Make the tangential forces of a pair by its laws. Local.
+
+    Args:
+        state: State of the contact pair or of the pairs.
+        is_static: Whether there is no inertia.
+        search: Segments of the nodes.
+        stiffness: That of the nodes of the surface, shape ``(n,)`` [N/m].
+        acts_at_end: Whether forces are those at the end of the step.
+        begins_sticking: Whether all nodes with friction stick at first.
+    """
+    law = state.pair.friction
+    if isinstance(state.pair.enforcement, Tied):
+        return Bond(state, is_static, search, stiffness, acts_at_end)
+    if law is None:
+        return Friction(state)
+    return StickSlip(state, law, is_static, search, stiffness, acts_at_end, begins_sticking)
