@@ -17,6 +17,7 @@ class AddedStiffness:
             [N/m].
         num_free: Number of rigid motions that it holds a little.
         drag: The same of a resistance that acts for a while, see `Drag`.
+        in_addition: What the last matrix got of both, ``(n, 1)`` or of all nodes [N/m].
     """
 
     def __init__(self) -> None:
@@ -24,6 +25,7 @@ class AddedStiffness:
         self.shift: Floats | float = 0.0
         self.num_free = 0
         self.drag: Floats | float = 0.0
+        self.in_addition: Floats | float = 0.0
 
     def added(self, held: Floats | float, *, is_exact: bool) -> Floats | float:
         """What matrices have on their diagonals in addition, ``(n, 1)`` or of all nodes [N/m].

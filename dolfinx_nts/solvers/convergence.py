@@ -45,8 +45,8 @@ _MOST_LONG = 12
 _LITTLE_REDUCTION = 0.1
 # Iterations from the first one in which states of contact that contradict themselves may be decided
 # all at once, and the period of that later: in between multipliers tell, as they do at points of
-# which round-off decides whether they stick. Far from equilibrium statics decides in each where there
-# is no friction, so that a minimum of energy is decided, and where contact alone holds bodies.
+# which round-off decides whether they stick. Far from equilibrium statics decides in each where
+# there is no friction, so that a minimum of energy is decided, and where only contact holds bodies.
 _FIRST_DECISIONS, _DECISION_PERIOD = 3, 5
 # Increment, relative to the smallest cell [-], after which slips of bodies that contact alone holds
 # decide on something: those that a turn leaves grow with its square.

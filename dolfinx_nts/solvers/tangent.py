@@ -39,8 +39,7 @@ class Tangent(AddedStiffness):
 
     Attributes:
         comm: Communicator of the mesh.
-        shift, num_free, drag: Those of `AddedStiffness`.
-        in_addition: What the last matrix got of them, shape ``(n, 1)`` or of all nodes [N/m].
+        shift, num_free, drag, in_addition: Those of `AddedStiffness`.
         num_assembled: Matrices assembled so far. It tells the values of the
             last one from those of others.
         point: What `restore` needs to make the last matrix again: the values
@@ -70,7 +69,6 @@ class Tangent(AddedStiffness):
         self._stiffness = NodalStiffness(u.function_space, self._supports.fixed, bodies)
         self.point: Sequence[Array] | None = None
         self.num_assembled = 0
-        self.in_addition: Floats | float = 0.0
 
     @property
     def rows(self) -> BlockCSR:
