@@ -103,13 +103,16 @@ class ContactCorrections:
     ) -> tuple[Floats, Floats] | None:
         """How forces at points move them, see `contact_decisions.System`.
 
-        ``relief`` knows how free bodies move. None where points are many, and without good factors
-        of the bulk.
+        ``relief`` knows how free bodies move. None where points are many, without good factors of
+        the bulk, and where free bodies turn under the forces that press on them, as they do in
+        factors of the derivative.
         """
-        is_known = self._bulk.point is not None and self._bulk.has_responses
-        if not is_known or len(present) > _MOST_FORCES:
+        point, tangent = self._bulk.point, self._tangent
+        if point is None or not self._bulk.has_responses or len(present) > _MOST_FORCES:
             return None
-        mobility = relief.mobility(self._bulk.in_addition, self._tangent.drag)
+        if relief.bodies and (point is not tangent.point or point[0]):
+            return None
+        mobility = relief.mobility(tangent.in_addition, tangent.drag)
         return self._complement.condensed(R, pairs, is_point, present, mobility)
 
     def serialize(self, archive: Archive, active_version: int) -> None:

@@ -45,8 +45,12 @@ _MOST_LONG = 12
 _LITTLE_REDUCTION = 0.1
 # Iterations from the first one in which states of contact that contradict themselves may be decided
 # all at once, and the period of that later: in between multipliers tell, as they do at points of
-# which round-off decides whether they stick.
+# which round-off decides whether they stick. Far from equilibrium statics decides in each where
+# there is no friction, so that a minimum of energy is decided, and where only contact holds bodies.
 _FIRST_DECISIONS, _DECISION_PERIOD = 3, 5
+# Increment, relative to the smallest cell [-], after which slips of bodies that contact alone holds
+# decide on something: those that a turn leaves grow with its square.
+_NEAR = 0.1
 # Residual without inertia, relative to the forces at work [-], below which nodes are decided on one
 # by one: factors of an earlier state do not tell which of them hardly stick or hardly slide.
 _MARGINAL = 1e-5
@@ -111,12 +115,14 @@ class _Scales(NamedTuple):
 
     Attributes:
         increment: Increment that is none [m].
+        near: Increment up to which linear slips are good [m].
         gap: Gap that is closed [m].
         rounding: Norm of the residual that rounding leaves [N].
         forces: Norm of the forces known before the step [N].
     """
 
     increment: float
+    near: float
     gap: float
     rounding: float
     forces: float
@@ -155,6 +161,7 @@ class Convergence:
         digits = last_digits(farthest)
         self._scales = _Scales(
             max(_INCREMENT_TOLERANCE * sizes.smallest, digits),
+            _NEAR * sizes.smallest,
             closed_within(sizes.smallest, digits),
             _round_off(bulk, stiffness, sizes),
             force_scale,
@@ -229,18 +236,29 @@ class Convergence:
         self._num_long += is_long
         self.iteration += 1
 
-    def is_doubtful(self, seen: Measures) -> bool:
+    def is_doubtful(self, seen: Measures, *, is_held: bool) -> bool:
         """Whether states of contact should be decided on all at once. Local.
 
-        Without inertia forces of the first guess tell little, and one node changes by itself; far
-        from equilibrium each iteration may be of other nodes.
+        ``is_held`` is whether bodies have another hold than contact. Without inertia forces of the
+        first guess tell little, and one node changes by itself.
         """
         later = self.iteration % _DECISION_PERIOD == _DECISION_PERIOD - 1
-        is_due = self.iteration < _FIRST_DECISIONS or later
+        is_due = later or self.iteration < _FIRST_DECISIONS
         if self._inertia:
             return is_due and (seen.changed > 0 or seen.is_open or self._is_slow(seen))
-        most = _MARGINAL if is_due else _SETTLED
-        return self.iteration > 0 and seen.changed > 1 and seen.norm > most * seen.scale
+        if self.iteration == 0 or seen.changed < 2:
+            return False
+        if not (is_held or self._has_minimum or self._du_norm <= self._scales.near):
+            return False
+        is_far = seen.norm > _SETTLED * seen.scale
+        if is_far and (self._has_minimum or not is_held):
+            return True
+        return is_due and seen.norm > _MARGINAL * seen.scale
+
+    @property
+    def _has_minimum(self) -> bool:
+        """Whether a solution is a minimum of an energy, without inertia and friction. Local."""
+        return not self._inertia and all(step.state.pair.friction is None for step in self._steps)
 
     def _is_slow(self, seen: Measures) -> bool:
         """Whether the last increment has not brought the iterate much nearer. Local."""

@@ -184,7 +184,7 @@ def solve(
                 continue
 
         states = way.change(states)
-        if may_decide and convergence.is_doubtful(seen):
+        if may_decide and convergence.is_doubtful(seen, is_held=not relief.bodies):
             with timings.phase("solve"):
                 decided = solver.decided(R, steps, states, inertia, relief)
             if decided is not None:

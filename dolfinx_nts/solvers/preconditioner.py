@@ -55,7 +55,6 @@ class BulkPreconditioner:
 
     Attributes:
         point: `Tangent.point` of the factors; None before the first.
-        in_addition: `Tangent.in_addition` of the factors.
         num_builds: Factorisations so far.
 
     ``str`` tells the kind of the factors, of the last ones where the next are not made yet.
@@ -68,7 +67,6 @@ class BulkPreconditioner:
         self._factors: BlockILU | CompleteFactors | _PetscFactors | None = None
         self._strength, self._last_kind = 0, ""
         self.point: Sequence[Array] | None = None
-        self.in_addition: Floats | float = 0.0
         self.num_builds = 0
 
     def __str__(self) -> str:
@@ -110,7 +108,7 @@ class BulkPreconditioner:
         while not self._factors.build():
             self.strengthen()
             self._factors = self._made()
-        self.point, self.in_addition = self._tangent.point, self._tangent.in_addition
+        self.point = self._tangent.point
         self.num_builds, self._last_kind = self.num_builds + 1, str(self._factors)
 
     def strengthen(self, *, fully: bool = False) -> bool:
