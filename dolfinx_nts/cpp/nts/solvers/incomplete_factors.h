@@ -178,10 +178,9 @@ public:
 private:
   /// @brief Forward and backward substitution at some places, ascending.
   template <class Places>
-  NTS_FOR_PROCESSORS void substitute(const Places& places,
-                                     std::span<const double> b,
-                                     std::span<double> x,
-                                     std::span<const double> behind)
+  NTS_FOR_PROCESSORS void
+  substitute(const Places& places, std::span<const double> b,
+             std::span<double> x, std::span<const double> behind)
   {
     const double scale = power_of_two(std::max(largest(b), largest(behind)));
     const std::size_t n = size();
