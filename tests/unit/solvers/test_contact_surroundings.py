@@ -33,7 +33,7 @@ def run(stepper, until=LAST):
 @pytest.mark.parametrize("scheme", ["EM elastic", "EM mortar"])
 def test_struck_nodes_cost_no_iterations_of_all_others(comm, agree, scheme, mu):
     stepper, usual = (impact(comm, scheme, mu) for _ in range(2))
-    usual._surroundings = None
+    usual._step_solver._common["surroundings"] = None
     iterations, without = run(stepper), run(usual)
     assert agree(sum(iterations) <= sum(without) - len(without) // 2)
     work, usual_work = (some.statistics.solver for some in (stepper, usual))
