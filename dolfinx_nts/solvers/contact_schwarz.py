@@ -223,5 +223,4 @@ def _change(now: ContactBlocks, then: ContactBlocks, slopes_then: Floats) -> flo
     slopes = _kernels.largest_difference(slopes_at_nodes(now), slopes_then)
     if same_numbers(now.tangent_nodes, then.tangent_nodes):
         return max(slopes, _kernels.largest_difference(now.tangent, then.tangent))
-    ends = (f(initial=0.0) for part in (now, then) for f in (part.tangent.max, part.tangent.min))
-    return max(slopes, *(abs(float(end)) for end in ends))
+    return max(slopes, *(_kernels.largest_size(part.tangent) for part in (now, then)))

@@ -18,7 +18,7 @@ import pytest
 
 import dolfinx_nts as nts
 from dolfinx_nts.io import checkpoint
-from dolfinx_nts.solvers import krylov
+from dolfinx_nts.solvers import factor_age
 from helpers.interrupted import SCHEMES, layers, scene
 from helpers.once import once, once_except
 from helpers.readers import read_fields, read_grids
@@ -68,7 +68,7 @@ def test_a_resumed_run_repeats_the_whole_one_bit_for_bit(
 ):
     if "strong" in request.node.callspec.id:
         # MUMPS on several ranks does not repeat itself.
-        monkeypatch.setattr(krylov, "_SLOW", 0.0)
+        monkeypatch.setattr(factor_age, "_SLOW", 0.0)
     whole = scene(comm, scheme, owner=layers).stepper
     record(whole, folder / "whole", NUM_STEPS, every=3)
     record(scene(comm, scheme, owner=layers).stepper, folder / "parts", BREAK, every=3)

@@ -118,7 +118,7 @@ def test_obstacles_out_of_reach_cost_no_attempt(comm, monkeypatch):
         counts.append(attempts.count(stepper.contacts[1]))
         active.append(report.num_active)
         with monkeypatch.context() as patch:
-            patch.setattr("dolfinx_nts.integrators.implicit.may_face", lambda *_: True)
+            patch.setattr("dolfinx_nts.integrators.step_solver.may_face", lambda *_: True)
             assert reference.advance().num_active == report.num_active
         assert np.array_equal(stepper.u.x.array, reference.u.x.array)
     # The first step learns that nothing is remembered of it.

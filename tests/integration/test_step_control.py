@@ -16,7 +16,7 @@ from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.implicit import contact_step
 from dolfinx_nts.integrators import implicit, time_loop
 from dolfinx_nts.integrators.limit_point import LimitPoint
-from dolfinx_nts.solvers import krylov, newton
+from dolfinx_nts.solvers import factor_age, krylov, newton
 from helpers.interrupted import SCHEMES, layers, scene
 from helpers.once import once, once_except
 from helpers.readers import read_grids
@@ -74,7 +74,7 @@ def test_a_cut_step_leaves_no_trace(comm, agree, monkeypatch, scheme):
 
 
 def test_a_step_that_was_solved_and_then_cut_leaves_no_trace(comm, agree, monkeypatch):
-    monkeypatch.setattr(krylov, "_REBUILD_COST", 2.0)
+    monkeypatch.setattr(factor_age, "_REBUILD_COST", 2.0)
     cut = scene(comm, owner=layers).stepper
     reports = list(cut.run(UNTIL, nts.StepControl(gap_tol=0.005)))
     plain = scene(comm, owner=layers).stepper

@@ -177,18 +177,14 @@ class ContactContribution(NamedTuple):
     @property
     def violations(self) -> Floats:
         """Largest violation of a constraint of each pair, shape ``(m,)`` [m]."""
-        largest: Floats = self._violated.max(axis=1, initial=0.0)
+        counts = np.arange(3) < self.rank[:, None]
+        largest: Floats = np.where(counts, np.abs(self.pairs.excess), 0.0).max(axis=1, initial=0.0)
         return largest
 
     @property
     def constraint_error(self) -> float:
         """Largest violation of a constraint on this rank [m]."""
-        return float(self._violated.max(initial=0.0))
-
-    @property
-    def _violated(self) -> Floats:
-        """Violations of all constraints, 0 where there is none, shape ``(m, 3)`` [m]."""
-        return np.where(np.arange(3) < self.rank[:, None], np.abs(self.pairs.excess), 0.0)
+        return _kernels.largest_violation(self.pairs.excess, self.rank)
 
 
 def changes_by(pairs: PairKinematics, ways: Floats) -> Floats:

@@ -23,8 +23,10 @@ def prescribed_nodes(step: ContactStep, last: ContactContribution) -> Ints:
         Their positions among the nodes of the step.
     """
     pairs = last.pairs
-    found = (last.rank > 0) & pairs.is_given
-    # Not what is closed, also where it is not a number.
-    found &= ~(np.abs(pairs.excess[:, 0]) <= _CLOSED * step.candidates.size[pairs.segment])
+    found = pairs.is_given
+    if found.any():
+        # Not what is closed, also where it is not a number.
+        found &= ~(np.abs(pairs.excess[:, 0]) <= _CLOSED * step.candidates.size[pairs.segment])
+        found &= last.rank > 0
     node: Ints = pairs.node[found]
     return node

@@ -59,6 +59,14 @@ double largest_difference(const Doubles& a, const Doubles& b)
                  { return x[i] - y[i]; });
 }
 
+double largest_violation(const Doubles& excess, const In<std::int32_t>& rank)
+{
+  check("excess", excess, {rank.shape(0), 3});
+  return largest(excess.size(),
+                 [x = excess.data(), r = rank.data()](std::size_t i)
+                 { return static_cast<int>(i % 3) < r[i / 3] ? x[i] : 0.0; });
+}
+
 /// @brief Constraints of nodes with B components, by arrays of these sizes.
 template <std::size_t B>
 ConstraintLists<B>
@@ -220,6 +228,10 @@ void elimination(nb::module_& m)
   m.def("largest_difference", &largest_difference, nb::arg("a"), nb::arg("b"),
         "Largest absolute difference of the values of two arrays of one size, "
         "NaN where there is one");
+  m.def("largest_violation", &largest_violation, nb::arg("excess"),
+        nb::arg("rank"),
+        "(m, 3), (m,) -> largest absolute value of the first rank columns, NaN "
+        "where there is one");
   m.def("slopes_at_nodes", &slopes_at_nodes_batch, nb::arg("start"),
         nb::arg("gradients"), nb::arg("columns"), nb::arg("slopes"),
         "(m + 1,), B B l numbers, the same, (m, B, B) -> F^T S G at the "

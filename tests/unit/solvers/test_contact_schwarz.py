@@ -278,3 +278,17 @@ def test_largest_sizes_tell_what_is_not_a_number(rng, sign):
     assert np.isnan([_kernels.largest_size(a), _kernels.largest_difference(a, b)]).all()
     with pytest.raises(ValueError, match="as many values"):
         _kernels.largest_difference(a, b[:2])
+
+
+def test_largest_violation_is_that_of_constraints(rng):
+    excess = rng.normal(size=(4, 3))
+    rank = np.array([0, 1, 3, 2], dtype=np.int32)
+    of_constraints = [*excess[1, :1], *excess[2], *excess[3, :2]]
+    assert _kernels.largest_violation(excess, rank) == np.abs(of_constraints).max()
+    excess[[0, 1, 3], [0, 1, 2]] = np.nan  # without constraints
+    assert _kernels.largest_violation(excess, rank) == np.abs(of_constraints).max()
+    excess[3, 1] = np.nan
+    assert np.isnan(_kernels.largest_violation(excess, rank))
+    assert _kernels.largest_violation(excess[:0], rank[:0]) == 0
+    with pytest.raises(ValueError, match="excess"):
+        _kernels.largest_violation(excess, rank[:2])
