@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import astuple, dataclass
 
 import numpy as np
 
@@ -36,6 +37,23 @@ _FEWEST_DECADES = 0.3
 _NO_INERTIA = 1e-30
 
 
+@dataclass
+class _Pace:
+    """Iterations of some solves, and the decades of reduction that were asked of them."""
+
+    iterations: float = 0.0
+    decades: float = 0.0
+
+    @property
+    def rate(self) -> float:
+        """Iterations per decade."""
+        return self.iterations / max(self.decades, _FEWEST_DECADES)
+
+    def add(self, iterations: int, decades: float) -> None:
+        self.iterations += iterations
+        self.decades += decades
+
+
 class FactorAge:
     """How many iterations the age of the factors has cost, and new factors where it costs more.
 
@@ -62,49 +80,37 @@ class FactorAge:
         self.crossings = 0.0
         self._begin()
 
-    def _begin(
-        self,
-        iterations: float = 0.0,
-        decades: float = 0.0,
-        fresh: float = math.nan,
-        excess: float = 0.0,
-        last: float = 0.0,
-        last_decades: float = 0.0,
-    ) -> None:
-        """Set iterations of the first decades, and these; others are known after them.
-
-        Args:
-            iterations: Those of the first decades.
-            decades: These decades.
-            fresh: Iterations per decade of new factors, NaN until they are known.
-            excess: Iterations beyond those that new factors would have needed.
-            last: Iterations of the last decades.
-            last_decades: These decades.
-        """
-        self._first, self._decades, self._fresh, self._excess = iterations, decades, fresh, excess
-        self._last, self._last_decades = last, last_decades
+    def _begin(self) -> None:
+        """Forget all solves: the first decades, the last ones, and those in contact."""
+        self._first, self._last, self._in_contact = _Pace(), _Pace(), _Pace()
+        # Iterations per decade of new factors, NaN until they are known, and iterations beyond
+        # those that such factors would have needed.
+        self._fresh, self._excess = math.nan, 0.0
 
     @property
     def reduction_at_once(self) -> float:
-        """Reduction that an application gives, NaN while it is not known or too little. Local."""
-        if not (self._factors.is_plain and self._fresh > 0):
-            return math.nan
-        return max(float(10 ** (-1 / self._fresh)), _UNSCALED)
+        """Reduction that an application gives in contact. Local.
 
-    def count(self, iterations: int, decades: float) -> None:
+        NaN while it is not known or too little: solves of bodies in flight say nothing of it.
+        """
+        seen = self._in_contact
+        if not (self._factors.is_plain and seen.decades >= _DECADES and seen.iterations > 0):
+            return math.nan
+        return max(float(10 ** (-1 / seen.rate)), _UNSCALED)
+
+    def count(self, iterations: int, decades: float, *, in_contact: bool = False) -> None:
         """Add those of a solve. Local."""
+        if in_contact:
+            self._in_contact.add(iterations, decades)
         if math.isnan(self._fresh):
-            self._first += iterations
-            self._decades += decades
-            if self._decades >= _DECADES:
-                self._fresh = self._rate
+            self._first.add(iterations, decades)
+            if self._first.decades >= _DECADES:
+                self._fresh = self._first.rate
             return
         self._excess += iterations - self._fresh * decades
-        self._last += iterations
-        self._last_decades += decades
-        if self._last_decades >= _DECADES:
-            rate = self._last / self._last_decades
-            self._last = self._last_decades = 0.0
+        self._last.add(iterations, decades)
+        if self._last.decades >= _DECADES:
+            rate, self._last = self._last.rate, _Pace()
             if rate < _EASIER * self._fresh:
                 self._fresh, self._excess = rate, 0.0
 
@@ -137,9 +143,9 @@ class FactorAge:
         factors = self._factors
         if not factors.gives_way:
             return
-        shown = self._decades > _DECADES_SHOW
-        is_slow = (is_new or shown) and self._rate > _SLOW
-        pays = factors.is_plain and shown and self._rate > _FILL_PAYS
+        shown, rate = self._first.decades > _DECADES_SHOW, self._first.rate
+        is_slow = (is_new or shown) and rate > _SLOW
+        pays = factors.is_plain and shown and rate > _FILL_PAYS
         is_far = factors.is_complete and self._fresh > _EXACT_PAYS
         if is_slow or pays or is_far:
             factors.strengthen()
@@ -147,16 +153,16 @@ class FactorAge:
 
     def serialize(self, archive: Archive) -> None:
         """Serialize the age, after the factors. Collective."""
-        age = np.array([self._first, self._decades, self._fresh, self._excess])
-        age = np.append(age, [self._last, self._last_decades])
+        paces = self._first, self._last, self._in_contact
+        age = np.array([self._fresh, self._excess, *np.ravel([astuple(pace) for pace in paces])])
         age = archive.same("age_of_factors", age)
-        if archive.giving:
-            self._begin(*(age.tolist() if self._factors.point is not None else ()))
-
-    @property
-    def _rate(self) -> float:
-        """Iterations per decade in the first decades."""
-        return self._first / max(self._decades, _FEWEST_DECADES)
+        if not archive.giving:
+            return
+        self._begin()
+        if self._factors.point is not None:
+            numbers = [float(number) for number in age]
+            self._fresh, self._excess = numbers[:2]
+            self._first, self._last, self._in_contact = map(_Pace, numbers[2::2], numbers[3::2])
 
     def _wave_crossings(self) -> float:
         """Number of cells that waves cross in a step, about h c/dx. Collective.

@@ -345,7 +345,7 @@ class LinearSolver:
         if x is None:
             return None
         if not is_local:
-            self._factors.count(iterations, decades)
+            self._factors.count(iterations, decades, in_contact=not elimination.empty)
         elimination.constrain(x)
         du: Floats = (particular + x).ravel()
         return du

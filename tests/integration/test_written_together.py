@@ -57,13 +57,13 @@ def test_files_of_several_ranks_are_those_of_one_bit_for_bit(comm, folder, agree
             checkpoint.save(folder / f"{name}.h5", stepper)
 
     for kind in ("vtkhdf", "xdmf"):
-        written(comm, f"all.{kind}", kind)
+        written(comm, f"all_{kind}", kind)
         if comm.rank == 0:
-            written(MPI.COMM_SELF, f"one.{kind}", kind)
+            written(MPI.COMM_SELF, f"one_{kind}", kind)
     comm.barrier()
     for name in (
-        *("{}.vtkhdf.vtkhdf", "{}.vtkhdf.h5", "{}.xdmf_fields/mesh.h5"),
-        "{}.xdmf_fields/000000000.h5",
+        *("{}_vtkhdf.vtkhdf", "{}_vtkhdf.h5", "{}_xdmf_fields/mesh.h5"),
+        "{}_xdmf_fields/000000000.h5",
     ):
         one, other = (arrays(folder / name.format(who)) for who in ("one", "all"))
         assert agree(one.keys() == other.keys() and len(one) > 2)

@@ -50,7 +50,9 @@ class BlockPivoting:
         ends: Where the nodes of each of ``c`` pairs begin, and the end, shape ``(c + 1,)``.
         waits: Whether a node that has changed in the last iteration keeps its state where the
             violators have not become fewer. It was judged with the old states of those that
-            changed with it, and would change to and fro with them, as do stick and slip.
+            changed with it, and would change to and fro with them, as do stick and slip. A node
+            that alone contradicts what it has become waits in any case: Newton's method has not
+            come near to the equilibrium of that state.
         is_patient: Whether nodes change only in iterations before which Newton's method came near
             to equilibrium, also those that change together.
 
@@ -102,7 +104,7 @@ class BlockPivoting:
             anew = is_stuck & (self._patience < 0) & (-self._patience % _RENEWAL == 1)
             self._fewest[anew] = count[anew]
             single = (count > 0) & (self._patience < 0)
-            waiting = stays & ~single & self._waits
+            waiting = stays & ~single & (self._waits | (count == 1))
             if (single | waiting).any():
                 pair = np.searchsorted(self._ends, node, side="right") - 1
                 changes = violates & ~(waiting[pair] & self._changed[node])

@@ -86,6 +86,19 @@ def test_who_waits_does_not_change_back_at_once_unless_violators_become_fewer(co
     assert np.array_equal(pivoting.select(ids % 4 == 2, node, 5)[0], ids % 4 == 2)
 
 
+def test_a_node_that_alone_contradicts_what_it_has_just_become_waits(comm):
+    """Its multiplier is that of a balance which Newton's method has not found yet."""
+    ids = ids_of(comm)
+    pivoting, node = pivoting_of(comm, ids, waits=False), np.arange(4, dtype=np.int32)
+    one = ids == 0
+    assert np.array_equal(pivoting.select(one, node, 1)[0], one)
+    changes, violators = pivoting.select(one, node, 2)
+    assert not changes.any() and violators == one.sum()
+    assert np.array_equal(pivoting.select(one, node, 3)[0], one)
+    # Another one does not wait.
+    assert np.array_equal(pivoting.select(ids == 1, node, 4)[0], ids == 1)
+
+
 @pytest.mark.parametrize("waits", [False, True])
 def test_pairs_that_are_decided_on_at_once_do_not_see_each_other(comm, waits):
     rng, n = np.random.default_rng(comm.rank), (5, 0, 3, 4)

@@ -63,6 +63,19 @@ def test_a_hard_first_step_does_not_excuse_what_age_costs_later():
     assert is_due(age, 7)
 
 
+def test_solves_without_contact_say_nothing_of_an_impact():
+    age, factors = made()
+    factors.is_plain = True
+    for _ in range(2):
+        age.count(FEW, DECADES)
+    assert np.isnan(age.reduction_at_once)
+    age.count(MANY, DECADES, in_contact=True)
+    slow = age.reduction_at_once
+    for _ in range(3):
+        age.count(FEW, DECADES)
+    assert age.reduction_at_once == slow == pytest.approx(10 ** (-DECADES / MANY))
+
+
 def test_factors_that_are_slow_from_the_start_give_way_within_their_first_step():
     age, factors = made()
     for _ in range(3):
