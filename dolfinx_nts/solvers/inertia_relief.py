@@ -115,7 +115,6 @@ class InertiaRelief:
         ends = np.cumsum([0, *(body.motions.shape[1] for body in bodies)])
         self._columns = [slice(a, b) for a, b in pairwise(ends)]
         self.num_motions = int(ends[-1])
-        self._nothing = _Relief.none(np.zeros((self.num_motions, *self._label.shape)))
         self._told = _TOLD / _GROWN  # what was told last
         self.begin()
         for body in self.bodies:
@@ -125,7 +124,7 @@ class InertiaRelief:
     def begin(self) -> None:
         """Begin a solution, without any force."""
         self._limit = _DRIVING
-        self._relief = self._nothing
+        self._relief = _Relief.none(np.zeros((self.num_motions, *self._label.shape)))
         self._driven: list[str] = []
 
     @property

@@ -48,11 +48,10 @@ class BlockPivoting:
         comm: Communicator.
         ids: Numbers of the nodes on any partition, pair by pair, shape ``(n,)``.
         ends: Where the nodes of each of ``c`` pairs begin, and the end, shape ``(c + 1,)``.
-        waits: Whether a node that has changed in the last iteration keeps its state where the
-            violators have not become fewer. It was judged with the old states of those that
-            changed with it, and would change to and fro with them, as do stick and slip. A node
-            that alone contradicts what it has become waits in any case: Newton's method has not
-            come near to the equilibrium of that state.
+        waits: Most violators of a pair of which a node that has changed in the last iteration
+            keeps its state where they have not become fewer. It was judged with the old states
+            of those that changed with it, and would change to and fro with them, as do stick and
+            slip; or, alone, before Newton's method came near to the equilibrium of its state.
         is_patient: Whether nodes change only in iterations before which Newton's method came near
             to equilibrium, also those that change together.
 
@@ -65,7 +64,7 @@ class BlockPivoting:
         comm: MPI.Comm,
         ids: GlobalInts,
         ends: Array,
-        waits: bool = False,
+        waits: float = 0,
         is_patient: bool = False,
     ) -> None:
         """Begin with any number of violators."""
@@ -104,7 +103,7 @@ class BlockPivoting:
             anew = is_stuck & (self._patience < 0) & (-self._patience % _RENEWAL == 1)
             self._fewest[anew] = count[anew]
             single = (count > 0) & (self._patience < 0)
-            waiting = stays & ~single & (self._waits | (count == 1))
+            waiting = stays & ~single & (count <= self._waits)
             if (single | waiting).any():
                 pair = np.searchsorted(self._ends, node, side="right") - 1
                 changes = violates & ~(waiting[pair] & self._changed[node])
@@ -161,7 +160,7 @@ class ActiveSet:
         self._law, self._stiffness, self._is_static = law, stiffness, is_static
         nodes = state.nodes
         self._size = state.segment_sizes
-        self._pivoting = BlockPivoting(nodes.V.mesh.comm, nodes.node_ids, state.ends)
+        self._pivoting = BlockPivoting(nodes.V.mesh.comm, nodes.node_ids, state.ends, waits=1)
 
     @property
     def num_violators(self) -> int:

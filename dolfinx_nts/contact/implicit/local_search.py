@@ -127,7 +127,6 @@ class LocalSearch:
         self.segment: Ints = segment_n.copy()
         self.gap: Floats = gap.copy()
         self._moves: Ints = np.zeros(len(self.segment), dtype=np.int32)
-        self._most_moves = 0
 
     def _catch(self, trial: Floats, met: Ints, gap_trial: Floats) -> None:
         """Let nodes that would pass a segment meet it: change what they meet, and the gap."""
@@ -202,7 +201,7 @@ class LocalSearch:
         """Segments of nodes; whether they are others than before."""
         before = self.segment[node]
         free, current = node, before
-        if self._most_moves >= _MOST_MOVES:
+        if self._moves.max(initial=0) >= _MOST_MOVES:
             stays = self._moves[node] >= _MOST_MOVES
             kept = node[stays & (before >= 0)]
             self.gap[kept] = self.candidates.gap(self.points.take(kept), x, self.segment[kept])
@@ -217,7 +216,6 @@ class LocalSearch:
         """Count changes of the segment, node by node."""
         if moved.any():
             self._moves[node] += moved
-            self._most_moves = int(self._moves.max())
 
     @property
     def restless(self) -> Flags:

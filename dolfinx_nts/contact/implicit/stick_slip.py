@@ -63,7 +63,7 @@ class StickSlip(Friction):
             nodes.V.mesh.comm,
             nodes.node_ids,
             state.ends,
-            waits=not self._has_spring,
+            waits=0 if self._has_spring else np.inf,
             is_patient=begins_sticking,
         )
         self.decided = None if self._has_spring else self._Decided(self)

@@ -15,7 +15,7 @@ def ids_of(comm, n=4):
     return np.arange(n, dtype=np.int64)[::-1] + n * (comm.size - 1 - comm.rank)
 
 
-def pivoting_of(comm, ids, waits=False):
+def pivoting_of(comm, ids, waits=0):
     """Block pivoting of one pair."""
     return BlockPivoting(comm, ids, np.array([0, len(ids)]), waits)
 
@@ -58,7 +58,7 @@ def test_fewer_violators_than_ever_change_together_again(comm):
     assert np.array_equal(changes, violates)
 
 
-@pytest.mark.parametrize("waits", [False, True])
+@pytest.mark.parametrize("waits", [0, np.inf])
 def test_violators_are_counted_anew_where_one_changes_at_a_time(comm, waits):
     """None or few violated at first, as nodes hardly moved; that says nothing of later."""
     ids = ids_of(comm)
@@ -73,7 +73,7 @@ def test_violators_are_counted_anew_where_one_changes_at_a_time(comm, waits):
 
 def test_who_waits_does_not_change_back_at_once_unless_violators_become_fewer(comm):
     ids = ids_of(comm)
-    pivoting, node = pivoting_of(comm, ids, waits=True), np.arange(4, dtype=np.int32)
+    pivoting, node = pivoting_of(comm, ids, waits=np.inf), np.arange(4, dtype=np.int32)
     first, other = ids % 4 < 2, ids % 4 >= 2
     assert np.array_equal(pivoting.select(first, node, 1)[0], first)
     # As many violate again: those that have just changed wait, others change, and all are told.
@@ -89,7 +89,7 @@ def test_who_waits_does_not_change_back_at_once_unless_violators_become_fewer(co
 def test_a_node_that_alone_contradicts_what_it_has_just_become_waits(comm):
     """Its multiplier is that of a balance which Newton's method has not found yet."""
     ids = ids_of(comm)
-    pivoting, node = pivoting_of(comm, ids, waits=False), np.arange(4, dtype=np.int32)
+    pivoting, node = pivoting_of(comm, ids, waits=1), np.arange(4, dtype=np.int32)
     one = ids == 0
     assert np.array_equal(pivoting.select(one, node, 1)[0], one)
     changes, violators = pivoting.select(one, node, 2)
@@ -99,7 +99,7 @@ def test_a_node_that_alone_contradicts_what_it_has_just_become_waits(comm):
     assert np.array_equal(pivoting.select(ids == 1, node, 4)[0], ids == 1)
 
 
-@pytest.mark.parametrize("waits", [False, True])
+@pytest.mark.parametrize("waits", [0, np.inf])
 def test_pairs_that_are_decided_on_at_once_do_not_see_each_other(comm, waits):
     rng, n = np.random.default_rng(comm.rank), (5, 0, 3, 4)
     ends, ids = np.cumsum([0, *n]), rng.permutation(20)[: sum(n)] + 20 * comm.rank
@@ -119,7 +119,7 @@ def test_pairs_that_are_decided_on_at_once_do_not_see_each_other(comm, waits):
         assert violators == counts
 
 
-@pytest.mark.parametrize(("matrices", "waits"), [(50, False), (50, True)])
+@pytest.mark.parametrize(("matrices", "waits"), [(50, 0), (50, 1), (50, np.inf)])
 def test_random_complementarity_problems_are_solved(comm, matrices, waits):
     # 0 <= x, A x - b >= 0, x (A x - b) = 0 with a matrix all of whose
     # principal minors are positive; the linear systems are exact.
