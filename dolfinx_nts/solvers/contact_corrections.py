@@ -104,13 +104,14 @@ class ContactCorrections:
         """How forces at points move them, see `contact_decisions.System`.
 
         ``relief`` knows how free bodies move. None where points are many, without good factors of
-        the bulk, and where free bodies turn under the forces that press on them, as they do in
-        factors of the derivative.
+        the bulk, where nothing presses on free bodies, and where these turn under the forces that
+        press on them, as they do in factors of the derivative.
         """
         point, tangent = self._bulk.point, self._tangent
         if point is None or not self._bulk.has_responses or len(present) > _MOST_FORCES:
             return None
-        if relief.bodies and (point is not tangent.point or point[0]):
+        turns = point is not tangent.point or point[0]
+        if relief.is_loose or (relief.bodies and turns):
             return None
         mobility = relief.mobility(tangent.in_addition, tangent.drag)
         return self._complement.condensed(R, pairs, is_point, present, mobility)

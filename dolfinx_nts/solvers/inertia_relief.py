@@ -63,6 +63,7 @@ class _Relief:
         free: All free motions at the owned nodes, shape ``(f, n, 3)`` [-].
         held: Those that are not made, as sums of the free ones, shape ``(f, k)``.
         driven: What is driven away, in words; empty if nothing is.
+        presses: Whether contact presses on anything.
     """
 
     motions: Floats
@@ -73,13 +74,15 @@ class _Relief:
     held: Floats
     share: float = 0.0
     driven: str = ""
+    presses: bool = False
 
     @classmethod
-    def none(cls, free: Floats, driven: str = "") -> "_Relief":
+    def none(cls, free: Floats, driven: str = "", *, presses: bool = False) -> "_Relief":
         """Make all free motions."""
         nodal = np.zeros(free.shape[1:])
         empty, gram = np.zeros((0, nodal.size)), np.zeros((0, 0))
-        return cls(empty, empty, gram, nodal, free, np.zeros((len(free), 0)), driven=driven)
+        held = np.zeros((len(free), 0))
+        return cls(empty, empty, gram, nodal, free, held, driven=driven, presses=presses)
 
 
 class InertiaRelief:
@@ -160,7 +163,8 @@ class InertiaRelief:
             free[columns, body.nodes] = body.at(x[body.nodes])[..., : total.shape[1]]
         pressing = sum(float(np.abs(step.normal.lambda_N).sum()) for step in steps)
         pressing = reductions.total(self._comm, pressing)
-        neutral = self._neutral(steps, states, pressing > _NEGLIGIBLE * scale)
+        presses = bool(pressing > _NEGLIGIBLE * scale)
+        neutral = self._neutral(steps, states, presses)
         motions = np.einsum("ik,inj->knj", neutral, free)
         modes = motions.reshape(len(motions), R.size)
         weighted = (self._mass * motions).reshape(len(motions), R.size)
@@ -176,9 +180,10 @@ class InertiaRelief:
         self._driven.append(driven)
         if len(f) and share <= self._limit:
             carried = (np.linalg.solve(gram, f) @ weighted).reshape(total.shape)
-            self._relief = _Relief(modes, weighted, gram, carried, free, neutral, share, driven)
+            parts = modes, weighted, gram, carried, free, neutral, share, driven
+            self._relief = _Relief(*parts, presses)
         else:
-            self._relief = _Relief.none(free, driven)
+            self._relief = _Relief.none(free, driven, presses=presses)
         return (total - self.force).ravel()
 
     def resistance(self, x: Floats) -> Floats:
@@ -189,6 +194,14 @@ class InertiaRelief:
             amount = self._amount(x.ravel())
             y += self._stiffness * (amount @ relief.weighted).reshape(x.shape)
         return y
+
+    @property
+    def is_loose(self) -> bool:
+        """Whether there are free bodies and contact presses on nothing. Local.
+
+        Then inertia carries loads, and which nodes touch is of no consequence.
+        """
+        return bool(self.bodies) and not self._relief.presses
 
     def mobility(self, added: Floats | float, drag: Floats | float) -> Mobility | None:
         """How forces move free bodies beside what factors tell; None without any. Collective.
