@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Flags, Floats
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
@@ -328,9 +327,9 @@ class LinearSolver:
             total: Floats = self._nodal(R).copy()
             particular, parts = elimination.particular(total.shape)
             # Near the constraints this part is smaller than what rtol leaves.
-            force = _kernels.weighted_square(self.tangent.nodal_stiffness(), particular)
-            squares = reductions.total(bulk.comm, [force, float(R @ R)])
-            part, whole = _ROW_SUM * math.sqrt(squares[0]), math.sqrt(squares[1])
+            force = _ROW_SUM * self.tangent.nodal_stiffness()[:, None] * particular
+            squares = [float(np.vdot(force, force)), float(R @ R)]
+            part, whole = map(math.sqrt, reductions.total(bulk.comm, squares))
             negligible = _NEGLIGIBLE * rtol * whole
             if part > negligible:
                 total += self._operator.action(particular, negligible / part)

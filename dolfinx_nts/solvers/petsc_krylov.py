@@ -23,6 +23,7 @@ class PetscKrylov:
             to be reduced by as much as the second argument says.
         precondition: Returns the approximate solution for a right-hand side.
         options: Options of the user.
+        most: Iterations at which it is given up; before, it does not restart.
     """
 
     def __init__(
@@ -32,15 +33,17 @@ class PetscKrylov:
         act: Callable[[Floats, float], Floats],
         precondition: Callable[[Floats], Floats],
         options: PetscOptions,
+        most: int,
     ) -> None:
         """Create the objects of PETSc, which live as long as the solver."""
-        self._shape, self._act, self._precondition = shape, act, precondition
+        self._shape, self._act, self._precondition, self._most = shape, act, precondition, most
         matrix = shell_matrix(comm, (shape[0] * shape[1], None), self)
         matrix.setUp()
         self._ksp = PETSc.KSP().create(comm)
         self._ksp.setOptionsPrefix(options.prefix)
         self._ksp.setOperators(matrix)
         self._ksp.setType("fgmres")
+        self._ksp.setGMRESRestart(most)
         self._ksp.setPCSide(PETSc.PC.Side.RIGHT)
         self._ksp.setNormType(PETSc.KSP.NormType.UNPRECONDITIONED)
         use_shell(self._ksp.getPC(), self)
@@ -53,21 +56,20 @@ class PetscKrylov:
         """Its name in PETSc."""
         return str(self._ksp.getType())
 
-    def solve(self, b: Floats, rtol: float, growth: float, most: int) -> tuple[Floats | None, int]:
+    def solve(self, b: Floats, rtol: float, growth: float) -> tuple[Floats | None, int]:
         """Solve a system.
 
         Args:
             b: Right-hand side at the owned nodes, shape ``(n, d)``.
             rtol: Reduction of the residual.
-            growth: Growth of the residual at which it is given up.
-            most: Iterations at which it is.
+            growth: Growth of the residual at which it is given up, too.
 
         Returns:
             The solution, the same shape, None if it is given up; number of iterations.
         """
         self._b.array[:] = b.ravel()
         self._target = rtol * self._b.norm()
-        self._ksp.setTolerances(rtol=rtol, atol=0.0, divtol=growth, max_it=most)
+        self._ksp.setTolerances(rtol=rtol, atol=0.0, divtol=growth, max_it=self._most)
         self._ksp.solve(self._b, self._x)
         iterations = int(self._ksp.getIterationNumber())
         if self._ksp.getConvergedReason() < 0:

@@ -159,7 +159,7 @@ class KrylovMethod:
         if options.krylov:
             shape = bulk.num_owned // bulk.rigid.dim, bulk.rigid.dim
             functions = operator.act, preconditioner.solve
-            self.others = PetscKrylov(bulk.comm, shape, *functions, options)
+            self.others = PetscKrylov(bulk.comm, shape, *functions, options, _MAX_ITERATIONS)
         self._sums: Callable[[Floats], Floats] | None = None
         if bulk.comm.size > 1:
             self._sums = lambda values: reductions.total(bulk.comm, values)
@@ -180,7 +180,7 @@ class KrylovMethod:
             ValueError: There are options that nothing asks for.
         """
         if self.others is not None:
-            x, iterations = self.others.solve(b, rtol, _DIVERGED, _MAX_ITERATIONS)
+            x, iterations = self.others.solve(b, rtol, _DIVERGED)
         else:
             x, iterations = self._iterate(b, rtol)
         if is_local:

@@ -86,18 +86,10 @@ private:
   std::array<std::size_t, 2> _shape = {};
   std::vector<Doubles> _basis, _given;
 };
-double weighted_square(const Doubles& weights, const Doubles& x)
-{
-  check("x", x, {any, any});
-  check("weights", weights, {x.shape(0)});
-  return nts::weighted_square(view(weights), view(x), x.shape(1));
-}
 } // namespace
 
 void flexible_gmres(nb::module_& m)
 {
-  m.def("weighted_square", &weighted_square, nb::arg("weights"), nb::arg("x"),
-        "(n,), (n, d) -> square of the norm of rows times weights");
   nb::class_<FlexibleGmres>(
       m, "FlexibleGmres",
       "Iterations of one linear system, see nts/solvers/flexible_gmres.h")

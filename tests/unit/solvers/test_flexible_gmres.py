@@ -1,10 +1,14 @@
 """Iterations of flexible GMRES against least squares by NumPy."""
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.solvers.petsc_krylov import PetscKrylov
+from dolfinx_nts.solvers.petsc_options import PetscOptions
 
 NODES, DIM = 700, 2  # more numbers than are read at once, on one rank or on several
 ROUNDING = 1e-11
@@ -47,12 +51,20 @@ def test_residuals_of_solutions_are_zero_and_those_of_singular_systems_not_finit
 
 
 @pytest.mark.serial
-def test_squares_of_rows_times_weights(rng):
-    weights, x = rng.normal(size=5), rng.normal(size=(5, 3))
-    expected = np.sum((weights[:, None] * x) ** 2)
-    assert _kernels.weighted_square(weights, x) == pytest.approx(expected, rel=1e-14)
-    with pytest.raises(ValueError, match=r"weights: expected shape \(5\), given \(4\)"):
-        _kernels.weighted_square(weights[:4], x)
+def test_options_that_name_no_method_take_as_many_iterations():
+    """The method of PETSc does not restart either; 60 different eigenvalues take as many."""
+    eigenvalues, b = np.linspace(1.0, 60.0, 60)[:, None], np.ones((60, 1))
+    options = PetscOptions(MPI.COMM_SELF, {"ksp_atol": 0.0})
+    functions = (lambda x, _: eigenvalues * x), np.copy
+    petsc = PetscKrylov(MPI.COMM_SELF, b.shape, *functions, options, 100)
+    x, iterations = petsc.solve(b, 1e-10, 1e10)
+    np.testing.assert_allclose(x, b / eigenvalues, rtol=1e-8)
+    gmres = _kernels.FlexibleGmres(b, None)
+    expected = 0
+    while gmres.residual > 1e-10 * np.linalg.norm(b):
+        gmres.add(gmres.vector, eigenvalues * gmres.vector)
+        expected += 1
+    assert iterations == expected > 30
 
 
 @pytest.mark.serial

@@ -69,20 +69,6 @@ inline double add(std::span<const double* const> vectors,
   return square;
 }
 
-/// @brief Square of the norm of rows of d numbers, each times its weight.
-inline double weighted_square(std::span<const double> weights,
-                              std::span<const double> rows,
-                              std::size_t d) noexcept
-{
-  double square = 0;
-  for (std::size_t i = 0; i < weights.size(); ++i)
-  {
-    const auto row = rows.subspan(d * i, d);
-    square += weights[i] * weights[i] * gmres::inner(row, row.data());
-  }
-  return square;
-}
-
 /// @brief Least squares with an upper Hessenberg matrix that grows by columns,
 /// and a right-hand side of which the first number alone is not zero.
 class HessenbergSystem
