@@ -180,8 +180,9 @@ class InertiaRelief:
         self._driven.append(driven)
         if len(f) and share <= self._limit:
             carried = (np.linalg.solve(gram, f) @ weighted).reshape(total.shape)
-            parts = modes, weighted, gram, carried, free, neutral, share, driven
-            self._relief = _Relief(*parts, presses)
+            self._relief = _Relief(
+                modes, weighted, gram, carried, free, neutral, share, driven, presses
+            )
         else:
             self._relief = _Relief.none(free, driven, presses=presses)
         return (total - self.force).ravel()
