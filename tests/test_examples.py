@@ -1,14 +1,14 @@
-"""Examples in the docstrings of what users call run as they are printed.
+"""Examples in the docstrings of public names run and print what the docstrings say.
 
-Names that they may use are in `constant_names` and, made anew for each example,
-in `names`; files that they may read are in `FILES`. Each runs in a folder of its own.
+They may use the names in `constant_names` and in `names_of_an_example`, and read the files
+in `FILES`. Each runs in a folder of its own. A test runs all examples of a package.
 """
 
 import doctest
 import inspect
 import shutil
 from collections.abc import Iterator
-from contextlib import nullcontext
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -45,12 +45,17 @@ def public_objects(module: ModuleType, prefix: str = "") -> dict[str, Any]:
     return found
 
 
-def example_of(name: str, item: Any) -> doctest.DocTest:
-    """What the docstring of an object shows at a prompt."""
-    return doctest.DocTestParser().get_doctest(item.__doc__, {}, name, name, 0)
+def examples() -> dict[str, dict[str, doctest.DocTest]]:
+    """Lines at a prompt in the docstrings of public names, by package and name."""
+    found: dict[str, dict[str, doctest.DocTest]] = {}
+    parser = doctest.DocTestParser()
+    for name, item in sorted(public_objects(nts).items()):
+        package = item.__module__.split(".")[1]
+        found.setdefault(package, {})[name] = parser.get_doctest(item.__doc__, {}, name, name, 0)
+    return found
 
 
-EXAMPLES = {name: example_of(name, item) for name, item in public_objects(nts).items()}
+EXAMPLES = examples()
 
 
 @pytest.fixture(scope="module")
@@ -76,9 +81,9 @@ def constant_names() -> dict[str, Any]:
     }
 
 
-@pytest.fixture
-def names(constant_names: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    """The constant names, a stepper, and a pair of no stepper; the mesh is put back after."""
+@contextmanager
+def names_of_an_example(constant_names: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """Add a new stepper, and a pair that belongs to no stepper; restore the mesh at the end."""
     pair = nts.ContactPair(constant_names["bottom"], constant_names["top"])
     x = constant_names["mesh"].geometry.x
     before = x.copy()
@@ -107,22 +112,37 @@ def folder(constant_names: dict[str, Any], tmp_path_factory: pytest.TempPathFact
     return path
 
 
-@pytest.mark.parametrize("name", sorted(EXAMPLES))
-def test_example_prints_what_the_docstring_says(name, names, folder, tmp_path, monkeypatch):
-    example = EXAMPLES[name]
-    assert example.examples, f"add an example to the docstring of {name}"
-    if name.startswith("plotting."):
-        pytest.importorskip("pyvista")
-        pytest.importorskip("matplotlib")
-    if any(f'"{file}"' in example.docstring for file in FILES):
-        shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
-    monkeypatch.chdir(tmp_path)
+def run(example: doctest.DocTest, names: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> str:
+    """Run an example; return the report of its failures."""
     example.globs.update(names)
     window: Any = nullcontext()
-    if name == "plotting.show":  # needs a display, which a machine for tests may not have
+    if example.name == "plotting.show":  # needs a display, which a test machine may not have
         monkeypatch.setenv("DISPLAY", ":0")
         window = mock.patch("pyvista.Plotter")
     printed: list[str] = []
     with window:
         result = doctest.DocTestRunner(optionflags=OPTIONS).run(example, out=printed.append)
-    assert not result.failed, "".join(printed)
+    return "".join(printed) if result.failed else ""
+
+
+@pytest.mark.parametrize("package", sorted(EXAMPLES))
+def test_examples_print_what_their_docstrings_say(
+    package, constant_names, folder, tmp_path, monkeypatch
+):
+    if package == "plotting":
+        pytest.importorskip("pyvista")
+        pytest.importorskip("matplotlib")
+    failures = []
+    for name, example in EXAMPLES[package].items():
+        if not example.examples:
+            failures.append(f"add an example to the docstring of {name}")
+            continue
+        own_folder = tmp_path / name
+        if any(f'"{file}"' in example.docstring for file in FILES):
+            shutil.copytree(folder, own_folder)
+        else:
+            own_folder.mkdir()
+        monkeypatch.chdir(own_folder)
+        with names_of_an_example(constant_names) as names:
+            failures.append(run(example, names, monkeypatch))
+    assert not any(failures), "\n".join(filter(None, failures))
