@@ -26,7 +26,16 @@ DOCS = Path(__file__).parents[1] / "docs"
 PAGES = sorted(set(DOCS.rglob("*.md")) - {*DOCS.glob("api/*"), *DOCS.glob("demos/*")})
 RUBBER = nts.SaintVenantKirchhoff(E=1.0e5, nu=0.4, rho=1.0e3)
 # Names that every snippet may use; `k` [N/m] and `volume` [m^3] are those of a spring.
-NAMES = {"nts": nts, "np": np, "ufl": ufl, "fem": fem, "rubber": RUBBER, "k": 10.0, "volume": 0.5}
+NAMES = {
+    "nts": nts,
+    "np": np,
+    "ufl": ufl,
+    "fem": fem,
+    "MPI": MPI,
+    "rubber": RUBBER,
+    "k": 10.0,
+    "volume": 0.5,
+}
 
 
 def snippets() -> list[Any]:
@@ -100,5 +109,12 @@ def test_snippet_runs(code, request, preload, tmp_path, monkeypatch):
         names["stepper"] = falling(names)
         names["other_loads"] = [nts.Pressure(names["plate_top"], 1.0)]
     shutil.copy(preload, tmp_path)
+    if "part.inp" in code:
+        cells = np.array([[0, 1, 2, 3]])
+        meshio = pytest.importorskip("meshio")
+        part = meshio.Mesh(np.eye(4)[:, 1:], {"tetra": cells}, cell_sets={"part": [np.array([0])]})
+        part.write(tmp_path / "part.inp")
     monkeypatch.chdir(tmp_path)
     exec(compile(code, "snippet", "exec"), names)
+    if "part.inp" in code:
+        assert names["tag"] == {"part": 1} and list(names["cells"].values) == [1]

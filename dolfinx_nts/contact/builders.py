@@ -17,7 +17,7 @@ from dolfinx_nts.contact.method import EDGES, MORTAR, NODES, Method
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.model.bodies import Body, common_space
-from dolfinx_nts.model.connected_bodies import connected
+from dolfinx_nts.model.connected_bodies import connected, log_shared_nodes
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Smooth, Surface, boundary_facets
 from dolfinx_nts.search.rigid_edge_search import num_sharp_edges
@@ -48,7 +48,7 @@ def boundary_of(
         The surface.
 
     Raises:
-        TypeError: Something is no body.
+        TypeError: Something is no body, or the function returns something else than booleans.
         ValueError: No bodies, several spaces, the function returns another shape, or no facet
             is left.
 
@@ -89,8 +89,9 @@ def all_pairs(
     found in the same way within each half. Of two meshes whose facets differ by less than half,
     that of a body fifteen times as stiff counts as the coarser one: the vertices of the stiffer
     one would sink in between the nodes of the softer one. Bodies that share nodes count as
-    one. Each obstacle makes a pair with all bodies, each body that may touch itself one with
-    its own boundary. The log tells what was built.
+    one; a warning names those that share nodes but no facet. Each obstacle makes a pair with all
+    bodies, each body that may touch itself one with its own boundary. The log tells what
+    was built.
 
     Args:
         bodies: Bodies of one space.
@@ -129,6 +130,7 @@ def all_pairs(
         )
     if edges and dimension(bodies[0].V) < 3:
         raise ValueError("expected edges only of bodies in space, given a mesh of the plane")
+    log_shared_nodes(bodies)
     surface = cache(boundary_of)
     stiffness = {body: body.material.least_modulus for body in bodies}
     power = 0.0 if np.isnan([*stiffness.values()]).any() else _BY_STIFFNESS

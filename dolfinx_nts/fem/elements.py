@@ -164,6 +164,8 @@ def check_space(V: fem.FunctionSpace) -> None:
         raise ValueError(
             "expected a mesh of tetrahedra or hexahedra in space, or of triangles or "
             f"quadrilaterals in the plane, given {cell} cells in {dim} dimensions"
+            f"{': read_mesh cuts prisms of gmsh into hexahedra' * (cell == 'prism')}"
+            f"{': mesh with tetrahedra or hexahedra alone' * (cell == 'pyramid')}"
         )
     if (kind := mesh.geometry.x.dtype) != np.float64:
         raise ValueError(

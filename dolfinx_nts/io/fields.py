@@ -153,9 +153,10 @@ class RunFields:
         else:
             n, d = len(stepper.node_ids), dimension(V)
             values = real_array(f"the field {name}", value)
-            if values.shape not in ((n,), (n, d)):
+            if values.shape not in ((n,), (n, d), (n, 3)):
+                columns = "" if d == 3 else f"({n}, {d}) or "
                 raise ValueError(
-                    f"expected a field {name} of shape ({n},) or ({n}, {d}), with a row for each "
-                    f"owned node, given {values.shape}"
+                    f"expected a field {name} of shape ({n},) or {columns}({n}, 3), with a row for "
+                    f"each owned node, given {values.shape}"
                 )
         return in_space(values) if values.ndim == 2 else values

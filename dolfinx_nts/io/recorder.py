@@ -90,9 +90,9 @@ class Recorder:
             three for the stepper that they are given, the same on all ranks. All ranks call
             them for each row.
         own_fields: Functions by the name of a field, which return values at the owned nodes of
-            the stepper that they are given, shape ``(n,)`` or ``(n, 3)`` in the order of
-            ``stepper.x``, or a DOLFINx Function with values at the nodes. Also such a Function
-            itself, which the script keeps up to date.
+            the stepper that they are given, shape ``(n,)`` or ``(n, 3)``, in the plane also
+            ``(n, 2)``, in the order of ``stepper.x``, or a DOLFINx Function with values at the
+            nodes. Also such a Function itself, which the script keeps up to date.
         fields: Kind of the file of fields: ``"vtkhdf"``, ``"xdmf"`` or ``"vtx"``. The last is a
             folder ``name.bp``, which all ranks write and which cannot be resumed; it needs a
             DOLFINx with ADIOS2.

@@ -55,6 +55,9 @@ _FAMILIES = {
     2: ((15, 1, 2), (15, 1, 3), (15, 8, 9), (15, 8, 10)),
 }  # by dimension of the cells, straight ones first
 _CELLS = {3: "hexahedra, tetrahedra or prisms", 2: "triangles or quadrilaterals"}
+_PYRAMIDS = {7, 14, 19}  # of first, second and incomplete second order
+# Suffixes of files of other programs that hold meshes, which meshio reads.
+_MESHES = {".inp", ".vtk", ".vtu", ".med", ".bdf", ".nas", ".fem", ".e", ".exo", ".mesh", ".cgns"}
 # det J at a point, relative to the power of the longest tangent of the cell [-], below which the
 # cell is flat there but for round-off; and z of nodes in the plane, relative to its extent [-].
 _FLAT = 1e-12
@@ -191,11 +194,7 @@ def _opened(source: Any) -> Iterator[Any]:
         with Path(source).open("rb") as file:
             # gmsh would run a file that it does not recognise as a script.
             if not file.read(16).startswith((b"$MeshFormat", b"$Comments")):
-                raise ValueError(
-                    f"expected a gmsh mesh (.msh), given {source}: mesh a geometry first (gmsh -3 "
-                    "part.geo, or part.step); a mesh and tags that DOLFINx reads by itself "
-                    "(XDMFFile) can be used without read_mesh"
-                )
+                raise ValueError(f"expected a gmsh mesh (.msh), given {source}: {_remedy(source)}")
     elif not callable(source):
         raise TypeError(f"expected a path, a gmsh model or a function, given {source!r}")
     initialised = gmsh.isInitialized()
@@ -218,6 +217,21 @@ def _opened(source: Any) -> Iterator[Any]:
     finally:
         if not initialised:
             gmsh.finalize()
+
+
+def _remedy(source: str | os.PathLike[str]) -> str:
+    """Say how a file that is no gmsh mesh becomes one, by its suffix."""
+    suffix = Path(source).suffix.lower()
+    if suffix in _MESHES:
+        return (
+            f"convert the {suffix[1:].upper()} file by meshio, with the number of the body of each "
+            'cell as cell_data "gmsh:physical" and "gmsh:geometrical", and write it as "gmsh22" '
+            "(the page on geometry has the script)"
+        )
+    return (
+        "mesh a geometry first (gmsh -3 part.geo, or part.step); a mesh and tags that DOLFINx "
+        "reads by itself (XDMFFile) can be used without read_mesh"
+    )
 
 
 @contextmanager
@@ -325,6 +339,12 @@ def _inspect(model: Any, cell_dim: int) -> tuple[dict[str, int], dict[int, int]]
             hint = (
                 "; of second order those without prisms, of one kind and with all their nodes "
                 "(Mesh.SecondOrderIncomplete = 0), or call gmsh.model.mesh.setOrder(1)"
+            )
+        if _PYRAMIDS.intersection(types):
+            hint = (
+                "; pyramids lie between hexahedra and tetrahedra: mesh all volumes with tetrahedra "
+                "(without recombined or transfinite ones), or mesh both kinds apart, without "
+                "common nodes, and join them by a contact pair with Tied()"
             )
         if not len(types):
             hint = f": call gmsh.model.mesh.generate({cell_dim}) before read_mesh reads the model"

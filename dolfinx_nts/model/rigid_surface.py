@@ -15,6 +15,12 @@ from dolfinx_nts.model.trajectories import Trajectories, passages
 
 __all__ = ["RigidSurface"]
 
+# Corners of a quadrilateral in Basix order on a walk around it, and the reverse.
+_AROUND = [0, 1, 3, 2]
+# Product of the normals at two corners, relative to the largest square [-], that is zero but for
+# round-off: a larger value takes corners that bend inwards for straight ones.
+_ROUND_OFF = 1e-10
+
 
 class RigidSurface(Obstacle):
     """A surface of triangles or quadrilaterals that bodies cannot pass through. Local.
@@ -22,7 +28,9 @@ class RigidSurface(Obstacle):
     Args:
         points: Positions of the vertices, shape ``(n, 3)`` [m], the same on all ranks.
         facets: Vertices of each facet, shape ``(s, 3)`` in either sense of rotation, or
-            ``(s, 4)`` in Basix order (0,0), (1,0), (0,1), (1,1).
+            ``(s, 4)``, all in Basix order (0,0), (1,0), (0,1), (1,1), or all around each facet,
+            as in gmsh, VTK and meshio. The order follows from the positions: sides of a convex
+            facet do not cross.
         outside: A point to which all facets turn their outer side, shape ``(3,)`` [m]; for a
             closed or strongly curved surface one point per facet, shape ``(s, 3)``.
 
@@ -31,7 +39,8 @@ class RigidSurface(Obstacle):
         corners: Positions of the vertices of each facet, shape ``(s, k, 3)`` [m].
 
     Raises:
-        ValueError: Shapes or indices do not fit, or ``outside`` lies in the plane of a facet.
+        ValueError: Shapes or indices do not fit, quadrilaterals are not convex in either order of
+            corners, or ``outside`` lies in the plane of a facet.
 
     Example:
         >>> points = np.array([[0, 0, 0], [4, 0, 0], [0, 4, 1], [4, 4, 1]])
@@ -53,6 +62,8 @@ class RigidSurface(Obstacle):
                 f"expected facets of numbers of points, from 0 to {len(points) - 1}, given "
                 f"{facets.min()} to {facets.max()}"
             )
+        if facets.shape[1] == 4:
+            facets = _in_basix_order(points, facets)
         self._points, self.corners = points, points[facets]
         centre = self.corners.mean(axis=1)
         edges = self.corners[:, 1:3] - self.corners[:, :1]
@@ -143,3 +154,42 @@ class RigidSurface(Obstacle):
         """Find the nodes within reach of the box around a facet, see `Obstacle.near`."""
         near: Ints = self._segments.near(x, reach, self._points)
         return near
+
+
+def _in_basix_order(points: Floats, facets: Ints) -> Ints:
+    """Quadrilaterals with their corners in Basix order, shape ``(s, 4)``. Local.
+
+    Sides of a convex quadrilateral cross in all orders of its corners but one, which makes the
+    order certain.
+
+    Raises:
+        ValueError: Neither order makes all of them convex.
+    """
+    in_basix, around = (_are_convex(points[facets[:, loop]]) for loop in (_AROUND, [0, 1, 2, 3]))
+    if in_basix.all():
+        return facets
+    if around.all():
+        return facets[:, _AROUND]
+    raise ValueError(
+        f"expected convex quadrilaterals, all with corners in Basix order (0,0), (1,0), (0,1), "
+        f"(1,1), or all with corners around each facet (gmsh, VTK, meshio), given {len(facets)}, "
+        f"of which {np.count_nonzero(in_basix)} are convex in Basix order and "
+        f"{np.count_nonzero(around)} around; facet {np.flatnonzero(~in_basix)[0]} is not in Basix "
+        f"order, facet {np.flatnonzero(~around)[0]} not around: cut facets that are not convex "
+        "into triangles"
+    )
+
+
+def _are_convex(loop: Floats) -> Flags:
+    """Whether all corners of quadrilaterals, in the order of a walk around, turn alike. Local.
+
+    Corners ``(s, 4, 3)`` [m] may be in one line with their neighbours. Facets may be warped, as
+    long as the planes of no two corners are at more than 90 degrees.
+    """
+    to_next, to_last = np.roll(loop, -1, axis=1) - loop, np.roll(loop, 1, axis=1) - loop
+    normals = np.cross(to_next, to_last)
+    products = np.einsum("ski,sli->skl", normals, normals)
+    largest = products.max(axis=(1, 2))
+    alike = (products >= -_ROUND_OFF * largest[:, None, None]).all(axis=(1, 2))
+    convex: Flags = (largest > 0) & alike
+    return convex

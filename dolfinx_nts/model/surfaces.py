@@ -162,6 +162,7 @@ class Surface(Declaration):
             The surface.
 
         Raises:
+            TypeError: The predicate is no function, or returns something else than booleans.
             ValueError: The space does not fit, the function returns another shape, or no facet
                 is taken.
         """
@@ -322,7 +323,7 @@ def boundary_facets(V: fem.FunctionSpace, predicate: Callable[[Any], Any]) -> In
         Local indices, sorted, shape ``(s,)``.
 
     Raises:
-        TypeError: The predicate is no function.
+        TypeError: The predicate is no function, or returns something else than booleans.
         ValueError: The space does not fit, or the function returns another shape.
     """
     check_space(V)
@@ -339,6 +340,12 @@ def boundary_facets(V: fem.FunctionSpace, predicate: Callable[[Any], Any]) -> In
                 raise ValueError(
                     f"expected a boolean for each of {x.shape[1]} positions x of shape {x.shape}, "
                     f"such as x[2] < 0.1, given shape {inside.shape}"
+                )
+            # An empty list has no booleans, on a rank without facets.
+            if inside.size and inside.dtype != bool:
+                raise TypeError(
+                    f"expected a boolean for each position x, such as x[2] < 0.1, given "
+                    f"{inside.dtype}: compare numbers, for instance by np.isclose(x[2], 0.1)"
                 )
         return inside.astype(bool)
 

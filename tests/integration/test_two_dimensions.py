@@ -290,7 +290,10 @@ def test_circle_and_line_hold_a_block_and_files_tell_of_it(tmp_path, degree, met
         "columns_of": ("pairs", "obstacles", "supports", "loads", "bodies"),
         "stress": True,
         "own_columns": {"tip": lambda stepper: (1.0, 2.0)},
-        "own_fields": {"twice": lambda stepper: 2 * stepper.x[: len(stepper.node_ids), :2]},
+        "own_fields": {
+            "twice": lambda stepper: 2 * stepper.x[: len(stepper.node_ids), :2],
+            "place": lambda stepper: stepper.x[: len(stepper.node_ids)],
+        },
     }
     with nts.Recorder(name, stepper, **options) as record:
         for step in stepper.run(until=0.12):

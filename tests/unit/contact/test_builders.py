@@ -1,6 +1,7 @@
 """Surfaces of whole bodies, and the pairs of a scene."""
 
 import logging
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -64,8 +65,24 @@ def test_part_of_a_boundary_and_place_are_the_tagged_surface(comm):
         assert np.array_equal(surface.segments, tagged.segments)
         assert np.array_equal(surface.orientation, tagged.orientation)
         assert np.array_equal(ids(surface), ids(tagged))
+    # Booleans of a list; an empty one, on a rank without facets, has no kind.
+    listed = nts.Surface.where(
+        V, lambda x: np.array([z > 0.99 and abs(y - 2) < 0.6 for y, _, z in x.T])
+    )
+    assert np.array_equal(listed.segments, tagged.segments)
     everything = nts.Surface.where(V, lambda x: x[0] > -1)
     assert num_segments(everything) == 6 * (1 + 4 + 9)
+
+
+@pytest.mark.parametrize(
+    "where", [lambda x: x[2] - 0.1, lambda x: np.nan * x[2], lambda x: (x[2] > 0.9).astype(int)]
+)
+def test_a_place_that_is_no_boolean_is_refused(comm, refused, where):
+    bodies, _, _ = row(comm, (1,))
+    with refused(TypeError, "expected a boolean for each position x.*given (float|int)64.*isclose"):
+        nts.boundary_of(bodies[0], where=where)
+    with refused(TypeError, "expected a boolean for each position x"):
+        nts.Surface.where(bodies[0].V, where)
 
 
 @pytest.mark.parametrize("ghosts", [GhostMode.none, GhostMode.shared_facet])
@@ -75,6 +92,34 @@ def test_facets_between_bodies_that_share_nodes_are_inside(comm, ghosts):
     assert num_segments(nts.boundary_of(*bodies)) == 52
     assert nts.all_pairs(bodies) == []
     assert num_segments(nts.Surface.where(V, lambda x: x[2] < 1e-9)) == 12
+
+
+@pytest.mark.at_most_two_ranks
+@pytest.mark.parametrize("ghosts", [GhostMode.none, GhostMode.shared_facet])
+@pytest.mark.parametrize(
+    ("second", "number"), [((4.0, 3.0, 0.0), 3), ((4.0, 3.0, 2.0), 1), ((4.0, 0.0, 0.0), 12)]
+)
+def test_bodies_that_share_a_few_nodes_are_named(comm, caplog, ghosts, second, number):
+    """Boxes of 4 x 3 x 2 unit cells that have an edge, a corner or a face in common."""
+    data = box_meshes.boxes([(4, 3, 2)] * 2, [(4.0, 3.0, 2.0)] * 2)
+    X = data.X + np.where(np.arange(len(data.X)) < len(data.X) // 2, 0.0, 1.0)[:, None] * second
+    X, node = np.unique(X, axis=0, return_inverse=True)
+    data = replace(data, X=X, cells=node.reshape(-1)[data.cells], numbers=np.arange(len(X)))
+    mesh, cells, _, _ = box_meshes.distribute(comm, data, ghosts=ghosts)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    tags = sorted(set(np.concatenate(comm.allgather(cells.values))))
+    bodies = [nts.Body(V, cells, int(t), RUBBER) for t in tags]
+    with caplog.at_level(logging.INFO, "dolfinx_nts"):
+        assert nts.all_pairs(bodies) == []
+    a, b = (body.name for body in bodies)
+    if comm.rank:
+        assert not caplog.messages
+    elif number == 12:
+        assert caplog.messages == [f"{a}, {b} share nodes and count as one body"]
+    else:
+        (message,) = caplog.messages
+        assert message.startswith(f"{a} and {b} share {number} nodes, but no facet: ")
+        assert "without fragment" in message and f"self_contact=[{a}]" in message
 
 
 def halved(comm, ghosts):

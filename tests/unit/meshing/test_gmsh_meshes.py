@@ -392,8 +392,20 @@ def test_pyramids_are_refused(comm, model):
         model.mesh.addElementsByType(volume, 7, [], range(101, 106))
         model.addPhysicalGroup(3, [volume])
     refuse(
-        comm, model, ValueError, "hexahedra, tetrahedra or prisms, given Hexahedron 8, Pyramid 5"
+        *(comm, model, ValueError),
+        "hexahedra, tetrahedra or prisms, given Hexahedron 8, Pyramid 5; .*all volumes with "
+        r"tetrahedra .*Tied\(\)",
     )
+
+
+@pytest.mark.parametrize("name", ["part.inp", "part.vtk", "part.MED", "part.step"])
+def test_files_of_other_programs_are_refused_with_the_remedy(comm, folder, name):
+    if comm.rank == 0:
+        (folder / name).write_text("*HEADING")
+    comm.barrier()
+    kind = name.split(".")[1].upper()
+    remedy = "mesh a geometry first" if kind == "STEP" else f"the {kind} file by meshio.*gmsh22"
+    refuse(comm, folder / name, ValueError, f"expected a gmsh mesh .*{name}: .*{remedy}")
 
 
 def test_volume_without_cells_is_refused(comm, model):

@@ -52,3 +52,44 @@ def test_facets_that_make_no_surface_are_refused():
         nts.RigidSurface([[0, 0, 0]], [[0, 1, 2]], (0, 0, 1))
     with pytest.raises(ValueError, match="without area, or in one plane with it"):
         nts.RigidSurface([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], (5, 5, 0))
+
+
+SQUARE = np.array([[-1.0, -1, 0], [2, -1, 0], [2, 2, 0], [-1, 2, 0]])
+BASIX, AROUND = [0, 1, 3, 2], [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize("first", range(4))
+@pytest.mark.parametrize("sense", [1, -1])
+@pytest.mark.parametrize("order", [BASIX, AROUND])
+def test_corners_of_quadrilaterals_may_be_in_basix_order_or_around(order, sense, first):
+    # A warped square that begins at any corner and turns in either sense.
+    points = np.roll(SQUARE + np.outer([0.1, 0, 0.2, 0], [0, 0, 1]), first, axis=0)
+    points = points[::sense]
+    expected = nts.RigidSurface(points, [BASIX], (0.5, 0.5, 9.0))
+    surface = nts.RigidSurface(points, [order], (0.5, 0.5, 9.0))
+    np.testing.assert_array_equal(surface.corners, expected.corners)
+    np.testing.assert_array_equal(surface.facets[1], [BASIX])
+    x = np.array([[0.0, 0.1, 0.3], [1.7, 1.8, 0.3], [1.5, -0.5, 0.3]])
+    none = np.full(3, -1, dtype=np.int32)
+    found, gap = surface.find(x, none, 0.01, np.inf, Facing.everywhere(3))
+    np.testing.assert_array_equal(found, 0)
+    assert (0.1 <= gap).all() and (gap <= 0.3).all()
+
+
+def test_a_corner_between_two_others_leaves_the_order_certain():
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0.5, 0]])
+    for order, loop in (([0, 1, 3, 2], AROUND), (AROUND, BASIX)):
+        kept = nts.RigidSurface(points[order], [loop], (0.2, 0.2, 9.0))
+        around = kept.corners[0][BASIX]
+        areas = np.cross(np.roll(around, -1, axis=0) - around, np.roll(around, 1, axis=0) - around)
+        assert (areas[:, 2] * areas[0, 2] >= 0).all()
+
+
+def test_quadrilaterals_in_different_orders_or_not_convex_are_refused():
+    points = np.concatenate([SQUARE, SQUARE + np.array([3, 0, 0])])
+    with pytest.raises(ValueError, match="1 are convex in Basix order and 1 around; facet 1"):
+        nts.RigidSurface(points, [BASIX, [4, 5, 6, 7]], (0, 0, 9))
+    with pytest.raises(ValueError, match=r"gmsh, VTK, meshio.*0 are convex in Basix.*triangles"):
+        nts.RigidSurface([[0, 0, 0], [2, 0, 0], [0, 2, 0], [0.5, 0.5, 0]], [BASIX], (0, 0, 9))
+    with pytest.raises(ValueError, match="0 are convex in Basix order and 0 around"):
+        nts.RigidSurface(SQUARE, [[0, 2, 1, 3]], (0, 0, 9))
