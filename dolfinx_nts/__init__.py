@@ -48,6 +48,7 @@ from dolfinx_nts.model.rigid_surface import RigidSurface
 from dolfinx_nts.model.surface_loads import Pressure, Traction
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel.errors import end_together
+from dolfinx_nts.parallel.signals import restore_broken_pipe
 from dolfinx_nts.search.overlaps import Overlap
 from dolfinx_nts.solvers.newton_report import ConvergenceError
 
@@ -55,6 +56,8 @@ __version__ = "0.2.0"
 
 # From here on, so that no call of the package lets ranks wait for one that has failed.
 end_together()
+# The imports above have initialised PETSc.
+restore_broken_pipe()
 
 __all__ = [
     "Balance",

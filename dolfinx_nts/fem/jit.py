@@ -12,6 +12,7 @@ from ufl.corealg.multifunction import MultiFunction
 
 from dolfinx_nts import compat
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.fem.form_cache import interrupted_forms_compiled, processor
 
 __all__ = [
     "OPTIMISED",
@@ -36,11 +37,14 @@ _UNROLLED = ["--param", "max-completely-peeled-insns=2000"]
 # as soon compiled, and at most a ninth slower. With the last flag GCC clears wide registers after
 # a kernel at this level, too, as instructions of other code that are not wide may need.
 SOON = ["-O1", "-ftree-vectorize", "-fexpensive-optimizations"]
+# Nothing reads it, but it makes the name of what is compiled one of this package and processor.
+_KEY = f"-DDOLFINX_NTS_PROCESSOR={processor()}"
 # Flags of -ffast-math without the one that assumes that there are no NaNs, on which checks
 # depend; kernels are as fast.
 OPTIMISED = [
     "-O3",
     "-march=native",
+    _KEY,
     "-ffp-contract=fast",
     "-fno-math-errno",
     "-fno-trapping-math",
@@ -57,12 +61,12 @@ _TIMEOUT = 40
 
 def _options(*flags: str) -> dict[str, Any]:
     # Python's own flags ask for symbols of debuggers, which take up to a half of the time.
-    return {"cffi_extra_compile_args": [*flags, "-g0"], "timeout": _TIMEOUT}
+    return {"cffi_extra_compile_args": [*flags, _KEY, "-g0"], "timeout": _TIMEOUT}
 
 
 def _compiled(options: dict[str, Any], form: ufl.Form) -> fem.Form:
     """Compile a form. Collective."""
-    with compat.quicker_ffcx():
+    with interrupted_forms_compiled(), compat.quicker_ffcx():
         return fem.form(form, jit_options=options)
 
 
@@ -87,7 +91,7 @@ def compile_expression(expression: Any, points: Floats) -> fem.Expression:
         The compiled expression.
     """
     plain = map_expr_dag(_WithoutVariables(), expand_derivatives(expression))
-    with compat.quicker_ffcx():
+    with interrupted_forms_compiled(), compat.quicker_ffcx():
         return fem.Expression(plain, points, jit_options=_FAST)
 
 

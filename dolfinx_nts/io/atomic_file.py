@@ -10,12 +10,14 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 import h5py
 
 __all__ = [
     "beside",
     "check_replaceable",
+    "created_beside",
     "hdf5_file_image",
     "replace",
     "sync",
@@ -67,13 +69,33 @@ def replace(path: Path, image: bytes | memoryview, *, durable: bool = False) -> 
             that existed before is unchanged.
     """
     with unchanged(path):
-        beside(path).write_bytes(image)
+        with created_beside(path) as file:
+            file.write(image)
         take_name(path, durable=durable)
 
 
 def beside(path: Path) -> Path:
     """File in which the new content of another one is made. Local."""
     return path.with_name(f"{path.name}.new")
+
+
+def created_beside(path: Path) -> BinaryIO:
+    """Create the file in which the new content of another one is made. Local.
+
+    It takes the place of one that a killed run has left, and of a symbolic link, whose target
+    stays as it is.
+
+    Args:
+        path: The other file.
+
+    Returns:
+        The open file.
+
+    Raises:
+        OSError: It cannot be created, for instance because a folder has its name.
+    """
+    beside(path).unlink(missing_ok=True)
+    return beside(path).open("xb")
 
 
 def take_name(path: Path, *, durable: bool = False) -> None:
@@ -99,15 +121,15 @@ def unchanged(path: Path, removes: bool = True) -> Iterator[None]:
         removes: Whether this rank removes what lies there.
 
     Raises:
-        OSError: That of the context, with the remark that the file is unchanged.
+        OSError: That of the context. Where the file exists, it says that the file is unchanged.
     """
     try:
         yield
     except OSError as error:
         if removes:
             beside(path).unlink(missing_ok=True)
-        reason = f"{error.strerror}; a file of this name from before is unchanged"
-        raise OSError(error.errno, reason, str(path)) from None
+        kept = "; a file of this name from before is unchanged" if path.exists() else ""
+        raise OSError(error.errno, f"{error.strerror}{kept}", str(path)) from None
 
 
 def sync(*paths: Path) -> None:

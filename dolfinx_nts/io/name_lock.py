@@ -1,13 +1,17 @@
 """Lock by which a run keeps other runs from writing to files of the same name.
 
 The operating system holds the lock for the process that has taken it, and releases it when this
-process ends in whatever way. A file that a killed process has left locks nothing.
+process ends in whatever way. A file that a killed process has left locks nothing. A file that
+another program has made stays as it is, and no symbolic link is followed.
 """
 
+import errno
 import fcntl
 import logging
 import os
+import re
 import socket
+import stat
 import time
 from pathlib import Path
 
@@ -17,6 +21,8 @@ _logger = logging.getLogger("dolfinx_nts")
 
 # Longest text that tells who holds a lock [bytes].
 _LONGEST = 500
+# Text of a file that is a lock of this package.
+_OWN = re.compile(r"process \d+ on \S+ since ")
 
 
 class NameLock:
@@ -35,36 +41,72 @@ class NameLock:
         """Take the lock. Where the file system has no locks, a warning tells so.
 
         Raises:
-            OSError: Another run holds it, or the file cannot be created.
+            OSError: Another run holds it, the file is no lock of this package, or it cannot be
+                created.
         """
-        while self._file is None:
-            file = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o666)
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                holder = os.read(file, _LONGEST).decode(errors="replace") or "another process"
-                os.close(file)
-                raise OSError(
-                    f"expected files that no other run writes to, given "
-                    f"{self._path.with_suffix('')}, which belong to {holder}; choose another "
-                    "name, or end that process"
-                ) from None
-            except OSError as error:
-                _logger.warning(
-                    "%s cannot be locked: %s; this is harmless as long as you start no second "
-                    "run that writes to files of this name",
-                    self._path,
-                    error.strerror,
-                )
-            # A run that has just ended may have removed the file in between.
-            if self._is_there(file):
-                self._file = file
-            else:
-                os.close(file)
-        os.truncate(self._file, 0)
         now = time.strftime("%Y-%m-%d %H:%M:%S")
-        text = f"process {os.getpid()} on {socket.gethostname()} since {now}"
-        os.write(self._file, text.encode())
+        text = f"process {os.getpid()} on {socket.gethostname()} since {now}".encode()
+        while self._file is None:
+            try:
+                file, is_new = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666), True
+            except FileExistsError:
+                try:
+                    file, is_new = self._existing(), False
+                except FileNotFoundError:  # A run that has just ended has removed it.
+                    continue
+            try:
+                self._lock(file, is_new)
+                # A run that has just ended may have removed the file in between.
+                if self._is_there(file):
+                    os.pwrite(file, text, 0)
+                    os.truncate(file, len(text))
+                    self._file = file
+            finally:
+                if self._file is None:
+                    os.close(file)
+
+    def _existing(self) -> int:
+        """Open the file that is there."""
+        try:
+            # Without waiting for the other end of a pipe.
+            file = os.open(self._path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
+        except OSError as error:
+            if error.errno == errno.ELOOP:
+                raise self._foreign("is a symbolic link") from None
+            raise
+        if not stat.S_ISREG(os.fstat(file).st_mode):
+            os.close(file)
+            raise self._foreign("is no file")
+        return file
+
+    def _lock(self, file: int, is_new: bool) -> None:
+        """Lock an open file, unless it belongs to something else."""
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            holder = os.pread(file, _LONGEST, 0).decode(errors="replace")
+            if not _OWN.match(holder):
+                holder = "another process"
+            raise OSError(
+                f"expected files that no other run writes to, given "
+                f"{self._path.with_suffix('')}, which belong to {holder}; choose another "
+                "name, or end that process"
+            ) from None
+        except OSError as error:
+            _logger.warning(
+                "%s cannot be locked: %s; this is harmless as long as you start no second "
+                "run that writes to files of this name",
+                self._path,
+                error.strerror,
+            )
+        if not (is_new or _OWN.match(os.pread(file, _LONGEST, 0).decode(errors="replace"))):
+            raise self._foreign("was not made by a run")
+
+    def _foreign(self, why: str) -> OSError:
+        return OSError(
+            f"expected no file {self._path}, which a run makes and removes, given one that {why}: "
+            "choose another name for the run, or remove that file if nobody needs it"
+        )
 
     def release(self) -> None:
         """Release the lock, if it is held, and remove the file."""
@@ -76,6 +118,6 @@ class NameLock:
     def _is_there(self, file: int) -> bool:
         """Whether an open file still has its name."""
         try:
-            return os.path.samestat(os.fstat(file), self._path.stat())
+            return os.path.samestat(os.fstat(file), self._path.lstat())
         except FileNotFoundError:
             return False

@@ -61,12 +61,13 @@ class Recorder:
     own, at once.
 
     A **checkpoint** ``name.checkpoint.h5`` holds all that the run depends on. With
-    ``checkpoint_every`` it is replaced at these steps, at the end, and after Ctrl-C or SIGTERM.
-    Such a signal takes effect when the present step is complete, a second one at once; the log
-    tells which step the checkpoint holds. With
-    ``resume`` a script that is started again continues from the checkpoint, on any number of
-    ranks; rows and states after the step of the checkpoint are removed. The length of steps is
-    that of the checkpoint, unless the script now asks for another one than when it began.
+    ``checkpoint_every`` it is replaced at these steps, at the end, and after Ctrl-C, SIGTERM or
+    output to a pipe that its reader has closed. Such a signal takes effect when the present
+    step is complete, a second one at once; the log tells which step the checkpoint holds.
+    Ignored signals stay ignored. With ``resume`` a script that is started again continues from
+    the checkpoint, on any number of ranks; rows and states after the step of the checkpoint are
+    removed. The length of steps is that of the checkpoint, unless the script now asks for
+    another one than when it began.
 
     While the block is open, ``name.lock`` tells host and process of the run, and another run
     that would write to files of this name is refused. The lock ends with the process.

@@ -20,7 +20,7 @@ from mpi4py import MPI
 import h5py
 import numpy as np
 
-from dolfinx_nts.io.atomic_file import beside, take_name, unchanged
+from dolfinx_nts.io.atomic_file import beside, created_beside, take_name, unchanged
 from dolfinx_nts.parallel.communication import on_root
 from dolfinx_nts.parallel.errors import agreed
 from dolfinx_nts.parallel.slabs import Slab
@@ -58,7 +58,7 @@ def write_hdf5(
     def lay_out() -> dict[str, int]:
         shapes = {name: shape for part in every or () for name, shape in part.items()}
         offsets = _laid_out(image, shapes, attributes)
-        with beside(path).open("wb") as file:
+        with created_beside(path) as file:
             file.truncate(image.size)
         return offsets
 
@@ -126,9 +126,10 @@ def _write(
     with agreed(comm, f"open {path}"), _as_os_error(path):
         file = MPI.File.Open(comm, path, MPI.MODE_WRONLY)
     try:
-        with agreed(comm, f"write {path}"), _as_os_error(path):
+        with agreed(comm, f"write {path}"):
             for offset, data in pieces:
-                file.Write_at(offset, data)
+                with _as_os_error(path, offset, data):
+                    file.Write_at(offset, data)
         if durable:
             file.Sync()
     finally:
@@ -136,15 +137,25 @@ def _write(
 
 
 @contextmanager
-def _as_os_error(path: Path) -> Iterator[None]:
-    """Context in which errors of MPI become those of the operating system. Local."""
+def _as_os_error(path: Path, offset: int = 0, data: Any = b"") -> Iterator[None]:
+    """Context in which errors of MPI become those of the operating system. Local.
+
+    Many kinds of MPI say nothing of the reason, so the operating system is asked to write the
+    same.
+    """
     try:
         yield
     except MPI.Exception as error:
-        reason = "a rank does not see this folder, as all must that write a file together"
-        if path.parent.is_dir():
-            free = shutil.disk_usage(path.parent).free
-            reason = f"{error.error_string}, with {free} bytes free in this folder"
+        if not path.parent.is_dir():
+            reason = "a rank does not see this folder, as all must that write a file together"
+            raise OSError(errno.EIO, reason) from None
+        try:
+            with path.open("r+b") as file:
+                _put(file, offset, data)
+        except OSError as known:
+            raise OSError(known.errno, known.strerror) from None
+        free = shutil.disk_usage(path.parent).free
+        reason = f"{error.error_string}, with {free} bytes free in this folder"
         raise OSError(errno.EIO, reason) from None
 
 

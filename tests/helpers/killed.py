@@ -1,9 +1,8 @@
 """Programs that are killed at any instant of writing files."""
 
 import os
-from pathlib import Path
 
-from dolfinx_nts.io import shared_file, xml_series
+from dolfinx_nts.io import atomic_file, shared_file, xml_series
 
 
 class Killed(BaseException):
@@ -29,7 +28,20 @@ def kill_at(monkeypatch, count):
 
         monkeypatch.setattr(owner, name, call)
 
-    counted(Path, "write_bytes", True)
+    create = atomic_file.created_beside
+
+    def half_written(path):
+        nonlocal calls
+        calls += 1
+        is_last = calls == count
+        file = create(path)
+        if is_last:
+            with file:
+                file.write(b"half of the new content")
+            raise Killed
+        return file
+
+    monkeypatch.setattr(atomic_file, "created_beside", half_written)
     counted(xml_series, "_put", True)
     counted(shared_file, "_put", True)
     for name in ("replace", "rename", "unlink", "mkdir"):

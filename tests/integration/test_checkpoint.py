@@ -395,3 +395,45 @@ def test_a_script_that_was_killed_goes_on_when_started_again(
     assert all(np.array_equal(one[key], other[key], equal_nan=True) for key in one)
     texts = [(folder / f"{name}.xdmf").read_text() for name in ("whole", "parts")]
     assert texts[0].replace("whole", "parts") == texts[1]
+
+
+PRINTING = """
+import os, signal, sys
+sys.path.insert(0, sys.argv[1])
+from mpi4py import MPI
+import dolfinx_nts as nts
+from helpers.scenes import blocks
+stepper = blocks(MPI.COMM_SELF, num_bodies=3).stepper
+with nts.Recorder(sys.argv[2], stepper, checkpoint_every=100) as record:
+    for step in stepper.run(until=8 * stepper.dt):
+        if step.step == 2:
+            sys.stdin.readline()  # until nobody reads the output any more
+            os.kill(os.getpid(), int(sys.argv[3]))
+        print(step.step, flush=True)
+        record.write(step)
+"""
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize(
+    ("signum", "status"), [(signal.SIGINT, -signal.SIGINT), (0, 1)], ids=["interrupted", "alone"]
+)
+def test_a_run_whose_output_nobody_reads_ends_with_a_checkpoint(tmp_path, signum, status):
+    """Ctrl-C in ``python3 run.py | tee log`` ends ``tee`` before the run prints again."""
+    script = [sys.executable, "-c", PRINTING, str(Path(__file__).parents[1])]
+    end, other = os.pipe()
+    with subprocess.Popen(
+        [*script, str(tmp_path / "run"), str(int(signum))],
+        stdin=subprocess.PIPE,
+        stdout=other,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        os.close(other)
+        with os.fdopen(end) as output:
+            assert output.readline() == "1\n"
+        _, errors = process.communicate("\n")
+    assert process.returncode == status, errors
+    assert f"run.checkpoint.h5 holds step 2, t = {BLOCK_STEP * 2:g}: the same script" in errors
+    assert not (tmp_path / "run.lock").exists()
+    assert len((tmp_path / "run.csv").read_text().splitlines()) == 2 + 2

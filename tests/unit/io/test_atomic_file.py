@@ -14,7 +14,7 @@ pytestmark = pytest.mark.serial
 @pytest.mark.parametrize("exists", [True, False])
 def test_a_kill_at_any_instant_leaves_the_former_file_or_the_new_one(tmp_path, monkeypatch, exists):
     path, found = tmp_path / "a", []
-    for count in (1, 2, 3):
+    for count in (1, 2, 3, 4):
         path.unlink(missing_ok=True)
         if exists:
             path.write_bytes(b"former")
@@ -26,7 +26,7 @@ def test_a_kill_at_any_instant_leaves_the_former_file_or_the_new_one(tmp_path, m
                 pass
         found.append(path.read_bytes() if path.exists() else None)
     former = b"former" if exists else None
-    assert found == [former, former, b"new"]
+    assert found == [former, former, former, b"new"]
 
 
 @pytest.mark.parametrize(
@@ -48,8 +48,20 @@ def test_what_shall_survive_a_power_failure_is_on_disk_before_it_has_its_name(
 
 def test_an_error_leaves_the_former_file_and_nothing_beside_it(tmp_path, monkeypatch):
     path = tmp_path / "a"
-    path.write_bytes(b"former")
     monkeypatch.setattr(atomic_file.os, "replace", lambda *arguments: os.stat(tmp_path / "nowhere"))
+    with pytest.raises(FileNotFoundError, match=r"No such file or directory: '.*/a'$"):
+        replace(path, b"new")
+    assert list(tmp_path.iterdir()) == []
+    path.write_bytes(b"former")
     with pytest.raises(FileNotFoundError, match="a file of this name from before is unchanged"):
         replace(path, b"new")
     assert path.read_bytes() == b"former" and list(tmp_path.iterdir()) == [path]
+
+
+def test_no_link_is_followed(tmp_path):
+    mine, path = tmp_path / "mine", tmp_path / "a"
+    mine.write_bytes(b"precious")
+    path.with_name("a.new").symlink_to(mine)
+    replace(path, b"new")
+    assert mine.read_bytes() == b"precious" and path.read_bytes() == b"new"
+    assert sorted(tmp_path.iterdir()) == [path, mine]

@@ -1,6 +1,8 @@
 """HDF5 files that all ranks write, read by HDF5."""
 
+import errno
 import os
+import resource
 
 from mpi4py import MPI
 
@@ -76,8 +78,39 @@ def test_an_error_on_one_rank_is_one_on_all(comm, folder, refused, monkeypatch):
         monkeypatch.setattr(
             "dolfinx_nts.io.shared_file._pieces", lambda *_: map(os.stat, [folder / "nowhere"])
         )
-    with refused(FileNotFoundError, "No such file.*; a file of this name from before is unchanged"):
+    with refused(FileNotFoundError, "No such file"):
         write_hdf5(comm, folder / "a", {"x": [rows(comm, np.ones(4))]}, {})
+
+
+@pytest.mark.parametrize("exists", [True, False])
+def test_a_full_disk_has_the_message_of_one_rank(comm, folder, agree, exists):
+    path, slabs = folder / "a", {"x": [rows(comm, np.ones(20000))]}
+    if exists:
+        write_hdf5(comm, path, {}, {})
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    if comm.rank == comm.size - 1:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (50000, limits[1]))
+    try:
+        with pytest.raises(OSError) as caught:
+            write_hdf5(comm, path, slabs, {})
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    kept = "; a file of this name from before is unchanged" if exists else ""
+    assert agree(caught.value.errno == errno.EFBIG)
+    assert agree(caught.value.strerror == f"{os.strerror(errno.EFBIG)}{kept}")
+    comm.barrier()
+    assert agree(list(folder.iterdir()) == [path] * exists)
+
+
+def test_no_link_is_followed(comm, folder, agree):
+    mine, path = folder / "mine", folder / "a"
+    if comm.rank == 0:
+        mine.write_bytes(b"precious")
+        path.with_name("a.new").symlink_to(mine)
+    comm.barrier()
+    write_hdf5(comm, path, {"x": [rows(comm, np.ones(4))]}, {})
+    comm.barrier()
+    assert agree(mine.read_bytes() == b"precious" and not path.is_symlink())
 
 
 @pytest.mark.serial

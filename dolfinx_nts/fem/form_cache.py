@@ -1,0 +1,88 @@
+"""Cache of compiled forms: interrupted compilations are repeated, and processors kept apart.
+
+FFCx creates an empty C file before it compiles a form, and a file ``.c.cached`` afterwards. A
+process that finds the first without the second waits for whoever compiles, also where this one
+was killed. Here the process that compiles holds a lock, which the operating system releases
+when the process ends in whatever way.
+"""
+
+import fcntl
+import platform
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from functools import cache
+from hashlib import sha256
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+__all__ = ["interrupted_forms_compiled", "processor"]
+
+# File in the cache of which each form locks one byte.
+_LOCKS = "dolfinx_nts.lock"
+_CPUS = "/proc/cpuinfo"
+
+
+@cache
+def processor() -> str:
+    """Digest of the instructions that the processor has. Local.
+
+    Code that is compiled for them may end a process on another processor, which may see the
+    same cache: nodes of a cluster, or a home folder on a disk that is moved.
+    """
+    words = [platform.machine(), platform.processor()]
+    with suppress(OSError), open(_CPUS) as cpus:
+        # In the lines of the first core: flags of x86-64, Features of ARM, isa of RISC-V.
+        for line in cpus:
+            name, _, value = line.partition(":")
+            if name.strip() in ("flags", "Features", "isa"):
+                words += sorted(value.split())
+                break
+    return sha256(" ".join(words).encode()).hexdigest()[:12]
+
+
+@contextmanager
+def interrupted_forms_compiled() -> Iterator[None]:
+    """Context in which FFCx compiles forms again whose compilation was interrupted. Local.
+
+    Several processes may ask for one form at once: one compiles it, the others wait. Only for
+    forms with flags that nobody else uses, as others would compile them without the lock.
+    Without effect where the file system has no locks.
+    """
+    jit: Any = import_module("ffcx.codegeneration.jit")
+    look_up: Any = jit.get_cached_module
+    with ExitStack() as lock:
+
+        def get_cached_module(name: str, objects: Any, folder: Any, *rest: Any) -> Any:
+            lock.close()  # The form before this one is complete.
+            source = Path(folder, f"{name}.c")
+            if not _is_complete(source):
+                with suppress(OSError):
+                    lock.enter_context(_locked(source))
+                    if not _is_complete(source):
+                        source.unlink(missing_ok=True)
+            return look_up(name, objects, folder, *rest)
+
+        jit.get_cached_module = get_cached_module
+        try:
+            yield
+        finally:
+            jit.get_cached_module = look_up
+
+
+def _is_complete(source: Path) -> bool:
+    return source.with_suffix(".c.cached").exists()
+
+
+@contextmanager
+def _locked(source: Path) -> Iterator[None]:
+    """Context with the lock of a C file, for which it waits.
+
+    Raises:
+        OSError: The file system has no locks.
+    """
+    source.parent.mkdir(parents=True, exist_ok=True)
+    with open(source.parent / _LOCKS, "a") as file:
+        offset = int.from_bytes(sha256(source.name.encode()).digest()[:7], "big")
+        fcntl.lockf(file, fcntl.LOCK_EX, 1, offset)
+        yield
