@@ -113,7 +113,9 @@ class Interrupts:
     def _raise(self, signum: int) -> None:
         self.__exit__()
         if signum == signal.SIGPIPE:
-            raise BrokenPipeError(errno.EPIPE, f"{os.strerror(errno.EPIPE)}: nobody reads the output")
+            raise BrokenPipeError(
+                errno.EPIPE, f"{os.strerror(errno.EPIPE)}: nobody reads the output"
+            )
         signal.raise_signal(signum)
 
 

@@ -80,9 +80,10 @@ def test_form_of_a_killed_process_is_compiled_again(interrupted):
 
 def test_all_kernels_have_the_processor_in_their_names(monkeypatch):
     for options in (jit._FAST, jit.compile_bilinear_form.args[0], jit.compile_quickly.args[0]):
-        assert f"-DDOLFINX_NTS_PROCESSOR={form_cache.processor()}" in options[
-            "cffi_extra_compile_args"
-        ]
+        assert (
+            f"-DDOLFINX_NTS_PROCESSOR={form_cache.processor()}"
+            in options["cffi_extra_compile_args"]
+        )
     assert f"-DDOLFINX_NTS_PROCESSOR={form_cache.processor()}" in jit.OPTIMISED
 
 

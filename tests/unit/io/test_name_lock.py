@@ -117,7 +117,7 @@ def test_what_another_program_has_made_is_refused_and_stays(path, kind):
     mine.write_text("process 1 on mine since yesterday")
     FOREIGN[kind](path)
     before = os.lstat(path)
-    with pytest.raises(OSError, match="Is a directory|expected no file .*choose another name"):
+    with pytest.raises(OSError, match=r"Is a directory|expected no file .*choose another name"):
         NameLock(path).take()
     after = os.lstat(path)
     assert (before.st_ino, before.st_size) == (after.st_ino, after.st_size)
