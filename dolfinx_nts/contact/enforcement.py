@@ -187,6 +187,7 @@ class Penalty(Declaration):
             None means half the mass of the lighter one divided by the square of the first step,
             so that a body which strikes at one point penetrates about as far as it moves in one
             or two steps; in statics, ten times the stiffness of the stiffest node that deforms.
+            A surface whose displacements are all prescribed counts as rigid.
 
     Attributes:
         eps_N: The argument.

@@ -105,9 +105,10 @@ class PairState(Tractions, NodesOfPairs):
         It is that of the softer side: a stiff node cannot press harder than soft segments.
 
         Args:
-            stiffness: Returns the static stiffness of all owned nodes of the space, infinite
-                where they do not deform, and what takes its place between nodes and segments
-                that both do not, shapes ``(n,)`` [N/m]; called only if a spring is open.
+            stiffness: Returns the static stiffness of all owned nodes of the space, infinite at
+                rigid bodies and NaN where displacements are prescribed, and the stiffness of
+                springs between nodes and segments that both do not deform, shapes ``(n,)``
+                [N/m]; called only if a spring is open.
             stiffer: Stiffness of normal springs relative to that of their nodes [-].
         """
         if self._ranges is not None:
@@ -122,14 +123,17 @@ class PairState(Tractions, NodesOfPairs):
     def _softer_side(self, of_all: Floats) -> Floats:
         """Stiffness of each node, or of the stiffest vertex if less, ``(m,)``. Collective.
 
-        ``of_all`` has the stiffness of all owned nodes of the space, shape ``(n,)`` [N/m].
+        ``of_all`` has the stiffness of all owned nodes of the space, shape ``(n,)`` [N/m]. A
+        prescribed node, NaN, is as stiff as the stiffest other node of its surface, or rigid.
         """
-        pair = self.pair
-        softer = of_all[pair.nodes.nodes]
-        if isinstance(pair.segments, Surface):
-            stiffest = float(of_all[pair.segments.nodes].max(initial=0.0))
-            softer = np.minimum(softer, reductions.largest(pair.nodes.V.mesh.comm, stiffest))
-        return softer
+        sides = (self.pair.nodes, self.pair.segments)
+        values = [of_all[side.nodes] for side in sides if isinstance(side, Surface)]
+        comm = self.pair.nodes.V.mesh.comm
+        own = [float(np.fmax.reduce(each, initial=0.0)) for each in values]
+        stiffest = reductions.largest(comm, np.array(own))
+        stiffest[stiffest == 0] = np.inf
+        of_nodes = np.where(np.isnan(values[0]), stiffest[0], values[0])
+        return np.minimum(of_nodes, stiffest[1]) if len(values) > 1 else of_nodes
 
     def choose_penalty(self, normal: Floats, tangential: Floats) -> None:
         """Choose and log the stiffness of springs, once. Collective.

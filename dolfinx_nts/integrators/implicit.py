@@ -48,6 +48,7 @@ from dolfinx_nts.integrators.step_solver import StepSolver
 from dolfinx_nts.integrators.step_works import StepWorks
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.dirichlet import Supports
 from dolfinx_nts.model.loads import Load
 from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.parallel import reductions
@@ -89,7 +90,7 @@ class ImplicitStepper(Stepper):
         super().__init__(bodies, pairs, dt=dt, loads=loads, update=update)
         self._rates = self.scheme.rates(self, self._dt, bodies)
         if self._is_static:
-            check_statics(self.bodies)
+            check_statics(self.bodies, Supports(self.u.function_space, bcs).fixed)
         ends = self.scheme.ends_for_loads(self.u_n, self.u)
         works = [load.form(*ends) for load in self.loads]
         massless = massless_nodes(self.bodies, self.pairs)
@@ -212,7 +213,8 @@ class ImplicitStepper(Stepper):
         """Try Newton's method from several states, until one succeeds."""
         mass, share = self._step_solver.mass, self.scheme.stress_share
         choose_springs(
-            *(self.contacts, self.bodies, self._tangent, self._rates, mass, self._dt, share)
+            *(self.contacts, self.bodies, self._tangent, self._rates, mass, self._dt, share),
+            self._step_solver.free,
         )
         load = self._forces.norm(self._forces.loads()) if self.loads else 0.0
         if not np.isfinite(load):

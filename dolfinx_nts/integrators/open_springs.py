@@ -1,7 +1,7 @@
 """Stiffness of the springs of contact that the user left open, in implicit steps."""
 
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, partial
 
 from dolfinx import fem
 
@@ -29,6 +29,7 @@ def choose_springs(
     mass: Floats,
     dt: fem.Constant,
     share: float,
+    free: Floats | None,
 ) -> None:
     """Choose the stiffness of springs that is not known yet. Collective.
 
@@ -40,12 +41,14 @@ def choose_springs(
         mass: Lumped mass of the owned nodes, shape ``(n,)`` [kg].
         dt: Length of a step in forms [s].
         share: Part of the stiffness in the tangent, see `Scheme.stress_share` [-].
+        free: 1 where a displacement is unknown, otherwise 0, ``(n, d)``; None if all are.
     """
 
     @cache
     def stiffness() -> tuple[Floats, Floats]:
         """That of all nodes, which the pairs with open springs have in common."""
-        return spring_stiffness(lambda: static_stiffness(tangent, dt, share), bodies, mass, rates)
+        static = partial(static_stiffness, tangent, dt, share)
+        return spring_stiffness(static, bodies, mass, rates, free)
 
     for contact in contacts:
         contact.derive_penalty(stiffness, _STIFF if rates.acceleration is None else _RESOLVED)

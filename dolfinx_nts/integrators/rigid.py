@@ -88,18 +88,32 @@ def check_rigid_bodies(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> 
             )
 
 
-def check_statics(bodies: Sequence[Body]) -> None:
-    """Raise where bodies have no stiffness that statics could find an equilibrium of. Local.
+def check_statics(bodies: Sequence[Body], fixed: Ints) -> None:
+    """Raise where no displacement resists rigid bodies in statics. Collective.
+
+    Args:
+        bodies: All bodies.
+        fixed: Owned scalar dofs of the space whose displacement is prescribed.
 
     Raises:
-        ValueError: All bodies are rigid.
+        ValueError: All bodies are rigid, or all nodes of the others are prescribed.
     """
-    if all(body.is_rigid for body in bodies):
-        names = ", ".join(body.name for body in bodies)
-        raise ValueError(
-            f"expected a body that deforms in statics, given rigid ones alone ({names}): "
-            "EnergyMomentum moves them, and a stiff material can take the place of one"
-        )
+    V, rigid = bodies[0].V, [body for body in bodies if body.is_rigid]
+    if not rigid:
+        return
+    comm: MPI.Comm = V.mesh.comm
+    free = np.ones((V.dofmap.index_map.size_local, dimension(V)), dtype=bool)
+    free.ravel()[fixed] = False
+    free[np.concatenate([_owned(body, len(free)) for body in rigid])] = False
+    if reductions.anywhere(comm, bool(free.any())):
+        return
+    names = "rigid ones alone (" + ", ".join(body.name for body in rigid) + ")"
+    if prescribed := ", ".join(body.name for body in bodies if not body.is_rigid):
+        names += f" and with all displacements prescribed ({prescribed})"
+    raise ValueError(
+        f"expected a body that deforms in statics, given {names}: "
+        "EnergyMomentum moves them, and a stiff material can take the place of one"
+    )
 
 
 def gives_rigid_nodes(pair: ContactPair, bodies: Sequence[Body]) -> bool:
@@ -206,7 +220,11 @@ def contact_stiffness(
 
 
 def spring_stiffness(
-    static: Callable[[], Floats], bodies: Sequence[Body], mass: Floats, rates: Rates
+    static: Callable[[], Floats],
+    bodies: Sequence[Body],
+    mass: Floats,
+    rates: Rates,
+    free: Floats | None,
 ) -> tuple[Floats, Floats]:
     """Stiffness of the owned nodes from which springs that are left open get theirs. Collective.
 
@@ -215,21 +233,38 @@ def spring_stiffness(
         bodies: All bodies.
         mass: Lumped masses of the nodes, shape ``(n,)`` [kg].
         rates: How velocities follow from displacements.
+        free: 1 where a displacement is unknown, 0 where it is prescribed, shape ``(n, d)``; None
+            if all are unknown.
 
     Returns:
-        The static stiffness, infinite at nodes of rigid bodies; and what springs between those
-        have in its place, infinite at all other nodes: the inertia of a body in a step, so that
-        what strikes at a point sinks in by about its way in a step, or, without inertia, the
+        The static stiffness, infinite at nodes of rigid bodies, NaN at other nodes whose
+        displacements are all prescribed; and the stiffness of springs between nodes that do not
+        deform, infinite at all other nodes: the inertia of a body in a step, so that a body that
+        strikes at a point sinks in by about its motion in a step, or, without inertia, the
         greatest static stiffness of all. Both ``(n,)`` [N/m].
+
+    Raises:
+        ValueError: No node deforms, in statics.
     """
     of_cells, in_place = static().copy(), np.full(len(mass), np.inf)
-    parts = _inertia(bodies, mass, rates)
-    for nodes, share in parts:
-        of_cells[nodes], in_place[nodes] = np.inf, share
-    if parts and rates.acceleration is None:
+    prescribed = np.zeros(len(mass), dtype=bool) if free is None else ~free.any(axis=1)
+    of_cells[prescribed] = np.nan
+    comm: MPI.Comm = bodies[0].V.mesh.comm
+    for nodes, share in _inertia(bodies, mass, rates):
+        of_cells[nodes], in_place[nodes], prescribed[nodes] = np.inf, share, False
+    if rates.acceleration is None:
         deforms = np.isfinite(of_cells)
-        greatest = float(of_cells[deforms].max(initial=0.0))
-        in_place[~deforms] = reductions.largest(bodies[0].V.mesh.comm, greatest)
+        greatest = reductions.largest(comm, float(of_cells[deforms].max(initial=0.0)))
+        if greatest == 0:
+            raise ValueError(
+                "expected the stiffness of springs in statics where all displacements are "
+                "prescribed, given none: Penalty(eps_N=...), and eps_T in Coulomb, set it"
+            )
+        in_place[~deforms] = greatest
+    else:
+        # Prescribed nodes resist as bodies that a guide holds: the other side is lighter.
+        whole = np.array([_AT_A_POINT * float(reductions.total(comm, mass.sum()))])
+        in_place[prescribed] = rates.inertia_share(whole)[0]
     return of_cells, in_place
 
 
@@ -242,11 +277,16 @@ def _inertia(bodies: Sequence[Body], mass: Floats, rates: Rates) -> list[tuple[I
     if not rigid:
         return []
     comm: MPI.Comm = rigid[0].V.mesh.comm
-    nodes = [body.nodes[body.nodes < len(mass)] for body in rigid]
+    nodes = [_owned(body, len(mass)) for body in rigid]
     masses = reductions.total(comm, np.array([mass[each].sum() for each in nodes]))
     led = [not len(body.free()) for body in rigid]
     shares = rates.inertia_share(_AT_A_POINT * np.where(led, masses.sum(), masses))
     return [(each, float(share)) for each, share in zip(nodes, shares, strict=True)]
+
+
+def _owned(body: Body, n: int) -> Ints:
+    """Those of the nodes of a body that are among the n owned ones."""
+    return body.nodes[body.nodes < n]
 
 
 def redundant(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> str:

@@ -16,6 +16,7 @@ from helpers.scene import Motion
 from reference.bulk import rotation
 
 RHO = 2.0
+RUBBER = (1e5, 0.3, 10.0)  # Young's modulus [Pa], Poisson's ratio, density [kg/m^3]
 STICK = nts.Coulomb(mu=0.3)
 
 
@@ -240,6 +241,87 @@ def test_springs_left_open_between_rigid_and_soft_bodies_follow_the_soft_one(com
 def test_statics_of_rigid_bodies_alone_is_refused(comm, refused):
     with refused(ValueError, r"a body that deforms in statics, given rigid ones alone \(body 0\)"):
         falling(comm, 0.0, None, scheme=nts.QuasiStatic)
+
+
+def block_on_floor(comm, kind, prescribed, scheme=nts.EnergyMomentum, law=None, reverse=False):
+    """Stepper of a block, rigid or soft, that touches a floor with prescribed nodes.
+
+    ``prescribed`` are those of "no" node, of the "bottom", of the "top" or of "all" of the floor.
+    """
+    data = boxes([(2, 2, 1), (3, 3, 2)], [(1.0, 1.0, 0.5), (3.0, 3.0, 1.0)])
+    data.X[np.unique(data.cells[data.body == 0])] += [1.0, 1.0, 1.0]
+    mesh, cells, facets, tag = distribute(comm, data)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    block = nts.Body(V, cells, tag["body 0"], nts.NeoHookean(1e5, 0.3, 1e3))
+    if kind == "rigid":
+        guide = nts.Guide(slides="z") if scheme is nts.QuasiStatic else None
+        block = nts.RigidBody(V, cells, tag["body 0"], 1e3, guide=guide)
+    floor = nts.Body(V, cells, tag["body 1"], nts.NeoHookean(1e9, 0.3, 1e3))
+    least, most = {"no": (2, 1), "bottom": (0, 0), "top": (1, 1), "all": (0, 1)}[prescribed]
+    z = V.tabulate_dof_coordinates()[floor.nodes, 2]
+    held = floor.nodes[(z > least - 1e-9) & (z < most + 1e-9)]
+    surfaces = [nts.Surface(V, facets, tag[name]) for name in ("bottom 0", "top 1")]
+    pair = nts.ContactPair(*(surfaces[::-1] if reverse else surfaces), law or nts.Penalty())
+    bcs = [fem.dirichletbc(np.zeros(3), held, V)]
+    return scheme([block, floor], [pair], dt=0.01, bcs=bcs)
+
+
+def range_of_springs(comm, *scene, **arguments):
+    """Least and greatest stiffness of the springs of a `block_on_floor` [N/m]."""
+    stepper = block_on_floor(comm, *scene, **arguments)
+    stepper.advance()
+    eps_N = np.concatenate(comm.allgather(stepper.contacts[0].eps_N))
+    return np.array([eps_N.min(), eps_N.max()])
+
+
+@pytest.mark.at_most_two_ranks
+@pytest.mark.parametrize("prescribed", ["bottom", "top", "all"])
+@pytest.mark.parametrize("reverse", [False, True])
+def test_springs_left_open_follow_the_side_that_deforms(comm, agree, prescribed, reverse):
+    soft = range_of_springs(comm, "soft", prescribed, reverse=reverse)
+    free = range_of_springs(comm, "soft", "no", reverse=reverse)
+    assert agree(soft == pytest.approx(free, rel=1e-12))
+
+
+@pytest.mark.at_most_two_ranks
+@pytest.mark.parametrize("prescribed", ["top", "all"])
+@pytest.mark.parametrize("reverse", [False, True])
+def test_springs_left_open_between_rigid_and_prescribed_nodes_follow_inertia(
+    comm, agree, prescribed, reverse
+):
+    eps_N = range_of_springs(comm, "rigid", prescribed, reverse=reverse)
+    # Half the mass of the block divided by the square of the step.
+    assert agree(eps_N == pytest.approx(0.5 * 500.0 / 0.01**2, rel=1e-9))
+
+
+@pytest.mark.serial
+def test_statics_where_nothing_resists_is_refused(comm, refused):
+    for law in (nts.Penalty(), nts.Penalty(1e8)):
+        with refused(ValueError, r"all displacements prescribed \(body 1\): EnergyMomentum moves"):
+            block_on_floor(comm, "rigid", "all", nts.QuasiStatic, law)
+    # The prescribed top is as rigid as the block, but what is below deforms.
+    assert range_of_springs(comm, "rigid", "top", scheme=nts.QuasiStatic).min() > 1e8
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.QuasiStatic])
+def test_springs_left_open_where_all_displacements_are_prescribed(comm, refused, scheme):
+    data = boxes([(2, 2, 2)], [(1.0, 1.0, 1.0)])
+    mesh, cells, facets, tag = distribute(comm, data)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    body = nts.Body(V, cells, tag["body 0"], nts.NeoHookean(*RUBBER))
+    plane = nts.RigidPlane((0, 0, 0), (0, 0, 1))
+    pair = nts.ContactPair(nts.Surface(V, facets, tag["bottom 0"]), plane, nts.Penalty())
+    every = np.arange(len(V.tabulate_dof_coordinates()), dtype=np.int32)
+    bcs = [fem.dirichletbc(np.zeros(3), every, V)]
+    stepper = scheme([body], [pair], dt=0.1, bcs=bcs)
+    if scheme is nts.QuasiStatic:
+        with refused(ValueError, r"all displacements are prescribed, .* Penalty\(eps_N=...\)"):
+            stepper.advance()
+        return
+    stepper.advance()
+    mass = RUBBER[2]
+    assert stepper.contacts[0].eps_N == pytest.approx(0.5 * mass / 0.1**2, rel=1e-9)
 
 
 @pytest.mark.at_most_two_ranks
