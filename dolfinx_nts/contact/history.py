@@ -41,7 +41,8 @@ class ContactHistory:
         slip: Accumulated length of slip, shape ``(n,)`` [m].
         energy: Energy of the node's springs, shape ``(n,)`` [J].
         dissipation: Energy dissipated by friction in the last step, shape ``(n,)`` [J].
-        area: Area on which the multiplier acts, shape ``(n,)`` [m^2].
+        area: Area on which the multiplier acts, shape ``(n,)`` [m^2]: that of all facets around
+            the node, see `Tractions.area`, or that covered by segments in mortar contact.
     """
 
     key: GlobalInts
@@ -125,13 +126,13 @@ def contact_sums(history: ContactHistory, x: Floats, nodes: Ints, area: Floats) 
         history: Their contact.
         x: Positions at which it has its forces, of at least these nodes, shape ``(l, 3)`` [m].
         nodes: Rows of x that are theirs, shape ``(n,)``.
-        area: Reference areas of the nodes, where the history knows none, shape ``(n,)`` [m^2].
+        area: Reference areas on which they act, shape ``(n,)`` [m^2].
 
     Returns:
         Energy of springs [J], number and reference area [m^2] of nodes that transmit force, force
         [N] and torque about the origin [N m], shape ``(9,)``.
     """
-    contact = history.force, history.energy, history.active, history.area
+    contact = history.force, history.energy, history.active, area
     return _kernels.contact_sums(x, nodes, *contact, area)
 
 

@@ -25,7 +25,6 @@ from dolfinx_nts.search.candidates import Candidates, Search
 from dolfinx_nts.search.edge_search import EdgeSearch
 from dolfinx_nts.search.global_search import GlobalSearch
 from dolfinx_nts.search.mortar_search import MortarSearch
-from dolfinx_nts.search.nodal_facets import NodalFacets
 from dolfinx_nts.search.obstacle_candidates import ObstacleSearch
 from dolfinx_nts.search.points import NodalPoints
 from dolfinx_nts.search.rigid_edge_search import RigidEdgeSearch
@@ -51,7 +50,6 @@ class PairState(Tractions, NodesOfPairs):
     Attributes:
         pair: The argument.
         search: Finds the candidates of steps.
-        facets: Facets around the nodes, which make contact points of these.
         accepted: What was accepted last, see `accept`.
         eps_N: Stiffness of the penalty springs from the first step on, shape ``(n,)`` [N/m];
             None without.
@@ -66,7 +64,6 @@ class PairState(Tractions, NodesOfPairs):
         self._passes.join(pair, self._forces_on_segments)
         # Users ask for gaps at any distance, which must not change the candidates of steps.
         self._far_search = _search(pair)
-        self.facets = NodalFacets(pair.nodes)
         self.eps_N: Floats | None = None
         self.eps_T: Floats | None = None
         # Least and greatest stiffness by name, once it has been chosen.

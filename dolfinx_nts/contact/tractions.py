@@ -4,12 +4,15 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts import _kernels
+from dolfinx_nts.common.arrays import Flags, Floats
 from dolfinx_nts.contact.history import ContactHistory
+from dolfinx_nts.contact.method import EDGES, MORTAR
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.passes import ForcesOfNodes, Passes
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.search.candidates import Search
+from dolfinx_nts.search.nodal_facets import NodalFacets
 
 __all__ = ["Tractions"]
 
@@ -24,11 +27,13 @@ class Tractions(ABC):
 
     Attributes:
         pair, search: The arguments.
+        facets: Facets around the nodes.
     """
 
     def __init__(self, pair: ContactPair, search: Search, passes: Passes) -> None:
-        """Take the arguments. Local."""
+        """Take the arguments. Collective."""
         self.pair, self.search, self._passes = pair, search, passes
+        self.facets = NodalFacets(pair.nodes)
 
     @property
     @abstractmethod
@@ -41,39 +46,76 @@ class Tractions(ABC):
         return self.pair.nodes
 
     @property
+    def area(self) -> Floats:
+        """Reference areas on which the nodes transmit force, shape ``(n,)`` [m^2]. Collective.
+
+        Node-to-segment contact presses on the facets around a node that are opposed to the
+        contact normal, projected along it: where a surface goes round a corner, the facets
+        beyond have no part. Where nothing presses, it is the area of all facets.
+        """
+        return self._area(_normal_forces(self.history))
+
+    @property
     def pressure(self) -> Floats:
         """Contact pressure at the nodes, see `ContactPair.pressure`. Collective."""
-        history = self.history
-        own = self.search.per_area(-history.lambda_N, history.area)
-        pressure: Floats = own + self._per_area_by_reverse(_normal_forces)[:, 0]
-        return pressure
+        history, reverse = self.history, self._by_reverse(_normal_forces)
+        area = self._area(_normal_forces(history) + reverse)
+        pressure: Floats = self.search.per_area(-history.lambda_N, area)
+        return pressure + self._on_facets(np.linalg.norm(reverse, axis=1), area)
 
     @property
     def traction(self) -> Floats:
         """Whole contact force per reference area of the nodes, ``(n, 3)`` [Pa]. Collective."""
-        own = self.nodes.per_area(self.history.force)
-        return own + self._per_area_by_reverse(lambda history: history.force)
+        force = self.history.force + self._by_reverse(lambda history: history.force)
+        return self._on_facets(force, self._area_of_passes())
 
     @property
     def friction_traction(self) -> Floats:
         """The part of the traction that is friction, ``(n, 3)`` [Pa]. Collective."""
-        history = self.history
-        own = self.search.per_area(-history.traction, history.area)
-        return own + self._per_area_by_reverse(lambda history: -history.traction)
+        area, reverse = self._area_of_passes(), self._by_reverse(_friction)
+        own = self.search.per_area(_friction(self.history), area)
+        return own + self._on_facets(reverse, area)
 
-    def _per_area_by_reverse(self, of_nodes: ForcesOfNodes) -> Floats:
-        """Tractions of all passes in which the nodes are segments, ``(n, 3)`` [Pa]. Collective.
+    def _area_of_passes(self) -> Floats:
+        """Areas by the normal forces of all passes, see `area`. Collective."""
+        return self._area(_normal_forces(self.history) + self._by_reverse(_normal_forces))
+
+    def _area(self, force: Floats) -> Floats:
+        """Areas by normal forces on the nodes, ``(n, 3)`` [N], see `area`. Collective."""
+        if self.pair.method == MORTAR:
+            return self.history.area
+        if self.pair.method == EDGES:
+            return self.nodes.area
+        presses: Flags = np.abs(force).max(axis=1) > 0
+        x = self._passes.positions()
+        normal = np.where(presses[:, None], _kernels.unit_vectors(force), self.history.normal)
+        area: Floats = self.nodes.area * self.facets.facing_parts(x, normal, presses)
+        return area
+
+    def _on_facets(self, force: Floats, area: Floats) -> Floats:
+        """Divide forces on the nodes by areas, those of all facets in mortar contact. Collective.
+
+        Arguments are those of `Surface.per_area`.
+        """
+        return self.nodes.per_area(force, None if self.pair.method == MORTAR else area)
+
+    def _by_reverse(self, of_nodes: ForcesOfNodes) -> Floats:
+        """Forces of all passes in which the nodes are segments, ``(n, 3)`` [N]. Collective.
 
         ``of_nodes`` tells the forces of the nodes of a pass.
         """
-        nodes = self.nodes
-        forces = self._passes.forces_on_nodes_of(self.pair, of_nodes)
-        total = np.zeros((len(nodes.nodes), 3))
-        for each in forces:
-            total += nodes.per_area(each[nodes.nodes])
+        total = np.zeros((len(self.nodes.nodes), 3))
+        for each in self._passes.forces_on_nodes_of(self.pair, of_nodes):
+            total += each[self.nodes.nodes]
         return total
 
 
 def _normal_forces(history: ContactHistory) -> Floats:
-    """Normal forces on nodes, against their normals, in the first of three columns [N]. Local."""
-    return np.column_stack([history.lambda_N, *np.zeros((2, len(history.lambda_N)))])
+    """Normal forces on the nodes as if all pressed, shape ``(n, 3)`` [N]. Local."""
+    forces: Floats = np.abs(history.lambda_N)[:, None] * history.normal
+    return forces
+
+
+def _friction(history: ContactHistory) -> Floats:
+    """Friction on the nodes, shape ``(n, 3)`` [N]. Local."""
+    return -history.traction

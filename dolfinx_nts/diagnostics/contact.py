@@ -261,14 +261,13 @@ class ContactDiagnostics:
         return now.sums_of_pairs
 
     def _of_own_nodes(self) -> Floats:
-        """Those over the nodes of this rank. Local."""
+        """Those over the nodes of this rank. Collective."""
         stepper, x = self.stepper, self._now().x
         if stepper.scheme.contact != "static":
             x = x - in_space(nodal(stepper.u) - nodal(stepper.u_n)) / 2
         sums: Any = np.empty((len(stepper.contacts), 9))
         for numbers, contact in zip(sums, stepper.contacts, strict=True):
-            nodes = contact.nodes
-            numbers[:] = contact_sums(contact.history, x, nodes.nodes, nodes.area)
+            numbers[:] = contact_sums(contact.history, x, contact.nodes.nodes, contact.area)
         return np.asarray(sums)
 
     def _parts(self, vectors: Floats) -> tuple[Floats, Floats]:

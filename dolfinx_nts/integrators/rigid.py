@@ -8,7 +8,7 @@ from mpi4py import MPI
 import numpy as np
 from dolfinx import fem
 
-from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.massless import is_resolved
 from dolfinx_nts.contact.pair import ContactPair
@@ -247,7 +247,9 @@ def spring_stiffness(
         ValueError: No node deforms, in statics.
     """
     of_cells, in_place = static().copy(), np.full(len(mass), np.inf)
-    prescribed = np.zeros(len(mass), dtype=bool) if free is None else ~free.any(axis=1)
+    prescribed: Flags = np.zeros(len(mass), dtype=bool)
+    if free is not None:
+        prescribed = np.logical_not(free.any(axis=1), out=prescribed)
     of_cells[prescribed] = np.nan
     comm: MPI.Comm = bodies[0].V.mesh.comm
     for nodes, share in _inertia(bodies, mass, rates):

@@ -242,7 +242,7 @@ class Surface(Declaration):
         area = area[self.nodes, 0]
         return area
 
-    def per_area(self, force: Floats) -> Floats:
+    def per_area(self, force: Floats, area: Floats | None = None) -> Floats:
         """Convert forces of the nodes into tractions. Collective.
 
         Uniform tractions are exact. At degree 2 forces and areas are averaged over neighbouring
@@ -250,15 +250,15 @@ class Surface(Declaration):
 
         Args:
             force: Forces, shape ``(n,)`` or ``(n, 3)`` [N].
+            area: Areas on which they act, shape ``(n,)`` [m^2], 0 only where there is no force;
+                None for those of the nodes.
 
         Returns:
             Forces per reference area, of the same shape [Pa].
         """
-        tractions: Floats
+        values = np.column_stack([self.area if area is None else area, force])
         if self._degree == 1:
-            tractions = force / self.area if force.ndim == 1 else force / self.area[:, None]
-            return tractions
-        values = np.column_stack([self.area, force])
+            return _ratios(values).reshape(force.shape)
         node, end = self._middles.T
         vector = la.vector(self.V.dofmap.index_map, values.shape[1])
         spread: Floats = vector.array.reshape(-1, values.shape[1])
@@ -267,9 +267,7 @@ class Surface(Declaration):
         np.add.at(spread, end, given)
         np.subtract.at(spread, node, given)
         vector.scatter_reverse(la.InsertMode.add)
-        values = spread[self.nodes]
-        tractions = values[:, 1:] / values[:, :1]
-        return tractions.reshape(force.shape)
+        return _ratios(spread[self.nodes]).reshape(force.shape)
 
     @cached_property
     def _degree(self) -> int:
@@ -287,6 +285,12 @@ class Surface(Declaration):
                 if end != node:
                     rows.append(cells[:, [node, end]])
         return np.unique(np.concatenate(rows), axis=0)
+
+
+def _ratios(values: Floats) -> Floats:
+    """Forces in the other columns divided by the areas in the first, 0 without area."""
+    ratios: Floats = values[:, 1:] / np.where(values[:, :1] > 0, values[:, :1], np.inf)
+    return ratios
 
 
 def sharpest_corner(surface: Surface) -> float:

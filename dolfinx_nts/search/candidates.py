@@ -248,13 +248,12 @@ class Search(ABC):
 
         Args:
             force: Forces, shape ``(n,)`` or ``(n, 3)`` [N].
-            area: Areas on which they act, shape ``(n,)`` [m^2], those of the nodes but for mortar
-                contact.
+            area: Areas on which they act, shape ``(n,)`` [m^2].
 
         Returns:
             Forces per reference area, of the same shape [Pa].
         """
-        return self._nodes.per_area(force)
+        return self._nodes.per_area(force, area)
 
     def approach(self, x: Floats, before: Sequence[Floats]) -> float:
         """Bound on how much any node has come nearer to a candidate [m]. Collective.

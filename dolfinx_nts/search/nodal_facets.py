@@ -5,9 +5,10 @@ from typing import NamedTuple
 import numpy as np
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.fem.axisymmetry import is_axisymmetric
 from dolfinx_nts.model.facing import Facing
-from dolfinx_nts.model.segments import NEIGHBOURS
+from dolfinx_nts.model.segments import NEIGHBOURS, area_vectors
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.search.global_search import GlobalSearch
 from dolfinx_nts.search.points import NodalPoints
@@ -62,7 +63,14 @@ class NodalFacets:
         order = np.argsort(node, kind="stable")[np.count_nonzero(node < 0) :]
         facet, _ = np.divmod(order, near.segments.shape[1])
         counts = np.bincount(node[order], minlength=len(surface.nodes))
-        angle = _angles(near.scatter.forward(X)[near.segments]).ravel()[order]
+        at_rest = near.scatter.forward(X)[near.segments]
+        angle = _angles(at_rest).ravel()[order]
+        # Parts of the area of each node that its facets give, in the order of `facets`.
+        size = np.linalg.norm(area_vectors(at_rest, near.orientation), axis=1)
+        if is_axisymmetric(surface.V.mesh):
+            size *= at_rest[:, :, 0].mean(axis=1)
+        of_node = np.bincount(node[order], size[facet], len(surface.nodes))
+        self._parts: Floats = size[facet] / of_node[node[order]]
         facets = near.segments, near.orientation, counts.astype(np.int32), facet.astype(np.int32)
         self._take(AroundNodes(near.scatter, surface.nodes, *facets, angle))
 
@@ -86,6 +94,33 @@ class NodalFacets:
         # The positions stay, whatever becomes of x.
         facing = Facing(self._kernel, self.around.scatter.forward(x).copy(), self._numbers)
         return NodalPoints(self.around.nodes, facing)
+
+    def facing_parts(self, x: Floats, normal: Floats, presses: Flags) -> Floats:
+        """Parts of the areas of nodes on which contact presses, shape ``(n,)`` [-]. Collective.
+
+        A uniform pressure on the facets around a node acts along the contact normal on their
+        projection, without facets that look away, such as those round a corner.
+
+        Args:
+            x: Positions of the local nodes of the space, owned and ghost, ``(l, 3)`` [m].
+            normal: Unit contact normals of the nodes, shape ``(n, 3)``; a node with 0 takes that
+                of the nodes of its facets, if there is any. Without any the part is 1.
+            presses: Nodes with a force, whose part is 1 also where no facet is opposed, ``(n,)``.
+        """
+        around, node = self.around, np.repeat(self._numbers, self.around.counts)
+        vectors = area_vectors(around.scatter.forward(x)[around.vertices], around.orientation)
+        outward = _kernels.unit_vectors(vectors)[around.facets]
+        of_all = np.zeros((around.scatter.index_map.size_local, 3))
+        of_all[around.nodes] = normal
+        of_facets = around.scatter.forward(of_all)[around.vertices].sum(axis=1)[around.facets]
+        near = [np.bincount(node, of_facets[:, i], len(normal)) for i in range(3)]
+        knows: Flags = np.abs(normal).max(axis=1) > 0
+        normal = np.where(knows[:, None], normal, np.column_stack(near))
+        normal = np.nan_to_num(_kernels.unit_vectors(normal))
+        knows = np.abs(normal).max(axis=1) > 0
+        opposed = np.maximum(-np.einsum("ei,ei->e", outward, normal[node]), 0.0)
+        parts = np.bincount(node, self._parts * opposed, len(normal))
+        return np.where((parts == 0) & (presses | ~knows), 1.0, parts)
 
 
 def _angles(x: Floats) -> Floats:

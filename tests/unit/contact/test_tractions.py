@@ -1,0 +1,77 @@
+"""Forces per area where the surface of the nodes goes round edges and corners."""
+
+import numpy as np
+import pytest
+from dolfinx import fem
+
+import dolfinx_nts as nts
+from helpers.box_meshes import boxes, distribute
+from helpers.once import once
+
+E, STRAIN = 1e6, 1e-3
+
+
+def pressed(comm, cell="hexahedron", degree=1, law=None, turn=None):
+    """Stepper and pair of a unit cube that is pressed uniformly onto a plane, by its boundary."""
+    turn = np.eye(3) if turn is None else turn
+    data = boxes([(3, 2, 2)], [(1.0, 1.0, 1.0)], cell)
+    data.X[:, 0] **= 1.5  # cells of several sizes
+    mesh, cells, _, tag = distribute(comm, data)
+    mesh.geometry.x[:] = mesh.geometry.x @ turn.T
+    V = fem.functionspace(mesh, ("Lagrange", degree, (3,)))
+    cube = nts.Body(V, cells, tag["body 0"], nts.SaintVenantKirchhoff(E, 0.0, 1e3))
+    plane = nts.RigidPlane((0, 0, 0), tuple(turn[:, 2]))
+    pair = nts.ContactPair(nts.boundary_of(cube), plane, law)
+    top = fem.locate_dofs_geometrical(V, lambda x: np.isclose(turn[:, 2] @ x, 1.0))
+    bcs = [fem.dirichletbc(-STRAIN * turn[:, 2], top, V)]
+    stepper = nts.QuasiStatic([cube], [pair], dt=1.0, bcs=bcs)
+    stepper.advance()
+    return stepper, pair
+
+
+TURN = np.linalg.qr(np.array([[1.0, 0.3, 0.2], [-0.3, 1.0, 0.5], [0.1, -0.4, 1.0]]))[0]
+# First Piola-Kirchhoff stress of the uniaxial strain.
+PRESSURE = E * STRAIN * (1 - STRAIN) * (1 - STRAIN / 2)
+
+
+@pytest.mark.at_most_two_ranks
+@pytest.mark.parametrize(
+    ("cell", "degree"),
+    [("hexahedron", 1), once("tetrahedron", 1), once("hexahedron", 2), once("tetrahedron", 2)],
+)
+@pytest.mark.parametrize("law", [None, once(nts.Penalty(1e9))])
+def test_uniform_pressure_is_uniform_at_edges_and_corners_of_a_whole_boundary(
+    comm, agree, cell, degree, law
+):
+    stepper, pair = pressed(comm, cell, degree, law, TURN if degree == 1 else None)
+    contact = stepper.contacts[0]
+    x = stepper.x[pair.nodes.nodes]
+    axis = TURN[:, 2] if degree == 1 else np.array([0.0, 0.0, 1.0])
+    touches = x @ axis < 1e-3
+    tolerance = {"rel": 1e-6 if law is None else 0.02}
+    assert agree(contact.pressure[touches] == pytest.approx(PRESSURE, **tolerance))
+    tractions = contact.traction[touches] @ axis
+    assert agree(tractions == pytest.approx(PRESSURE, **tolerance))
+    assert agree(not contact.pressure[~touches].any())
+    (of_pair,) = nts.Diagnostics(stepper).pairs().values()
+    assert agree(of_pair.contact_area == pytest.approx(1.0, rel=1e-3))
+
+
+@pytest.mark.serial
+def test_half_passes_share_the_areas_at_edges_and_corners(comm):
+    data = boxes([(2, 2, 1), (2, 2, 1)], [(1.0, 1.0, 0.5), (1.0, 1.0, 0.5)])
+    data.X[np.unique(data.cells[data.body == 1])] += [0.0, 0.0, 0.5]
+    mesh, cells, _, tag = distribute(comm, data)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    material = nts.SaintVenantKirchhoff(E, 0.0, 1e3)
+    bodies = [nts.Body(V, cells, tag[f"body {i}"], material) for i in (0, 1)]
+    pairs = nts.two_half_passes(*(nts.boundary_of(body) for body in bodies), nts.Penalty(1e9))
+    ends = [fem.locate_dofs_geometrical(V, lambda x, z=z: np.isclose(x[2], z)) for z in (0.0, 1.0)]
+    ways = np.array([0.0, 0.0, 0.0]), np.array([0.0, 0.0, -STRAIN])
+    bcs = [fem.dirichletbc(way, dofs, V) for way, dofs in zip(ways, ends, strict=True)]
+    stepper = nts.QuasiStatic(bodies, pairs, dt=1.0, bcs=bcs)
+    stepper.advance()
+    for contact in stepper.contacts:
+        touches = np.isclose(stepper.x[contact.nodes.nodes, 2], 0.5, atol=1e-2)
+        assert contact.pressure[touches] == pytest.approx(PRESSURE, rel=0.02)
+        assert contact.traction[touches, :2] == pytest.approx(0.0, abs=1e-3 * PRESSURE)
