@@ -25,9 +25,9 @@ from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.implicit.accepted_contact import contact_history, contact_work
+from dolfinx_nts.contact.implicit.certificate import check_penetration
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
-from dolfinx_nts.contact.implicit.penetration import check_penetration
 from dolfinx_nts.contact.massless import is_resolved, massless_nodes
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.components import in_space
@@ -65,6 +65,10 @@ from dolfinx_nts.solvers.tangent import Tangent
 __all__ = ["ImplicitStepper"]
 
 _logger = logging.getLogger("dolfinx_nts")
+
+# Number of solutions of a step [-], of which each is searched with the motion of the one before. A
+# second one nearly always suffices; more cost time in steps that are refused in the end.
+_MOST_SEARCHES = 4
 
 
 class ImplicitStepper(Stepper):
@@ -256,8 +260,27 @@ class ImplicitStepper(Stepper):
     def _solve(
         self, start: Start, problem: StepProblem, **how: Any
     ) -> tuple[list[ContactStep], newton.Solution]:
-        """Solve the step, see `StepSolver.solve`, which explains ``how``."""
-        return self._step_solver.solve(start, problem, self._way_from, self.timings, **how)
+        """Solve the step, see `StepSolver.solve`, which explains ``how``.
+
+        Where the motion made has reached contact that the search did not, the step is solved
+        again from the same start, with this motion as the trial motion of the search.
+        """
+        iterations = 0
+        for _ in range(_MOST_SEARCHES):
+            steps, solution = self._step_solver.solve(
+                start, problem, self._way_from, self.timings, **how
+            )
+            iterations += solution.report.iterations
+            if not solution.report.converged:
+                break
+            with self.timings.phase("passage"):
+                missed = self._step_solver.missed_contact(steps, problem, self.x)
+            report = replace(solution.report, iterations=iterations, reason=missed)
+            solution = replace(solution, report=report)
+            if not missed:
+                break
+            problem = replace(problem, x_trial=self.x)
+        return steps, solution
 
     def _problem(self, starts: Iterable[Start], load: float) -> StepProblem:
         """What is given in the step that begins; ``load`` is the norm of its loads [N]."""

@@ -1,6 +1,7 @@
 """Solution of one attempt at an implicit step, with the contact of its pairs."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.timing import Timings
+from dolfinx_nts.contact.implicit.certificate import missed_contact
 from dolfinx_nts.contact.implicit.contact_step import ContactStep, go_on_from
 from dolfinx_nts.contact.implicit.local_search import may_face
 from dolfinx_nts.contact.joint_state import JointState, joint_states
@@ -163,23 +165,40 @@ class StepSolver:
         way.leave()
         return steps, solution
 
+    def missed_contact(self, steps: Sequence[ContactStep], problem: StepProblem, x: Floats) -> str:
+        """Name contact that the motion made reached and the search did not, see `certificate`.
+
+        Args:
+            steps: Contact of the solved step.
+            problem: What was given in it.
+            x: Positions of the local nodes at its end, shape ``(l, 3)`` [m].
+        """
+        made = replace(problem, x_trial=x)
+        farthest = reductions.largest(self._bulk.comm, _kernels.farthest(problem.x_n, x))
+        ends, repeat = (problem.x_n, x), partial(self._contact_step, made, False)
+        return missed_contact(steps, self.sleeping.states, ends, farthest, repeat)
+
     def _contact_steps(self, problem: StepProblem, begins_sticking: bool) -> list[ContactStep]:
         """Contact of the pairs that may touch, at the beginning of an attempt."""
-        stiffness = contact_stiffness(
-            self._tangent.nodal_stiffness(), self._bodies, self.mass, self._rates
-        )
-        x_n, x_trial, scheme = problem.x_n, problem.x_trial, self._scheme
+        x_n, x_trial = problem.x_n, problem.x_trial
         states: Sequence[PairState | JointState] = self.sleeping.states
         if not self._is_static:
             way = reductions.largest(self._bulk.comm, _kernels.farthest(x_n, x_trial))
             states = [state for state in states if may_face(state, x_n, way)]
-        return [
-            ContactStep(
-                *(state, scheme.contact, x_n, x_trial, stiffness, self.free, self._is_static),
-                self._bulk.rigid.nodes,
-                problem.on_the_way,
-                scheme.stress_share,
-                begins_sticking,
-            )
-            for state in states
-        ]
+        return [self._contact_step(problem, begins_sticking, state) for state in states]
+
+    def _contact_step(
+        self, problem: StepProblem, begins_sticking: bool, state: PairState | JointState
+    ) -> ContactStep:
+        """Contact of one state at the beginning of an attempt."""
+        stiffness = contact_stiffness(
+            self._tangent.nodal_stiffness(), self._bodies, self.mass, self._rates
+        )
+        x_n, x_trial, scheme = problem.x_n, problem.x_trial, self._scheme
+        return ContactStep(
+            *(state, scheme.contact, x_n, x_trial, stiffness, self.free, self._is_static),
+            self._bulk.rigid.nodes,
+            problem.on_the_way,
+            scheme.stress_share,
+            begins_sticking,
+        )

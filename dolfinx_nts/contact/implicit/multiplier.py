@@ -103,15 +103,20 @@ class MultiplierContact(NormalContact):
         self._choices -= 1
         self._sunk[node] = True
         search.segment[node], search.gap[node] = segment, gap
-        faces = (self._eligible | self._sunk) & (search.segment >= 0)
+        faces = (self.eligible | self._sunk) & (search.segment >= 0)
         approach.segment[faces] = search.segment[faces]
         self._begin(self.active, self.lambda_N)
         return len(node)
 
     @property
+    def known(self) -> Flags:
+        """Eligible nodes and those that others exclude, see `NormalContact.known`."""
+        return self.eligible | self._barred
+
+    @property
     def may_touch(self) -> Flags:
         """Whether a node may touch: where gaps are held, only those that may be held."""
-        return self._eligible if self._holds else super().may_touch
+        return self.eligible if self._holds else super().may_touch
 
     def needs(self, x: Floats, node: Ints) -> Flags | None:
         """Whether the kinematics of nodes matter: all others are open and inactive.

@@ -27,6 +27,7 @@ class NormalContact(ABC):
         search: Segments of the nodes.
 
     Attributes:
+        eligible: Whether a node may transmit force, shape ``(n,)``.
         nodes: The eligible nodes, positions among the surface's nodes, shape ``(e,)``.
         active: Whether a node transmits force, shape ``(n,)``.
         lambda_N: Normal multipliers, shape ``(n,)`` [N, <= 0].
@@ -42,9 +43,9 @@ class NormalContact(ABC):
 
     def _begin(self, active: Flags, lambda_N: Floats) -> None:
         """Choose the eligible nodes; those of them that are active stay so. Collective."""
-        self._eligible = self.choose()
-        self.nodes: Ints = self._eligible.nonzero()[0].astype(np.int32)
-        self.active: Flags = active & self._eligible
+        self.eligible = self.choose()
+        self.nodes: Ints = self.eligible.nonzero()[0].astype(np.int32)
+        self.active: Flags = active & self.eligible
         self.lambda_N: Floats = np.where(self.active, lambda_N, 0.0)
 
     def renew(self, x: Floats, *, moved: bool) -> int:
@@ -62,7 +63,12 @@ class NormalContact(ABC):
 
     def _begin_in_touch(self) -> None:
         """Let nodes that lie on their segments be active until forces say otherwise. Local."""
-        self.active |= self._eligible & self._search.touches
+        self.active |= self.eligible & self._search.touches
+
+    @property
+    def known(self) -> Flags:
+        """Nodes for which the search found a segment, eligible or not, shape ``(n,)``. Local."""
+        return self.eligible
 
     @property
     def may_touch(self) -> Flags:
@@ -129,5 +135,5 @@ class NormalContact(ABC):
 
 def go_on(contact: NormalContact, other: NormalContact) -> None:
     """Begin with the active set and the multipliers of another attempt at the step. Local."""
-    contact.active = other.active & contact._eligible
+    contact.active = other.active & contact.eligible
     contact.lambda_N = np.where(contact.active, other.lambda_N, 0.0)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dolfinx_nts import compat
-from dolfinx_nts.contact.implicit.penetration import check_penetration
+from dolfinx_nts.contact.implicit.certificate import check_penetration
 from dolfinx_nts.search.points import NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter
 from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidates

@@ -1,0 +1,122 @@
+"""Steps in which bodies move farther than the search for contact expects."""
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from dolfinx import fem
+
+import dolfinx_nts as nts
+from dolfinx_nts import parts
+
+MODULUS, HEIGHT, GAP, LOAD = 1.0e6, 4.0, 0.4, 2.0e5  # Pa, m, m, Pa
+STRETCH = 1 + GAP / HEIGHT
+# A column without lateral strain resists by mu (s - 1/s) per width; the floor carries the rest.
+FORCE = LOAD - MODULUS / 2 * (STRETCH - 1 / STRETCH)
+
+
+def column(pairing, scheme=nts.QuasiStatic, **options):
+    """A column that hangs above a floor, pulled down by a load at its lower end.
+
+    ``pairing`` makes the pairs of column, its bottom, and floor, whose top is at -GAP.
+    """
+
+    def build(model):
+        parts.add_rectangle(model, "column", corner=(0, 0), size=(1, HEIGHT), cells=(5, 20))
+        parts.add_rectangle(model, "floor", corner=(-1, -GAP - 1), size=(3, 1), cells=(15, 2))
+
+    mesh, tags, facets, tag = nts.read_mesh(build, MPI.COMM_WORLD)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+    material = nts.NeoHookean(MODULUS, 0.0, 1e3)
+    bodies = [nts.Body(V, tags, tag[name], material) for name in ("column", "floor")]
+    bottom = nts.Surface(V, facets, tag["column_bottom"])
+    floor = nts.Surface(V, facets, tag["floor_top"])
+    pairs = pairing(bottom, floor, bodies)
+    held = fem.locate_dofs_topological(V, 1, facets.find(tag["column_top"]))
+    base = fem.locate_dofs_geometrical(V, lambda x: x[1] < -GAP / 2)
+    bcs = [fem.dirichletbc(np.zeros(2), dofs, V) for dofs in (held, base)]
+    is_static = scheme is nts.QuasiStatic
+    load = nts.Traction(bottom, lambda t: (0.0, -LOAD * (min(t, 1.0) if is_static else 1.0)))
+    stepper = scheme(bodies, pairs, bcs=bcs, loads=[load], **options)
+    return stepper, pairs, bottom
+
+
+def lowest(stepper, surface):
+    nodes = surface.nodes
+    own = stepper.x[nodes, 1].min(initial=np.inf)
+    return surface.V.mesh.comm.allreduce(own, MPI.MIN)
+
+
+def force(pairs):
+    own = sum(-pair.history.lambda_N.sum() for pair in pairs)
+    return MPI.COMM_WORLD.allreduce(own)
+
+
+PLANE = nts.RigidPlane((0.0, -GAP), (0.0, 1.0))
+PAIRINGS = {
+    "nodes": lambda bottom, floor, _: [nts.ContactPair(bottom, floor)],
+    "roles exchanged": lambda bottom, floor, _: [nts.ContactPair(floor, bottom)],
+    "mortar": lambda bottom, floor, _: [nts.ContactPair(bottom, floor, method="mortar")],
+    "plastic": lambda bottom, floor, _: [
+        nts.ContactPair(bottom, floor, nts.LagrangeMultiplier("plastic"))
+    ],
+    "all pairs": lambda bottom, floor, bodies: nts.all_pairs(bodies),
+    "plane": lambda bottom, floor, _: [nts.ContactPair(bottom, PLANE)],
+}
+
+
+@pytest.mark.parametrize("pairing", PAIRINGS)
+def test_static_step_beyond_the_search_finds_contact(pairing):
+    """The whole load in one step: the column would go four cells deep into the floor."""
+    stepper, pairs, bottom = column(PAIRINGS[pairing], dt=1.0)
+    stepper.advance()
+    assert lowest(stepper, bottom) == pytest.approx(-GAP, abs=1e-6 * GAP)
+    assert force(pairs) == pytest.approx(FORCE, rel=1e-6)
+
+
+def test_load_that_jumps_in_a_later_step_finds_contact():
+    stepper, pairs, _ = column(PAIRINGS["plane"], dt=0.01)
+    stepper.advance()
+    assert force(pairs) == 0
+    stepper.dt = 0.99
+    stepper.advance()
+    assert force(pairs) == pytest.approx(FORCE, rel=1e-6)
+
+
+def test_springs_carry_a_step_beyond_the_search():
+    stiff = 1e3 * MODULUS
+    law = nts.Penalty(stiff)
+    stepper, pairs, bottom = column(
+        lambda bottom, floor, _: [nts.ContactPair(bottom, floor, law)], dt=1.0
+    )
+    stepper.advance()
+    # Springs at six nodes, of which those at corners carry half.
+    assert lowest(stepper, bottom) == pytest.approx(-GAP, abs=2 * FORCE / 5 / stiff)
+    assert force(pairs) == pytest.approx(FORCE, rel=1e-2)
+
+
+@pytest.mark.parametrize("pairing", ["nodes", "mortar", "plane"])
+def test_heavy_load_from_rest_does_not_pass_the_floor(pairing):
+    """Elastic impact may catch nodes at half of their approach in the step, on either side."""
+    stepper, _, bottom = column(PAIRINGS[pairing], nts.EnergyMomentum, dt=0.2)
+    free, _, _ = column(lambda *_: [], nts.EnergyMomentum, dt=0.2)
+    for each in (stepper, free):
+        each.advance()
+    approach = -lowest(free, bottom)
+    assert approach > 2 * GAP
+    assert abs(lowest(stepper, bottom) + GAP) <= approach / 2
+
+
+def test_refusal_names_bodies_place_depth_and_remedy(monkeypatch):
+    """The message of a step whose repeated solutions miss contact as well."""
+    from dolfinx_nts.integrators import implicit
+
+    monkeypatch.setattr(implicit, "_MOST_SEARCHES", 1)
+    stepper, *_ = column(PAIRINGS["plane"], nts.EnergyMomentum, dt=0.2)
+    with pytest.raises(nts.ConvergenceError) as error:
+        stepper.advance()
+    message = str(error.value)
+    for text in ("6 nodes", "column_bottom and a RigidPlane", "0.743 m deep", "-1.143", "smaller"):
+        assert text in message
+    assert stepper.t == 0
+    assert np.abs(stepper.u.x.array).max() == 0
