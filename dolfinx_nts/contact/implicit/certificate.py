@@ -16,6 +16,7 @@ from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.enforcement import TOUCHES, Penalty
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.local_search import may_face
+from dolfinx_nts.contact.implicit.normal_contact import known_nodes
 from dolfinx_nts.contact.joint_state import JointState, members
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.contact.passage import Passage, passing_nodes_message
@@ -58,7 +59,7 @@ def missed_contact(
         step = solved.get(state)
         if _is_exhaustive(state, step, ends, displacement):
             continue
-        known = None if step is None else step.normal.known
+        known = None if step is None else known_nodes(step.normal)
         messages.append(_missed_nodes(repeat(state), known, ends[1]))
     return next(filter(None, messages), "")
 
@@ -91,9 +92,9 @@ def _missed_nodes(step: ContactStep, known: Flags | None, x: Floats) -> str:
         x: Positions of the local nodes of the space at the end of the step, ``(l, 3)`` [m].
     """
     state, approach = step.state, step.search.approach
-    start = np.fmin(approach.gap_n, 0.0)
-    inside = step.normal.eligible & (approach.gap < start - TOUCHES * state.segment_sizes)
-    (node,) = (inside if known is None else inside & ~known).nonzero()
+    inside = approach.gap < np.fmin(approach.gap_n, 0.0) - TOUCHES * state.segment_sizes
+    node = step.normal.nodes
+    node = node[inside[node] if known is None else (inside & ~known)[node]]
     pair = np.searchsorted(state.ends, node, side="right") - 1
     nodes = state.nodes
     columns = pair, nodes.node_ids[node], -approach.gap[node], x[nodes.nodes[node]]

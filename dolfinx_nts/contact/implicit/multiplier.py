@@ -57,9 +57,8 @@ class MultiplierContact(NormalContact):
         # would do work if it had to become 0 again.
         stays = not (search.pairing.follows or is_static)
         self._stays: Flags = state.history.active & stays
-        # Nodes that may not be held beside others, those of them that have sunk in, and how often
-        # nodes may still be chosen anew.
-        self._barred, self._sunk = np.zeros((2, len(state.history.active)), dtype=bool)
+        # Excluded nodes that have sunk in, and how often nodes may still be chosen anew.
+        self._sunk: Flags = np.zeros(len(state.history.active), dtype=bool)
         self._choices = _MOST_CHOICES
         super().__init__(state, search)
         self._on_the_way: Floats | None = None
@@ -103,20 +102,15 @@ class MultiplierContact(NormalContact):
         self._choices -= 1
         self._sunk[node] = True
         search.segment[node], search.gap[node] = segment, gap
-        faces = (self.eligible | self._sunk) & (search.segment >= 0)
+        faces = (self._eligible | self._sunk) & (search.segment >= 0)
         approach.segment[faces] = search.segment[faces]
         self._begin(self.active, self.lambda_N)
         return len(node)
 
     @property
-    def known(self) -> Flags:
-        """Eligible nodes and those that others exclude, see `NormalContact.known`."""
-        return self.eligible | self._barred
-
-    @property
     def may_touch(self) -> Flags:
         """Whether a node may touch: where gaps are held, only those that may be held."""
-        return self.eligible if self._holds else super().may_touch
+        return self._eligible if self._holds else super().may_touch
 
     def needs(self, x: Floats, node: Ints) -> Flags | None:
         """Whether the kinematics of nodes matter: all others are open and inactive.

@@ -13,7 +13,7 @@ from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.joint_state import JointState
 from dolfinx_nts.contact.pair_state import PairState
 
-__all__ = ["NormalContact", "go_on"]
+__all__ = ["NormalContact", "go_on", "known_nodes"]
 
 
 class NormalContact(ABC):
@@ -27,7 +27,6 @@ class NormalContact(ABC):
         search: Segments of the nodes.
 
     Attributes:
-        eligible: Whether a node may transmit force, shape ``(n,)``.
         nodes: The eligible nodes, positions among the surface's nodes, shape ``(e,)``.
         active: Whether a node transmits force, shape ``(n,)``.
         lambda_N: Normal multipliers, shape ``(n,)`` [N, <= 0].
@@ -39,13 +38,15 @@ class NormalContact(ABC):
         self._state, self._search, history = state, search, state.history
         self._comm: MPI.Comm = state.nodes.V.mesh.comm
         self.flips: Ints = np.zeros(len(history.active), dtype=np.int32)
+        # Nodes that would be eligible if others next to them were not.
+        self._barred: Flags = np.zeros(len(history.active), dtype=bool)
         self._begin(history.active, history.lambda_N)
 
     def _begin(self, active: Flags, lambda_N: Floats) -> None:
         """Choose the eligible nodes; those of them that are active stay so. Collective."""
-        self.eligible = self.choose()
-        self.nodes: Ints = self.eligible.nonzero()[0].astype(np.int32)
-        self.active: Flags = active & self.eligible
+        self._eligible = self.choose()
+        self.nodes: Ints = self._eligible.nonzero()[0].astype(np.int32)
+        self.active: Flags = active & self._eligible
         self.lambda_N: Floats = np.where(self.active, lambda_N, 0.0)
 
     def renew(self, x: Floats, *, moved: bool) -> int:
@@ -63,12 +64,7 @@ class NormalContact(ABC):
 
     def _begin_in_touch(self) -> None:
         """Let nodes that lie on their segments be active until forces say otherwise. Local."""
-        self.active |= self.eligible & self._search.touches
-
-    @property
-    def known(self) -> Flags:
-        """Nodes for which the search found a segment, eligible or not, shape ``(n,)``. Local."""
-        return self.eligible
+        self.active |= self._eligible & self._search.touches
 
     @property
     def may_touch(self) -> Flags:
@@ -133,7 +129,12 @@ class NormalContact(ABC):
         return 0.0
 
 
+def known_nodes(contact: NormalContact) -> Flags:
+    """Nodes that are eligible, or would be without others, shape ``(n,)``. Local."""
+    return contact._eligible | contact._barred
+
+
 def go_on(contact: NormalContact, other: NormalContact) -> None:
     """Begin with the active set and the multipliers of another attempt at the step. Local."""
-    contact.active = other.active & contact.eligible
+    contact.active = other.active & contact._eligible
     contact.lambda_N = np.where(contact.active, other.lambda_N, 0.0)

@@ -45,7 +45,7 @@ class TiedContact(MultiplierContact):
     @property
     def may_touch(self) -> Flags:
         """Whether a node may transmit force: the tied ones do, shape ``(n,)``. Local."""
-        return self.eligible
+        return self._eligible
 
     def _target(self, pairs: PairKinematics) -> Floats:
         """Gaps that multipliers hold: those at t_n, shape ``(m,)`` [m]."""
