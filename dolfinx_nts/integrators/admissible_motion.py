@@ -34,7 +34,7 @@ class AdmissibleMotion:
         if part < 1:
             u = u_n + part * (u - u_n)
         if rigid.exists:
-            trial, du, led = self._u.x, self.owned(u - u_n), rigid.guides.led
+            trial, du, led = self._u.x, self.owned(u - u_n), rigid.guides.prescribed
             self.owned(trial.array)[:] = rigid.moved(self.owned(u_n), du, part * led)
             trial.scatter_forward()
             u = trial.array.copy()
@@ -52,7 +52,7 @@ class AdmissibleMotion:
         """
         # Where guides rest, rigid bodies move by round-off, which has no direction.
         rigid = self._bulk.rigid
-        led = self.displacements if rigid.guides.move else self._bulk.supports.applied
+        led = self.displacements if rigid.guides.are_moving else self._bulk.supports.applied
         u_n = self._u_n
         ways: Floats = (led(u_n) - u_n)[: self._bulk.num_owned]
         for contact in contacts:

@@ -207,7 +207,7 @@ class CentralDifference(Stepper):
 
     def _begin(self, t_n: float, t: float) -> None:
         super()._begin(t_n, t)
-        self._rigid.guides.lead(t_n, t)
+        self._rigid.guides.prescribe(t_n, t)
 
     def _turns(self) -> list[tuple[str, float]]:
         return super()._turns() + self._rigid.guides.turns()

@@ -13,7 +13,7 @@ from dolfinx_nts.contact.massless import is_resolved
 from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.integrators.body_groups import BodyGroups
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.held_gaps import Holds
+from dolfinx_nts.solvers.gap_constraints import KeptGaps
 
 __all__ = ["HeldContact"]
 
@@ -96,7 +96,7 @@ class HeldContact:
             step.state.accept(replace(history, lambda_N=lambda_N, force=force))
 
 
-def _holds(step: ContactStep, some: HeldNodes) -> Holds:
+def _holds(step: ContactStep, some: HeldNodes) -> KeptGaps:
     """Gaps that nodes close, ``(m,)``, and slips of those that stick. Local."""
     sticks = some.sticks
     gradient, *along = some.gradients.transpose(1, 0, 2)
@@ -109,7 +109,7 @@ def _holds(step: ContactStep, some: HeldNodes) -> Holds:
     )
     force = gradient + np.einsum("ma,ami->mi", ratio, np.array(along))
     stuck = [rows[sticks] for rows in along]
-    return Holds(
+    return KeptGaps(
         step.candidates.scatter,
         np.concatenate([some.dofs, some.dofs[sticks], some.dofs[sticks]]),
         np.concatenate([gradient, *stuck]),

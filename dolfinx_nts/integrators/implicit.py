@@ -55,10 +55,10 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers import newton
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.cell_sizes import CellSizes
-from dolfinx_nts.solvers.convergence import closed_within, last_digits
-from dolfinx_nts.solvers.given_way import GivenWay
+from dolfinx_nts.solvers.convergence import gap_tolerance, position_rounding
 from dolfinx_nts.solvers.krylov import LinearSolver
 from dolfinx_nts.solvers.newton_report import ConvergenceError, NewtonReport
+from dolfinx_nts.solvers.prescribed_motion import PrescribedMotion
 from dolfinx_nts.solvers.statistics import SolverStatistics
 from dolfinx_nts.solvers.tangent import Tangent
 
@@ -208,7 +208,7 @@ class ImplicitStepper(Stepper):
 
     def _begin(self, t_n: float, t: float) -> None:
         super()._begin(t_n, t)
-        self._bulk.rigid.guides.lead(t_n, t)
+        self._bulk.rigid.guides.prescribe(t_n, t)
 
     def _turns(self) -> list[tuple[str, float]]:
         return super()._turns() + self._bulk.rigid.guides.turns()
@@ -268,7 +268,7 @@ class ImplicitStepper(Stepper):
         iterations = 0
         for _ in range(_MOST_SEARCHES):
             steps, solution = self._step_solver.solve(
-                start, problem, self._way_from, self.timings, **how
+                start, problem, self._motion_from, self.timings, **how
             )
             iterations += solution.report.iterations
             if not solution.report.converged:
@@ -318,12 +318,12 @@ class ImplicitStepper(Stepper):
         """Look for a solution far from the last state, the start; None: not with inertia."""
         return None
 
-    def _way_from(self, start: Start, steps: Sequence[ContactStep]) -> GivenWay:
+    def _motion_from(self, start: Start, steps: Sequence[ContactStep]) -> PrescribedMotion:
         """What is led has still to go from a start, where u is. Collective.
 
         With inertia ways are short: all is at their ends at once.
         """
-        return GivenWay(self._bulk, steps)
+        return PrescribedMotion(self._bulk, steps)
 
     def _wrong(self, steps: Sequence[ContactStep], x_n: Floats) -> str:
         """Say why a solution cannot be accepted, or "".
@@ -352,7 +352,7 @@ class ImplicitStepper(Stepper):
         fixed, u = self.supports.fixed, self._u
         moves = any(contact.search.frame.moves for contact in self.contacts) or self.memory.exists
         stays = np.array_equal(self.supports.applied(u)[fixed], u[fixed])
-        stays = stays and not (moves or self._bulk.rigid.guides.move)
+        stays = stays and not (moves or self._bulk.rigid.guides.are_moving)
         return self._forces.stays(load) and reductions.everywhere(self._comm, stays)
 
     def _failure(
@@ -394,7 +394,7 @@ class ImplicitStepper(Stepper):
             works[step.state] = contact_work(step, pairs, history)
             step.state.accept(history)
         self.watch.springs.look()
-        self._step_solver.relief.tell(steps)
+        self._step_solver.relief.warn(steps)
         x, v, du = self.x, self.v.x.array[:n], (self._u - self._u_n)[:n]
         reactions, constraints = self._reactions.of(steps, solution, x, self._motion.owned(du))
         self.memory.accept()
@@ -403,7 +403,7 @@ class ImplicitStepper(Stepper):
         if settled.reactions:
             both = zip(reactions, settled.reactions, strict=True)
             reactions = tuple(last + more for last, more in both)
-        digits = last_digits(_kernels.largest_size(x))
+        digits = position_rounding(_kernels.largest_size(x))
         total = StepWorks.of(
             self._bulk,
             self._inertia,
@@ -414,7 +414,7 @@ class ImplicitStepper(Stepper):
             du=du,
             v_n=v_n,
             v=v,
-            closed_within=closed_within(self._sizes.smallest, digits),
+            closed_within=gap_tolerance(self._sizes.smallest, digits),
         )
         self.inertia_defect, t = total.inertia, self.t + self.dt
         if not self._is_static:

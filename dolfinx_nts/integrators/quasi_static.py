@@ -20,9 +20,9 @@ from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers import newton
 from dolfinx_nts.solvers.drag import Drag
-from dolfinx_nts.solvers.given_way import GivenWay
-from dolfinx_nts.solvers.gradual_way import GradualWay
 from dolfinx_nts.solvers.newton_report import NewtonReport
+from dolfinx_nts.solvers.prescribed_motion import PrescribedMotion
+from dolfinx_nts.solvers.substepped_motion import SubsteppedMotion
 
 __all__ = ["QuasiStatic"]
 
@@ -91,7 +91,9 @@ class QuasiStatic(ImplicitStepper):
     def _look_at(self, steps: Sequence[ContactStep], solution: newton.Solution) -> None:
         """Tell if an equilibrium is not stable."""
         if solution.report.iterations:
-            motion = self._solver.falling_motion(steps, solution.end.states, self.step)
+            motion = self._solver.negative_curvature_direction(
+                steps, solution.end.states, self.step
+            )
             self._unstable.look(motion, self._X[: len(self.node_ids)], self.t + self.dt)
 
     def _attempts(
@@ -170,22 +172,22 @@ class QuasiStatic(ImplicitStepper):
             np.linalg.norm(reductions.largest(self._comm, top) - reductions.least(self._comm, low))
         )
 
-    def _way_from(self, start: Start, steps: Sequence[ContactStep]) -> GivenWay:
+    def _motion_from(self, start: Start, steps: Sequence[ContactStep]) -> PrescribedMotion:
         """All of the way from the last state, where all of the bodies goes along. Collective.
 
         Cells at what is led, and nodes that stick to it, could not take it alone.
         """
         guess, u, size = start.guess, self.u.x, self._sizes.smallest
         if reductions.anywhere(self._comm, not np.array_equal(guess, self.u_n.x.array)):
-            return super()._way_from(start, steps)
+            return super()._motion_from(start, steps)
         ways = [_kernels.largest_size(u.array - guess)]
         ways += [contact.search.way(self.x, 0.0) for contact in self.contacts]
         way = reductions.largest(self._comm, float(max(ways)))
         if way <= _SMALL_WAY * size:
-            return super()._way_from(start, steps)
+            return super()._motion_from(start, steps)
         u.array[:] = guess
         stiffness = self._solver.nodal_resistance()
-        return GradualWay(self._bulk, steps, stiffness, self._sizes.nodal, way)
+        return SubsteppedMotion(self._bulk, steps, stiffness, self._sizes.nodal, way)
 
     def _time_helps(self) -> str:
         """Advice where only the length of the step is left to change. Collective."""

@@ -64,7 +64,7 @@ class Reactions:
         force, work = force.reshape(n, d), 0.0
         if self._constraints_work:
             u = self._bulk.u.x.array[: n * d].reshape(n, d)
-            led, nodes = rigid.led(u), rigid.nodes
+            led, nodes = rigid.prescribed_displacement(u), rigid.nodes
             work = float(np.vdot(force[nodes], (du - led)[nodes]))
             du = led
         return of_supports + rigid.guides.reactions(force, x, du), work

@@ -174,7 +174,7 @@ class RigidLeapfrog(RigidStates):
         if not self.exists:
             return ""
         of_u, of_v, f = self._fields.sums(u_n, v, forces)
-        fields, led = self._fields, self.guides.led
+        fields, led = self._fields, self.guides.prescribed
         state = fields.positions(of_u), fields.fit(of_v), f
         leap = self._leap = _Leap(fields, self._masses, *state, led, dt)
         for body, found in zip(self._bodies, leap.found, strict=True):

@@ -26,12 +26,12 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers import newton
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.cell_sizes import cell_sizes
-from dolfinx_nts.solvers.contact_surroundings import ContactSurroundings
 from dolfinx_nts.solvers.drag import Drag
 from dolfinx_nts.solvers.free_bodies import FreeBody, find_free_bodies
-from dolfinx_nts.solvers.given_way import GivenWay
 from dolfinx_nts.solvers.inertia_relief import InertiaRelief
 from dolfinx_nts.solvers.krylov import LinearSolver
+from dolfinx_nts.solvers.nonlinear_elimination import NonlinearElimination
+from dolfinx_nts.solvers.prescribed_motion import PrescribedMotion
 from dolfinx_nts.solvers.tangent import Tangent
 
 __all__ = ["StepSolver"]
@@ -94,9 +94,9 @@ class StepSolver:
             tangent.num_free = self.relief.num_motions
             tangent.forget()
         self.linear = LinearSolver(bulk, tangent, partial(rates.inertia_share, mass), petsc_options)
-        surroundings: ContactSurroundings | None = None
+        nonlinear_elimination: NonlinearElimination | None = None
         if not (self._is_static or bulk.rigid.exists or flows):
-            surroundings = ContactSurroundings(bulk, self.linear, self.sizes)
+            nonlinear_elimination = NonlinearElimination(bulk, self.linear, self.sizes)
         # What all attempts have in common, by the arguments of `newton.solve`.
         self._common: dict[str, Any] = {
             "X": X,
@@ -104,7 +104,7 @@ class StepSolver:
             "sizes": self.sizes,
             "inertia": not self._is_static,
             "jumps": flows,
-            "surroundings": surroundings,
+            "nonlinear_elimination": nonlinear_elimination,
         }
         states = joint_states(contacts)
         self.sleeping = SleepingBodies(bulk, tangent, self.sizes, bodies, states, loads)
@@ -122,7 +122,7 @@ class StepSolver:
         self,
         start: Start,
         problem: StepProblem,
-        way_from: Callable[[Start, Sequence[ContactStep]], GivenWay],
+        motion_from: Callable[[Start, Sequence[ContactStep]], PrescribedMotion],
         timings: Timings,
         *,
         all_awake: bool = False,
@@ -134,7 +134,7 @@ class StepSolver:
         Args:
             start: Where Newton's method starts.
             problem: What is given in the step.
-            way_from: Finds what is led has still to go from the start.
+            motion_from: Creates the prescribed motion from the start.
             timings: Receives the wall time of the phases.
             all_awake: Whether bodies that sleep are computed, too.
             drag: Resistance to all motions, if any.
@@ -149,20 +149,20 @@ class StepSolver:
         # Bodies that only contact holds go as far as it takes to touch others.
         if not (all_awake or self.relief.bodies):
             self.sleeping.find(rates.v.x.array, rates.u_n.x.array, steps)
-        way = way_from(start, steps)
+        motion = motion_from(start, steps)
         solution = newton.solve(
             self._bulk,
             self.linear,
             steps,
-            way=way,
-            at_rest=rates.at_rest and drag is None,
+            motion=motion,
+            is_unchanged=rates.at_rest and drag is None,
             force_scale=problem.force_scale,
             timings=timings,
             drag=drag,
             begins_sticking=start.begins_sticking,
             **self._common,
         )
-        way.leave()
+        motion.finish()
         return steps, solution
 
     def missed_contact(self, steps: Sequence[ContactStep], problem: StepProblem, x: Floats) -> str:

@@ -105,21 +105,21 @@ class Bulk:
         """Forces of each load at u on the owned dofs [N]. Collective."""
         return [-load for load in self._residual.assembled_each_load()]
 
-    def action(self, x: Floats, *, moves_given: bool = False) -> Floats:
+    def action(self, x: Floats, *, includes_given: bool = False) -> Floats:
         """Tangent at u times a nodal vector, identity where u is given.
 
         Collective.
 
         Args:
             x: Values at the owned nodes, shape ``(n, d)`` [m].
-            moves_given: Whether x also changes what is given, where the result is 0 then.
+            includes_given: Whether x also changes what is given, where the result is 0 then.
 
         Returns:
             Values at the owned nodes, shape ``(n, d)`` [N].
         """
-        if moves_given:
-            direction = self._derivative.turn(x)
-            forces = self._forces_by(self._derivative.by("slow"), direction)
+        if includes_given:
+            direction = self._derivative.set_direction(x)
+            forces = self._forces_by(self._derivative.with_kernels("slow"), direction)
             forces[self.given] = 0
             return forces.reshape(-1, self._dim)
         return self._along(x, "double")
@@ -133,12 +133,12 @@ class Bulk:
 
     def rounding(self, x: Floats) -> float:
         """Relative error of `rounded_action`, see `Derivative.rounding`. Collective."""
-        self._derivative.turn(x, self.given)
+        self._derivative.set_direction(x, self.given)
         return self._derivative.rounding()
 
     def _along(self, x: Floats, kernels: Kernels) -> Floats:
-        direction = self._derivative.turn(x, self.given)
-        y = self._forces_by(self._derivative.by(kernels), direction)
+        direction = self._derivative.set_direction(x, self.given)
+        y = self._forces_by(self._derivative.with_kernels(kernels), direction)
         if self.stabilisation is not None:
             y += self.stabilisation(x).ravel()
         y[self.given] = x.ravel()[self.given]

@@ -14,7 +14,7 @@ are forces and gradients of the constraints. With :math:`z_0 = B r` and the flex
 
 a dense system, and then :math:`z = z_0 - B U (C s + F \lambda)`. The columns of B U belong to
 nodes, not to the state of the contacts, and serve as long as the factors. They also tell how the
-forces of all contacts move all of them, see `contact_decisions`.
+forces of all contacts move all of them, see `cone_problem`.
 """
 
 from collections.abc import Sequence
@@ -77,7 +77,7 @@ class ContactComplement:
         present: Floats,
         mobility: Mobility | None = None,
     ) -> tuple[Floats, Floats] | None:
-        """How forces at points move them, see `contact_decisions.System`. Collective.
+        """How forces at points move them, see `CondensedSystem`. Collective.
 
         ``mobility`` is that of free bodies beside the factors, if there are any.
         """

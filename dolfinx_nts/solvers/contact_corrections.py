@@ -61,7 +61,7 @@ class ContactCorrections:
         return self._schwarz.num_builds
 
     @property
-    def reach_far(self) -> bool:
+    def uses_complement(self) -> bool:
         """Whether the complement is the present one."""
         return self._present is self._complement
 
@@ -79,7 +79,7 @@ class ContactCorrections:
             iterations: Krylov iterations.
             decades: Reduction that was asked for.
         """
-        if not self.reach_far:
+        if not self.uses_complement:
             self._schwarz.judge(iterations, decades)
         slow = iterations > _POOR * max(decades, _FEWEST_DECADES)
         self._schwarz_is_poor |= slow and self._bulk.has_responses
@@ -101,7 +101,7 @@ class ContactCorrections:
         *,
         relief: InertiaRelief,
     ) -> tuple[Floats, Floats] | None:
-        """How forces at points move them, see `contact_decisions.System`.
+        """How forces at points move them, see `CondensedSystem`.
 
         ``relief`` knows how free bodies move. None where points are many, without good factors of
         the bulk, where nothing presses on free bodies, and where these turn under the forces that

@@ -16,7 +16,7 @@ from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.cell_sizes import CellSizes
 from dolfinx_nts.solvers.newton_report import NewtonReport
 
-__all__ = ["Convergence", "Iterate", "Measures", "closed_within", "last_digits"]
+__all__ = ["Convergence", "Iterate", "Measures", "gap_tolerance", "position_rounding"]
 
 _EPS = float(np.finfo(np.float64).eps)
 # In so many iterations after each other given displacements violate constraints: none is left
@@ -158,11 +158,11 @@ class Convergence:
     ) -> None:
         """Begin without an iterate. Collective."""
         self._bulk, self._steps, self._inertia = bulk, steps, inertia
-        digits = last_digits(farthest)
+        digits = position_rounding(farthest)
         self._scales = _Scales(
             max(_INCREMENT_TOLERANCE * sizes.smallest, digits),
             _NEAR * sizes.smallest,
-            closed_within(sizes.smallest, digits),
+            gap_tolerance(sizes.smallest, digits),
             _round_off(bulk, stiffness, sizes),
             force_scale,
         )
@@ -174,17 +174,17 @@ class Convergence:
         self._given = 0
         self._is_polished = False
 
-    def measure(self, iterate: Iterate, *, is_led: bool) -> Measures:
+    def measure(self, iterate: Iterate, *, is_complete: bool) -> Measures:
         """Measure an iterate. Collective.
 
         Args:
             iterate: Forces at the present displacement.
-            is_led: Whether all displacements are as given.
+            is_complete: Whether all displacements are as given.
         """
         R, states, scales = iterate.R, iterate.states, self._scales
         excess = max((state.constraint_error for state in states), default=0.0)
         is_open = not excess <= scales.gap
-        num_given = _num_given(self._steps, states) if is_open and is_led else 0
+        num_given = _num_given(self._steps, states) if is_open and is_complete else 0
         counts = [sum(s.changed for s in states), sum(s.failed for s in states), is_open, num_given]
         # Of the last step statics knows no forces that supports make only now.
         fixed = self._bulk.supports.fixed[: 0 if self._inertia else None]
@@ -203,7 +203,7 @@ class Convergence:
         target = max(_RESIDUAL_TOLERANCE * scale, 0.0 if self._inertia else scales.rounding)
         is_small = norm <= max(_SMALL_RESIDUAL * scale, scales.rounding, steep)
         is_balanced = norm <= target or (is_small and self._du_norm <= scales.increment)
-        solves = is_balanced and is_led and not (num_open or changed)
+        solves = is_balanced and is_complete and not (num_open or changed)
         solves = solves and not self._has_to_be_polished(excess, iterate.x)
         return Measures(norm, scale, target, changed, failed, num_open > 0, num_given, solves)
 
@@ -222,12 +222,12 @@ class Convergence:
         rounding = _GAP_ROUNDING * _kernels.largest_size(x)
         return reductions.anywhere(self._bulk.comm, bool(excess > rounding))
 
-    def take_back(self, moved: int) -> None:
+    def discard_last(self, moved: int) -> None:
         """Forget the last norm, as so many segments have been chosen anew. Local."""
         self._changes += moved
         self.norms.pop()
 
-    def advance(self, du_norm: float, *, is_long: bool) -> None:
+    def count_increment(self, du_norm: float, *, is_long: bool) -> None:
         """Note an increment whose largest component is ``du_norm`` [m]. Local.
 
         ``is_long`` is whether it was too long to be trusted.
@@ -236,11 +236,11 @@ class Convergence:
         self._num_long += is_long
         self.iteration += 1
 
-    def is_doubtful(self, seen: Measures, *, is_held: bool) -> bool:
+    def needs_cone_problem(self, seen: Measures, *, is_supported: bool) -> bool:
         """Whether states of contact should be decided on all at once. Local.
 
-        ``is_held`` is whether bodies have another hold than contact. Without inertia forces of the
-        first guess tell little, and one node changes by itself.
+        ``is_supported`` is whether more than contact supports all bodies. In statics forces of the
+        first guess are no basis, and a single node is left to the active-set update.
         """
         later = self.iteration % _DECISION_PERIOD == _DECISION_PERIOD - 1
         is_due = later or self.iteration < _FIRST_DECISIONS
@@ -248,10 +248,10 @@ class Convergence:
             return is_due and (seen.changed > 0 or seen.is_open or self._is_slow(seen))
         if self.iteration == 0 or seen.changed < 2:
             return False
-        if not (is_held or self._has_minimum or self._du_norm <= self._scales.near):
+        if not (is_supported or self._has_minimum or self._du_norm <= self._scales.near):
             return False
         is_far = seen.norm > _SETTLED * seen.scale
-        if is_far and (self._has_minimum or not is_held):
+        if is_far and (self._has_minimum or not is_supported):
             return True
         return is_due and seen.norm > _MARGINAL * seen.scale
 
@@ -308,17 +308,17 @@ class Convergence:
         )
 
 
-def last_digits(farthest: float) -> float:
+def position_rounding(farthest: float) -> float:
     """What the last digits of positions up to this far from the origin [m] tell, [m]. Local."""
     return _LAST_DIGITS * farthest
 
 
-def closed_within(size: float, digits: float) -> float:
+def gap_tolerance(size: float, digits: float) -> float:
     """Gap up to which one is closed [m]. Local.
 
     Args:
         size: Size of the smallest cell [m].
-        digits: As of `last_digits` [m].
+        digits: As of `position_rounding` [m].
     """
     return max(_GAP_TOLERANCE * size, digits)
 

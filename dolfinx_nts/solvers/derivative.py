@@ -63,7 +63,7 @@ class Derivative:
         for form in self._sums.values():
             form.leave_out(cells)
 
-    def turn(self, x: Floats, given: Flags | None = None) -> Floats:
+    def set_direction(self, x: Floats, given: Flags | None = None) -> Floats:
         """Set the direction. Collective.
 
         Args:
@@ -80,7 +80,7 @@ class Derivative:
         self._direction.x.scatter_forward()
         return owned
 
-    def by(self, kernels: Kernels) -> NodalSum:
+    def with_kernels(self, kernels: Kernels) -> NodalSum:
         """Forms of the derivative with some kernels. Collective."""
         if kernels not in self._sums:
             # Bodies that fly need none, and without contact nobody needs double precision: all of
@@ -102,7 +102,9 @@ class Derivative:
         It depends on the law, and on displacements in sizes of cells.
         """
         judges = next((kernels for kernels in _EXACT if kernels in self._sums), _EXACT[-1])
-        rounded, exact = (self.by(kernels).sample(_SAMPLE) for kernels in (self.rounded, judges))
+        rounded, exact = (
+            self.with_kernels(kernels).sample(_SAMPLE) for kernels in (self.rounded, judges)
+        )
         error = rounded - exact
         squares = [float(error @ error), float(exact @ exact)]
         part, whole = reductions.total(self._comm, squares)

@@ -88,13 +88,13 @@ class FactorAge:
         self._fresh, self._excess = math.nan, 0.0
 
     @property
-    def reduction_at_once(self) -> float:
+    def one_application_reduction(self) -> float:
         """Reduction that an application gives in contact. Local.
 
         NaN while it is not known or too little: solves of bodies in flight say nothing of it.
         """
         seen = self._in_contact
-        if not (self._factors.is_plain and seen.decades >= _DECADES and seen.iterations > 0):
+        if not (self._factors.is_ilu0 and seen.decades >= _DECADES and seen.iterations > 0):
             return math.nan
         return max(float(10 ** (-1 / seen.rate)), _UNSCALED)
 
@@ -128,7 +128,7 @@ class FactorAge:
         factors = self._factors
         self.crossings = self._wave_crossings()
         is_first = factors.point is None
-        if is_first and factors.gives_way and self.crossings > _MOST_CROSSINGS:
+        if is_first and factors.may_be_strengthened and self.crossings > _MOST_CROSSINGS:
             factors.strengthen(fully=True)
         factors.build()
         self._operator.forget()
@@ -141,11 +141,11 @@ class FactorAge:
             is_new: Whether the present ones were made for the last system.
         """
         factors = self._factors
-        if not factors.gives_way:
+        if not factors.may_be_strengthened:
             return
         shown, rate = self._first.decades > _DECADES_SHOW, self._first.rate
         is_slow = (is_new or shown) and rate > _SLOW
-        pays = factors.is_plain and shown and rate > _FILL_PAYS
+        pays = factors.is_ilu0 and shown and rate > _FILL_PAYS
         is_far = factors.is_complete and self._fresh > _EXACT_PAYS
         if is_slow or pays or is_far:
             factors.strengthen()

@@ -91,13 +91,13 @@ def find_free_bodies(
     held = np.zeros((len(x), dim), dtype=bool)
     held.flat[bulk.supports.fixed] = True
     forces[:, held] = (motions * stiffness[:, None])[:, held]
-    led = np.zeros_like(motions)
+    guided = np.zeros_like(motions)
     if bulk.rigid.exists:
-        led += [bulk.rigid.guides.held(motion) for motion in motions]
+        guided += [bulk.rigid.guides.constrained(motion) for motion in motions]
     found = []
     for group, some, frame in zip(groups, nodes, frames, strict=True):
         modes = motions[:, some].reshape(num_motions, -1)
-        stretches = led[:, some].reshape(num_motions, -1)
+        stretches = guided[:, some].reshape(num_motions, -1)
         weight = np.repeat(stiffness[some], dim)
         products = np.stack(
             [

@@ -23,35 +23,35 @@ class Guides:
         bodies: Linear fields over each rigid body.
 
     Attributes:
-        led: Displacement of the guided point, and Cayley vector of the turn, that each of ``b``
-            bodies is given in the step, shape ``(b, 6)``, in the plane ``(b, 3)``.
+        prescribed: Displacement of the guided point and Cayley vector of the rotation, for each of
+            ``b`` bodies in the step, shape ``(b, 6)``, in the plane ``(b, 3)``.
     """
 
     def __init__(self, comm: MPI.Comm, bodies: Sequence[LinearFields]) -> None:
         """Keep the bodies, which no step leads as yet."""
         self._comm, self._bodies = comm, tuple(bodies)
-        self.led: Floats = np.array([np.zeros(body.free.shape[1]) for body in bodies])
+        self.prescribed: Floats = np.array([np.zeros(body.free.shape[1]) for body in bodies])
 
-    def lead(self, t_n: float, t: float) -> None:
+    def prescribe(self, t_n: float, t: float) -> None:
         """Lead the bodies from t_n to t [s] in the next step. Local.
 
         Raises:
             TypeError, ValueError: The motion of a guide is none, see `Motion`.
         """
-        self.led = np.array([body.led(t_n, t) for body in self._bodies])
+        self.prescribed = np.array([body.prescribed(t_n, t) for body in self._bodies])
 
-    def ahead(self, part: float) -> Floats:
+    def remaining(self, part: float) -> Floats:
         """Displacements [m] and rotation vectors [rad] of the way after a part of it. Local."""
-        return (1 - part) * self._with_halves(self.led, np.arctan)
+        return (1 - part) * self._with_halves(self.prescribed, np.arctan)
 
-    def led_between(self, first: float, last: float) -> Floats:
-        """The same as `led` between two parts of the way, from 0 to 1 [-]. Local.
+    def motion_between(self, first: float, last: float) -> Floats:
+        """The same as `prescribed` between two parts of the way, from 0 to 1 [-]. Local.
 
         Bodies turn about axes that stay, by angles that add up, as Cayley vectors do not.
         """
-        if last - first == 1.0 or not self.move:
-            return self.led
-        return self._with_halves((last - first) * self.ahead(0.0), np.tan)
+        if last - first == 1.0 or not self.are_moving:
+            return self.prescribed
+        return self._with_halves((last - first) * self.remaining(0.0), np.tan)
 
     def _with_halves(self, amounts: Floats, function: np.ufunc) -> Floats:
         """Amounts with a function of half of the length of each turn in the place of it. Local."""
@@ -61,31 +61,31 @@ class Guides:
         return np.hstack([amounts[:, :dim], factor * amounts[:, dim:]])
 
     @property
-    def move(self) -> bool:
+    def are_moving(self) -> bool:
         """Whether they lead any body somewhere in the step. Local."""
-        return bool(self.led.any())
+        return bool(self.prescribed.any())
 
     def turns(self) -> list[tuple[str, float]]:
         """Names of the bodies, and angles by which the guides turn them [rad]. Local."""
         turns = []
         for i, body in enumerate(self._bodies):
-            half = np.arctan(np.linalg.norm(self.led[i, len(body.point) :]) / 2)
+            half = np.arctan(np.linalg.norm(self.prescribed[i, len(body.point) :]) / 2)
             turns.append((body.body.name, 2 * float(half)))
         return turns
 
-    def held(self, x: Floats) -> Floats:
+    def constrained(self, x: Floats) -> Floats:
         """Part of displacements, rigid motions of the bodies as declared, that is not free.
 
         Collective. Displacements of the owned nodes have the shape ``(n, d)`` [m].
         """
-        held = np.zeros_like(x)
+        part = np.zeros_like(x)
         for body in self._bodies:
             sums: Floats = reductions.total(self._comm, body.values.T @ x[body.nodes])
             motions = rigid_motions(body.reference)
             amounts = nearest(motions, body.products, sums)
             amounts = amounts - body.free.T @ (body.free @ amounts)
-            held[body.nodes] = body.values @ combined(amounts, motions)
-        return held
+            part[body.nodes] = body.values @ combined(amounts, motions)
+        return part
 
     def reactions(self, force: Floats, x: Floats, du: Floats) -> tuple[Reaction, ...]:
         """Forces on the guided bodies in a step, see `Supports.reactions`. Collective.

@@ -36,7 +36,7 @@ _logger = logging.getLogger("dolfinx_nts")
 # Stiffness that the tangent of a free body has in addition, relative to that of its nodes [-].
 _SHIFT = 1e-9
 # How much more of it a body has that is driven away from where it is [-].
-_FALLING = 1e3
+_DRIVEN = 1e3
 # Stiffness that it has against motions which nothing resists, relative to the sum of these [-].
 _HOLD = 1.0
 # Mean square of the slopes of gaps along a motion [-] up to which contact does not resist it.
@@ -47,7 +47,7 @@ _NEUTRAL = 1e-3
 _NEGLIGIBLE, _DRIVING = 1e-2, 0.3
 # The same from which on a run says so: less is round-off; and by how much it grows until a run
 # says so again.
-_TOLD, _GROWN = 1e-9, 3.0
+_REPORTED, _GROWN = 1e-9, 3.0
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ class InertiaRelief:
         ends = np.cumsum([0, *(body.motions.shape[1] for body in bodies)])
         self._columns = [slice(a, b) for a, b in pairwise(ends)]
         self.num_motions = int(ends[-1])
-        self._told = _TOLD / _GROWN  # what was told last
+        self._reported = _REPORTED / _GROWN  # what was told last
         self.begin()
         for body in self.bodies:
             if self._comm.rank == 0:
@@ -190,7 +190,7 @@ class InertiaRelief:
     def resistance(self, x: Floats) -> Floats:
         """Act as the stiffness of the tangent beside that of the forms, both ``(n, 3)``."""
         relief = self._relief
-        y = (_FALLING if relief.driven else 1.0) * self.shift * x
+        y = (_DRIVEN if relief.driven else 1.0) * self.shift * x
         if len(relief.gram):
             amount = self._amount(x.ravel())
             y += self._stiffness * (amount @ relief.weighted).reshape(x.shape)
@@ -216,23 +216,23 @@ class InertiaRelief:
         """
         if not self.bodies:
             return None
-        relief, falling = self._relief, _FALLING * self.shift + drag
-        return Mobility.of(self._comm, relief.free, relief.held, added, falling)
+        relief, driven = self._relief, _DRIVEN * self.shift + drag
+        return Mobility.of(self._comm, relief.free, relief.held, added, driven)
 
-    def settles(self) -> bool:
+    def accept(self) -> bool:
         """Whether what was taken away is negligible; otherwise bodies move from now on. Local."""
-        settled = self._relief.share <= _NEGLIGIBLE
-        if not settled:
+        is_negligible = self._relief.share <= _NEGLIGIBLE
+        if not is_negligible:
             self._limit = _NEGLIGIBLE
-        return settled
+        return is_negligible
 
     def advice(self) -> str:
         """Say what would help where there is no solution; "" without free bodies. Local."""
         # What the last iterate is driven by is left to chance once bodies fly about.
-        told = [driven for driven in self._driven if driven]
-        if len(told) > len(self._driven) / 2:
+        reasons = [driven for driven in self._driven if driven]
+        if len(reasons) > len(self._driven) / 2:
             return (
-                f"{told[-1]}; bcs, friction or inertia (EnergyMomentum) would, or a "
+                f"{reasons[-1]}; bcs, friction or inertia (EnergyMomentum) would, or a "
                 "start nearer to what it is to touch"
             )
         if not self.bodies:
@@ -240,14 +240,14 @@ class InertiaRelief:
         names = "; ".join(map(str, self.bodies))
         return f"only contact holds {names}: bcs or friction against these motions may help"
 
-    def tell(self, steps: Sequence[ContactStep]) -> None:
+    def warn(self, steps: Sequence[ContactStep]) -> None:
         """Warn of what inertia has to carry in a solution with these contacts. Local.
 
         Once, and again where it has grown, as bodies deform or slide.
         """
-        if self._relief.share <= _GROWN * self._told:
+        if self._relief.share <= _GROWN * self._reported:
             return
-        self._told = self._relief.share
+        self._reported = self._relief.share
         if self._comm.rank == 0:
             names = "; ".join(map(str, self.bodies))
             holds = f"only contact without friction holds {names}"

@@ -21,8 +21,8 @@ from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.active_sets import ActiveSets
 from dolfinx_nts.solvers.bulk import Bulk
+from dolfinx_nts.solvers.cone_problem import CondensedSystem, has_cone_problem, solve_cone_problem
 from dolfinx_nts.solvers.contact_corrections import ContactCorrections
-from dolfinx_nts.solvers.contact_decisions import System, decided, may_be_decided
 from dolfinx_nts.solvers.elimination import ActivePairs, Elimination, active_pairs
 from dolfinx_nts.solvers.factor_age import FactorAge
 from dolfinx_nts.solvers.inertia_relief import InertiaRelief
@@ -93,7 +93,7 @@ class LinearSolver:
         self.num_direct = 0
 
     @property
-    def reduction_at_once(self) -> float:
+    def one_application_reduction(self) -> float:
         """Reduction for which the preconditioner is applied once, without a product [-]. Local.
 
         It is what an iteration was found to give; NaN as long as this is not known, with rigid
@@ -101,7 +101,7 @@ class LinearSolver:
         what is left of an increment moves contacts everywhere.
         """
         has_rigid = self._operator.bulk.rigid.exists
-        return math.nan if has_rigid else self._factors.reduction_at_once
+        return math.nan if has_rigid else self._factors.one_application_reduction
 
     @property
     def num_iterations(self) -> int:
@@ -152,7 +152,7 @@ class LinearSolver:
             is_new = True
         self._failures.forget()
         factors.strengthen_if_slow(is_new)
-        if not (num_active and self._contacts.reach_far):
+        if not (num_active and self._contacts.uses_complement):
             return du, None
         # Near incompressibility this balance is of no use before convergence: what volumes lack
         # is far above contact forces.
@@ -182,7 +182,7 @@ class LinearSolver:
             cannot be eliminated.
         """
         self._contacts.choose(sum(step.num_active for step in steps))
-        if self._contacts.reach_far or not self._preconditioner.is_incomplete:
+        if self._contacts.uses_complement or not self._preconditioner.is_incomplete:
             return None
         pairs = active_pairs(steps, states, self._operator.bulk.rigid.dim)
         elimination = Elimination(pairs, self._active_sets.number(pairs))
@@ -191,7 +191,7 @@ class LinearSolver:
         with self._preconditioner.restricted(nodes):
             return self._solve_krylov(R, elimination, rtol, is_local=True)
 
-    def decided(
+    def consistent_states(
         self,
         R: Floats,
         steps: Sequence[ContactStep],
@@ -209,16 +209,16 @@ class LinearSolver:
             relief: Knows how free bodies move.
 
         Returns:
-            The pairs with these states, None if nothing was decided, see `contact_decisions`.
+            The pairs with these states, None if nothing was decided, see `cone_problem`.
         """
-        if not may_be_decided(steps, inertia):
+        if not has_cone_problem(steps, inertia):
             return None
-        system = self._decidable(steps, states, inertia, relief)
+        system = self._condensed_system(steps, states, inertia, relief)
         if system is None:
             return None
-        return decided(system, self._operator.bulk.comm, R, steps, states, inertia)
+        return solve_cone_problem(system, self._operator.bulk.comm, R, steps, states, inertia)
 
-    def falling_motion(
+    def negative_curvature_direction(
         self, steps: Sequence[ContactStep], states: Sequence[ContactContribution], seed: int
     ) -> Floats | None:
         """Motion along which the energy falls from the present equilibrium. Collective.
@@ -249,7 +249,9 @@ class LinearSolver:
             weights = np.repeat(stiffness, dim, axis=1).ravel()
             forces = generator.standard_normal((_NUM_FORCES, len(weights))) * np.sqrt(weights)
             forces[:, bulk.given] = 0
-            found = self._saddle.falling_motion(active_pairs(steps, constant, dim), forces, weights)
+            found = self._saddle.negative_curvature_direction(
+                active_pairs(steps, constant, dim), forces, weights
+            )
             return None if found is None else found.reshape(-1, dim)
         if pairs:
             self._contacts.choose(sum(step.num_active for step in steps))
@@ -257,15 +259,15 @@ class LinearSolver:
         pairs = active_pairs(steps, constant, dim)
         self._operator.elimination = Elimination(pairs, present.active_version)
         numbers = generator.standard_normal((len(stiffness), dim))
-        return self._krylov.falling_motion(np.sqrt(stiffness), numbers)
+        return self._krylov.negative_curvature_direction(np.sqrt(stiffness), numbers)
 
-    def _decidable(
+    def _condensed_system(
         self,
         steps: Sequence[ContactStep],
         states: Sequence[ContactContribution],
         inertia: bool,
         relief: InertiaRelief,
-    ) -> System | None:
+    ) -> CondensedSystem | None:
         """The system whose points may be decided on all at once. Collective.
 
         With inertia these are the points of small systems in which nothing is eliminated;
@@ -334,8 +336,8 @@ class LinearSolver:
             if part > negligible:
                 total += self._operator.action(particular, negligible / part)
             r = -bulk.rigid.project(None, elimination.act(parts, total))
-        if not is_local and rtol >= self.reduction_at_once:
-            one: Floats = (particular + self._krylov.solve_roughly(r)).ravel()
+        if not is_local and rtol >= self.one_application_reduction:
+            one: Floats = (particular + self._krylov.precondition_once(r)).ravel()
             return one
         x, iterations = self._krylov.solve(r, rtol, is_local=is_local)
         decades = -math.log10(rtol)

@@ -67,7 +67,7 @@ class LinearFields:
         self.reference: Floats = np.vstack([point, np.eye(len(point))])
         self.free: Floats = body.free()
 
-    def led(self, t_n: float, t: float) -> Floats:
+    def prescribed(self, t_n: float, t: float) -> Floats:
         """How the guide moves the body between two times [s], see `RigidBody.led`. Local."""
         return self.body.led(self.point, t_n, t)
 

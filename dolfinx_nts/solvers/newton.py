@@ -15,14 +15,14 @@ from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.cell_sizes import CellSizes
-from dolfinx_nts.solvers.contact_surroundings import ContactSurroundings
 from dolfinx_nts.solvers.convergence import Convergence, Iterate
 from dolfinx_nts.solvers.drag import Drag
-from dolfinx_nts.solvers.given_way import GivenWay
 from dolfinx_nts.solvers.inertia_relief import InertiaRelief
 from dolfinx_nts.solvers.krylov import LinearSolver
 from dolfinx_nts.solvers.line_search import LineSearch
 from dolfinx_nts.solvers.newton_report import NewtonReport
+from dolfinx_nts.solvers.nonlinear_elimination import NonlinearElimination
+from dolfinx_nts.solvers.prescribed_motion import PrescribedMotion
 from dolfinx_nts.solvers.segment_choice import SegmentChoice
 
 __all__ = ["Solution", "solve"]
@@ -33,7 +33,7 @@ _logger = logging.getLogger("dolfinx_nts")
 # Iterations beside those in which what is led goes on its way.
 _MAX_ITERATIONS = 50  # until another start is tried
 _MAX_STICKING = 100  # where nodes with friction slide only near an equilibrium
-_MAX_DRAGGED = 20  # until a resistance, or a larger one, is tried
+_MAX_RESISTED = 20  # until a resistance, or a larger one, is tried
 # Longest increment that is trusted, relative to the smallest cell, and to what is led in it [-].
 _LONGEST_INCREMENT, _ALONG = 0.5, 2.0
 # The same where loads push rigid bodies that nothing holds as yet: they must not go by what they
@@ -78,9 +78,9 @@ def solve(
     steps: Sequence[ContactStep],
     X: Floats,
     *,
-    way: GivenWay,
+    motion: PrescribedMotion,
     relief: InertiaRelief,
-    at_rest: bool,
+    is_unchanged: bool,
     sizes: CellSizes,
     force_scale: float,
     inertia: bool,
@@ -88,7 +88,7 @@ def solve(
     timings: Timings,
     drag: Drag | None = None,
     begins_sticking: bool = False,
-    surroundings: ContactSurroundings | None = None,
+    nonlinear_elimination: NonlinearElimination | None = None,
 ) -> Solution:
     """Iterate from the present u. Collective.
 
@@ -97,9 +97,9 @@ def solve(
         solver: Solver of the linear systems.
         steps: Contact attempts.
         X: Reference positions of the owned nodes, shape ``(n, 3)`` [m].
-        way: What is led has still to go.
+        motion: What is led has still to go.
         relief: Keeps bodies in place that contact alone may hold.
-        at_rest: Whether nothing has changed since a solution, which then still is one.
+        is_unchanged: Whether nothing has changed since a solution, which then still is one.
         sizes: Those of the cells.
         force_scale: Norm of the forces known before the step [N].
         inertia: Whether there is any; without, forces may be as small as
@@ -109,12 +109,12 @@ def solve(
         drag: Resistance that acts beside the forces, if any.
         begins_sticking: Whether nodes with friction stick at first, as ``steps`` say, and slide
             only near an equilibrium, which takes more iterations.
-        surroundings: Those of contacts, if they are to find their equilibrium first.
+        nonlinear_elimination: Those of contacts, if they are to find their equilibrium first.
 
     Returns:
         The solution; ``report.reason`` is not empty if there is none.
     """
-    most = _MAX_DRAGGED if drag is not None else _MAX_ITERATIONS
+    most = _MAX_RESISTED if drag is not None else _MAX_ITERATIONS
     if begins_sticking:
         most = _MAX_STICKING
     dim = bulk.rigid.dim
@@ -126,7 +126,7 @@ def solve(
     search = LineSearch(bulk) if jumps else None
     # Factors that statics decides with do not know of metals that flow.
     may_decide = (inertia or not jumps) and not begins_sticking
-    num_settled = 0  # evaluations of contact beside those of the iterations
+    num_local = 0  # evaluations of contact beside those of the iterations
     farthest = _kernels.largest_size(X + in_space(nodes))
     convergence = Convergence(
         bulk,
@@ -152,55 +152,55 @@ def solve(
         R_free = R_bulk - relief.force.ravel()
         R_nodes = R_free.reshape(-1, dim) if balanced else None
         with timings.phase("contact"):
-            number = iteration + num_settled
+            number = iteration + num_local
             states = tuple(step.evaluate(x, R_nodes, number) for step in steps)
             R_contact = contact_residual(steps, states, (len(X), dim))
         R = relief.relieve(R_free + R_contact, x, force_scale, steps, states)
-        R = way.pull(bulk.rigid.balance(nodes, R.reshape(-1, dim)).ravel(), states, target)
+        R = motion.add_forces(bulk.rigid.balance(nodes, R.reshape(-1, dim)).ravel(), states, target)
         iterate = Iterate(x, states, R, R_bulk, R_contact, forces)
-        seen = convergence.measure(iterate, is_led=way.is_over)
+        seen = convergence.measure(iterate, is_complete=motion.is_complete)
         target = seen.target
 
         converged = seen.solves
-        if at_rest and iteration == 0 and seen.is_small:
+        if is_unchanged and iteration == 0 and seen.is_small:
             converged = not seen.is_open
-        elif converged and not relief.settles():
+        elif converged and not relief.accept():
             continue
         elif steps:
             is_near = iteration > 0 and seen.is_near
             moved = segments.renew(seen.norm, is_near=is_near, converged=converged)
             if moved:  # this is, or nearly so, the equilibrium on segments that nodes have left
-                convergence.take_back(moved)
+                convergence.discard_last(moved)
                 continue
 
-        reason = convergence.failure(seen, most + way.duration, is_solution=converged)
+        reason = convergence.failure(seen, most + motion.duration, is_solution=converged)
         _logger.debug("iteration %d: |R| = %.3e N", iteration, seen.norm)
         if converged or reason:
             return Solution(iterate, convergence.report(reason))
-        if iteration == num_settled == 0 and surroundings is not None:
-            num_settled = surroundings.settle(steps, iterate, X)
-            if num_settled:
-                convergence.take_back(0)
+        if iteration == num_local == 0 and nonlinear_elimination is not None:
+            num_local = nonlinear_elimination.eliminate(steps, iterate, X)
+            if num_local:
+                convergence.discard_last(0)
                 continue
 
-        states = way.change(states)
-        if may_decide and convergence.is_doubtful(seen, is_held=not relief.bodies):
+        states = motion.predict(states)
+        if may_decide and convergence.needs_cone_problem(seen, is_supported=not relief.bodies):
             with timings.phase("solve"):
-                decided = solver.decided(R, steps, states, inertia, relief)
+                decided = solver.consistent_states(R, steps, states, inertia, relief)
             if decided is not None:
                 states = decided
                 R_contact = contact_residual(steps, states, (len(X), dim))
                 R = R_bulk - relief.force.ravel() + R_contact
-                R = way.pull(bulk.rigid.balance(nodes, R.reshape(-1, dim)).ravel(), states)
+                R = motion.add_forces(bulk.rigid.balance(nodes, R.reshape(-1, dim)).ravel(), states)
         with timings.phase("solve"):
             rtol = _forcing(convergence.norms, seen.target)
-            begins_in_contact = iteration == num_settled == 0 and seen.changed > 0
-            if begins_in_contact and solver.reduction_at_once <= _ROUGH_REDUCTION:
+            begins_in_contact = iteration == num_local == 0 and seen.changed > 0
+            if begins_in_contact and solver.one_application_reduction <= _ROUGH_REDUCTION:
                 rtol = max(rtol, _ROUGH_REDUCTION)
             if not inertia:
                 rtol = min(rtol, _STATIC_REDUCTION)
             du, dlambda = solver.solve(R, steps, states, rtol)
-        du = way.follow(relief.restrain(du))
+        du = motion.limit(relief.restrain(du))
         balanced = dlambda is None
         if dlambda is not None:
             for step, state, d in zip(steps, states, dlambda, strict=True):
@@ -210,21 +210,21 @@ def solve(
         longest = _LONGEST_FALL if bulk.rigid.has_no_inertia else _LONGEST_INCREMENT
         longest *= sizes.smallest
         if not bulk.rigid.has_no_inertia:
-            longest = max(longest, _ALONG * way.length)
+            longest = max(longest, _ALONG * motion.length)
         part = longest / du_norm if du_norm > longest else 1.0
-        if search is not None and not way.moves and seen.norm > _NEARLY_SOLVED * seen.target:
+        if search is not None and not motion.advances and seen.norm > _NEARLY_SOLVED * seen.target:
             search.begin(du, part, R, R_bulk)
         if part < 1:
             with np.errstate(invalid="ignore"):  # of a singular system, which is told
                 du = part * du
-        nodes[:] = way.go(nodes, du.reshape(-1, dim), part)
+        nodes[:] = motion.advance(nodes, du.reshape(-1, dim), part)
         if du_norm <= longest:
             x = X + in_space(nodes)
             with timings.phase("contact"):
                 for step, state in zip(steps, states, strict=True):
                     step.close_gaps(state, x, nodes)
         bulk.u.x.scatter_forward()
-        convergence.advance(du_norm, is_long=du_norm > longest)
+        convergence.count_increment(du_norm, is_long=du_norm > longest)
 
 
 def _forcing(norms: Sequence[float], target: float) -> float:

@@ -22,7 +22,7 @@ _logger = logging.getLogger("dolfinx_nts")
 
 # Kinds of factors: incomplete ones, those with fill, complete ones in single and in double
 # precision, complete ones of the derivative itself, and multigrid.
-_PLAIN, _FILLED, _ROUNDED, _COMPLETE, _EXACT, _MULTIGRID = range(6)
+_ILU0, _ILU1, _LU_SINGLE, _LU, _LDL_DERIVATIVE, _MULTIGRID = range(6)
 # Unknowns up to which a complete factorisation is cheaper than multigrid.
 _DIRECT_UP_TO = 50_000
 # Options of multigrid: one sweep with incomplete factors smooths best (stiff bodies).
@@ -74,22 +74,22 @@ class BulkPreconditioner:
         return self._last_kind if self._factors is None else str(self._factors)
 
     @property
-    def is_plain(self) -> bool:
+    def is_ilu0(self) -> bool:
         """Whether the factors are the first ones of the project's own choice."""
-        return self._kind == _PLAIN and not self._options.bulk
+        return self._kind == _ILU0 and not self._options.bulk
 
     @property
     def is_strong(self) -> bool:
         """Whether complete ones or multigrid have taken over."""
-        return self._kind > _FILLED
+        return self._kind > _ILU1
 
     @property
     def is_complete(self) -> bool:
         """Whether they are complete ones in double precision of a matrix near the derivative."""
-        return self._kind == _COMPLETE
+        return self._kind == _LU
 
     @property
-    def gives_way(self) -> bool:
+    def may_be_strengthened(self) -> bool:
         """Whether slow iterations are a reason for stronger factors.
 
         Those that the user has chosen have to fail before others take over.
@@ -99,15 +99,15 @@ class BulkPreconditioner:
     @property
     def has_responses(self) -> bool:
         """Whether `responses` are good and affordable: of factors with fill, or complete ones."""
-        return _MULTIGRID not in self._kinds and self._kind != _PLAIN
+        return _MULTIGRID not in self._kinds and self._kind != _ILU0
 
     def build(self) -> None:
         """Assemble and factorise the tangent, or the matrix near it. Collective."""
         self._tangent.assemble_nearby()
-        self._factors = self._factors or self._made()
+        self._factors = self._factors or self._new_factors()
         while not self._factors.build():
             self.strengthen()
-            self._factors = self._made()
+            self._factors = self._new_factors()
         self.point = self._tangent.point
         self.num_builds, self._last_kind = self.num_builds + 1, str(self._factors)
 
@@ -129,7 +129,7 @@ class BulkPreconditioner:
             _logger.warning(text, str(self))
         fully |= bool(self._options.bulk)
         at_once = fully and not self.is_strong
-        most = self._kinds.index(_MULTIGRID if _MULTIGRID in self._kinds else _COMPLETE)
+        most = self._kinds.index(_MULTIGRID if _MULTIGRID in self._kinds else _LU)
         self._strength = most if at_once else self._strength + 1
         self._factors = None
         return True
@@ -196,27 +196,27 @@ class BulkPreconditioner:
         """Kind of the present factors."""
         return self._kinds[self._strength]
 
-    def _made(self) -> "BlockILU | CompleteFactors | _PetscFactors":
+    def _new_factors(self) -> "BlockILU | CompleteFactors | _PetscFactors":
         """Factors of the present kind, without values. Collective."""
         tangent, options, kind = self._tangent, self._options, self._kind
-        if kind == _ROUNDED:
+        if kind == _LU_SINGLE:
             return CompleteFactors(tangent.rows, tangent.X)
         if self.is_strong:
             if kind == _MULTIGRID:
                 return _PetscFactors(lambda: _multigrid(tangent, f"{options.prefix}strong_"))
-            make = {_COMPLETE: _complete, _EXACT: _of_derivative}[kind]
+            make = {_LU: _lu_factors, _LDL_DERIVATIVE: _derivative_factors}[kind]
             return _PetscFactors(lambda: make(tangent))
         if options.bulk:
-            return _PetscFactors(lambda: _chosen(tangent, options))
-        return BlockILU(tangent.rows, fill=kind == _FILLED)
+            return _PetscFactors(lambda: _user_factors(tangent, options))
+        return BlockILU(tangent.rows, fill=kind == _ILU1)
 
 
 def _kinds(tangent: Tangent) -> Sequence[int]:
     """Kinds of factors of a tangent, each one stronger than those before. Local."""
     if tangent.num_unknowns > _DIRECT_UP_TO:
-        return _PLAIN, _FILLED, _MULTIGRID
-    rounded = (_ROUNDED,) if tangent.comm.size == 1 else ()
-    return _PLAIN, _FILLED, *rounded, _COMPLETE, _EXACT
+        return _ILU0, _ILU1, _MULTIGRID
+    rounded = (_LU_SINGLE,) if tangent.comm.size == 1 else ()
+    return _ILU0, _ILU1, *rounded, _LU, _LDL_DERIVATIVE
 
 
 class _PetscFactors:
@@ -261,7 +261,7 @@ class _PetscFactors:
         return x
 
 
-def _chosen(tangent: Tangent, options: PetscOptions) -> tuple[Any, ...]:
+def _user_factors(tangent: Tangent, options: PetscOptions) -> tuple[Any, ...]:
     """Preconditioner by the user's options. Collective."""
     kinds = {value for key, value in options.bulk.items() if key.endswith("pc_type")}
     others = any(key.endswith("mat_solver_type") for key in options.bulk)
@@ -270,12 +270,12 @@ def _chosen(tangent: Tangent, options: PetscOptions) -> tuple[Any, ...]:
         return (_from_options(matrix, matrix, options.bulk_prefix),)
 
 
-def _complete(tangent: Tangent) -> tuple[Any, ...]:
+def _lu_factors(tangent: Tangent) -> tuple[Any, ...]:
     """Complete factors by MUMPS. Collective."""
     return (mumps.factorised(tangent.matrix(scalar=True)),)
 
 
-def _of_derivative(tangent: Tangent) -> tuple[Any, ...]:
+def _derivative_factors(tangent: Tangent) -> tuple[Any, ...]:
     """Complete factors of the derivative where it is definite, elsewhere those near it. Collective.
 
     Where it is not, they would let the soft motions of an instability grow without bounds. Free
@@ -290,7 +290,7 @@ def _of_derivative(tangent: Tangent) -> tuple[Any, ...]:
         return (pc,)
     pc.destroy()
     tangent.assemble_nearby()
-    return _complete(tangent)
+    return _lu_factors(tangent)
 
 
 def _multigrid(tangent: Tangent, prefix: str) -> tuple[Any, ...]:

@@ -12,7 +12,7 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.contact_corrections import ContactCorrections
 from dolfinx_nts.solvers.elimination import Elimination
-from dolfinx_nts.solvers.falling_motion import falling_motion
+from dolfinx_nts.solvers.negative_curvature import negative_curvature_direction
 from dolfinx_nts.solvers.petsc_krylov import PetscKrylov
 from dolfinx_nts.solvers.petsc_options import PetscOptions
 from dolfinx_nts.solvers.preconditioner import BulkPreconditioner
@@ -204,7 +204,7 @@ class KrylovMethod:
             iterations += 1
         return gmres.solution(), iterations
 
-    def solve_roughly(self, b: Floats) -> Floats:
+    def precondition_once(self, b: Floats) -> Floats:
         """Solve as well as the preconditioner does by itself, in one iteration. Collective.
 
         Args:
@@ -222,7 +222,7 @@ class KrylovMethod:
         self._operator.elimination.constrain(x)
         return x
 
-    def falling_motion(self, weight: Floats, numbers: Floats) -> Floats | None:
+    def negative_curvature_direction(self, weight: Floats, numbers: Floats) -> Floats | None:
         """Motion along which the energy falls, by the present operator. Collective.
 
         Args:
@@ -251,7 +251,7 @@ class KrylovMethod:
         b = elimination.act(elimination.constrain(rest), weight * numbers)
         b = free(bulk.rigid.project(None, b))
         weights = np.broadcast_to(weight, numbers.shape).ravel()
-        motion = falling_motion(bulk.comm, b, weights, precondition, act)
+        motion = negative_curvature_direction(bulk.comm, b, weights, precondition, act)
         if motion is None:
             return None
         accuracy = 0.0  # to all digits: no round-off is told

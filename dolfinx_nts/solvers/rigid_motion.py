@@ -191,7 +191,7 @@ class RigidMotion(RigidStates):
         """Displacements u [m] after increments du, by which rigid bodies turn and do not stretch.
 
         Increments of rigid bodies are taken as free motions at u. In the others guides lead them
-        by ``led``, as of `Guides.led`.
+        by ``led``, as of `Guides.prescribed`.
         """
         result: Floats = u + du
         if not self.exists:
@@ -223,19 +223,19 @@ class RigidMotion(RigidStates):
         fields[:, 0] = 0.0
         return self._fields.put(fields, np.zeros_like(v))
 
-    def led(self, u: Floats) -> Floats:
+    def prescribed_displacement(self, u: Floats) -> Floats:
         """Part of the displacement to u in the step that guides give, where forces act [m]."""
         q_n, q, part = self._starts, self._fields.positions(*self._fields.sums(u)), self.part
         motions = rigid_motions((1 - part) * q_n + part * q)
-        return self._fields.put(combined(self.guides.led, motions), np.zeros_like(u))
+        return self._fields.put(combined(self.guides.prescribed, motions), np.zeros_like(u))
 
-    def ahead(self, u: Floats, part: float) -> Floats:
+    def remaining(self, u: Floats, part: float) -> Floats:
         """Ways on which guides lead bodies from u after a part of a step, to first order [m]."""
         way = np.zeros_like(u)
-        if not (self.exists and self.guides.move):
+        if not (self.exists and self.guides.are_moving):
             return way
         motions = rigid_motions(self._fields.positions(*self._fields.sums(u)))
-        return self._fields.put(combined(self.guides.ahead(part), motions), way)
+        return self._fields.put(combined(self.guides.remaining(part), motions), way)
 
     def columns(self) -> list[RigidColumns]:
         """Motions of each body in the unknowns of its nodes. Local."""

@@ -26,9 +26,9 @@ from dolfinx_nts.solvers.contact_blocks import ContactBlocks, rows_of, tangents_
 from dolfinx_nts.solvers.elimination import ActivePairs
 from dolfinx_nts.solvers.rigid_motion import RigidColumns
 from dolfinx_nts.solvers.rigid_reduction import Reduced, reduced
+from dolfinx_nts.solvers.ritz_curvature import lowest_ritz_vector
 from dolfinx_nts.solvers.tangent import Tangent
 from dolfinx_nts.solvers.whole_factors import WholeFactors, solved
-from dolfinx_nts.solvers.whole_stability import falling_ritz_motion
 
 __all__ = ["SaddlePointSystem"]
 
@@ -78,7 +78,7 @@ class _WholeSystem(NamedTuple):
         return x
 
     def condensed(self, is_point: Flags, present: Floats) -> tuple[Floats, Floats] | None:
-        """How forces at points move them, see `contact_decisions.System`. Local."""
+        """How forces at points move them, see `CondensedSystem`. Local."""
         mine = np.zeros(len(self.right), dtype=bool)
         mine[self.is_multiplier] = is_point
         A, right = self.matrix, self.right
@@ -142,11 +142,11 @@ class SaddlePointSystem:
     def condensed(
         self, R: Floats, pairs: Sequence[ActivePairs], is_point: Flags, present: Floats
     ) -> tuple[Floats, Floats] | None:
-        """How forces at points move them, see `contact_decisions.System`. Collective."""
+        """How forces at points move them, see `CondensedSystem`. Collective."""
         whole = self._whole(R, pairs)
         return None if whole is None else whole.condensed(is_point, present)
 
-    def falling_motion(
+    def negative_curvature_direction(
         self, pairs: Sequence[ActivePairs], forces: Floats, stiffness: Floats
     ) -> Floats | None:
         """Motion along which the energy falls from an equilibrium. Collective.
@@ -185,7 +185,7 @@ class SaddlePointSystem:
 
         motion = None
         if (factors.num_negative or 0) > num_multipliers:
-            motion = falling_ritz_motion(self.comm, forces, stiffness, solve)
+            motion = lowest_ritz_vector(self.comm, forces, stiffness, solve)
         factors.destroy()
         for item in (known, other, A, *(system or ())):
             item.destroy()

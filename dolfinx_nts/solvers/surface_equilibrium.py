@@ -15,7 +15,7 @@ from dolfinx import fem
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.held_gaps import HeldGaps, Holds
+from dolfinx_nts.solvers.gap_constraints import GapConstraints, KeptGaps
 from dolfinx_nts.solvers.shells import shell_matrix, use_shell
 from dolfinx_nts.solvers.surface_forces import SurfaceForces
 
@@ -77,7 +77,7 @@ class SurfaceEquilibrium:
 
     def find(
         self,
-        holds: Sequence[Holds],
+        holds: Sequence[KeptGaps],
         affordable: Callable[[Floats], Floats],
         damping: Floats | float,
     ) -> Floats:
@@ -101,12 +101,14 @@ class SurfaceEquilibrium:
 
     def _find(
         self,
-        holds: Sequence[Holds],
+        holds: Sequence[KeptGaps],
         affordable: Callable[[Floats], Floats],
         damping: Floats | float,
     ) -> Floats:
         r = -self._forces.at_nodes()
-        self._held = HeldGaps(self._comm, holds, self.nodes, self._forces.free, self._stiffness)
+        self._held = GapConstraints(
+            self._comm, holds, self.nodes, self._forces.free, self._stiffness
+        )
         x = self._held.shortest()
         if reductions.anywhere(self._comm, bool(x.any())):
             Kx = self._static(x)

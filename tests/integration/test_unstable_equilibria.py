@@ -227,7 +227,7 @@ def test_the_search_takes_few_products_and_nothing_else(caplog, monkeypatch):
 
     searched, some = run()
     assert not told(caplog)
-    monkeypatch.setattr(LinearSolver, "falling_motion", lambda *arguments: None)
+    monkeypatch.setattr(LinearSolver, "negative_curvature_direction", lambda *arguments: None)
     usual, none = run()
     np.testing.assert_array_equal(searched.u.x.array, usual.u.x.array)
     for name in ("builds", "schwarz_builds", "direct", "tangents", "residuals", "iterations"):

@@ -174,7 +174,7 @@ def test_resumed_run_repeats_every_digit(comm, tmp_path):
     first, second = (scene.stepper for scene in runs)
     for _ in range(3):
         first.advance()
-    assert first._solver._contacts.reach_far
+    assert first._solver._contacts.uses_complement
     checkpoint.save(tmp_path / "run.h5", first)
     checkpoint.load(tmp_path / "run.h5", second)
     for stepper in (first, second):

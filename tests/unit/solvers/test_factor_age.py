@@ -18,7 +18,7 @@ FEW, MORE, MANY = 24, 36, 90  # iterations in them
 class Factors:
     """Factors that are as strong as they were made."""
 
-    point, is_strong, is_plain, is_complete, gives_way = None, True, False, False, True
+    point, is_strong, is_ilu0, is_complete, may_be_strengthened = None, True, False, False, True
 
     def __init__(self):
         """Begin without any."""
@@ -65,15 +65,15 @@ def test_a_hard_first_step_does_not_excuse_what_age_costs_later():
 
 def test_solves_without_contact_say_nothing_of_an_impact():
     age, factors = made()
-    factors.is_plain = True
+    factors.is_ilu0 = True
     for _ in range(2):
         age.count(FEW, DECADES)
-    assert np.isnan(age.reduction_at_once)
+    assert np.isnan(age.one_application_reduction)
     age.count(MANY, DECADES, in_contact=True)
-    slow = age.reduction_at_once
+    slow = age.one_application_reduction
     for _ in range(3):
         age.count(FEW, DECADES)
-    assert age.reduction_at_once == slow == pytest.approx(10 ** (-DECADES / MANY))
+    assert age.one_application_reduction == slow == pytest.approx(10 ** (-DECADES / MANY))
 
 
 def test_factors_that_are_slow_from_the_start_give_way_within_their_first_step():

@@ -82,7 +82,7 @@ def test_direct_solver_alone_gives_the_same_steps(comm, monkeypatch, friction):
         if direct:
             monkeypatch.setattr(ActiveSets, "are_coupled", lambda *_: True)
             # Decisions on all points at once would save iterations.
-            monkeypatch.setattr(LinearSolver, "decided", lambda *_: None)
+            monkeypatch.setattr(LinearSolver, "consistent_states", lambda *_: None)
         iterations.append([scene.stepper.advance().newton_iterations for _ in range(10)])
         ends.append(scene.positions())
         assert (scene.stepper.statistics.solver.num_direct > 0) == direct
@@ -127,7 +127,7 @@ def test_rough_solutions_take_one_application_of_the_preconditioner(comm, monkey
     solve, products, errors = solver.solve, [], []
 
     def rough(R, steps, states, rtol):
-        reduction, before = solver.reduction_at_once, bulk.num_assembled[1]
+        reduction, before = solver.one_application_reduction, bulk.num_assembled[1]
         if not reduction > 0:
             return solve(R, steps, states, rtol)
         du, _ = solve(R, steps, states, reduction)

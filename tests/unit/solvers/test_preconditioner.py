@@ -64,7 +64,7 @@ def default():
     """
     stepper = scenes.blocks(scenes.MPI.COMM_WORLD).stepper
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(krylov.LinearSolver, "reduction_at_once", math.nan)
+        patch.setattr(krylov.LinearSolver, "one_application_reduction", math.nan)
         for _ in range(NUM_STEPS):
             stepper.advance()
     return positions(stepper), stepper.statistics.solver.num_iterations
@@ -307,7 +307,7 @@ def test_plastic_flow_takes_factors_of_the_derivative_itself(comm, agree):
     for _ in range(5):
         stepper.advance()
     factors, before = stepper._solver._preconditioner, Snapshot()
-    assert agree(not (factors.gives_way or factors.is_complete))
+    assert agree(not (factors.may_be_strengthened or factors.is_complete))
     stepper.serialize(before)
     iterations = stepper.statistics.solver.num_iterations
     num_newton = stepper.advance().newton_iterations

@@ -42,7 +42,7 @@ def test_counts_are_those_of_the_calls(comm, monkeypatch, direct):
         count(name, owner, method)
     count("num_actions", Bulk, "rounded_action")
     count("products", Operator, "act")
-    count("rough", KrylovMethod, "solve_roughly")
+    count("rough", KrylovMethod, "precondition_once")
     if direct:
         monkeypatch.setattr(ActiveSets, "are_coupled", lambda *_: True)
     scene = scenes.blocks(comm)

@@ -6,8 +6,8 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts.meshing import parts
-from dolfinx_nts.solvers import gradual_way
-from dolfinx_nts.solvers.gradual_way import behind, largest_strain
+from dolfinx_nts.solvers import substepped_motion
+from dolfinx_nts.solvers.substepped_motion import boundary_increment, largest_strain
 from helpers.once import once, once_except
 
 # Of energies and forces, relative: displacements are known to the tolerance of Newton's method.
@@ -134,9 +134,9 @@ def test_forces_of_the_way_are_those_of_the_residual(comm, rng):
     bulk = stepper._bulk
     u = bulk.u.x.array
     u[:] = 0.01 * rng.normal(size=u.size)
-    way = behind(bulk)
+    way = boundary_increment(bulk)
     assert not np.any(np.delete(way.ravel(), bulk.supports.fixed))
-    expected, before, errors = bulk.action(way, moves_given=True).ravel(), u.copy(), []
+    expected, before, errors = bulk.action(way, includes_given=True).ravel(), u.copy(), []
     for part in (1e-3, 5e-4):
         u[:] = before + part * way.ravel()
         after = bulk.forces()
@@ -147,7 +147,7 @@ def test_forces_of_the_way_are_those_of_the_residual(comm, rng):
     assert errors[1] == pytest.approx(errors[0] / 4, rel=0.1)
     u[:] = before
     u[:] = bulk.supports.applied(u)
-    assert behind(bulk) is None
+    assert boundary_increment(bulk) is None
 
 
 @pytest.mark.serial
@@ -167,9 +167,9 @@ def test_a_rest_of_the_way_is_not_waited_for(comm, monkeypatch):
         strains.append(largest_strain(bulk, du))
         return strains[-1]
 
-    monkeypatch.setattr(gradual_way, "largest_strain", measured)
+    monkeypatch.setattr(substepped_motion, "largest_strain", measured)
     few = press(comm, nts.SaintVenantKirchhoff, 0.05, nu=0.3).advance().newton_iterations
-    monkeypatch.setattr(gradual_way, "_LARGEST_STRAIN", strains[0] * (1 - 1e-11))
+    monkeypatch.setattr(substepped_motion, "_LARGEST_STRAIN", strains[0] * (1 - 1e-11))
     report = press(comm, nts.SaintVenantKirchhoff, 0.05, nu=0.3).advance()
     assert report.newton_iterations <= few + 1
 

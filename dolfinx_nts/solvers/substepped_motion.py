@@ -25,9 +25,9 @@ from dolfinx_nts.contact.implicit.meeting import until_met
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
-from dolfinx_nts.solvers.given_way import GivenWay
+from dolfinx_nts.solvers.prescribed_motion import PrescribedMotion
 
-__all__ = ["GradualWay", "behind", "largest_strain"]
+__all__ = ["SubsteppedMotion", "boundary_increment", "largest_strain"]
 
 # Largest change of displacements within a cell in an increment with a given way, relative to
 # the size of the cell [-].
@@ -42,8 +42,8 @@ _REST, _ROUND_OFF = 1e-6, 1e-12
 _ADVANCE = 1e-2
 
 
-class GradualWay(GivenWay):
-    """What is led goes part by part, see `GivenWay`, from where the bodies are.
+class SubsteppedMotion(PrescribedMotion):
+    """What is led goes part by part, see `PrescribedMotion`, from where the bodies are.
 
     Args:
         bulk: Residual of the bodies, whose ``u`` is that of the last state.
@@ -64,123 +64,127 @@ class GradualWay(GivenWay):
         """Lead obstacles to the beginning."""
         super().__init__(bulk, steps)
         self._stiffness, self._size, self._length = stiffness, size, length
-        self._part = self._next = 0.0
+        self._fraction = self._next_fraction = 0.0
         self._has_begun, self._increments = False, 0
         self._changes: list[Floats] = []
         self._place_obstacles(0.0)
 
     @property
-    def is_over(self) -> bool:
+    def is_complete(self) -> bool:
         """Whether all has gone its way."""
-        return self._part == 1.0
+        return self._fraction == 1.0
 
     @property
-    def moves(self) -> bool:
+    def advances(self) -> bool:
         """Whether bodies have followed what is led, so that it goes on."""
-        return self._next > self._part
+        return self._next_fraction > self._fraction
 
     @property
     def length(self) -> float:
         """Part of the largest way that follows in this iteration [m]."""
-        return (self._next - self._part) * self._length
+        return (self._next_fraction - self._fraction) * self._length
 
-    def leave(self) -> None:
+    def finish(self) -> None:
         """Let all be at the ends of their ways."""
-        super().leave()
-        self._part = 1.0
+        super().finish()
+        self._fraction = 1.0
 
-    def pull(
+    def add_forces(
         self, R: Floats, states: Sequence[ContactContribution], target: float | None = None
     ) -> Floats:
-        """Add the forces of the way, also of what nodes resist in contact, see `GivenWay`."""
-        if self.is_over:
+        """Add the forces of the prescribed increment, see `PrescribedMotion`."""
+        if self.is_complete:
             return R
         bulk = self._bulk
-        way = self._ahead()
-        forces = bulk.action(way, moves_given=True)
+        way = self._remaining()
+        forces = bulk.action(way, includes_given=True)
         self._changes, resisted = [], 0.0
         for step, state in zip(self._steps, states, strict=True):
             changes, change = changes_ahead(step, state.pairs, way)
             self._changes.append(changes)
             forces += change[:, : way.shape[1]]
-            resisted += self._resisted(step, state, changes)
+            resisted += self._squared_resistance(step, state, changes)
         forces.ravel()[bulk.given] = 0
         forces = bulk.rigid.project(None, forces).ravel()
         if target is not None:
             squares = np.array([R @ R, forces @ forces + resisted])
             squares = reductions.total(bulk.comm, squares)
             has_followed = squares[0] <= max(_FOLLOWED**2 * squares[1], target**2)
-            is_rest = 1 - self._part <= _REST
+            is_rest = 1 - self._fraction <= _REST
             moves = not self._has_begun or has_followed or is_rest
-            self._next, self._has_begun = 1.0 if moves else self._part, True
-        return R + forces if self.moves else R
+            self._next_fraction, self._has_begun = 1.0 if moves else self._fraction, True
+        return R + forces if self.advances else R
 
-    def _resisted(self, step: ContactStep, state: ContactContribution, changes: Floats) -> float:
+    def _squared_resistance(
+        self, step: ContactStep, state: ContactContribution, changes: Floats
+    ) -> float:
         """Square of the forces by which nodes resist changes of their constraints [N^2]. Local."""
         stiffness = self._stiffness[step.state.nodes.nodes[state.pairs.node]]
         held = changes * (np.arange(3) < state.rank[:, None])
         return float(((stiffness[:, None] * held) ** 2).sum())
 
-    def change(self, states: Sequence[ContactContribution]) -> tuple[ContactContribution, ...]:
-        """Let constraints see the changes of the last `pull`, see `GivenWay`."""
-        if not self.moves:
-            return super().change(states)
+    def predict(self, states: Sequence[ContactContribution]) -> tuple[ContactContribution, ...]:
+        """Let constraints see the changes of the last `add_forces`, see `PrescribedMotion`."""
+        if not self.advances:
+            return super().predict(states)
         return tuple(
             state._replace(pairs=changed(state.pairs, changes))
             for state, changes in zip(states, self._changes, strict=True)
         )
 
-    def follow(self, du: Floats) -> Floats:
-        """Let supports go along, as far as cells can follow, see `GivenWay`."""
-        if not self.moves:
-            return super().follow(du)
-        if (left := behind(self._bulk)) is not None:
+    def limit(self, du: Floats) -> Floats:
+        """Let supports go along, as far as cells can follow, see `PrescribedMotion`."""
+        if not self.advances:
+            return super().limit(du)
+        if (left := boundary_increment(self._bulk)) is not None:
             du = du + left.ravel()
         strain = largest_strain(self._bulk, du)
-        part = min(_LARGEST_STRAIN / max(strain, _LARGEST_STRAIN), self._until_met(du))
+        part = min(_LARGEST_STRAIN / max(strain, _LARGEST_STRAIN), self._fraction_until_contact(du))
         if part == 1.0:
             return du
-        self._next = self._part + part * (1 - self._part)
+        self._next_fraction = self._fraction + part * (1 - self._fraction)
         return part * du
 
-    def _until_met(self, du: Floats) -> float:
+    def _fraction_until_contact(self, du: Floats) -> float:
         """Part of an increment of all nodes after which others are met deep enough."""
         bulk = self._bulk
         nodes = bulk.u.x.array[: bulk.num_owned].reshape(-1, bulk.rigid.dim)
-        way = du.reshape(nodes.shape) + bulk.rigid.ahead(nodes, self._part)
+        way = du.reshape(nodes.shape) + bulk.rigid.remaining(nodes, self._fraction)
         parts = [until_met(step, way, self._size) for step in self._steps]
         return reductions.least(bulk.comm, min(parts, default=1.0))
 
-    def go(self, nodes: Floats, du: Floats, part: float) -> Floats:
-        """Go the same part of the way with all that is led, see `GivenWay`."""
-        bulk, last = self._bulk, self._part
+    def advance(self, nodes: Floats, du: Floats, part: float) -> Floats:
+        """Go the same part of the way with all that is led, see `PrescribedMotion`."""
+        bulk, last = self._bulk, self._fraction
         self._increments += 1
-        if not self.moves:
-            return super().go(nodes, du, part)
-        self._part += part * (self._next - last) if part < 1 else self._next - last
-        if 1 - self._part <= _ROUND_OFF:
-            self._part = 1.0
-        self._next = self._part
-        if self._part - last > _ADVANCE * (1 - last):
+        if not self.advances:
+            return super().advance(nodes, du, part)
+        self._fraction += (
+            part * (self._next_fraction - last) if part < 1 else self._next_fraction - last
+        )
+        if 1 - self._fraction <= _ROUND_OFF:
+            self._fraction = 1.0
+        self._next_fraction = self._fraction
+        if self._fraction - last > _ADVANCE * (1 - last):
             self.duration = self._increments
-        self._place_obstacles(self._part)
-        moved = bulk.rigid.moved(nodes, du, bulk.rigid.guides.led_between(last, self._part))
-        if self.is_over:
+        self._place_obstacles(self._fraction)
+        moved = bulk.rigid.moved(nodes, du, bulk.rigid.guides.motion_between(last, self._fraction))
+        if self.is_complete:
             u = bulk.u.x.array.copy()
             u[: bulk.num_owned] = moved.ravel()
             moved = bulk.supports.applied(u)[: bulk.num_owned].reshape(moved.shape)
         return moved
 
-    def _ahead(self) -> Floats:
+    def _remaining(self) -> Floats:
         """Ways that are left to first order, at the owned nodes, shape ``(n, d)`` [m]."""
         bulk = self._bulk
         nodes = bulk.u.x.array[: bulk.num_owned].reshape(-1, bulk.rigid.dim)
-        way = bulk.rigid.ahead(nodes, self._part)
-        left = behind(bulk)
+        way = bulk.rigid.remaining(nodes, self._fraction)
+        left = boundary_increment(bulk)
         return way if left is None else way + left
 
 
-def behind(bulk: Bulk) -> Floats | None:
+def boundary_increment(bulk: Bulk) -> Floats | None:
     """Displacements by which u is behind its conditions. Collective.
 
     Returns:

@@ -17,7 +17,7 @@ import numpy as np
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["falling_ritz_motion"]
+__all__ = ["lowest_ritz_vector"]
 
 # Rounds after which the lowest motion so far has to do.
 _ROUNDS = 6
@@ -25,7 +25,7 @@ _ROUNDS = 6
 _DEPENDENT = 1e-10
 
 
-def falling_ritz_motion(
+def lowest_ritz_vector(
     comm: MPI.Comm, forces: Floats, stiffness: Floats, solve: Callable[[Floats], Floats]
 ) -> Floats:
     """Find a motion of negative curvature where there is one. Collective.

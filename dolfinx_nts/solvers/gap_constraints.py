@@ -12,7 +12,7 @@ from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.scatter import NodalScatter
 
-__all__ = ["HeldGaps", "Holds"]
+__all__ = ["GapConstraints", "KeptGaps"]
 
 # Part of a gradient [-] that is left where nodes are free, below which others decide on the gap.
 _NO_FREEDOM = 1e-3
@@ -25,7 +25,7 @@ _ROUND_OFF = 4 * float(np.finfo(np.float64).eps)
 _SLIDING_PASSES = 4
 
 
-class Holds(NamedTuple):
+class KeptGaps(NamedTuple):
     """Gaps of one pair that are kept or closed, and slips that are kept.
 
     Attributes:
@@ -34,14 +34,14 @@ class Holds(NamedTuple):
         gradient: Gradient of each by these, shape ``(m, 3 k)``.
         force: Force that holds it, per multiplier, shape ``(m, 3 k)``: the gradient, and where
             nodes slide the friction that scales with it.
-        way: How far each opens, shape ``(m,)`` [m].
+        opening: How far each opens, shape ``(m,)`` [m].
     """
 
     scatter: NodalScatter
     dofs: Ints
     gradient: Floats
     force: Floats
-    way: Floats
+    opening: Floats
 
 
 class _SomeNodes:
@@ -85,8 +85,8 @@ class _Rows(NamedTuple):
     force: Floats
 
 
-class HeldGaps:
-    """Constraints G x = way on nodal vectors x. Collective, as are its methods.
+class GapConstraints:
+    """Constraints G x = opening on nodal vectors x. Collective, as are its methods.
 
     They are met by least squares, so that they may contradict each other, or come twice. In the
     plane nodal vectors have two components, and rows across it hold nothing.
@@ -104,13 +104,18 @@ class HeldGaps:
     """
 
     def __init__(
-        self, comm: MPI.Comm, holds: Sequence[Holds], nodes: Ints, free: Floats, stiffness: Floats
+        self,
+        comm: MPI.Comm,
+        holds: Sequence[KeptGaps],
+        nodes: Ints,
+        free: Floats,
+        stiffness: Floats,
     ) -> None:
         """Scale all gradients to unit length."""
         self._comm, self._root, self._shape = comm, np.sqrt(stiffness), free.shape
         weight = free / self._root
         self._rows: list[_Rows] = []
-        ways, slides, end = [np.empty(0)], False, 0
+        openings, slides, end = [np.empty(0)], False, 0
         for hold in holds:
             shape = (*hold.dofs.shape, 3)
             gradient, force = hold.gradient.reshape(shape), hold.force.reshape(shape)
@@ -135,20 +140,20 @@ class HeldGaps:
                     np.take_along_axis(scaled * force, first[:, :, None], axis=1),
                 )
             )
-            ways.append(hold.way / length)
-        self._way = np.concatenate(ways)
+            openings.append(hold.opening / length)
+        self._opening = np.concatenate(openings)
         ones = [rows.gradient.any(axis=2, keepdims=True) * np.ones(3) for rows in self._rows]
-        most = self._sum(ones, np.ones(len(self._way))).max(initial=0.0)
+        most = self._sum(ones, np.ones(len(self._opening))).max(initial=0.0)
         self._share_no_nodes = bool(reductions.largest(comm, float(most)) <= 1)
         self.slides = reductions.anywhere(comm, slides)
-        exists = reductions.anywhere(comm, len(self._way) > 0)
+        exists = reductions.anywhere(comm, len(self._opening) > 0)
         self._passes = _SLIDING_PASSES if self.slides else int(exists)
 
     def shortest(self) -> Floats:
         """Shortest x that meets them, as far as any does, shape ``(n, d)`` [m]."""
-        if not reductions.anywhere(self._comm, bool(self._way.any())):
+        if not reductions.anywhere(self._comm, bool(self._opening.any())):
             return np.zeros(self._shape)
-        x, _ = self._least_squares(self._times, self._transposed, self._way)
+        x, _ = self._least_squares(self._times, self._transposed, self._opening)
         x /= self._root
         return x
 
@@ -167,7 +172,7 @@ class HeldGaps:
 
     def _times(self, x: Floats) -> Floats:
         """Multiply the gradients by nodal values, ``(n, d)``; shape ``(m,)``."""
-        products = np.empty(len(self._way))
+        products = np.empty(len(self._opening))
         for rows in self._rows:
             values = rows.nodes.forward(x)[rows.dofs]
             np.einsum("mki,mki->m", rows.gradient, values, out=products[rows.which])

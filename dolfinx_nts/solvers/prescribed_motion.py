@@ -7,11 +7,11 @@ from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.solvers.bulk import Bulk
 
-__all__ = ["GivenWay"]
+__all__ = ["PrescribedMotion"]
 
 
-class GivenWay:
-    """What is led has still to go in a solution: nothing, unless `GradualWay` says otherwise.
+class PrescribedMotion:
+    """What is led has still to go in a solution: nothing, unless `SubsteppedMotion` says otherwise.
 
     Supports, guides of rigid bodies and obstacles are led. Methods are local unless noted.
 
@@ -30,12 +30,12 @@ class GivenWay:
         self._place_obstacles(1.0)
 
     @property
-    def is_over(self) -> bool:
+    def is_complete(self) -> bool:
         """Whether all is where it is led to."""
         return True
 
     @property
-    def moves(self) -> bool:
+    def advances(self) -> bool:
         """Whether what is led goes a part of its way in this iteration."""
         return False
 
@@ -44,11 +44,11 @@ class GivenWay:
         """Largest way of what is led in this iteration [m]."""
         return 0.0
 
-    def leave(self) -> None:
+    def finish(self) -> None:
         """Let obstacles be at the ends of their ways."""
         self._place_obstacles(1.0)
 
-    def pull(
+    def add_forces(
         self, R: Floats, states: Sequence[ContactContribution], target: float | None = None
     ) -> Floats:
         """Add the forces of the way that is gone in this iteration to a residual. Collective.
@@ -61,22 +61,22 @@ class GivenWay:
         """
         return R
 
-    def change(self, states: Sequence[ContactContribution]) -> tuple[ContactContribution, ...]:
+    def predict(self, states: Sequence[ContactContribution]) -> tuple[ContactContribution, ...]:
         """Let constraints see gaps and slips at the end of the way of this iteration.
 
-        ``states`` are those of the last `pull`.
+        ``states`` are those of the last `add_forces`.
         """
         return tuple(states)
 
-    def follow(self, du: Floats) -> Floats:
+    def limit(self, du: Floats) -> Floats:
         """Increment of all nodes, shape ``(d n,)`` [m], with that of supports in its place.
 
         It is so short that cells can follow, also where nodes meet others. Collective.
         """
         return du
 
-    def go(self, nodes: Floats, du: Floats, part: float) -> Floats:
-        """Displacements after a part of the increment that `follow` has returned. Collective.
+    def advance(self, nodes: Floats, du: Floats, part: float) -> Floats:
+        """Displacements after a part of the increment that `limit` has returned. Collective.
 
         Args:
             nodes: Displacements of the owned nodes, shape ``(n, d)`` [m].

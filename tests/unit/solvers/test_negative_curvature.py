@@ -5,7 +5,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 
-from dolfinx_nts.solvers.falling_motion import falling_motion
+from dolfinx_nts.solvers.negative_curvature import negative_curvature_direction
 
 SIZE, TRIALS = 40, 200
 
@@ -28,7 +28,7 @@ def searched(rng, least: float):
         return A @ x
 
     b = weight * rng.standard_normal(SIZE)
-    found = falling_motion(MPI.COMM_SELF, b, weight, lambda r: inverse @ r, act)
+    found = negative_curvature_direction(MPI.COMM_SELF, b, weight, lambda r: inverse @ r, act)
     return A, found, len(products)
 
 
@@ -57,4 +57,7 @@ def test_a_preconditioner_that_is_not_symmetric_gives_no_false_alarm(rng):
         B = np.eye(SIZE) + 0.3 * rng.standard_normal((SIZE, SIZE)) / np.sqrt(SIZE)
         weight = np.sqrt(np.diag(A))
         b = weight * rng.standard_normal(SIZE)
-        assert falling_motion(MPI.COMM_SELF, b, weight, B.__matmul__, A.__matmul__) is None
+        assert (
+            negative_curvature_direction(MPI.COMM_SELF, b, weight, B.__matmul__, A.__matmul__)
+            is None
+        )

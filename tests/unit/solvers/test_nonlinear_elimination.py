@@ -7,7 +7,7 @@ import pytest
 
 import dolfinx_nts as nts
 from benchmarks.scenes import ball_on_plate
-from dolfinx_nts.solvers import contact_surroundings
+from dolfinx_nts.solvers import nonlinear_elimination
 from helpers import scenes
 from helpers.once import once
 
@@ -33,7 +33,7 @@ def run(stepper, until=LAST):
 @pytest.mark.parametrize("scheme", ["EM elastic", "EM mortar"])
 def test_struck_nodes_cost_no_iterations_of_all_others(comm, agree, scheme, mu):
     stepper, usual = (impact(comm, scheme, mu) for _ in range(2))
-    usual._step_solver._common["surroundings"] = None
+    usual._step_solver._common["nonlinear_elimination"] = None
     iterations, without = run(stepper), run(usual)
     assert agree(sum(iterations) <= sum(without) - len(without) // 2)
     work, usual_work = (some.statistics.solver for some in (stepper, usual))
@@ -79,7 +79,7 @@ def test_some_nodes_move_as_if_all_others_were_held(comm, rng, agree):
     y = 1e-3 * rng.standard_normal((len(own), 3))
     forces, of_all = bulk.forces().reshape(-1, 3), bulk.action(y)
     expected, num_cells = bulk.action(np.where(own[:, None], y, 0.0)), bulk.num_cells
-    with contact_surroundings._alone(bulk, nodes):
+    with nonlinear_elimination._alone(bulk, nodes):
         assert comm.allreduce(bulk.num_cells) < comm.allreduce(num_cells)
         same = bulk.forces().reshape(-1, 3)[own]
         scale = comm.allreduce(np.abs(forces).max(initial=0.0), op=MPI.MAX)

@@ -22,7 +22,7 @@ import numpy as np
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["falling_motion"]
+__all__ = ["negative_curvature_direction"]
 
 # Residual that ends the search, in parts of the random force of one unknown [-].
 _LEFT = 0.03
@@ -33,7 +33,7 @@ _NEGATIVE = -1e-3
 _MOST = 30
 
 
-def falling_motion(
+def negative_curvature_direction(
     comm: MPI.Comm,
     b: Floats,
     weight: Floats,

@@ -24,10 +24,10 @@ from dolfinx_nts.solvers import friction_cones
 from dolfinx_nts.solvers.elimination import ActivePairs
 from dolfinx_nts.solvers.friction_cones import ConeSolution
 
-__all__ = ["System", "decided", "may_be_decided"]
+__all__ = ["CondensedSystem", "has_cone_problem", "solve_cone_problem"]
 
 
-class System(Protocol):
+class CondensedSystem(Protocol):
     """Condenses a linear system to points of contact."""
 
     def __call__(
@@ -47,7 +47,7 @@ class System(Protocol):
         """
 
 
-def may_be_decided(steps: Sequence[ContactStep], inertia: bool) -> bool:
+def has_cone_problem(steps: Sequence[ContactStep], inertia: bool) -> bool:
     """Whether there are pairs on which is to be decided. Local, the same on all ranks.
 
     With inertia active sets without friction are found node by node. Without, bodies that contact
@@ -58,8 +58,8 @@ def may_be_decided(steps: Sequence[ContactStep], inertia: bool) -> bool:
     )
 
 
-def decided(
-    system: System,
+def solve_cone_problem(
+    system: CondensedSystem,
     comm: MPI.Comm,
     R: Floats,
     steps: Sequence[ContactStep],
@@ -84,7 +84,7 @@ def decided(
     takes_part = [bool(n) and _takes_part(step) for n, step in zip(near, steps, strict=True)]
     deciding = [i for i, takes in enumerate(takes_part) if takes]
     laws = {i: law for i in deciding if (law := steps[i].friction.decided) is not None}
-    if not may_be_decided([steps[i] for i in deciding], inertia):
+    if not has_cone_problem([steps[i] for i in deciding], inertia):
         return None
     dim = dimension(steps[0].state.nodes.V)
     pairs, is_decided = [], []
@@ -140,7 +140,7 @@ def _with_all_rows(state: ContactContribution, dim: int) -> ContactContribution:
 
 
 def _solution(W: Floats, q: Floats, mu: Floats, dim: int) -> ConeSolution | None:
-    """Forces and motions of ``m`` points that obey Coulomb's law, see `System`. Local.
+    """Forces and motions of ``m`` points that obey Coulomb's law, see `CondensedSystem`. Local.
 
     ``mu`` are coefficients of friction, shape ``(m,)`` [-].
     """

@@ -7,7 +7,7 @@ import pytest
 from dolfinx import fem, mesh
 
 from dolfinx_nts.search.scatter import NodalScatter
-from dolfinx_nts.solvers.held_gaps import HeldGaps, Holds
+from dolfinx_nts.solvers.gap_constraints import GapConstraints, KeptGaps
 
 pytestmark = pytest.mark.serial
 
@@ -47,11 +47,11 @@ def held(rows, way, friction=0.0, repeat=1):
     order = np.tile(np.arange(NUM_ROWS), repeat)
     force = (gradient + friction).reshape(NUM_ROWS, -1)
     holds = [
-        Holds(scatter, dofs[i], gradient.reshape(NUM_ROWS, -1)[i], force[i], way[i])
+        KeptGaps(scatter, dofs[i], gradient.reshape(NUM_ROWS, -1)[i], force[i], way[i])
         for i in np.split(order, [3])
     ]
     nodes = moving(free)
-    return HeldGaps(MPI.COMM_SELF, holds, nodes, free[nodes], stiffness[nodes])
+    return GapConstraints(MPI.COMM_SELF, holds, nodes, free[nodes], stiffness[nodes])
 
 
 @pytest.mark.parametrize("repeat", [1, 2])

@@ -26,7 +26,7 @@ from dolfinx_nts.solvers.cell_sizes import CellSizes
 from dolfinx_nts.solvers.convergence import Iterate
 from dolfinx_nts.solvers.krylov import LinearSolver
 
-__all__ = ["ContactSurroundings"]
+__all__ = ["NonlinearElimination"]
 
 # Number of cells between contacts and the farthest nodes that move.
 _RINGS = 2
@@ -40,7 +40,7 @@ _FAR, _MOST_NODES = 0.015, 0.125
 _LONGEST = 0.5
 
 
-class ContactSurroundings:
+class NonlinearElimination:
     """Moves the nodes around contacts. Collective, as all its methods.
 
     Args:
@@ -54,7 +54,7 @@ class ContactSurroundings:
         self._bulk, self._solver, self._sizes = bulk, solver, sizes
         self._marker = la.vector(bulk.u.function_space.dofmap.index_map)
 
-    def settle(self, steps: Sequence[ContactStep], start: Iterate, X: Floats) -> int:
+    def eliminate(self, steps: Sequence[ContactStep], start: Iterate, X: Floats) -> int:
         """Let nodes around contacts find their equilibrium, if they have far to go.
 
         Args:
@@ -99,7 +99,7 @@ class ContactSurroundings:
         return not longest <= _LONGEST * self._sizes.smallest
 
     def _move(self, nodes: Flags, steps: Sequence[ContactStep], start: Iterate, X: Floats) -> int:
-        """Take the steps, with all other nodes given; see `settle` for what is returned."""
+        """Take the steps, with all other nodes given; see `eliminate` for what is returned."""
         bulk, dim = self._bulk, self._bulk.rigid.dim
         u = bulk.u.x.array[: bulk.num_owned].reshape(-1, dim)
         R, states = start.R.copy(), start.states
