@@ -1,4 +1,4 @@
-"""Active sets: how they are told apart, and whether their pairs can be eliminated."""
+"""Numbers of active sets, and whether their multipliers can be eliminated."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -16,7 +16,7 @@ __all__ = ["ActiveSets"]
 
 
 class ActiveSets:
-    """Numbers active sets as they follow each other, and equal ones alike.
+    """Numbers the active sets of successive iterations; equal sets share a number.
 
     Args:
         comm: Communicator.
@@ -26,17 +26,16 @@ class ActiveSets:
     """
 
     def __init__(self, comm: MPI.Comm) -> None:
-        """Create the counter, which has seen no set."""
         self._comm = comm
         self._last: Sequence[Array] | None = None
-        self._is_coupled: bool | None = None  # not looked at
+        self._is_coupled: bool | None = None  # not determined yet
         self.version = 0
 
     def number(self, pairs: Sequence[ActivePairs]) -> int:
-        """Number of a set, 0 of the empty one, which is not counted. Collective.
+        """Number of a set; the empty set has the number 0. Collective.
 
         Args:
-            pairs: Active pairs; their nodes and constraints tell sets apart.
+            pairs: Active pairs; sets differ if their nodes or constraints do.
         """
         if not pairs:
             return 0
@@ -54,8 +53,7 @@ class ActiveSets:
     def are_coupled(self, pairs: Sequence[ActivePairs]) -> bool:
         """Whether the projections of `Elimination` do not exist. Collective.
 
-        This is so where a constrained node takes part in another active pair,
-        or is fixed.
+        This is the case if a constrained node takes part in another active pair, or is fixed.
 
         Args:
             pairs: Active pairs that were numbered last.
@@ -68,7 +66,7 @@ class ActiveSets:
         """Serialize the last set. Collective.
 
         Args:
-            archive: Takes it or gives it, then with a new number.
+            archive: Archive that stores the set, or returns it; a returned set gets a new number.
         """
         last = archive.local("active_set", self._last)
         if archive.giving:
@@ -77,7 +75,7 @@ class ActiveSets:
 
 
 def _coupled(pairs: Sequence[ActivePairs]) -> bool:
-    """Whether this rank knows of such a node. Collective."""
+    """Whether a node of this rank is constrained twice, or constrained and fixed. Collective."""
     taken: Any = 0
     others: Any = 0
     allowed: Any = 0

@@ -1,4 +1,4 @@
-"""Rows of a distributed matrix: read in place, gathered from ranks, copied to PETSc."""
+"""Rows of a distributed block matrix: views, exchange between ranks, and copies for PETSc."""
 
 from typing import Any
 
@@ -14,22 +14,21 @@ __all__ = ["BlockCSR", "entries_of_rows", "starts"]
 
 
 class BlockCSR:
-    """Owned rows of a matrix of d x d blocks, where DOLFINx has them.
+    """Owned rows of a matrix of d x d blocks, as views of the DOLFINx matrix.
 
     Args:
         matrix: The matrix.
 
     Attributes:
         matrix: The matrix.
-        index_map: That of the rows.
+        index_map: Index map of the rows.
         dim: Rows of a block, d.
-        start: Where each row begins, and the end, shape ``(n + 1,)``.
+        start: Start of each row in the blocks, and the end, shape ``(n + 1,)``.
         column: Local column of each block, shape ``(b,)``.
-        value: Blocks by rows, shape ``(d d b,)``.
+        value: Blocks row by row, shape ``(d d b,)``.
     """
 
     def __init__(self, matrix: la.MatrixCSR) -> None:
-        """Create views of the owned rows."""
         self.matrix = matrix
         self.index_map = matrix.index_map(0)
         n, self.dim = self.index_map.size_local, int(matrix.block_size[0])
@@ -56,18 +55,18 @@ class BlockCSR:
         blocks[self._diagonal[node], part * (self.dim + 1)] = value
 
     def petsc(self) -> Any:
-        """New PETSc matrix of such blocks with the present values. Collective."""
+        """New PETSc block matrix with a copy of the current values. Collective."""
         d, start = self.dim, self.start.astype(PETSc.IntType)
         n = d * (len(start) - 1)
         csr = start, self._global, self.value
         return PETSc.Mat().createBAIJ(((n, None), (n, None)), d, csr=csr, comm=self.index_map.comm)
 
     def scalars(self) -> tuple[GlobalInts, GlobalInts, Floats]:
-        """Rows of entries in the place of blocks. Local.
+        """Rows with scalar entries instead of blocks. Local.
 
         Returns:
-            Where each row begins, and the end, shape ``(d n + 1,)``; global columns and values of
-            the entries, both ``(d d b,)``.
+            Start of each row, and the end, shape ``(d n + 1,)``; global columns and values of the
+            entries, both ``(d d b,)``.
         """
         d, blocks = self.dim, np.diff(self.start)
         node = np.repeat(np.arange(len(blocks)), blocks)
@@ -87,15 +86,15 @@ class BlockCSR:
         return columns
 
     def gather(self, nodes: GlobalInts, ends: GlobalInts) -> tuple[GlobalInts, GlobalInts, Floats]:
-        """Rows of any nodes, from the ranks that own them. Collective.
+        """Rows of any nodes, gathered from their owners. Collective.
 
         Args:
             nodes: Global numbers, shape ``(m,)``.
             ends: First number after those of each rank, shape ``(ranks,)``.
 
         Returns:
-            Where each row begins and the end, shape ``(m + 1,)``; global
-            columns, shape ``(b,)``; blocks, shape ``(d d b,)``.
+            Start of each row, and the end, shape ``(m + 1,)``; global columns, shape ``(b,)``;
+            blocks, shape ``(d d b,)``.
         """
         start, column, value = self._gather(
             nodes, ends, self._global, self.value.reshape(-1, self.dim**2)
@@ -103,13 +102,13 @@ class BlockCSR:
         return start, column.astype(np.int64), value.ravel()
 
     def neighbours(self, nodes: GlobalInts, ends: GlobalInts) -> GlobalInts:
-        """Global columns of rows, row by row, as of `gather`. Collective."""
+        """Global columns of the rows of any nodes, row by row, see `gather`. Collective."""
         _, column = self._gather(nodes, ends, self._global)
         neighbours: GlobalInts = column.astype(np.int64)
         return neighbours
 
     def _gather(self, nodes: GlobalInts, ends: GlobalInts, *arrays: Any) -> list[Any]:
-        """Where the rows begin and the end, and what arrays over the blocks have for them."""
+        """Starts of the rows, and the entries of some arrays over the blocks for these rows."""
         comm, first = self.index_map.comm, self.index_map.local_range[0]
         order = np.argsort(nodes)
         wanted = nodes[order]
@@ -125,10 +124,10 @@ class BlockCSR:
 
 
 def entries_of_rows(start: GlobalInts, rows: Array) -> tuple[GlobalInts, GlobalInts]:
-    """Entries of some rows, one row after the other.
+    """Entries of some rows, row by row.
 
     Args:
-        start: Where the entries of each row begin, and the end, shape ``(n + 1,)``.
+        start: Start of each row in the entries, and the end, shape ``(n + 1,)``.
         rows: The rows, shape ``(m,)``.
 
     Returns:
@@ -139,5 +138,5 @@ def entries_of_rows(start: GlobalInts, rows: Array) -> tuple[GlobalInts, GlobalI
 
 
 def starts(lengths: Array) -> GlobalInts:
-    """Where rows of some lengths begin, and the end, shape ``(n + 1,)``."""
+    """Start of each row, and the end, from the lengths of the rows, shape ``(n + 1,)``."""
     return np.concatenate([[0], np.cumsum(lengths)], dtype=np.int64)

@@ -1,7 +1,6 @@
-"""The bulk tangent in single precision, for preconditioners: factors and products.
+"""Incomplete factors and products of the bulk tangent in single precision, for preconditioners.
 
-Single precision is enough there and takes half the time, as the processor
-waits for memory.
+Single precision is accurate enough and takes half the time, as memory bandwidth limits both.
 """
 
 from typing import Any
@@ -20,38 +19,36 @@ __all__ = ["BlockILU", "SinglePrecisionOperator"]
 
 
 class BlockILU:
-    """Incomplete factors of a matrix, see `cpp/nts/solvers/incomplete_factors.h`.
+    """Incomplete LU factors of a block matrix, see `cpp/nts/solvers/incomplete_factors.h`.
 
-    On one rank they are those of all rows. On several, each rank solves for
-    the nodes that it owns and those that their rows reach, and takes what it
-    finds at its own (restricted additive Schwarz method with an overlap of 1).
+    On one rank all rows are factorised. On several ranks each one factorises the rows of its nodes
+    and of their ghosts, and keeps the solution at its own nodes (restricted additive Schwarz method
+    with an overlap of 1).
 
     Args:
         rows: Owned rows of the matrix; their values may change.
-        fill: Whether they have more entries than the matrix: those between
-            nodes with a neighbour that is eliminated before, ILU(1).
+        fill: Whether to use ILU(1), with fill between neighbours of a node eliminated before,
+            instead of ILU(0).
 
-    ``str`` tells the kind of factors.
+    ``str`` is the kind of the factors.
     """
 
     def __init__(self, rows: BlockCSR, *, fill: bool = False) -> None:
-        """Create the factors, without values before `build`. Collective."""
         self._rows, self._fill = rows, fill
         self._alone = bool(rows.index_map.comm.size == 1)
         self._order: Ints | None = None
         self._factors = _kernels.IncompleteFactors()
-        self._places: Ints | None = None  # of the rows that are solved for; None: of all
-        # Its ghosts are the nodes of other ranks that the owned rows reach.
+        self._places: Ints | None = None  # positions of the rows to solve for; None: all rows
+        # Its ghosts are the nodes of other ranks in the columns of the owned rows.
         self._scatter = NodalScatter(rows.matrix.index_map(1))
         self._ends = np.array(rows.index_map.comm.allgather(rows.index_map.local_range[1]))
 
     def __str__(self) -> str:
-        """Kind of the factors, and how several ranks work together."""
         kind = "ILU(1)" if self._fill else "ILU"
         return f"{'' if self._alone else 'ASM of '}{kind} in single precision"
 
     def build(self) -> bool:
-        """Factorise the present values. Collective.
+        """Factorise the current values. Collective.
 
         Returns:
             Whether the factors exist on all ranks.
@@ -68,10 +65,10 @@ class BlockILU:
         return bool(reductions.everywhere(rows.index_map.comm, exist))
 
     def restrict(self, nodes: Flags | None) -> None:
-        """Solve for some nodes from now on, with zero at all others. Collective.
+        """Restrict the following solves to some nodes, with zero at all others. Collective.
 
         Args:
-            nodes: Which owned nodes, shape ``(n,)``; None: all.
+            nodes: Flags of the owned nodes, shape ``(n,)``; None: all nodes.
         """
         if nodes is None:
             self._places = None
@@ -108,24 +105,24 @@ class BlockILU:
             self._factors.apply_at(self._places, known, unknown, behind)
 
     def _overlapping(self) -> tuple[GlobalInts, Ints, Floats]:
-        """Rows of all nodes that this rank solves for, with local columns. Collective.
+        """Rows of the owned nodes and of their ghosts, with local columns. Collective.
 
         Returns:
-            Where each row begins, and the end; columns; blocks of the rows of other ranks.
+            Start of each row, and the end; columns; blocks of the rows of other ranks.
         """
         own, nodes = self._rows, self._scatter.index_map
         start, far, value = own.gather(nodes.ghosts, self._ends)
         column = nodes.global_to_local(far)
-        column[column < 0] = nodes.size_local + nodes.num_ghosts  # beyond these nodes
+        column[column < 0] = nodes.size_local + nodes.num_ghosts  # outside of these nodes
         start = np.concatenate([own.start, own.start[-1] + start[1:]])
         return start, np.concatenate([own.column, column]), value
 
 
 def _order(start: GlobalInts, column: Ints, num_owned: int) -> Ints:
-    """Order of elimination: that of DOLFINx backwards, ghosts next to their neighbours.
+    """Elimination order: the reverse order of DOLFINx, with ghosts next to their neighbours.
 
-    With ghosts at the end, where DOLFINx has them, 8 decades take up to 18
-    iterations instead of 11; reverse Cuthill-McKee takes 2 % more than this order.
+    With ghosts at the end, as in DOLFINx, a reduction by 1e-8 takes up to 18 iterations instead of
+    11. Reverse Cuthill-McKee takes 2 % more than this order.
     """
     n = len(start) - 1
     row = np.repeat(np.arange(n - num_owned), np.diff(start[num_owned:]))
@@ -139,20 +136,19 @@ def _order(start: GlobalInts, column: Ints, num_owned: int) -> Ints:
 
 
 class SinglePrecisionOperator:
-    """Context of a shell matrix, with the present values of some rows. Collective.
+    """Context of a shell matrix with a copy of some rows in single precision. Collective.
 
     Args:
         rows: Owned rows of the matrix.
     """
 
     def __init__(self, rows: BlockCSR) -> None:
-        """Create a copy of the values."""
         self._map, self._dim = rows.index_map, rows.dim
         self._matrix = _kernels.SingleMatrix(rows.start, rows.column, rows.value)
         self._vector = la.vector(rows.matrix.index_map(1), rows.dim)
 
     def matrix(self) -> Any:
-        """Create the shell matrix, which works as long as this object is kept. Collective."""
+        """Create the shell matrix, which is valid as long as this object exists. Collective."""
         size = self._dim * self._map.size_local, self._dim * self._map.size_global
         return shell_matrix(self._map.comm, size, self)
 

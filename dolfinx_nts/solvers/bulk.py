@@ -1,4 +1,4 @@
-"""Residual of the bodies, without contact, and the action of its derivative."""
+"""Residual of the bodies without contact, and its directional derivative."""
 
 from collections.abc import Callable, Sequence
 
@@ -30,17 +30,16 @@ class Bulk:
         u: Unknown displacement, a coefficient of the form.
         bcs: Dirichlet conditions on u.
         loads: Virtual work of loads, each linear in the test function [N].
-        jumps: Whether the derivative jumps, as where points of a metal begin to flow.
+        jumps: Whether the derivative is discontinuous, as at the onset of plastic flow.
 
     Attributes:
         comm: Communicator of the mesh.
         u: The unknown.
         supports: The conditions.
         num_owned: Scalar dofs of this rank.
-        num_cells: Owned cells that residual and action go over.
-        given: Which owned dofs residual and action take as given, shape ``(d n,)``.
-        stabilisation: What the action of the tangent has beside that of the forms, a function
-            of a nodal vector.
+        num_cells: Owned cells on which residual and derivative are assembled.
+        given: Flags of the owned dofs with prescribed values, shape ``(d n,)``.
+        stabilisation: Additional term of the tangent, a function of a nodal vector.
         rigid: Motion of the rigid bodies.
     """
 
@@ -53,7 +52,6 @@ class Bulk:
         *,
         jumps: bool = False,
     ) -> None:
-        """Compile the forms of the residual, and prepare those of its derivative."""
         V = u.function_space
         self.comm: MPI.Comm = V.mesh.comm
         self.u = u
@@ -78,17 +76,16 @@ class Bulk:
         return self._residual.num_assembled, self._derivative.num_assembled
 
     def leave_out(self, cells: Ints, nodes: Ints) -> tuple[Ints, Ints]:
-        """Give nodes their present displacement until the next call.
+        """Clamp nodes at their current displacement until the next call.
 
-        The residual and the action of the tangent are then assembled on
-        the other cells only. Local.
+        Residual and derivative are then assembled on the other cells only. Local.
 
         Args:
             cells: Owned cells left out.
-            nodes: Owned nodes that do not move: all that are only in cells left out, and others.
+            nodes: Clamped owned nodes; these include all nodes without any other cell.
 
         Returns:
-            What has been left out so far.
+            The cells and nodes of the previous call.
         """
         self._residual.leave_out(cells)
         self._derivative.leave_out(cells)
@@ -98,7 +95,7 @@ class Bulk:
         return before
 
     def forces(self) -> Floats:
-        """Residual at u on the owned dofs, given or not [N]. Collective."""
+        """Residual at u on the owned dofs, also where u is prescribed [N]. Collective."""
         return self._residual.assembled()
 
     def loads(self) -> list[Floats]:
@@ -106,13 +103,13 @@ class Bulk:
         return [-load for load in self._residual.assembled_each_load()]
 
     def action(self, x: Floats, *, includes_given: bool = False) -> Floats:
-        """Tangent at u times a nodal vector, identity where u is given.
+        """Tangent at u times a nodal vector, the identity where u is prescribed.
 
         Collective.
 
         Args:
             x: Values at the owned nodes, shape ``(n, d)`` [m].
-            includes_given: Whether x also changes what is given, where the result is 0 then.
+            includes_given: Whether x also changes prescribed values; the result is zero there.
 
         Returns:
             Values at the owned nodes, shape ``(n, d)`` [N].
@@ -125,7 +122,7 @@ class Bulk:
         return self._along(x, "double")
 
     def rounded_action(self, x: Floats) -> Floats:
-        """The same as `action` with half of the digits, if the derivative does not jump.
+        """`action` in single precision, unless the derivative is discontinuous.
 
         Collective.
         """
@@ -145,7 +142,7 @@ class Bulk:
         return y.reshape(-1, self._dim)
 
     def _given(self, nodes: Ints) -> Flags:
-        """Which owned dofs are of some nodes or of supports, shape ``(d n,)``. Local."""
+        """Flags of the owned dofs of some nodes and of the supports, shape ``(d n,)``. Local."""
         given = np.zeros((self.num_owned // self._dim, self._dim), dtype=bool)
         given[nodes] = True
         flags: Flags = given.ravel()
@@ -153,5 +150,5 @@ class Bulk:
         return flags
 
     def _forces_by(self, action: NodalSum, direction: Floats) -> Floats:
-        """Derivative of the forces in the direction that is set, ``(d n,)`` [m]. Collective."""
+        """Derivative of the forces in a direction ``(d n,)`` [m] that has been set. Collective."""
         return action.assembled()

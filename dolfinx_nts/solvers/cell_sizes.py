@@ -1,4 +1,4 @@
-"""Sizes of the cells of a mesh, by which lengths and forces are judged."""
+"""Sizes of the cells of a mesh, the reference for lengths and forces."""
 
 from dataclasses import dataclass
 
@@ -27,10 +27,10 @@ class CellSizes:
 
 
 def cell_sizes(V: fem.FunctionSpace) -> CellSizes:
-    """Measure the cells of a space, undeformed. Collective.
+    """Measure the undeformed cells of a space. Collective.
 
     Args:
-        V: The space, whose nodes those of the result are.
+        V: Function space, whose nodes the result refers to.
     """
     mesh, tdim = V.mesh, V.mesh.topology.dim
     cells = mesh.topology.index_map(tdim)

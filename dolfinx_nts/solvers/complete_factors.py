@@ -1,4 +1,4 @@
-"""Complete factors of the bulk tangent in single precision, for preconditioners on one rank."""
+"""Complete LU factors of the bulk tangent in single precision, on one rank."""
 
 import numpy as np
 
@@ -10,26 +10,24 @@ __all__ = ["CompleteFactors"]
 
 
 class CompleteFactors:
-    """Complete factors of a matrix on one rank, see `cpp/nts/solvers/complete_factors.h`.
+    """Complete LU factors of a matrix on one rank, see `cpp/nts/solvers/complete_factors.h`.
 
     Args:
         rows: All rows of the matrix; their values may change.
-        X: Positions of the nodes, which choose the order of elimination, shape ``(n, 3)`` [m].
+        X: Positions of the nodes, for the nested dissection, shape ``(n, 3)`` [m].
 
-    ``str`` tells the kind of factors.
+    ``str`` is the kind of the factors.
     """
 
     def __init__(self, rows: BlockCSR, X: Floats) -> None:
-        """Choose the order of elimination; there are no values before `build`. Local."""
         self._rows = rows
         self._factors = _kernels.CompleteFactors(rows.start, rows.column, X)
 
     def __str__(self) -> str:
-        """Kind of the factors."""
         return "LU in single precision"
 
     def build(self) -> bool:
-        """Factorise the present values; returns whether the factors exist. Local."""
+        """Factorise the current values; return whether the factors exist. Local."""
         rows = self._rows
         exist: bool = self._factors.factorise(rows.start, rows.column, rows.value)
         return exist

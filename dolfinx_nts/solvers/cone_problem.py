@@ -1,9 +1,10 @@
-"""Decisions on contact, stick and slip of all points of a linear system at once.
+"""Cone complementarity problem of all contact points of a linear system.
 
-Multipliers of points that share the unknowns of rigid bodies tell little about single points: where
-four corners stick, three of them may carry the friction or all. Nor do those of a body that begins
-to slide, where each node that slides loads its neighbours. States that follow from multipliers
-point by point change to and fro. See `friction_cones` for what decides instead.
+Contact points on one rigid body share its unknowns, so their multipliers do not determine the state
+of a single point: if four corners stick, three of them may carry the friction, or all. The same
+holds at the onset of sliding, where each sliding node loads its neighbours. An active-set update
+point by point then oscillates. Here the states of all points follow from one problem, which
+`friction_cones` solves.
 """
 
 from collections.abc import Sequence
@@ -28,30 +29,30 @@ __all__ = ["CondensedSystem", "has_cone_problem", "solve_cone_problem"]
 
 
 class CondensedSystem(Protocol):
-    """Condenses a linear system to points of contact."""
+    """Condenses a linear system to the contact points."""
 
     def __call__(
         self, R: Floats, pairs: Sequence[ActivePairs], is_point: Flags, present: Floats
     ) -> tuple[Floats, Floats] | None:
-        """Motions y = W f + q of points by the forces on them. Collective.
+        """Compliance W and offset q of the motions y = W f + q of points. Collective.
 
         Args:
             R: Residual on the owned dofs [N].
             pairs: Pairs, active or not, whose constraints are among the unknowns.
-            is_point: Which constraints, of all ranks, are of the ``m`` points.
+            is_point: Flags of the constraints, of all ranks, that belong to the ``m`` points.
             present: Their multipliers in the residual, shape ``(d m,)`` [N].
 
         Returns:
-            W, shape ``(d m, d m)`` [m/N], and q, shape ``(d m,)`` [m]. None where the system is
-            large or has no solution.
+            W, shape ``(d m, d m)`` [m/N], and q, shape ``(d m,)`` [m]. None if the system is too
+            large or singular.
         """
 
 
 def has_cone_problem(steps: Sequence[ContactStep], inertia: bool) -> bool:
-    """Whether there are pairs on which is to be decided. Local, the same on all ranks.
+    """Whether any pair takes part in a cone problem. Local, the same on all ranks.
 
-    With inertia active sets without friction are found node by node. Without, bodies that contact
-    alone holds go far by each node that is wrong.
+    With inertia, pairs without friction do not: their active set is found node by node. In statics
+    they do, since one wrong node moves a body that only contact supports far away.
     """
     return any(
         _takes_part(step) and not (inertia and step.state.pair.friction is None) for step in steps
@@ -66,19 +67,19 @@ def solve_cone_problem(
     states: Sequence[ContactContribution],
     inertia: bool,
 ) -> tuple[ContactContribution, ...] | None:
-    """Let all points obey the conditions of contact and friction in the next iterate. Collective.
+    """Find states of all points that satisfy contact and friction together. Collective.
 
     Args:
         system: Condenses the linear system of the iteration.
         comm: Communicator of the mesh.
         R: Residual on the owned dofs [N].
-        steps: Contact attempts, which take over what is decided.
+        steps: Contact attempts, which receive the new states.
         states: Their last evaluations.
-        inertia: Whether there is any.
+        inertia: Whether there is inertia.
 
     Returns:
-        The evaluations with the states that were decided. None if nothing was: where no pair is
-        near on which is to be decided; in large systems; where no forces obey.
+        The evaluations with the new states. None if no pair near contact takes part, if the system
+        is too large, or if no solution was found.
     """
     near = reductions.total(comm, np.array([len(state.active) for state in states])) > 0
     takes_part = [bool(n) and _takes_part(step) for n, step in zip(near, steps, strict=True)]
@@ -115,7 +116,7 @@ def solve_cone_problem(
 
 
 def _takes_part(step: ContactStep) -> bool:
-    """Whether multipliers that push and Coulomb's law alone tell the states of pairs. Local."""
+    """Whether normal forces are unilateral multipliers and friction is Coulomb's. Local."""
     law = step.state.pair.enforcement
     pushes = isinstance(law, LagrangeMultiplier) and not isinstance(law, Tied)
     return pushes and step.friction.decided is not None
@@ -129,7 +130,7 @@ def _multipliers(step: ContactStep, state: ContactContribution) -> Floats:
 
 
 def _with_all_rows(state: ContactContribution, dim: int) -> ContactContribution:
-    """All pairs as if they stuck, so that their forces are unknowns. Local."""
+    """All pairs in the state of sticking, so that all of their forces are unknowns. Local."""
     m = len(state.active)
     return state._replace(
         active=np.ones(m, dtype=bool),
@@ -140,7 +141,7 @@ def _with_all_rows(state: ContactContribution, dim: int) -> ContactContribution:
 
 
 def _solution(W: Floats, q: Floats, mu: Floats, dim: int) -> ConeSolution | None:
-    """Forces and motions of ``m`` points that obey Coulomb's law, see `CondensedSystem`. Local.
+    """Contact forces and motions of ``m`` points under Coulomb's law, see `CondensedSystem`. Local.
 
     ``mu`` are coefficients of friction, shape ``(m,)`` [-].
     """

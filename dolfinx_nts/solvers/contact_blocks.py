@@ -1,4 +1,4 @@
-"""What the active contacts put into a linear system: constraints and tangent."""
+"""Constraints and tangent blocks of the active contacts in a linear system."""
 
 from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
@@ -16,20 +16,18 @@ __all__ = ["ContactBlocks", "rows_of", "slopes_at_nodes", "tangents_of"]
 class ContactBlocks(NamedTuple):
     """Constraints of some nodes and blocks of the tangent, see `cpp/nts/solvers/elimination.h`.
 
-    Both have lists of nodes of their own. Those of the constraints may differ
-    in length: with k nodes and d components a node, gradients are d rows of d k numbers.
+    Constraints and blocks have separate lists of nodes. The lists of the constraints may differ in
+    length: with k nodes and d components, gradients are d rows of d k numbers.
 
     Attributes:
-        start: Where the nodes of each constrained one begin, and the end,
-            shape ``(m + 1,)``.
-        nodes: Nodes that the constraints reach, list by list, the
-            constrained one first, shape ``(l,)``.
+        start: Start of the node list of each constrained node, and the end, shape ``(m + 1,)``.
+        nodes: Nodes of the constraints, list by list, the constrained one first, shape ``(l,)``.
         rank: Number of constraints, 0, 1 or d, shape ``(m,)``.
         normal: Unit normal at the constrained node, shape ``(m, d)``.
-        gradients: Of the constraints, ``d d l`` numbers in any shape.
+        gradients: Gradients of the constraints, ``d d l`` numbers in any shape.
         columns: Force per multiplier, ``d d l`` numbers in any shape.
-        slopes: Derivative of the multipliers by what the constraints are about, in springs
-            and friction, shape ``(m, d, d)``.
+        slopes: Derivative of the multipliers with respect to gap and slip, for penalty springs and
+            friction, shape ``(m, d, d)``.
         tangent_nodes: Nodes of the blocks, shape ``(p, k)``.
         tangent: Blocks, shape ``(p, d k, d k)``.
     """
@@ -50,34 +48,34 @@ class ContactBlocks(NamedTuple):
         return self.nodes[self.start[:-1][self.rank > 0]]
 
     def kernel(self) -> _kernels.Elimination:
-        """The same for the kernels."""
+        """Arguments of the C++ kernels."""
         return _kernels.Elimination(*self)
 
     def renumbered(self, number: Callable[[Array], Array]) -> "ContactBlocks":
-        """The same with other numbers of the nodes.
+        """Copy with other node numbers.
 
         Args:
-            number: Gives those of any nodes, shape ``(n,)``.
+            number: Returns the new numbers of nodes, shape ``(n,)``.
         """
         tangent_nodes = number(self.tangent_nodes.ravel()).reshape(self.tangent_nodes.shape)
         return self._replace(nodes=number(self.nodes), tangent_nodes=tangent_nodes)
 
     def touching(self, flags: Flags, tangent_flags: Flags) -> tuple[Array, Array]:
-        """Constraints and blocks in whose lists there are certain nodes.
+        """Constraints and blocks whose node lists include flagged nodes.
 
         Args:
-            flags: Whether each of ``nodes`` is one, shape ``(l,)``.
-            tangent_flags: The same for ``tangent_nodes``, shape ``(p, k)``.
+            flags: Flags of ``nodes``, shape ``(l,)``.
+            tangent_flags: Flags of ``tangent_nodes``, shape ``(p, k)``.
         """
         row = np.repeat(np.arange(len(self.rank)), np.diff(self.start))
         return np.unique(row[flags]), np.flatnonzero(tangent_flags.any(axis=1))
 
     def take(self, constraints: Array, blocks: Array) -> "ContactBlocks":
-        """Some of them.
+        """Subset of constraints and blocks.
 
         Args:
-            constraints: Which constrained nodes.
-            blocks: Which blocks of the tangent.
+            constraints: Indices of the constrained nodes.
+            blocks: Indices of the blocks of the tangent.
         """
         start, entries = entries_of_rows(self.start, constraints)
         return ContactBlocks(
@@ -94,7 +92,7 @@ class ContactBlocks(NamedTuple):
 
     @classmethod
     def concatenated(cls, parts: Sequence["ContactBlocks"]) -> "ContactBlocks":
-        """Those of several parts, one after the other, as `take` returns them."""
+        """Concatenate several objects, as `take` returns them."""
         lengths = [np.diff(part.start) for part in parts]
         _, *arrays = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
         return cls(starts(np.concatenate(lengths)), *arrays)
@@ -119,5 +117,5 @@ def tangents_of(blocks: ContactBlocks) -> Iterator[tuple[Array, Floats]]:
 
 
 def slopes_at_nodes(blocks: ContactBlocks) -> Floats:
-    """The part of the slopes in the tangent of the constrained nodes, ``(m, d, d)``."""
+    """Contribution of the slopes to the tangent of the constrained nodes, ``(m, d, d)``."""
     return _kernels.slopes_at_nodes(blocks.start, blocks.gradients, blocks.columns, blocks.slopes)

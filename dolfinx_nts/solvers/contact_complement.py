@@ -1,20 +1,20 @@
-r"""Contact solved exactly in complete factors of the bulk, or in those with fill: a dense system.
+r"""Contact correction by a dense Schur complement, with the factors of the bulk.
 
-Near incompressibility a contact node that moves by itself changes the volume of its cells,
-so that what contact does is felt far around, and no correction of its neighbourhood is good.
-Where contact reaches few nodes, the whole system with the factors B of the bulk,
+Near incompressibility a single contact node cannot move without changing the volume of its cells.
+Contact then acts at a distance, and a correction of its neighbourhood converges slowly. Where
+contact involves few nodes, the complete system with the factors B of the bulk,
 
 .. math:: (B^{-1} + U C U^T) z + U F \lambda = r, \qquad G^T U^T z = 0,
 
-is solved instead: U selects the nodes that contact reaches, C is the contact tangent, F and G
-are forces and gradients of the constraints. With :math:`z_0 = B r` and the flexibility
-:math:`S = U^T B U` the displacement :math:`s = U^T z` of these nodes follows from
+is solved instead. U selects the nodes of the contacts, C is the contact tangent, F and G are forces
+and gradients of the constraints. With :math:`z_0 = B r` and the flexibility :math:`S = U^T B U` the
+displacement :math:`s = U^T z` of these nodes follows from
 
 .. math:: (1 + S C) s + S F \lambda = U^T z_0, \qquad G^T s = 0,
 
-a dense system, and then :math:`z = z_0 - B U (C s + F \lambda)`. The columns of B U belong to
-nodes, not to the state of the contacts, and serve as long as the factors. They also tell how the
-forces of all contacts move all of them, see `cone_problem`.
+a dense system, and then :math:`z = z_0 - B U (C s + F \lambda)`. The columns of B U depend on the
+nodes, not on the state of the contacts, and are kept as long as the factors. They also give the
+compliance matrix of the contact points, see `cone_problem`.
 """
 
 from collections.abc import Sequence
@@ -32,35 +32,34 @@ from dolfinx_nts.solvers.tangent import Tangent
 
 __all__ = ["ContactComplement"]
 
-_MOST_NODES = 400  # whose columns are kept, also of contacts that have moved on
+_MOST_NODES = 400  # number of nodes whose columns are kept, also of former contacts
 
 
 class ContactComplement:
-    """Corrects solutions of factors of the bulk for contact.
+    """Corrects solutions of the bulk preconditioner for contact by a dense system.
 
     Args:
         tangent: Matrix of the bulk.
-        bulk: Preconditioner of the bulk, which has to have responses when used.
+        bulk: Preconditioner of the bulk; its responses must be available in `update`.
 
     Attributes:
-        num_columns: Solutions of the bulk for unit forces so far.
+        num_columns: Number of bulk solutions for unit forces so far.
     """
 
     def __init__(self, tangent: Tangent, bulk: BulkPreconditioner) -> None:
-        """Create the object, without columns before `update`."""
         self._tangent, self._bulk = tangent, bulk
-        # Nodes in the order of their columns. How many are solved for at once changes the last
-        # digit, so that a resumed run has to do alike.
+        # Nodes in the order of their columns. The size of a batch changes the last digit of its
+        # columns, so a resumed run must use the same batches.
         self._batches: list[GlobalInts] = []
         self._version = -1  # of the factors
         self._columns: list[Floats] = []  # of owned dofs, shape (d n, d k) for k nodes of a batch
         self._flexibility: Floats = np.empty((0, 0))  # shape (d k, d k)
-        self._reached: Array = np.empty(0, dtype=np.int64)  # columns of dofs of these contacts
-        self._response: Floats = np.empty((0, 0))  # force C s + F lambda by U^T z_0
+        self._reached: Array = np.empty(0, dtype=np.int64)  # columns of the current contacts
+        self._response: Floats = np.empty((0, 0))  # maps U^T z_0 to the force C s + F lambda
         self.num_columns = 0
 
     def update(self, elimination: Elimination) -> None:
-        """Solve for new nodes, and factorise the dense system. Collective.
+        """Compute the columns of new nodes, and factorise the dense system. Collective.
 
         Args:
             elimination: Active pairs.
@@ -77,11 +76,12 @@ class ContactComplement:
         present: Floats,
         mobility: Mobility | None = None,
     ) -> tuple[Floats, Floats] | None:
-        """How forces at points move them, see `CondensedSystem`. Collective.
+        """Condense the system to the contact points, see `CondensedSystem`. Collective.
 
-        ``mobility`` is that of free bodies beside the factors, if there are any.
+        ``mobility`` is the additional compliance of free bodies, if there are any.
         """
-        # Forces that turn with surfaces make bodies unstable whose stress the factors do not know.
+        # Without the geometric stiffness of contact: the factors lack that of the bodies, which
+        # would balance it.
         contacts = [
             blocks._replace(tangent_nodes=blocks.tangent_nodes[:0], tangent=blocks.tangent[:0])
             for blocks in self._gathered(pairs)
@@ -114,7 +114,7 @@ class ContactComplement:
         return [blocks for part in parts for blocks in part]
 
     def _reach(self, contacts: Sequence[ContactBlocks]) -> GlobalInts:
-        """Have the columns of the nodes that contacts reach; returns these nodes. Collective."""
+        """Provide the columns of the nodes of contacts; return these nodes. Collective."""
         nodes: GlobalInts = np.unique(np.concatenate([b.nodes for b in contacts]))
         nodes = np.union1d(nodes, np.concatenate([b.tangent_nodes.ravel() for b in contacts]))
         if self._version != self._bulk.num_builds:
@@ -146,7 +146,7 @@ class ContactComplement:
             for columns, part in zip(self._columns, np.split(force, ends[:-1]), strict=True):
                 z -= (columns @ part).reshape(-1, d)
             return
-        # To apply incomplete factors costs less than to read all columns.
+        # Applying incomplete factors is cheaper than reading all columns.
         owned, place = self._owned(self._known)
         forces = np.zeros((z.size, 1), order="F")
         forces[_dofs(owned, d), 0] = force[_dofs(place, d)]
@@ -177,7 +177,7 @@ class ContactComplement:
         return flexibility
 
     def _at_known(self, z: Floats) -> Floats:
-        """Values at the nodes of the columns, of those at the owned nodes. Collective."""
+        """Values at the nodes of the columns, from values at the owned nodes. Collective."""
         owned, place = self._owned(self._known)
         values = np.zeros(len(self._flexibility))
         values[_dofs(place, self._dim)] = z.reshape(-1, self._dim)[owned].ravel()
@@ -185,17 +185,17 @@ class ContactComplement:
         return total
 
     def _forget(self, batches: Sequence[Array]) -> None:
-        """Have nodes, whose columns are not known, with the present factors."""
+        """Discard all columns, and take over nodes whose columns are to be computed."""
         self._version, self._batches, self._columns = self._bulk.num_builds, list(batches), []
 
     def _owned(self, nodes: GlobalInts) -> tuple[Array, Array]:
-        """Owned ones of some nodes: their local numbers, and their places among them."""
+        """Local numbers of the owned nodes among some nodes, and their positions in the list."""
         first, last = self._tangent.rows.index_map.local_range
         place = np.flatnonzero((nodes >= first) & (nodes < last))
         return nodes[place] - first, place
 
     def _solve(self) -> None:
-        """Solve for unit forces at nodes that have no columns. Collective."""
+        """Compute the columns of nodes that have none. Collective."""
         d = self._tangent.rows.dim
         n = d * self._tangent.rows.index_map.size_local
         for batch in self._batches[len(self._columns) :]:
@@ -220,11 +220,11 @@ def _dofs(nodes: Array, d: int) -> Array:
 def _dense(
     nodes: GlobalInts, contacts: Sequence[ContactBlocks], d: int
 ) -> tuple[Floats, Floats, Floats]:
-    """Tangent C, ``(d k, d k)``, forces F, ``(d k, m)``, and gradients G^T of ``m`` constraints.
+    """Dense tangent C, ``(d k, d k)``, forces F, ``(d k, m)``, and gradients G^T of constraints.
 
     Args:
-        nodes: Those that contact reaches, ascending, shape ``(k,)``.
-        contacts: Constraints and tangents, which reach no others.
+        nodes: Nodes of the contacts, ascending, shape ``(k,)``.
+        contacts: Constraints and tangents, of these nodes only.
         d: Components of a node.
     """
     n = d * len(nodes)
@@ -260,11 +260,11 @@ def _system(S: Floats, C: Floats, F: Floats, G: Floats) -> Floats:
 
 
 def _response(S: Floats, C: Floats, F: Floats, G: Floats) -> Floats:
-    """Forces C s + F lambda by the displacements U^T z_0, shape ``(d k, d k)``."""
+    """Matrix that maps displacements U^T z_0 to forces C s + F lambda, shape ``(d k, d k)``."""
     n, m = F.shape
     try:
         solution = np.linalg.solve(_system(S, C, F, G), np.eye(n + m, n))
-    except np.linalg.LinAlgError:  # as the system of contact and bulk: nothing helps
+    except np.linalg.LinAlgError:  # the system of bulk and contact is singular, too
         return np.zeros((n, n))
     response: Floats = np.hstack([C, F]) @ solution
     return response

@@ -1,4 +1,4 @@
-"""How the preconditioner of the bulk is corrected for contact: nearby, or wherever it is felt."""
+"""Contact corrections of the bulk preconditioner: Schwarz subdomain or dense complement."""
 
 from collections.abc import Sequence
 from typing import Protocol
@@ -14,20 +14,20 @@ from dolfinx_nts.solvers.tangent import Tangent
 
 __all__ = ["ContactCorrections"]
 
-# Iterations per decade, with factors of the bulk that know responses, from which on a correction
-# around the contacts is poor; and nodes in contact up to which the dense complement is cheaper.
+# Iterations per decade above which the Schwarz correction counts as poor, with ILU(1) or complete
+# factors; and number of contact nodes up to which the dense complement is cheaper.
 _POOR, _MOST_NODES = 4.0, 100
-# Forces at points up to which it costs little to decide on all of them.
+# Largest number of contact forces in a cone complementarity problem; its cost grows with the cube.
 _MOST_FORCES = 300
-# Decades that count at least, as a solve that asks for less takes an iteration, too.
+# Lower bound on the decades of a solve, since every solve takes at least one iteration.
 _FEWEST_DECADES = 0.3
-# Reduction that the complement gives at little cost, and that saves iterations of Newton's
-# method [-]; around the contacts none is too small to ask for.
+# Least reduction asked of a solve [-]: with the complement it is cheap and saves Newton iterations;
+# with the Schwarz correction there is no such bound.
 _CHEAP_REDUCTION, _ANY_REDUCTION = 1e-3, 1.0
 
 
 class _Correction(Protocol):
-    """Makes of a preconditioner of the bulk one of the projected tangent."""
+    """Extends a preconditioner of the bulk to the projected tangent."""
 
     def update(self, elimination: Elimination) -> None: ...
 
@@ -35,7 +35,7 @@ class _Correction(Protocol):
 
 
 class ContactCorrections:
-    """A correction around the contacts, and the complement where it has been found to be poor.
+    """Schwarz correction, and the dense complement where the former has been found to be poor.
 
     Collective, as all its methods.
 
@@ -44,11 +44,10 @@ class ContactCorrections:
         bulk: Preconditioner of the bulk.
 
     Attributes:
-        least_reduction: Reduction that every solve should be asked for [-].
+        least_reduction: Least reduction to ask of a solve [-].
     """
 
     def __init__(self, tangent: Tangent, bulk: BulkPreconditioner) -> None:
-        """Create both, of which the first is the present one."""
         self._tangent, self._bulk = tangent, bulk
         self._schwarz, self._complement = ContactSchwarz(tangent), ContactComplement(tangent, bulk)
         self._present: _Correction = self._schwarz
@@ -57,27 +56,27 @@ class ContactCorrections:
 
     @property
     def num_builds(self) -> int:
-        """Factorisations around the contacts so far."""
+        """Number of factorisations of the contact subdomain so far."""
         return self._schwarz.num_builds
 
     @property
     def uses_complement(self) -> bool:
-        """Whether the complement is the present one."""
+        """Whether the dense complement is in use."""
         return self._present is self._complement
 
     def choose(self, num_active: int) -> bool:
-        """Choose for a number of active nodes; returns whether this is another one. Local."""
+        """Choose a correction for a number of active nodes; return whether it changes. Local."""
         use = self._schwarz_is_poor and self._bulk.has_responses and num_active <= _MOST_NODES
         last, self._present = self._present, self._complement if use else self._schwarz
         self.least_reduction = _CHEAP_REDUCTION if use else _ANY_REDUCTION
         return self._present is not last
 
     def judge(self, iterations: int, decades: float) -> None:
-        """Learn from a solve with contact. Local.
+        """Judge the correction by the iterations of a solve with contact. Local.
 
         Args:
             iterations: Krylov iterations.
-            decades: Reduction that was asked for.
+            decades: Reduction that was asked for, in decades.
         """
         if not self.uses_complement:
             self._schwarz.judge(iterations, decades)
@@ -85,11 +84,11 @@ class ContactCorrections:
         self._schwarz_is_poor |= slow and self._bulk.has_responses
 
     def update(self, elimination: Elimination) -> None:
-        """Take the contacts of a Newton iteration."""
+        """Set the contacts of a Newton iteration."""
         self._present.update(elimination)
 
     def correct(self, r: Floats, z: Floats) -> None:
-        """Correct the result z of the bulk for r, nodal vectors of shape ``(n, 3)``."""
+        """Correct the solution z of the bulk preconditioner for r, nodal vectors ``(n, 3)``."""
         self._present.correct(r, z)
 
     def condensed(
@@ -101,11 +100,11 @@ class ContactCorrections:
         *,
         relief: InertiaRelief,
     ) -> tuple[Floats, Floats] | None:
-        """How forces at points move them, see `CondensedSystem`.
+        """Condense the system to the contact points, see `CondensedSystem`.
 
-        ``relief`` knows how free bodies move. None where points are many, without good factors of
-        the bulk, where nothing presses on free bodies, and where these turn under the forces that
-        press on them, as they do in factors of the derivative.
+        ``relief`` knows the motions of free bodies. The result is None for many points, without
+        accurate factors of the bulk, if no contact presses on free bodies, and if the factors are
+        those of the derivative, in which free bodies turn under their contact forces.
         """
         point, tangent = self._bulk.point, self._tangent
         if point is None or not self._bulk.has_responses or len(present) > _MOST_FORCES:
@@ -117,10 +116,10 @@ class ContactCorrections:
         return self._complement.condensed(R, pairs, is_point, present, mobility)
 
     def serialize(self, archive: Archive, active_version: int) -> None:
-        """Serialize what a later step goes on with, after the factors of the bulk.
+        """Serialize the state that later steps depend on, after the factors of the bulk.
 
         Args:
-            archive: Takes it or gives it.
+            archive: Archive that stores or returns it.
             active_version: Number of the last active set.
         """
         self._schwarz.serialize(archive, active_version)

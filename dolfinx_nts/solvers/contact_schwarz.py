@@ -1,4 +1,4 @@
-"""Correction around the contacts: the part of the preconditioner that knows them."""
+"""Schwarz correction of the bulk preconditioner on a subdomain around the contacts."""
 
 from collections.abc import Sequence
 
@@ -17,27 +17,26 @@ from dolfinx_nts.solvers.tangent import Tangent
 
 __all__ = ["ContactSchwarz", "SerialSubdomain"]
 
-_NOTHING = -1, -1  # no numbers of matrix and active set
-# Change of the contact tangent that makes factors useless, in stiffnesses of the softest node
-# [-]: nodes that begin to slip, or turn, have tangents far above it.
+_NOTHING = -1, -1  # matches no matrix and no active set
+# Change of the contact tangent above which the subdomain is factorised again, relative to the
+# stiffness of the softest node [-]. Slip and rotation change tangents by far more.
 _LARGEST_CHANGE = 0.1
-# Part of the constraints that may reach other nodes than before, or have gradients that differ by
-# more [-]: one node that comes to another segment does no harm, but a surface that slides does.
+# Fraction of the constraints that may have changed since the factorisation [-], and change of a
+# gradient that counts [-]. One node on a new segment is harmless, a sliding surface is not.
 _MOST_MOVED, _OTHER_GRADIENT = 0.25, 0.25
-# Size of blocks of the tangent and of slopes, in the same, and of parts of constraints [-] that are
-# not worth their entries: mortar contact has many small ones.
+# Tangent blocks and slopes, relative to the same stiffness, and gradients [-] that are dropped from
+# the subdomain: mortar contact has many small ones.
 _NEGLIGIBLE = 0.01
 
 
 class SerialSubdomain:
-    """Nodes around the contacts of the only rank.
+    """Subdomain around the contacts on a single rank.
 
     Args:
         rows: Bulk tangent; its values may change.
     """
 
     def __init__(self, rows: BlockCSR) -> None:
-        """Create the object, without factors before `build`."""
         self._rows, self._version = rows, -1
         self._factors: _kernels.ContactSchwarz
 
@@ -47,12 +46,12 @@ class SerialSubdomain:
         return self._factors.size
 
     def build(self, contacts: Sequence[ContactBlocks], version: int, *, wide: bool = False) -> None:
-        """Choose the nodes for some contacts, and factorise.
+        """Choose the nodes of the subdomain for some contacts, and factorise.
 
         Args:
             contacts: Constraints and tangent of each contact pair.
-            version: Number of the matrix's values, of which factors remember rows.
-            wide: Whether there are neighbours of neighbours.
+            version: Number of the matrix's values, of which factors keep rows.
+            wide: Whether to include neighbours of neighbours.
         """
         if version != self._version:
             rows, self._version = self._rows, version
@@ -64,7 +63,6 @@ class SerialSubdomain:
         self._factors.build(wide=wide)
 
     def correct(self, r: Floats, z: Floats) -> None:
-        """Constrain z and correct it, as `ContactSchwarz.correct`."""
         self._factors.correct(r, z, np.empty((0, 2 * z.shape[1])))
 
 
@@ -75,24 +73,23 @@ class ContactSchwarz:
         tangent: Matrix of the bulk.
 
     Attributes:
-        num_builds: Factorisations so far.
+        num_builds: Number of factorisations so far.
     """
 
     def __init__(self, tangent: Tangent) -> None:
-        """Create the object, without factors before `update`."""
         self._tangent = tangent
         self._contacts: list[ContactBlocks] = []
-        # Of these contacts, and of the softest node of the matrix [N/m]: each Newton iteration
-        # is compared with them.
+        # Slopes of the factorised contacts, and stiffness of the softest node [N/m], for comparison
+        # in each Newton iteration.
         self._slopes: list[Floats] = []
         self._softest = np.inf
-        self._version = _NOTHING  # of the matrix and of the active set
+        self._version = _NOTHING  # numbers of the matrix and of the active set
         self._domain: SerialSubdomain | OverlappingSubdomain | None = None
         self._width = SubdomainWidth()
         self.num_builds = 0
 
     def update(self, elimination: Elimination) -> None:
-        """Factorise, unless contacts and matrix are nearly those of the last time. Collective.
+        """Factorise the subdomain, unless contacts and matrix have hardly changed. Collective.
 
         Args:
             elimination: Active pairs.
@@ -106,20 +103,20 @@ class ContactSchwarz:
         self._version = version
 
     def judge(self, iterations: int, decades: float) -> None:
-        """Learn from a solve how wide the subdomain should be. Local.
+        """Choose the width of the subdomain from the iterations of a solve. Local.
 
         Args:
             iterations: Krylov iterations.
-            decades: Reduction that was asked for.
+            decades: Reduction that was asked for, in decades.
         """
         if self._width.count(iterations, decades):
             self._version = _NOTHING
 
     def serialize(self, archive: Archive, active_version: int) -> None:
-        """Serialize what was last factorised. Collective.
+        """Serialize the contacts of the last factorisation. Collective.
 
         Args:
-            archive: Takes it or gives it.
+            archive: Archive that stores or returns them.
             active_version: Number of the last active set.
         """
         version = self._tangent.num_assembled, active_version
@@ -147,7 +144,7 @@ class ContactSchwarz:
         self._domain.correct(r, z)
 
     def _has_changed(self, now: Sequence[ContactBlocks]) -> bool:
-        """Whether other nodes are constrained, or the contact tangent is another. Collective."""
+        """Whether constrained nodes or contact tangent have changed too much. Collective."""
         then, least = self._contacts, _LARGEST_CHANGE * self._softest
         has_changed = len(now) != len(then) or any(
             not _same_nodes(new, old)
@@ -171,16 +168,16 @@ class ContactSchwarz:
         self.num_builds += 1
 
     def _part(self) -> float:
-        """Part of a rank's nodes that the subdomain has, the largest one [-]. Collective."""
+        """Largest fraction of a rank's nodes in the subdomain [-]. Collective."""
         assert self._domain is not None
         part = self._domain.size / max(self._tangent.rows.index_map.size_local, 1)
         return float(reductions.largest(self._tangent.comm, part))
 
 
 def _essential(contacts: ContactBlocks, least: float) -> ContactBlocks:
-    """The same without small parts of the tangent, of slopes and of constraints. Local.
+    """Drop small tangent blocks, slopes and gradients. Local.
 
-    ``least`` is the size of an entry of the tangent from which on it counts [N/m].
+    ``least`` is the smallest entry of the tangent that is kept [N/m].
     """
     is_large = _kernels.large_blocks(contacts.tangent, least)
     rows = contacts.gradients, contacts.columns
@@ -199,13 +196,13 @@ def _essential(contacts: ContactBlocks, least: float) -> ContactBlocks:
 
 
 def _same_nodes(now: ContactBlocks, then: ContactBlocks) -> bool:
-    """Whether the same nodes are constrained, in the same way. Local."""
+    """Whether the same nodes have the same numbers of constraints. Local."""
     own, before = (blocks.nodes[blocks.start[:-1]] for blocks in (now, then))
     return same_numbers(own, before) and same_numbers(now.rank, then.rank)
 
 
 def _moved(now: ContactBlocks, then: ContactBlocks) -> float:
-    """Part of the constraints of the same nodes that have come to other segments [-]. Local."""
+    """Fraction of the constraints that have moved to other segments [-]. Local."""
     m = len(now.rank)
     if not m:
         return 0.0
@@ -216,7 +213,7 @@ def _moved(now: ContactBlocks, then: ContactBlocks) -> float:
 
 
 def _change(now: ContactBlocks, then: ContactBlocks, slopes_then: Floats) -> float:
-    """Largest change of an entry of the tangent [N/m]: of all of it where it is of other nodes.
+    """Largest change of an entry of the tangent, or its largest entry if nodes differ [N/m].
 
     ``slopes_then`` is `slopes_at_nodes` of ``then``.
     """

@@ -1,4 +1,4 @@
-"""Convergence of Newton's method: what the residual of an iterate says of it."""
+"""Convergence criteria of Newton's method."""
 
 import math
 from collections.abc import Sequence
@@ -19,40 +19,39 @@ from dolfinx_nts.solvers.newton_report import NewtonReport
 __all__ = ["Convergence", "Iterate", "Measures", "gap_tolerance", "position_rounding"]
 
 _EPS = float(np.finfo(np.float64).eps)
-# In so many iterations after each other given displacements violate constraints: none is left
-# to help, as only given displacements can change these gaps.
+# Consecutive iterations with constraints violated by prescribed displacements alone, after which
+# the step is infeasible: no unknown changes these gaps.
 _GIVEN_ITERATIONS = 6
-# Iterations before the last one in which a state contradicted its condition: contact and friction
-# of these nodes are why there is no solution.
+# A failure is blamed on contact and friction if a state violated its condition within this number
+# of iterations before the last one.
 _UNDECIDED = 6
-# Residual of a solution, relative to the forces at work [-]; and where the increments
-# have become negligible.
+# Residual of a solution, relative to the forces at work [-]; and the same if increments are
+# negligible.
 _RESIDUAL_TOLERANCE, _SMALL_RESIDUAL = 1e-12, 1e-8
-# Residual, relative to the same, of an iterate that is near enough to the solution for the choice
-# of segments [-].
+# Residual, relative to the same, below which segments are chosen again [-].
 _SETTLED = 1e-3
 # Negligible increment and error of a constraint, relative to the smallest cell [-].
 _INCREMENT_TOLERANCE, _GAP_TOLERANCE = 5e-14, 2e-11
-# Error of a constraint that is round-off, relative to the positions [-].
+# Round-off of a constraint, relative to the positions [-].
 _GAP_ROUNDING = 16 * _EPS
-# Increment and error of a constraint that positions cannot tell from none, relative to them [-]:
-# far from the origin their last digit is longer than the tolerances above.
+# Resolution of increments and constraints, relative to the positions [-]. Far from the origin it
+# exceeds the tolerances above.
 _LAST_DIGITS = 4 * _EPS
-# Number of long increments from which on a step with inertia, whose starts are near its end, is
-# given up.
+# Number of increments beyond the trust radius after which a step with inertia fails. Its starting
+# guesses are close to the solution, so more iterations hardly ever help.
 _MOST_LONG = 12
-# Reduction of the residual [-] that is too little if states do not contradict themselves.
+# Reduction of the residual by an iteration [-] that counts as slow.
 _LITTLE_REDUCTION = 0.1
-# Iterations from the first one in which states of contact that contradict themselves may be decided
-# all at once, and the period of that later: in between multipliers tell, as they do at points of
-# which round-off decides whether they stick. Far from equilibrium statics decides in each where
-# there is no friction, so that a minimum of energy is decided, and where only contact holds bodies.
+# Number of initial iterations in which the cone problem may be solved, and its period later. In the
+# other iterations multipliers determine the states, which is better where round-off decides between
+# stick and slip. Far from equilibrium statics solves it in every iteration, if there is no friction
+# (the problem is a minimisation) or if only contact supports bodies.
 _FIRST_DECISIONS, _DECISION_PERIOD = 3, 5
-# Increment, relative to the smallest cell [-], after which slips of bodies that contact alone holds
-# decide on something: those that a turn leaves grow with its square.
+# Increment relative to the smallest cell [-] below which linearised slips of bodies held by contact
+# alone are accurate enough for the cone problem: errors by rotation grow with its square.
 _NEAR = 0.1
-# Residual without inertia, relative to the forces at work [-], below which nodes are decided on one
-# by one: factors of an earlier state do not tell which of them hardly stick or hardly slide.
+# Residual in statics, relative to the forces at work [-], below which states change node by node:
+# factors of an earlier state are too inaccurate for nodes close to the limit of sliding.
 _MARGINAL = 1e-5
 
 
@@ -61,11 +60,11 @@ class Iterate(NamedTuple):
 
     Attributes:
         x: Positions of the owned nodes, shape ``(n, 3)`` [m].
-        states: Contact, one for each attempt of a pair.
+        states: Contact of each attempt of a pair.
         R: Residual on the owned dofs, with contact, shape ``(d n,)`` [N].
         R_bulk: Residual of the bodies and loads alone, shape ``(d n,)`` [N].
         R_contact: Residual of contact alone, shape ``(d n,)`` [N].
-        forces: ``R_bulk`` on all dofs, where displacements are given too [N].
+        forces: ``R_bulk`` on all dofs, also where displacements are prescribed [N].
     """
 
     x: Floats
@@ -77,17 +76,17 @@ class Iterate(NamedTuple):
 
 
 class Measures(NamedTuple):
-    """What an iterate is measured by, the same on all ranks.
+    """Norms and counts of an iterate, the same on all ranks.
 
     Attributes:
         norm: Norm of the residual [N].
         scale: Norm of the forces at work [N].
         target: Norm of the residual of a solution [N].
-        changed: Number of states that contradicted their conditions.
-        failed: Number of pairs that do not project.
-        is_open: Whether a constraint is not met.
-        num_given: Number of constraints that given displacements alone violate.
-        solves: Whether forces are in balance and all conditions are met.
+        changed: Number of states that violated their conditions.
+        failed: Number of pairs without a valid projection.
+        is_open: Whether a constraint is violated.
+        num_given: Number of constraints that prescribed displacements alone violate.
+        solves: Whether forces are in balance and all conditions are satisfied.
     """
 
     norm: float
@@ -101,23 +100,23 @@ class Measures(NamedTuple):
 
     @property
     def is_small(self) -> bool:
-        """Whether the residual is small beside the forces at work."""
+        """Whether the residual is small compared with the forces at work."""
         return self.norm <= _SMALL_RESIDUAL * self.scale
 
     @property
     def is_near(self) -> bool:
-        """Whether it is that of a state near a solution, without contradictions."""
+        """Whether the iterate is close to a solution, and no state violates its condition."""
         return not self.changed and self.norm <= _SETTLED * self.scale
 
 
 class _Scales(NamedTuple):
-    """What is small in a step.
+    """Tolerances of a step.
 
     Attributes:
-        increment: Increment that is none [m].
-        near: Increment up to which linear slips are good [m].
-        gap: Gap that is closed [m].
-        rounding: Norm of the residual that rounding leaves [N].
+        increment: Negligible increment [m].
+        near: Increment up to which linearised slips are accurate [m].
+        gap: Negligible gap [m].
+        rounding: Round-off of the residual [N].
         forces: Norm of the forces known before the step [N].
     """
 
@@ -135,10 +134,11 @@ class Convergence:
         bulk: Residual of the bodies.
         steps: Contact attempts.
         sizes: Sizes of the cells.
-        stiffness: That of the owned nodes, shape ``(n,)`` [N/m].
+        stiffness: Stiffness of the owned nodes, shape ``(n,)`` [N/m].
         force_scale: Norm of the forces known before the step [N].
         farthest: Largest coordinate of a node [m].
-        inertia: Whether there is any; without, forces may be as small as the round-off of strains.
+        inertia: Whether there is inertia; in statics, forces may be as small as the round-off of
+            strains.
 
     Attributes:
         iteration: Number of linear systems solved so far.
@@ -156,7 +156,6 @@ class Convergence:
         farthest: float,
         inertia: bool,
     ) -> None:
-        """Begin without an iterate. Collective."""
         self._bulk, self._steps, self._inertia = bulk, steps, inertia
         digits = position_rounding(farthest)
         self._scales = _Scales(
@@ -170,7 +169,7 @@ class Convergence:
         self.norms: list[float] = []
         self._du_norm, self._num_long = np.inf, 0
         self._changes, self._last_change = 0, -np.inf
-        # Iterates after each other in which given displacements violate constraints.
+        # Consecutive iterates in which prescribed displacements violate constraints.
         self._given = 0
         self._is_polished = False
 
@@ -179,14 +178,14 @@ class Convergence:
 
         Args:
             iterate: Forces at the present displacement.
-            is_complete: Whether all displacements are as given.
+            is_complete: Whether the prescribed motion has been applied completely.
         """
         R, states, scales = iterate.R, iterate.states, self._scales
         excess = max((state.constraint_error for state in states), default=0.0)
         is_open = not excess <= scales.gap
         num_given = _num_given(self._steps, states) if is_open and is_complete else 0
         counts = [sum(s.changed for s in states), sum(s.failed for s in states), is_open, num_given]
-        # Of the last step statics knows no forces that supports make only now.
+        # In statics the last step does not know the reactions to a new prescribed displacement.
         fixed = self._bulk.supports.fixed[: 0 if self._inertia else None]
         reactions, contact = iterate.forces[fixed], iterate.R_contact
         squares = [R @ R, contact @ contact, reactions @ reactions]
@@ -199,7 +198,7 @@ class Convergence:
         self._changes += changed
         self._last_change = self.iteration if changed else self._last_change
         scale = max(scales.forces, reaction) + contact_norm
-        # With inertia the round-off is that of the heaviest body, too much for others.
+        # With inertia the heaviest body dominates the round-off, which is too much for the others.
         target = max(_RESIDUAL_TOLERANCE * scale, 0.0 if self._inertia else scales.rounding)
         is_small = norm <= max(_SMALL_RESIDUAL * scale, scales.rounding, steep)
         is_balanced = norm <= target or (is_small and self._du_norm <= scales.increment)
@@ -208,9 +207,9 @@ class Convergence:
         return Measures(norm, scale, target, changed, failed, num_open > 0, num_given, solves)
 
     def _has_to_be_polished(self, excess: float, x: Floats) -> bool:
-        """Whether a solution deserves one more linear system, which happens once. Collective.
+        """Whether a solution needs one more linear system, at most once. Collective.
 
-        Multipliers are not small where gaps are, and what is left of gaps does work.
+        Multipliers may be large where gaps are tiny, so that remaining gaps do work.
 
         Args:
             excess: Largest error of a constraint on this rank [m].
@@ -223,24 +222,25 @@ class Convergence:
         return reductions.anywhere(self._bulk.comm, bool(excess > rounding))
 
     def discard_last(self, moved: int) -> None:
-        """Forget the last norm, as so many segments have been chosen anew. Local."""
+        """Discard the last norm, after a number of segments have changed. Local."""
         self._changes += moved
         self.norms.pop()
 
     def count_increment(self, du_norm: float, *, is_long: bool) -> None:
-        """Note an increment whose largest component is ``du_norm`` [m]. Local.
+        """Record an increment with the largest component ``du_norm`` [m]. Local.
 
-        ``is_long`` is whether it was too long to be trusted.
+        ``is_long`` is whether it exceeded the trust radius.
         """
         self._du_norm = du_norm
         self._num_long += is_long
         self.iteration += 1
 
     def needs_cone_problem(self, seen: Measures, *, is_supported: bool) -> bool:
-        """Whether states of contact should be decided on all at once. Local.
+        """Whether the states of all contact points should be found together. Local.
 
-        ``is_supported`` is whether more than contact supports all bodies. In statics forces of the
-        first guess are no basis, and a single node is left to the active-set update.
+        ``is_supported`` is whether all bodies are supported by more than contact. In statics the
+        forces of the first guess are no basis, and a single violated state is left to the
+        active-set update.
         """
         later = self.iteration % _DECISION_PERIOD == _DECISION_PERIOD - 1
         is_due = later or self.iteration < _FIRST_DECISIONS
@@ -257,22 +257,22 @@ class Convergence:
 
     @property
     def _has_minimum(self) -> bool:
-        """Whether a solution is a minimum of an energy, without inertia and friction. Local."""
+        """Whether a solution minimises an energy: statics without friction. Local."""
         return not self._inertia and all(step.state.pair.friction is None for step in self._steps)
 
     def _is_slow(self, seen: Measures) -> bool:
-        """Whether the last increment has not brought the iterate much nearer. Local."""
+        """Whether the last iteration hardly reduced the residual. Local."""
         if self.iteration == 0:
             return True
         return not seen.is_small and seen.norm > _LITTLE_REDUCTION * self.norms[-2]
 
     def failure(self, seen: Measures, most: int, *, is_solution: bool) -> str:
-        """Say why there is no use in going on, or "". Local.
+        """Reason to stop without a solution, or "". Local.
 
         Args:
-            seen: What the last iterate was measured by.
-            most: Number of iterations that are allowed.
-            is_solution: Whether it is accepted.
+            seen: Measures of the last iterate.
+            most: Largest number of iterations.
+            is_solution: Whether the iterate is accepted.
         """
         if not np.isfinite(seen.norm):
             return "the residual is not finite"
@@ -292,11 +292,11 @@ class Convergence:
 
     @property
     def _is_hopeless(self) -> bool:
-        """Whether given displacements move nodes into surfaces, from wherever it starts."""
+        """Whether prescribed displacements violate constraints, whatever the starting guess."""
         return self._given == _GIVEN_ITERATIONS
 
     def report(self, reason: str) -> NewtonReport:
-        """Report at the end, for which there is a reason if it is no solution. Local."""
+        """Create the report, with the reason of a failure or "". Local."""
         return NewtonReport(
             self.iteration,
             self._changes,
@@ -309,31 +309,31 @@ class Convergence:
 
 
 def position_rounding(farthest: float) -> float:
-    """What the last digits of positions up to this far from the origin [m] tell, [m]. Local."""
+    """Resolution of positions up to a distance from the origin [m], [m]. Local."""
     return _LAST_DIGITS * farthest
 
 
 def gap_tolerance(size: float, digits: float) -> float:
-    """Gap up to which one is closed [m]. Local.
+    """Largest gap that counts as closed [m]. Local.
 
     Args:
         size: Size of the smallest cell [m].
-        digits: As of `position_rounding` [m].
+        digits: Result of `position_rounding` [m].
     """
     return max(_GAP_TOLERANCE * size, digits)
 
 
 def _num_given(steps: Sequence[ContactStep], states: Sequence[ContactContribution]) -> int:
-    """Number of this rank's constraints that given displacements alone violate. Local."""
+    """Number of constraints of this rank that prescribed displacements alone violate. Local."""
     return sum(len(prescribed_nodes(step, s)) for step, s in zip(steps, states, strict=True))
 
 
 def _round_off(bulk: Bulk, stiffness: Floats, sizes: CellSizes) -> float:
-    """Norm of the residual that rounding leaves in any case [N]. Collective.
+    """Norm of the round-off of the residual [N]. Collective.
 
-    A strain is known up to eps, and up to eps |u|/h; with the stiffness k of
-    a node and the size h of its cells this is a force of eps k (h + |u|). Where
-    bodies are rigid k is that of inertia, whose increment is known up to eps |u|.
+    A strain has an error of eps, and of eps |u|/h. With the stiffness k of a node and the size h of
+    its cells this is a force of eps k (h + |u|). In rigid bodies k is the inertial stiffness, whose
+    increment has an error of eps |u|.
     """
     u = bulk.u.x.array[: bulk.num_owned].reshape(-1, bulk.rigid.dim)
     length = np.sqrt((u * u) @ np.ones(bulk.rigid.dim))
@@ -342,10 +342,10 @@ def _round_off(bulk: Bulk, stiffness: Floats, sizes: CellSizes) -> float:
 
 
 def _round_off_of_contact(states: Sequence[ContactContribution], x: Floats) -> float:
-    """Norm of the forces that rounding leaves in gaps and slips [N]. Local.
+    """Norm of the forces caused by round-off of gaps and slips [N]. Local.
 
-    They are known up to eps |x|. A node that slides, but has hardly moved, has a direction of
-    friction that turns with the last digits.
+    Their error is eps |x|. The friction of a sliding node that has hardly moved changes direction
+    with the last digits.
     """
     slopes = sum(float(np.vdot(state.slopes, state.slopes)) for state in states)
     if slopes == 0:

@@ -1,4 +1,4 @@
-"""Derivative of a residual in a direction, in double and in single precision."""
+"""Directional derivative of a residual, in double and in single precision."""
 
 import math
 from collections.abc import Sequence
@@ -17,30 +17,29 @@ from dolfinx_nts.solvers.nodal_sum import NodalSum
 
 __all__ = ["Derivative"]
 
-# Kernels by which others are judged: those that are soon compiled, until there are quicker ones.
+# Kernels that serve as a reference: "slow" ones compile fast, until "double" ones are available.
 _EXACT: tuple[Kernels, ...] = ("double", "slow")
-# Cells of each material on which they are compared.
+# Number of cells of each material in the comparison.
 _SAMPLE = 512
 
 
 class Derivative:
-    """Derivative of linear forms by u in a direction, which is taken when it is first asked for.
+    """Derivative of linear forms with respect to u in a direction, taken at the first use.
 
     Args:
-        forms: Forms, that of the bodies first, then those of loads.
+        forms: Form of the bodies, then those of the loads.
         u: Displacement, a coefficient of the forms.
-        jumps: Whether it jumps, as where points begin to flow. Half of the digits do not tell on
-            which side of a jump a point is.
+        jumps: Whether the derivative is discontinuous, as at the onset of plastic flow. Single
+            precision cannot resolve on which side of a jump a point is.
 
     Attributes:
-        rounded: Kernels with the fewest digits that are enough in most Krylov iterations.
+        rounded: Kernels of the lowest precision that suffices in most Krylov iterations.
     """
 
     def __init__(self, forms: Sequence[ufl.Form], u: fem.Function, *, jumps: bool = False) -> None:
-        """Take the forms."""
         self.rounded: Kernels = "double" if jumps else "single"
         self._direction = fem.Function(u.function_space)
-        # DOLFINx takes 2 us each time that it is asked for the array.
+        # Each access to the array takes DOLFINx 2 us.
         self._values: Floats = self._direction.x.array
         self._forms, self._u, V = forms, u, u.function_space
         nodes = V.dofmap.index_map
@@ -54,7 +53,7 @@ class Derivative:
         return sum(form.num_assembled for form in self._sums.values())
 
     def leave_out(self, cells: Ints) -> None:
-        """Leave out cells from now on, until the next call. Local.
+        """Leave out cells until the next call. Local.
 
         Args:
             cells: Owned cells, local indices.
@@ -68,10 +67,10 @@ class Derivative:
 
         Args:
             x: Direction at the owned nodes, shape ``(n, d)`` [m].
-            given: Owned dofs where it is 0 instead, shape ``(d n,)``; None: nowhere.
+            given: Flags of the owned dofs where it is set to zero, shape ``(d n,)``; None: nowhere.
 
         Returns:
-            The direction at the owned dofs, shape ``(d n,)`` [m], a view.
+            View of the direction at the owned dofs, shape ``(d n,)`` [m].
         """
         owned = self._values[: self._num_owned]
         owned[:] = x.ravel()
@@ -81,10 +80,10 @@ class Derivative:
         return owned
 
     def with_kernels(self, kernels: Kernels) -> NodalSum:
-        """Forms of the derivative with some kernels. Collective."""
+        """Forms of the derivative with kernels of a kind. Collective."""
         if kernels not in self._sums:
-            # Bodies that fly need none, and without contact nobody needs double precision: all of
-            # them take time to compile.
+            # Compiled on demand: a body in free flight needs no kernels, and without contact double
+            # precision is not needed.
             V = self._u.function_space
             self._sums[kernels] = NodalSum(self._derivatives, V, kernels)
             self._sums[kernels].leave_out(self._left_out)
@@ -92,14 +91,13 @@ class Derivative:
 
     @cached_property
     def _derivatives(self) -> list[ufl.Form]:
-        """The derivative of each form."""
         u, direction = self._u, self._direction
         return [expand_derivatives(ufl.derivative(form, u, direction)) for form in self._forms]
 
     def rounding(self) -> float:
-        """Error of the rounded derivative, relative, on a sample of cells. Collective.
+        """Relative error of the derivative in single precision, on a sample of cells. Collective.
 
-        It depends on the law, and on displacements in sizes of cells.
+        It depends on the material and on the ratio of displacements to cell sizes.
         """
         judges = next((kernels for kernels in _EXACT if kernels in self._sums), _EXACT[-1])
         rounded, exact = (

@@ -1,15 +1,14 @@
-"""Viscous resistance in a solution without inertia, against the motion away from a state.
+"""Viscous resistance in statics: pseudo-transient continuation.
 
-An equilibrium that turns back at a limit point, or that is a saddle of the energy, has none near
-it for the next load, and a node there is wrong both in contact and out of it: the tangent is
-indefinite, and no active set is right. With a resistance c that is large enough
+At a limit point or a saddle of the energy there is no equilibrium close by for the next load. The
+tangent is indefinite, and no active set is consistent. With a large enough resistance c,
 
     R(u) + c (u - u_ref) = 0
 
-has a definite tangent, and one solution near u_ref. A sequence of these, each from the last one
-and with less resistance, is a way in a pseudo-time down the energy of bodies and loads, which ends
-at an equilibrium, as a rule a stable one (pseudo-transient continuation, C. T. Kelley, D. E.
-Keyes, SIAM J. Numer. Anal. 35 (1998)).
+has a definite tangent and one solution near u_ref. A sequence of these problems, each one starting
+from the last solution and with less resistance, decreases the energy in a pseudo-time. It ends at
+an equilibrium, which is stable as a rule (C. T. Kelley, D. E. Keyes, SIAM J. Numer. Anal. 35
+(1998)).
 """
 
 from collections.abc import Iterator
@@ -23,15 +22,15 @@ __all__ = ["Drag"]
 
 
 class Drag:
-    """Resistance of the nodes against leaving a state, a part of their stiffness.
+    """Resistance of the nodes against leaving a state, proportional to their stiffness.
 
     Args:
-        bulk: Residual of the bodies, the derivative of which gets the resistance.
-        tangent: Matrix of that derivative, which gets it too.
+        bulk: Residual of the bodies, whose derivative includes the resistance.
+        tangent: Matrix of that derivative, which includes it, too.
     """
 
     def __init__(self, bulk: Bulk, tangent: Tangent) -> None:
-        """Take the stiffness of the nodes as it is now. Collective."""
+        """Store the current stiffness of the nodes. Collective."""
         self._bulk, self._tangent = bulk, tangent
         self._dim = bulk.rigid.dim
         self._stiffness: Floats = tangent.nodal_stiffness().copy()[:, None]
@@ -46,11 +45,11 @@ class Drag:
 
     @contextmanager
     def acting(self, part: float, reference: Floats) -> Iterator[None]:
-        """Context in which it acts on residual and tangent. Local.
+        """Context in which the resistance acts on residual and tangent. Local.
 
         Args:
             part: Resistance relative to the stiffness of the nodes [-].
-            reference: Displacements that are not resisted, of the owned dofs, ``(d n,)`` [m].
+            reference: Displacements of the owned dofs without resistance, ``(d n,)`` [m].
         """
         before = self._bulk.stabilisation
         resistance = self._resistance = part * self._stiffness
@@ -67,7 +66,7 @@ class Drag:
             self._bulk.stabilisation, self._tangent.drag = before, 0.0
 
     def force(self) -> Floats:
-        """Force of the resistance on the owned dofs that are not given, ``(d n,)`` [N]. Local."""
+        """Force on the owned dofs, 0 where u is prescribed, shape ``(d n,)`` [N]. Local."""
         force: Floats = (self._resistance * (self._nodes - self._reference)).ravel()
         force[self._bulk.given] = 0
         return force

@@ -1,18 +1,17 @@
 r"""Elimination of the multipliers from the linear systems of Newton's method.
 
-Each active node gives up its normal displacement, which the constraint
-determines, so Krylov methods see a system of the size and condition of the
-bulk and no saddle point. With one column E per active pair, the node's
-normal at the node, the gap gradients G, the forces F, and
+The constraint of an active node determines its normal displacement, which is eliminated together
+with the multiplier. Krylov methods then see a system of the size and condition of the bulk, and no
+saddle point. With one column E per active pair, which is the normal at its node, the gap gradients
+G, the forces F, and
 
 .. math:: Z = 1 - E (G^T E)^{-1} G^T, \qquad
           \tilde Z^T = 1 - F (E^T F)^{-1} E^T,
 
-the increment is :math:`\Delta u = x_p + Z y` with a particular part
-:math:`x_p` that satisfies the constraints, and the multipliers follow from
-the balance of normal forces at the nodes. With node-to-segment contact
-:math:`G^T E` is diagonal; with mortar contact it is nearly so, and each rank
-solves with all of it.
+the increment is :math:`\Delta u = x_p + Z y` with a particular part :math:`x_p` that satisfies the
+constraints, and the multipliers follow from the balance of normal forces at the nodes. With
+node-to-segment contact :math:`G^T E` is diagonal. With mortar contact it is nearly diagonal, and
+each rank solves with the global matrix.
 """
 
 from collections.abc import Sequence
@@ -32,33 +31,31 @@ __all__ = ["ActivePairs", "CoupledPairs", "Elimination", "active_pairs"]
 
 Part = tuple[Floats, Floats]
 
-_NO_VALUES = np.empty(0)  # of constraints: they are to become zero
+_NO_VALUES = np.empty(0)  # constraints with the value zero
 
 
 class ActivePairs:
-    """Active pairs of one contact pair, of which no node is constrained by two.
+    """Active pairs of one contact pair; no two of them constrain the same node.
 
-    Vectors are nodal, shape ``(n, d)``, over the owned nodes; a part of one
-    is what pairs of this rank need: the vector, which must stay as it is, and
-    its values at ghosts.
+    Vectors are nodal, shape ``(n, d)``, over the owned nodes. A part of a vector is the vector
+    itself, which must not change, together with its values at ghosts.
 
     Args:
-        candidates: What carries the values of their nodes.
+        candidates: Candidates of the search, which exchange values of their nodes.
         state: All pairs.
         dim: Components of the displacement at a node, d.
 
     Attributes:
-        blocks: Their constraints and tangent, by the nodes of ``ghosts``.
-        ghosts: Carries the values of nodes between ranks.
-        fixed: Whether the node cannot give up what constraints determine.
-        excess: What the constraints should make zero, shape ``(m, d)`` [m].
+        blocks: Constraints and tangent, with node numbers of ``ghosts``.
+        ghosts: Exchange of nodal values between ranks.
+        fixed: Whether the displacement of a node is prescribed, so that it cannot be eliminated.
+        excess: Values that the constraints should make zero, shape ``(m, d)`` [m].
     """
 
-    # Whether constraints may reach constrained nodes of others.
+    # Whether constraints may involve nodes that other pairs constrain.
     may_overlap = False
 
     def __init__(self, candidates: Candidates, state: ContactContribution, dim: int) -> None:
-        """Take the active ones."""
         pairs, ghosts = state.pairs, candidates.scatter
         arrays: tuple[Any, ...] = (
             *(pairs.fixed, pairs.excess, pairs.dofs, state.rank),
@@ -73,7 +70,7 @@ class ActivePairs:
         self.fixed, self.excess, dofs, rank, normal, gradients, columns, slopes = arrays
         self._pair_dofs, self.ghosts = dofs, ghosts
         start, nodes = np.arange(0, dofs.size + 1, dofs.shape[1]), dofs.ravel()
-        if dim < 3:  # the linear system has the components of the space
+        if dim < 3:  # the linear system has d components
             self.excess, normal = self.excess[:, :dim], normal[:, :dim]
             gradients, columns, slopes, tangent = (
                 _components(blocks, dim) for blocks in (gradients, columns, slopes, tangent)
@@ -84,20 +81,20 @@ class ActivePairs:
 
     @property
     def is_regular(self) -> bool:
-        """Whether the projections exist as far as the pairs alone decide. Collective."""
+        """Whether the projections exist, as far as this contact pair determines it. Collective."""
         return True
 
     def constrain(self, values: Floats, x: Floats) -> Part:
-        """Replace x by Z x + E (G^T E)^-1 values; return the part of it. Collective."""
+        """Replace x by Z x + E (G^T E)^-1 values; return its part. Collective."""
         part = self.part(x)
         self._kernel.constrain(values, *part)
         return part
 
     def act(self, part: Part, y: Floats) -> Floats:
-        """Replace y by Z~^T (y + C x), with the part of x. Collective.
+        """Replace y by Z~^T (y + C x), given the part of x. Collective.
 
         Returns:
-            Multipliers of the forces that this removes, shape ``(m, 3)`` [N].
+            Multipliers of the forces that are removed, shape ``(m, 3)`` [N].
         """
         ghosts = self.ghosts.no_values(y.shape[1])
         removed = self._kernel.act(*part, y, ghosts)
@@ -105,23 +102,22 @@ class ActivePairs:
         return removed
 
     def part(self, x: Floats) -> Part:
-        """Part of a nodal vector that these pairs need. Collective."""
+        """Part of a nodal vector for these pairs. Collective."""
         return x, self.ghosts.at_ghosts(x)
 
     def global_blocks(self) -> ContactBlocks:
-        """The blocks with global numbers of the nodes."""
+        """The blocks with global node numbers."""
         if self.ghosts.index_map.size_local == self.ghosts.index_map.size_global:
             return self.blocks
         return self.blocks.renumbered(self.ghosts.global_nodes)
 
 
 class CoupledPairs(ActivePairs):
-    """Active pairs whose constraints reach constrained nodes of each other, see `ActivePairs`."""
+    """Active pairs whose constraints involve constrained nodes of each other."""
 
     may_overlap = True
 
     def __init__(self, candidates: Candidates, state: ContactContribution, dim: int) -> None:
-        """Multiply constraints and directions."""
         super().__init__(candidates, state, dim)
         blocks, dofs = self.blocks, self._pair_dofs
         assert isinstance(state.pairs.blocks, PointBlocks)
@@ -133,13 +129,11 @@ class CoupledPairs(ActivePairs):
 
     @property
     def is_regular(self) -> bool:
-        """Whether both systems can be solved, see `ActivePairs.is_regular`."""
         ones = np.ones(self._gradients.directions.shape[:2])
         parts = [system.solve(ones) for system in (self._gradients, self._forces)]
         return all(bool(np.isfinite(part).all()) for part in parts)
 
     def constrain(self, values: Floats, x: Floats) -> Part:
-        """Solve for all nodes at once, see `ActivePairs.constrain`."""
         missing = self._kernel.missing(values, *self.part(x))
         directions = self._gradients.directions
         way = self._gradients.solve(missing[:, : directions.shape[1]])
@@ -147,7 +141,6 @@ class CoupledPairs(ActivePairs):
         return self.part(x)
 
     def act(self, part: Part, y: Floats) -> Floats:
-        """Sum up tangents first, then balance, see `ActivePairs.act`."""
         ghosts = self.ghosts.no_values(y.shape[1])
         self._kernel.add_tangent(*part, y, ghosts)
         self.ghosts.add_of_ghosts(y, ghosts)
@@ -162,7 +155,7 @@ class CoupledPairs(ActivePairs):
 
 
 def _components(blocks: Floats, dim: int) -> Floats:
-    """Those of blocks, shape ``(m, 3 j, 3 k)``, that a space has, ``(m, d j, d k)``."""
+    """Blocks ``(m, 3 j, 3 k)`` restricted to the components of the space, ``(m, d j, d k)``."""
     m, j, k = len(blocks), blocks.shape[1] // 3, blocks.shape[2] // 3
     parts = blocks.reshape(m, j, 3, k, 3)[:, :, :dim, :, :dim]
     return parts.reshape(m, dim * j, dim * k)
@@ -171,14 +164,14 @@ def _components(blocks: Floats, dim: int) -> Floats:
 def active_pairs(
     steps: Sequence[ContactStep], states: Sequence[ContactContribution], dim: int
 ) -> list[ActivePairs]:
-    """Active pairs of each contact pair that has any, on whatever rank.
+    """Active pairs of each contact pair that has any on some rank.
 
     Args:
         steps: Contact attempts.
         states: Their pairs.
         dim: Components of the displacement at a node.
     """
-    # An exchange is collective: what is empty on all ranks is left out.
+    # Contact pairs without active nodes on all ranks are left out, to save collective exchanges.
     return [
         (CoupledPairs if state.pairs.blocks.may_overlap else ActivePairs)(
             step.candidates, state, dim
@@ -191,17 +184,15 @@ def active_pairs(
 class Elimination:
     """Projections for the active pairs of one Newton iteration.
 
-    Collective, as all its methods. Vectors are nodal, shape ``(n, 3)``,
-    over the owned nodes.
+    Collective, as all its methods. Vectors are nodal, shape ``(n, 3)``, over the owned nodes.
 
     Args:
-        pairs: Active pairs, one item for each contact pair that has any.
-            The projections only exist unless `ActiveSets.are_coupled`.
-        active_version: Their number by `ActiveSets`.
+        pairs: Active pairs, one item for each contact pair that has any. The projections do not
+            exist if `ActiveSets.are_coupled`.
+        active_version: Number of the active set by `ActiveSets`.
     """
 
     def __init__(self, pairs: Sequence[ActivePairs], active_version: int) -> None:
-        """Create the projections of some pairs."""
         self.pairs, self.active_version = pairs, active_version
 
     @property
@@ -210,28 +201,28 @@ class Elimination:
         return not self.pairs
 
     def particular(self, shape: tuple[int, ...]) -> tuple[Floats, list[Part]]:
-        """Nodal vector x_p with G^T x_p = -(g - g_ref), and as `constrain`."""
+        """Nodal vector x_p with G^T x_p = -(g - g_ref), and its parts as of `constrain`."""
         x = np.zeros(shape)
         return x, [p.constrain(-p.excess, x) for p in self.pairs]
 
     def constrain(self, x: Floats) -> list[Part]:
-        """Replace x by Z x; returns the part of Z x that each of `pairs` needs."""
+        """Replace x by Z x; return the part of Z x for each of `pairs`."""
         return [p.constrain(_NO_VALUES, x) for p in self.pairs]
 
     def act(self, parts: list[Part], y: Floats) -> Floats:
-        """Z~^T (y + sum lambda dF/dq x), x as `constrain` returns it; overwrites y."""
+        """Z~^T (y + sum lambda dF/dq x), with the parts of x from `constrain`; overwrites y."""
         self._act(parts, y)
         return y
 
     def multipliers(self, x: Floats, y: Floats) -> list[Floats]:
-        """Multipliers that balance y + sum lambda dF/dq x where nodes give up displacements.
+        """Multipliers that balance y + sum lambda dF/dq x at the constrained nodes.
 
         Args:
             x: Values at the owned nodes, shape ``(n, 3)`` [m].
             y: Forces at them, the same shape, overwritten [N].
 
         Returns:
-            Those of each of `pairs`, constraint by constraint [N].
+            Multipliers of each of `pairs`, constraint by constraint [N].
         """
         removed = zip(self.pairs, self._act([p.part(x) for p in self.pairs], y), strict=True)
         return [
@@ -240,5 +231,5 @@ class Elimination:
         ]
 
     def _act(self, parts: list[Part], y: Floats) -> list[Floats]:
-        """Project y; returns the multipliers of what this removes, each ``(m, 3)``."""
+        """Project y; return the multipliers of the removed forces, each ``(m, 3)``."""
         return [p.act(x, y) for p, x in zip(self.pairs, parts, strict=True)]

@@ -1,4 +1,4 @@
-"""Age of the factors of the bulk, which tells when new ones, or stronger ones, are cheaper."""
+"""Renewal of the factors of the bulk: new or stronger factors where they save iterations."""
 
 import math
 from collections.abc import Callable
@@ -18,28 +18,28 @@ __all__ = ["FactorAge"]
 # Cost of assembling and factorising the bulk, in Krylov iterations; the strongest
 # factors cost more.
 _REBUILD_COST, _STRONG_REBUILD_COST = 15.0, 40.0
-# Iterations per decade of reduction from which on the next stronger factors are cheaper
-# than new ones of the same kind; from which on those with fill are cheaper than those
-# without, if these decades have shown it; and from which on new complete factors are of a matrix
-# too far from the derivative.
+# Iterations per decade of reduction above which the next stronger factors are cheaper than new ones
+# of the same kind; above which ILU(1) is cheaper than ILU(0), and the number of decades for that
+# judgement; and above which complete factors of the nearby matrix are replaced by those of the
+# derivative.
 _SLOW, _FILL_PAYS, _DECADES_SHOW, _EXACT_PAYS = 15.0, 6.0, 4.0, 4.0
-# Cells that waves cross in a step, from which on this is known beforehand.
+# Courant number above which strong factors are used from the start.
 _MOST_CROSSINGS = 50.0
-# Decades of reduction over which the iterations of new factors are measured: about
-# those of a step; and part of these iterations from which on factors were not as poor as it
-# seemed: contact was hard.
+# Decades of reduction over which the iterations of new factors are measured, about those of a step;
+# and the ratio to them below which the reference is lowered: contact had made it too high.
 _DECADES, _EASIER = 12.0, 0.7
-# Reduction with which the preconditioner alone is trusted [-]: iterations also scale what it gives.
+# Least reduction that is expected of one application of the preconditioner [-], since Krylov
+# iterations also scale its result.
 _UNSCALED = 0.1
-# Decades that count at least, as a solve that asks for less takes an iteration, too.
+# Lower bound on the decades of a solve, since every solve takes at least one iteration.
 _FEWEST_DECADES = 0.3
-# Inertia over stiffness that is none [-].
+# Negligible ratio of inertia to stiffness [-].
 _NO_INERTIA = 1e-30
 
 
 @dataclass
 class _Pace:
-    """Iterations of some solves, and the decades of reduction that were asked of them."""
+    """Iterations and decades of reduction of some solves."""
 
     iterations: float = 0.0
     decades: float = 0.0
@@ -55,16 +55,16 @@ class _Pace:
 
 
 class FactorAge:
-    """How many iterations the age of the factors has cost, and new factors where it costs more.
+    """Decides when the bulk is factorised again, by the iterations that old factors cost.
 
     Args:
         tangent: Matrix of the bulk.
         factors: Its preconditioner.
-        operator: The projected tangent, which measures its precision anew with new factors.
-        inertia: As of `LinearSolver`.
+        operator: The projected tangent, whose precision is measured again with new factors.
+        inertia: Argument of `LinearSolver`.
 
     Attributes:
-        crossings: Cells that waves crossed in the step in which the factors were made, about.
+        crossings: Courant number of the step in which the factors were made, estimated.
     """
 
     def __init__(
@@ -74,24 +74,23 @@ class FactorAge:
         operator: Operator,
         inertia: Callable[[], Floats],
     ) -> None:
-        """Begin without factors."""
         self._tangent, self._factors, self._operator = tangent, factors, operator
         self._inertia = inertia
         self.crossings = 0.0
         self._begin()
 
     def _begin(self) -> None:
-        """Forget all solves: the first decades, the last ones, and those in contact."""
+        """Reset the counts of the first decades, the last ones, and those in contact."""
         self._first, self._last, self._in_contact = _Pace(), _Pace(), _Pace()
-        # Iterations per decade of new factors, NaN until they are known, and iterations beyond
-        # those that such factors would have needed.
+        # Iterations per decade of new factors, NaN until they are known, and iterations in excess
+        # of those with new factors.
         self._fresh, self._excess = math.nan, 0.0
 
     @property
     def one_application_reduction(self) -> float:
-        """Reduction that an application gives in contact. Local.
+        """Reduction by one application of the preconditioner in contact. Local.
 
-        NaN while it is not known or too little: solves of bodies in flight say nothing of it.
+        NaN if it is unknown or too small; solves without contact do not count.
         """
         seen = self._in_contact
         if not (self._factors.is_ilu0 and seen.decades >= _DECADES and seen.iterations > 0):
@@ -99,7 +98,7 @@ class FactorAge:
         return max(float(10 ** (-1 / seen.rate)), _UNSCALED)
 
     def count(self, iterations: int, decades: float, *, in_contact: bool = False) -> None:
-        """Add those of a solve. Local."""
+        """Count the iterations of a solve. Local."""
         if in_contact:
             self._in_contact.add(iterations, decades)
         if math.isnan(self._fresh):
@@ -115,7 +114,7 @@ class FactorAge:
                 self._fresh, self._excess = rate, 0.0
 
     def renew(self) -> bool:
-        """Make factors if there are none, or old ones; returns whether it did. Collective."""
+        """Make factors if the old ones cost more iterations; return whether it did. Collective."""
         factors = self._factors
         cost = _STRONG_REBUILD_COST if factors.is_strong else _REBUILD_COST
         is_due = factors.point is None or self._excess > cost
@@ -138,7 +137,7 @@ class FactorAge:
         """Make stronger factors where they are cheaper. Collective.
 
         Args:
-            is_new: Whether the present ones were made for the last system.
+            is_new: Whether the current factors were made for the last system.
         """
         factors = self._factors
         if not factors.may_be_strengthened:
@@ -165,14 +164,14 @@ class FactorAge:
             self._first, self._last, self._in_contact = map(_Pace, numbers[2::2], numbers[3::2])
 
     def _wave_crossings(self) -> float:
-        """Number of cells that waves cross in a step, about h c/dx. Collective.
+        """Courant number c h/dx, the number of cells that waves cross in a step. Collective.
 
-        In a chain of lumped masses m with waves of speed c, K_ii/m is
-        2 (c/dx)^2; half of K and 2 m/h^2 make up the tangent of a step.
+        In a chain of lumped masses m with the wave speed c, K_ii/m is 2 (c/dx)^2. The tangent of a
+        step is the sum of K/2 and 2 m/h^2.
         """
         stiffness = self._tangent.nodal_stiffness()
         inertia = self._inertia().reshape(-1, self._operator.bulk.rigid.dim)[:, 0]
-        # Without inertia waves cross any number of cells.
+        # Without inertia the number is infinite.
         moves = inertia > _NO_INERTIA * stiffness
         infinite = np.where(stiffness > 0, np.inf, 0.0)
         ratio = np.where(moves, stiffness, infinite) / np.where(moves, inertia, 1.0)

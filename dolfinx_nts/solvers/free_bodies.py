@@ -1,4 +1,4 @@
-"""Bodies that neither supports nor loads hold, with the rigid motions they are free to make."""
+"""Bodies without supports, with their free rigid motions."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,22 +18,22 @@ from dolfinx_nts.solvers.tangent import Tangent
 
 __all__ = ["FreeBody", "find_free_bodies"]
 
-# Stiffness against a rigid motion, relative to that of the nodes [-], which is round-off.
+# Stiffness against a rigid motion, relative to that of the nodes [-], below which it is round-off.
 _NO_RESISTANCE = 1e-10
-# Part of a unit motion that may be missing in the free ones [-] for it to count among them.
+# Tolerance for a unit motion to lie in the space of free motions [-].
 _ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
 class FreeBody:
-    """Bodies connected by shared nodes that neither supports nor loads hold.
+    """Bodies connected by shared nodes, without support by boundary conditions or loads.
 
     Attributes:
         bodies: The bodies.
         nodes: Their owned nodes, shape ``(n,)``.
         centre: Centre of the rotations, shape ``(3,)`` [m].
-        size: Distance by which rotations are divided [m].
-        motions: The free motions as sums of translations in x, y, z and rotations about these
+        size: Length by which rotations are divided [m].
+        motions: Free motions as combinations of translations in x, y, z and rotations about these
             axes, shape ``(6, k)``; in the plane in x, y and about z, ``(3, k)``.
     """
 
@@ -50,7 +50,6 @@ class FreeBody:
         return motions
 
     def __str__(self) -> str:
-        """Names of the bodies and of the motions."""
         part = np.linalg.norm(self.motions, axis=1)
         whole = part > 1 - _ROUNDING
         motions = []
@@ -69,12 +68,12 @@ class FreeBody:
 def find_free_bodies(
     bodies: Sequence[Body], bulk: Bulk, tangent: Tangent, x: Floats
 ) -> list[FreeBody]:
-    """Find the bodies that can move rigidly as far as supports and loads go. Collective.
+    """Find the bodies that can move rigidly against boundary conditions and loads. Collective.
 
     Args:
         bodies: All bodies.
         bulk: Their residual and its derivative, with supports and loads.
-        tangent: Gives the stiffness of nodes.
+        tangent: Matrix of the derivative, for the stiffness of the nodes.
         x: Positions of the owned nodes, shape ``(n, 3)`` [m].
     """
     comm, stiffness = bulk.comm, tangent.nodal_stiffness()
@@ -87,7 +86,7 @@ def find_free_bodies(
     for some, frame in zip(nodes, frames, strict=True):
         motions[:, some] = _rigid_motions(x[some], *frame, dim == 2)[..., :dim]
     forces = np.array([bulk.action(motion) for motion in motions])
-    # Supports and guides resist as nodes do.
+    # Supports and guides resist with the stiffness of the nodes.
     held = np.zeros((len(x), dim), dtype=bool)
     held.flat[bulk.supports.fixed] = True
     forces[:, held] = (motions * stiffness[:, None])[:, held]
@@ -107,7 +106,7 @@ def find_free_bodies(
             ]
         )
         resistance, scale = reductions.total(comm, products)
-        # Forces do next to no work in free motions.
+        # Forces do almost no work in free motions.
         values, vectors = np.linalg.eigh((resistance + resistance.T) / 2 / np.trace(scale))
         free = vectors[:, np.abs(values) < _NO_RESISTANCE]
         if free.size:
@@ -116,7 +115,7 @@ def find_free_bodies(
 
 
 def _owned_nodes(bodies: Sequence[Body]) -> Ints:
-    """Owned nodes of all cells of bodies, on whatever rank those are. Collective."""
+    """Owned nodes of the cells of bodies on all ranks. Collective."""
     index_map = bodies[0].V.dofmap.index_map
     # A node may be owned by a rank that has no cell of the body.
     marker = la.vector(index_map)

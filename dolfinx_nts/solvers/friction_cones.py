@@ -1,17 +1,18 @@
-r"""Coulomb's law at all points of a linear system at once, by an interior point method.
+r"""Interior point method for Coulomb's law at all contact points of a linear system.
 
-Where rigid bodies touch at more points than their motions have unknowns, forces at single points
-are not unique, and states that are changed point by point, as multipliers tell, go in circles. All
-conditions of a linearised step make up a small problem: the forces f at the points, normal first,
-and the motions y relative to what the points face are
+If rigid bodies touch at more points than they have degrees of freedom, contact forces are not
+unique, and active-set updates point by point cycle. All conditions of a linearised step form a
+small problem: the forces f at the points, normal component first, and the relative motions y
+satisfy
 
 .. math:: y = W f + q, \qquad f \in K, \quad y + \mu |y_T| e_N \in K^*, \quad
    f \cdot (y + \mu |y_T| e_N) = 0,
 
-with the cone K of friction, its dual K^* and the normal :math:`e_N` (G. De Saxce, Z.-Q. Feng, Math.
-Comput. Modelling 28 (1998)). An interior point method follows the path on which the Jordan product
-of both is a small multiple of the unit of the cone (F. Alizadeh, D. Goldfarb, Math. Program. 95
-(2003)). It ends in the middle of the solutions, so that a point sticks unless it has to slide.
+with the friction cone K, its dual K^* and the normal :math:`e_N` (G. De Saxce, Z.-Q. Feng, Math.
+Comput. Modelling 28 (1998)). The method follows the central path, on which the Jordan product of
+both is a small multiple of the identity of the cone (F. Alizadeh, D. Goldfarb, Math. Program. 95
+(2003)). It ends at the analytic centre of the solutions, so that a point sticks unless it has to
+slide.
 """
 
 from typing import Any, NamedTuple
@@ -24,25 +25,24 @@ from dolfinx_nts.common.arrays import Flags, Floats, Ints
 __all__ = ["ConeSolution", "solve"]
 
 _MOST_ITERATIONS = 60
-# Product of force and motion, relative to those of the problem [-], that is none; up to which no
-# fewer is asked for where the last iterations gained little; and that with which states are clear
-# where steps have become short.
+# Duality gap, relative to forces and motions of the problem [-]: of a solution; acceptable if
+# progress stagnates; and small enough to identify the states if steps have become short.
 _NONE, _FEW, _CLEAR = 1e-18, 1e-13, 1e-9
-# What a motion may differ by from that of the forces, relative to those of the problem [-], and
-# the same where steps have become short.
+# Residual of the motions, relative to the problem [-]: of a solution, and if steps have become
+# short.
 _EQUAL, _NEAR = 1e-12, 1e-8
-# Numbers of iterations before little gain, and short steps, count.
+# Number of iterations before stagnation, and before short steps, are considered.
 _BEFORE_FEW, _BEFORE_SHORT = 8, 12
-# Length of a step [-] that is short; that from which on the next one only goes back to the middle.
+# Step length [-] that counts as short; and below which the next step is a pure centring step.
 _SHORT, _OFF_CENTRE = 0.1, 0.3
-# Part of the way to the boundary of a cone that a step goes [-].
+# Fraction of the distance to the boundary of the cones that a step takes [-].
 _INSIDE = 0.999
-# Least reduction of the product that a step aims at [-], while motions differ, and later.
+# Least centring parameter [-]: while residuals are large, later, and of a centring step.
 _FIRST_AIM, _AIM, _CENTRING = 1e-2, 1e-4, 0.5
 _DIFFERS = 1e-6
-# Motion by the force on another point, relative to those by the own ones [-], that is round-off.
+# Coupling of two points, relative to their own compliances [-], that is round-off.
 _NOT_FELT = 1e-13
-# Compliance of the points, relative to that of the bodies [-]: the forces become unique.
+# Compliance added to the points, relative to that of the bodies [-], which makes the forces unique.
 _COMPLIANCE = 1e-10
 
 
@@ -53,7 +53,7 @@ class ConeSolution(NamedTuple):
         force: Forces on the points, shape ``(m, d)`` [N].
         motion: Gaps and slips, shape ``(m, d)`` [m].
         presses: Whether a point transmits force, shape ``(m,)``.
-        slides: Whether a point that does slides, shape ``(m,)``.
+        slides: Whether a point with force slides, shape ``(m,)``.
     """
 
     force: Floats
@@ -62,7 +62,7 @@ class ConeSolution(NamedTuple):
     slides: Flags
 
     def part(self, points: slice) -> "ConeSolution":
-        """Those of some points. Local."""
+        """Subset of the points. Local."""
         return ConeSolution(
             self.force[points], self.motion[points], self.presses[points], self.slides[points]
         )
@@ -71,15 +71,15 @@ class ConeSolution(NamedTuple):
 def solve(W: Floats, q: Floats, mu: Floats) -> ConeSolution | None:
     """Find forces that obey Coulomb's law at all points. Local.
 
-    Points that do not feel each other's forces are solved for one after the other.
+    Groups of points that do not interact are solved one after the other.
 
     Args:
-        W: Motions of the points by the forces on them, shape ``(m d, m d)`` [m/N].
-        q: Motions without any force, shape ``(m d,)`` [m].
+        W: Compliance matrix of the points, shape ``(m d, m d)`` [m/N].
+        q: Motions without any contact force, shape ``(m d,)`` [m].
         mu: Coefficients of friction, positive, shape ``(m,)`` [-].
 
     Returns:
-        A solution, None if none is found.
+        A solution, or None if none is found.
     """
     m, d = len(mu), len(q) // max(len(mu), 1)
     force, motion = np.zeros((2, m, d))
@@ -94,7 +94,7 @@ def solve(W: Floats, q: Floats, mu: Floats) -> ConeSolution | None:
 
 
 def _groups(W: Floats, m: int) -> list[Ints]:
-    """Points that feel each other's forces, group by group. Local."""
+    """Groups of interacting points. Local."""
     d = len(W) // max(m, 1)
     size = np.abs(W).reshape(m, d, m, d).max(axis=(1, 3), initial=0.0)
     own = np.sqrt(np.diag(size))
@@ -109,13 +109,13 @@ def _groups(W: Floats, m: int) -> list[Ints]:
 
 
 def _solve_group(W: Floats, q: Floats, mu: Floats) -> ConeSolution | None:
-    """Solve for points that feel each other's forces, see `solve`. Local."""
+    """Solve for one group of interacting points, see `solve`. Local."""
     m, d = len(mu), len(q) // len(mu)
     own = np.diag(W)
     length = _kernels.largest_size(q)
     if not (length > 0 and (own > 0).any()):
         return None
-    # Cones of right angles, and forces and motions without units.
+    # Scaling to right-angled cones and to dimensionless forces and motions.
     compliance = float(own[own > 0].mean())
     scale: Floats = np.ones((m, d))
     scale[:, 0] = 1 / mu
@@ -139,7 +139,7 @@ def _solve_group(W: Floats, q: Floats, mu: Floats) -> ConeSolution | None:
 
 
 def _central(W: Floats, q: Floats, d: int) -> tuple[Floats, Floats] | None:
-    """Forces and motions, both in cones of right angles, at the end of the central path. Local."""
+    """Scaled forces and motions at the end of the central path. Local."""
     m, size = len(q) // d, len(q)
     unit = np.zeros(d)
     unit[0] = 1.0
@@ -160,10 +160,10 @@ def _central(W: Floats, q: Floats, d: int) -> tuple[Floats, Floats] | None:
             return f, v
         if iteration > _BEFORE_SHORT and part < _SHORT and mean < _CLEAR and error < _NEAR:
             return f, v
-        if mean <= 0:  # round-off, from which nothing leads on
+        if mean <= 0:  # only round-off is left
             return None
         last = mean
-        # The normal part of a motion in the cone has that of the slip in it.
+        # The dual cone adds the size of the slip to the normal motion.
         of_slip = np.tile(np.eye(d), (m, 1, 1))
         of_slip[:, 0, 1:] += v[:, 1:] / np.where(across > 0, across, 1.0)[:, None]
         rows = _arrow(f) @ of_slip
@@ -193,7 +193,7 @@ def _central(W: Floats, q: Floats, d: int) -> tuple[Floats, Floats] | None:
 def _direction(
     known: Floats, W: Floats, of_slip: Floats, differs: Floats, inverse: Floats
 ) -> tuple[Floats, Floats]:
-    """Changes of forces and motions that take away what is ``known``, all ``(m, d)``."""
+    """Newton directions of forces and motions for the right-hand side ``known``, ``(m, d)``."""
     df = -(inverse @ known.ravel())
     moved = (W @ df).reshape(known.shape) + differs
     return df.reshape(known.shape), np.einsum("mij,mj->mi", of_slip, moved)

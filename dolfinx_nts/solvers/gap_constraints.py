@@ -1,4 +1,4 @@
-"""Gaps and slips that nodes without mass keep or close, and what these leave free."""
+"""Constraints on gaps and slips of nodes without mass, and projection on them."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -14,14 +14,14 @@ from dolfinx_nts.search.scatter import NodalScatter
 
 __all__ = ["GapConstraints", "KeptGaps"]
 
-# Part of a gradient [-] that is left where nodes are free, below which others decide on the gap.
+# Fraction of a gradient on free nodes [-] below which the gap is left to the other nodes.
 _NO_FREEDOM = 1e-3
-# Reduction in least squares [-], and most iterations: rows of neighbours are nearly orthogonal,
-# unless two pairs hold a node nearly in the same direction.
+# Reduction of the least-squares residual [-], and largest number of iterations. Rows of neighbours
+# are nearly orthogonal, unless two pairs constrain a node in nearly the same direction.
 _REDUCTION, _MAX_ITERATIONS = 1e-13, 50
-# Part of a vector [-] that is round-off.
+# Relative round-off of a vector [-].
 _ROUND_OFF = 4 * float(np.finfo(np.float64).eps)
-# Projections with friction, each of which reduces by some orders what is wrong.
+# Number of projections with friction, each of which reduces the error by some orders of magnitude.
 _SLIDING_PASSES = 4
 
 
@@ -29,12 +29,12 @@ class KeptGaps(NamedTuple):
     """Gaps of one pair that are kept or closed, and slips that are kept.
 
     Attributes:
-        scatter: Brings values of nodes to this rank.
-        dofs: Nodes in its map on which each depends, shape ``(m, k)``.
-        gradient: Gradient of each by these, shape ``(m, 3 k)``.
-        force: Force that holds it, per multiplier, shape ``(m, 3 k)``: the gradient, and where
-            nodes slide the friction that scales with it.
-        opening: How far each opens, shape ``(m,)`` [m].
+        scatter: Exchange of nodal values between ranks.
+        dofs: Nodes of each constraint in the map of the scatter, shape ``(m, k)``.
+        gradient: Gradient with respect to these nodes, shape ``(m, 3 k)``.
+        force: Constraint force per multiplier, shape ``(m, 3 k)``: the gradient, plus the friction
+            of sliding nodes.
+        opening: Prescribed change of each gap, shape ``(m,)`` [m].
     """
 
     scatter: NodalScatter
@@ -45,10 +45,10 @@ class KeptGaps(NamedTuple):
 
 
 class _SomeNodes:
-    """Carries values of some owned nodes to where the rows of a pair need them.
+    """Exchange of values of some owned nodes with the rows of a pair.
 
     Args:
-        scatter: Brings values of nodes to this rank.
+        scatter: Exchange of nodal values between ranks.
         nodes: The owned nodes, shape ``(n,)``.
     """
 
@@ -57,24 +57,24 @@ class _SomeNodes:
         self._all: Floats = np.zeros((scatter.index_map.size_local, 3))
 
     def forward(self, values: Floats) -> Floats:
-        """Values at all nodes of the scatter's map, 0 at others; until the next call."""
+        """Values at all nodes of the scatter's map, 0 at others; valid until the next call."""
         self._all[self._nodes] = in_space(values)
         return self._scatter.forward(self._all)
 
     def add(self, total: Floats, dofs: Ints, values: Floats) -> None:
-        """Add values of nodes of the scatter's map, ``(*dofs.shape, 3)``, to those of the nodes."""
+        """Add values on the scatter's map, ``(*dofs.shape, 3)``, to the values of the nodes."""
         sums = np.zeros_like(self._all)
         self._scatter.add(sums, dofs, values)
         total += sums[self._nodes, : total.shape[1]]
 
 
 class _Rows(NamedTuple):
-    """Those of one pair on nodes that are free, by scaled nodal vectors; gradients have length 1.
+    """Rows of one pair, restricted to free nodes and scaled to gradients of length 1.
 
     Attributes:
-        nodes: Carries the vectors.
-        which: Their positions among the rows of all pairs.
-        dofs: Nodes that matter, shape ``(m, k)``.
+        nodes: Exchange of nodal vectors.
+        which: Range among the rows of all pairs.
+        dofs: Nodes with nonzero entries, shape ``(m, k)``.
         gradient, force: Shape ``(m, k, 3)``.
     """
 
@@ -88,19 +88,18 @@ class _Rows(NamedTuple):
 class GapConstraints:
     """Constraints G x = opening on nodal vectors x. Collective, as are its methods.
 
-    They are met by least squares, so that they may contradict each other, or come twice. In the
-    plane nodal vectors have two components, and rows across it hold nothing.
+    They are solved in the least-squares sense, so they may be redundant or contradictory. In the
+    plane nodal vectors have two components, and rows normal to it have no effect.
 
     Args:
         comm: Communicator.
         holds: The gaps of each pair.
-        nodes: Owned nodes that may move, shape ``(n,)``; nodal vectors are of these.
-        free: 1 where they may, otherwise 0, shape ``(n, d)``.
-        stiffness: That of the nodes, which makes nodal vectors orthogonal, shape
-            ``(n, 1)`` [N/m].
+        nodes: Owned nodes that may move, shape ``(n,)``; nodal vectors refer to them.
+        free: 1 in free components, otherwise 0, shape ``(n, d)``.
+        stiffness: Stiffness of the nodes, which defines orthogonality, shape ``(n, 1)`` [N/m].
 
     Attributes:
-        slides: Whether there is friction that scales with normal forces, on any rank.
+        slides: Whether a sliding node has friction, on any rank.
     """
 
     def __init__(
@@ -111,7 +110,6 @@ class GapConstraints:
         free: Floats,
         stiffness: Floats,
     ) -> None:
-        """Scale all gradients to unit length."""
         self._comm, self._root, self._shape = comm, np.sqrt(stiffness), free.shape
         weight = free / self._root
         self._rows: list[_Rows] = []
@@ -126,7 +124,7 @@ class GapConstraints:
             is_free = _length(left) > _NO_FREEDOM * _length(gradient)
             length = np.where(is_free, _length(weights * gradient), np.inf)
             scaled = weights / length[:, None, None]
-            # Most nodes of a row lie on the other body, and do not move.
+            # Most nodes of a row belong to the other body, which is fixed.
             moves = scaled.any(axis=2)
             first = np.argsort(~moves, axis=1, kind="stable")
             first = first[:, : moves.sum(axis=1).max(initial=0)]
@@ -150,7 +148,7 @@ class GapConstraints:
         self._passes = _SLIDING_PASSES if self.slides else int(exists)
 
     def shortest(self) -> Floats:
-        """Shortest x that meets them, as far as any does, shape ``(n, d)`` [m]."""
+        """Shortest least-squares solution x, shape ``(n, d)`` [m]."""
         if not reductions.anywhere(self._comm, bool(self._opening.any())):
             return np.zeros(self._shape)
         x, _ = self._least_squares(self._times, self._transposed, self._opening)
@@ -158,9 +156,9 @@ class GapConstraints:
         return x
 
     def project(self, forces: Floats) -> Floats:
-        """Leave of forces, ``(n, d)`` [N], what those that hold cannot balance, in place."""
+        """Remove constraint forces from forces ``(n, d)`` [N], in place."""
         columns = [rows.force for rows in self._rows]
-        # Friction is nearly orthogonal to all gradients: what it leaves becomes less each time.
+        # Friction is nearly orthogonal to all gradients, so each pass reduces the remainder.
         for _ in range(self._passes):
             scaled = forces / self._root
             multipliers, left = self._least_squares(self._transposed, self._times, scaled)
@@ -171,7 +169,7 @@ class GapConstraints:
         return forces
 
     def _times(self, x: Floats) -> Floats:
-        """Multiply the gradients by nodal values, ``(n, d)``; shape ``(m,)``."""
+        """Product of the gradients with nodal values, ``(n, d)``; shape ``(m,)``."""
         products = np.empty(len(self._opening))
         for rows in self._rows:
             values = rows.nodes.forward(x)[rows.dofs]
@@ -220,6 +218,6 @@ class GapConstraints:
 
 
 def _length(rows: Floats) -> Floats:
-    """Lengths of rows, ``(m, k, 3)``, 0 where they are no numbers, ``(m,)``."""
+    """Lengths of rows, ``(m, k, 3)``, shape ``(m,)``."""
     length: Floats = np.sqrt(np.einsum("mki,mki->m", rows, rows))
     return length

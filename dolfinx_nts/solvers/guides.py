@@ -1,4 +1,4 @@
-"""Guides of rigid bodies in a step: how they lead the bodies, and what they take."""
+"""Guides of rigid bodies in a step: prescribed motions and reactions."""
 
 from collections.abc import Sequence
 
@@ -16,45 +16,44 @@ __all__ = ["Guides"]
 
 
 class Guides:
-    """Guides of the rigid bodies of a stepper; a free body has one that leaves all free.
+    """Guides of the rigid bodies of a stepper; an unguided body has a guide without constraints.
 
     Args:
         comm: Communicator.
         bodies: Linear fields over each rigid body.
 
     Attributes:
-        prescribed: Displacement of the guided point and Cayley vector of the rotation, for each of
-            ``b`` bodies in the step, shape ``(b, 6)``, in the plane ``(b, 3)``.
+        prescribed: Prescribed displacement of the guided point and Cayley vector of the rotation,
+            for each of ``b`` bodies, shape ``(b, 6)``, in the plane ``(b, 3)``.
     """
 
     def __init__(self, comm: MPI.Comm, bodies: Sequence[LinearFields]) -> None:
-        """Keep the bodies, which no step leads as yet."""
         self._comm, self._bodies = comm, tuple(bodies)
         self.prescribed: Floats = np.array([np.zeros(body.free.shape[1]) for body in bodies])
 
     def prescribe(self, t_n: float, t: float) -> None:
-        """Lead the bodies from t_n to t [s] in the next step. Local.
+        """Set the prescribed motions from t_n to t [s]. Local.
 
         Raises:
-            TypeError, ValueError: The motion of a guide is none, see `Motion`.
+            TypeError, ValueError: The motion of a guide is invalid, see `Motion`.
         """
         self.prescribed = np.array([body.prescribed(t_n, t) for body in self._bodies])
 
     def remaining(self, part: float) -> Floats:
-        """Displacements [m] and rotation vectors [rad] of the way after a part of it. Local."""
+        """Displacements [m] and rotation vectors [rad] remaining after part of the step. Local."""
         return (1 - part) * self._with_halves(self.prescribed, np.arctan)
 
     def motion_between(self, first: float, last: float) -> Floats:
-        """The same as `prescribed` between two parts of the way, from 0 to 1 [-]. Local.
+        """`prescribed` between two fractions of the step, from 0 to 1 [-]. Local.
 
-        Bodies turn about axes that stay, by angles that add up, as Cayley vectors do not.
+        Bodies rotate about fixed axes: angles add up, unlike Cayley vectors.
         """
         if last - first == 1.0 or not self.are_moving:
             return self.prescribed
         return self._with_halves((last - first) * self.remaining(0.0), np.tan)
 
     def _with_halves(self, amounts: Floats, function: np.ufunc) -> Floats:
-        """Amounts with a function of half of the length of each turn in the place of it. Local."""
+        """Convert between rotation and Cayley vectors by a function of half of their length."""
         dim = len(self._bodies[0].point)
         half = np.linalg.norm(amounts[:, dim:], axis=1, keepdims=True) / 2
         factor = np.where(half > 0, function(half) / np.where(half > 0, half, 1.0), 1.0)
@@ -62,11 +61,11 @@ class Guides:
 
     @property
     def are_moving(self) -> bool:
-        """Whether they lead any body somewhere in the step. Local."""
+        """Whether any guide moves its body in the step. Local."""
         return bool(self.prescribed.any())
 
     def turns(self) -> list[tuple[str, float]]:
-        """Names of the bodies, and angles by which the guides turn them [rad]. Local."""
+        """Names of the bodies, and angles of the prescribed rotations [rad]. Local."""
         turns = []
         for i, body in enumerate(self._bodies):
             half = np.arctan(np.linalg.norm(self.prescribed[i, len(body.point) :]) / 2)
@@ -74,7 +73,7 @@ class Guides:
         return turns
 
     def constrained(self, x: Floats) -> Floats:
-        """Part of displacements, rigid motions of the bodies as declared, that is not free.
+        """Part of rigid displacements of the bodies that the guides prevent.
 
         Collective. Displacements of the owned nodes have the shape ``(n, d)`` [m].
         """
@@ -88,10 +87,10 @@ class Guides:
         return part
 
     def reactions(self, force: Floats, x: Floats, du: Floats) -> tuple[Reaction, ...]:
-        """Forces on the guided bodies in a step, see `Supports.reactions`. Collective.
+        """Forces of the guides in a step, see `Supports.reactions`. Collective.
 
         Args:
-            force: What nodal forces leave of the balance, shape ``(n, d)`` [N].
+            force: Unbalanced part of the nodal forces, shape ``(n, d)`` [N].
             x: Positions at which they act, of the local nodes, shape ``(l, 3)`` [m].
             du: Displacements of the owned nodes in the step, shape ``(n, d)`` [m].
 

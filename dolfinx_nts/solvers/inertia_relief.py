@@ -1,13 +1,13 @@
-"""Inertia relief: statics of bodies that nothing but contact holds.
+"""Inertia relief: statics of bodies that only contact supports.
 
-The tangent of such a body is singular where contact does not hold it. Two things help, both of
-which leave the equilibrium as it is:
+The tangent of such a body is singular where contact does not support it. Two measures help, and
+both leave the equilibrium unchanged:
 
-- The tangent, not the residual, gets a small stiffness: an iteration moves a body less far than
-  it would like to.
-- Motions that the present contacts do not resist either, such as those along a smooth plane, are
-  not made. What is out of balance in them is given to the inertia of the body (inertia relief):
-  it vanishes where there is an equilibrium, and is only taken away while it is negligible.
+- The tangent, not the residual, gets a small stiffness, which limits the motion of a body in an
+  iteration.
+- Motions that the current contacts do not resist either, such as sliding along a smooth plane, are
+  suppressed. The unbalanced force in them is carried by the inertia of the body (inertia relief).
+  It vanishes in equilibrium, and is only accepted while it is negligible.
 """
 
 import logging
@@ -33,37 +33,37 @@ __all__ = ["InertiaRelief"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Stiffness that the tangent of a free body has in addition, relative to that of its nodes [-].
+# Stiffness added to the tangent of a free body, relative to that of its nodes [-].
 _SHIFT = 1e-9
-# How much more of it a body has that is driven away from where it is [-].
+# Factor on this stiffness for a body that unbalanced forces drive away [-].
 _DRIVEN = 1e3
-# Stiffness that it has against motions which nothing resists, relative to the sum of these [-].
+# Stiffness against unresisted motions, relative to the sum of the nodal stiffnesses [-].
 _HOLD = 1.0
-# Mean square of the slopes of gaps along a motion [-] up to which contact does not resist it.
+# Mean square of the slopes of gaps along a motion [-] up to which the motion counts as unresisted.
 _NEUTRAL = 1e-3
-# Force in motions that nothing resists, relative to those at work [-], that may be left to
-# inertia: in a solution, where facets of curved surfaces and nodes that do not match make up so
-# much, and on the way to one, where a larger one drives the body to another place.
+# Force in unresisted motions, relative to the forces at work [-], that inertia may carry: in a
+# solution, where facets of curved surfaces and non-matching nodes cause this much; and during the
+# iterations, where a larger force moves the body elsewhere.
 _NEGLIGIBLE, _DRIVING = 1e-2, 0.3
-# The same from which on a run says so: less is round-off; and by how much it grows until a run
-# says so again.
+# The same force above which a warning is issued, as less is round-off; and factor by which it must
+# grow for another warning.
 _REPORTED, _GROWN = 1e-9, 3.0
 
 
 @dataclass(frozen=True)
 class _Relief:
-    """Motions that are not made, and what inertia carries in them.
+    """Suppressed motions, and the force that inertia carries in them.
 
     Attributes:
         motions: The motions at the owned nodes, shape ``(k, 3 n)`` [-].
-        weighted: The same times mass [kg].
+        weighted: The motions times mass [kg].
         gram: Products of both, shape ``(k, k)`` [kg].
-        force: What inertia carries, shape ``(n, 3)`` [N].
-        share: Its part of the forces at work [-].
+        force: Force that inertia carries, shape ``(n, 3)`` [N].
         free: All free motions at the owned nodes, shape ``(f, n, 3)`` [-].
-        held: Those that are not made, as sums of the free ones, shape ``(f, k)``.
-        driven: What is driven away, in words; empty if nothing is.
-        presses: Whether contact presses on anything.
+        held: Suppressed motions as combinations of the free ones, shape ``(f, k)``.
+        share: Ratio of the force to the forces at work [-].
+        driven: Description of bodies that are driven away, empty if there are none.
+        presses: Whether any contact transmits force.
     """
 
     motions: Floats
@@ -78,7 +78,7 @@ class _Relief:
 
     @classmethod
     def none(cls, free: Floats, driven: str = "", *, presses: bool = False) -> "_Relief":
-        """Make all free motions."""
+        """Relief without suppressed motions."""
         nodal = np.zeros(free.shape[1:])
         empty, gram = np.zeros((0, nodal.size)), np.zeros((0, 0))
         held = np.zeros((len(free), 0))
@@ -86,7 +86,7 @@ class _Relief:
 
 
 class InertiaRelief:
-    """Keeps free bodies in place where nothing drives them away. Collective.
+    """Keeps free bodies in place unless forces drive them away. Collective.
 
     Args:
         bodies: The free bodies.
@@ -96,15 +96,14 @@ class InertiaRelief:
 
     Attributes:
         bodies: The argument.
-        force: What inertia carries at the owned nodes, shape ``(n, 3)`` [N].
-        num_motions: Number of their free motions.
-        shift: Stiffness that the tangent gets in addition, shape ``(n, 1)`` [N/m].
+        force: Force that inertia carries at the owned nodes, shape ``(n, 3)`` [N].
+        num_motions: Number of free motions.
+        shift: Stiffness added to the tangent, shape ``(n, 1)`` [N/m].
     """
 
     def __init__(
         self, bodies: Sequence[FreeBody], tangent: Tangent, mass: Floats, dim: int
     ) -> None:
-        """Choose the stiffness."""
         self.bodies, self._mass = tuple(bodies), mass[:, None]
         self._comm: MPI.Comm = tangent.comm
         self.shift = np.zeros_like(self._mass)
@@ -118,21 +117,21 @@ class InertiaRelief:
         ends = np.cumsum([0, *(body.motions.shape[1] for body in bodies)])
         self._columns = [slice(a, b) for a, b in pairwise(ends)]
         self.num_motions = int(ends[-1])
-        self._reported = _REPORTED / _GROWN  # what was told last
+        self._reported = _REPORTED / _GROWN  # share in the last warning
         self.begin()
         for body in self.bodies:
             if self._comm.rank == 0:
                 _logger.info("only contact can hold %s", body)
 
     def begin(self) -> None:
-        """Begin a solution, without any force."""
+        """Begin a solution, without relief."""
         self._limit = _DRIVING
         self._relief = _Relief.none(np.zeros((self.num_motions, *self._label.shape)))
         self._driven: list[str] = []
 
     @property
     def force(self) -> Floats:
-        """What inertia carries at the owned nodes, shape ``(n, 3)`` [N]. Local."""
+        """Force that inertia carries at the owned nodes, shape ``(n, 3)`` [N]. Local."""
         return self._relief.force
 
     def relieve(
@@ -143,10 +142,10 @@ class InertiaRelief:
         steps: Sequence[ContactStep],
         states: Sequence[ContactContribution],
     ) -> Floats:
-        """Take away what is out of balance in motions that nothing resists.
+        """Remove the unbalanced force in unresisted motions from a residual.
 
         Args:
-            R: Residual less the present `force`, shape ``(3 n,)`` [N].
+            R: Residual less the current `force`, shape ``(3 n,)`` [N].
             x: Positions of the owned nodes, shape ``(n, 3)`` [m].
             scale: Norm of the forces at work [N].
             steps: Contact attempts.
@@ -188,7 +187,7 @@ class InertiaRelief:
         return (total - self.force).ravel()
 
     def resistance(self, x: Floats) -> Floats:
-        """Act as the stiffness of the tangent beside that of the forms, both ``(n, 3)``."""
+        """Forces of the added stiffness for displacements, both ``(n, 3)``."""
         relief = self._relief
         y = (_DRIVEN if relief.driven else 1.0) * self.shift * x
         if len(relief.gram):
@@ -198,21 +197,21 @@ class InertiaRelief:
 
     @property
     def is_loose(self) -> bool:
-        """Whether there are free bodies and contact presses on nothing. Local.
+        """Whether there are free bodies and no contact transmits force. Local.
 
-        Then inertia carries loads, and which nodes touch is of no consequence.
+        Inertia then carries the loads, and the active set does not matter.
         """
         return bool(self.bodies) and not self._relief.presses
 
     def mobility(self, added: Floats | float, drag: Floats | float) -> Mobility | None:
-        """How forces move free bodies beside what factors tell; None without any. Collective.
+        """Additional compliance of free bodies; None without free bodies. Collective.
 
-        Motions that nothing resists, as the last call of `relieve` found, are not made, all others
-        as a body falls.
+        Motions suppressed by the last `relieve` stay so; all others have the compliance of a body
+        that is driven away.
 
         Args:
-            added: Stiffness that the matrix of the factors has in addition, shape ``(n, 1)`` [N/m].
-            drag: That of a present resistance, of the same shape or of all nodes [N/m].
+            added: Stiffness added to the matrix of the factors, shape ``(n, 1)`` [N/m].
+            drag: Stiffness of a viscous resistance, of the same shape or of all nodes [N/m].
         """
         if not self.bodies:
             return None
@@ -220,15 +219,16 @@ class InertiaRelief:
         return Mobility.of(self._comm, relief.free, relief.held, added, driven)
 
     def accept(self) -> bool:
-        """Whether what was taken away is negligible; otherwise bodies move from now on. Local."""
+        """Whether the carried force is negligible; if not, lower its limit. Local."""
         is_negligible = self._relief.share <= _NEGLIGIBLE
         if not is_negligible:
             self._limit = _NEGLIGIBLE
         return is_negligible
 
     def advice(self) -> str:
-        """Say what would help where there is no solution; "" without free bodies. Local."""
-        # What the last iterate is driven by is left to chance once bodies fly about.
+        """Advice for a step without a solution; "" without free bodies. Local."""
+        # The last iterate alone is no basis, since diverging iterates are driven by arbitrary
+        # forces.
         reasons = [driven for driven in self._driven if driven]
         if len(reasons) > len(self._driven) / 2:
             return (
@@ -241,9 +241,9 @@ class InertiaRelief:
         return f"only contact holds {names}: bcs or friction against these motions may help"
 
     def warn(self, steps: Sequence[ContactStep]) -> None:
-        """Warn of what inertia has to carry in a solution with these contacts. Local.
+        """Warn of the force that inertia carries in a solution. Local.
 
-        Once, and again where it has grown, as bodies deform or slide.
+        Once, and again if it has grown considerably.
         """
         if self._relief.share <= _GROWN * self._reported:
             return
@@ -267,24 +267,24 @@ class InertiaRelief:
             )
 
     def restrain(self, du: Floats) -> Floats:
-        """Take away the part of increments, ``(3 n,)`` [m], that is a motion nothing resists."""
+        """Remove the unresisted motions from increments, ``(3 n,)`` [m]."""
         if not len(self._relief.gram):
             return du
         kept: Floats = du - self._amount(du) @ self._relief.motions
         return kept
 
     def _amount(self, du: Floats) -> Any:
-        """Parts of displacements, ``(3 n,)`` [m], that are the motions nothing resists."""
+        """Amounts of the unresisted motions in displacements, ``(3 n,)`` [m]."""
         moments = reductions.total(self._comm, self._relief.weighted @ du)
         return np.linalg.solve(self._relief.gram, moments)
 
     def _neutral(
         self, steps: Sequence[ContactStep], states: Sequence[ContactContribution], presses: bool
     ) -> Floats:
-        """Motions that contacts do not resist, as sums of free ones, ``(free, neutral)``.
+        """Unresisted motions as combinations of free ones, ``(free, neutral)``.
 
-        Nodes that slide resist motions along the surface by their friction alone, which is
-        nothing where contact does not press.
+        Sliding nodes resist motions along the surface by friction alone, and not at all if contact
+        transmits no force.
         """
         n = self.num_motions
         products, counts = np.zeros((n, n)), np.zeros(n)

@@ -1,10 +1,9 @@
 """Linear systems of Newton's method, solved by a preconditioned Krylov method.
 
-The operator is the exact tangent of bodies and contacts, projected on the
-constraints by `elimination`; no matrix is assembled for it. The preconditioner
-consists of factors of the matrix of the bodies, which serve for many steps, and
-of a correction around the contacts. Where the Krylov method fails, the whole
-system is factorised.
+The operator is the exact tangent of bodies and contacts, projected on the constraints by
+`elimination` and applied without a matrix. The preconditioner consists of factors of the matrix of
+the bodies, which are kept for many steps, and of a contact correction. If the Krylov method fails,
+the complete system is factorised.
 """
 
 import math
@@ -41,28 +40,28 @@ from dolfinx_nts.solvers.tangent import Tangent
 
 __all__ = ["LinearSolver"]
 
-# Share of the reduction asked for that a right-hand side may leave out [-].
+# Error of a right-hand side, relative to the reduction asked for [-].
 _NEGLIGIBLE = 0.03
-# Bound on a force of the bulk: sum of a row of the tangent over its diagonal [-].
+# Estimate of the row sums of the tangent, relative to the diagonal [-].
 _ROW_SUM = 3.0
-# Number of random forces that look for a motion along which the energy falls.
+# Number of random forces in the search for a direction of negative curvature.
 _NUM_FORCES = 4
 
 
 class LinearSolver:
-    """Solves for the increments of Newton's method.
+    """Solver of the linear systems of Newton's method.
 
     Args:
         bulk: Residual of the bodies.
         tangent: Matrix of its derivative.
-        inertia: Share of lumped inertia in the tangent at the owned dofs,
-            shape ``(d n,)`` [N/m]; 0 without inertia.
-        options: PETSc options without prefix: ``ksp_...`` for the Krylov
-            method, all others for the preconditioner of the bulk.
+        inertia: Returns the lumped inertia in the tangent at the owned dofs, shape ``(d n,)``
+            [N/m]; 0 in statics.
+        options: PETSc options without prefix: ``ksp_...`` for the Krylov method, all others for the
+            preconditioner of the bulk.
 
     Attributes:
         tangent: The matrix.
-        num_direct: Number of systems that were factorised as a whole.
+        num_direct: Number of complete systems factorised so far.
 
     Raises:
         ValueError: The preconditioner does not exist on several ranks.
@@ -75,7 +74,6 @@ class LinearSolver:
         inertia: Callable[[], Floats],
         options: Mapping[str, Any] | None = None,
     ) -> None:
-        """Create the Krylov method and its preconditioner, as yet without factors."""
         self.tangent, self._inertia = tangent, inertia
         known = PetscOptions(bulk.comm, options)
         self._operator = Operator(bulk)
@@ -96,16 +94,16 @@ class LinearSolver:
     def one_application_reduction(self) -> float:
         """Reduction for which the preconditioner is applied once, without a product [-]. Local.
 
-        It is what an iteration was found to give; NaN as long as this is not known, with rigid
-        bodies, and where waves go so far in a step that incomplete factors do not suffice: there
-        what is left of an increment moves contacts everywhere.
+        It is the measured reduction of an iteration. NaN if this is unknown, with rigid bodies, and
+        at large Courant numbers, where ILU(0) does not suffice and errors of an increment would
+        move contacts everywhere.
         """
         has_rigid = self._operator.bulk.rigid.exists
         return math.nan if has_rigid else self._factors.one_application_reduction
 
     @property
     def num_iterations(self) -> int:
-        """Krylov iterations so far, but for those of `solve_for`."""
+        """Number of Krylov iterations so far, without those of `solve_for`."""
         return self._krylov.num_iterations
 
     def solve(
@@ -124,12 +122,12 @@ class LinearSolver:
             rtol: Reduction of the projected residual.
 
         Returns:
-            du on the owned dofs [m]; and increments of the multipliers of
-            each state, constraint by constraint [N], or None where the
-            balance of forces at the nodes is the better estimate.
+            du on the owned dofs [m]; and the increments of the multipliers of each state,
+            constraint by constraint [N], or None if the balance of nodal forces is the better
+            estimate.
 
         Raises:
-            ValueError: There are PETSc options that nothing asks for.
+            ValueError: There are unused PETSc options.
         """
         pairs = active_pairs(steps, states, self._operator.bulk.rigid.dim)
         elimination = Elimination(pairs, self._active_sets.number(pairs))
@@ -144,7 +142,7 @@ class LinearSolver:
         while (du := self._solve_krylov(R, elimination, rtol)) is None:
             if self._contacts.choose(num_active):
                 continue
-            # Where it fails, there are new factors, then stronger ones, then the whole system.
+            # After a failure: new factors, then stronger ones, then the complete system.
             if is_new and not self._preconditioner.strengthen():
                 self._failures.count()
                 return self._solve_direct(R, steps, pairs)
@@ -154,8 +152,8 @@ class LinearSolver:
         factors.strengthen_if_slow(is_new)
         if not (num_active and self._contacts.uses_complement):
             return du, None
-        # Near incompressibility this balance is of no use before convergence: what volumes lack
-        # is far above contact forces.
+        # Near incompressibility the nodal balance is no estimate before convergence: unbalanced
+        # pressures exceed contact forces by far.
         y = self._nodal(R) + self._operator.bulk.action(self._nodal(du))
         increments = iter(elimination.multipliers(self._nodal(du), y))
         return du, [next(increments) if step.num_active else np.empty(0) for step in steps]
@@ -168,18 +166,18 @@ class LinearSolver:
         states: Sequence[ContactContribution],
         rtol: float,
     ) -> Floats | None:
-        """Increments of some nodes, with all others given, by incomplete factors. Collective.
+        """Increments of some nodes with incomplete factors, all other nodes clamped. Collective.
 
         Args:
-            nodes: Which owned nodes the bulk does not take as given, shape ``(n,)``.
-            R: Residual on the owned dofs, 0 where they are given [N].
+            nodes: Flags of the owned nodes that are not clamped, shape ``(n,)``.
+            R: Residual on the owned dofs, 0 at clamped ones [N].
             steps: Contact attempts.
             states: Their pairs.
             rtol: Reduction of the projected residual.
 
         Returns:
-            du on the owned dofs [m]. None where there are none, or others, and where multipliers
-            cannot be eliminated.
+            du on the owned dofs [m]. None without incomplete factors, and if multipliers cannot be
+            eliminated.
         """
         self._contacts.choose(sum(step.num_active for step in steps))
         if self._contacts.uses_complement or not self._preconditioner.is_incomplete:
@@ -199,17 +197,17 @@ class LinearSolver:
         inertia: bool,
         relief: InertiaRelief,
     ) -> tuple[ContactContribution, ...] | None:
-        """States of contact that obey all conditions of the linear system. Collective.
+        """Contact states that satisfy all conditions in the linear system. Collective.
 
         Args:
             R: Residual on the owned dofs, shape ``(d n,)`` [N].
             steps: Contact attempts.
             states: Their pairs.
-            inertia: Whether there is any.
-            relief: Knows how free bodies move.
+            inertia: Whether there is inertia.
+            relief: Inertia relief of free bodies.
 
         Returns:
-            The pairs with these states, None if nothing was decided, see `cone_problem`.
+            The pairs with these states, None if there is no solution, see `cone_problem`.
         """
         if not has_cone_problem(steps, inertia):
             return None
@@ -221,18 +219,18 @@ class LinearSolver:
     def negative_curvature_direction(
         self, steps: Sequence[ContactStep], states: Sequence[ContactContribution], seed: int
     ) -> Floats | None:
-        """Motion along which the energy falls from the present equilibrium. Collective.
+        """Direction of negative curvature of the energy at the current equilibrium. Collective.
 
-        Friction is constant in it. It is looked for with the factors that there are, or where
-        whole systems are factorised by those of one more.
+        Friction forces are kept constant. The existing factors are used, or those of the complete
+        system if such systems are factorised.
 
         Args:
             steps: Contact attempts.
             states: Their pairs, in equilibrium.
-            seed: Chooses the forces that look for it.
+            seed: Seed of the random forces.
 
         Returns:
-            The motion at the owned nodes, shape ``(n, d)``; None if there is none, or where no
+            The direction at the owned nodes, shape ``(n, d)``; None if there is none, or if no
             system has been solved yet.
         """
         bulk, dim = self._operator.bulk, self._operator.bulk.rigid.dim
@@ -268,11 +266,11 @@ class LinearSolver:
         inertia: bool,
         relief: InertiaRelief,
     ) -> CondensedSystem | None:
-        """The system whose points may be decided on all at once. Collective.
+        """System that can be condensed to contact points, if there is one. Collective.
 
-        With inertia these are the points of small systems in which nothing is eliminated;
-        elsewhere multipliers tell node by node. Without, where nodes feel each other far around
-        and bodies may have no other hold, those of all deformable bodies.
+        With inertia it is the complete system, if it is small and multipliers cannot be eliminated.
+        In statics, where points interact over long distances and bodies may have no other support,
+        it is that of the deformable bodies.
         """
         bulk = self._operator.bulk
         if not inertia:
@@ -306,7 +304,7 @@ class LinearSolver:
         )
 
     def serialize(self, archive: Archive) -> None:
-        """Serialize what a later step goes on with. Collective."""
+        """Serialize the state that later steps depend on. Collective."""
         self._preconditioner.serialize(archive)
         self._active_sets.serialize(archive)
         self._contacts.serialize(archive, self._active_sets.version)
@@ -317,7 +315,10 @@ class LinearSolver:
     def _solve_krylov(
         self, R: Floats, elimination: Elimination, rtol: float, *, is_local: bool = False
     ) -> Floats | None:
-        """Solution, None where the method fails. One of few nodes tells nothing of the factors."""
+        """Solution, or None if the method fails.
+
+        Local solves do not count for the age of the factors.
+        """
         bulk = self._operator.bulk
         rtol = min(rtol, self._contacts.least_reduction)
         self._operator.elimination = elimination
@@ -328,7 +329,7 @@ class LinearSolver:
             self._contacts.update(elimination)
             total: Floats = self._nodal(R).copy()
             particular, parts = elimination.particular(total.shape)
-            # Near the constraints this part is smaller than what rtol leaves.
+            # Close to the constraints this part is below the tolerance.
             force = _ROW_SUM * self.tangent.nodal_stiffness()[:, None] * particular
             squares = [float(np.vdot(force, force)), float(R @ R)]
             part, whole = map(math.sqrt, reductions.total(bulk.comm, squares))
@@ -352,10 +353,10 @@ class LinearSolver:
         return du
 
     def nodal_resistance(self) -> Floats:
-        """What resists at each owned node, shape ``(n,)`` [N/m]. Collective.
+        """Stiffness or inertia of each owned node, shape ``(n,)`` [N/m]. Collective.
 
-        The matrix knows nothing of rigid bodies, whose nodes have the mean stiffness of others:
-        there it is that or inertia, whichever is more.
+        The matrix does not contain rigid bodies. Their nodes have the mean stiffness of the others,
+        or their inertia if it is larger.
         """
         stiffness, rigid = self.tangent.nodal_stiffness(), self._operator.bulk.rigid
         if not rigid.exists:

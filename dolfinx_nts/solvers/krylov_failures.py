@@ -1,4 +1,4 @@
-"""For how many systems a Krylov method that failed is not tried again."""
+"""Number of systems that skip the Krylov method after failures."""
 
 import numpy as np
 
@@ -6,28 +6,27 @@ from dolfinx_nts.common.archive import Archive
 
 __all__ = ["KrylovFailures"]
 
-# How often the number of systems doubles.
+# Largest number of doublings.
 _MOST_DOUBLINGS = 5
 
 
 class KrylovFailures:
-    """Failures in a row with new and strong factors, and systems that are still left out."""
+    """Consecutive failures with new and strong factors, and remaining systems to skip."""
 
     def __init__(self) -> None:
-        """Begin without a failure."""
         self._in_a_row = self._left = 0
 
     def count(self) -> None:
-        """Note a failure: leave out twice as many systems as last time. Local."""
+        """Record a failure: skip twice as many systems as after the last one. Local."""
         self._in_a_row = min(self._in_a_row + 1, _MOST_DOUBLINGS)
         self._left = 2**self._in_a_row
 
     def forget(self) -> None:
-        """Note that the method has not failed. Local."""
+        """Record a success. Local."""
         self._in_a_row = self._left = 0
 
     def skip(self) -> bool:
-        """Whether the next system is left out, which counts. Local."""
+        """Whether to skip the method for the next system, which is counted. Local."""
         is_left_out = self._left > 0
         self._left -= is_left_out
         return is_left_out

@@ -1,19 +1,17 @@
 r"""Line search of Newton's method, for stresses whose tangent jumps.
 
-Where a point at the yield stress begins or ceases to flow, its tangent changes by a factor that may
-be a thousand. Newton's method goes by the tangent of flow as far as it takes to turn a force by
-flow alone, which is far beyond the point at which the stress lies inside the yield surface and
-resists elastically: from flow one way it comes to flow the other way, and back, or farther away
-each time. Along an increment :math:`\Delta u` the virtual work of the balance,
+At the onset and the end of plastic flow the tangent of a point may change by a factor of a
+thousand. With the plastic tangent Newton's method overshoots: an unloading point becomes elastic
+after a small part of the increment, and then flows in the opposite direction, so that the iterates
+oscillate or diverge. Along an increment :math:`\Delta u` the virtual work of the residual,
 
 .. math:: g(s) = \Delta u \cdot R(u + s \Delta u),
 
-begins with :math:`g(0) = -E < 0` and would be 0 at :math:`s = 1` if the tangent told all. Bodies
-that resist by more have :math:`g(1) > 0`. The resistance may come late on the way, with the points
-that cease to flow, and be a hundred times E then, so that a chord has its zero far too early. The
-zero is enclosed by halving instead, until the work is less than half of E. Contact is taken as the
-linear system has it: the work of its constraints and springs is what is left of E beside that of
-the bodies, :math:`E_b = \Delta u \cdot K \Delta u`.
+begins with :math:`g(0) = -E < 0` and would be 0 at :math:`s = 1` with a constant tangent. Bodies
+that resist more have :math:`g(1) > 0`. As the additional resistance may set in late and reach a
+hundred times E, the secant method would underestimate the zero by far. Bisection is used instead,
+until the work is less than half of E. Contact is linearised: the work of its constraints and
+springs is the difference of E and the work of the bodies, :math:`E_b = \Delta u \cdot K \Delta u`.
 """
 
 import numpy as np
@@ -25,35 +23,34 @@ from dolfinx_nts.solvers.bulk import Bulk
 
 __all__ = ["LineSearch"]
 
-# Virtual work at the end of an increment, relative to that at its start [-], from which on it is
-# cut, or made longer after a cut; and how often. Increments that are too short as a whole are left
-# as they are: others follow.
+# Virtual work at the end of an increment, relative to that at its start [-], above which the
+# increment is bisected; and largest number of bisections. Increments that are too short from the
+# start are kept.
 _LEFT, _MOST_CUTS = 0.5, 8
 
 
 class LineSearch:
-    """Cuts increments along which bodies resist by more than their tangent tells. Collective.
+    """Shortens increments along which bodies resist more than by their tangent. Collective.
 
     Args:
         bulk: Residual of the bodies; its ``u`` moves.
     """
 
     def __init__(self, bulk: Bulk) -> None:
-        """Begin without an increment."""
         self._bulk = bulk
         self._du: Floats | None = None
 
     def forget(self) -> None:
-        """Leave the last increment as it is. Local."""
+        """Accept the last increment. Local."""
         self._du = None
 
     def begin(self, du: Floats, part: float, R: Floats, R_bulk: Floats) -> None:
-        """Note an increment before it is made.
+        """Store an increment before it is applied.
 
         Args:
             du: Increment of Newton's method on the owned dofs, shape ``(d n,)`` [m].
-            part: Part of it that is made [-].
-            R: Residual that it is to balance, shape ``(d n,)`` [N].
+            part: Fraction of it that is applied [-].
+            R: Residual that it balances, shape ``(d n,)`` [N].
             R_bulk: Part of the bodies in it, shape ``(d n,)`` [N].
         """
         self._du, self._part, self._cuts = du, part, 0
@@ -64,7 +61,7 @@ class LineSearch:
         self._work, self._of_bulk = map(float, reductions.total(self._bulk.comm, works))
 
     def cuts(self, R_bulk: Floats) -> bool:
-        """Cut the increment that was made, if it went too far, or was cut too much.
+        """Bisect the applied increment if it is too long, or was shortened too much.
 
         Args:
             R_bulk: Residual of the bodies after it, shape ``(d n,)`` [N].
@@ -75,7 +72,7 @@ class LineSearch:
         if self._du is None or self._of_bulk <= 0 or self._cuts == _MOST_CUTS:
             return False
         change = float(reductions.total(self._bulk.comm, float(self._du @ (R_bulk - self._R_bulk))))
-        # Constraints that close gaps do work, too.
+        # Constraints that close gaps do work as well.
         work = max(self._work, self._of_bulk)
         rest = change + self._part * (work - self._of_bulk) - work
         if not (abs(rest) if self._cuts else rest) > _LEFT * work:

@@ -1,4 +1,4 @@
-"""Fields over the nodes of a rigid body that are linear in the reference position."""
+"""Linear fields in the reference position over the nodes of a rigid body."""
 
 from mpi4py import MPI
 
@@ -23,7 +23,7 @@ __all__ = [
     "turned",
 ]
 
-# Rotations by a unit vector: of x, y and z in space, of z in the plane.
+# Matrices of the rotations about x, y and z in space, about z in the plane.
 TURNS = {
     2: np.array([[[0.0, -1.0], [1.0, 0.0]]]),
     3: np.cross(np.eye(3)[:, None], np.eye(3)).transpose(0, 2, 1),
@@ -31,28 +31,26 @@ TURNS = {
 
 
 class LinearFields:
-    """Fields over the nodes of a body that are linear in the reference position. Collective.
+    """Linear fields in the reference position over the nodes of a body. Collective.
 
     Coefficients of a vector field have the shape ``(d + 1, d)``.
 
     Args:
         body: The body.
-        point: Where all but the first field are zero, shape ``(d,)`` [m]; None: the mean of all
-            nodes.
+        point: Origin of the linear fields, shape ``(d,)`` [m]; None: the mean of all nodes.
 
     Attributes:
         body: The argument.
         nodes: Its owned nodes, shape ``(n,)``.
-        point: The argument.
-        values: One, and the position from the point, shape ``(n, d + 1)`` [-, m].
+        point: The origin.
+        values: One, and the position from the origin, shape ``(n, d + 1)`` [-, m].
         products: Products of these, summed over all nodes, shape ``(d + 1, d + 1)``.
         reference: Coefficients of the reference position.
-        size: Greatest coordinate from the point [m].
-        free: Motions in which the body is free, see `RigidBody.free`.
+        size: Largest coordinate from the origin [m].
+        free: Free motions of the body, see `RigidBody.free`.
     """
 
     def __init__(self, body: RigidBody, point: Floats | None = None) -> None:
-        """Find the nodes, and their mean position."""
         self.body, V = body, body.V
         comm: MPI.Comm = V.mesh.comm
         self.nodes: Ints = body.nodes[body.nodes < V.dofmap.index_map.size_local]
@@ -68,18 +66,18 @@ class LinearFields:
         self.free: Floats = body.free()
 
     def prescribed(self, t_n: float, t: float) -> Floats:
-        """How the guide moves the body between two times [s], see `RigidBody.led`. Local."""
+        """Prescribed motion of the guide between two times [s], see `RigidBody.led`. Local."""
         return self.body.led(self.point, t_n, t)
 
 
 def rigid_motions(q: Floats) -> Floats:
-    """Translations, and rotations about the point, of fields of positions. Local.
+    """Translations, and rotations about the origin, of fields of positions. Local.
 
     Args:
-        q: Their coefficients, shape ``(..., d + 1, d)``.
+        q: Coefficients of the positions, shape ``(..., d + 1, d)``.
 
     Returns:
-        Coefficients, shape ``(..., k, d + 1, d)``.
+        Coefficients of the motions, shape ``(..., k, d + 1, d)``.
     """
     dim, turns = q.shape[-1], TURNS[q.shape[-1]]
     motions = np.zeros((*q.shape[:-2], dim + len(turns), *q.shape[-2:]))
@@ -89,7 +87,7 @@ def rigid_motions(q: Floats) -> Floats:
 
 
 def turned(q: Floats, amounts: Floats) -> Floats:
-    """Changes of positions by displacements and Cayley vectors, shape of ``q``. Local.
+    """Changes of positions by displacements and Cayley vectors, of the shape of ``q``. Local.
 
     Args:
         q: Coefficients of the positions, shape ``(..., d + 1, d)``.
@@ -104,7 +102,7 @@ def turned(q: Floats, amounts: Floats) -> Floats:
 
 
 def spins(amounts: Floats) -> Floats:
-    """Matrices of the vector products with the turns in amounts of motions. Local.
+    """Skew-symmetric matrices of the rotations in amounts of motions. Local.
 
     ``amounts`` have the shape ``(..., k)``, the matrices ``(..., d, d)``.
     """
@@ -114,13 +112,12 @@ def spins(amounts: Floats) -> Floats:
 
 
 def nearest(motions: Floats, weights: Floats, sums: Floats) -> Floats:
-    """Amounts of motions nearest to fields, shape ``(..., k)``. Local.
+    """Amounts of motions in the best approximation of fields, shape ``(..., k)``. Local.
 
     Args:
         motions: Coefficients of the motions, none of them zero, shape ``(..., k, d + 1, d)``.
         weights: Products of the linear fields, shape ``(..., d + 1, d + 1)``.
-        sums: Products of the linear fields with those that are approximated, shape
-            ``(..., d + 1, d)``.
+        sums: Products of the linear fields with the approximated fields, shape ``(..., d + 1, d)``.
     """
     return solved(products_of(motions, weights, motions), amounts_of(motions, sums))
 
@@ -144,7 +141,7 @@ def solved(matrices: Floats, right: Floats) -> Floats:
 
 
 def products_of(left: Floats, weights: Floats, right: Floats) -> Floats:
-    """Products of fields ``(..., k, d + 1, d)`` by those of the linear fields, ``(..., k, k)``."""
+    """Products of fields ``(..., k, d + 1, d)`` with the weights, ``(..., k, k)``."""
     weighted = weights[..., None, :, :] @ right
     matrix: Floats = _flat(left) @ np.swapaxes(_flat(weighted), -1, -2)
     return matrix

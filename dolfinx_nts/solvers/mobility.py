@@ -1,4 +1,4 @@
-"""How forces move free bodies as a whole, where factors of a matrix hold them too much."""
+"""Additional compliance of free bodies in the factors of a matrix with an artificial stiffness."""
 
 from typing import NamedTuple
 
@@ -13,15 +13,15 @@ __all__ = ["Mobility"]
 
 
 class Mobility(NamedTuple):
-    """What is to be added to responses of factors B of a matrix with ``k`` free motions.
+    """Correction of the factors B of a matrix with an artificial stiffness in ``k`` free motions.
 
-    The bodies alone do not resist free motions P, so that B moves them as what the matrix has in
-    addition does, D: B D P = P. Another stiffness D' in some of them, Q, and a hold in all others
-    make B - P (P^T D P)^-1 P^T + Q (Q^T D' Q)^-1 Q^T of B.
+    Only the artificial stiffness D of the matrix resists free motions P, so B D P = P. To replace
+    it by another stiffness D' in some of them, Q, and to suppress all others, B becomes B - P (P^T
+    D P)^-1 P^T + Q (Q^T D' Q)^-1 Q^T.
 
     Attributes:
         motions: The free motions P at the owned nodes, shape ``(k, n, d)`` [-].
-        compliance: What is added between P and P^T, shape ``(k, k)`` [m/N].
+        compliance: Matrix between P and P^T in the correction, shape ``(k, k)`` [m/N].
     """
 
     motions: Floats
@@ -31,15 +31,14 @@ class Mobility(NamedTuple):
     def of(
         cls, comm: MPI.Comm, motions: Floats, held: Floats, present: Floats | float, wanted: Floats
     ) -> "Mobility":
-        """Find what is to be added. Collective.
+        """Compute the correction. Collective.
 
         Args:
             comm: Communicator of the mesh.
             motions: The free motions at the owned nodes, shape ``(k, n, d)`` [-].
-            held: Sums of them that are not made, shape ``(k, h)``.
-            present: Stiffness that the matrix has in addition, shape ``(n, 1)`` or of all
-                nodes [N/m].
-            wanted: The one in its place, shape ``(n, 1)`` [N/m].
+            held: Combinations of them that are suppressed, shape ``(k, h)``.
+            present: Artificial stiffness D of the matrix, shape ``(n, 1)`` or of all nodes [N/m].
+            wanted: Stiffness D' that replaces it, shape ``(n, 1)`` [N/m].
         """
         k = len(motions)
         rows = motions.reshape(k, motions[0].size if k else 0)
@@ -50,7 +49,7 @@ class Mobility(NamedTuple):
         return cls(motions, inverse - np.linalg.inv(before))
 
     def by(self, comm: MPI.Comm, force: Floats) -> Floats:
-        """Amounts of the motions by a force on the owned dofs [N], shape ``(k,)``. Collective."""
+        """Amounts of the motions for a force on the owned dofs [N], shape ``(k,)``. Collective."""
         rows = self.motions.reshape(len(self.motions), force.size)
         amounts: Floats = self.compliance @ reductions.total(comm, rows @ force)
         return amounts

@@ -1,4 +1,4 @@
-"""Complete factors by MUMPS, with as much room as their pivots turn out to need."""
+"""Complete factors by MUMPS, with enough memory for delayed pivots."""
 
 from typing import Any
 
@@ -6,15 +6,14 @@ from petsc4py import PETSc
 
 __all__ = ["factorised", "signs"]
 
-# Memory beyond what MUMPS estimates from the places of the entries alone [%], one after another.
-# Pivots that are nearly nothing, as on the rows of multipliers, are delayed, and fill more.
+# Memory in excess of the estimate by MUMPS [%], tried one after the other. The estimate is based on
+# the sparsity pattern; delayed pivots, as in the rows of multipliers, cause more fill.
 _ROOM = (50, 200, 800, 3200)
-# Numbers of MUMPS's parameters for it, for a last block on one rank, whose signs it knows, and for
-# pivots that are nothing, and of those which tell how it went and how many pivots are negative and
-# nothing.
+# MUMPS parameters ICNTL: memory relaxation, root block on one rank (needed for the inertia), null
+# pivot detection. INFOG: error code, numbers of negative and of null pivots.
 _ROOM_PARAMETER, _LAST_BLOCK, _FINDS_NOTHING = 14, 13, 24
 _OUTCOME, _NEGATIVE, _NUM_NOTHING = 1, 12, 28
-# Outcomes [-] with which more room helps: of integers, of values, and of buffers.
+# Error codes for which more memory helps: for integers, values and buffers.
 _TOO_LITTLE = {-8, -9, -14, -15, -17, -18, -20}
 
 
@@ -23,12 +22,12 @@ def factorised(A: Any, *, is_symmetric: bool = False, finds_null: bool = False) 
 
     Args:
         A: The matrix.
-        is_symmetric: Whether it is known to be symmetric; signs of pivots are known then.
-        finds_null: Whether pivots that are nothing are found, and left out.
+        is_symmetric: Whether it is symmetric; `signs` are available then.
+        finds_null: Whether null pivots are detected and skipped.
 
     Returns:
-        Preconditioner of PETSc that solves with the factors. What it gives is not finite where
-        there are none.
+        PETSc preconditioner that solves with the factors. Its result is not finite if there are
+        none.
     """
     for room in _ROOM:
         pc = PETSc.PC().create(A.comm)
@@ -50,9 +49,9 @@ def factorised(A: Any, *, is_symmetric: bool = False, finds_null: bool = False) 
 
 
 def signs(pc: Any) -> tuple[int, int] | None:
-    """Numbers of negative pivots of a symmetric matrix and of those that are nothing. Local.
+    """Numbers of negative and of null pivots of a symmetric matrix. Local.
 
-    The latter are 0 unless they were to be found. None if there are no factors.
+    The latter is 0 unless null pivots were detected. None if there are no factors.
     """
     factors = pc.getFactorMatrix()
     if factors.getMumpsInfog(_OUTCOME) < 0:

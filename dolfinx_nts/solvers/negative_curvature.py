@@ -1,11 +1,11 @@
-r"""A motion along which the energy of bodies and loads falls from an equilibrium, if there is one.
+r"""Direction of negative curvature of the potential energy at an equilibrium, if there is one.
 
-The equilibrium is unstable if the tangent A has a negative eigenvalue. Conjugate gradients on
-A x = b with any definite preconditioner show it: on the space that they span A is definite as long
-as all curvatures :math:`d = p^T A p` of their directions are positive. Newton's method does not see
-what its residual has no part of, as the buckling of a straight column; a random b has a part of
-everything. With the stiffness D of the nodes and independent numbers :math:`\xi` of unit variance
-let :math:`b = \sqrt{D} \xi`. As long as no curvature is negative, residuals are r = q(A B) b with a
+The equilibrium is unstable if the tangent A has a negative eigenvalue. Conjugate gradients on A x =
+b with any definite preconditioner B detect it: on the Krylov space A is definite as long as the
+curvatures :math:`d = p^T A p` of all search directions are positive. Newton's method misses modes
+that are absent from its residual, as in the buckling of a straight column. A random b contains all
+modes. With the nodal stiffness D and independent random numbers :math:`\xi` of unit variance let
+:math:`b = \sqrt{D} \xi`. As long as no curvature is negative, residuals are r = q(A B) b with a
 polynomial q(t), a product of factors :math:`1 - t/\theta` with :math:`\theta > 0`, and a left
 eigenvector w of A B with an eigenvalue that is negative has :math:`|w^T r| > |w^T b|`. But
 :math:`w^T b` is a random number with the standard deviation :math:`|\sqrt D w|`, so that a residual
@@ -24,12 +24,13 @@ from dolfinx_nts.parallel import reductions
 
 __all__ = ["negative_curvature_direction"]
 
-# Residual that ends the search, in parts of the random force of one unknown [-].
+# Residual that ends the search, relative to the random force on one unknown [-]. It bounds the
+# probability of a miss by 0.024; smaller values take more iterations.
 _LEFT = 0.03
-# Curvature relative to that of the preconditioner [-] which counts as negative: less is round-off
-# of products, or a state just beyond the limit.
+# Curvature, relative to that of the preconditioner [-], that counts as negative. Smaller ones may
+# be round-off, or belong to a state just beyond the limit.
 _NEGATIVE = -1e-3
-# Iterations after which nothing is known: preconditioners that serve Newton's method take fewer.
+# Largest number of iterations, after which the result is None. Usual preconditioners take fewer.
 _MOST = 30
 
 
@@ -40,24 +41,24 @@ def negative_curvature_direction(
     precondition: Callable[[Floats], Floats],
     act: Callable[[Floats], Floats],
 ) -> Floats | None:
-    """Search along conjugate directions. Collective.
+    """Search the Krylov space of a random force. Collective.
 
     Args:
         comm: Communicator.
-        b: Random force on the owned unknowns, without a part in constraints, shape ``(m,)`` [N].
+        b: Random force on the owned unknowns, projected on the constraints, shape ``(m,)`` [N].
         weight: Square root of their stiffness, the same shape [(N/m)^(1/2)].
-        precondition: Returns the approximate displacements for forces, as constraints let them be.
-        act: Returns the forces of such displacements, without a part in constraints.
+        precondition: Returns approximate displacements for forces, projected on the constraints.
+        act: Returns the forces of such displacements, projected on the constraints.
 
     Returns:
-        Displacements of any size, None where all curvatures are positive.
+        Direction of arbitrary length, or None if all curvatures are positive.
     """
     r = b
     directions, forces = np.empty((2, 0, len(b)))
     curvatures: Floats = np.empty(0)
     for _ in range(_MOST):
         p = precondition(r)
-        # Preconditioners need not be symmetric: directions are conjugate to all before them.
+        # The preconditioner may be nonsymmetric, so all previous directions are orthogonalised.
         parts = reductions.total(comm, np.array([*(forces @ p), p @ r]))
         expected = abs(parts[-1])
         p = p - (parts[:-1] / curvatures) @ directions

@@ -30,42 +30,42 @@ __all__ = ["Solution", "solve"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Iterations beside those in which what is led goes on its way.
-_MAX_ITERATIONS = 50  # until another start is tried
-_MAX_STICKING = 100  # where nodes with friction slide only near an equilibrium
-_MAX_RESISTED = 20  # until a resistance, or a larger one, is tried
-# Longest increment that is trusted, relative to the smallest cell, and to what is led in it [-].
+# Largest numbers of iterations, in addition to those with a prescribed increment.
+_MAX_ITERATIONS = 50  # before another starting guess
+_MAX_STICKING = 100  # if all nodes with friction stick at first
+_MAX_RESISTED = 20  # before a larger viscous resistance
+# Trust radius relative to the smallest cell, and to the prescribed increment [-].
 _LONGEST_INCREMENT, _ALONG = 0.5, 2.0
-# The same where loads push rigid bodies that nothing holds as yet: they must not go by what they
-# are to touch.
+# Trust radius, relative to the smallest cell, for rigid bodies without inertia or support: they
+# must not pass through their contact partners.
 _LONGEST_FALL = 0.2
-# Residual, relative to the target, below which no line is searched [-]: Newton's method is at its
-# end, and works of increments are round-off soon.
+# Residual, relative to the target, below which the line search is off [-], as virtual works of the
+# last increments are round-off.
 _NEARLY_SOLVED = 1e3
-# Reductions asked of the linear solver [-]: the least; the first, as active sets let
-# residuals fall by no more than a tenth.
+# Reductions asked of the linear solver [-]: the weakest; the first, since changing active sets
+# limit the reduction of the residual to about a tenth.
 _LEAST_REDUCTION, _FIRST_REDUCTION = 0.3, 0.03
-# The least without inertia: what is left moves bodies far that contact alone holds, and wakes
-# the friction of nodes that hardly slip.
+# The weakest in statics: errors would move bodies that only contact supports, and cause sliding of
+# nodes that hardly slip.
 _STATIC_REDUCTION = 1e-4
-# The first one in contact, where the solver gives it at once: what linear systems do not know of
-# the step is hardly less, so that it is better computed early.
+# The first one at an impact, if one application of the preconditioner achieves it: the nonlinearity
+# of the step is of similar size.
 _ROUGH_REDUCTION = 0.15
-# Those that quadratic convergence can use: factor and power of the last reduction
-# (S. C. Eisenstat, H. F. Walker, SIAM J. Sci. Comput. 17 (1996), choice 2).
+# Forcing terms for quadratic convergence: factor and power of the last reduction (S. C. Eisenstat,
+# H. F. Walker, SIAM J. Sci. Comput. 17 (1996), choice 2).
 _RATE_FACTOR, _RATE_POWER = 0.9, 1.6
-# Share of the target that is aimed at, and how much more than quadratic convergence can
-# use may be asked for where that saves an iteration [-].
+# Fraction of the target that is aimed at, and factor by which the reduction may exceed the forcing
+# term to save the last iteration [-].
 _AIM, _NEAR = 0.3, 1e3
 
 
 @dataclass(frozen=True)
 class Solution:
-    """Where the iteration ended, and what it did.
+    """Last iterate of the iteration, and its report.
 
     Attributes:
         end: Forces and contact of the last iterate.
-        report: What was done, and why it stopped.
+        report: Iterations, norms and the reason of a failure.
     """
 
     end: Iterate
@@ -90,26 +90,26 @@ def solve(
     begins_sticking: bool = False,
     nonlinear_elimination: NonlinearElimination | None = None,
 ) -> Solution:
-    """Iterate from the present u. Collective.
+    """Iterate from the current u. Collective.
 
     Args:
-        bulk: Forms; ``bulk.u`` is the unknown and holds the guess.
+        bulk: Forms; ``bulk.u`` is the unknown and holds the starting guess.
         solver: Solver of the linear systems.
         steps: Contact attempts.
         X: Reference positions of the owned nodes, shape ``(n, 3)`` [m].
-        motion: What is led has still to go.
-        relief: Keeps bodies in place that contact alone may hold.
-        is_unchanged: Whether nothing has changed since a solution, which then still is one.
-        sizes: Those of the cells.
+        motion: Prescribed motion of supports, guides and obstacles.
+        relief: Inertia relief of bodies that only contact supports.
+        is_unchanged: Whether nothing has changed since a solution, which is then accepted.
+        sizes: Sizes of the cells.
         force_scale: Norm of the forces known before the step [N].
-        inertia: Whether there is any; without, forces may be as small as
-            the round-off of strains.
-        jumps: Whether stresses have tangents that jump, so that lines are searched.
+        inertia: Whether there is inertia; in statics, forces may be as small as the round-off of
+            strains.
+        jumps: Whether stresses have discontinuous tangents, which need a line search.
         timings: Receives the wall time of the phases.
-        drag: Resistance that acts beside the forces, if any.
-        begins_sticking: Whether nodes with friction stick at first, as ``steps`` say, and slide
-            only near an equilibrium, which takes more iterations.
-        nonlinear_elimination: Those of contacts, if they are to find their equilibrium first.
+        drag: Viscous resistance, if any.
+        begins_sticking: Whether nodes with friction stick at first and slide only near an
+            equilibrium, which takes more iterations.
+        nonlinear_elimination: Solver for the nodes around contacts, applied to the first iterate.
 
     Returns:
         The solution; ``report.reason`` is not empty if there is none.
@@ -119,14 +119,14 @@ def solve(
         most = _MAX_STICKING
     dim = bulk.rigid.dim
     nodes = bulk.u.x.array[: bulk.num_owned].reshape(-1, dim)
-    balanced = True  # multipliers from the normal balance at the nodes
+    balanced = True  # whether multipliers follow from the nodal balance
     segments = SegmentChoice(bulk.comm, steps, not inertia)
-    target = 0.0  # of the last residual, as it is measured
+    target = 0.0  # target of the last residual
     relief.begin()
     search = LineSearch(bulk) if jumps else None
-    # Factors that statics decides with do not know of metals that flow.
+    # In statics the cone problem uses factors of the elastic tangent, wrong in plastic flow.
     may_decide = (inertia or not jumps) and not begins_sticking
-    num_local = 0  # evaluations of contact beside those of the iterations
+    num_local = 0  # contact evaluations of the nonlinear elimination
     farthest = _kernels.largest_size(X + in_space(nodes))
     convergence = Convergence(
         bulk,
@@ -169,7 +169,7 @@ def solve(
         elif steps:
             is_near = iteration > 0 and seen.is_near
             moved = segments.renew(seen.norm, is_near=is_near, converged=converged)
-            if moved:  # this is, or nearly so, the equilibrium on segments that nodes have left
+            if moved:  # (nearly) in equilibrium, but on segments that nodes have left
                 convergence.discard_last(moved)
                 continue
 
@@ -215,7 +215,7 @@ def solve(
         if search is not None and not motion.advances and seen.norm > _NEARLY_SOLVED * seen.target:
             search.begin(du, part, R, R_bulk)
         if part < 1:
-            with np.errstate(invalid="ignore"):  # of a singular system, which is told
+            with np.errstate(invalid="ignore"):  # a singular system is reported below
                 du = part * du
         nodes[:] = motion.advance(nodes, du.reshape(-1, dim), part)
         if du_norm <= longest:
@@ -228,10 +228,9 @@ def solve(
 
 
 def _forcing(norms: Sequence[float], target: float) -> float:
-    """Reduction asked of the linear solver: no more than Newton's method can use.
+    """Reduction asked of the linear solver: the forcing term of an inexact Newton method.
 
-    Where this leads close to the target, the target is aimed at, which saves
-    the next iteration.
+    If it leads close to the target, the target is aimed at, which saves the last iteration.
     """
     if norms[-1] <= _AIM * target:
         return _LEAST_REDUCTION

@@ -1,4 +1,4 @@
-"""What Newton's method reports of one attempt at a step, and the error if all have failed."""
+"""Report of Newton's method on one attempt at a step, and the error if all attempts fail."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,17 +8,17 @@ __all__ = ["ConvergenceError", "NewtonReport"]
 
 @dataclass(frozen=True)
 class NewtonReport:
-    """What the iteration did, and why it stopped.
+    """Iterations and outcome of one attempt at a step.
 
     Attributes:
         iterations: Linear solves.
         active_set_changes: Pairs that changed, summed over iterations.
-        residual_norms: Euclidean norm of the residual before each
-            linear solve, and the last one [N].
+        residual_norms: Euclidean norm of the residual before each linear solve, and the last one
+            [N].
         num_active: Active pairs at the end.
         reason: Why the iteration stopped, empty if it converged.
-        is_hopeless: Whether it would stop as well from any other start.
-        is_undecided: Whether it stopped while states of nodes contradicted their conditions.
+        is_hopeless: Whether it would fail from any starting guess.
+        is_undecided: Whether states of contact or friction still changed when it failed.
     """
 
     iterations: int
@@ -35,7 +35,6 @@ class NewtonReport:
         return not self.reason
 
     def __str__(self) -> str:
-        """Reason and the last residual norms."""
         norms = ", ".join(f"{norm:.2e}" for norm in self.residual_norms[-6:])
         return f"{self.reason} (iteration {self.iterations}, |R| ... {norms} N)"
 
@@ -56,6 +55,5 @@ class ConvergenceError(RuntimeError):
     """
 
     def __init__(self, message: str, reports: Sequence[NewtonReport]) -> None:
-        """Create the error with a message."""
         super().__init__(message)
         self.reports = tuple(reports)

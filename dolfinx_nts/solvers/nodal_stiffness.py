@@ -1,4 +1,4 @@
-"""Stiffness of the nodes by the diagonal of a matrix, a weight in many tests."""
+"""Stiffness of the nodes from the diagonal of a matrix, used as a weight."""
 
 from collections.abc import Sequence
 
@@ -14,36 +14,35 @@ from dolfinx_nts.solvers.cell_sizes import cell_sizes
 
 __all__ = ["NodalStiffness"]
 
-# Stiffness that a node has at least, relative to the mean of its body [-]: at strongly
-# deformed nodes it can be small or negative, and a weight must be neither.
+# Least stiffness of a node, relative to the mean of its body [-]. At strongly deformed nodes the
+# diagonal can be tiny or negative, which a weight must not be.
 _LEAST_STIFFNESS = 0.1
-# Radius of the ring of a node on the axis, relative to its cells [-].
+# Effective radius of a node on the axis of an axisymmetric mesh, relative to its cells [-].
 _INNERMOST = 0.25
 
 
 class NodalStiffness:
     """Mean diagonal entry of the unknown displacements of each node.
 
-    Where displacements are given, matrices have ones on their diagonals, which are no stiffness.
+    Rows of prescribed displacements have ones on the diagonal, which are ignored.
 
     Args:
         V: Space of the displacement.
-        fixed: Owned dofs whose displacement is given.
-        bodies: Nodes of each body, owned and ghost; what is expected of a node is the mean of its
-            body, as one may be far stiffer than another. All others are one more.
+        fixed: Owned dofs with prescribed displacement.
+        bodies: Nodes of each body, owned and ghost. Nodes without unknowns get the mean of their
+            body, since bodies may differ widely. All other nodes form one more body.
 
     Attributes:
-        values: What is known of the owned nodes, ``(n,)`` [N/m]; None before.
-        held: Stiffness that matrices have to hold nodes where they are, ``(n, 1)`` [N/m].
+        values: Stiffness of the owned nodes, ``(n,)`` [N/m]; None before the first matrix.
+        held: Stiffness by which matrices clamp nodes, ``(n, 1)`` [N/m].
     """
 
     def __init__(self, V: fem.FunctionSpace, fixed: Ints, bodies: Sequence[Ints] = ()) -> None:
-        """Find the unknown displacements."""
         self.values: Floats | None = None
         self.held: Floats | float = 0.0
         self._is_free = np.ones((V.dofmap.index_map.size_local, dimension(V)), dtype=bool)
         self._is_free.ravel()[fixed] = False
-        # Stiffness to be expected, relative to others: that of rings grows with their radius.
+        # Expected relative stiffness: in axisymmetric meshes it grows with the radius.
         self._share: Floats = np.ones(len(self._is_free))
         if is_axisymmetric(V.mesh):
             r = V.tabulate_dof_coordinates()[: len(self._share), 0]
@@ -52,14 +51,14 @@ class NodalStiffness:
         self._bodies = [every, *(nodes[nodes < len(every)] for nodes in bodies)]
 
     def leave_out(self, nodes: Ints) -> None:
-        """Take owned nodes as such without unknown displacements. Local."""
+        """Treat owned nodes as nodes without unknown displacements. Local."""
         self._is_free[nodes] = False
 
     def of(self, rows: BlockCSR) -> Floats:
         """Stiffness of the owned nodes in a matrix, shape ``(n,)`` [N/m]. Collective.
 
-        Nodes without unknown displacements have the mean of their body, of rings by their radius,
-        or that of all nodes in a body without stiffness.
+        Nodes without unknown displacements have the mean of their body, in axisymmetric meshes
+        scaled with the radius, or the mean of all nodes if the body has no stiffness.
         """
         num_free = self._is_free.sum(axis=1)
         mean = np.where(self._is_free, rows.diagonal(), 0.0).sum(axis=1) / np.maximum(num_free, 1)
@@ -68,7 +67,7 @@ class NodalStiffness:
         return np.maximum(known, _LEAST_STIFFNESS * typical)
 
     def _means(self, rows: BlockCSR, stiffness: Floats, counts: Flags) -> Floats:
-        """Mean stiffness of the body of each node for a share of 1, the greatest of several."""
+        """Mean stiffness, at a relative stiffness of 1, of the stiffest body of each node."""
         sums = [
             [stiffness[nodes].sum(), self._share[nodes][counts[nodes]].sum()]
             for nodes in self._bodies

@@ -1,4 +1,4 @@
-"""Sums of linear forms at nodes."""
+"""Assembly of sums of linear forms into nodal vectors."""
 
 from collections.abc import Iterable, Sequence
 
@@ -14,16 +14,16 @@ __all__ = ["NodalSum"]
 
 
 class NodalSum:
-    """Sum of linear forms at the owned nodes, the first of bodies, others of loads.
+    """Sum of linear forms at the owned nodes, the first of bodies, the others of loads.
 
     Args:
-        forms: The form of the bodies, then those of the loads, with derivatives taken by
+        forms: The form of the bodies, then those of the loads, with derivatives applied by
             `ufl.algorithms.expand_derivatives`.
         V: Space of the test function.
-        kernels: Of the form of the bodies, see `CellForm`.
+        kernels: Kernels of the form of the bodies, see `CellForm`.
 
     Attributes:
-        num_assembled: Sums of all forms so far.
+        num_assembled: Number of assembled sums so far.
     """
 
     def __init__(
@@ -32,10 +32,9 @@ class NodalSum:
         V: fem.FunctionSpace,
         kernels: Kernels = "double",
     ) -> None:
-        """Compile the forms."""
         first, *loads = forms
         self._bodies = CellForm(first, kernels)
-        # Dead loads have no derivative.
+        # The derivative of a dead load is empty.
         self._loads = [None if load.empty() else PackedForm(load) for load in loads]
         index_map, dim = V.dofmap.index_map, dimension(V)
         self._vector = la.vector(index_map, dim)
@@ -44,7 +43,7 @@ class NodalSum:
         self.num_assembled = 0
 
     def leave_out(self, cells: Ints) -> None:
-        """Leave out cells of the bodies from now on, until the next call. Local.
+        """Leave out cells of the bodies until the next call. Local.
 
         Args:
             cells: Owned cells, local indices.
@@ -70,10 +69,10 @@ class NodalSum:
         return [self._sum([load]) for load in self._loads]
 
     def sample(self, most: int) -> Floats:
-        """Form of the bodies on some cells of this rank, with what other ranks own. Local.
+        """Form of the bodies on some cells of this rank, without exchange of ghosts. Local.
 
         Args:
-            most: Most cells of each material.
+            most: Largest number of cells of each material.
         """
         values = np.zeros_like(self._values)
         self._bodies.assemble(values, most)

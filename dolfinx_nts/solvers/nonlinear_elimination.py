@@ -1,11 +1,10 @@
-"""Nodes around contacts, which find their equilibrium before Newton's method moves all others.
+"""Nonlinear elimination of the nodes around contacts.
 
-A node that is struck has a way to go within the step that is a good part of its cell, while
-bodies elsewhere go on nearly as before. What linear systems do not know of the residual is then
-nearly all at a few nodes, and yet Newton's method would have to go over all cells until these are
-near enough to the solution. Here the nodes around contacts take some steps of Newton's method
-alone, with all others held: the nonlinear elimination of P. J. Lanzkron, D. J. Rose, J. T. Wilkes,
-SIAM J. Sci. Comput. 17 (1996).
+At an impact, nodes at the contact move by a good part of their cells within a step, while the other
+nodes move almost as before. Nearly all of the nonlinearity is then at a few nodes, and yet each
+Newton iteration would assemble all cells. Here Newton's method first iterates on the nodes around
+contacts alone, with all other nodes clamped: the nonlinear elimination of P. J. Lanzkron, D. J.
+Rose, J. T. Wilkes, SIAM J. Sci. Comput. 17 (1996).
 """
 
 from collections.abc import Iterator, Sequence
@@ -28,20 +27,20 @@ from dolfinx_nts.solvers.krylov import LinearSolver
 
 __all__ = ["NonlinearElimination"]
 
-# Number of cells between contacts and the farthest nodes that move.
+# Number of layers of cells around the contacts in the subdomain.
 _RINGS = 2
-# Number of steps of Newton's method, and reduction asked of the linear solver [-]: what is left
-# at the border of the nodes is not known before all others move.
+# Number of local Newton iterations, and reduction asked of the linear solver [-]. More is useless:
+# the residual at the border remains until all nodes move.
 _STEPS, _REDUCTION = 2, 0.1
-# Way that contact wants of a node, relative to the largest of its cells [-], from which on strains
-# change so much that it pays, and the largest part of all nodes [-] that costs little to move.
+# Smallest constraint violation, relative to the size of the node's cells [-], from which on the
+# elimination pays; and the largest fraction of nodes in the subdomain [-] for which it is cheap.
 _FAR, _MOST_NODES = 0.015, 0.125
-# Longest increment that is trusted, relative to the smallest cell [-].
+# Trust radius relative to the smallest cell [-].
 _LONGEST = 0.5
 
 
 class NonlinearElimination:
-    """Moves the nodes around contacts. Collective, as all its methods.
+    """Newton's method on the nodes around contacts. Collective, as all its methods.
 
     Args:
         bulk: Residual of the bodies.
@@ -50,12 +49,11 @@ class NonlinearElimination:
     """
 
     def __init__(self, bulk: Bulk, solver: LinearSolver, sizes: CellSizes) -> None:
-        """Create a marker of nodes."""
         self._bulk, self._solver, self._sizes = bulk, solver, sizes
         self._marker = la.vector(bulk.u.function_space.dofmap.index_map)
 
     def eliminate(self, steps: Sequence[ContactStep], start: Iterate, X: Floats) -> int:
-        """Let nodes around contacts find their equilibrium, if they have far to go.
+        """Solve for the nodes around contacts, if constraint violations are large.
 
         Args:
             steps: Contact attempts.
@@ -63,7 +61,7 @@ class NonlinearElimination:
             X: Reference positions of the owned nodes, shape ``(n, 3)`` [m].
 
         Returns:
-            How often contact has been evaluated for that; 0 if the displacement is as before.
+            Number of contact evaluations; 0 if the displacement is unchanged.
         """
         bulk = self._bulk
         if not reductions.anywhere(bulk.comm, any(map(self._are_far, steps, start.states))):
@@ -76,12 +74,12 @@ class NonlinearElimination:
             return self._move(nodes, steps, start, X)
 
     def _are_far(self, step: ContactStep, state: ContactContribution) -> bool:
-        """Whether contact wants nodes of this rank to go far. Local."""
+        """Whether constraint violations on this rank are large. Local."""
         node = step.state.nodes.nodes[state.pairs.node]
         return bool(np.any(state.violations > _FAR * self._sizes.nodal[node]))
 
     def _nodes(self, steps: Sequence[ContactStep], start: Iterate) -> Flags:
-        """Which local nodes are around contacts, shape ``(l,)``."""
+        """Flags of the local nodes around contacts, shape ``(l,)``."""
         marks: Floats = self._marker.array
         reached = np.zeros((self._bulk.num_owned // self._bulk.rigid.dim, 3))
         for step, state in zip(steps, start.states, strict=True):
@@ -94,12 +92,12 @@ class NonlinearElimination:
         return flags
 
     def _are_long(self, du: Floats) -> bool:
-        """Whether increments are too long to be trusted, or there are none."""
+        """Whether an increment is longer than the trust radius, or not finite."""
         longest = reductions.largest(self._bulk.comm, _kernels.largest_size(du))
         return not longest <= _LONGEST * self._sizes.smallest
 
     def _move(self, nodes: Flags, steps: Sequence[ContactStep], start: Iterate, X: Floats) -> int:
-        """Take the steps, with all other nodes given; see `eliminate` for what is returned."""
+        """Iterate with all other nodes clamped; return the number of contact evaluations."""
         bulk, dim = self._bulk, self._bulk.rigid.dim
         u = bulk.u.x.array[: bulk.num_owned].reshape(-1, dim)
         R, states = start.R.copy(), start.states
@@ -124,7 +122,7 @@ class NonlinearElimination:
 
 @contextmanager
 def _alone(bulk: Bulk, nodes: Flags) -> Iterator[None]:
-    """Context in which some local nodes move, ``(l,)`` flags, and all others are given. Local."""
+    """Context in which all local nodes but the flagged ones, shape ``(l,)``, are clamped. Local."""
     dofmap, topology = bulk.u.function_space.dofmap, bulk.u.function_space.mesh.topology
     num_cells = topology.index_map(topology.dim).size_local
     moves = nodes[dofmap.list[:num_cells]].any(axis=1), nodes[: dofmap.index_map.size_local]

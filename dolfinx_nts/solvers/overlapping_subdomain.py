@@ -1,4 +1,4 @@
-"""Nodes around the contacts that one of several ranks solves for."""
+"""Subdomain around the contacts on one of several ranks."""
 
 from collections.abc import Sequence
 
@@ -16,28 +16,26 @@ __all__ = ["OverlappingSubdomain"]
 
 
 class OverlappingSubdomain:
-    """Nodes around the contacts of a rank's nodes and of their neighbours.
+    """Subdomain around the contacts of a rank's nodes and of their neighbours.
 
-    Each rank gathers the rows of all these nodes, solves, and takes what it
-    finds at its own. Without the contacts of the neighbours there are a tenth
-    more iterations where a border between ranks crosses the contact.
-    Collective, as all its methods.
+    Each rank gathers the rows of all these nodes, solves, and keeps the solution at its own nodes.
+    Without the contacts of the neighbours iterations increase by a tenth if a border between ranks
+    crosses the contact. Collective, as all its methods.
 
     Args:
         rows: Bulk tangent of the owned nodes; its values may change.
     """
 
     def __init__(self, rows: BlockCSR) -> None:
-        """Create the lists of nodes that rows of other ranks reach."""
         self._rows, space = rows, rows.index_map
         self._ends = np.array(space.comm.allgather(space.local_range[1]))
-        # Nodes of this rank that rows of it and of others reach, by rank.
+        # Nodes of this rank in the columns of each rank's rows.
         ghosts = rows.matrix.index_map(1).ghosts
         owners = rows_by_rank(space.comm, np.searchsorted(self._ends, ghosts, side="right"))
         self._reached = exchanged(space.comm, {rank: ghosts[k] for rank, k in owners.items()})
         self._reached[space.comm.rank] = np.arange(*space.local_range)
-        # Nodes of contacts, and those of them that rows of each rank reach: contacts come to few
-        # others.
+        # Known contact nodes, and those of them in the columns of each rank's rows. Both grow
+        # slowly.
         self._known: GlobalInts = np.empty(0, dtype=np.int64)
         self._reaches: dict[int, GlobalInts] = {space.comm.rank: self._known}
         self._version, self._is_wide = -1, False
@@ -49,16 +47,14 @@ class OverlappingSubdomain:
         return self._gathered.size
 
     def build(self, contacts: Sequence[ContactBlocks], version: int, *, wide: bool = False) -> None:
-        """Factorise for the contacts of this rank.
+        """Factorise the subdomain for the contacts of this rank.
 
-        Rows that were gathered the last time are used again where they are
-        those of the matrix and enough.
+        Gathered rows are reused if the matrix is the same and they suffice.
 
         Args:
-            contacts: Constraints and tangent of each contact pair, in
-                global numbers.
+            contacts: Constraints and tangent of each contact pair, in global numbers.
             version: Number of the matrix's values.
-            wide: Whether there are neighbours of neighbours.
+            wide: Whether to include neighbours of neighbours.
         """
         near = self._near(contacts)
         nodes = _unique([part for blocks in near for part in (blocks.nodes, blocks.tangent_nodes)])
@@ -70,11 +66,10 @@ class OverlappingSubdomain:
         self._gathered.factorise(near)
 
     def correct(self, r: Floats, z: Floats) -> None:
-        """Constrain z and correct it, as `ContactSchwarz.correct`."""
         self._gathered.correct(r, z)
 
     def _near(self, contacts: Sequence[ContactBlocks]) -> list[ContactBlocks]:
-        """Those of all ranks that touch nodes which rows of this rank reach."""
+        """Contacts of all ranks that involve nodes in the columns of this rank's rows."""
         comm = self._rows.index_map.comm
         self._learn(_unique([a for c in contacts for a in (c.nodes, c.tangent_nodes.ravel())]))
         parts = {}
@@ -86,7 +81,7 @@ class OverlappingSubdomain:
         return [ContactBlocks.concatenated(every) for every in zip(*received, strict=True)]
 
     def _learn(self, nodes: GlobalInts) -> None:
-        """Ask the owners of nodes that are new which ranks reach them."""
+        """Find, for new contact nodes, the ranks whose rows have them in their columns."""
         comm = self._rows.index_map.comm
         new = np.setdiff1d(nodes, self._known, assume_unique=True)
         if not reductions.anywhere(comm, len(new) > 0):
@@ -100,25 +95,25 @@ class OverlappingSubdomain:
                 self._reaches[rank] = np.union1d(self._reaches.get(rank, some), some)
 
     def _reached_of(self, nodes: GlobalInts) -> dict[int, GlobalInts]:
-        """Those of some nodes of this rank that rows of each rank reach, if there are any."""
+        """Nodes of this rank in the columns of each rank's rows, if there are any."""
         found = {rank: np.intersect1d(nodes, some) for rank, some in self._reached.items()}
         return {rank: some for rank, some in found.items() if len(some)}
 
 
 def _touching(contacts: ContactBlocks, nodes: GlobalInts) -> ContactBlocks:
-    """Those in whose lists there are some of these nodes."""
+    """Constraints and blocks whose node lists include some of these nodes."""
     flags = (np.isin(some, nodes) for some in (contacts.nodes, contacts.tangent_nodes))
     return contacts.take(*contacts.touching(*flags))
 
 
 class _GatheredRows:
-    """Rows of some nodes, of their neighbours and maybe of theirs, wherever they are from.
+    """Rows of some nodes and of their neighbours, gathered from all ranks.
 
     Args:
         rows: Bulk tangent of the owned nodes.
         ends: First number after those of each rank.
         nodes: Nodes of contacts, ascending.
-        wide: Whether there are neighbours of neighbours.
+        wide: Whether to include neighbours of neighbours.
     """
 
     def __init__(self, rows: BlockCSR, ends: GlobalInts, nodes: GlobalInts, *, wide: bool) -> None:
@@ -129,7 +124,7 @@ class _GatheredRows:
         for _ in range(2 if wide else 1):
             domain = _unique([domain, rows.neighbours(domain, ends)])
         start, column, value = rows.gather(domain, ends)
-        # The domain, then what its rows reach outside.
+        # The subdomain, then the other nodes in the columns of its rows.
         halo = np.setdiff1d(column, domain)
         reached = np.concatenate([domain, halo])
         self._order = np.argsort(reached)
@@ -137,7 +132,7 @@ class _GatheredRows:
         own = (reached >= first) & (reached < last)
         ghosts = reached[~own]
         owner = np.searchsorted(ends, ghosts, side="right").astype(np.int32)
-        self._halo: _Halo | None = None  # where no rank reaches another one
+        self._halo: _Halo | None = None  # None if no rank needs nodes of another one
         if reductions.anywhere(space.comm, len(ghosts) > 0):
             index_map = compat.index_map(space.comm, space.size_local, ghosts, owner)
             self._halo = _Halo(index_map, rows.dim)
@@ -149,11 +144,11 @@ class _GatheredRows:
 
     @property
     def size(self) -> int:
-        """Number of nodes whose rows are solved for."""
+        """Number of nodes of the subdomain."""
         return self._factors.size
 
     def cover(self, nodes: GlobalInts) -> bool:
-        """Whether these rows are enough for other nodes of contacts."""
+        """Whether the rows suffice for other nodes of contacts."""
         return bool(np.isin(nodes, self._contacts).all())
 
     def factorise(self, contacts: Sequence[ContactBlocks]) -> None:
@@ -169,16 +164,16 @@ class _GatheredRows:
         self._factors.correct(r, z, none if self._halo is None else self._halo.carry(r, z))
 
     def _place(self, nodes: GlobalInts) -> Ints:
-        """Positions of nodes among those that rows reach."""
+        """Positions of nodes among the columns."""
         place: Ints = self._order[np.searchsorted(self._sorted, nodes)].astype(np.int32)
         return place
 
 
 class _Halo:
-    """Brings two nodal vectors, beside each other, to the ghosts of an index map.
+    """Exchange of two nodal vectors to the ghosts of an index map.
 
     Args:
-        index_map: That of the nodes.
+        index_map: Index map of the nodes.
         dim: Components of a node.
     """
 
@@ -188,7 +183,7 @@ class _Halo:
         self._values: Floats = self._vector.array.reshape(-1, 2 * dim)
 
     def carry(self, r: Floats, z: Floats) -> Floats:
-        """Values at the ghosts of those at the owned nodes, both ``(n, d)``. Collective."""
+        """Values at the ghosts of two vectors at the owned nodes, both ``(n, d)``. Collective."""
         both = [r.take(self._shared, axis=0), z.take(self._shared, axis=0)]
         self._values[self._shared] = np.concatenate(both, axis=1)
         self._vector.scatter_forward()

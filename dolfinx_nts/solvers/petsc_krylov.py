@@ -1,4 +1,4 @@
-"""Krylov method of PETSc, which the options of a user choose."""
+"""Krylov method of PETSc, chosen by the user's options."""
 
 from collections.abc import Callable
 from typing import Any
@@ -14,16 +14,16 @@ __all__ = ["PetscKrylov"]
 
 
 class PetscKrylov:
-    """Flexible GMRES, as far as options say nothing else. Collective, as are its methods.
+    """Flexible GMRES, unless the options choose another method. Collective, as are its methods.
 
     Args:
         comm: Communicator.
-        shape: Of the nodal vectors of this rank, ``(n, d)``.
-        act: Returns the product of the operator with a vector, which it may change, and which is
-            to be reduced by as much as the second argument says.
+        shape: Shape of the nodal vectors of this rank, ``(n, d)``.
+        act: Returns the product of the operator with a vector, which it may overwrite. The second
+            argument is the remaining reduction of the residual.
         precondition: Returns the approximate solution for a right-hand side.
         options: Options of the user.
-        most: Iterations at which it is given up; before, it does not restart.
+        most: Largest number of iterations; the method does not restart before.
     """
 
     def __init__(
@@ -35,7 +35,6 @@ class PetscKrylov:
         options: PetscOptions,
         most: int,
     ) -> None:
-        """Create the objects of PETSc, which live as long as the solver."""
         self._shape, self._act, self._precondition, self._most = shape, act, precondition, most
         matrix = shell_matrix(comm, (shape[0] * shape[1], None), self)
         matrix.setUp()
@@ -53,7 +52,6 @@ class PetscKrylov:
         self._target = 0.0
 
     def __str__(self) -> str:
-        """Its name in PETSc."""
         return str(self._ksp.getType())
 
     def solve(self, b: Floats, rtol: float, growth: float) -> tuple[Floats | None, int]:
@@ -62,10 +60,10 @@ class PetscKrylov:
         Args:
             b: Right-hand side at the owned nodes, shape ``(n, d)``.
             rtol: Reduction of the residual.
-            growth: Growth of the residual at which it is given up, too.
+            growth: Growth of the residual that counts as divergence.
 
         Returns:
-            The solution, the same shape, None if it is given up; number of iterations.
+            The solution, the same shape, or None after a failure; number of iterations.
         """
         self._b.array[:] = b.ravel()
         self._target = rtol * self._b.norm()

@@ -1,4 +1,4 @@
-"""Options that a user gives to PETSc, and which of them nothing has asked for."""
+"""PETSc options of the user, and a check for unused ones."""
 
 import ctypes
 import itertools
@@ -18,12 +18,12 @@ __all__ = ["PetscOptions"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-_number = itertools.count()  # numbers these objects, whose prefixes must differ
-# Preconditioners of PETSc's own that it has on one rank only.
+_number = itertools.count()  # makes the prefixes of these objects unique
+# Preconditioners that PETSc itself implements on one rank only.
 _SERIAL = {"icc", "ilu"}
-# Those that have options for levels, of which a small mesh may have one only.
+# Preconditioners with options for levels; a small mesh may have a single level.
 _MULTIGRID = {"gamg", "hmg", "mg", "ml"}
-# petsc4py up to 3.22 does not tell which options were used; its library does.
+# petsc4py up to 3.22 has no access to the used options; its library has.
 _library = ctypes.CDLL(PETSc.__file__)
 
 
@@ -32,14 +32,14 @@ class PetscOptions:
 
     Args:
         comm: Communicator of the solver.
-        options: Without prefix: ``ksp_...`` for the Krylov method, all
-            others for the preconditioner of the bulk; None for none.
+        options: Options without prefix: ``ksp_...`` for the Krylov method, all others for the
+            preconditioner of the bulk; None for none.
 
     Attributes:
-        prefix: Of those for the Krylov method.
-        bulk_prefix: Of those for the preconditioner of the bulk.
-        bulk: The latter, without prefix.
-        krylov: Whether there are any of the former.
+        prefix: Prefix of the options of the Krylov method.
+        bulk_prefix: Prefix of the options of the preconditioner of the bulk.
+        bulk: Options of this preconditioner, without prefix.
+        krylov: Whether there are options of the Krylov method.
 
     Raises:
         TypeError: The options are no mapping.
@@ -47,7 +47,6 @@ class PetscOptions:
     """
 
     def __init__(self, comm: MPI.Comm, options: Mapping[str, Any] | None) -> None:
-        """Create the prefixes and put the options into the database."""
         if not (options is None or isinstance(options, Mapping)):
             raise TypeError(f"expected petsc_options by name in a dict, given {options!r}")
         self._comm, options = comm, dict(options or {})
@@ -90,17 +89,17 @@ class PetscOptions:
             ) from None
 
     def check_used(self) -> None:
-        """Tell which options nothing has asked for so far, and forget them. Collective.
+        """Raise if options have not been used so far, and forget them. Collective.
 
         Raises:
-            ValueError: There are some that a small mesh does not explain.
+            ValueError: There are unused options that a small mesh does not explain.
         """
         flags = np.array([_is_used(name) for name in self._names], dtype=bool)
         flags = reductions.anywhere(self._comm, flags)
         unused = [name for name, is_used in zip(self._names, flags, strict=True) if not is_used]
         database = PETSc.Options()
         for name in unused:
-            database.delValue(name)  # PETSc would name it again at the end of the program
+            database.delValue(name)  # PETSc would warn of it again at the end of the program
         kinds = {value for key, value in self.bulk.items() if key.endswith("pc_type")}
         excused = [name for name in unused if "mg_" in name and not kinds.isdisjoint(_MULTIGRID)]
         if excused and self._comm.rank == 0:
@@ -120,7 +119,7 @@ class PetscOptions:
 
 
 def _is_used(name: str) -> bool:
-    """Whether something on this rank has asked PETSc's database for an option."""
-    found = ctypes.c_int(0)  # room for a PetscBool, whatever its size
+    """Whether an option has been read from PETSc's database on this rank."""
+    found = ctypes.c_int(0)  # large enough for a PetscBool
     _library.PetscOptionsUsed(None, name.encode(), ctypes.byref(found))
     return bool(found.value)

@@ -1,4 +1,4 @@
-"""Preconditioner of the bulk: an approximate inverse that serves for many steps."""
+"""Preconditioner of the bulk: factors of the tangent that are kept for many steps."""
 
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -20,12 +20,12 @@ __all__ = ["BulkPreconditioner"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Kinds of factors: incomplete ones, those with fill, complete ones in single and in double
-# precision, complete ones of the derivative itself, and multigrid.
+# Kinds of factors, from weak to strong: ILU(0) and ILU(1) in single precision, complete LU factors
+# in single and in double precision, LDL factors of the derivative itself, and multigrid.
 _ILU0, _ILU1, _LU_SINGLE, _LU, _LDL_DERIVATIVE, _MULTIGRID = range(6)
-# Unknowns up to which a complete factorisation is cheaper than multigrid.
+# Number of unknowns up to which a complete factorisation is cheaper than multigrid.
 _DIRECT_UP_TO = 50_000
-# Options of multigrid: one sweep with incomplete factors smooths best (stiff bodies).
+# Options of multigrid: one sweep of ILU(0) is the best smoother for stiff bodies.
 _MULTIGRID_OPTIONS = {
     "pc_type": "gamg",
     "mg_levels_ksp_type": "richardson",
@@ -33,21 +33,20 @@ _MULTIGRID_OPTIONS = {
     "mg_levels_pc_type": "asm",
     "mg_levels_sub_pc_type": "ilu",
 }
-# Preconditioners of PETSc that do with blocks of nodes what takes twice as long with
-# scalars; of the others, many know scalars only.
+# PETSc preconditioners that get matrices of nodal blocks, which halves their time; many others
+# support scalar entries only.
 _TAKE_BLOCKS = {"asm", "bjacobi", "ilu"}
 
 
 class BulkPreconditioner:
-    """Factors of the tangent of the bulk, and stronger ones where these do not suffice.
+    """Factors of the bulk tangent, replaced by stronger ones where they do not suffice.
 
-    The first are `BlockILU`, the next ones the same with fill, and the strong ones
-    complete factors, or multigrid where unknowns are many. On one rank complete ones that follow
-    slow iterations are first `CompleteFactors`, then those of MUMPS, which several ranks, and
-    statics, have from the start. All of these are of a definite matrix near the derivative. Where
-    it is far from it, as in plastic flow, those of the derivative itself are the last, as long as
-    it is definite, too.
-    What PETSc makes of the user's options takes the place of both incomplete ones.
+    ILU(0) is followed by ILU(1), then by complete factors, or by multigrid for many unknowns. After
+    slow iterations on one rank the complete factors are first `CompleteFactors`, then those of
+    MUMPS; on several ranks, and in statics, they are those of MUMPS. All of these are factors of a
+    definite matrix near the derivative. If it is far from the derivative, as in plastic flow, the
+    factors of the derivative itself come last, as long as it is definite. A preconditioner from the
+    user's options replaces ILU(0) and ILU(1).
 
     Args:
         tangent: Matrix of the bulk.
@@ -55,13 +54,12 @@ class BulkPreconditioner:
 
     Attributes:
         point: `Tangent.point` of the factors; None before the first.
-        num_builds: Factorisations so far.
+        num_builds: Number of factorisations so far.
 
-    ``str`` tells the kind of the factors, of the last ones where the next are not made yet.
+    ``str`` is the kind of the factors, or of the last ones if the next are not made yet.
     """
 
     def __init__(self, tangent: Tangent, options: PetscOptions) -> None:
-        """Create the object, without factors before `build`."""
         self._tangent, self._options = tangent, options
         self._kinds = _kinds(tangent)
         self._factors: BlockILU | CompleteFactors | _PetscFactors | None = None
@@ -70,39 +68,38 @@ class BulkPreconditioner:
         self.num_builds = 0
 
     def __str__(self) -> str:
-        """Kind of the factors, empty before the first."""
         return self._last_kind if self._factors is None else str(self._factors)
 
     @property
     def is_ilu0(self) -> bool:
-        """Whether the factors are the first ones of the project's own choice."""
+        """Whether the factors are ILU(0), without options of the user."""
         return self._kind == _ILU0 and not self._options.bulk
 
     @property
     def is_strong(self) -> bool:
-        """Whether complete ones or multigrid have taken over."""
+        """Whether the factors are complete ones or multigrid."""
         return self._kind > _ILU1
 
     @property
     def is_complete(self) -> bool:
-        """Whether they are complete ones in double precision of a matrix near the derivative."""
+        """Whether they are LU factors in double precision of a matrix near the derivative."""
         return self._kind == _LU
 
     @property
     def may_be_strengthened(self) -> bool:
         """Whether slow iterations are a reason for stronger factors.
 
-        Those that the user has chosen have to fail before others take over.
+        The user's choice is replaced only after a failure.
         """
         return not (self._is_strongest or self._options.bulk)
 
     @property
     def has_responses(self) -> bool:
-        """Whether `responses` are good and affordable: of factors with fill, or complete ones."""
+        """Whether `responses` are accurate and affordable: with ILU(1) and complete factors."""
         return _MULTIGRID not in self._kinds and self._kind != _ILU0
 
     def build(self) -> None:
-        """Assemble and factorise the tangent, or the matrix near it. Collective."""
+        """Assemble and factorise the tangent, or the nearby matrix. Collective."""
         self._tangent.assemble_nearby()
         self._factors = self._factors or self._new_factors()
         while not self._factors.build():
@@ -112,11 +109,11 @@ class BulkPreconditioner:
         self.num_builds, self._last_kind = self.num_builds + 1, str(self._factors)
 
     def strengthen(self, *, fully: bool = False) -> bool:
-        """Let the next `build` make stronger factors; returns whether there are any. Local.
+        """Let the next `build` make stronger factors; return whether there are any. Local.
 
         Args:
-            fully: Whether to make complete ones in double precision, or multigrid, at once: single
-                precision is too coarse where inertia does little.
+            fully: Whether to go to LU in double precision, or multigrid, directly: single precision
+                is too inaccurate if inertia is small.
         """
         if self._is_strongest:
             return False
@@ -141,15 +138,15 @@ class BulkPreconditioner:
 
     @property
     def is_incomplete(self) -> bool:
-        """Whether the factors are incomplete ones, which can be `restricted`. Local."""
+        """Whether the factors are incomplete ones, which support `restricted`. Local."""
         return isinstance(self._factors, BlockILU)
 
     @contextmanager
     def restricted(self, nodes: Flags) -> Iterator[None]:
-        """Context in which incomplete factors solve for some owned nodes alone. Collective.
+        """Context in which incomplete factors solve for some owned nodes only. Collective.
 
         Args:
-            nodes: Which ones, shape ``(n,)``.
+            nodes: Flags of these nodes, shape ``(n,)``.
         """
         assert isinstance(self._factors, BlockILU)
         self._factors.restrict(nodes)
@@ -159,10 +156,10 @@ class BulkPreconditioner:
             self._factors.restrict(None)
 
     def responses(self, forces: Floats) -> Floats:
-        """Solutions of the factors for many right-hand sides. Collective.
+        """Solutions for many right-hand sides. Collective.
 
         Args:
-            forces: One column each, at the owned dofs, shape ``(d n, k)``, by columns.
+            forces: One column each, at the owned dofs, shape ``(d n, k)``, in column-major order.
 
         Returns:
             The solutions, the same shape.
@@ -171,7 +168,7 @@ class BulkPreconditioner:
         return self._factors.solve_all(forces)
 
     def serialize(self, archive: Archive) -> None:
-        """Serialize the state of which the factors are, and that of the matrix. Collective."""
+        """Serialize the states of the factors and of the last matrix. Collective."""
         tangent = self._tangent
         shared = archive.same("factors_are_last", self.point is tangent.point)
         strength = archive.same("strength_of_factors", self._strength)
@@ -193,11 +190,11 @@ class BulkPreconditioner:
 
     @property
     def _kind(self) -> int:
-        """Kind of the present factors."""
+        """Kind of the current factors."""
         return self._kinds[self._strength]
 
     def _new_factors(self) -> "BlockILU | CompleteFactors | _PetscFactors":
-        """Factors of the present kind, without values. Collective."""
+        """Factors of the current kind, without values. Collective."""
         tangent, options, kind = self._tangent, self._options, self._kind
         if kind == _LU_SINGLE:
             return CompleteFactors(tangent.rows, tangent.X)
@@ -212,7 +209,7 @@ class BulkPreconditioner:
 
 
 def _kinds(tangent: Tangent) -> Sequence[int]:
-    """Kinds of factors of a tangent, each one stronger than those before. Local."""
+    """Kinds of factors of a tangent, from weak to strong. Local."""
     if tangent.num_unknowns > _DIRECT_UP_TO:
         return _ILU0, _ILU1, _MULTIGRID
     rounded = (_LU_SINGLE,) if tangent.comm.size == 1 else ()
@@ -220,13 +217,13 @@ def _kinds(tangent: Tangent) -> Sequence[int]:
 
 
 class _PetscFactors:
-    """Preconditioner of PETSc, a new one for each matrix.
+    """Preconditioner of PETSc, created again for each matrix.
 
-    PETSc would otherwise go on with what it has chosen for the first matrix,
-    which a resumed run does not know.
+    PETSc would otherwise reuse choices made for the first matrix, which a resumed run does not
+    have.
 
     Args:
-        make: Makes it for the present matrix; returns it and what its shells need.
+        make: Creates it for the current matrix; returns it and the contexts of its shells.
     """
 
     def __init__(self, make: Callable[[], tuple[Any, ...]]) -> None:
@@ -276,10 +273,10 @@ def _lu_factors(tangent: Tangent) -> tuple[Any, ...]:
 
 
 def _derivative_factors(tangent: Tangent) -> tuple[Any, ...]:
-    """Complete factors of the derivative where it is definite, elsewhere those near it. Collective.
+    """Factors of the derivative if it is definite, otherwise of the nearby matrix. Collective.
 
-    Where it is not, they would let the soft motions of an instability grow without bounds. Free
-    bodies may turn under the forces that press them together: there contact resists.
+    Indefinite factors would amplify the soft modes of an instability without bounds. Free bodies
+    may have negative modes, rotations under their contact forces, which contact resists.
     """
     tangent.assemble_exact()
     matrix = tangent.matrix(scalar=True)
@@ -294,10 +291,10 @@ def _derivative_factors(tangent: Tangent) -> tuple[Any, ...]:
 
 
 def _multigrid(tangent: Tangent, prefix: str) -> tuple[Any, ...]:
-    """Multigrid whose finest level works in single precision. Collective.
+    """Multigrid with a finest level in single precision. Collective.
 
-    Iterations take half as long again with PETSc's products and factors on
-    this level, which are scalar and in double precision.
+    With PETSc's scalar products and factors in double precision on this level, iterations take 50 %
+    longer.
     """
     operator = SinglePrecisionOperator(tangent.rows)
     with _options(prefix, _MULTIGRID_OPTIONS):
@@ -310,7 +307,7 @@ def _multigrid(tangent: Tangent, prefix: str) -> tuple[Any, ...]:
 
 
 def _from_options(operator: Any, matrix: Any, prefix: str) -> Any:
-    """Preconditioner of a matrix, for the operator near which it is. Collective."""
+    """Preconditioner with the factors of a matrix for a nearby operator. Collective."""
     pc = PETSc.PC().create(matrix.comm)
     pc.setOptionsPrefix(prefix)
     pc.setOperators(operator, matrix)
@@ -323,7 +320,7 @@ def _from_options(operator: Any, matrix: Any, prefix: str) -> Any:
 
 @contextmanager
 def _options(prefix: str, values: Mapping[str, Any]) -> Iterator[None]:
-    """Context in which PETSc's database has some options."""
+    """Context in which PETSc's database contains some options."""
     database = PETSc.Options(prefix)
     for key, value in values.items():
         database[key] = value

@@ -1,4 +1,4 @@
-"""The given way in a solution: what is led, at the end of its way at once."""
+"""Prescribed motion of supports, guides and obstacles, applied in one increment."""
 
 from collections.abc import Sequence
 
@@ -11,81 +11,79 @@ __all__ = ["PrescribedMotion"]
 
 
 class PrescribedMotion:
-    """What is led has still to go in a solution: nothing, unless `SubsteppedMotion` says otherwise.
+    """Prescribed motion of supports, guides of rigid bodies and obstacles, applied at once.
 
-    Supports, guides of rigid bodies and obstacles are led. Methods are local unless noted.
+    `SubsteppedMotion` applies it in substeps. Methods are local unless noted.
 
     Args:
         bulk: Residual of the bodies.
-        steps: Contact attempts, whose obstacles go along.
+        steps: Contact attempts, whose obstacles move.
 
     Attributes:
-        duration: Number of increments until the last one that took on what is led by a part of
-            its way that counts.
+        duration: Number of increments until the last one with a substantial prescribed part.
     """
 
     def __init__(self, bulk: Bulk, steps: Sequence[ContactStep]) -> None:
-        """Lead obstacles to the end."""
         self._bulk, self._steps, self.duration = bulk, steps, 0
         self._place_obstacles(1.0)
 
     @property
     def is_complete(self) -> bool:
-        """Whether all is where it is led to."""
+        """Whether the prescribed motion has been applied completely."""
         return True
 
     @property
     def advances(self) -> bool:
-        """Whether what is led goes a part of its way in this iteration."""
+        """Whether a part of it is applied in the current iteration."""
         return False
 
     @property
     def length(self) -> float:
-        """Largest way of what is led in this iteration [m]."""
+        """Largest prescribed increment in the current iteration [m]."""
         return 0.0
 
     def finish(self) -> None:
-        """Let obstacles be at the ends of their ways."""
+        """Place obstacles at the end of their motion."""
         self._place_obstacles(1.0)
 
     def add_forces(
         self, R: Floats, states: Sequence[ContactContribution], target: float | None = None
     ) -> Floats:
-        """Add the forces of the way that is gone in this iteration to a residual. Collective.
+        """Add the forces of the prescribed increment to a residual. Collective.
 
         Args:
             R: Residual on the owned dofs, of rigid bodies their balance, shape ``(d n,)`` [N].
             states: Pairs of the attempts.
-            target: Norm of the residual of a solution [N], for which the way need not wait: where
-                all of a body is led, it adds no forces. None: what was decided last stays.
+            target: Norm of the residual of a solution [N], below which the next substep begins:
+                bodies whose nodes are all prescribed add no forces. None: keep the last decision.
         """
         return R
 
     def predict(self, states: Sequence[ContactContribution]) -> tuple[ContactContribution, ...]:
-        """Let constraints see gaps and slips at the end of the way of this iteration.
+        """Contact states with the gaps and slips at the end of the prescribed increment.
 
         ``states`` are those of the last `add_forces`.
         """
         return tuple(states)
 
     def limit(self, du: Floats) -> Floats:
-        """Increment of all nodes, shape ``(d n,)`` [m], with that of supports in its place.
+        """Increment of all nodes, ``(d n,)`` [m], including the prescribed one of supports.
 
-        It is so short that cells can follow, also where nodes meet others. Collective.
+        It is scaled down to limit strains of cells, and penetrations of new contacts. Collective.
         """
         return du
 
     def advance(self, nodes: Floats, du: Floats, part: float) -> Floats:
-        """Displacements after a part of the increment that `limit` has returned. Collective.
+        """Displacements after a fraction of the increment from `limit`. Collective.
 
         Args:
             nodes: Displacements of the owned nodes, shape ``(n, d)`` [m].
-            du: That part of the increment, of the same shape [m].
-            part: The part, from 0 to 1.
+            du: That fraction of the increment, of the same shape [m].
+            part: The fraction, from 0 to 1.
         """
         return self._bulk.rigid.moved(nodes, du)
 
     def _place_obstacles(self, part: float) -> None:
-        """Let obstacles be where they are after a part of their ways, from 0 to 1."""
+        """Place obstacles after a fraction of their motion, from 0 to 1."""
         for step in self._steps:
             step.state.search.frame.go(part)

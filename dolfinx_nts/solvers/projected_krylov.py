@@ -1,4 +1,4 @@
-"""Krylov method on the projected tangent, with its preconditioner."""
+"""Krylov method for the projected tangent, with its preconditioner."""
 
 import math
 from collections.abc import Callable
@@ -21,24 +21,25 @@ from dolfinx_nts.solvers.tangent import Tangent
 
 __all__ = ["KrylovMethod", "Operator", "Preconditioner", "RigidPreconditioner"]
 
-# Iterations of one system, which are all stored; new factors cost less than more.
+# Largest number of iterations for one system; beyond it new factors are cheaper. All vectors are
+# stored.
 _MAX_ITERATIONS = 200
-# Growth of the residual at which an iteration is given up [-].
+# Growth of the residual that counts as divergence [-].
 _DIVERGED = 1e6
-# Rounding of products relative to the reduction that is still asked for, at which it does not
-# matter [-]: what products contribute to the solution becomes smaller as the residual does.
+# Error of products in single precision, relative to the remaining reduction, that is acceptable
+# [-]. Inexact Krylov methods tolerate errors that grow as the residual decreases.
 _NEGLIGIBLE = 0.3
-# Reduction [-] that is enough to look for negative curvatures.
+# Relative error of products [-] in the search for negative curvature.
 _ENOUGH = 1e-3
 
 
 class Operator:
     """Projected tangent.
 
-    Right-hand sides and products have no part in the directions that
-    nodes give up, and such a part of what is multiplied has no effect. Products are
-    computed with half of the digits where that leaves the convergence as it is: Newton's method
-    computes the residual in double precision, and only that decides on its result.
+    Right-hand sides and products have no component in eliminated directions, and such components of
+    the argument have no effect. Products are computed in single precision where this does not
+    impair convergence. Newton's method computes the residual in double precision, which determines
+    its result.
 
     Args:
         bulk: Residual of the bodies.
@@ -49,25 +50,24 @@ class Operator:
     """
 
     def __init__(self, bulk: Bulk) -> None:
-        """Create the operator, without contact."""
         self.bulk = bulk
         self.elimination = Elimination((), 0)
         self._rounding = math.inf
 
     def forget(self) -> None:
-        """Measure at the next product what single precision costs it. Local."""
+        """Measure the error of single precision again at the next product. Local."""
         self._rounding = math.inf
 
     def serialize(self, archive: Archive) -> None:
-        """Serialize what decides on the precision of products. Collective."""
+        """Serialize the error of products in single precision. Collective."""
         self._rounding = archive.same("rounding_of_products", self._rounding)
 
     def act(self, x: Floats, reduction: float) -> Floats:
         """Product Z~^T (K + C) Z x. Collective.
 
         Args:
-            x: Vector at the owned nodes, shape ``(n, d)``, which becomes Z x.
-            reduction: Reduction of the residual that is still asked for [-].
+            x: Vector at the owned nodes, shape ``(n, d)``, overwritten with Z x.
+            reduction: Remaining reduction of the residual [-].
         """
         parts = self.elimination.constrain(x)
         if math.isinf(self._rounding):
@@ -76,24 +76,23 @@ class Operator:
         return self.bulk.rigid.project(x, self.elimination.act(parts, product))
 
     def action(self, z: Floats, error: float) -> Floats:
-        """Tangent of the bodies times a vector, with a relative error up to ``error``."""
+        """Tangent of the bodies times a vector, with a relative error of at most ``error``."""
         is_enough = self._rounding < error
         return self.bulk.rounded_action(z) if is_enough else self.bulk.action(z)
 
 
 class Preconditioner:
-    """That of the bulk, corrected around contacts.
+    """Preconditioner of the bulk with the contact correction.
 
     Args:
         operator: The operator.
         bulk: Preconditioner of the bulk.
-        contacts: Correction for the contacts.
+        contacts: Contact correction.
     """
 
     def __init__(
         self, operator: Operator, bulk: BulkPreconditioner, contacts: ContactCorrections
     ) -> None:
-        """Create the composition of both."""
         self._operator, self._bulk, self._contacts = operator, bulk, contacts
 
     def solve(self, r: Floats) -> Floats:
@@ -105,18 +104,17 @@ class Preconditioner:
 
 
 class RigidPreconditioner:
-    """The same with rigid bodies.
+    """Preconditioner with rigid bodies.
 
-    They move as their inertia alone lets them, and all other nodes follow them.
+    Rigid bodies respond with their inertia alone, and all other nodes follow them.
 
     Args:
         others: Preconditioner of the other nodes.
         rigid: Motion of the rigid bodies.
-        tangent: Matrix of the bulk, which holds their nodes.
+        tangent: Matrix of the bulk, which clamps their nodes.
     """
 
     def __init__(self, others: Preconditioner, rigid: RigidMotion, tangent: Tangent) -> None:
-        """Let the matrix hold the nodes of rigid bodies."""
         self._others, self._rigid = others, rigid
         self._holding = tangent.hold(rigid.nodes)
 
@@ -132,7 +130,7 @@ class RigidPreconditioner:
 
 
 class KrylovMethod:
-    """Iterations of flexible GMRES, or of another method by the user's options.
+    """Flexible GMRES, or another method by the user's options.
 
     Args:
         operator: The projected tangent.
@@ -140,9 +138,9 @@ class KrylovMethod:
         options: Options of the user.
 
     Attributes:
-        others: What the user's options choose instead, if they choose a method.
-        num_iterations: Iterations so far.
-        num_local_iterations: Those beside them of systems of few nodes.
+        others: PETSc method of the user's options, if there are any.
+        num_iterations: Number of iterations so far.
+        num_local_iterations: Additional iterations of local solves.
     """
 
     def __init__(
@@ -151,10 +149,9 @@ class KrylovMethod:
         preconditioner: Preconditioner | RigidPreconditioner,
         options: PetscOptions,
     ) -> None:
-        """Create a method of PETSc if the user asks for one."""
         bulk = operator.bulk
         self._operator, self._preconditioner = operator, preconditioner
-        self._options: PetscOptions | None = options  # until they are known to be used
+        self._options: PetscOptions | None = options  # until their use has been checked
         self.others: PetscKrylov | None = None
         if options.krylov:
             shape = bulk.num_owned // bulk.rigid.dim, bulk.rigid.dim
@@ -166,18 +163,18 @@ class KrylovMethod:
         self.num_iterations = self.num_local_iterations = 0
 
     def solve(self, b: Floats, rtol: float, *, is_local: bool = False) -> tuple[Floats | None, int]:
-        """Solve with the present operator. Collective.
+        """Solve a system with the current operator. Collective.
 
         Args:
             b: Right-hand side at the owned nodes, shape ``(n, d)``.
             rtol: Reduction of the residual.
-            is_local: Whether all but few nodes are given.
+            is_local: Whether most nodes are clamped.
 
         Returns:
-            The solution, the same shape, or None where the method fails; number of iterations.
+            The solution, the same shape, or None after a failure; number of iterations.
 
         Raises:
-            ValueError: There are options that nothing asks for.
+            ValueError: There are unused options.
         """
         if self.others is not None:
             x, iterations = self.others.solve(b, rtol, _DIVERGED)
@@ -205,13 +202,13 @@ class KrylovMethod:
         return gmres.solution(), iterations
 
     def precondition_once(self, b: Floats) -> Floats:
-        """Solve as well as the preconditioner does by itself, in one iteration. Collective.
+        """Apply the preconditioner once, which counts as an iteration. Collective.
 
         Args:
             b: Right-hand side at the owned nodes, shape ``(n, d)``.
 
         Returns:
-            The solution, the same shape.
+            The approximate solution, the same shape.
         """
         self.num_iterations += 1
         return self._preconditioned(b)
@@ -223,19 +220,19 @@ class KrylovMethod:
         return x
 
     def negative_curvature_direction(self, weight: Floats, numbers: Floats) -> Floats | None:
-        """Motion along which the energy falls, by the present operator. Collective.
+        """Direction of negative curvature of the current operator. Collective.
 
         Args:
             weight: Square root of the stiffness at the owned nodes, shape ``(n, 1)``.
             numbers: Independent random numbers of unit variance, shape ``(n, d)``.
 
         Returns:
-            The motion at the owned nodes, shape ``(n, d)``, or None.
+            The direction at the owned nodes, shape ``(n, d)``, or None.
         """
         bulk, elimination = self._operator.bulk, self._operator.elimination
 
         def free(values: Floats) -> Floats:
-            """Set values of what is given to zero, shape ``(d n,)``."""
+            """Set prescribed values to zero, shape ``(d n,)``."""
             values = values.ravel()
             values[bulk.given] = 0
             return values
@@ -254,6 +251,6 @@ class KrylovMethod:
         motion = negative_curvature_direction(bulk.comm, b, weights, precondition, act)
         if motion is None:
             return None
-        accuracy = 0.0  # to all digits: no round-off is told
+        accuracy = 0.0  # in double precision, to exclude round-off
         curvature = reductions.total(bulk.comm, float(motion @ act(motion)))
         return motion.reshape(numbers.shape) if curvature < 0 else None

@@ -1,13 +1,13 @@
-r"""Mass that nodes of a surface have given to those below them, and systems with it.
+r"""Mass matrix with massless surface nodes, and residual and tangent with it.
 
-With the matrix P that extrapolates values from the nodes below, see `extrapolation`, and the
-consistent mass M the mass is
+With the matrix P that extrapolates values from the nodes below the surface, see `extrapolation`,
+and the consistent mass M, the mass matrix is
 
 .. math:: M_r = P^T M P .
 
-Rows and columns of nodes without mass are zero. It is positive on all others, and rigid motions,
-indeed all affine ones, have the momentum and energy that they have with M. Loads act as
-:math:`P^T f`, so that a body in free fall has no strain.
+Rows and columns of massless nodes are zero. The matrix is positive definite on all others, and all
+affine motions have the same momentum and energy as with M. Loads act as :math:`P^T f`, so that a
+body in free fall has no strain.
 """
 
 from collections.abc import Callable, Sequence
@@ -35,15 +35,15 @@ __all__ = ["MassForce", "RedistributedBulk", "RedistributedMass", "Redistributed
 
 
 class RedistributedMass:
-    """Multiplies by the redistributed mass, and takes forces to where the mass is. Collective.
+    """Products with the redistributed mass, and transfer of forces to nodes with mass. Collective.
 
     Args:
         bodies: Bodies of one space, which fill the mesh.
-        below: The nodes without mass, and those that carry it.
-        factor: Returns what multiplies the density of a material; None: 1.
+        below: The massless nodes, and the nodes that carry their mass.
+        factor: Returns a factor on the density of a material; None: 1.
 
     Attributes:
-        dim: Components of values at nodes.
+        dim: Components of nodal values.
     """
 
     def __init__(
@@ -52,12 +52,11 @@ class RedistributedMass:
         below: Extrapolation,
         factor: Callable[[Hyperelastic], float] | None = None,
     ) -> None:
-        """Assemble both matrices."""
         V = bodies[0].V
         trial, test = ufl.TrialFunction(V), ufl.TestFunction(V)
 
         def integrand(material: Hyperelastic, _: Any, rho: Any) -> Any:
-            # As a constant it leaves the entries of a matrix where it is zero.
+            # A constant keeps the entries of the matrix also where it is zero.
             part = 1.0 if factor is None else fem.Constant(V.mesh, float(factor(material)))
             return part * rho * ufl.inner(trial, test)
 
@@ -76,13 +75,13 @@ class RedistributedMass:
         return self._times_mass.of(values)
 
     def carried(self, forces: Floats) -> Floats:
-        """Take forces at the owned nodes to those with mass, both ``(n, d)`` [N]."""
+        """Transfer forces at the owned nodes to nodes with mass, both ``(n, d)`` [N]."""
         return self._restrict.of(forces)
 
     def entries(self, index_map: Any) -> tuple[Ints, Ints, Floats]:
         """Rows, columns and values of the owned rows, all of shape ``(b,)`` [kg]. Local.
 
-        Columns are local nodes of the map; -1 those that this rank does not know.
+        Columns are local nodes of the map, or -1 if they are unknown on this rank.
         """
         start, column, value = self._mass.getValuesCSR()
         row = np.repeat(np.arange(len(start) - 1, dtype=np.int32), np.diff(start))
@@ -91,12 +90,12 @@ class RedistributedMass:
 
 
 class MassForce(NamedTuple):
-    """Force that is a mass times what depends on the displacement, as inertia.
+    """Force of a mass times a rate that depends on the displacement, such as inertia.
 
     Attributes:
-        mass: The mass; those of one stepper have the same entries.
-        rate: Returns what it multiplies at the local dofs, shape ``(d l,)``.
-        factor: Returns the derivative of that by u.
+        mass: The mass; all masses of one stepper have the same sparsity.
+        rate: Returns the rate at the local dofs, shape ``(d l,)``.
+        factor: Returns the derivative of the rate with respect to u.
     """
 
     mass: RedistributedMass
@@ -105,7 +104,7 @@ class MassForce(NamedTuple):
 
 
 class _Product:
-    """Product of a matrix of scalars with some columns.
+    """Product of a scalar matrix with a few columns.
 
     Args:
         matrix: The matrix.
@@ -118,7 +117,7 @@ class _Product:
         self._columns = PETSc.Mat().createDense(size, comm=matrix.comm)
         self._columns.setUp()
         self._columns.assemble()
-        # PETSc keeps what it knows of a product in the matrix of its result.
+        # PETSc stores the symbolic product in the result matrix.
         self._result = matrix.matMult(self._columns)
         self._given, self._product = (
             dense.getDenseArray() for dense in (self._columns, self._result)
@@ -152,9 +151,9 @@ def _extrapolating(index_map: Any, below: Extrapolation) -> _Entries:
 
 
 def _triple(matrix: la.MatrixCSR, below: Extrapolation) -> _Entries:
-    """Entries of P^T M P, of any rows. Collective.
+    """Entries of P^T M P, in any rows. Collective.
 
-    Products of matrices by PETSc sum up in an order that changes from run to run.
+    PETSc's matrix products add in an order that varies from run to run.
     """
     M = BlockCSR(matrix)
     index_map = M.index_map
@@ -166,7 +165,7 @@ def _triple(matrix: la.MatrixCSR, below: Extrapolation) -> _Entries:
     node, column, weight = node[order], column[places], weight[places]
 
     def expanded(keys: GlobalInts, *others: Any) -> tuple[Any, ...]:
-        """Replace keys by the nodes that carry them; weights; what else entries have."""
+        """Replace keys by the nodes that carry them; return weights and other data, too."""
         place = np.minimum(np.searchsorted(node, keys), len(node) - 1)
         follows = node[place] == keys
         _, these = entries_of_rows(start, place[follows])
@@ -184,7 +183,7 @@ def _triple(matrix: la.MatrixCSR, below: Extrapolation) -> _Entries:
 
 
 def _assembled(index_map: Any, entries: _Entries) -> Any:
-    """PETSc matrix of the sums of entries, from the ranks that have them. Collective."""
+    """PETSc matrix of the sums of entries, sent to the owners of their rows. Collective."""
     comm, n = index_map.comm, index_map.size_local
     first = index_map.local_range[0]
     row, column, value = entries
@@ -223,13 +222,11 @@ class RedistributedBulk(Bulk):
         *,
         jumps: bool = False,
     ) -> None:
-        """Create the forms as `Bulk` does."""
         super().__init__(residual, u, bcs, loads, jumps=jumps)
         self._inertia, self._mass = inertia, inertia[0].mass
         self._has_loads = bool(loads)
 
     def forces(self) -> Floats:
-        """Residual at u on the owned dofs, given or not [N]. Collective."""
         R = self._residual.assembled_bodies()
         for mass, rate, _ in self._inertia:
             R += mass.times(self._by_node(rate()[: self.num_owned])).ravel()
@@ -238,7 +235,7 @@ class RedistributedBulk(Bulk):
         return R
 
     def loads(self) -> list[Floats]:
-        """Forces of each load at u on the owned dofs, at nodes with mass [N]. Collective."""
+        """Forces of each load at u, transferred to owned nodes with mass [N]. Collective."""
         return [self._mass.carried(self._by_node(f)).ravel() for f in super().loads()]
 
     def _forces_by(self, action: NodalSum, direction: Floats) -> Floats:
@@ -250,7 +247,7 @@ class RedistributedBulk(Bulk):
         return y
 
     def _by_node(self, values: Floats) -> Floats:
-        """Values of dofs node by node, a view of shape ``(n, d)``. Local."""
+        """View of dof values by nodes, shape ``(n, d)``. Local."""
         return values.reshape(-1, dimension(self.u.function_space))
 
 
@@ -259,8 +256,8 @@ class RedistributedTangent(Tangent):
 
     Args:
         residual, u, bcs, loads, nearby, bodies: Arguments of `Tangent`.
-        inertia: As of `RedistributedBulk`.
-        dt: Length of a step, on which their factors depend [s].
+        inertia: Argument of `RedistributedBulk`.
+        dt: Step size, on which the factors of the masses depend [s].
     """
 
     def __init__(
@@ -274,7 +271,6 @@ class RedistributedTangent(Tangent):
         inertia: Sequence[MassForce],
         dt: fem.Constant,
     ) -> None:
-        """Find the entries of the mass that this rank has a place for."""
         super().__init__(residual, u, bcs, loads, nearby, bodies)
         self._inputs.append(dt.value)
         self._inertia = inertia
@@ -283,7 +279,7 @@ class RedistributedTangent(Tangent):
         parts = [mass.entries(index_map) for mass, *_ in inertia]
         row, column, _ = parts[0]
         value: Floats = np.array([values for *_, values in parts])
-        # What has no place is moved to the diagonal, which keeps the matrix definite.
+        # Entries with unknown columns are moved to the diagonal, which keeps the matrix definite.
         unknown = column < 0
         column, value = np.where(unknown, row, column), np.where(unknown, np.abs(value), value)
         self._entries = row, column, value

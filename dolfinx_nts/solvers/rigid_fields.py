@@ -1,7 +1,7 @@
 """Linear fields over the nodes of all rigid bodies at once.
 
-What there is of each body, as the coefficients of linear fields ``(d + 1, d)``, has the bodies
-first, ``b`` of them: in scenes of many bodies, calls one by one would take most of the time.
+Arrays of values per body, such as the coefficients of linear fields ``(d + 1, d)``, have the ``b``
+bodies as the first axis. With many bodies, a Python loop over them would take most of the time.
 """
 
 from collections.abc import Sequence
@@ -20,13 +20,13 @@ __all__ = ["Freedom", "RigidFields"]
 
 
 class Freedom(NamedTuple):
-    """Motions in which the guides of bodies leave them free. Local.
+    """Free motions of guided bodies. Local.
 
     Attributes:
-        free: Free motions of each body in terms of all, in rows, with rows of zeros behind them
-            where there are less of them, shape ``(b, k, k)``.
-        no_motion: One on the diagonal in the place of those rows, ``(b, k, k)``: their amounts are
-            zero by equations of their own.
+        free: Free motions of each body as combinations of all motions, in rows; rows of zeros fill
+            up the shape ``(b, k, k)``.
+        no_motion: One on the diagonal in the place of those rows, ``(b, k, k)``, so that their
+            amounts are zero.
     """
 
     free: Floats
@@ -34,7 +34,7 @@ class Freedom(NamedTuple):
 
     @classmethod
     def of(cls, bodies: Sequence[LinearFields]) -> "Freedom":
-        """Make that of some bodies."""
+        """Free motions of some bodies."""
         k = bodies[0].free.shape[1]
         free, no_motion = np.zeros((2, len(bodies), k, k))
         for i, body in enumerate(bodies):
@@ -43,20 +43,20 @@ class Freedom(NamedTuple):
         return cls(free, no_motion)
 
     def at(self, some: Array) -> "Freedom":
-        """Take that of some of the bodies."""
+        """Free motions of a subset of the bodies."""
         return Freedom(self.free[some], self.no_motion[some])
 
     def part(self, amounts: Floats) -> Floats:
-        """Part of amounts of all motions that the free ones have, both ``(b, k)``."""
+        """Projection of amounts of all motions on the free ones, both ``(b, k)``."""
         return self._back((self.free @ amounts[..., None])[..., 0])
 
     def solved(self, matrices: Array, right: Floats) -> Floats:
-        """Amounts of the free motions by equations ``(b, k, k)`` of all, ``(b, k)``."""
+        """Amounts of the free motions from equations ``(b, k, k)`` for all motions, ``(b, k)``."""
         own = self.free @ matrices @ self.free.transpose(0, 2, 1) + self.no_motion
         return self._back(np.linalg.solve(own, self.free @ right[..., None])[..., 0])
 
     def _back(self, free: Array) -> Floats:
-        """Amounts of all motions by those of the free ones."""
+        """Amounts of all motions from amounts of the free ones."""
         amounts: Floats = (self.free.transpose(0, 2, 1) @ free[..., None])[..., 0]
         return amounts
 
@@ -68,16 +68,15 @@ class RigidFields:
 
     Args:
         comm: Communicator.
-        bodies: Those over each body, at least one.
+        bodies: Linear fields of each body, at least one.
 
     Attributes:
-        freedom: Motions in which the bodies are free.
+        freedom: Free motions of the bodies.
         products: Products of the fields, summed over all nodes, shape ``(b, d + 1, d + 1)``.
         reference: Coefficients of the reference positions, shape ``(b, d + 1, d)``.
     """
 
     def __init__(self, comm: MPI.Comm, bodies: Sequence[LinearFields]) -> None:
-        """Put the bodies behind each other."""
         self._comm, self.freedom = comm, Freedom.of(bodies)
         self.products: Floats = np.array([body.products for body in bodies])
         self.reference: Floats = np.array([body.reference for body in bodies])
@@ -99,11 +98,11 @@ class RigidFields:
         return total
 
     def nearest(self, motions: Floats, sums: Floats) -> Floats:
-        """Amounts of all motions in those possible ones nearest to fields, ``(b, k)``. Local.
+        """Amounts of the possible motions in the best approximation of fields, ``(b, k)``. Local.
 
         Args:
             motions: Coefficients of all motions, shape ``(b, k, d + 1, d)``.
-            sums: Products with the fields that are approximated, shape ``(b, d + 1, d)``.
+            sums: Products with the approximated fields, shape ``(b, d + 1, d)``.
         """
         amounts: Floats = np.zeros(motions.shape[:2])
         possible = self._possible
@@ -111,16 +110,16 @@ class RigidFields:
         return amounts
 
     def fit(self, sums: Floats) -> Floats:
-        """Coefficients of the fields that have some total sums, ``(b, d + 1, d)``. Local."""
+        """Coefficients of the fields with given total sums, ``(b, d + 1, d)``. Local."""
         return np.asarray(np.linalg.solve(self.products, sums), dtype=np.float64)
 
     def positions(self, sums: Floats) -> Floats:
-        """Coefficients of the positions by the sums of displacements, ``(b, d + 1, d)``. Local."""
+        """Coefficients of the positions from sums of displacements, ``(b, d + 1, d)``. Local."""
         positions: Floats = self.reference + self.fit(sums)
         return positions
 
     def put(self, fields: Floats, values: Floats) -> Floats:
-        """Set values to the field of each body, ``(b, d + 1, d)``. Local."""
+        """Set nodal values of the bodies to fields, ``(b, d + 1, d)``. Local."""
         of_nodes = np.repeat(fields, self._counts, axis=0)
         values[self._nodes] = (self._values[:, None] @ of_nodes)[:, 0]
         return values

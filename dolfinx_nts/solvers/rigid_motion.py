@@ -1,24 +1,24 @@
-r"""Rigid bodies in the balance of a step: six unknowns each, in the place of those of their nodes.
+r"""Rigid bodies in the balance of a step: six unknowns each, instead of those of their nodes.
 
-Positions of the nodes of a rigid body are linear in the reference position. A step rotates them, so
-that with the Cayley vector :math:`\theta` of the rotation, whatever it is,
+Positions of the nodes of a rigid body are linear in the reference position. With the Cayley vector
+:math:`\theta` of the rotation in a step,
 
 .. math:: x_{n+1} - x_n = \Delta\varphi + \theta \times (x_m - \varphi_m),
    \qquad x_m = \tfrac12 (x_n + x_{n+1}),
 
-holds exactly. The balance of a body is that of resultant and moment of all nodal forces about its
-mean position: both momenta are conserved, and as the work of the forces is that of resultant and
-moment, so is the energy. No multiplier keeps the body rigid. In statics forces act at the end of
-the step, and in the generalised-alpha method between both ends: the weighted mean there takes the
-place of :math:`x_m` in the balance.
+holds exactly for any rotation. The equations of a body balance resultant and moment of all nodal
+forces about its mean position. They conserve both momenta and, as the forces work through resultant
+and moment only, the energy. No multiplier is needed for rigidity. In statics forces act at the end
+of the step, and in the generalised-alpha method between both ends: the weighted mean then replaces
+:math:`x_m` in the balance.
 
-A guide leaves some combinations of :math:`\Delta\varphi` and :math:`\theta` free, which do not
-depend on the state, and gives the others. The balance is that of the free ones. So it is with
-bodies of revolution, which are free along the axis alone.
+A guide prescribes some combinations of :math:`\Delta\varphi` and :math:`\theta`, which do not
+depend on the state. Only the free ones are balanced. Axisymmetric bodies are free along the axis
+alone.
 
-Linear systems keep nodal unknowns. Rigid bodies project them, as contact does, see `elimination`:
-increments are rigid motions at the end of the step, and forces are replaced by such fields with
-the same resultant and moment.
+Linear systems keep nodal unknowns, on which rigid bodies act as projections, like contact, see
+`elimination`: increments are projected on rigid motions at the end of the step, and forces on such
+fields with the same resultant and moment.
 """
 
 from collections.abc import Callable, Sequence
@@ -52,8 +52,9 @@ class RigidColumns(NamedTuple):
     Attributes:
         dofs: Owned dofs of the body, shape ``(d n,)``.
         end: Motions at the end of the step, shape ``(d n, k)``.
-        mean: The same at the mean position.
-        turning: Derivative of resultant and moment by the motions at fixed forces, ``(k, k)``.
+        mean: Motions at the mean position, the same shape.
+        turning: Derivative of resultant and moment with respect to the motions at fixed forces,
+            ``(k, k)``.
     """
 
     dofs: Ints
@@ -63,21 +64,21 @@ class RigidColumns(NamedTuple):
 
 
 class _Linearisation:
-    """Balance of ``b`` bodies near positions in a step. Local.
+    """Linearised balance of ``b`` bodies in a step. Local.
 
     Args:
-        freedom: Motions in which each body is free.
+        freedom: Free motions of each body.
         products: Products of the linear fields, shape ``(b, d + 1, d + 1)``.
         q_n: Coefficients of the positions at the start, shape ``(b, d + 1, d)``.
-        q: The same at the end.
-        part: Where between them forces act, from 0 to 1 [-].
+        q: Coefficients of the positions at the end.
+        part: Point between start and end at which forces act, from 0 to 1 [-].
         forces: Total sums of the nodal forces, shape ``(b, d + 1, d)`` [N, N m].
-        inertia: Products of the linear fields with mass, times what inertia has of it in the
+        inertia: Products of the linear fields with mass, times the factor of inertia in the
             tangent, shape ``(b, d + 1, d + 1)``.
 
     Attributes:
         end: Coefficients of the free motions at the end, shape ``(b, k, d + 1, d)``.
-        mean: The same where forces act.
+        mean: Coefficients at the point where forces act.
         turning: See `RigidColumns`, shape ``(b, k, k)``.
     """
 
@@ -94,7 +95,7 @@ class _Linearisation:
         dim, turns, (free, no_motion) = q.shape[-1], TURNS[q.shape[-1]], freedom
         end, mean = rigid_motions(q), rigid_motions((1 - part) * q_n + part * q)
         self.end, self.mean = combined(free, end[:, None]), combined(free, mean[:, None])
-        # Forces stay as they are where their levers turn.
+        # Forces are fixed while their lever arms rotate.
         turning = np.zeros_like(free)
         turned_forces = forces[:, None, 1:] @ turns
         levers = part * end[:, :, 1:]
@@ -106,27 +107,27 @@ class _Linearisation:
         self._stiffness = products_of(self.mean, inertia, self.end) + self.turning + no_motion
 
     def project(self, x: Floats, y: Floats) -> Floats:
-        """Coefficients of the forces that stand for y where increments x turn the levers."""
+        """Coefficients of rigid forces equivalent to y, with lever arms rotated by increments x."""
         amounts = self._of_end @ amounts_of(self.end, x)[..., None]
         resultant = amounts_of(self.mean, y)[..., None] + self.turning @ amounts
         return combined((self._of_forces @ resultant)[..., 0], self.end)
 
     def respond(self, r: Floats) -> Floats:
-        """Coefficients of the increments by which inertia alone balances forces r."""
+        """Coefficients of the increments whose inertia balances forces r."""
         return combined(solved(self._stiffness, amounts_of(self.mean, r)), self.end)
 
 
 class RigidMotion(RigidStates):
     """Motion of all rigid bodies in a step. Collective, as are all methods.
 
-    Vectors are nodal, see `RigidStates`. Without rigid bodies they are returned as they are.
+    Vectors are nodal, see `RigidStates`. Without rigid bodies they are returned unchanged.
 
     Args:
         V: Space of the displacement.
         bodies: Linear fields over each rigid body.
-        masses: Their products with the mass of each, see `_Linearisation` [kg].
-        inertia_share: What inertia has of a mass in the tangent of a step [N/m].
-        part: Where between start and end of a step forces act, from 0 to 1 [-].
+        masses: Their products with the mass of each body, see `_Linearisation` [kg].
+        inertia_share: Returns the contribution of a mass to the tangent of a step [N/m].
+        part: Point between start and end of a step at which forces act, from 0 to 1 [-].
 
     Attributes:
         part: The argument.
@@ -140,7 +141,6 @@ class RigidMotion(RigidStates):
         inertia_share: Callable[[Floats], Floats] = np.zeros_like,
         part: float = 0.5,
     ) -> None:
-        """Keep the bodies, as yet without positions."""
         super().__init__(V, bodies)
         self.part, self._share = part, inertia_share
         self._states: _Linearisation | None = None
@@ -151,7 +151,7 @@ class RigidMotion(RigidStates):
 
     @property
     def has_no_inertia(self) -> bool:
-        """Whether contact and loads alone resist free motions of bodies. Local."""
+        """Whether only contact and loads resist free motions of rigid bodies. Local."""
         return (
             self.exists
             and bool(self._fields.freedom.free.any())
@@ -164,7 +164,7 @@ class RigidMotion(RigidStates):
             self._starts = self._fields.positions(*self._fields.sums(u_n))
 
     def balance(self, u: Floats, R: Floats) -> Floats:
-        """Linearise at displacements u [m], and replace the residual R [N] by rigid fields."""
+        """Linearise at displacements u [m], and project the residual R [N] on rigid fields."""
         if not self.exists:
             return R
         of_u, forces = self._fields.sums(u, R)
@@ -176,22 +176,22 @@ class RigidMotion(RigidStates):
         return self._fields.put(self._states.project(np.zeros_like(forces), forces), R.copy())
 
     def project(self, x: Floats | None, y: Floats) -> Floats:
-        """Replace forces y by rigid fields, for increments x [m], None: of zero; overwrites y."""
+        """Project forces y on rigid fields, for increments x [m], None: zero; overwrites y."""
         if self._states is None:
             return y
         x = np.zeros_like(y) if x is None else x
         return self._fields.put(self._states.project(*self._fields.sums(x, y)), y)
 
     def respond(self, r: Floats) -> Floats:
-        """Replace forces r by the increments with which inertia balances them; overwrites r."""
+        """Replace forces r by the increments whose inertia balances them; overwrites r."""
         assert self._states is not None
         return self._fields.put(self._states.respond(*self._fields.sums(r)), r)
 
     def moved(self, u: Floats, du: Floats, led: Floats | float = 0.0) -> Floats:
-        """Displacements u [m] after increments du, by which rigid bodies turn and do not stretch.
+        """Displacements u [m] after increments du, by which rigid bodies rotate without strain.
 
-        Increments of rigid bodies are taken as free motions at u. In the others guides lead them
-        by ``led``, as of `Guides.prescribed`.
+        Increments of rigid bodies are projected on the free motions at u. In the other motions they
+        follow ``led``, as of `Guides.prescribed`.
         """
         result: Floats = u + du
         if not self.exists:
@@ -199,14 +199,14 @@ class RigidMotion(RigidStates):
         of_u, increments = self._fields.sums(u, du)
         q = self._fields.positions(of_u)
         amounts = nearest(rigid_motions(q), self._fields.products, increments)
-        # Small changes that are added have all their digits; positions would lose some.
+        # Adding small changes to u keeps all digits, unlike differences of positions.
         amounts = self._fields.freedom.part(amounts) + led
         changes = turned(q, amounts)
         result[self.nodes] = (u + self._fields.put(changes, np.zeros_like(u)))[self.nodes]
         return result
 
     def nearest_free(self, values: Floats) -> Floats:
-        """Replace values at rigid bodies by the nearest free motions at the start of the step."""
+        """Project values at rigid bodies on the free motions at the start of the step."""
         if not self.exists:
             return values
         motions, sums = rigid_motions(self._starts), self._fields.sums(values)[0]
@@ -215,7 +215,7 @@ class RigidMotion(RigidStates):
         return self._fields.put(combined(amounts, motions), values)
 
     def centripetal(self, v: Floats) -> Floats:
-        """Acceleration at the start of the step by velocities v that stay [m/s^2]."""
+        """Acceleration at the start of the step for constant velocities v [m/s^2]."""
         spin = spins(
             nearest(rigid_motions(self._starts), self._fields.products, *self._fields.sums(v))
         )
@@ -224,13 +224,13 @@ class RigidMotion(RigidStates):
         return self._fields.put(fields, np.zeros_like(v))
 
     def prescribed_displacement(self, u: Floats) -> Floats:
-        """Part of the displacement to u in the step that guides give, where forces act [m]."""
+        """Prescribed part of the displacement to u in the step, where forces act [m]."""
         q_n, q, part = self._starts, self._fields.positions(*self._fields.sums(u)), self.part
         motions = rigid_motions((1 - part) * q_n + part * q)
         return self._fields.put(combined(self.guides.prescribed, motions), np.zeros_like(u))
 
     def remaining(self, u: Floats, part: float) -> Floats:
-        """Ways on which guides lead bodies from u after a part of a step, to first order [m]."""
+        """Remaining prescribed displacements from u after part of a step, to first order [m]."""
         way = np.zeros_like(u)
         if not (self.exists and self.guides.are_moving):
             return way
@@ -238,7 +238,7 @@ class RigidMotion(RigidStates):
         return self._fields.put(combined(self.guides.remaining(part), motions), way)
 
     def columns(self) -> list[RigidColumns]:
-        """Motions of each body in the unknowns of its nodes. Local."""
+        """Free motions of each body in the unknowns of its nodes. Local."""
         columns, states = [], self._states
         assert states is not None
         for i, body in enumerate(self._bodies):

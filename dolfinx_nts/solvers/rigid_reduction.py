@@ -1,4 +1,4 @@
-"""Whole linear systems with rigid bodies: six unknowns each in the place of their nodes'."""
+"""Reduction of complete linear systems to six unknowns per rigid body."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -15,12 +15,12 @@ __all__ = ["Reduced", "reduced"]
 
 
 class Reduced(NamedTuple):
-    """A system whose unknowns are rigid motions, those of all other nodes, and multipliers.
+    """System whose unknowns are rigid motions, displacements of all other nodes, and multipliers.
 
     Attributes:
         matrix: The matrix.
-        rows: Takes right-hand sides of the whole system to those of this one, transposed.
-        columns: Takes solutions of this system to those of the whole one.
+        rows: Maps right-hand sides of the complete system to this one, transposed.
+        columns: Maps solutions of this system to the complete one.
     """
 
     matrix: Any
@@ -29,14 +29,13 @@ class Reduced(NamedTuple):
 
 
 def reduced(A: Any, bodies: Sequence[RigidColumns], held: Floats, resistance: Floats) -> Reduced:
-    """Reduce a system in which nodes of rigid bodies have unknowns of their own. Collective.
+    """Reduce a system with nodal unknowns of rigid bodies. Collective.
 
     Args:
-        A: Matrix of the whole system.
+        A: Matrix of the complete system.
         bodies: Motions of the rigid bodies; their amounts are unknowns of the first rank.
-        held: Stiffness of the owned dofs in the matrix that the system does not have, ``(d n,)``
-            [N/m].
-        resistance: What the system has in the motions of rigid bodies beside the matrix.
+        held: Clamping stiffness of the owned dofs in the matrix, to be removed, ``(d n,)`` [N/m].
+        resistance: Additional stiffness in the motions of rigid bodies.
     """
     comm = A.comm.tompi4py()
     first, last = A.getOwnershipRange()
@@ -52,7 +51,7 @@ def reduced(A: Any, bodies: Sequence[RigidColumns], held: Floats, resistance: Fl
     start = starts(length)
 
     def mapping(motions: Sequence[Floats]) -> Any:
-        """Matrix that takes amounts of motions and the other unknowns to the whole ones."""
+        """Matrix from amounts of motions and the other unknowns to the complete unknowns."""
         column, value = np.zeros(start[-1], dtype=np.int64), np.ones(start[-1])
         column[start[:-1][is_kept]] = kept
         for body, motion, begin in zip(bodies, motions, ends, strict=False):

@@ -1,4 +1,4 @@
-"""Rigid bodies of a stepper: their states, which nodal displacements and velocities have."""
+"""Displacements and velocities of the rigid bodies of a stepper, and their checks."""
 
 from collections.abc import Sequence
 
@@ -19,7 +19,7 @@ from dolfinx_nts.solvers.rigid_fields import RigidFields
 
 __all__ = ["RigidStates"]
 
-# Part of its size, or of its speed, by which a given state may deform a rigid body [-].
+# Largest deformation of a rigid body in a given state, relative to its size or speed [-].
 _NOT_RIGID = 1e-8
 
 
@@ -34,13 +34,12 @@ class RigidStates:
 
     Attributes:
         dim: Dimension of the space, d.
-        guides: What holds and leads the bodies.
+        guides: Guides of the bodies.
         exists: Whether there are rigid bodies, on any rank.
         nodes: Owned nodes of rigid bodies, sorted.
     """
 
     def __init__(self, V: fem.FunctionSpace, bodies: Sequence[LinearFields]) -> None:
-        """Keep the bodies, whose states are still to be given."""
         self._comm: MPI.Comm = V.mesh.comm
         self._bodies, self.guides = tuple(bodies), Guides(self._comm, bodies)
         self.dim, self.exists = dimension(V), bool(bodies)
@@ -52,29 +51,29 @@ class RigidStates:
             self._fields = RigidFields(self._comm, bodies)
 
     def given(self, body: Body, name: str) -> None:
-        """Let the next `check` look at all nodes of a body, whose state was given. Local.
+        """Let the next `check` include all nodes of a body whose state has been set. Local.
 
         ``name`` is ``"displacement"`` or ``"velocity"``.
         """
         self._given |= {(each, name) for each in self._bodies if each.body is body}
 
     def restored(self) -> None:
-        """Take the state of all bodies as one that steps have left. Local."""
+        """Treat the state of all bodies as the result of a step. Local."""
         self._given = set()
 
     def check(self, u: Floats, v: Floats) -> None:
-        """Raise unless displacements u [m], and velocities v [m/s] that were given, are rigid.
+        """Raise unless displacements u [m], and velocities v [m/s] that have been set, are rigid.
 
         Raises:
             ValueError: A body is deformed, or its velocity would deform it.
         """
         if not self.exists:
             return
-        # After a step velocities are rigid only in the mean of the step.
+        # After a step velocities are rigid at the midpoint of the step only.
         of_u, of_v = self._fields.sums(u, v)
         q, fields = self._fields.positions(of_u), self._fields.fit(of_u)
         directors, motions, how = q[:, 1:], rigid_motions(q), "moves and turns it as a whole"
-        if self._are_rings:  # a turn of the section would deform them
+        if self._are_rings:  # rotations of the section would deform the body
             fields = combined(self._fields.nearest(motions, of_u), motions)
             how = "moves it along the axis y as a whole"
         gram = directors @ directors.transpose(0, 2, 1)
@@ -97,6 +96,6 @@ class RigidStates:
         self.restored()
 
     def _greatest(self, body: LinearFields, values: Floats, field: Floats) -> float:
-        """Greatest component of values at the nodes of a body less a field."""
+        """Largest component of nodal values of a body minus a field."""
         rest = values[body.nodes] - body.values @ field
         return reductions.largest(self._comm, _kernels.largest_size(rest))

@@ -1,11 +1,11 @@
-r"""A motion along which the energy falls, by the factors of a whole system.
+r"""Direction of negative curvature of the energy from the factors of a complete system.
 
 On the displacements that keep active constraints, :math:`G^T x = 0`, the tangent A has as many
-negative eigenvalues as the symmetric matrix of the whole system has more than constraints, which
-signs of pivots tell (Sylvester). If there are any, inverse iteration of some random forces finds
-a motion of them: with :math:`A x_i = f_i + G \lambda_i` curvatures are
-:math:`x_i^T A x_j = x_i^T f_j`, and the next forces are :math:`D x_i` with the stiffness D of the
-nodes. What is nearest to the limit grows fastest.
+negative eigenvalues as the symmetric complete matrix has in excess of the number of constraints
+(Sylvester's law of inertia, counted by the signs of pivots). If there are any, inverse iteration
+with random forces finds one: with :math:`A x_i = f_i + G \lambda_i` the curvatures are :math:`x_i^T
+A x_j = x_i^T f_j`, and the next forces are :math:`D x_i` with the nodal stiffness D. The modes
+closest to the limit grow fastest.
 """
 
 from collections.abc import Callable
@@ -19,25 +19,25 @@ from dolfinx_nts.parallel import reductions
 
 __all__ = ["lowest_ritz_vector"]
 
-# Rounds after which the lowest motion so far has to do.
+# Largest number of inverse iterations, after which the lowest Ritz vector so far is returned.
 _ROUNDS = 6
-# Part of the largest square [-] below which motions depend on each other.
+# Ratio of eigenvalues of the Gram matrix [-] below which vectors are linearly dependent.
 _DEPENDENT = 1e-10
 
 
 def lowest_ritz_vector(
     comm: MPI.Comm, forces: Floats, stiffness: Floats, solve: Callable[[Floats], Floats]
 ) -> Floats:
-    """Find a motion of negative curvature where there is one. Collective.
+    """Ritz vector of the lowest curvature. Collective.
 
     Args:
         comm: Communicator.
         forces: Random forces on the owned unknowns, shape ``(k, m)`` [N].
-        stiffness: That of the owned unknowns, shape ``(m,)`` [N/m].
+        stiffness: Stiffness of the owned unknowns, shape ``(m,)`` [N/m].
         solve: Returns the displacements for forces, both of shape ``(m,)``.
 
     Returns:
-        The motion of the lowest curvature relative to the stiffness, shape ``(m,)``.
+        Vector of the lowest curvature relative to the stiffness, shape ``(m,)``.
     """
     motions, loads = np.empty((2, 0, forces.shape[1]))
     for _ in range(_ROUNDS):

@@ -1,7 +1,7 @@
-r"""The whole linear system of a Newton iteration, factorised where nothing else helps.
+r"""Complete linear system of a Newton iteration, factorised where Krylov methods fail.
 
-The unknowns are the increments of all displacements and of the multipliers of
-all active pairs. On each rank the multipliers follow the displacements:
+The unknowns are the increments of all displacements and of the multipliers of all active pairs. On
+each rank the multipliers come after the displacements:
 
     [ K + sum lambda_N dF/dq   F ] [ du       ]     [ R              ]
     [ G^T                      0 ] [ dlambda_N ] = - [ g_N - g_ref    ]
@@ -33,24 +33,24 @@ from dolfinx_nts.solvers.whole_factors import WholeFactors, solved
 __all__ = ["SaddlePointSystem"]
 
 
-# Compliance that constraints have, relative to that of the stiffest node [-]: those that
-# given displacements make dependent stay solvable.
+# Compliance of the constraints, relative to that of the stiffest node [-]. It keeps constraints
+# solvable that prescribed displacements make dependent.
 _COMPLIANCE = 1e-10
-# Up to this number of unknowns dense factors take less time than those of MUMPS.
+# Number of unknowns up to which dense factors are faster than MUMPS.
 _DENSE = 200
-# Gradient of a combination of constraints, relative to the largest [-], that is none: the
-# constraints depend on each other, as those of points of one rigid body do.
+# Gradient of a combination of constraints, relative to the largest [-], below which the constraints
+# are linearly dependent, such as those of points on one rigid body.
 _DEPENDENT = 1e-9
-_NO_STIFFNESS = 1e-300  # stiffness of a rank without nodes, which divides [N/m]
+_NO_STIFFNESS = 1e-300  # stiffness of a rank without nodes, to avoid division by zero [N/m]
 
 
 class _WholeSystem(NamedTuple):
-    """A system of ``n`` unknowns, all of it.
+    """Dense complete system of ``n`` unknowns.
 
     Attributes:
         matrix: The matrix, shape ``(n, n)``.
         right: Right-hand side, shape ``(n,)``.
-        is_multiplier: Which unknowns are multipliers, shape ``(n,)``.
+        is_multiplier: Flags of the multipliers, shape ``(n,)``.
     """
 
     matrix: Floats
@@ -78,7 +78,7 @@ class _WholeSystem(NamedTuple):
         return x
 
     def condensed(self, is_point: Flags, present: Floats) -> tuple[Floats, Floats] | None:
-        """How forces at points move them, see `CondensedSystem`. Local."""
+        """Condense the system to contact points, see `CondensedSystem`. Local."""
         mine = np.zeros(len(self.right), dtype=bool)
         mine[self.is_multiplier] = is_point
         A, right = self.matrix, self.right
@@ -92,7 +92,7 @@ class _WholeSystem(NamedTuple):
 
 
 class SaddlePointSystem:
-    """Solves the whole system with complete factors, those of large ones by MUMPS.
+    """Solver of the complete system by direct factorisation: dense, or MUMPS if it is large.
 
     Args:
         tangent: Matrix of the bodies.
@@ -103,23 +103,22 @@ class SaddlePointSystem:
     """
 
     def __init__(self, tangent: Tangent, bulk: Bulk) -> None:
-        """Create the solver, which factorises in each `solve`."""
         self._tangent, self._bulk = tangent, bulk
         self.comm: MPI.Comm = tangent.comm
 
     def solve(self, R: Floats, pairs: Sequence[ActivePairs]) -> tuple[Floats, list[Floats]]:
         """Newton increments. Collective.
 
-        Where constraints depend on each other, increments of their multipliers are none in what
-        does no work on the bodies.
+        If constraints are linearly dependent, the increments of their multipliers have no component
+        that does no work on the bodies.
 
         Args:
             R: Residual on the owned dofs [N].
             pairs: Active pairs.
 
         Returns:
-            du on the owned dofs [m], and the increments of the multipliers
-            of each item of pairs, constraint by constraint [N].
+            du on the owned dofs [m], and the increments of the multipliers of each item of pairs,
+            constraint by constraint [N].
         """
         A, right, counts = self._assembled(R, pairs)
         with_bodies = self._bulk.rigid.exists
@@ -131,7 +130,7 @@ class SaddlePointSystem:
 
     @cached_property
     def may_be_small(self) -> bool:
-        """Whether there are so few unknowns of deformable bodies that dense factors serve. Local.
+        """Whether the deformable bodies have few enough unknowns for dense factors. Local.
 
         Collective at the first use.
         """
@@ -142,22 +141,22 @@ class SaddlePointSystem:
     def condensed(
         self, R: Floats, pairs: Sequence[ActivePairs], is_point: Flags, present: Floats
     ) -> tuple[Floats, Floats] | None:
-        """How forces at points move them, see `CondensedSystem`. Collective."""
+        """Condense the system to contact points, see `CondensedSystem`. Collective."""
         whole = self._whole(R, pairs)
         return None if whole is None else whole.condensed(is_point, present)
 
     def negative_curvature_direction(
         self, pairs: Sequence[ActivePairs], forces: Floats, stiffness: Floats
     ) -> Floats | None:
-        """Motion along which the energy falls from an equilibrium. Collective.
+        """Direction of negative curvature of the energy at an equilibrium. Collective.
 
         Args:
-            pairs: Active pairs, with the gradients of gaps as the directions of their forces.
-            forces: Random forces on the owned dofs that look for it, shape ``(k, d n)`` [N].
-            stiffness: That of the owned dofs, shape ``(d n,)`` [N/m].
+            pairs: Active pairs, with the gap gradients as force directions.
+            forces: Random forces on the owned dofs, shape ``(k, d n)`` [N].
+            stiffness: Stiffness of the owned dofs, shape ``(d n,)`` [N/m].
 
         Returns:
-            Displacements of the owned dofs of any size, None where there is no such motion.
+            Displacements of the owned dofs of arbitrary size, or None.
         """
         n = forces.shape[1]
         A, right, counts = self._assembled(np.zeros(n), pairs)
@@ -171,7 +170,7 @@ class SaddlePointSystem:
         num_multipliers = reductions.total(self.comm, sum(counts))
 
         def solve(force: Floats) -> Floats:
-            """Displacements for forces."""
+            """Displacements caused by a force."""
             known.array[:] = 0.0
             known.array[:n] = force
             if system is None:
@@ -192,7 +191,7 @@ class SaddlePointSystem:
         return motion
 
     def _whole(self, R: Floats, pairs: Sequence[ActivePairs]) -> _WholeSystem | None:
-        """The system on every rank if it is small, otherwise None. Collective."""
+        """Dense system on every rank if it is small, otherwise None. Collective."""
         A, right, counts = self._assembled(R, pairs)
         if not self._bulk.rigid.exists:
             found = _gathered(A, right, sum(counts)) if A.size[0] <= _DENSE else None
@@ -210,10 +209,10 @@ class SaddlePointSystem:
     def _assembled(
         self, R: Floats, pairs: Sequence[ActivePairs]
     ) -> tuple[Any, Floats, Sequence[int]]:
-        """Matrix, owned right-hand side, and the constraints of each item of pairs. Collective."""
+        """Matrix, owned right-hand side, and number of constraints of each pair. Collective."""
         self._tangent.assemble_exact()
         rows, comm = self._tangent.rows, self._tangent.comm
-        # Newton's method makes the multipliers exact all the same.
+        # The compliance does not affect the converged multipliers.
         stiffest = float(self._tangent.nodal_stiffness().max(initial=_NO_STIFFNESS))
         compliance = reductions.least(comm, _COMPLIANCE / stiffest)
         first, last = (rows.dim * end for end in rows.index_map.local_range)
@@ -223,7 +222,7 @@ class SaddlePointSystem:
         shift = np.concatenate([[0], np.cumsum(num_local[:, 1])])
 
         def saddle(dofs: Array) -> Ints:
-            """Numbers of displacements in the whole system."""
+            """Numbers of displacement dofs in the complete system."""
             rank = np.searchsorted(u_start, dofs, side="right") - 1
             return np.asarray(dofs + shift[rank], dtype=np.int32)
 
@@ -258,7 +257,7 @@ class SaddlePointSystem:
         return A, right, counts
 
     def _with_rigid_bodies(self, A: Any, right: Floats, num_multipliers: int) -> Floats:
-        """Solution with rigid motions in the place of the unknowns of rigid bodies. Collective."""
+        """Solution with rigid motions as the unknowns of rigid bodies. Collective."""
         system, forces = self._reduced(A, right)
         x, amounts = A.createVecRight(), system.columns.createVecRight()
         amounts.array[:] = _solution(system.matrix, forces.array, num_multipliers)
@@ -269,7 +268,7 @@ class SaddlePointSystem:
         return solution
 
     def _reduced(self, A: Any, right: Floats) -> tuple[Reduced, Any]:
-        """System with rigid motions in the place of the unknowns of rigid bodies. Collective."""
+        """System with rigid motions as the unknowns of rigid bodies. Collective."""
         rigid, tangent = self._bulk.rigid, self._tangent
         added = tangent.added(tangent.held, is_exact=True) * np.ones(rigid.dim)
         columns = rigid.columns()
@@ -281,7 +280,7 @@ class SaddlePointSystem:
         return system, forces
 
     def _stabilisation(self, bodies: Sequence[RigidColumns]) -> Floats:
-        """What holds rigid bodies that nothing else does, in their motions. Collective."""
+        """Stabilising stiffness of unsupported rigid bodies, in their motions. Collective."""
         k, n = sum(len(body.turning) for body in bodies), self._bulk.num_owned
         resistance = np.zeros((k, k))
         if self._bulk.stabilisation is None:
@@ -300,13 +299,13 @@ class SaddlePointSystem:
 
 
 def _held(blocks: ContactBlocks) -> Flags:
-    """Which rows of the constraints count, shape ``(m, d)``. Local."""
+    """Flags of the active rows of the constraints, shape ``(m, d)``. Local."""
     flags: Flags = np.arange(blocks.normal.shape[1]) < blocks.rank[:, None]
     return flags
 
 
 def _solution(A: Any, right: Floats, num_multipliers: int) -> Floats:
-    """Solve with complete factors; NaN where there are none. Collective.
+    """Solve with complete factors; NaN if there are none. Collective.
 
     The last unknowns of each rank are multipliers.
     """
@@ -317,7 +316,7 @@ def _solution(A: Any, right: Floats, num_multipliers: int) -> Floats:
 
 
 def _gathered(A: Any, right: Floats, num_multipliers: int) -> _WholeSystem:
-    """A system on every rank; the last unknowns of each one are multipliers. Collective."""
+    """Dense system on every rank; the last unknowns of each rank are multipliers. Collective."""
     dense = A.convert("dense", PETSc.Mat())
     is_multiplier = np.arange(len(right)) >= len(right) - num_multipliers
     part = np.array(dense.getDenseArray()), np.array(right), is_multiplier

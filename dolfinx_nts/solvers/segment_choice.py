@@ -1,4 +1,4 @@
-"""When nodes and contact points choose their segments anew in the iterations of one step."""
+"""When nodes and contact points choose their segments again in the iterations of one step."""
 
 from collections.abc import Sequence
 
@@ -11,18 +11,17 @@ from dolfinx_nts.parallel import reductions
 
 __all__ = ["SegmentChoice"]
 
-# How often contact points are laid anew near an equilibrium and not in it, and the reduction of
-# the residual since they were laid last [-] from which on this pays: before, most of it is that of
-# Newton's method, not that of the points.
+# Largest number of updates of the contact points before equilibrium, and reduction of the residual
+# since the last update [-] that is required: before, the Newton iteration dominates the residual.
 _MOST_EARLY, _FELL = 3, 0.1
 
 
 class SegmentChoice:
-    """Chooses segments anew in equilibrium, and near to it where there is no inertia.
+    """Chooses segments again in equilibrium and, in statics, also near it.
 
-    Without inertia nodes slide far, and their segments are known before the end. Points of whole
-    facets come nearer to where they belong by a factor each time they are laid anew, so that
-    equilibrium on those that will not stay need not be found to the last digit.
+    In statics nodes slide far, and their final segments are known early. Each update brings the
+    contact points of mortar facets closer to their final positions by some factor, so intermediate
+    equilibria need not be accurate.
 
     Args:
         comm: Communicator.
@@ -31,21 +30,20 @@ class SegmentChoice:
     """
 
     def __init__(self, comm: MPI.Comm, steps: Sequence[ContactStep], is_static: bool) -> None:
-        """Begin where no equilibrium is near."""
         self._comm, self._steps = comm, steps
         self._nodes_wait = is_static
         self._num_early = _MOST_EARLY if is_static else 0
         self._laid, self._is_new = np.inf, False
 
     def renew(self, norm: float, *, is_near: bool, converged: bool) -> int:
-        """Choose where it is time to; return how many changed on all ranks. Collective.
+        """Update segments if it is due; return the number of changes on all ranks. Collective.
 
-        With any change, equilibrium has to be found again.
+        After any change, equilibrium has to be found again.
 
         Args:
             norm: Residual [N].
-            is_near: Whether it is small, and no state contradicts its condition.
-            converged: Whether it is that of an equilibrium.
+            is_near: Whether it is small, and no state violates its condition.
+            converged: Whether the iterate is in equilibrium.
         """
         if self._is_new:
             self._laid, self._is_new = norm, False

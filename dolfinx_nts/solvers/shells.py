@@ -1,8 +1,8 @@
-"""Shells: matrices and preconditioners of PETSc whose work is done by objects of Python.
+"""PETSc shell matrices and shell preconditioners with Python contexts.
 
-A shell does not keep its object alive, so the owner of the shell keeps both. When a program
-ends, PETSc no longer frees what its shells hold, and whatever they kept alive would remain:
-bodies, contacts and kernels.
+A shell does not keep its context alive, so the owner of the shell keeps both. At the end of a
+program PETSc does not free the contexts of its shells, which would keep bodies, contacts and
+kernels alive.
 """
 
 import weakref
@@ -29,7 +29,7 @@ def shell_matrix(comm: MPI.Comm, size: tuple[int, int | None], worker: Any) -> A
 
 
 def use_shell(pc: Any, worker: Any) -> None:
-    """Let an object do the work of a preconditioner of PETSc. Local.
+    """Turn a PETSc preconditioner into a shell. Local.
 
     Args:
         pc: The preconditioner.
@@ -40,7 +40,7 @@ def use_shell(pc: Any, worker: Any) -> None:
 
 
 class _Context:
-    """Context of a shell, which asks a worker as long as there is one.
+    """Context of a shell, with a weak reference to its worker.
 
     Args:
         worker: The object that does the work.

@@ -8,21 +8,21 @@ __all__ = ["SolverStatistics"]
 
 @dataclass(frozen=True)
 class SolverStatistics:
-    """Counts from the start of a run, and what the preconditioner is. Local.
+    """Counts since the start of a run, and the kind of preconditioner. Local.
 
     Attributes:
         preconditioner: Kind of the factors of the bulk, empty before the first.
-        is_strong: Whether these are the stronger ones.
-        wave_crossings: Cells that waves cross in a step [-], infinite without inertia.
+        is_strong: Whether they are complete factors or multigrid.
+        wave_crossings: Courant number [-], infinite in statics.
         num_iterations: Krylov iterations.
-        num_local_iterations: Those beside them that moved nodes around contacts alone.
+        num_local_iterations: Additional iterations of the nonlinear elimination around contacts.
         num_builds: Factorisations of the bulk.
-        num_schwarz_builds: Factorisations around the contacts.
-        num_direct: Factorisations of whole systems.
+        num_schwarz_builds: Factorisations of the contact subdomain.
+        num_direct: Factorisations of complete systems.
         num_residuals: Residuals of the bulk, without contact.
-        num_actions: Actions of the tangent of the bulk.
-        num_tangents: Matrices of this tangent.
-        num_cells: Owned cells that residual and action now go over.
+        num_actions: Products with the tangent of the bulk.
+        num_tangents: Assembled matrices of this tangent.
+        num_cells: Owned cells of residual and products in the last step.
 
     ``str`` is a few lines for a summary.
     """
@@ -41,15 +41,19 @@ class SolverStatistics:
     num_cells: int
 
     def __str__(self) -> str:
-        """Choice of the preconditioner, and counts of work."""
         if self.num_builds == 0:
             if self.num_direct == 0:
                 return "not used so far"
-            return f"{self.num_direct} factorisations of whole systems"
-        crossed = f"waves cross {self.wave_crossings:.3g} cells a step"
+            return f"factorisations: complete systems {self.num_direct}"
+        is_static = not isfinite(self.wave_crossings)
+        number = "statics" if is_static else f"Courant number {self.wave_crossings:.3g}"
+        kinds = {
+            "bulk": self.num_builds,
+            "contact subdomain": self.num_schwarz_builds,
+            "complete systems": self.num_direct,
+        }
+        counts = ", ".join(f"{kind} {count}" for kind, count in kinds.items() if count)
         return (
-            f"GMRES with {self.preconditioner} of the bulk and a correction around the contacts\n"
-            f"  {crossed if isfinite(self.wave_crossings) else 'statics without waves'}; "
-            f"{self.num_iterations} iterations; factorisations: {self.num_builds} of the bulk, "
-            f"{self.num_schwarz_builds} around the contacts, {self.num_direct} of whole systems"
+            f"GMRES with {self.preconditioner} of the bulk and a contact correction\n"
+            f"  {number}; {self.num_iterations} iterations; factorisations: {counts}"
         )

@@ -1,4 +1,4 @@
-"""How wide the subdomain around the contacts is: what a trial has found to cost less."""
+"""Width of the contact subdomain, chosen by a trial."""
 
 from dataclasses import astuple, dataclass
 
@@ -8,32 +8,33 @@ from dolfinx_nts.common.archive import Archive
 
 __all__ = ["SubdomainWidth"]
 
-# Cost of factors of a narrow and of a wide subdomain, in Krylov iterations, where it has all nodes:
-# the wide one has fill.
+# Cost of factors of a narrow and of a wide subdomain with all nodes, in Krylov iterations. The wide
+# one has fill.
 _FACTORS, _WIDE_FACTORS = 14.0, 26.0
-# Decades of reduction over which costs are measured: those of a step, and of some in the trial,
-# where the first factors are made.
+# Decades of reduction over which costs are measured: about one step, and two steps in the trial,
+# which includes the first factorisation.
 _DECADES, _TRIAL_DECADES = 12.0, 24.0
-# Iterations per decade from which on a wide subdomain is tried, and the part of the cost that it
-# may have.
+# Iterations per decade above which the wide subdomain is tried, and largest cost ratio for which it
+# is kept.
 _POOR, _PAYS = 2.0, 0.9
-# Decades that count at least, as a solve that asks for less takes an iteration, too.
+# Lower bound on the decades of a solve, since every solve takes at least one iteration.
 _FEWEST_DECADES = 0.3
 
 
 @dataclass
 class SubdomainWidth:
-    """Chooses a narrow or a wide subdomain by what iterations and factors cost. Local.
+    """Chooses a narrow or a wide subdomain by the cost of iterations and factors. Local.
 
-    It begins narrow. Where that takes many iterations, as in thin walls that bend, the wide one is
-    tried once, and kept if it costs less: where factors of the bodies are poor it does not help.
+    The narrow one comes first. If it takes many iterations, as in the bending of thin walls, the
+    wide one is tried once, and kept if it is cheaper. It does not help if factors of the bodies are
+    inaccurate.
 
     Attributes:
-        is_wide: Whether it is wide.
-        iterations: Krylov iterations that have been counted since the last choice.
+        is_wide: Whether the subdomain is wide.
+        iterations: Krylov iterations since the last choice.
         factors: Cost of factors since then, in such iterations.
         decades: Decades of reduction since then.
-        narrow: Cost per decade of the narrow one, NaN before the trial.
+        narrow: Cost per decade of the narrow subdomain, NaN before the trial.
         is_final: Whether the trial is over.
     """
 
@@ -45,11 +46,11 @@ class SubdomainWidth:
     is_final: bool = False
 
     def count_factors(self, part: float) -> None:
-        """Add the cost of factors of a subdomain that has this part of all nodes [-]."""
+        """Add the cost of factors of a subdomain with a fraction of all nodes [-]."""
         self.factors += part * (_WIDE_FACTORS if self.is_wide else _FACTORS)
 
     def count(self, iterations: int, decades: float) -> bool:
-        """Add the iterations of a solve with contact; returns whether the width changes."""
+        """Add the iterations of a solve with contact; return whether the width changes."""
         self.iterations += iterations
         self.decades += max(decades, _FEWEST_DECADES)
         if self.is_final or self.decades < (_TRIAL_DECADES if self.is_wide else _DECADES):
@@ -64,7 +65,7 @@ class SubdomainWidth:
         return self.is_wide != was_wide
 
     def serialize(self, archive: Archive) -> None:
-        """Serialize what a later solve goes on with. Collective."""
+        """Serialize the state that later solves depend on. Collective."""
         state = archive.same("width_of_subdomain", np.array(astuple(self), dtype=float))
         if archive.giving:
             is_wide, *costs, is_final = map(float, state)

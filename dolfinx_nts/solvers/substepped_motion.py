@@ -1,15 +1,13 @@
-"""The given way in statics: bodies go with what is led, part by part.
+"""Prescribed motion in statics, applied in substeps together with the motion of the bodies.
 
-Supports, guides of rigid bodies and obstacles are led. Where they are at the ends of their ways at
-once, with all other nodes as before, cells at supports are crushed or torn, and nodes that stick to
-a tool are far behind it: near incompressibility Newton's method does not find its way back, and
-forces from which nodes would be told to slide or to part mean nothing. Here the part that is yet
-to come belongs to the linear systems, as a known part of the increment, so that it carries the
-bodies along: by the tangent of the cells and, at what touches, by that of contact, of which gaps
-that are closed stay so and what sticks goes along. Where this would strain cells by too much, all
-that is led goes a part of its way, and waits until the bodies are near equilibrium.
-So it does where nodes that touch nothing as yet would come deep into what they meet, of which the
-linear systems do not know.
+If supports, guides and obstacles were moved at once, with all other nodes at rest, cells at
+supports would be crushed, and nodes that stick to a tool would be far from it. Newton's method then
+fails near incompressibility, and contact forces are no basis for active sets. Here the remaining
+prescribed increment is a known part of the linear systems: the tangents of bodies and contacts
+transmit it to the other nodes, with closed gaps and sticking nodes kept. If it would strain cells
+too much, only a fraction of it is applied, and the next one follows when the bodies are near
+equilibrium. The same holds if open nodes would penetrate deeply, since the linear systems do not
+contain their contact.
 """
 
 from collections.abc import Sequence
@@ -29,28 +27,29 @@ from dolfinx_nts.solvers.prescribed_motion import PrescribedMotion
 
 __all__ = ["SubsteppedMotion", "boundary_increment", "largest_strain"]
 
-# Largest change of displacements within a cell in an increment with a given way, relative to
-# the size of the cell [-].
+# Largest change of displacements within a cell in a prescribed increment, relative to the size of
+# the cell [-].
 _LARGEST_STRAIN = 0.05
-# Residual, relative to what the way that is left would add to it [-], at which it goes on.
+# Residual, relative to the forces of the remaining increment [-], below which the next substep
+# begins.
 _FOLLOWED = 1e-4
-# Parts of the way [-]: a rest for which nothing waits, as the forces that it would add are lost in
-# the round-off of the residual; and one that is none.
+# Remaining fractions of the motion [-]: one whose forces are round-off of the residual, so that it
+# is applied without waiting; and one that counts as zero.
 _REST, _ROUND_OFF = 1e-6, 1e-12
-# Part of what is left of the way that an increment takes on for it to count [-]: most of the way
-# may lead to where bodies meet.
+# Fraction of the remaining motion above which an increment counts in `duration` [-]. Contact may
+# allow many tiny increments.
 _ADVANCE = 1e-2
 
 
 class SubsteppedMotion(PrescribedMotion):
-    """What is led goes part by part, see `PrescribedMotion`, from where the bodies are.
+    """Prescribed motion in substeps, from the last state of the bodies.
 
     Args:
-        bulk: Residual of the bodies, whose ``u`` is that of the last state.
-        steps: Contact attempts, whose obstacles go along.
-        stiffness: That of the owned nodes, shape ``(n,)`` [N/m].
-        size: Those of the cells at the owned nodes, shape ``(n,)`` [m].
-        length: Largest way of what is led [m].
+        bulk: Residual of the bodies, with ``u`` of the last state.
+        steps: Contact attempts, whose obstacles move.
+        stiffness: Stiffness of the owned nodes, shape ``(n,)`` [N/m].
+        size: Size of the cells at the owned nodes, shape ``(n,)`` [m].
+        length: Largest prescribed displacement [m].
     """
 
     def __init__(
@@ -61,7 +60,6 @@ class SubsteppedMotion(PrescribedMotion):
         size: Floats,
         length: float,
     ) -> None:
-        """Lead obstacles to the beginning."""
         super().__init__(bulk, steps)
         self._stiffness, self._size, self._length = stiffness, size, length
         self._fraction = self._next_fraction = 0.0
@@ -71,28 +69,23 @@ class SubsteppedMotion(PrescribedMotion):
 
     @property
     def is_complete(self) -> bool:
-        """Whether all has gone its way."""
         return self._fraction == 1.0
 
     @property
     def advances(self) -> bool:
-        """Whether bodies have followed what is led, so that it goes on."""
         return self._next_fraction > self._fraction
 
     @property
     def length(self) -> float:
-        """Part of the largest way that follows in this iteration [m]."""
         return (self._next_fraction - self._fraction) * self._length
 
     def finish(self) -> None:
-        """Let all be at the ends of their ways."""
         super().finish()
         self._fraction = 1.0
 
     def add_forces(
         self, R: Floats, states: Sequence[ContactContribution], target: float | None = None
     ) -> Floats:
-        """Add the forces of the prescribed increment, see `PrescribedMotion`."""
         if self.is_complete:
             return R
         bulk = self._bulk
@@ -118,13 +111,12 @@ class SubsteppedMotion(PrescribedMotion):
     def _squared_resistance(
         self, step: ContactStep, state: ContactContribution, changes: Floats
     ) -> float:
-        """Square of the forces by which nodes resist changes of their constraints [N^2]. Local."""
+        """Squared forces by which nodes resist changes of their constraints [N^2]. Local."""
         stiffness = self._stiffness[step.state.nodes.nodes[state.pairs.node]]
         held = changes * (np.arange(3) < state.rank[:, None])
         return float(((stiffness[:, None] * held) ** 2).sum())
 
     def predict(self, states: Sequence[ContactContribution]) -> tuple[ContactContribution, ...]:
-        """Let constraints see the changes of the last `add_forces`, see `PrescribedMotion`."""
         if not self.advances:
             return super().predict(states)
         return tuple(
@@ -133,7 +125,6 @@ class SubsteppedMotion(PrescribedMotion):
         )
 
     def limit(self, du: Floats) -> Floats:
-        """Let supports go along, as far as cells can follow, see `PrescribedMotion`."""
         if not self.advances:
             return super().limit(du)
         if (left := boundary_increment(self._bulk)) is not None:
@@ -146,7 +137,7 @@ class SubsteppedMotion(PrescribedMotion):
         return part * du
 
     def _fraction_until_contact(self, du: Floats) -> float:
-        """Part of an increment of all nodes after which others are met deep enough."""
+        """Fraction of an increment after which new contacts are clearly closed. Collective."""
         bulk = self._bulk
         nodes = bulk.u.x.array[: bulk.num_owned].reshape(-1, bulk.rigid.dim)
         way = du.reshape(nodes.shape) + bulk.rigid.remaining(nodes, self._fraction)
@@ -154,7 +145,6 @@ class SubsteppedMotion(PrescribedMotion):
         return reductions.least(bulk.comm, min(parts, default=1.0))
 
     def advance(self, nodes: Floats, du: Floats, part: float) -> Floats:
-        """Go the same part of the way with all that is led, see `PrescribedMotion`."""
         bulk, last = self._bulk, self._fraction
         self._increments += 1
         if not self.advances:
@@ -176,7 +166,7 @@ class SubsteppedMotion(PrescribedMotion):
         return moved
 
     def _remaining(self) -> Floats:
-        """Ways that are left to first order, at the owned nodes, shape ``(n, d)`` [m]."""
+        """Remaining prescribed displacements to first order, at the owned nodes, ``(n, d)`` [m]."""
         bulk = self._bulk
         nodes = bulk.u.x.array[: bulk.num_owned].reshape(-1, bulk.rigid.dim)
         way = bulk.rigid.remaining(nodes, self._fraction)
@@ -185,10 +175,10 @@ class SubsteppedMotion(PrescribedMotion):
 
 
 def boundary_increment(bulk: Bulk) -> Floats | None:
-    """Displacements by which u is behind its conditions. Collective.
+    """Difference between the Dirichlet values and u. Collective.
 
     Returns:
-        Values at the owned nodes, shape ``(n, d)`` [m]; None where u is as given.
+        Values at the owned nodes, shape ``(n, d)`` [m]; None if there is no difference.
     """
     if not bulk.supports.exist:
         return None

@@ -1,7 +1,7 @@
-"""Static equilibrium of nodes without mass, while all others stay where they are.
+"""Static equilibrium of massless nodes, with all other nodes fixed.
 
-Each of these nodes hangs on others that do not move, so that conjugate gradients need few
-iterations, whatever the size of the surface.
+Each massless node is connected to fixed ones, so conjugate gradients need few iterations, whatever
+the size of the surface.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,29 +21,28 @@ from dolfinx_nts.solvers.surface_forces import SurfaceForces
 
 __all__ = ["SurfaceEquilibrium"]
 
-# Reduction of the residual [-]: the next step goes on with what is left. Less of it changes the
-# displacement of an impact by a thousandth of the error of the time step at most, and takes more
+# Reduction of the residual [-]; the next step removes the remainder. A smaller value changes the
+# displacement in an impact by at most 0.1 % of the time discretisation error, and takes more
 # iterations.
 _REDUCTION = 5e-2
 _MAX_ITERATIONS = 200
-# Residual, relative to the stiffness of a node times the size of its displacement [-], that is
-# round-off.
+# Round-off of the residual, relative to the stiffness of a node times its displacement [-].
 _ROUND_OFF = 16 * np.finfo(np.float64).eps
 
 
 class SurfaceEquilibrium:
-    """Finds the displacement of nodes without mass. Collective, as are its methods.
+    """Solves for the displacement of massless nodes. Collective, as are its methods.
 
     Args:
-        forces: Forces between u_n and u of bodies without inertia at the m nodes without mass,
-            conserving ones. With u_n = u they are those of statics.
+        forces: Conserving forces between u_n and u, without inertia, at the m massless nodes. With
+            u_n = u they are static forces.
         u_n: Displacement at the start of a step.
-        share: Derivative of the forces by u, as a part of that of statics [-].
-        stiffness: That of these nodes, for the preconditioner, shape ``(m,)`` [N/m].
-        resistance: What resists as the nodes move, by its derivative where u_n is u, if anything.
+        share: Ratio of the derivative of the forces with respect to u to that of statics [-].
+        stiffness: Stiffness of these nodes, for the preconditioner, shape ``(m,)`` [N/m].
+        resistance: Additional resistance of the nodes, by its derivative at u_n = u, if any.
 
     Attributes:
-        nodes: Those without mass.
+        nodes: The massless nodes.
     """
 
     def __init__(
@@ -54,7 +53,6 @@ class SurfaceEquilibrium:
         stiffness: Floats,
         resistance: SurfaceForces | None = None,
     ) -> None:
-        """Make Krylov methods on the nodes."""
         self._forces, self._u, self._u_n = forces, forces.u.x, u_n.x.array
         self._comm, self.nodes, self._share = forces.comm, forces.nodes, share
         n = forces.free.size
@@ -65,7 +63,7 @@ class SurfaceEquilibrium:
         self._x, self._b = matrix.createVecs()
 
     def _solver(self, matrix: Any, name: str) -> Any:
-        """Make a Krylov method that measures residuals as they are."""
+        """Create a Krylov method with unpreconditioned residual norms."""
         ksp = PETSc.KSP().create(self._comm)
         ksp.setOperators(matrix)
         ksp.setType(name)
@@ -81,15 +79,15 @@ class SurfaceEquilibrium:
         affordable: Callable[[Floats], Floats],
         damping: Floats | float,
     ) -> Floats:
-        """Solve for increments of the nodes without mass, shape ``(m, d)`` [m].
+        """Solve for increments of the massless nodes, shape ``(m, d)`` [m].
 
-        It is one step of Newton's method from u. Nodes that nothing holds are free; where the
-        surface is about to buckle it is a step towards less energy.
+        It takes one Newton iteration from u. Nodes without constraints are free. If the surface is
+        about to buckle, the iteration decreases the energy.
 
         Args:
-            holds: What the nodes keep, pair by pair.
-            affordable: Returns the parts of the ways of these nodes that they go, by the energy
-                that these ways exchange at most, both of shape ``(m,)`` [-, J].
+            holds: Constraints of the nodes, pair by pair.
+            affordable: Returns the admissible fractions of the prescribed increments, given an
+                upper bound on the energy that they exchange, both of shape ``(m,)`` [-, J].
             damping: Forces that damp the motion of the nodes, shape ``(m, d)`` [N].
         """
         u_n = self._u_n.copy()
@@ -119,36 +117,36 @@ class SurfaceEquilibrium:
         floor = _ROUND_OFF * size * self._stiffness
         least = float(np.sqrt(reductions.total(self._comm, float(np.vdot(floor, floor)))))
         self._b.array[:] = self._held.project(r).ravel()
-        # Friction that scales with normal forces is not symmetric.
+        # The friction of sliding nodes makes the system nonsymmetric.
         ksp = self._krylov["gmres" if self._held.slides else "cg"]
         ksp.setTolerances(rtol=_REDUCTION, atol=least, max_it=_MAX_ITERATIONS)
-        # Where the surface is about to buckle it ends with the last iterate, which is kept.
+        # If the surface is about to buckle, the last iterate is kept.
         ksp.solve(self._b, self._x)
         x += self._x.array.reshape(x.shape)
         return x
 
     def mult(self, _matrix: Any, x: Any, y: Any) -> None:
-        """Multiply by the stiffness where nodes are free; called by PETSc."""
+        """Multiply by the projected stiffness; called by PETSc."""
         y.array[:] = self._held.project(self._times(self._rows(x))).ravel()
 
     def apply(self, _pc: Any, r: Any, z: Any) -> None:
-        """Divide by the stiffness of each node, which keeps gaps; called by PETSc."""
+        """Divide by the nodal stiffness, which preserves the constraints; called by PETSc."""
         z.array[:] = (self._rows(r) / self._stiffness).ravel()
 
     def _rows(self, x: Any) -> Floats:
-        """Values of a vector node by node, shape ``(m, d)``."""
+        """Values of a vector by nodes, shape ``(m, d)``."""
         rows: Floats = x.array_r.reshape(self._forces.free.shape)
         return rows
 
     def _times(self, x: Floats) -> Floats:
-        """Stiffness of statics, and what resists, times increments."""
+        """Static stiffness and additional resistance times increments."""
         y = self._static(x)
         if self._resistance is not None:
             y += self._resistance.along(x)
         return y
 
     def _static(self, x: Floats) -> Floats:
-        """Stiffness of statics times increments."""
+        """Static stiffness times increments."""
         y = self._forces.along(x)
         y /= self._share
         return y

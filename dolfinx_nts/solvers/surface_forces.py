@@ -1,4 +1,4 @@
-"""Forces of bodies at some nodes, and how they change with the displacement of these."""
+"""Forces of bodies at some nodes, and their derivative with respect to these nodes."""
 
 from mpi4py import MPI
 
@@ -15,30 +15,29 @@ __all__ = ["SurfaceForces"]
 
 
 class SurfaceForces:
-    """Residual of bodies at some nodes, from the cells at these alone. Collective.
+    """Residual of bodies at some nodes, assembled on their cells only. Collective.
 
     Args:
         residual: Residual form of the bodies, linear in the test function [N].
         u: Displacement, a coefficient of the form.
         nodes: Owned nodes, shape ``(m,)``.
-        fixed: Owned scalar dofs where u is given.
+        fixed: Owned scalar dofs with prescribed u.
 
     Attributes:
         comm: Communicator of the mesh.
         u: Displacement.
         nodes: The argument.
-        cells: Owned cells that have some of the nodes.
-        free: 1 where the nodes may move, otherwise 0, shape ``(m, d)``.
+        cells: Owned cells with at least one of the nodes.
+        free: 1 in free components of the nodes, otherwise 0, shape ``(m, d)``.
     """
 
     def __init__(self, residual: ufl.Form, u: fem.Function, nodes: Ints, fixed: Ints) -> None:
-        """Leave out all cells but those at the nodes."""
         V = u.function_space
         index_map, self._dim = V.dofmap.index_map, dimension(V)
         self.comm: MPI.Comm = index_map.comm
         self.u, self.nodes = u, nodes
         self._direction = fem.Function(V)
-        # DOLFINx takes 2 us each time that it is asked for the array.
+        # Each access to the array takes DOLFINx 2 us.
         self._values = self._rows(self._direction.x.array)
         forms = residual, ufl.derivative(residual, u, self._direction)
         self._residual, self._derivative = (NodalSum([expand_derivatives(f)], V) for f in forms)
@@ -56,17 +55,17 @@ class SurfaceForces:
         self.free: Floats = free[nodes]
 
     def at_nodes(self) -> Floats:
-        """Residual at u, 0 where it is given, shape ``(m, d)`` [N]."""
+        """Residual at u, 0 where u is prescribed, shape ``(m, d)`` [N]."""
         return self._of_nodes(self._residual)
 
     def along(self, x: Floats) -> Floats:
-        """Derivative of the residual at u by that of the nodes, times increments.
+        """Derivative of the residual with respect to the nodes, times increments.
 
         Args:
             x: Increments of the nodes, shape ``(m, d)`` [m].
 
         Returns:
-            Values at the nodes, 0 where u is given, shape ``(m, d)`` [N].
+            Values at the nodes, 0 where u is prescribed, shape ``(m, d)`` [N].
         """
         self._values[self.nodes] = self.free * x
         self._direction.x.scatter_forward()

@@ -13,19 +13,18 @@ __all__ = ["SurfaceWork"]
 
 
 class SurfaceWork:
-    """Work of forces between u_n and u on the way between them, in some cells.
+    """Work of the forces of a step in some cells.
 
-    With conserving stress it is the change of energy in the cells plus what they dissipate.
+    With conserving stress it is the change of energy in the cells plus their dissipation.
 
     Args:
         residual: Forces of bodies without inertia, linear in the test function [N].
         u_n: Displacement at the start of a step, a coefficient of the form.
-        u: The same at its end.
+        u: Displacement at its end.
         cells: Owned cells, sorted.
     """
 
     def __init__(self, residual: ufl.Form, u_n: fem.Function, u: fem.Function, cells: Ints) -> None:
-        """Leave out all other cells. Collective."""
         V = u.function_space
         topology = V.mesh.topology
         owned = topology.index_map(topology.dim).size_local
@@ -34,7 +33,7 @@ class SurfaceWork:
         self._ends, self._dim = (u_n.x.array, u.x.array), dimension(V)
 
     def at_nodes(self) -> Floats:
-        """Parts of the owned nodes in the work, shape ``(n,)`` [J]. Collective."""
+        """Contributions of the owned nodes to the work, shape ``(n,)`` [J]. Collective."""
         forces = self._forces.assembled()
         u_n, u = (end[: len(forces)] for end in self._ends)
         work: Floats = (forces * (u - u_n)).reshape(-1, self._dim).sum(axis=1)

@@ -1,4 +1,4 @@
-"""Matrix of the tangent of the bodies, of which preconditioners are made."""
+"""Matrix of the tangent of the bodies, for preconditioners."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -33,17 +33,16 @@ class Tangent(AddedStiffness):
         u: Unknown displacement, a coefficient of the form.
         bcs: Dirichlet conditions on u.
         loads: Virtual work of loads, each linear in the test function [N].
-        nearby: Bilinear form near the derivative that is definite whatever
-            the state, for preconditioners; None: the derivative itself.
-        bodies: Nodes of each body, for what stiffness is expected of them.
+        nearby: Bilinear form near the derivative that is definite in any state, for
+            preconditioners; None: the derivative itself.
+        bodies: Nodes of each body, see `NodalStiffness`.
 
     Attributes:
         comm: Communicator of the mesh.
         shift, num_free, drag, in_addition: Those of `AddedStiffness`.
-        num_assembled: Matrices assembled so far. It tells the values of the
-            last one from those of others.
-        point: What `restore` needs to make the last matrix again: the values
-            of functions and constants in the forms that may change; None before.
+        num_assembled: Number of matrices so far, which identifies the values of the last one.
+        point: State from which `restore` assembles the last matrix again: the values of functions
+            and constants in the forms that may change; None before.
     """
 
     def __init__(
@@ -55,7 +54,6 @@ class Tangent(AddedStiffness):
         nearby: ufl.Form | None = None,
         bodies: Sequence[Ints] = (),
     ) -> None:
-        """Create the forms; that of the derivative is compiled when it is needed."""
         super().__init__()
         self.comm: MPI.Comm = u.function_space.mesh.comm
         self._u, self._supports = u, Supports(u.function_space, bcs)
@@ -72,7 +70,7 @@ class Tangent(AddedStiffness):
 
     @property
     def rows(self) -> BlockCSR:
-        """Owned rows of the last matrix, unit rows where u is given."""
+        """Owned rows of the last matrix, unit rows where u is prescribed."""
         assert self._rows is not None
         return self._rows
 
@@ -96,16 +94,16 @@ class Tangent(AddedStiffness):
         return self._stiffness.values
 
     def assemble_nearby(self) -> None:
-        """Set `rows` to the matrix near the derivative at u. Collective."""
+        """Assemble the matrix near the derivative at u. Collective."""
         if self._nearby is not None:
             self._assemble([self._nearby.compiled], is_exact=False)
         else:
             self.assemble_exact()
 
     def assemble_exact(self) -> None:
-        """Set `rows` to the derivative at u. Collective."""
+        """Assemble the derivative at u. Collective."""
         if not self._exact:
-            # Its kernels take longest to compile, and few runs need them.
+            # Compiled on demand: it takes longest to compile, and few runs need it.
             self._exact = _compiled(self._derivatives)
         self._assemble(self._exact, is_exact=True)
 
@@ -113,9 +111,9 @@ class Tangent(AddedStiffness):
         """Copy of `rows` for PETSc. Collective.
 
         Args:
-            scalar: Whether entries are scalars, which all of PETSc can deal
-                with, or blocks of nodes. A matrix of scalars knows the rigid
-                motions of the present positions, of which multigrid makes use.
+            scalar: Whether entries are scalars, which all of PETSc supports, or nodal blocks. A
+                scalar matrix has the rigid motions at the current positions as its near null space,
+                for multigrid.
         """
         matrix = self.rows.petsc()
         if scalar:
@@ -124,10 +122,10 @@ class Tangent(AddedStiffness):
         return matrix
 
     def restore(self, point: Sequence[Array]) -> None:
-        """Make a former matrix again. Collective.
+        """Assemble a former matrix again. Collective.
 
         Args:
-            point: The `point` that it left.
+            point: Its `point`.
         """
         with self.at(point):
             if point[0]:
@@ -137,10 +135,10 @@ class Tangent(AddedStiffness):
 
     @contextmanager
     def at(self, point: Sequence[Array]) -> Iterator[None]:
-        """Context in which functions and constants have other values. Local.
+        """Context in which functions and constants have the values of a former matrix. Local.
 
         Args:
-            point: A former `point`.
+            point: Its `point`.
         """
         present = [array.copy() for array in self._inputs]
         _set(self._inputs, point[1:])
@@ -150,10 +148,10 @@ class Tangent(AddedStiffness):
             _set(self._inputs, present)
 
     def hold(self, nodes: Ints) -> Floats:
-        """Hold owned nodes where they are in all matrices from now on. Collective.
+        """Clamp owned nodes in all matrices from now on. Collective.
 
         Returns:
-            Stiffness that holds them in matrices near the derivative, shape ``(m, 1)`` [N/m].
+            Clamping stiffness in matrices near the derivative, shape ``(m, 1)`` [N/m].
         """
         self._stiffness.leave_out(nodes)
         stiffness = self.nodal_stiffness()[:, None]
@@ -165,7 +163,7 @@ class Tangent(AddedStiffness):
 
     @property
     def held(self) -> Floats | float:
-        """The same as `shift` of nodes that `hold` holds."""
+        """Clamping stiffness of the nodes given to `hold`, shape as of `shift`."""
         return self._stiffness.held
 
     def forget(self) -> None:
@@ -173,7 +171,7 @@ class Tangent(AddedStiffness):
         self.point = self._stiffness.values = None
 
     def _rigid_motions(self, matrix: Any) -> Any:
-        """Rigid motions of the present positions for a matrix. Collective."""
+        """Near null space of a matrix: rigid motions at the current positions. Collective."""
         n, dim = self.rows.index_map.size_local, self.rows.dim
         x = self._u.function_space.tabulate_dof_coordinates() + in_space(nodal(self._u))
         axes = np.eye(3)[:, None]
@@ -196,7 +194,7 @@ class Tangent(AddedStiffness):
         return fem.create_matrix(form)
 
     def _add_to(self, rows: BlockCSR) -> Floats | float:
-        """Add to an assembled matrix what no form has; returns it for each node [N/m]. Local."""
+        """Add terms without a form to a matrix; return their nodal stiffness [N/m]. Local."""
         return 0.0
 
     def _assemble(self, forms: Sequence[fem.Form], *, is_exact: bool) -> None:
@@ -217,7 +215,7 @@ class Tangent(AddedStiffness):
 
 
 class TangentOfAllCells(Tangent):
-    """The same where loads alone have forms on some cells, as of rigid bodies in statics."""
+    """Tangent with the sparsity of all cells: some have forms of loads only, as rigid bodies."""
 
     def _created(self, form: fem.Form) -> la.MatrixCSR:
         V = self._u.function_space
@@ -226,9 +224,9 @@ class TangentOfAllCells(Tangent):
 
 
 def _add(form: fem.Form, matrix: la.MatrixCSR, bcs: Sequence[fem.DirichletBC]) -> None:
-    """Add a form to a matrix, but for rows and columns of given displacements. Local."""
-    # `fem.assemble_matrix` would put units on the diagonal, and takes ghosts of conditions with
-    # a constant value for owned, which have no place there where cells have ghosts.
+    """Add a form to a matrix, except in rows and columns of prescribed displacements. Local."""
+    # `fem.assemble_matrix` would set the diagonal to one. It treats ghosts of constant conditions
+    # as owned, which fails on meshes with ghost cells.
     given = (
         form._cpp_object,
         *(pack(form._cpp_object) for pack in (cpp.fem.pack_constants, cpp.fem.pack_coefficients)),
@@ -237,13 +235,13 @@ def _add(form: fem.Form, matrix: la.MatrixCSR, bcs: Sequence[fem.DirichletBC]) -
 
 
 def _compiled(forms: Sequence[ufl.Form]) -> list[fem.Form]:
-    """Forms that have integrals once their derivatives are taken."""
+    """Compiled forms, without those whose derivative is empty."""
     forms = list(map(expand_derivatives, forms))
     return [compile_bilinear_form(form) for form in forms if not form.empty()]
 
 
 def _inputs(forms: Sequence[ufl.Form]) -> list[Array]:
-    """Values of all that may change in forms, functions and constants, which they share."""
+    """Values of the functions and constants in forms that may change, as shared views."""
     functions = changing(dict.fromkeys(f for form in forms for f in form.coefficients()))
     constants = dict.fromkeys(c for form in forms for c in form.constants())
     return [*(f.x.array for f in functions), *(c.value for c in constants)]

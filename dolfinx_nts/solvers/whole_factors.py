@@ -1,4 +1,4 @@
-"""Complete factors of a whole system."""
+"""Complete factors of a matrix by MUMPS."""
 
 from typing import Any
 
@@ -15,11 +15,10 @@ class WholeFactors:
 
     Args:
         A: The matrix.
-        is_symmetric: Whether it is known to be symmetric; signs of pivots are known then.
+        is_symmetric: Whether it is symmetric; `num_negative` is available then.
     """
 
     def __init__(self, A: Any, *, is_symmetric: bool = False) -> None:
-        """Factorise."""
         self._x, self._b = A.createVecs()
         self._pc = mumps.factorised(A, is_symmetric=is_symmetric)
 
@@ -30,9 +29,9 @@ class WholeFactors:
         return None if signs is None else signs[0]
 
     def solve(self, right: Floats) -> Floats:
-        """Owned part of the solution for that of a right-hand side, both ``(n,)``.
+        """Owned part of the solution for the owned part of a right-hand side, both ``(n,)``.
 
-        It is not finite where there are no factors.
+        It is not finite if there are no factors.
         """
         self._b.array[:] = right
         self._pc.apply(self._b, self._x)
@@ -46,14 +45,14 @@ class WholeFactors:
 
 
 def solved(A: Any, right: Floats) -> Floats:
-    """Solve a system with factors that serve once. Collective.
+    """Solve a system with factors that are used once. Collective.
 
     Args:
         A: The matrix.
         right: Owned part of the right-hand side, shape ``(n,)``.
 
     Returns:
-        Owned part of the solution, shape ``(n,)``; not finite where there are no factors.
+        Owned part of the solution, shape ``(n,)``; not finite if there are no factors.
     """
     factors = WholeFactors(A)
     solution = factors.solve(right)
