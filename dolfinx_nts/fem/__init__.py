@@ -1,1 +1,1 @@
-"""What is needed beside `dolfinx.fem`: elements, compiled forms, numbers of nodes."""
+"""Elements, compiled forms and node numbers, in addition to `dolfinx.fem`."""

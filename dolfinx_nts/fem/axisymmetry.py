@@ -1,7 +1,7 @@
-r"""Meshes of the plane that stand for bodies of revolution.
+r"""Axisymmetric meshes: plane meshes of the half section of bodies of revolution.
 
-x is the radius r, y the axis. Without twist the deformation gradient has, beside its part in the
-plane, the stretch of circles, 1 + u_x/r, and integrals over whole rings have the weight
+x is the radius r, y the axis. Without twist the deformation gradient consists of its part in the
+plane and the hoop stretch 1 + u_x/r. Integrals over the full circumference have the weight
 :math:`2\pi r`. Nodes on the axis keep u_x = 0.
 """
 
@@ -30,21 +30,21 @@ __all__ = [
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Distance from the axis, relative to the largest radius [-], that is 0 but for round-off.
+# Distance from the axis, relative to the largest radius [-], that counts as zero.
 _ON_AXIS = 1e-10
 
-# Distance from the axis that counts as none [m], by the number of the domain, whose hash takes
-# longer than most that asks; None: the mesh is what it seems.
+# Distance from the axis that counts as zero [m], or None for a plane mesh. The key is the id of the
+# UFL domain, since hashing the domain itself is slow.
 _KNOWN: dict[int, float | None] = {}
 
 
 def axisymmetric(mesh: Mesh) -> None:
     """Declare that a mesh of the plane is the half section of bodies of revolution. Collective.
 
-    x is the radius, y the axis, and nothing turns about it. All that is made of the mesh from then
-    on stands for whole rings: bodies and their masses, energies and forces, surfaces and their
-    areas, loads, obstacles. Nodes on the axis keep their radius 0, without a condition in ``bcs``;
-    facets on it are no surface.
+    x is the radius, y the axis; there is no rotation about it. All objects created on the mesh
+    afterwards refer to the full circumference: masses, energies and forces of bodies, areas of
+    surfaces, loads and obstacles. Nodes on the axis keep the radius 0 without a condition in
+    ``bcs``. Facets on the axis do not belong to surfaces.
 
     Args:
         mesh: Mesh of triangles or quadrilaterals, with coordinates x >= 0.
@@ -91,7 +91,7 @@ def axisymmetric(mesh: Mesh) -> None:
 
 
 def is_axisymmetric(mesh: Mesh | ufl.Mesh) -> bool:
-    """Whether a mesh stands for bodies of revolution, which must not change any more. Local."""
+    """Whether a mesh is axisymmetric, which is fixed from then on. Local."""
     return _tolerance(mesh) is not None
 
 
@@ -103,7 +103,7 @@ def is_on_axis(mesh: Mesh, x: Floats) -> Flags:
 
 
 def axis_nodes(V: fem.FunctionSpace) -> Ints:
-    """Local nodes of a space on the axis, owned and ghost; none without an axis. Local."""
+    """Local nodes of a space on the axis, owned and ghost. Local."""
     if not is_axisymmetric(V.mesh):
         return np.empty(0, dtype=np.int32)
     on_axis = is_on_axis(V.mesh, V.tabulate_dof_coordinates())
@@ -111,18 +111,18 @@ def axis_nodes(V: fem.FunctionSpace) -> Ints:
 
 
 def of_rings(value: Any, mesh: Mesh) -> Any:
-    """Density, UFL, times what it is integrated over: 2 pi r in an axisymmetric mesh. Local."""
+    """Density, UFL, times 2 pi r if the mesh is axisymmetric. Local."""
     if not is_axisymmetric(mesh):
         return value
     return 2 * np.pi * ufl.SpatialCoordinate(mesh)[0] * value
 
 
 def hoop_gradient(v: Any, *, on_axis: bool = False) -> Any:
-    """Part of the gradient of a vector field around the axis, UFL: v_x/r, 0 without an axis.
+    """Hoop component v_x/r of the gradient of a vector field, UFL; 0 in a plane mesh.
 
     Args:
         v: Vector field of the plane, UFL (2,).
-        on_axis: Whether it is evaluated on the axis too, where it has the limit of the quotient.
+        on_axis: Whether it is also evaluated on the axis, where it is the limit of the quotient.
     """
     domain = extract_unique_domain(v)
     if not is_axisymmetric(domain):

@@ -1,6 +1,6 @@
-"""Compiles and loads kernels for batches of cells.
+"""Compilation and loading of kernels for batches of cells.
 
-A compiler works while the program goes on, until the kernels are asked for.
+The compiler runs in the background until the kernels are requested.
 """
 
 import atexit
@@ -28,7 +28,7 @@ __all__ = ["batched_kernels", "begin_batched_kernels", "matrix_kernels"]
 
 _LOG = logging.getLogger(__name__)
 _FOLDER = Path(__file__).parent
-# What the text of a library depends on beside FFCx's: headers, and what translates.
+# Files that the source of a library depends on, in addition to FFCx's.
 _RECIPE = [
     _FOLDER / name
     for name in (
@@ -36,21 +36,21 @@ _RECIPE = [
         *("batched_source.py", "tensor_tables.py"),
     )
 ]
-# With C++17 <cmath> takes a twentieth of a second more, for functions that kernels do not have.
+# With C++17 <cmath> takes 0.05 s longer to compile, for functions that kernels do not use.
 _STANDARD = "-std=c++14"
 _SINGLE = ["-DNTS_SINGLE", "-fsingle-precision-constant"]
 
 
 class _Library(NamedTuple):
-    """A library: what it is made of, how, and where it lies.
+    """Source, compiler call and path of a library.
 
-    Its name tells what goes into it, so that nobody translates for a library that is there.
+    Its name contains a hash of these, so that an existing library is never compiled again.
 
     Attributes:
-        text: The C that FFCx wrote for the form.
+        text: C code of the form, written by FFCx.
         columns: Place of a function in the kernels, see `batched_source`.
         command: Call of the compiler, without its files.
-        path: Where the library lies, or will lie.
+        path: Path of the library.
     """
 
     text: str
@@ -63,12 +63,12 @@ class _Library(NamedTuple):
         """Library for the form in a module of FFCx.
 
         Raises:
-            OSError: There is no text.
+            OSError: The C code does not exist.
         """
         name = module.name.split(".")[0]
         text = module.with_name(f"{name}.c").read_text()
         compiler = os.environ.get("CXX") or sysconfig.get_config_var("CXX") or "c++"
-        # Of matrices there are few; kernels of the others are used all the time.
+        # Matrices are assembled rarely, so a short compilation is worth more.
         soon = [] if columns is None else SOON
         flags = [*OPTIMISED, *soon, *(_SINGLE if is_single else [])]
         command = [*shlex.split(compiler), *flags, _STANDARD, "-fPIC", "-shared"]
@@ -79,11 +79,11 @@ class _Library(NamedTuple):
 
 
 class _Compilation:
-    """A compiler at work on a library, which is there completely or not at all.
+    """Running compiler of a library, which appears only when it is complete.
 
     Raises:
-        OSError: There is no compiler, or no place for the library.
-        ValueError: The text is not what is expected.
+        OSError: There is no compiler, or the folder is not writable.
+        ValueError: The C code does not have the expected form.
     """
 
     def __init__(self, library: _Library) -> None:
@@ -108,7 +108,7 @@ class _Compilation:
         """Wait for the library.
 
         Raises:
-            subprocess.CalledProcessError: The compiler does not understand the source.
+            subprocess.CalledProcessError: The compiler rejects the source.
         """
         _, errors = self._process.communicate()
         with self._folder:
@@ -117,13 +117,13 @@ class _Compilation:
             self._made.replace(self._path)
 
     def stop(self) -> None:
-        """End the compiler, as nobody has asked for the library."""
+        """Stop the compiler of a library that was not requested."""
         self._process.kill()
         self._process.communicate()
         self._folder.cleanup()
 
 
-# Compilers at work, by the path of the library.
+# Running compilers by the path of the library.
 _at_work: dict[Path, _Compilation] = {}
 
 
@@ -136,9 +136,9 @@ def _stop_all() -> None:
 def begin_batched_kernels(
     form: fem.Form, *, is_single: bool = False, columns: Columns | None = None
 ) -> None:
-    """Let a compiler begin on what `batched_kernels` or `matrix_kernels` will give. Local.
+    """Start compiling the kernels of `batched_kernels` or `matrix_kernels`. Local.
 
-    Arguments are theirs. They also tell what fails.
+    It has the same arguments, and leaves errors to them.
     """
     if form.mesh.comm.rank == 0:
         with suppress(OSError, ValueError):
@@ -149,17 +149,17 @@ def begin_batched_kernels(
 
 
 def batched_kernels(form: fem.Form, *, is_single: bool = False) -> list[BatchKernel] | None:
-    """Make kernels for batches of cells from what FFCx wrote for a form. Collective.
+    """Create kernels for batches of cells from FFCx's code of a form. Collective.
 
-    Their library lies beside that which FFCx made, and is compiled once.
+    Their library is stored next to the one of FFCx, and is compiled once.
 
     Args:
         form: A linear form over cells.
         is_single: Whether the kernels compute in single precision.
 
     Returns:
-        One kernel for each integral; None where FFCx's text is not what is expected, or there
-        is no compiler that knows vectors.
+        One kernel for each integral; None if FFCx's code does not have the expected form, or if no
+        compiler supports vector types.
     """
     library = _loaded_everywhere(form, is_single=is_single, columns=None)
     if library is None:
@@ -171,17 +171,17 @@ def batched_kernels(form: fem.Form, *, is_single: bool = False) -> list[BatchKer
 
 
 def matrix_kernels(form: fem.Form, columns: Columns) -> list[int] | None:
-    """Make kernels of a bilinear form from what FFCx wrote for its action. Collective.
+    """Create kernels of a bilinear form from FFCx's code of its action. Collective.
 
-    They have the interface of FFCx's kernels. Columns of a cell's matrix are actions on units,
-    as many at once as a batch has cells.
+    They have the interface of FFCx's kernels. The columns of an element matrix are actions on unit
+    vectors, a batch of them at once.
 
     Args:
         form: The action on a function, a linear form over cells.
         columns: Place of the function in the kernels.
 
     Returns:
-        Address of the kernel for each integral; None as of `batched_kernels`.
+        Address of the kernel for each integral; None as in `batched_kernels`.
     """
     library = _loaded_everywhere(form, is_single=False, columns=columns)
     return None if library is None else _addresses(library, "matrix", form)
@@ -190,10 +190,10 @@ def matrix_kernels(form: fem.Form, columns: Columns) -> list[int] | None:
 def _loaded_everywhere(
     form: fem.Form, *, is_single: bool, columns: Columns | None
 ) -> ctypes.CDLL | None:
-    """Library for a form; None where a rank has none. Collective."""
+    """Library for a form; None if it is missing on any rank. Collective."""
     comm = form.mesh.comm
     library: ctypes.CDLL | None = None
-    # The first rank compiles. Others find its library, or make theirs on another machine.
+    # The first rank compiles. The others find its library, or compile their own on another machine.
     for has_turn in (comm.rank == 0, comm.rank > 0):
         if has_turn:
             try:
@@ -211,12 +211,12 @@ def _loaded_everywhere(
 
 
 def _loaded(library: _Library) -> ctypes.CDLL:
-    """Load a library, which is made first if it is not there.
+    """Load a library, after compiling it if necessary.
 
     Raises:
         OSError: There is no compiler, or the library cannot be loaded.
-        ValueError: FFCx's text is not what is expected.
-        subprocess.CalledProcessError: The compiler does not understand the source.
+        ValueError: FFCx's code does not have the expected form. subprocess.CalledProcessError: The
+            compiler rejects the source.
     """
     if not library.path.exists():
         (_at_work.pop(library.path, None) or _Compilation(library)).finish()
@@ -224,7 +224,7 @@ def _loaded(library: _Library) -> ctypes.CDLL:
 
 
 def _addresses(library: ctypes.CDLL, name: str, form: fem.Form) -> list[int]:
-    """Addresses of functions of a library, one for each integral over cells."""
+    """Addresses of the functions of a library, one for each integral over cells."""
     number = form.ufcx_form.form_integral_offsets[1]
     functions = [getattr(library, f"{name}_{i}") for i in range(number)]
     return [ctypes.cast(function, ctypes.c_void_p).value or 0 for function in functions]

@@ -1,8 +1,8 @@
-"""Bilinear forms whose matrices are assembled again and again.
+"""Bilinear forms whose matrices are assembled repeatedly.
 
-FFCx sums over all pairs of derivatives of test and trial functions, which are many: its kernels
-take most of the time that all forms of a step take to be compiled. Kernels of `CellMatrix` apply
-the bilinear form to units instead, one lane a column.
+FFCx sums over all pairs of derivatives of test and trial functions. The compilation of these
+kernels takes most of the compile time of all forms of a step. `CellMatrix` applies the bilinear
+form to unit vectors instead, one SIMD lane per column.
 """
 
 from functools import cached_property
@@ -22,14 +22,13 @@ __all__ = ["CellMatrix"]
 class CellMatrix:
     """A bilinear form over cells. Collective.
 
-    Nobody waits for the compiler before the form is first needed.
+    Its kernels are compiled in the background until the form is first needed.
 
     Args:
-        form: Bilinear form, made by `bulk_form`, with derivatives taken.
+        form: Bilinear form, made by `bulk_form`, with derivatives applied.
     """
 
     def __init__(self, form: ufl.Form) -> None:
-        """Compile what tells of the action, and let a compiler begin on its kernels."""
         self._form = form
         self._unit = fem.Function(form.arguments()[1].ufl_function_space())
         self._action = ufl.action(form, self._unit)
@@ -38,7 +37,7 @@ class CellMatrix:
 
     @cached_property
     def compiled(self) -> fem.Form:
-        """The form as DOLFINx assembles it. Collective at the first use."""
+        """The compiled form for DOLFINx. Collective at the first use."""
         kernels = matrix_kernels(self._described, self._columns())
         if kernels is None:
             return compile_bilinear_form(self._form)

@@ -1,4 +1,4 @@
-"""Functions that are constant in each cell and never change."""
+"""Functions that are constant in each cell and do not change."""
 
 from collections.abc import Iterable
 
@@ -9,16 +9,15 @@ __all__ = ["CellConstant", "changing"]
 
 
 class CellConstant(fem.Function):  # type: ignore[misc]
-    """A vector for each cell that never changes. Collective.
+    """A vector per cell that does not change. Collective.
 
     Args:
         mesh: The mesh.
         size: Length of the vectors.
-        vector: Values of another such function with vectors of this length, to share.
+        vector: Values to share with another such function of the same size.
     """
 
     def __init__(self, mesh: Mesh, size: int, vector: la.Vector | None = None) -> None:
-        """Create the space."""
         super().__init__(fem.functionspace(mesh, ("Discontinuous Lagrange", 0, (size,))), vector)
 
 

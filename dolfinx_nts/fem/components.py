@@ -1,7 +1,7 @@
-"""Nodal vectors: as many components as the space has, and positions, which have three.
+"""Numbers of components of nodal vectors: three for positions, those of the space for unknowns.
 
-Positions have three coordinates, as DOLFINx has them, in the plane the third is zero. So have the
-normals, forces and gradients of contact. Displacements, residuals and linear systems have the
+Positions have three coordinates as in DOLFINx; in the plane the third one is zero. The same holds
+for normals, forces and gradients of contact. Displacements, residuals and linear systems have the
 components of the space.
 """
 
@@ -37,28 +37,28 @@ def dimension(V: fem.FunctionSpace) -> int:
 
 
 def nodal(function: fem.Function) -> Floats:
-    """Values at the local nodes, a view of shape ``(l, 2)`` or ``(l, 3)``. Local."""
+    """View of the values at the local nodes, shape ``(l, 2)`` or ``(l, 3)``. Local."""
     vector = function.x
     values: Floats = vector.array.reshape(-1, vector.block_size)
     return values
 
 
 def in_space(vectors: Floats) -> Floats:
-    """Vectors, shape ``(..., 2)`` or ``(..., 3)``, with three components. Local.
+    """Vectors, shape ``(..., 2)`` or ``(..., 3)``, extended to three components. Local.
 
-    Those that have three already are returned as they are.
+    Vectors with three components are returned unchanged.
     """
     if vectors.shape[-1] == 3:
         return vectors
-    # NumPy takes five times as long for copies of rows that are so short.
+    # NumPy takes five times as long to copy such short rows.
     padded: Floats = _kernels.change_components(vectors.reshape(-1, 2))
     return padded.reshape(*vectors.shape[:-1], 3)
 
 
 def of_space(vectors: Floats, dim: int) -> Floats:
-    """The components of vectors, shape ``(n, 3)``, that a space of 2 or 3 has, ``(n, d)``. Local.
+    """Components of vectors, shape ``(n, 3)``, in a space of dimension d, ``(n, d)``. Local.
 
-    Those of a space of 3 are returned as they are.
+    For d = 3 they are returned unchanged.
     """
     return vectors if dim == 3 else _kernels.change_components(vectors)
 
@@ -67,7 +67,7 @@ def resultants(vectors: Floats, V: fem.FunctionSpace) -> Floats:
     """Components of resultants, momenta and centres, ``(..., 3)``, that exist in a space. Local.
 
     Returns:
-        A view, shape ``(..., 3)``; in the plane ``(..., 2)``; of rings ``(..., 1)``, along y.
+        A view, shape ``(..., 3)``; in the plane ``(..., 2)``; axisymmetric ``(..., 1)``, along y.
     """
     return vectors[..., existing(V)[0]]
 
@@ -76,23 +76,23 @@ def moments(vectors: Floats, V: fem.FunctionSpace) -> Floats:
     """Components of moments, ``(..., 3)``, that exist in a space. Local.
 
     Returns:
-        A view, shape ``(..., 3)``; in the plane ``(..., 1)``, about z; of rings ``(..., 0)``.
+        A view, shape ``(..., 3)``; in the plane ``(..., 1)``, about z; axisymmetric ``(..., 0)``.
     """
     return vectors[..., existing(V)[1]]
 
 
 def existing(V: fem.FunctionSpace) -> tuple[slice, slice]:
-    """Which components of `resultants` and of `moments` exist in a space. Local."""
+    """Ranges of the components in `resultants` and `moments` of a space. Local."""
     if is_axisymmetric(V.mesh):
         return slice(1, 2), slice(3, None)
     return (slice(2), slice(2, None)) if dimension(V) == 2 else (slice(3), slice(3))
 
 
 def possible_motions(V: fem.FunctionSpace) -> Flags:
-    """Which translations and rotations are motions of a rigid body in a space, ``(k,)``. Local.
+    """Flags of the translations and rotations that are rigid motions in a space, ``(k,)``. Local.
 
-    Translations in x, y, z and rotations about these axes, in the plane in x, y and about z. All
-    of them are; of a ring only the translation along y keeps its radius.
+    The order is translations in x, y, z and rotations about these axes, in the plane x, y and about
+    z. In an axisymmetric mesh only the translation along y is a rigid motion.
     """
     if is_axisymmetric(V.mesh):
         return np.array([False, True, False])
@@ -100,7 +100,7 @@ def possible_motions(V: fem.FunctionSpace) -> Flags:
 
 
 def bounds(x: Floats, nodes: Ints) -> Floats:
-    """Least and greatest coordinates of some nodes, ``(2, 3)`` [m]; inf and -inf of none. Local.
+    """Smallest and largest coordinates of nodes, ``(2, 3)`` [m]; inf and -inf without nodes. Local.
 
     Args:
         x: Positions of the local nodes, shape ``(l, 3)`` [m].
@@ -113,8 +113,8 @@ def motion_sums(x: Floats, p: Floats, v: Floats) -> Floats:
     """Kinetic energy, linear and angular momentum of nodes, shape ``(7,)``. Local.
 
     Args:
-        x: Positions of at least these nodes, the first ones, shape ``(l, 3)`` [m].
-        p: Their momenta, shape ``(n, 2)`` or ``(n, 3)`` [kg m/s].
+        x: Positions of the local nodes, shape ``(l, 3)`` [m], l >= n.
+        p: Momenta of the first n, shape ``(n, 2)`` or ``(n, 3)`` [kg m/s].
         v: Their velocities, of the same shape [m/s].
     """
     return _kernels.motion_sums(x, p, v)
@@ -123,11 +123,12 @@ def motion_sums(x: Floats, p: Floats, v: Floats) -> Floats:
 def gradient(v: Any, *, on_axis: bool = False) -> Any:
     """Gradient of a vector field, UFL (3, 3).
 
-    In the plane nothing changes along z; of rings the last entry is that around the axis.
+    In the plane derivatives along z vanish; in an axisymmetric mesh the last entry is the hoop
+    component.
 
     Args:
         v: Vector field, UFL.
-        on_axis: Whether it is evaluated on the axis of rings too.
+        on_axis: Whether it is also evaluated on the axis.
     """
     grad = ufl.grad(v)
     if grad.ufl_shape == (3, 3):
@@ -138,8 +139,8 @@ def gradient(v: Any, *, on_axis: bool = False) -> Any:
 
 
 def deformation_gradient(u: Any, *, on_axis: bool = False) -> Any:
-    """Deformation gradient of a displacement, UFL (3, 3); in the plane that of plane strain.
+    """Deformation gradient of a displacement, UFL (3, 3), in plane meshes for plane strain.
 
-    Arguments are those of `gradient`.
+    Arguments as of `gradient`.
     """
     return ufl.Identity(3) + gradient(u, on_axis=on_axis)

@@ -1,10 +1,10 @@
 """Elements of degree 1 and 2, and checks of the spaces and tags of users.
 
-Contact, output and pictures see positions of nodes only. For them a cell of degree 2 consists
-of eight cells of degree 1 on its nodes, its *pieces*: a hexahedron of 27 nodes is cut into
-eight hexahedra, each of its faces into four quadrilaterals; a tetrahedron of 10 nodes into
-eight tetrahedra, each of its faces into four triangles. In the plane quadrilaterals and
-triangles are cut as these faces, and each edge into two.
+Contact, output and pictures use the positions of nodes only. They divide a cell of degree 2 into
+cells of degree 1 on its nodes, its *pieces*: a hexahedron of 27 nodes into eight hexahedra, each of
+its faces into four quadrilaterals; a tetrahedron of 10 nodes into eight tetrahedra, each of its
+faces into four triangles. In the plane quadrilaterals and triangles are divided in the same manner
+as these faces, and each edge into two.
 """
 
 from functools import cache, cached_property
@@ -22,14 +22,14 @@ from dolfinx_nts.parallel.meeting import meet
 
 __all__ = ["Element", "check_space", "check_tag"]
 
-# Cells on which the package works, by the dimension of the mesh.
+# Supported cells by the dimension of the mesh.
 _CELLS = {2: ("triangle", "quadrilateral"), 3: ("tetrahedron", "hexahedron")}
-# Distance on the reference cell [-] below which two points are the same: far above round-off,
-# far below the distance of two nodes, 1/2.
+# Distance on the reference cell [-] below which two points coincide: far above round-off, far below
+# the distance of two nodes, 1/2.
 _COINCIDENT = 1e-6
-# Pieces of simplices of degree 2: those at the corners; in a tetrahedron four around the
-# diagonal from the middle of edge 02 to that of edge 13, in a triangle one. Each node is given
-# by the two vertices in whose middle it lies.
+# Pieces of simplices of degree 2: one at each corner; in a tetrahedron four more around the
+# diagonal between the midpoints of the edges 02 and 13, in a triangle one more. Each node is the
+# midpoint of the two given vertices.
 _PIECES = {
     "tetrahedron": (
         *(tuple(f"{i}{j}" for j in range(4)) for i in range(4)),
@@ -40,36 +40,35 @@ _PIECES = {
 
 
 class Element:
-    """Lagrange element with its nodes and quadrature. Local.
+    """Lagrange element with its nodes and quadrature degrees. Local.
 
     Args:
         cell: ``"tetrahedron"``, ``"hexahedron"``, ``"triangle"`` or ``"quadrilateral"``.
         degree: 1 or 2.
-        makes_rings: Whether cells stand for rings, so that integrals have the radius as a weight.
+        makes_rings: Whether the mesh is axisymmetric, so that integrals have the radius as a
+            weight.
 
     Attributes:
         cell, degree, makes_rings: The arguments.
         basix: The scalar element in Basix.
         points: Positions of the nodes on the reference cell, shape ``(n, d)``.
-        mass_degree: Degree of the quadrature of inertia and of loads on facets, which is exact
-            for the consistent mass of straight cells.
-        stress_degree: Degree of the quadrature of the strain energy: 2 x 2 x 2 points in a
-            hexahedron of degree 1, 3 x 3 x 3 in one of degree 2, 4 points in a tetrahedron;
-            2 x 2 in a quadrilateral, 3 in a triangle.
-            Every deformation of a cell has energy.
-        locks: Whether one point for volumetric terms keeps cells from locking, as it does
+        mass_degree: Quadrature degree of inertia and of loads on facets, exact for the consistent
+            mass of straight cells.
+        stress_degree: Quadrature degree of the strain energy: 2 x 2 x 2 points in a hexahedron of
+            degree 1, 3 x 3 x 3 in one of degree 2, 4 points in a tetrahedron; 2 x 2 in a
+            quadrilateral, 3 in a triangle. There are no zero-energy modes.
+        locks: Whether a single point for volumetric terms prevents volumetric locking, as in
             hexahedra and quadrilaterals of degree 1.
     """
 
     def __init__(self, cell: str, degree: int, makes_rings: bool = False) -> None:
-        """Create the element in Basix and choose the degrees of quadrature."""
         self.cell, self.degree, self.makes_rings = cell, degree, makes_rings
         self.basix = basix.create_element(
             basix.ElementFamily.P, basix.CellType[cell], degree, basix.LagrangeVariant.gll_warped
         )
         self.points: Floats = self.basix.points
         self.is_simplex = cell in ("tetrahedron", "triangle")
-        # The rules of quadrilaterals have a degree to spare.
+        # The quadrature of quadrilaterals has an odd degree, one more than is needed.
         self.mass_degree = 2 * degree + (self.is_simplex and makes_rings)
         self.stress_degree = 2 if self.is_simplex else 2 * degree
         self.locks = not self.is_simplex and degree == 1
@@ -82,10 +81,10 @@ class Element:
 
     @cached_property
     def diagonals(self) -> list[Ints]:
-        """Pairs of vertices in whose middle each node lies, by node, shape ``(d, 2)``.
+        """Pairs of vertices with the midpoint at each node, by node, shape ``(d, 2)``.
 
-        A node on an edge has one pair, one on a quadrilateral two, one inside a hexahedron
-        four. A vertex is paired with itself.
+        A node on an edge has one pair, one on a quadrilateral two, one inside a hexahedron four. A
+        vertex is paired with itself.
         """
         vertices = basix.geometry(basix.CellType[self.cell])
         middles = (vertices[:, None] + vertices[None]) / 2
@@ -113,16 +112,16 @@ class Element:
 
     @property
     def middles(self) -> Floats:
-        """Middles of the pieces on the reference cell, shape ``(p, 3)``."""
+        """Midpoints of the pieces on the reference cell, shape ``(p, 3)``."""
         middles: Floats = self.points[self.pieces].mean(axis=1)
         return middles
 
     @cached_property
     def sides(self) -> list[tuple[Ints, Ints]]:
-        """Sides of pieces that lie on each facet of the cell, by facet.
+        """Sides of pieces on each facet of the cell, by facet.
 
-        Nodes of each side, shape ``(s, k)``, and nodes of the piece that it belongs to, shape
-        ``(s, m)``, in Basix order.
+        Nodes of each side, shape ``(s, k)``, and nodes of its piece, shape ``(s, m)``, in Basix
+        order.
         """
         dim = self.points.shape[1] - 1
         facets = np.array(basix.topology(basix.CellType[self.cell])[dim])
@@ -138,17 +137,17 @@ _created = cache(Element)
 
 
 def check_space(V: fem.FunctionSpace) -> None:
-    """Raise unless a space is one that the package works in. Local.
+    """Raise unless the package supports a function space. Local.
 
     Args:
         V: Space of the displacement.
 
     Raises:
         TypeError: ``V`` is no function space.
-        ValueError: The mesh does not consist of tetrahedra or hexahedra in space, or of
-            triangles or quadrilaterals in the plane, its coordinates are not of 64 bits, the
-            element is no vector of Lagrange elements of degree 1 or 2, or cells are curved and
-            the element is not of their degree.
+        ValueError: The mesh does not consist of tetrahedra or hexahedra in space, or of triangles
+            or quadrilaterals in the plane; its coordinates are not of 64 bits; the element is no
+            vector of Lagrange elements of degree 1 or 2; or cells are curved and the element has
+            another degree.
     """
     if not isinstance(V, fem.FunctionSpace):
         raise TypeError(
@@ -194,19 +193,19 @@ def check_space(V: fem.FunctionSpace) -> None:
 
 
 def check_tag(V: fem.FunctionSpace, tags: MeshTags, tag: int, dim: int, name: str) -> None:
-    """Raise on all ranks unless tags have entities with a value. Collective.
+    """Raise on all ranks unless entities with a tag exist. Collective.
 
     Args:
         V: Space of the displacement.
         tags: Tags of the mesh.
-        tag: Value that is looked for.
-        dim: Dimension that the tagged entities should have.
-        name: What the message of an error calls the tags.
+        tag: The tag.
+        dim: Expected dimension of the tagged entities.
+        name: Name of the tags in messages.
 
     Raises:
         TypeError: ``tags`` is no MeshTags, or ``tag`` no integer.
-        ValueError: The dimension is wrong, the tags belong to another mesh, or no rank has the
-            value.
+        ValueError: The dimension is wrong, the tags belong to another mesh, or the tag does not
+            exist on any rank.
     """
     if not isinstance(tags, MeshTags):
         raise TypeError(f"expected MeshTags as {name}, given {type(tags).__name__}")

@@ -24,23 +24,22 @@ __all__ = [
     "compile_quickly",
 ]
 
-# GCC uses half of the width of AVX-512 unless it is told otherwise, which makes kernels a fifth
-# to a third slower.
+# By default GCC uses half of the width of AVX-512, which makes kernels 20 to 33 % slower.
 _WIDEST = ["-mprefer-vector-width=512"] if platform.machine() in ("x86_64", "AMD64") else []
-# With this macro, which nothing else reads, glibc declares vector versions of log, exp and
-# pow. GCC vectorises no kernel that calls them without: those of NeoHookean take a third.
+# With this macro glibc declares vector versions of log, exp and pow, and has no other effect.
+# Without it GCC does not vectorise kernels that call them. With it kernels of NeoHookean take a
+# third of the time.
 _VECTOR_FUNCTIONS = "-D__FAST_MATH__"
-# The loop over points is vectorised if those in it are unrolled, which recent GCC does only with
-# a greater limit than its own, of 200 instructions.
+# The loop over points is vectorised if its inner loops are unrolled. Recent GCC does so only with a
+# limit above its default of 200 instructions.
 _UNROLLED = ["--param", "max-completely-peeled-insns=2000"]
-# With vectors at the first level of optimisation, FFCx's kernels of bilinear forms are five times
-# as soon compiled, and at most a ninth slower. With the last flag GCC clears wide registers after
-# a kernel at this level, too, as instructions of other code that are not wide may need.
+# With vectorisation at -O1, FFCx's kernels of bilinear forms compile five times faster, and are at
+# most 11 % slower. With the last flag GCC also clears wide registers after a kernel at this level,
+# which avoids a transition penalty in the code that follows.
 SOON = ["-O1", "-ftree-vectorize", "-fexpensive-optimizations"]
 # Nothing reads it, but it makes the name of what is compiled one of this package and processor.
 _KEY = f"-DDOLFINX_NTS_PROCESSOR={processor()}"
-# Flags of -ffast-math without the one that assumes that there are no NaNs, on which checks
-# depend; kernels are as fast.
+# Flags of -ffast-math except -ffinite-math-only, as checks depend on NaNs. Kernels are as fast.
 OPTIMISED = [
     "-O3",
     "-march=native",
@@ -54,13 +53,13 @@ OPTIMISED = [
     _VECTOR_FUNCTIONS,
     *_WIDEST,
 ]
-# How long to wait for another process that compiles the same form [s]: 10, as FFCx has it, is
-# too short on a busy machine.
+# Time limit for another process that compiles the same form [s]. The default of FFCx, 10 s, is too
+# short on a busy machine.
 _TIMEOUT = 40
 
 
 def _options(*flags: str) -> dict[str, Any]:
-    # Python's own flags ask for symbols of debuggers, which take up to a half of the time.
+    # Python's default flags include debug symbols, which take up to half of the compile time.
     return {"cffi_extra_compile_args": [*flags, _KEY, "-g0"], "timeout": _TIMEOUT}
 
 
@@ -73,15 +72,15 @@ def _compiled(options: dict[str, Any], form: ufl.Form) -> fem.Form:
 _FAST = _options(*OPTIMISED, *_UNROLLED)
 compile_form = partial(_compiled, _FAST)
 compile_bilinear_form = partial(_compiled, _options(*OPTIMISED, *SOON))
-# With slow kernels: for forms that are assembled once, and for what else a compiled form knows.
+# Slow kernels: for forms that are assembled once, and for the metadata of compiled forms.
 compile_quickly = partial(_compiled, _options("-O0"))
 
 
 def compile_expression(expression: Any, points: Floats) -> fem.Expression:
     """Compile an expression at points of the reference cell. Collective.
 
-    Variables of UFL are replaced by what they stand for: each has a new number, so that FFCx
-    would compile the same expression again and again.
+    UFL variables are replaced by their operands. Each variable has a new label, so FFCx would
+    compile the same expression repeatedly.
 
     Args:
         expression: UFL expression.
@@ -96,12 +95,11 @@ def compile_expression(expression: Any, points: Floats) -> fem.Expression:
 
 
 class _WithoutVariables(MultiFunction):  # type: ignore[misc]
-    """Replaces variables by what they stand for."""
+    """Replaces variables by their operands."""
 
     expr = MultiFunction.reuse_if_untouched
 
     def variable(self, o: Any, operand: Any, label: Any) -> Any:
-        """What the variable stands for."""
         return operand
 
 

@@ -1,8 +1,8 @@
-"""Linear forms that are assembled again and again, in every Newton iteration or step.
+"""Linear forms that are assembled repeatedly, in every Newton iteration or step.
 
-`PackedForm` takes any form and leaves the assembly to DOLFINx, but packs functions only when
-they have changed. `CellForm` takes forms over cells and calls the kernels itself, which
-reads most functions without packing them.
+`PackedForm` supports any form and leaves the assembly to DOLFINx, but packs functions only when
+they have changed. `CellForm` supports forms over cells and calls the kernels itself, which avoids
+packing most functions.
 """
 
 from collections.abc import Sequence
@@ -28,29 +28,28 @@ Kernels = Literal["double", "single", "slow"]
 
 
 class _Coefficients:
-    """Values of a form's functions by cell, packed when one of them has changed. Local.
+    """Values of a form's functions by cell, packed again when a function has changed. Local.
 
     Args:
         form: The compiled form.
-        functions: Functions of the form that are watched for changes.
+        functions: Functions of the form that may change.
 
     Attributes:
-        packed: Values of all functions of the form, as DOLFINx packs them.
+        packed: Values of all functions of the form, in the format of DOLFINx.
     """
 
     packed: dict[Any, Floats]
 
     def __init__(self, form: fem.Form, functions: Sequence[fem.Function]) -> None:
-        """Note the functions; they are packed at the first update."""
         self._form = form
         self._values: list[Floats] = [f.x.array for f in functions]
         self._before: list[Floats] | None = None
 
     def update(self) -> bool:
-        """Pack if a watched function has changed since the last update. Local.
+        """Pack if a function has changed since the last update. Local.
 
         Returns:
-            Whether a function had changed.
+            Whether a function has changed.
         """
         if self._before is not None and all(map(_same, self._values, self._before)):
             return False
@@ -69,7 +68,6 @@ class PackedForm:
     """
 
     def __init__(self, form: ufl.Form) -> None:
-        """Compile the form."""
         self._form = compile_form(form)
         self._coefficients = _Coefficients(self._form, form.coefficients())
 
@@ -84,27 +82,26 @@ class PackedForm:
 
 
 def _same(values: Floats, before: Floats) -> bool:
-    """Whether two arrays have the same bits."""
+    """Whether two arrays are identical bit by bit."""
     return np.array_equal(values.view(np.int64), before.view(np.int64))
 
 
 class CellForm:
     """A linear form over cells, assembled by a loop of the package. Collective.
 
-    `fem.assemble_vector` reads functions that were packed cell by cell, and with 380 000
-    unknowns waits a quarter of its time for them. This loop gathers the values of a cell's
-    nodes when it comes to the cell. Only functions of other spaces than these are packed, when
-    one of them has changed. Kernels compute several cells at once where
-    `batched_kernels` can make them; nobody waits for them before the form is first assembled.
-    Those of integrals over the same cells share what is gathered.
+    `fem.assemble_vector` reads functions that are packed cell by cell, which takes a quarter of its
+    time with 380 000 unknowns. This loop gathers the nodal values when it comes to a cell. Only
+    functions of other spaces are packed, when one of them has changed. Kernels compute several
+    cells at once if `batched_kernels` can create them; they are compiled in the background until
+    the first assembly. Integrals over the same cells share the gathered values.
 
     Args:
         form: Linear form, made by `bulk_form`.
-        kernels: ``"double"``; ``"single"`` where half of the digits are enough; ``"slow"`` of
-            double precision, which are soon compiled.
+        kernels: ``"double"``, ``"single"`` (precision), or ``"slow"`` for double precision with a
+            short compilation.
         V: Vector space whose functions are gathered; None: that of the argument.
-        num_sums: How many numbers of each cell the argument has behind a vector of V: their
-            sums over the cells are a result of their own.
+        num_sums: Number of extra components of the argument in each cell, in addition to a vector
+            of V. Their sums over the cells are a separate result.
 
     Attributes:
         form: The form.
@@ -118,7 +115,6 @@ class CellForm:
         V: fem.FunctionSpace | None = None,
         num_sums: int = 0,
     ) -> None:
-        """Compile what tells of the form, and let a compiler begin on its kernels."""
         self.form = form
         described = compile_quickly(form)
         if kernels != "slow":
@@ -129,13 +125,13 @@ class CellForm:
 
     @cached_property
     def _loop(self) -> "_CellLoop":
-        """The loop, which is made when it is needed. Collective at the first use."""
+        """The loop, created on demand. Collective at the first use."""
         loop = self._loop_of()
         loop.leave_out(self._left_out)
         return loop
 
     def leave_out(self, cells: Ints) -> None:
-        """Leave out cells from now on, until the next call of this method. Local.
+        """Leave out cells until the next call of this method. Local.
 
         Args:
             cells: Owned cells, local indices.
@@ -151,7 +147,7 @@ class CellForm:
 
         Args:
             b: Values of the local scalar dofs, shape ``(d l,)``, changed in place.
-            most: Most cells of each integral, for a sample; None: all.
+            most: Largest number of cells of each integral, for a sample; None: all.
         """
         self._loop.assemble(b, most)
 
@@ -187,7 +183,7 @@ class _CellLoop:
         self._places = np.concatenate([_NO_PLACES, *(ranges[f] for f in others)])
         regions = dict(form.integrals()[0].subdomain_data())
         by_integral = [regions[i] for i in compiled.form_integral_ids[0 : len(made)]]
-        # Numbers of the integrals over the same cells.
+        # Groups of integrals over the same cells.
         self._groups = _grouped(by_integral)
         self._regions: list[Ints] = [by_integral[group[0]] for group in self._groups]
         self._cells = self._regions
@@ -199,7 +195,7 @@ class _CellLoop:
                 V.dofmap.list,
                 [f.x.array for f in ours],
                 [ranges[f][0] for f in ours],
-                [c.value.reshape(-1) for c in form.constants()],  # as they will be
+                [c.value.reshape(-1) for c in form.constants()],  # views, read at assembly
                 self._places,
                 width,
                 V.dofmap.index_map_bs,
@@ -211,13 +207,11 @@ class _CellLoop:
         self._packed: list[Floats] = [np.empty((self._num_cells, 0))] * len(self._integrals)
 
     def leave_out(self, cells: Ints) -> None:
-        """Leave out cells, see `CellForm.leave_out`."""
         stays = np.ones(self._num_cells, dtype=bool)
         stays[cells] = False
         self._cells = [region[stays[region]] for region in self._regions]
 
     def assemble(self, b: Floats, most: int | None = None) -> None:
-        """Add the form to a vector, see `CellForm.assemble`."""
         if self._others is not None and self._others.update():
             by_key = self._others.packed
             # The second entry of a key is the integral's number, or its index in some releases;
@@ -233,17 +227,17 @@ class _CellLoop:
             integral.add(cells[:most], packed, b, self._sums)
 
     def _by_cell(self, cells: Ints, rows: Sequence[Floats]) -> Floats:
-        """Put rows of some cells, by integral, into an array with a row for every local cell."""
+        """Copy rows of some cells, by integral, to an array with a row for every local cell."""
         packed = np.zeros((self._num_cells, len(self._places)))
         for some in rows:
-            # DOLFINx leaves functions zero that an integral does not have.
+            # DOLFINx sets functions to zero that do not occur in an integral.
             values = some[:, self._places]
             packed[cells] = np.where(values == 0, packed[cells], values)
         return packed
 
 
 def _grouped(regions: Sequence[Ints]) -> list[list[int]]:
-    """Numbers of the regions that are the same."""
+    """Group the numbers of identical regions."""
     groups: dict[bytes, list[int]] = {}
     for number, cells in enumerate(regions):
         groups.setdefault(cells.tobytes(), []).append(number)

@@ -1,17 +1,17 @@
-r"""Mean gradients of vector fields in cells, for terms that are evaluated once a cell.
+r"""Mean gradients of vector fields in cells, for terms with a single quadrature point.
 
-The gradient in the middle of a distorted hexahedron differs from its mean,
-:math:`\bar G = \int \nabla v\, dX / V`, so that forces of a uniform stress would not be those
-of its faces. The mean has a closed form (Flanagan and Belytschko 1981). With the derivatives
-:math:`X_i`, :math:`X_{ij}` of the position in the middle of the reference cell the volume is
+The gradient at the centre of a distorted hexahedron differs from its mean, :math:`\bar G = \int
+\nabla v\, dX / V`, so the nodal forces of a uniform stress would not equal its tractions. The mean
+has a closed form (Flanagan and Belytschko 1981). With the derivatives :math:`X_i`, :math:`X_{ij}`
+of the position at the centre of the reference cell the volume is
 
 .. math:: V = [X_1, X_2, X_3] + ([X_1, X_{12}, X_{31}] + [X_{12}, X_2, X_{23}]
    + [X_{31}, X_{23}, X_3])/12,
 
-and :math:`\bar G = \nabla v + \sum_{ij} (X_i \cdot \nabla\nabla v \cdot X_j) \otimes
-(\partial V/\partial X_{ij}) / V`, with the gradients in the middle. In tetrahedra, in triangles
-and in quadrilaterals of the plane the gradient in the middle is the mean. In quadrilaterals that
-stand for rings it is not, see `ring_means`.
+and :math:`\bar G = \nabla v + \sum_{ij} (X_i \cdot \nabla\nabla v \cdot X_j) \otimes (\partial
+V/\partial X_{ij}) / V`, with the gradients at the centre. In tetrahedra, triangles and plane
+quadrilaterals the gradient at the centre is the mean. In axisymmetric quadrilaterals it is not, see
+`ring_means`.
 """
 
 from collections.abc import Sequence
@@ -37,11 +37,11 @@ __all__ = ["with_mean_gradients"]
 
 # Entries of a symmetric tensor, in the order in which they are stored.
 _ENTRIES = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
-# Of the coordinates of the vertices about the middle.
+# Signs of the vertex coordinates relative to the centre.
 _SIGNS = np.array([[2.0 * (i >> axis & 1) - 1.0 for axis in range(3)] for i in range(8)])
 
-# Positions of the vertices, and numbers for them, by mesh: many forms share what is as large as
-# six fields. A function would keep its mesh alive.
+# Vertex positions and coefficients by mesh, shared by all forms, as they are as large as six
+# fields. Only the vector is kept: a function would keep its mesh alive.
 _KNOWN: WeakKeyDictionary[Mesh, tuple[Floats, la.Vector]] = WeakKeyDictionary()
 
 
@@ -49,11 +49,11 @@ def with_mean_gradients(value: Any, V: fem.FunctionSpace) -> Any:
     """Replace gradients of functions by their means in each cell. Collective.
 
     Args:
-        value: UFL scalar, which will be integrated with one point a cell.
+        value: UFL scalar, to be integrated with one point per cell.
         V: Space of the functions, of degree 1.
 
     Returns:
-        UFL scalar whose integral with one point has the volumes of the cells as weights.
+        UFL scalar whose one-point integral uses the exact volumes of the cells as weights.
     """
     mesh = V.mesh
     has_rings = is_axisymmetric(mesh)
@@ -78,7 +78,7 @@ class _MeanGradients(MultiFunction):  # type: ignore[misc]
 
     Args:
         V: The space.
-        coefficients: What `_numbers` returns, by cell.
+        coefficients: Result of `_numbers` by cell.
     """
 
     expr = MultiFunction.reuse_if_untouched
@@ -91,11 +91,11 @@ class _MeanGradients(MultiFunction):  # type: ignore[misc]
 
     @property
     def volume(self) -> Any:
-        """Volume of the cell over its estimate with the middle, UFL."""
+        """Ratio of the volume of a cell to its one-point estimate, UFL."""
         return self._coefficients[len(self._coefficients) - 1]
 
     def grad(self, o: Any) -> Any:
-        """Add to the gradient in the middle what the mean has beside it."""
+        """Add the difference between mean and centre to a gradient."""
         (v,), axes, d = o.ufl_operands, self._axes, len(self._axes)
         if not all(self._has(f) for f in _functions(v)):
             return o
@@ -104,13 +104,13 @@ class _MeanGradients(MultiFunction):  # type: ignore[misc]
         return o + ufl.as_matrix(rest)
 
     def _has(self, function: Any) -> bool:
-        """Whether a function is one of the space, or has such a one in front of numbers."""
+        """Whether the space of a function is V, or a mixed space with V as its first component."""
         space, V = function.ufl_function_space(), self._V
         elements = space.ufl_element().sub_elements
         return space == V or (len(elements) > 0 and elements[0] == V.ufl_element())
 
     def _times(self, second: Any, i: int, places: slice) -> Any:
-        """Second derivatives of a component times numbers of the cell, at the first places."""
+        """Second derivatives of a component times coefficients of the cell, from some positions."""
         numbers = range(len(self._coefficients))[places]
         return sum(
             second[i, j, k] * self._coefficients[n]
@@ -119,15 +119,15 @@ class _MeanGradients(MultiFunction):  # type: ignore[misc]
 
 
 class _RingMeans(_MeanGradients):
-    """Replaces gradients, and values over the radius, by their means in rings.
+    """Replaces gradients, and values over the radius, by their axisymmetric means.
 
-    Arguments are as of `_MeanGradients`, with what `ring_means` returns.
+    Arguments as of `_MeanGradients`, with the result of `ring_means`.
     """
 
     entries = PLANE_ENTRIES
 
     def coefficient(self, o: Any) -> Any:
-        """Replace the radial component by the mean of that over r, times the radius r."""
+        """Replace the radial component by the mean of its quotient by r, times r."""
         if not self._has(o):
             return o
         c, first, r = self._coefficients, ufl.grad(o), ufl.SpatialCoordinate(self._V.mesh)[0]
@@ -143,11 +143,10 @@ def _functions(v: Any) -> list[Any]:
 
 
 def _numbers(x: Floats) -> Floats:
-    r"""What means need of the vertices of cells, ``(c, 8, 3)`` [m], shape ``(c, 19)``. Local.
+    r"""Coefficients of the means from the vertices of cells, ``(c, 8, 3)`` [m], ``(c, 19)``. Local.
 
-    The vectors :math:`c_{jk}` of
-    :math:`\bar G = \nabla v + \sum_{j \le k} \nabla_j \nabla_k v \otimes c_{jk}` [m], and the
-    volume over its estimate with the middle [-].
+    The vectors :math:`c_{jk}` of :math:`\bar G = \nabla v + \sum_{j \le k} \nabla_j \nabla_k v
+    \otimes c_{jk}` [m], and the ratio of the volume to its one-point estimate [-].
     """
     first = [np.einsum("a,cai->ci", _SIGNS[:, i] / 4, x) for i in range(3)]
     pairs = ((1, 2), (2, 0), (0, 1))
@@ -169,6 +168,6 @@ def _numbers(x: Floats) -> Floats:
 
 
 def _triple(a: Floats, b: Floats, c: Floats) -> Floats:
-    """Volumes of the parallelepipeds of three vectors, shape ``(c,)`` [m^3]."""
+    """Triple products of vectors, shape ``(c,)`` [m^3]."""
     volumes: Floats = np.einsum("ci,ci->c", a, np.cross(b, c))
     return volumes

@@ -1,8 +1,8 @@
-"""Numbers of nodes that do not depend on the partition of the mesh.
+"""Node numbers that do not depend on the partition of the mesh.
 
-A vertex has its number in the mesh as read. Any other node is the middle of an edge, a face or
-a cell. Its number is made of those of two vertices between which it lies: the least vertex of
-the edge, face or cell, and the opposite one.
+A vertex keeps its number in the input mesh. Any other node is the midpoint of an edge, a face or a
+cell. Its number is composed of those of two vertices around it: the smallest vertex number of the
+edge, face or cell, and the opposite vertex.
 """
 
 import numpy as np
@@ -16,7 +16,7 @@ __all__ = ["input_ids", "listed"]
 
 # Bits of the number of a vertex [-]; two numbers fill the 64 bits of a node's number.
 _BITS = 31
-# Most numbers that a message lists [-].
+# Largest number of nodes in a message [-].
 _MOST = 5
 
 
@@ -27,8 +27,8 @@ def input_ids(V: fem.FunctionSpace) -> GlobalInts:
         V: Space on the mesh.
 
     Returns:
-        Numbers, shape ``(l,)``: of a vertex that in the mesh as read, of the middle between
-        vertices a < b :math:`2^{31} (a + 1) + b`.
+        Numbers, shape ``(l,)``: for a vertex its number in the input mesh, for a midpoint between
+        the vertices a < b :math:`2^{31} (a + 1) + b`.
     """
     geometry = V.mesh.geometry
     vertices = geometry.input_global_indices[compat.geometry_nodes(V.mesh)]
@@ -46,13 +46,13 @@ def input_ids(V: fem.FunctionSpace) -> GlobalInts:
 
 
 def listed(nodes: GlobalInts) -> str:
-    """Text for messages that lists the first of some nodes. Local.
+    """Text with the numbers of the first of some nodes, for messages. Local.
 
     Args:
-        nodes: Numbers of nodes, as `input_ids` makes them.
+        nodes: Node numbers from `input_ids`.
 
     Returns:
-        Numbers with commas, ``12`` for a vertex and ``12-13`` for the middle between two.
+        Numbers separated by commas, ``12`` for a vertex and ``12-13`` for a midpoint.
     """
     names = []
     for node in nodes[:_MOST]:

@@ -1,14 +1,14 @@
-r"""Mean gradients of vector fields in rings with a section of quadrilaterals.
+r"""Mean gradients of vector fields in axisymmetric quadrilaterals.
 
-Integrals over a ring have the radius r as a weight, and the gradient has the part v_r/r around
-the axis. With :math:`A = \int r\, dA`, the derivatives :math:`X_1, X_2, X_{12}` of the position by
-the coordinates of the reference cell, and v in the middle, the means are
+Axisymmetric integrals have the radius r as a weight, and the gradient has the hoop component v_r/r.
+With :math:`A = \int r\, dA`, the derivatives :math:`X_1, X_2, X_{12}` of the position with respect
+to the reference coordinates, and v at the centre, the means are
 
 .. math:: \frac1A \int \nabla v\, r\, dA = \nabla v + (X_1 \cdot \nabla\nabla v \cdot X_2)
    \otimes b , \qquad \frac1A \int v_r\, dA = a_0 v_r + a \cdot \nabla v_r
    + a_{12}\, X_1 \cdot \nabla\nabla v_r \cdot X_2 ,
 
-as a bilinear field has four coefficients, and linear fields a constant gradient.
+since a bilinear field has four coefficients, and a linear field has a constant gradient.
 """
 
 import basix
@@ -20,22 +20,22 @@ __all__ = ["PLANE_ENTRIES", "ring_means"]
 
 # Entries of a symmetric tensor, in the order in which they are stored.
 PLANE_ENTRIES = ((0, 0), (1, 1), (0, 1))
-# Degree of a quadrature that is exact for r times derivatives of shape functions [-].
+# Quadrature degree that is exact for r times derivatives of shape functions [-].
 _DEGREE = 4
-# Coefficients of 1, of both coordinates from the middle and of their product, by vertex.
+# Coefficients of 1, of both coordinates from the centre and of their product, by vertex.
 _SIGNS = np.array([[1.0, x / 2, y / 2, x * y / 4] for y in (-1, 1) for x in (-1, 1)])
 
 
 def ring_means(x: Floats) -> Floats:
-    """What means need of the geometry of cells. Local.
+    """Coefficients of the means from the geometry of cells. Local.
 
     Args:
         x: Vertices in Basix order, shape ``(c, 4, 3)``, the radius first [m].
 
     Returns:
-        Shape ``(c, 13)``: for each of `PLANE_ENTRIES` two numbers, of the gradient [m]; the
-        coefficients of value, both derivatives and `PLANE_ENTRIES`, of the mean around the axis
-        [1/m, -, m]; and the volume over its estimate with the middle [-].
+        Shape ``(c, 13)``: for each of `PLANE_ENTRIES` two coefficients of the gradient [m]; the
+        coefficients of value, both derivatives and `PLANE_ENTRIES` in the hoop mean [1/m, -, m];
+        and the ratio of the volume to its one-point estimate [-].
     """
     element = basix.create_element(basix.ElementFamily.P, basix.CellType.quadrilateral, 1)
     points, weights = basix.make_quadrature(basix.CellType.quadrilateral, _DEGREE)
@@ -65,6 +65,6 @@ def ring_means(x: Floats) -> Floats:
 
 
 def _weights(i: int) -> Floats:
-    """Weights of the vertices in a derivative in the middle, by 1, 2 or both coordinates."""
+    """Weights of the vertices in a derivative at the centre: first, second or mixed."""
     weights: Floats = _SIGNS[:, i] * (1.0 if i < 3 else 4.0)
     return weights

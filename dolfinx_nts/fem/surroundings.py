@@ -1,4 +1,4 @@
-"""Nodes within some cells of others."""
+"""Neighbourhoods of nodes."""
 
 from dolfinx import fem, la
 
@@ -8,12 +8,12 @@ __all__ = ["add_surroundings"]
 
 
 def add_surroundings(marker: la.Vector, V: fem.FunctionSpace, rings: int) -> None:
-    """Mark also the nodes within some cells of those that are marked. Collective.
+    """Mark all nodes within some layers of cells around marked nodes. Collective.
 
     Args:
-        marker: Not zero at these nodes, owned or ghost, of any rank; changed in place.
-        V: Space whose nodes they are.
-        rings: Number of cells.
+        marker: Nonzero at marked nodes, owned or ghost, on any rank; changed in place.
+        V: Space of the nodes.
+        rings: Number of layers of cells.
     """
     _share(marker)
     marks: Floats = marker.array
@@ -24,6 +24,6 @@ def add_surroundings(marker: la.Vector, V: fem.FunctionSpace, rings: int) -> Non
 
 
 def _share(marker: la.Vector) -> None:
-    """Let all ranks know what is marked on any of them. Collective."""
+    """Exchange the marks between ranks. Collective."""
     marker.scatter_reverse(la.InsertMode.add)
     marker.scatter_forward()
