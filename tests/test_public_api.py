@@ -107,8 +107,8 @@ def test_public_names_are_documented():
         f"{name}.{method}"
         for name, obj in OBJECTS.items()
         if inspect.isclass(obj)
-        for method, function in methods(obj).items()
-        if not inspect.getdoc(function) and method not in PROTOCOL_METHODS
+        for method in methods(obj)
+        if not inspect.getdoc(vars(obj)[method]) and method not in PROTOCOL_METHODS
     ]
     expect_none(offenders)
 

@@ -63,6 +63,7 @@ class SerialSubdomain:
         self._factors.build(wide=wide)
 
     def correct(self, r: Floats, z: Floats) -> None:
+        """Constrain z and correct it for the right-hand side r."""
         self._factors.correct(r, z, np.empty((0, 2 * z.shape[1])))
 
 

@@ -66,6 +66,7 @@ class OverlappingSubdomain:
         self._gathered.factorise(near)
 
     def correct(self, r: Floats, z: Floats) -> None:
+        """Constrain z and correct it for the right-hand side r at the owned nodes."""
         self._gathered.correct(r, z)
 
     def _near(self, contacts: Sequence[ContactBlocks]) -> list[ContactBlocks]:
