@@ -53,7 +53,7 @@ def run(name: str, until: float, folder: Path) -> list[dict[str, float]]:
         Rows of the table of its `Recorder`.
     """
     scheme, enforcement, friction = VARIANTS[name]
-    mesh, cells, facets, tag = nts.read_mesh(ROOT / "meshes" / "ball_plate.msh", MPI.COMM_WORLD)
+    mesh, cells, facets, tag = nts.read_mesh(nts.examples.ball_plate(), MPI.COMM_WORLD)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     rubber = nts.SaintVenantKirchhoff(E=1.0e5, nu=0.4, rho=1.0e3, one_point=())
     ball, plate = (nts.Body(V, cells, tag[body], rubber) for body in ("ball", "plate"))

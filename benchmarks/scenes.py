@@ -126,7 +126,7 @@ def ball_on_plate(
 ) -> Scene:
     """Hollow ball that flies obliquely onto a free plate.
 
-    For n = 6 that is ``meshes/ball_plate.msh``. Collective.
+    For n = 6 that is ``nts.examples.ball_plate()``. Collective.
 
     Args:
         comm: Communicator of the mesh.

@@ -37,7 +37,7 @@ def first_step(law: str) -> dict[str, Any]:
         J = ufl.sqrt(ufl.det(C))
         return mu / 2 * (ufl.tr(C) - 3 - 2 * ufl.ln(J)) + kappa / 4 * (J**2 - 1 - 2 * ufl.ln(J))
 
-    path = Path(__file__).parents[1] / "meshes" / "ball_plate.msh"
+    path = Path(__file__).parents[1] / "dolfinx_nts" / "meshing" / "ball_plate.msh"
     mesh, cells, facets, tag = nts.read_mesh(path, MPI.COMM_WORLD)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     if law == _OWN:

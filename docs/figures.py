@@ -271,7 +271,7 @@ def hertz(method: Any, swapped: bool) -> tuple[Any, Any]:
 
 def scene(scheme: Any, law: str) -> nts.EnergyMomentum:
     """Stepper of the first impact."""
-    mesh, cells, facets, tag = nts.read_mesh(ROOT / "meshes" / "ball_plate.msh", MPI.COMM_SELF)
+    mesh, cells, facets, tag = nts.read_mesh(nts.examples.ball_plate(), MPI.COMM_SELF)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     rubber = nts.SaintVenantKirchhoff(E=1.0e5, nu=0.4, rho=1.0e3, one_point=())
     ball, plate = (nts.Body(V, cells, tag[name], rubber) for name in ("ball", "plate"))

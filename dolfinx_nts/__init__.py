@@ -4,6 +4,9 @@ What users call is in ``__all__``: bodies, surfaces, loads and contact pairs tha
 they declare, integrators that advance them, and what records and draws a run.
 """
 
+from dolfinx_nts.common import compiled  # noqa: F401, before all that uses the compiled module
+
+# isort: split
 from dolfinx_nts import plotting
 from dolfinx_nts.contact.builders import all_pairs, boundary_of, two_half_passes
 from dolfinx_nts.contact.close_gaps import close_gaps
@@ -30,7 +33,7 @@ from dolfinx_nts.materials.library import MooneyRivlin, NeoHookean, SaintVenantK
 from dolfinx_nts.materials.ogden import Ogden
 from dolfinx_nts.materials.plane_stress import PlaneStress
 from dolfinx_nts.materials.plasticity import J2Plasticity
-from dolfinx_nts.meshing import parts
+from dolfinx_nts.meshing import examples, parts
 from dolfinx_nts.meshing.gmsh import MeshData, read_mesh
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.body_loads import BodyForce, Gravity
@@ -115,6 +118,7 @@ __all__ = [
     "axisymmetric",
     "boundary_of",
     "close_gaps",
+    "examples",
     "load_state",
     "parts",
     "plotting",

@@ -1,7 +1,7 @@
 """Write ball_plate.msh: a hollow ball above a plate.
 
-Run it as ``python3 meshes/ball_plate.py``; the file lands next to this
-script and has the same bytes each time. Lengths in metres.
+Run it as ``python3 meshes/ball_plate.py``; the file is `examples.ball_plate()`
+and has the same bytes each time. Lengths in metres.
 """
 
 from pathlib import Path
@@ -32,4 +32,4 @@ def write(path: Path) -> None:
 
 
 if __name__ == "__main__":
-    write(Path(__file__).with_suffix(".msh"))
+    write(Path(__file__).parents[1] / "dolfinx_nts" / "meshing" / "ball_plate.msh")

@@ -40,9 +40,18 @@ def test_wheel_made_of_the_archive_runs_the_script_of_the_readme(tmp_path):
         sources.extractall(tmp_path, filter="data")
     (unpacked,) = tmp_path.glob("dolfinx_nts-*/README.md")
     (script,) = re.findall(r"```python\n(.*?)```", unpacked.read_text(), re.DOTALL)
-    origin = "import dolfinx_nts; print(dolfinx_nts.__file__)\n"
-    # The sources beside the script are not what is installed.
-    python = sys.executable, "-P", "-c"
-    printed = run(*python, origin + script, folder=unpacked.parent, path=site)
-    assert printed.startswith(str(site)) and "100 steps from t = 0 to 1 s" in printed
-    assert (unpacked.parent / "ball_plate.vtkhdf").exists()
+    clone, elsewhere = unpacked.parent, tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    origins = "print(nts.__file__, nts._kernels.__file__)\n"
+    for folder, package in ((clone, clone), (elsewhere, site)):
+        (folder / "impact.py").write_text(script + origins)
+        printed = run(sys.executable, "impact.py", folder=folder, path=site)
+        assert "100 steps from t = 0 to 1 s" in printed
+        python, compiled = printed.split()[-2:]
+        assert python.startswith(str(package)) and compiled.startswith(str(site))
+        assert (folder / "ball_plate.vtkhdf").exists()
+    # Sources of another version never use the installed module silently.
+    with (clone / "dolfinx_nts" / "cpp" / "nts" / "geometry" / "gap.h").open("a") as header:
+        header.write("// changed\n")
+    with pytest.raises(AssertionError, match=r"given one of other sources in .* again"):
+        run(sys.executable, "impact.py", folder=clone, path=site)

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 __all__ = ["NU", "RHO", "T_END", "VELOCITY", "E", "H", "Run", "Scene", "num_steps", "read"]
 
-MESH = Path(__file__).parents[2] / "meshes" / "ball_plate.msh"
+MESH = Path(__file__).parents[2] / "dolfinx_nts" / "meshing" / "ball_plate.msh"
 # Young's modulus [Pa], Poisson's ratio, density [kg/m^3] of both bodies; step and end [s]. At the
 # end the ball has left the plate.
 E, NU, RHO, H, T_END = 1e5, 0.4, 1e3, 0.01, 2.0

@@ -13,7 +13,7 @@ __all__ = ["setup", "write"]
 
 # Heading of a part of the index, and its names in the order in which users meet them.
 PARTS = {
-    "Meshes": ["read_mesh", "MeshData", "parts", "axisymmetric"],
+    "Meshes": ["read_mesh", "MeshData", "parts", "examples", "axisymmetric"],
     "Bodies and materials": [
         *("Body", "SaintVenantKirchhoff", "NeoHookean", "MooneyRivlin", "Yeoh", "Ogden"),
         *("Hyperelastic", "HolzapfelGasserOgden", "J2Plasticity"),

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import MappingProxyType
 from typing import Any, NamedTuple, NoReturn
 
@@ -76,7 +77,7 @@ class MeshData(NamedTuple):
             ``ValueError`` with the names that exist.
 
     Example:
-        >>> mesh, cells, facets, tag = nts.read_mesh("ball_plate.msh", comm)
+        >>> mesh, cells, facets, tag = nts.read_mesh(nts.examples.ball_plate(), comm)
         >>> V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
         >>> ball = nts.Body(V, cells, tag["ball"], rubber)
     """
@@ -208,7 +209,7 @@ def _opened(source: Any) -> Iterator[Any]:
                 if callable(source):
                     source(gmsh.model)
                 else:
-                    gmsh.merge(str(source))
+                    _merge(gmsh, Path(source))
                 gmsh.model.mesh.renumberNodes()
                 yield gmsh.model
             finally:
@@ -232,6 +233,17 @@ def _remedy(source: str | os.PathLike[str]) -> str:
         "mesh a geometry first (gmsh -3 part.geo, or part.step); a mesh and tags that DOLFINx "
         "reads by itself (XDMFFile) can be used without read_mesh"
     )
+
+
+def _merge(gmsh: Any, file: Path) -> None:
+    """Read a file into the current model, and nothing that lies next to it.
+
+    gmsh would also execute a script of the same name that ends in ``.opt``.
+    """
+    with TemporaryDirectory() as folder:
+        alone = Path(folder) / "mesh.msh"
+        alone.symlink_to(file.resolve())
+        gmsh.merge(str(alone))
 
 
 @contextmanager

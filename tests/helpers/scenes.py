@@ -20,7 +20,7 @@ from helpers.box_meshes import Input, boxes, distribute
 from helpers.scene import Motion, Scene, input_ids
 from reference.bulk import rotation
 
-BALL_PLATE = Path(__file__).parents[2] / "meshes" / "ball_plate.msh"
+BALL_PLATE = Path(__file__).parents[2] / "dolfinx_nts" / "meshing" / "ball_plate.msh"
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]

@@ -13,6 +13,7 @@ import pytest
 from dolfinx import fem
 from dolfinx.mesh import MeshTags, entities_to_geometry
 
+from dolfinx_nts.meshing import examples
 from dolfinx_nts.meshing.gmsh import MeshData, read_mesh
 from dolfinx_nts.meshing.mixed_cells import gmsh_options
 from dolfinx_nts.meshing.parts import add_box, add_hollow_ball, add_rectangle
@@ -21,7 +22,7 @@ from helpers.gmsh_models import BOX, ROUNDING, count, measure
 pytestmark = pytest.mark.at_most_two_ranks
 
 MESHES = Path(__file__).parents[3] / "meshes"
-BALL_PLATE = MESHES / "ball_plate.msh"
+BALL_PLATE = examples.ball_plate()
 CENTRE = np.array([0.0, -0.5, 1.05])  # of the ball in BALL_PLATE
 BALL = {
     "centre": (5, 0, 0),
@@ -582,3 +583,12 @@ def test_thin_cells_are_not_taken_for_degenerate(comm, model):
     if model:
         add_box(model, "sheet", corner=(0, 0, 0), size=(1, 1, 1e-9), cells=(2, 2, 1))
     assert measure(read_mesh(model, comm), "sheet") == pytest.approx(1e-9, rel=ROUNDING)
+
+
+@pytest.mark.serial
+def test_script_of_gmsh_next_to_a_mesh_is_not_executed(comm, tmp_path):
+    path, trace = tmp_path / "a.msh", tmp_path / "executed"
+    path.write_bytes(BALL_PLATE.read_bytes())
+    path.with_name("a.msh.opt").write_text(f'SystemCall "touch {trace}";\nMerge "nowhere.msh";\n')
+    assert "ball" in read_mesh(path, comm).tag
+    assert not trace.exists()
