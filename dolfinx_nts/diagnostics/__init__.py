@@ -1,1 +1,1 @@
-"""Energies, momenta and penetration of an accepted state, and how they change in a run."""
+"""Energies, momenta, contact and penetration of an accepted state, and their changes in a run."""

@@ -1,16 +1,16 @@
 r"""Energies, momenta and contact forces of a stepper's accepted state.
 
-Integrals have the quadrature of the scheme, so that what it conserves is constant to round-off.
-Nodal momenta :math:`p_a = \int \rho_0 v \varphi_a` (in `CentralDifference`
-:math:`p_a = v_a \int \rho_0 \varphi_a`) give the kinetic energy :math:`\sum v_a \cdot p_a / 2`,
-the linear momentum :math:`\sum p_a` and the angular momentum :math:`\sum x_a \times p_a`. With
-du = u_{n+1} - u_n, the total energy changes in a step by
+Integrals use the quadrature of the scheme, so conserved quantities are constant to round-off. Nodal
+momenta :math:`p_a = \int \rho_0 v \varphi_a` (in `CentralDifference` :math:`p_a = v_a \int \rho_0
+\varphi_a`) give the kinetic energy :math:`\sum v_a \cdot p_a / 2`, the linear momentum :math:`\sum
+p_a` and the angular momentum :math:`\sum x_a \times p_a`. With du = u_{n+1} - u_n, the total energy
+changes in a step by
 
 .. math:: [V_{n+1} - V_n - f_{int} \cdot du] - \sum \lambda_N F \cdot du
    + R \cdot du:
 
-the defect of the stress (bulk), the work of the contact forces, and that of the residual which
-Newton's method leaves. `StepReport` has the last two.
+the defect of the stress (bulk), the work of the contact forces, and the work of the remaining
+residual. `StepReport` has the last two.
 """
 
 from dataclasses import dataclass, fields
@@ -42,11 +42,11 @@ class Balance:
         linear_momentum: Linear momentum, shape ``(3,)``, in the plane ``(2,)`` [kg m/s].
         angular_momentum: Angular momentum about the origin, shape ``(3,)``, in the plane
             ``(1,)``, about z [kg m^2/s].
-        contact_force: Resultant of the last step on the nodes of all pairs, shape ``(3,)``, in
-            the plane ``(2,)`` [N]. Of rings, in an axisymmetric mesh, momentum and resultant
-            have one component, along y, and there is no angular momentum, shape ``(0,)``.
+        contact_force: Resultant of the last step on the nodes of all pairs, shape ``(3,)``, in the
+            plane ``(2,)`` [N]. In an axisymmetric mesh momentum and resultant have one component,
+            along y, and there is no angular momentum, shape ``(0,)``.
         active_nodes: Number of nodes that transmit force.
-        min_gap: Least gap [m]; NaN if no node faces a segment.
+        min_gap: Smallest gap [m]; NaN if no node has a candidate segment.
 
     Example:
         >>> balance = nts.Diagnostics(stepper).balance()
@@ -72,11 +72,11 @@ class Balance:
         return self.kinetic_energy + self.strain_energy + self.contact_energy
 
     def columns(self) -> dict[str, float]:
-        """All numbers by name, with ``_x``, ``_y``, ``_z`` for the parts of a vector. Local."""
+        """All numbers by name, with ``_x``, ``_y``, ``_z`` for components of vectors. Local."""
         return flat("", {name: getattr(self, name) for name in _COLUMNS})
 
 
-# The total energy comes behind its parts.
+# The total energy follows its terms.
 _COLUMNS = [field.name for field in fields(Balance)]
 _COLUMNS.insert(_COLUMNS.index("contact_energy") + 1, "total_energy")
 
@@ -102,7 +102,6 @@ class Diagnostics(ContactDiagnostics):
     """
 
     def __init__(self, stepper: Stepper) -> None:
-        """Check the stepper, and compile the forms of the energies."""
         if not isinstance(stepper, Stepper):
             raise TypeError(f"expected a stepper, given {type(stepper).__name__}")
         super().__init__(stepper)
@@ -110,7 +109,6 @@ class Diagnostics(ContactDiagnostics):
         self._bodies = BodyDiagnostics(stepper)
 
     def __repr__(self) -> str:
-        """Return the call that makes such diagnostics, with the class of the stepper. Local."""
         return as_call(self, stepper=type(self.stepper))
 
     def kinetic_energy(self) -> float:
@@ -132,9 +130,9 @@ class Diagnostics(ContactDiagnostics):
     def bulk_defect(self) -> float:
         """Energy that bulk and inertia added to the total energy in the last step [J].
 
-        It is the integral of psi(C) - psi(C_n) - P : (F - F_n), with the stress P of the
-        scheme, plus ``inertia_defect`` of the stepper. Of viscous branches it has the energy of
-        the springs and the dissipation.
+        It is the integral of psi(C) - psi(C_n) - P : (F - F_n), with the stress P of the scheme,
+        plus ``inertia_defect`` of the stepper. In viscous branches it includes the energy of the
+        springs and the dissipation.
         """
         return float(self._sum(self._energies.total())[1] + self.stepper.inertia_defect)
 
@@ -152,7 +150,7 @@ class Diagnostics(ContactDiagnostics):
     def body_velocity(self, body: Body) -> Floats:
         """Velocity of the centre of mass of a body, shape ``(3,)``, in the plane ``(2,)`` [m/s].
 
-        Argument and error are those of `centre_of_mass`.
+        Argument and error as of `centre_of_mass`.
         """
         return resultants(self._bodies.mean(body, in_space(nodal(self.stepper.v))), self._V)
 
@@ -161,7 +159,7 @@ class Diagnostics(ContactDiagnostics):
         return self._bodies.balances()
 
     def balance(self) -> Balance:
-        """All numbers of the whole state at once."""
+        """All numbers of the current state."""
         return self.after_step()[1]
 
     def after_step(self) -> tuple[float, Balance]:
@@ -189,5 +187,5 @@ class Diagnostics(ContactDiagnostics):
         return motion_sums(self._now().x, p, nodal(self.stepper.v)[: len(p)])
 
     def _momenta(self, motion: Floats) -> tuple[Floats, Floats]:
-        """Linear and angular momentum that exist in the space. Local."""
+        """Components of linear and angular momentum that exist in the space. Local."""
         return self._parts(np.reshape(motion[1:7], (2, 3)))

@@ -41,9 +41,8 @@ class BodyBalance:
         angular_momentum: Angular momentum about the origin, shape ``(3,)``, in the plane
             ``(1,)``, about z [kg m^2/s].
         centre_of_mass: Current centre of mass, shape ``(3,)``, in the plane ``(2,)`` [m].
-        velocity: Velocity of the centre of mass, shape ``(3,)``, in the plane ``(2,)`` [m/s].
-            Of rings, in an axisymmetric mesh, vectors have one component, along y, and there is
-            no angular momentum.
+        velocity: Velocity of the centre of mass, shape ``(3,)``, in the plane ``(2,)`` [m/s]. In an
+            axisymmetric mesh vectors have one component, along y, and there is no angular momentum.
 
     Example:
         >>> upper = nts.Diagnostics(stepper).bodies()["upper"]
@@ -60,22 +59,21 @@ class BodyBalance:
     velocity: Floats
 
     def columns(self, prefix: str) -> dict[str, float]:
-        """All numbers by names that begin with a prefix. Local."""
+        """All numbers by name, with a prefix. Local."""
         return flat(prefix, vars(self))
 
 
 class BodyDiagnostics:
     """Evaluates numbers of each body. Collective, as are all its methods.
 
-    Where bodies share nodes, the kinetic energy and the angular momentum of a node are divided
-    by the masses that it has of each.
+    Kinetic energy and angular momentum of a node that several bodies share are divided in
+    proportion to their masses at the node.
 
     Args:
         stepper: The stepper.
     """
 
     def __init__(self, stepper: Stepper) -> None:
-        """Take the stepper; masses and forms are made at the first use."""
         self._stepper = stepper
         self._comm: MPI.Comm = stepper.u.function_space.mesh.comm
 
@@ -93,7 +91,7 @@ class BodyDiagnostics:
 
     @cached_property
     def _shares(self) -> dict[Body, Floats]:
-        """Part of each node that belongs to each body, each ``(n,)`` [-]."""
+        """Fraction of each node that belongs to each body, each ``(n,)`` [-]."""
         total: Floats = np.sum(list(self._masses.values()), axis=0)
         zero = np.zeros_like(total)
         return {

@@ -18,21 +18,20 @@ __all__ = ["CellEnergies"]
 class CellEnergies:
     """Integrates the strain energy and the defect of the stress of a step.
 
-    The defect is psi(C) - psi(C_n) - P : (F - F_n), with the stress P of the scheme. Of viscous
-    branches the energy has that of the springs, and the defect also the dissipation. Nothing is
-    integrated where the last step has done so.
+    The defect is psi(C) - psi(C_n) - P : (F - F_n), with the stress P of the scheme. In viscous
+    branches the energy includes the springs, and the defect also the dissipation. Integrals that
+    the last step has computed are reused.
 
     Args:
-        stepper: Stepper whose last step is described.
+        stepper: Stepper whose last step is evaluated.
     """
 
     def __init__(self, stepper: Stepper) -> None:
-        """Let a compiler begin on the kernels. Collective."""
         self._stepper = stepper
         u, u_n, memory = stepper.u, stepper.u_n, stepper.memory
         V = u.function_space
         F_n, F = deformation_gradient(u_n), deformation_gradient(u)
-        # Constant in cells, so that the vector of the form has the two integrals over each.
+        # Constant in cells, so that the assembled vector contains the two integrals over each cell.
         W = fem.functionspace(V.mesh, ("Discontinuous Lagrange", 0, (2,)))
         of_energy, of_defect = ufl.TestFunction(W)
 
@@ -57,7 +56,7 @@ class CellEnergies:
     def total(self) -> Floats:
         """Energy and defect of the cells of this rank, shape ``(2,)`` [J]. Collective at first.
 
-        The first rank has those that the last step knows of all ranks.
+        If the last step has computed the global integrals, the first rank returns them.
         """
         known = self._stepper.cell_energies
         if known is not None:

@@ -21,16 +21,16 @@ from dolfinx_nts.parallel.errors import agreed
 __all__ = ["OwnColumn", "Parts", "RunColumns"]
 
 Parts = Literal["pairs", "obstacles", "supports", "loads", "bodies"]
-# Returns a number, or a vector, for the present state of a stepper.
+# Returns a number or a vector for the current state of a stepper.
 OwnColumn = Callable[[Stepper], Any]
 
 
 class RunColumns:
-    """Makes the rows of the table of a run.
+    """Creates the rows of the table of a run.
 
     Args:
-        diagnostics: Those of the stepper of the run.
-        parts: Parts of the scene that have columns of their own.
+        diagnostics: Diagnostics of the stepper of the run.
+        parts: Parts of the scene with their own columns.
         own: Columns of the user by name, see `Recorder`.
 
     Raises:
@@ -43,7 +43,6 @@ class RunColumns:
         parts: Collection[Parts],
         own: Mapping[str, OwnColumn] | None = None,
     ) -> None:
-        """Check the parts, and name loads, supports and guides."""
         if unknown := sorted(set(parts) - set(get_args(Parts))):
             names = ", ".join(map(repr, get_args(Parts)))
             raise ValueError(f"expected columns_of some of {names}, given {unknown}")
@@ -65,11 +64,11 @@ class RunColumns:
         self._groups = [group for name, group in groups.items() if name in parts]
 
     def row(self, step: StepReport | None, ledger: EnergyLedger) -> dict[str, float]:
-        """Numbers of the present state by the names of their columns. Collective.
+        """Numbers of the current state by column name. Collective.
 
         Args:
             step: Report of the last step; None at the start.
-            ledger: Sums of all steps, with the last one.
+            ledger: Sums of all steps, including the last one.
         """
         row = {
             "step": ledger.step,

@@ -1,4 +1,4 @@
-"""Numbers of the contact pairs of a stepper."""
+"""Contact forces, areas and gaps of the pairs of a stepper."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -28,10 +28,10 @@ class PairBalance:
     """Contact of one pair in the last step, the same on all ranks.
 
     Attributes:
-        force: Resultant on the nodes, shape ``(3,)``, in the plane ``(2,)``, of rings ``(1,)``,
+        force: Resultant on the nodes, shape ``(3,)``, in the plane ``(2,)``, axisymmetric ``(1,)``,
             along y [N].
         torque: Torque about the origin on the nodes, shape ``(3,)``, in the plane ``(1,)``, about
-            z, of rings ``(0,)`` [N m].
+            z, axisymmetric ``(0,)`` [N m].
         contact_area: Reference area of the nodes that transmit force [m^2].
         largest_pressure: Largest contact pressure of a node [Pa].
 
@@ -48,7 +48,7 @@ class PairBalance:
     largest_pressure: float
 
     def columns(self, prefix: str) -> dict[str, float]:
-        """All numbers by names that begin with a prefix. Local."""
+        """All numbers by name, with a prefix. Local."""
         return flat(prefix, vars(self))
 
 
@@ -57,15 +57,15 @@ class ObstacleBalance:
     """Contact of a rigid obstacle in the last step, the same on all ranks.
 
     With `EnergyMomentum` the work of a moving obstacle on the bodies is minus force times
-    displacement of the centre of its motion, minus torque times 2 tan(angle/2) along the axis of
-    the turn in the step.
+    displacement of the centre of its motion, minus torque times 2 tan(angle/2) about the axis of
+    its rotation in the step.
 
     Attributes:
-        force: Resultant on the obstacle by all pairs that name it, shape ``(3,)``, in the plane
-            ``(2,)``, of rings ``(1,)``, along y [N].
-        torque: Torque on it, shape ``(3,)``, in the plane ``(1,)``, about z, of rings ``(0,)``
-            [N m]: about the centre of the motion in the middle of the step, or about the origin
-            if the obstacle is at rest.
+        force: Resultant on the obstacle by all pairs with it, shape ``(3,)``, in the plane
+            ``(2,)``, axisymmetric ``(1,)``, along y [N].
+        torque: Torque on it, shape ``(3,)``, in the plane ``(1,)``, about z, axisymmetric ``(0,)``
+            [N m]: about the centre of the motion at the midpoint of the step, or about the origin
+            if the obstacle does not move.
 
     Example:
         >>> down = nts.Motion(translation=lambda t: (0.0, 0.0, -t))
@@ -78,7 +78,7 @@ class ObstacleBalance:
     torque: Floats
 
     def columns(self, prefix: str) -> dict[str, float]:
-        """All numbers by names that begin with a prefix. Local."""
+        """All numbers by name, with a prefix. Local."""
         return flat(prefix, vars(self))
 
 
@@ -93,10 +93,9 @@ class ContactDiagnostics:
     """
 
     def __init__(self, stepper: Stepper) -> None:
-        """Take the stepper."""
         self.stepper = stepper
         self._V = stepper.u.function_space
-        # Which components of vectors and of moments exist.
+        # Ranges of the components of vectors and moments in the space.
         self._axes = existing(self._V)
         self._comm: MPI.Comm = self._V.mesh.comm
         self._pair_names = pair_names(stepper.pairs)
@@ -105,12 +104,12 @@ class ContactDiagnostics:
 
     @contextmanager
     def one_state(self) -> Iterator[Present]:
-        """Find once what several methods need of a state that does not change meanwhile.
+        """Share intermediate results between several methods while the state does not change.
 
-        After a step within the context the methods find all anew.
+        After a step within the context the methods evaluate the new state.
 
         Returns:
-            Context of the present state.
+            Context of the current state.
 
         Example:
             >>> diagnostics = nts.Diagnostics(stepper)
@@ -124,7 +123,7 @@ class ContactDiagnostics:
             self._shared = None
 
     def _now(self) -> Present:
-        """The present state."""
+        """The current state."""
         if self._shared is None or self._shared.step != self.stepper.step:
             return Present(self.stepper)
         return self._shared
@@ -141,15 +140,14 @@ class ContactDiagnostics:
     def pair_resultants(self) -> Floats:
         """Force [N] and torque [N m] of the last step on the nodes of each pair, ``(p, 2, 3)``.
 
-        In the plane, too, they have three components.
-        The torque is about the origin, with the positions at which the scheme has the force: in
-        the middle of the step, in `QuasiStatic`, `CentralDifference` and `GeneralizedAlpha` at
-        its end.
+        They have three components also in the plane. The torque is about the origin, with the
+        positions at which the forces of the scheme act: at the midpoint of the step, or at its end
+        in `QuasiStatic`, `CentralDifference` and `GeneralizedAlpha`.
         """
         return self._of_pairs()[:, 3:].reshape(-1, 2, 3)
 
     def pairs(self) -> dict[str, PairBalance]:
-        """Contact of each pair in the last step, by names of its two sides."""
+        """Contact of each pair in the last step, by the names of its two sides."""
         areas = map(float, self._of_pairs()[:, 2])
         pressures = [float(p.max(initial=0.0)) for p in self._now().pressures]
         pressures = reductions.largest(self._comm, pressures) if pressures else []
@@ -181,12 +179,12 @@ class ContactDiagnostics:
         return int(self._of_pairs()[:, 1].sum())
 
     def min_gap(self) -> float:
-        """Least gap of all pairs [m]; NaN if no node faces a segment.
+        """Smallest gap of all pairs [m]; NaN if no node has a candidate segment.
 
-        Where nodes are inside, and the last step has found them, nothing is looked for. Else,
-        pairs whose bounding boxes are farther apart than the least gap found so far are left
-        out, and so are segments farther from a node than that. Where no node finds a segment at
-        once, nodes look at any distance.
+        If the last step has found penetrated nodes, their gaps are reused. Otherwise pairs are
+        skipped if the distance of their bounding boxes exceeds the smallest gap so far, and
+        segments beyond this distance are skipped, too. If no node finds a segment, the distance of
+        the search is unlimited.
         """
         now, pairs, least = self._now(), self.stepper.contacts, np.inf
         if now.has_gaps:
@@ -195,16 +193,16 @@ class ContactDiagnostics:
             return least if least < np.inf else np.nan
         if (known := self.stepper.known_gaps()) is not None:
             least = reductions.least(self._comm, min(map(_least, known), default=np.inf))
-            if least < 0:  # as no other gap is
+            if least < 0:  # other gaps are not negative
                 return float(least)
             least = np.inf
         x = now.x
         nearest, farthest = self._distances(x)
         for i in np.argsort(nearest, kind="stable"):
             pair, size = pairs[i], pairs[i].pair.segment_size
-            # The point of a gap may lie beside a facet, by up to its size.
+            # The closest point may lie outside of the facet, by up to its size.
             limit = min(least, farthest[i]) + size
-            # Nodes that face nothing look at all segments in reach, so most looks are short.
+            # Nodes without a candidate test all segments in reach, so the reach is short at first.
             reach = limit if nearest[i] < 0 else min(nearest[i] + size, limit)
             while nearest[i] <= limit:
                 gap = pair.gap(x, reach)
@@ -213,30 +211,30 @@ class ContactDiagnostics:
                 if reach >= enough:
                     least = min(least, own)
                     break
-                # Without a limit a node soon knows that it faces nothing.
+                # An unlimited search quickly excludes nodes without a candidate.
                 reach = enough if own < np.inf else np.inf
         return least if least < np.inf else np.nan
 
     def overlaps(self) -> list[Overlap]:
-        """Find bodies inside each other, themselves or obstacles, whatever the pairs are.
+        """Find bodies that overlap each other, themselves or obstacles, with or without pairs.
 
-        Bodies that share nodes count as one. In a body itself only nodes and middles of facets
-        are looked at, not edges that cross. Facets of quadrilaterals count as two triangles. A
-        `RigidSurface` is looked at down to half a facet.
+        Bodies that share nodes count as one. In self overlaps only nodes and midpoints of facets
+        are tested, not crossing edges. Quadrilateral facets are split into two triangles. The
+        overlap with a `RigidSurface` is searched to a depth of half a facet.
 
         Returns:
-            One `Overlap` for each two, empty if bodies only touch.
+            One `Overlap` for each two bodies, empty if bodies only touch.
         """
         return self.stepper.watch.overlaps.search.find(self.stepper.x, t=self.stepper.t)[0]
 
     def _distances(self, x: Floats) -> tuple[Floats, Floats]:
-        """Least and greatest distances between nodes and segments of the pairs, each ``(p,)`` [m].
+        """Smallest and largest distances between nodes and segments of the pairs, ``(p,)`` [m].
 
-        They are those of the bounding boxes. Those of obstacles are below zero, so that they come
-        first, as they know their gaps.
+        They are distances of bounding boxes. Those of obstacles are negative: they come first,
+        since their gaps are known exactly.
         """
         pairs = self.stepper.contacts
-        # Least coordinates of nodes and segments, and least negative ones.
+        # Smallest coordinates of nodes and segments, and smallest negated ones.
         least: Any = np.empty((len(pairs), 2, 2, 3))
         least[:, :, 0], least[:, :, 1] = np.inf, -np.inf
         for box, pair in zip(least, pairs, strict=True):
@@ -261,7 +259,7 @@ class ContactDiagnostics:
         return now.sums_of_pairs
 
     def _of_own_nodes(self) -> Floats:
-        """Those over the nodes of this rank. Collective."""
+        """Sums over the nodes of this rank. Collective."""
         stepper, x = self.stepper, self._now().x
         if stepper.scheme.contact != "static":
             x = x - in_space(nodal(stepper.u) - nodal(stepper.u_n)) / 2
@@ -280,5 +278,5 @@ class ContactDiagnostics:
 
 
 def _least(gap: Floats) -> float:
-    """Least gap of this rank's nodes [m], infinite if none faces a segment."""
+    """Smallest gap of this rank's nodes [m], infinite if there is none."""
     return float(np.fmin.reduce(gap, initial=np.inf))

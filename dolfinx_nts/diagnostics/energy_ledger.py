@@ -1,4 +1,4 @@
-"""Ledger of a run, which sums the change of its energy by cause."""
+"""Energy ledger of a run: the change of the total energy by cause."""
 
 import math
 from dataclasses import fields
@@ -13,9 +13,9 @@ from dolfinx_nts.integrators.report import StepReport
 
 __all__ = ["EnergyLedger"]
 
-# Quantities that may be conserved, and their units.
+# Quantities that may be conserved, with units.
 _CONSERVED = {"total_energy": "J", "linear_momentum": "kg m/s", "angular_momentum": "kg m^2/s"}
-# Causes by which the total energy changes, except the bulk, and their works in a report.
+# Causes of changes of the total energy, except the bulk, and their works in a report.
 _WORKS = {
     "loads": "load_work",
     "supports": "support_work",
@@ -36,7 +36,7 @@ _NAMES = [f"energy_{cause}" for cause in _CAUSES]
 
 
 class EnergyLedger:
-    """Sums the works of all steps since a first state, each cause on its own.
+    """Sums the works of all steps since a first state by cause.
 
     Local, except for `serialize`; the sums are the same on all ranks.
 
@@ -54,15 +54,14 @@ class EnergyLedger:
         num_iterations: Number of Newton iterations in them.
         most_iterations: Largest number of iterations in one of them.
         energy: Change of the total energy since the first state by cause [J].
-        drift: Largest change of each quantity that may be conserved, by its name, and the
-            largest ``"unaccounted"`` change of the energy [J].
+        drift: Largest change of each quantity that may be conserved, by name, and the largest
+            ``"unaccounted"`` change of the energy [J].
         each: Works of each of the ``"loads"`` and ``"supports"`` [J].
     """
 
     def __init__(
         self, step: int, balance: Balance, num_loads: int = 0, num_supports: int = 0
     ) -> None:
-        """Begin with no step."""
         self.step = step
         self.first = self.last = balance
         self.num_steps = self.num_iterations = self.most_iterations = 0
@@ -120,7 +119,7 @@ class EnergyLedger:
         return self.last.total_energy - self.first.total_energy - sum(self.energy.values())
 
     def columns(self) -> dict[str, float]:
-        """Sums by name [J]: causes, the remainder, and works from outside and of friction."""
+        """Sums by name [J]: causes, remainder, external work and frictional dissipation."""
         energy = self.energy
         return {
             **dict(zip(_NAMES, energy.values(), strict=True)),
@@ -130,20 +129,20 @@ class EnergyLedger:
         }
 
     def iterations(self) -> str:
-        """Line of a summary on the iterations of Newton's method."""
+        """Summary line of the Newton iterations."""
         mean = self.num_iterations / max(self.num_steps, 1)
         return (
             f"Newton iterations: {self.num_iterations}, mean {mean:.2f}, max {self.most_iterations}"
         )
 
     def drifts(self) -> list[str]:
-        """Lines of a summary on the quantities that may be conserved, and on the ledger."""
+        """Summary lines of conserved quantities and of the ledger."""
         return [
             *(
                 f"{name.replace('_', ' ')}: {np.linalg.norm(getattr(self.first, name)):.6g} "
                 f"{unit}, largest change {self.drift[name]:.1e} {unit}"
                 for name, unit in _CONSERVED.items()
-                if np.size(getattr(self.first, name))  # rings have no angular momentum
+                if np.size(getattr(self.first, name))  # none in axisymmetric meshes
             ),
             f"energy unaccounted for: at most {self.drift['unaccounted']:.1e} J",
         ]

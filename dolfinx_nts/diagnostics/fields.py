@@ -19,13 +19,12 @@ __all__ = ["Fields"]
 
 
 class Fields:
-    """Gives fields of a stepper's accepted state as DOLFINx Functions.
+    """Fields of a stepper's accepted state as DOLFINx Functions.
 
-    Each call sets the values of the same Function anew, so that it can be given to a writer
-    once. What a Function holds stays as it is until the next call. Functions of contact have
-    the nodes of the bodies' space. Those of stress belong to cells: they are constant in cells
-    of degree 1, with the value in the middle, and linear in cells of degree 2, discontinuous
-    between cells. Collective, as are all its methods.
+    Each call updates the same Function, which can be given to a writer once. Its values do not
+    change until the next call. Functions of contact have the nodes of the bodies' space. Functions
+    of stress are discontinuous between cells: constant in cells of degree 1, with the value at the
+    centre, and linear in cells of degree 2. Collective, as are all its methods.
 
     Args:
         stepper: The stepper.
@@ -45,7 +44,6 @@ class Fields:
     """
 
     def __init__(self, stepper: Stepper) -> None:
-        """Check the stepper; Functions are made at their first use."""
         if not isinstance(stepper, Stepper):
             raise TypeError(f"expected a stepper, given {type(stepper).__name__}")
         self._stepper = stepper
@@ -54,31 +52,31 @@ class Fields:
         self._cell: dict[str, fem.Function] = {}
 
     def __repr__(self) -> str:
-        """Return the call that makes such fields, with the class of the stepper. Local."""
         return as_call(self, stepper=type(self._stepper))
 
     def gap(self) -> fem.Function:
-        """Smallest gap of each node [m], > 0 open, NaN where a node faces no segment."""
+        """Smallest gap of each node [m], > 0 open, NaN without a candidate segment."""
         return self._contact("gap")
 
     def contact_pressure(self) -> fem.Function:
         """Contact pressure at the nodes of all pairs [Pa], 0 elsewhere.
 
-        With mortar contact it is that of the part of the surface that has contact. Facets of which
-        only a part does therefore show more than the force, which `contact_traction` adds up to.
+        With mortar contact it refers to the part of the surface in contact. On facets partly in
+        contact it therefore exceeds force per facet area, which is `contact_traction`.
         """
         return self._contact("contact_pressure")
 
     def contact_traction(self) -> fem.Function:
         """Contact force per reference area, with friction, at the nodes of all pairs [Pa].
 
-        It is 0 elsewhere, also on the side of the segments, if that gives no nodes. Its integral
-        is the force; at degree 2 that of the values taken as linear on halves of edges.
+        It is 0 elsewhere, also on the side of the segments, unless that side has contact nodes of
+        its own. Its integral is the force; at degree 2 with linear interpolation on halves of
+        edges.
         """
         return self._contact("contact_traction")
 
     def cauchy_stress(self) -> fem.Function:
-        """Cauchy stress in the cells, of shape (3, 3), also in the plane [Pa]."""
+        """Cauchy stress in the cells, shape (3, 3), also in the plane [Pa]."""
         return self._of_cells("cauchy_stress", self._state().cauchy)
 
     def von_mises_stress(self) -> fem.Function:
@@ -90,7 +88,7 @@ class Fields:
         return self._of_cells("strain_energy_density", self._state().energy_density)
 
     def plastic_strain(self) -> fem.Function:
-        """Equivalent plastic strain, the mean of each cell [-]; 0 where nothing is plastic."""
+        """Equivalent plastic strain, mean of each cell [-]; 0 without plasticity."""
         strain = self._stepper.memory.plastic_strain()
         return self._of_cells("plastic_strain", strain[:, None])
 
@@ -115,7 +113,7 @@ class Fields:
         return self._stress.evaluate()
 
     def _of_cells(self, name: str, values: Array) -> fem.Function:
-        """Function by name with values ``(c, p, ...)`` in the owned cells."""
+        """Function with a name and values ``(c, p, ...)`` in the owned cells."""
         V = self._stepper.u.function_space
         shape = values.shape[2:]
         if name not in self._cell:

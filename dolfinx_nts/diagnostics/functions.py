@@ -1,4 +1,4 @@
-"""DOLFINx Functions that take values of the nodes of a space, and give them back."""
+"""DOLFINx Functions from nodal values, and nodal values from Functions."""
 
 from typing import Any
 
@@ -15,7 +15,7 @@ _NUMBERS = {2: "two", 3: "three"}
 
 
 class NodalFunctions:
-    """Functions by name, which are made when they get their first values.
+    """Functions by name, created at their first values.
 
     Collective, as its method.
 
@@ -24,23 +24,22 @@ class NodalFunctions:
     """
 
     def __init__(self, V: fem.FunctionSpace) -> None:
-        """Find the scalar space on the same nodes."""
         self._V = V
         self._scalars, self._dofs = V.sub(0).collapse()
-        # Carries values from the owned nodes to all nodes of a rank.
+        # Exchanges values of the owned nodes with ghosts.
         self._carrier = fem.Function(V)
         self._functions: dict[str, fem.Function] = {}
 
     def set(self, name: str, values: Array | Some) -> fem.Function:
-        """Give a Function new values.
+        """Set the values of a Function.
 
         Args:
             name: Name of the Function.
             values: Values at the owned nodes, shape ``(n,)`` or ``(n, 3)``, or at some of them.
 
         Returns:
-            The Function, of the vector space, which in the plane has two components, or of the
-            scalar one.
+            The Function, in the vector space (with two components in the plane) or in the scalar
+            space.
         """
         if isinstance(values, Some):
             values = values.whole(self._V.dofmap.index_map.size_local)

@@ -1,4 +1,4 @@
-"""Names of columns: what they are made of, and vectors that become several of them.
+"""Column names, and columns of the components of vectors.
 
 The rule is ``kind_name_quantity``: ``body_ball_mass``, ``pair_ball_outer_plate_top_force_x``,
 ``support_1_work``, ``load_gravity_work``.
@@ -18,28 +18,27 @@ __all__ = ["flat", "pair_names", "part_names"]
 
 # Longest name [characters]; longer ones would hide the quantity.
 _LONGEST = 40
-# Words before a name that have no meaning in a column, as in "the boundary of ball". Names of the
-# user's own keep all of theirs: a body may be called "a".
+# Words before a name that are omitted in a column, as in "the boundary of ball". Names chosen by
+# the user are kept: a body may be called "a".
 _LEFT_OUT = re.compile(
     r"\ba (?=part of the boundary\b|(moving )?[A-Z])|\b(of )?the (?=boundary\b)|(?<=\bboundary )of "
 )
-# Axes of the parts of a vector, by their number. Of rings vectors have one part along their axis;
-# moments of the plane, and they alone, have one about z.
+# Axes of the components of a vector, by their number. A single component is along the axis y of an
+# axisymmetric mesh, or about z for moments in the plane.
 _AXES = {0: "", 1: "y", 2: "xy", 3: "xyz"}
 _MOMENTS, _TURNING = ("moment", "angular_momentum", "torque"), {0: "", 1: "z", 3: "xyz"}
 
 
 def part_names(kind: str, names: Iterable[str]) -> list[str]:
-    """Names of parts of one kind that columns can have, of which no two are alike. Local.
+    """Unique column names of objects of one kind. Local.
 
     Args:
-        kind: Kind of the parts, such as ``"body"``, which is left out where a name begins with
-            it.
-        names: What the parts are called, in any letters.
+        kind: Kind of the objects, such as ``"body"``, which is omitted if a name begins with it.
+        names: Names of the objects, in any letters.
 
     Returns:
-        Words of lower case, joined by ``_``. A name that is too long becomes the number of its
-        part, from 1, and one that others have too gets this number.
+        Words in lower case, joined by ``_``. A name that is too long is replaced by the number of
+        its object, from 1; this number is appended to names that are not unique.
     """
     words = [_words(name) for name in names]
     plain = ["_".join(w[1:] if w[0] == kind and len(w) > 1 else w) for w in words]
@@ -51,23 +50,23 @@ def part_names(kind: str, names: Iterable[str]) -> list[str]:
 
 
 def pair_names(pairs: Iterable[ContactPair]) -> list[str]:
-    """Names of contact pairs by those of their two sides. Local."""
+    """Names of contact pairs from the names of their two sides. Local."""
     return part_names("pair", (pair.between.replace(" and ", ", ") for pair in pairs))
 
 
 def flat(prefix: str, values: Mapping[str, Any]) -> dict[str, float]:
-    """Numbers by name, with ``_x``, ``_y``, ``_z`` for the parts of a vector. Local.
+    """Numbers by name, with ``_x``, ``_y``, ``_z`` for the components of a vector. Local.
 
-    In the plane vectors have two parts, ``_x`` and ``_y``, and moments one, ``_z``. Of rings
-    vectors have one part, ``_y``, and moments none.
+    In the plane vectors have the components ``_x`` and ``_y``, moments ``_z``. In axisymmetric
+    meshes vectors have the component ``_y``, moments none.
 
     Args:
-        prefix: What all names begin with.
-        values: Numbers, and vectors of up to three parts, by name.
+        prefix: Prefix of all names.
+        values: Numbers, and vectors of up to three components, by name.
     """
     columns: dict[str, float] = {}
     for name, value in values.items():
-        if isinstance(value, (float, int)) or np.ndim(value) == 0:  # numpy takes its time
+        if isinstance(value, (float, int)) or np.ndim(value) == 0:  # NumPy is slower
             columns[prefix + name] = value
         else:
             parts: Any = value.tolist() if isinstance(value, np.ndarray) else map(float, value)
@@ -83,6 +82,6 @@ def _of_parts(prefix: str, name: str, number: int) -> list[str]:
 
 
 def _words(name: str) -> list[str]:
-    """Words of a name in lower case; those of ``RigidPlane`` are two."""
+    """Words of a name in lower case; ``RigidPlane`` has two."""
     apart = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", _LEFT_OUT.sub("", name))
     return re.findall(r"[^\W_]+", apart.lower()) or ["unnamed"]

@@ -1,4 +1,4 @@
-"""The present state of a stepper for several who describe it, each part evaluated once."""
+"""Cache of derived quantities of the current state."""
 
 from collections.abc import Sequence
 from functools import cached_property
@@ -10,20 +10,19 @@ __all__ = ["Present"]
 
 
 class Present:
-    """Present state of a stepper, valid until the stepper changes.
+    """Derived quantities of the current state, valid until the stepper changes.
 
     Args:
         stepper: The stepper.
 
     Attributes:
         stepper: The argument.
-        step: Number of steps that were done.
-        sums_of_pairs: What `contact_sums` gives of each pair, on all ranks together, if it is
-            known, shape ``(p, 9)``.
+        step: Number of completed steps.
+        sums_of_pairs: Result of `contact_sums` for each pair, summed over all ranks, shape ``(p,
+            9)``; None until it is known.
     """
 
     def __init__(self, stepper: Stepper) -> None:
-        """Take the stepper. Local."""
         self.stepper, self.step = stepper, stepper.step
         self._gaps: Sequence[Floats] | None = None
         self.sums_of_pairs: Floats | None = None
@@ -35,11 +34,11 @@ class Present:
 
     @property
     def has_gaps(self) -> bool:
-        """Whether the gaps have been found. Local."""
+        """Whether the gaps are known. Local."""
         return self._gaps is not None
 
     def gaps(self) -> Sequence[Floats]:
-        """Gaps of the nodes of each pair at any distance, NaN where one faces nothing [m].
+        """Gaps of the nodes of each pair at any distance, NaN without a candidate segment [m].
 
         Collective.
         """
