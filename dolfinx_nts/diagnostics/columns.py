@@ -1,4 +1,4 @@
-"""Columns of the table of a run: the totals, and those of the parts of its scene."""
+"""Columns of the table of a run: totals, and the columns of pairs, obstacles and other parts."""
 
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, Literal, get_args

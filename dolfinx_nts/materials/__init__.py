@@ -1,1 +1,1 @@
-"""Hyperelastic materials: their strain energies and the stresses that follow from them."""
+"""Hyperelastic materials: strain energies and stresses derived from them."""

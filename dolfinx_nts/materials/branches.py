@@ -1,10 +1,10 @@
-r"""Viscous branches of a material, which make it a generalised Maxwell solid.
+r"""Viscous branches of a generalised Maxwell solid.
 
 A branch is a spring in series with a dashpot, parallel to the strain energy. With the strain
 :math:`\Gamma` of the dashpot and the Green-Lagrange strain E it has the energy
 :math:`W = s/2\, (E - \Gamma) : D : (E - \Gamma)` and the rate law
-:math:`\tau \dot\Gamma = E - \Gamma`. D are the moduli of the undeformed material for changes of
-shape: a change of volume does not relax, as in rubber.
+:math:`\tau \dot\Gamma = E - \Gamma`. D are the deviatoric moduli of the
+undeformed material: volumetric stress does not relax, as in rubber.
 """
 
 from collections.abc import Iterable
@@ -19,7 +19,7 @@ class Branch(NamedTuple):
     """A spring in series with a dashpot.
 
     Attributes:
-        share: Shear modulus of the spring, as a part of that of the strain energy [-].
+        share: Shear modulus of the spring, relative to that of the strain energy [-].
         relaxation_time: Time in which its stress falls to 1/e at constant strain [s].
     """
 
@@ -28,7 +28,7 @@ class Branch(NamedTuple):
 
 
 def checked_branches(branches: Any) -> tuple[Branch, ...]:
-    """Check branches that a user gives. Local.
+    """Check branches given by a user. Local.
 
     Args:
         branches: Pairs of a share [-] and a relaxation time [s].
@@ -37,7 +37,7 @@ def checked_branches(branches: Any) -> tuple[Branch, ...]:
         The branches.
 
     Raises:
-        TypeError: Something is no pair of real numbers.
+        TypeError: A branch is no pair of real numbers.
         ValueError: A number is not positive and finite.
     """
     if not isinstance(branches, Iterable) or isinstance(branches, str):

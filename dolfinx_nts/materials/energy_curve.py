@@ -1,6 +1,6 @@
-"""The strain energy of a material along lines of strain, evaluated by UFL.
+"""Derivatives of a strain energy along lines of strain, evaluated by UFL.
 
-No form is compiled: slopes give the check of an energy, curvatures its moduli.
+No form is compiled. Slopes serve the check of an energy, curvatures its moduli.
 """
 
 import warnings
@@ -20,18 +20,17 @@ __all__ = ["GENERIC_STRAIN", "EnergyCurve"]
 # A direction of C [-] in which no usual invariant is stationary at C = 1.
 GENERIC_STRAIN = np.array([[1.0, 0.3, -0.2], [0.3, -0.7, 0.5], [-0.2, 0.5, 0.4]])
 # Step in s [-] of the difference of slopes: near the cube root of the machine epsilon, where
-# round-off and truncation are alike.
+# round-off and truncation errors are equal.
 _STEP = 1e-5
-# Parts of the slopes and of the curvatures [-] by which the difference may miss the curvature:
-# generous bounds of its round-off and of its truncation.
+# Tolerances of the difference, relative to the slopes and to the curvatures [-]: generous bounds of
+# its round-off and of its truncation error.
 _ROUND_OFF, _TRUNCATION = 1e-6, 1e-3
 
 
 class EnergyCurve:
     r"""Derivatives of :math:`\psi(1 + s D)` by s, for any s and D. Local.
 
-    They are expanded once; UFL would expand them at every evaluation, which takes longer than
-    everything else in it.
+    They are expanded once. Expanding them at every evaluation would take most of its time.
 
     Args:
         psi: Strain energy density ``psi(C)`` [J/m^3], a UFL scalar without fields.
@@ -41,8 +40,7 @@ class EnergyCurve:
     """
 
     def __init__(self, psi: Callable[[Any], Any]) -> None:
-        """Differentiate the energy twice."""
-        # UFL's constants need a mesh, any one.
+        # UFL constants need a mesh, whichever.
         mesh = ufl.Mesh(basix.ufl.element("Lagrange", "tetrahedron", 1, shape=(3,)))
         self._s, self._D = ufl.Constant(mesh), ufl.Constant(mesh, shape=(3, 3))
         at = ufl.variable(self._s)

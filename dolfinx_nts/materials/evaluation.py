@@ -1,7 +1,7 @@
-"""Values of UFL expressions, in which nothing is evaluated twice.
+"""Evaluation of UFL expressions with cached subexpressions.
 
-UFL evaluates an expression as a tree: what occurs in several places, as an invariant of C does in
-all its derivatives, is evaluated in each of them, and what occurs in that again.
+UFL evaluates an expression as a tree. A subexpression that occurs repeatedly, such as an invariant
+of C in its derivatives, is evaluated at each occurrence.
 """
 
 from collections.abc import Mapping
@@ -15,14 +15,13 @@ __all__ = ["Evaluation"]
 
 
 class Evaluation:
-    """Evaluates a scalar expression, for any numbers of its constants. Local.
+    """Evaluates a scalar expression for given values of its constants. Local.
 
     Args:
-        expression: UFL scalar without fields, whose derivatives are expanded.
+        expression: UFL scalar without fields, with expanded derivatives.
     """
 
     def __init__(self, expression: Any) -> None:
-        """Let every part remember its values."""
         parts: dict[Any, Any] = {}
         for part in unique_post_traversal(expression):
             operands = tuple(parts[operand] for operand in part.ufl_operands)
@@ -30,20 +29,20 @@ class Evaluation:
         self._whole = parts[expression]
 
     def value(self, numbers: Mapping[Any, Any]) -> float:
-        """The value for numbers of the constants, by constant.
+        """Value of the expression for values by constant.
 
         Raises:
-            ArithmeticError, TypeError, ValueError: There is none.
+            ArithmeticError, TypeError, ValueError: The expression has no value.
         """
         return float(self._whole.evaluate((), dict(numbers), (), StackDict()))
 
 
 class _Part:
-    """An operator of UFL, whose operands and values are remembered.
+    """UFL operator with cached values.
 
     Args:
         operator: The operator.
-        operands: Its operands, of which operators are parts, too.
+        operands: Its operands; operators among them are parts, too.
     """
 
     def __init__(self, operator: Any, operands: tuple[Any, ...]) -> None:
@@ -52,13 +51,13 @@ class _Part:
         self._indices = [Index(count) for count in operator.ufl_free_indices]
 
     def __getattr__(self, name: str) -> Any:
-        """What UFL asks of the operator."""
+        """Attributes of the operator."""
         return getattr(self._operator, name)
 
     def evaluate(
         self, x: Any, known: dict[Any, Any], component: Any, index_values: dict[Any, int]
     ) -> Any:
-        """Evaluate as UFL does, with values of constants and of parts among what is known."""
+        """Evaluate as UFL does, with cached values of constants and parts."""
         key = (self, component, *(index_values[i] for i in self._indices))
         if key not in known:
             known[key] = self._evaluate(self, x, known, component, index_values)

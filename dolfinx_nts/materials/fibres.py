@@ -1,7 +1,7 @@
-r"""Soft tissue and rubber with families of fibres, which act under tension only.
+r"""Soft tissue and rubber with families of fibres, which act in tension only.
 
-The conserving stress of a family is its tensor :math:`\bar D I_4` times the difference quotient of
-its energy, which has a closed form without 0/0, also in steps in which fibres become taut.
+The conserving stress of a family is the tensor :math:`\bar D I_4` times the difference quotient of
+its energy. The quotient has a closed form without 0/0, also in steps in which fibres become taut.
 """
 
 from collections.abc import Sequence
@@ -16,31 +16,29 @@ from dolfinx_nts.materials.volume_increment import VolumeIncrement
 
 __all__ = ["HolzapfelGasserOgden"]
 
-# Square of d [-] below which sinh(d)/d is a series, and so many terms that the next one is
-# round-off.
+# Square of d [-] below which sinh(d)/d is a series, and number of terms; the next one is round-off.
 _SERIES, _TERMS = 0.01, 6
 
 
 class HolzapfelGasserOgden(Hyperelastic):
     r"""Holzapfel-Gasser-Ogden material: a neo-Hookean matrix with families of fibres. Local.
 
-    :math:`\psi = \mu/2\, (\bar I_1 - 3) + \kappa/2\, (J - 1)^2 + k_1/(2 k_2) \sum_a
-    (\exp(k_2 \langle \bar E_a \rangle^2) - 1)` with :math:`\bar E_a = d\, (\bar I_1 - 3) +
-    (1 - 3 d)(\bar I_{4a} - 1)` and :math:`\bar I_{4a} = J^{-2/3}\, a \cdot C a` (Gasser, Ogden
-    and Holzapfel 2006). Fibres are slack where :math:`\bar E_a \le 0`. They do not count in the
-    moduli of the undeformed material, with which damping and viscous branches act.
+    :math:`\psi = \mu/2\, (\bar I_1 - 3) + \kappa/2\, (J - 1)^2 + k_1/(2 k_2) \sum_a (\exp(k_2
+    \langle \bar E_a \rangle^2) - 1)` with :math:`\bar E_a = d\, (\bar I_1 - 3) + (1 - 3 d)(\bar
+    I_{4a} - 1)` and :math:`\bar I_{4a} = J^{-2/3}\, a \cdot C a` (Gasser, Ogden and Holzapfel
+    2006). Fibres are slack where :math:`\bar E_a \le 0`. They do not contribute to the moduli of
+    the undeformed material, on which damping and viscous branches are based.
 
     Args:
         mu: Shear modulus of the matrix [Pa].
         kappa: Bulk modulus [Pa].
         k1: Stiffness of the fibres [Pa].
-        k2: Exponent, by which they stiffen [-].
+        k2: Exponent of the stiffening [-].
         rho: Reference density [kg/m^3].
         fibres: Directions of the families in the undeformed body, each three numbers, or a UFL
             vector, such as a Function, of three components or, in the plane, two. Their length
             does not matter, but must not be zero.
-        dispersion: How much the directions of a family scatter, d, from 0, which is not at all,
-            to 1/3, where all directions are alike [-].
+        dispersion: Dispersion d of the directions of a family, from 0, none, to 1/3, isotropic [-].
         **options: Damping, quadrature and branches, as for `Hyperelastic`.
 
     Attributes:
@@ -70,7 +68,6 @@ class HolzapfelGasserOgden(Hyperelastic):
         dispersion: float = 0.0,
         **options: Any,
     ) -> None:
-        """Check the numbers and the directions."""
         numbers = {"mu": mu, "kappa": kappa, "k1": k1, "k2": k2}
         for name, value in numbers.items():
             positive(name, value)
@@ -112,13 +109,11 @@ class HolzapfelGasserOgden(Hyperelastic):
         return False
 
     def linear_stress(self, E_GL: Any, **parameters: Any) -> Any:
-        """Stress of a small strain in the matrix, see `Hyperelastic.linear_stress`."""
         numbers = self.parameters | parameters
         pressure = numbers["kappa"] * ufl.tr(E_GL) * ufl.Identity(3)
         return pressure + 2 * numbers["mu"] * ufl.dev(E_GL)
 
     def conserving_stress(self, C_n: Any, C: Any, **parameters: Any) -> Any:
-        """Closed form by products of means and quotients, see `Hyperelastic.conserving_stress`."""
         numbers = self.parameters | parameters
         volume, mean = VolumeIncrement(C_n, C), (C_n + C) / 2
         a_n, a = volume.roots
@@ -147,7 +142,7 @@ class HolzapfelGasserOgden(Hyperelastic):
 
     def _structures(self, numbers: Any) -> list[Any]:
         """Tensors M with the strain J^(-2/3) M : C - 1 of each family, UFL (3, 3)."""
-        # The terms of the fibres are left out.
+        # Without the terms of the fibres.
         if isinstance(numbers["k1"], float) and numbers["k1"] == 0.0:
             return []
         d, structures = numbers["dispersion"], []
@@ -167,7 +162,7 @@ def _names(number: int) -> list[str]:
 
 
 def _checked(fibres: Any) -> tuple[tuple[Any, ...], dict[str, float]]:
-    """Directions as they were given, and components of those that are numbers, by name."""
+    """Directions as given, and components of numerical ones by name."""
     if isinstance(fibres, str) or not isinstance(fibres, Sequence) or not len(fibres):
         raise TypeError(f"expected fibres as a sequence of directions, given {fibres!r}")
     components: dict[str, float] = {}
@@ -204,10 +199,10 @@ def _taut(x: Any) -> Any:
 
 
 def _quotient(k1: Any, k2: Any, x_n: Any, x: Any) -> Any:
-    r"""Difference quotient of the energy of fibres by their strain, UFL.
+    r"""Difference quotient of the energy of fibres with respect to their strain, UFL.
 
-    With :math:`p = \langle x \rangle` and :math:`d = k_2 (p^2 - p_n^2)/2` it is
-    :math:`k_1/2\, \exp(k_2 (p^2 + p_n^2)/2)\, \sinh(d)/d\, (p + p_n)\, (p - p_n)/(x - x_n)`.
+    With :math:`p = \langle x \rangle` and :math:`d = k_2 (p^2 - p_n^2)/2` it is :math:`k_1/2\,
+    \exp(k_2 (p^2 + p_n^2)/2)\, \sinh(d)/d\, (p + p_n)\, (p - p_n)/(x - x_n)`.
     """
     p_n, p = _taut(x_n), _taut(x)
     d = k2 * (p - p_n) * (p + p_n) / 2
@@ -217,7 +212,7 @@ def _quotient(k1: Any, k2: Any, x_n: Any, x: Any) -> Any:
     is_small = ufl.lt(square, _SERIES)
     safe = ufl.conditional(is_small, 1.0, d)
     sinh = ufl.conditional(is_small, series, (ufl.exp(safe) - ufl.exp(-safe)) / (2 * safe))
-    # Of fibres that are taut at both ends, or at one; their strains then have opposite signs.
+    # Fibres taut at both ends, or at one end only, where the strains have opposite signs.
     crosses = ufl.lt(x * x_n, 0)
     width = ufl.conditional(crosses, x - x_n, 1.0)
     part = ufl.conditional(crosses, (p - p_n) / width, 1.0)

@@ -17,7 +17,7 @@ class Hardening(NamedTuple):
     Attributes:
         yield_stress: Yield stress without plastic strain [Pa].
         modulus: Hardening modulus H [Pa].
-        increase: Yield stress that is gained by saturation [Pa].
+        increase: Increase of the yield stress by saturation [Pa].
         rate: Exponent delta of saturation [-].
     """
 
@@ -28,7 +28,7 @@ class Hardening(NamedTuple):
 
     @property
     def saturates(self) -> bool:
-        """Whether the equation of a point is not linear."""
+        """Whether hardening is nonlinear."""
         return not isinstance(self.rate, float) or self.rate > 0
 
     def stress(self, alpha: Any) -> Any:
@@ -39,25 +39,25 @@ class Hardening(NamedTuple):
         return linear + self.increase * (1 - ufl.exp(-self.rate * alpha))
 
     def slope(self, alpha: Any) -> Any:
-        """Its derivative [Pa]."""
+        """Derivative of the yield stress with respect to the plastic strain [Pa]."""
         if not self.saturates:
             return self.modulus
         return self.modulus + self.increase * self.rate * ufl.exp(-self.rate * alpha)
 
 
 def checked_hardening(yield_stress: Any, modulus: Any, saturation: Any) -> Hardening:
-    """Check numbers that a user gives. Local.
+    """Check parameters given by a user. Local.
 
     Args:
         yield_stress: Yield stress without plastic strain [Pa].
         modulus: Hardening modulus [Pa].
-        saturation: Yield stress that is gained in the end [Pa] and exponent [-], or None.
+        saturation: Increase of the yield stress [Pa] and exponent [-], or None.
 
     Returns:
         The hardening.
 
     Raises:
-        TypeError: Something is no real number, or the saturation no pair of them.
+        TypeError: An argument is no real number, or the saturation no pair of them.
         ValueError: A number is not finite, or has the wrong sign.
     """
     positive("a yield stress", yield_stress)

@@ -1,9 +1,8 @@
 r"""Hyperelastic materials: stress of a strain energy psi(C), and a stress that conserves it.
 
 Everything is UFL. ``C`` is the right Cauchy-Green tensor and ``psi`` the strain energy per
-reference volume; bodies turn both into forms. The numbers of a material reach the forms as
-constants, so that nothing is compiled again when one changes. Materials that have a name are in
-`library`.
+reference volume; bodies turn both into forms. Parameters are constants of the forms, so a change of
+values needs no compilation. Named materials are in `library`.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -23,16 +22,16 @@ __all__ = ["Hyperelastic", "right_cauchy_green"]
 # Gauss points and weights [-] of the average over [0, 1]: three are exact to degree 5.
 _POINTS = 0.5 + 0.5 * np.sqrt(0.6) * np.array([-1.0, 0.0, 1.0])
 _WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18
-# |dC| [-] above which the average misses the energy by more than round-off and is
-# corrected; below it the correction would be round-off divided by |dC|.
+# |dC| [-] above which the error of the average exceeds round-off, and is corrected. Below it the
+# correction would be round-off divided by |dC|.
 _SMALL_STRAIN_INCREMENT = 1e-2
-# Size of a strain [-] at which an energy is compared with the sum of its parts: so large that
-# terms of every order count.
+# Size of a strain [-] at which an energy is compared with the sum of its parts, large enough for
+# terms of all orders.
 _LARGE_STRAIN = 0.1
-# Relative error [-] of energies that is round-off.
+# Relative round-off of energies [-].
 _ROUND_OFF = 1e-10
-# Poisson's ratios of small strains [-], rounded, from which on hexahedra lock enough to matter;
-# and at which nothing but volume has energy.
+# Poisson's ratios of small strains [-]: above which volumetric locking of hexahedra matters; and at
+# which the shear modulus vanishes.
 _LOCKS, _FLUID = 0.3 - 1e-9, 0.5 - 1e-9
 
 
@@ -54,23 +53,22 @@ class Hyperelastic(StrainEnergy):
         rho: Reference density [kg/m^3].
         mass_damping: Coefficient alpha [1/s].
         stiffness_damping: Coefficient beta [s].
-        one_point: What has one point a cell, with the mean deformation gradient of the cell.
-            ``"volumetric"``: what resists a change of volume, in hexahedra and quadrilaterals of
-            degree 1, which then do not lock in nearly incompressible materials; this is the
-            default from a Poisson's ratio of 0.3 on, but for energies with fields, or with fibres
-            that resist an equal change of volume. Or names of parameters whose terms of ``psi``,
-            in which it must be linear, have one point; ``()`` for none, as in the paper. Energy is
-            conserved with every choice, because every point has an energy and a conserving stress
-            of its own.
-        branches: Pairs of a share [-] and a relaxation time [s], each a spring in series with
-            a dashpot beside the energy: the stress of a sudden change of shape is 1 plus the sum
-            of the shares times that of ``psi``, and relaxes to it.
-        **parameters: Numbers that ``psi`` takes by keyword.
+        one_point: Terms with one quadrature point per cell, at the mean deformation gradient of the
+            cell. ``"volumetric"``: the volumetric terms in hexahedra and quadrilaterals of degree
+            1, which prevents volumetric locking. This is the default for a Poisson's ratio of at
+            least 0.3, except for energies with fields, or with fibres that resist a uniform change
+            of volume. Or names of parameters whose terms of ``psi`` have one point; ``psi`` must be
+            linear in them. ``()`` for none, as in the paper. Every choice conserves energy, because
+            each point has its own energy and conserving stress.
+        branches: Pairs of a share [-] and a relaxation time [s], each a spring in series with a
+            dashpot, parallel to the energy. The stress of a sudden change of shape is that of
+            ``psi`` times 1 plus the sum of the shares, and relaxes to that of ``psi``.
+        **parameters: Keyword arguments of ``psi``, numbers.
 
     Attributes:
         rho, mass_damping, stiffness_damping: As given.
         branches: A tuple of named tuples with ``share`` [-] and ``relaxation_time`` [s].
-        is_sheet: Whether there is no stress along z, see `PlaneStress`.
+        is_sheet: Whether the stress along z vanishes, see `PlaneStress`.
         one_point: Names as given, a frozen set, or those of the volumetric terms.
         splits_volume: Whether ``"volumetric"`` was given or is the default. Without names the
             energy of an equal change of volume, psi(J^(2/3) 1), has one point.
@@ -106,7 +104,6 @@ class Hyperelastic(StrainEnergy):
         branches: Iterable[tuple[float, float]] = (),
         **parameters: float,
     ) -> None:
-        """Check the numbers and the energy."""
         if not callable(psi):
             raise TypeError(f"expected a function psi(C), given {type(psi).__name__}")
         _check_parameters(psi, parameters)
@@ -137,7 +134,6 @@ class Hyperelastic(StrainEnergy):
         self._check_parts()
 
     def __repr__(self) -> str:
-        """Numbers in SI units, and the options that are set, in one line. Local."""
         names = tuple(sorted(self.one_point))
         damping = {"mass_damping": self.mass_damping, "stiffness_damping": self.stiffness_damping}
         options: dict[str, Any] = {name: value for name, value in damping.items() if value}
@@ -148,7 +144,7 @@ class Hyperelastic(StrainEnergy):
         return as_call(self, **self._described(), rho=self.rho, **options)
 
     def _described(self) -> dict[str, Any]:
-        """Arguments that ``repr`` tells of the energy, by name."""
+        """Arguments of the energy in ``repr``, by name."""
         return {"psi": self._psi, **self.parameters}
 
     @property
@@ -158,7 +154,7 @@ class Hyperelastic(StrainEnergy):
 
     @property
     def remembers(self) -> bool:
-        """Whether steppers keep a state of its points, as of viscous branches."""
+        """Whether material points have history variables, such as viscous strains."""
         return bool(self.branches)
 
     def stress(self, C: Any, **parameters: Any) -> Any:
@@ -172,21 +168,21 @@ class Hyperelastic(StrainEnergy):
             Stress [Pa], UFL (3, 3).
         """
         C = ufl.variable(C)
-        # UFL's derivative is not symmetric if psi names entries of C.
+        # UFL's derivative is not symmetric if psi uses entries of C.
         return 2 * ufl.sym(ufl.diff(self.psi(C, **parameters), C))
 
     def conserving_stress(self, C_n: Any, C: Any, **parameters: Any) -> Any:
         r"""Stress whose work in a step is exactly the change of the strain energy.
 
-        :math:`S : (C_{n+1} - C_n)/2 = \psi_{n+1} - \psi_n`. It is the average of the stress on
-        the straight path between the states, by three Gauss points. The correction along dC of
-        Gonzalez (2000) is added where dC is so large that the average needs it; there is no 0/0
-        where C does not change.
+        :math:`S : (C_{n+1} - C_n)/2 = \psi_{n+1} - \psi_n`. It is the average of the stress on the
+        straight path between the states, by three Gauss points. The correction along dC of Gonzalez
+        (2000) is added if dC is large enough for the average to need it. There is no 0/0 for
+        constant C.
 
         Args:
             C_n: Right Cauchy-Green tensor at t_n, UFL (3, 3).
-            C: The same at t_{n+1}.
-            **parameters: Values of parameters of the energy, by name; others have their own.
+            C: Right Cauchy-Green tensor at t_{n+1}, UFL (3, 3).
+            **parameters: Values of parameters of the energy, by name; the others keep their values.
 
         Returns:
             Stress [Pa], UFL (3, 3).
@@ -203,11 +199,11 @@ class Hyperelastic(StrainEnergy):
         return S + ufl.conditional(large, 2 * defect / safe, 0.0) * dC
 
     def linear_stress(self, E_GL: Any, **parameters: Any) -> Any:
-        r"""Stress of a strain by the moduli at C = 1, :math:`4 \psi''(1) : E`.
+        r"""Stress of a strain with the moduli at C = 1, :math:`4 \psi''(1) : E`.
 
         Args:
             E_GL: Green-Lagrange strain, or its rate, UFL (3, 3).
-            **parameters: Values of parameters of the energy, by name; others have their own.
+            **parameters: Values of parameters of the energy, by name; the others keep their values.
 
         Returns:
             Stress [Pa], or its rate [Pa/s], UFL (3, 3).
@@ -218,7 +214,7 @@ class Hyperelastic(StrainEnergy):
         return ufl.as_tensor(moduli[i, j, m, n] * E_GL[m, n], (i, j))
 
     def shape_stress(self, E_GL: Any, **parameters: Any) -> Any:
-        """Deviator of `linear_stress` of the deviator of a strain, by which branches resist."""
+        """Deviator of the `linear_stress` of a deviatoric strain, the resistance of branches."""
         return ufl.dev(self.linear_stress(ufl.dev(E_GL), **parameters))
 
     def free_thickness(self, C: Any, **parameters: Any) -> Any:
@@ -234,7 +230,7 @@ class Hyperelastic(StrainEnergy):
         return None
 
     def thickness_stretch(self, C: Any, **parameters: Any) -> Any:
-        """Stretch along z beside that of C, 1 but for a sheet in `PlaneStress`, UFL."""
+        """Ratio of the stretch along z to that of C, UFL; 1 except in `PlaneStress`."""
         return 1
 
     def _check_parts(self) -> None:
@@ -252,7 +248,7 @@ class Hyperelastic(StrainEnergy):
             )
 
     def _rule(self, one_point: str | Sequence[str] | None) -> tuple[bool, frozenset[str]]:
-        """`splits_volume` and `one_point` of what was given."""
+        """`splits_volume` and `one_point` from the argument."""
         if one_point is None:
             splits = _LOCKS <= self.poisson_ratio < _FLUID
         else:
@@ -272,9 +268,9 @@ class Hyperelastic(StrainEnergy):
         )
 
     def _volumetric_parameters(self) -> frozenset[str]:
-        """Names of parameters whose terms of the energy resist changes of volume.
+        """Names of parameters whose terms of the energy depend on det C only.
 
-        Of an energy that is linear in its parameters, all whose terms depend on det C only.
+        The energy must be linear in its parameters.
         """
         names = self.parameters.keys()
         shape = ufl.as_matrix((np.eye(3) + _LARGE_STRAIN * GENERIC_STRAIN).tolist())
@@ -295,7 +291,7 @@ class Hyperelastic(StrainEnergy):
 
 
 def _check_parameters(psi: Callable[..., Any], parameters: Mapping[str, float]) -> None:
-    """Raise unless an energy takes the parameters that are given, and needs no others."""
+    """Raise unless an energy takes exactly the given parameters."""
     try:
         signature(psi).bind(None, **parameters)
     except TypeError as error:

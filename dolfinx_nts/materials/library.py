@@ -1,4 +1,4 @@
-"""Materials with a name: strain energies psi(C) with their usual numbers.
+"""Named materials: strain energies psi(C) with their usual parameters.
 
 Everything is UFL. Stresses, moduli, damping and quadrature are those of `Hyperelastic`, from
 which all classes derive and whose options they take.
@@ -37,7 +37,6 @@ class SaintVenantKirchhoff(Hyperelastic):
     """
 
     def __init__(self, E: float, nu: float, rho: float, **options: Any) -> None:
-        """Check the numbers and convert them to Lame's parameters."""
         super().__init__(_saint_venant_kirchhoff, rho=rho, **(_lame(E, nu) | options))
 
     def _volumetric_parameters(self) -> frozenset[str]:
@@ -47,23 +46,18 @@ class SaintVenantKirchhoff(Hyperelastic):
         return _young(**self.parameters)
 
     def stress(self, C: Any, **parameters: Any) -> Any:
-        """Second Piola-Kirchhoff stress [Pa], see `Hyperelastic.stress`."""
         E_GL = (C - ufl.Identity(3)) / 2
         numbers = self.parameters | parameters
         lmbda, mu = numbers["lmbda"], numbers["mu"]
         return lmbda * ufl.tr(E_GL) * ufl.Identity(3) + 2 * mu * E_GL
 
     def free_thickness(self, C: Any, **parameters: Any) -> Any:
-        """Linear in C, see `Hyperelastic.free_thickness`."""
         numbers = self.parameters | parameters
         lmbda, mu = numbers["lmbda"], numbers["mu"]
         return 1 - lmbda / (lmbda + 2 * mu) * (C[0, 0] + C[1, 1] - 2)
 
     def conserving_stress(self, C_n: Any, C: Any, **parameters: Any) -> Any:
-        """Stress at the mean of both tensors, which conserves as psi is quadratic in C.
-
-        See `Hyperelastic.conserving_stress`.
-        """
+        """Stress at the mean of both tensors, which conserves energy as psi is quadratic in C."""
         return self.stress((C_n + C) / 2, **parameters)
 
 
@@ -95,7 +89,6 @@ class NeoHookean(Hyperelastic):
     def __init__(
         self, E: float, nu: float, rho: float, volumetric: str = "log", **options: Any
     ) -> None:
-        """Check the numbers and convert them to Lame's parameters."""
         energies = {"log": _neo_hookean_log, "quadratic": _neo_hookean_quadratic}
         if volumetric not in energies:
             raise ValueError(f"expected volumetric out of {list(energies)}, given {volumetric!r}")
@@ -106,7 +99,6 @@ class NeoHookean(Hyperelastic):
         return {**_young(**self.parameters), "volumetric": self.volumetric}
 
     def free_thickness(self, C: Any, **parameters: Any) -> Any:
-        """Root of a quadratic equation, see `Hyperelastic.free_thickness`."""
         if self.volumetric == "log":
             return None
         numbers = self.parameters | parameters
@@ -117,10 +109,6 @@ class NeoHookean(Hyperelastic):
         return ((lmbda * j + ufl.sqrt((lmbda * j) ** 2 + 4 * mu * a)) / (2 * a)) ** 2
 
     def conserving_stress(self, C_n: Any, C: Any, **parameters: Any) -> Any:
-        """Closed form, as the energy is a sum of tr C and a function of det C.
-
-        See `Hyperelastic.conserving_stress`.
-        """
         numbers = self.parameters | parameters
         lmbda, mu = numbers["lmbda"], numbers["mu"]
         volume = VolumeIncrement(C_n, C)
@@ -155,7 +143,6 @@ class MooneyRivlin(Hyperelastic):
     """
 
     def __init__(self, c10: float, c01: float, kappa: float, rho: float, **options: Any) -> None:
-        """Check that the moduli of small strains are positive."""
         positive("c10 + c01", c10 + c01)
         positive("kappa", kappa)
         super().__init__(_mooney_rivlin, rho=rho, c10=c10, c01=c01, kappa=kappa, **options)
@@ -164,10 +151,6 @@ class MooneyRivlin(Hyperelastic):
         return dict(self.parameters)
 
     def conserving_stress(self, C_n: Any, C: Any, **parameters: Any) -> Any:
-        """Closed form by products of means and quotients of invariants.
-
-        See `Hyperelastic.conserving_stress`.
-        """
         numbers = self.parameters | parameters
         volume, mean = VolumeIncrement(C_n, C), (C_n + C) / 2
         (a_n, a), one = volume.roots, ufl.Identity(3)
@@ -209,7 +192,6 @@ class Yeoh(Hyperelastic):
     def __init__(
         self, c10: float, c20: float, c30: float, kappa: float, rho: float, **options: Any
     ) -> None:
-        """Check that the moduli of small strains are positive."""
         positive("c10", c10)
         positive("kappa", kappa)
         super().__init__(_yeoh, rho=rho, c10=c10, c20=c20, c30=c30, kappa=kappa, **options)
@@ -218,10 +200,6 @@ class Yeoh(Hyperelastic):
         return dict(self.parameters)
 
     def conserving_stress(self, C_n: Any, C: Any, **parameters: Any) -> Any:
-        """Closed form by the quotient of the first invariant.
-
-        See `Hyperelastic.conserving_stress`.
-        """
         numbers = self.parameters | parameters
         volume = VolumeIncrement(C_n, C)
         a_n, a = volume.roots

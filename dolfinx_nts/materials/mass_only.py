@@ -13,7 +13,7 @@ __all__ = ["MassOnly", "Rigid"]
 class MassOnly(Hyperelastic):
     """Inertia and mass damping, without a stress. Local.
 
-    Bodies need it where inertia and energy have quadratures of their own.
+    Bodies use it if inertia and energy have different quadratures.
 
     Args:
         rho: Reference density [kg/m^3].
@@ -24,29 +24,27 @@ class MassOnly(Hyperelastic):
     """
 
     def __init__(self, rho: float, mass_damping: float = 0.0) -> None:
-        """Check the numbers; the energy is zero."""
         super().__init__(_no_energy, rho=rho, mass_damping=mass_damping, one_point=())
 
     def stress(self, *strains: Any, **parameters: Any) -> Any:
-        """Zero in the place of any stress, UFL (3, 3)."""
+        """Zero stress, UFL (3, 3)."""
         return ufl.zero(3, 3)
 
     conserving_stress = linear_stress = stress
 
 
 class Rigid(MassOnly):
-    """Material of rigid bodies, which have inertia and no deformation. Local.
+    """Material of rigid bodies, with inertia and without deformation. Local.
 
     Args:
         rho: Reference density [kg/m^3].
     """
 
-    # It is stiffer than any other material, and cannot be squashed.
+    # It is stiffer than any other material, and cannot collapse.
     least_modulus = math.inf
     resists_collapse = True
 
     def __init__(self, rho: float) -> None:
-        """Check the density."""
         super().__init__(rho)
         self._has_default = True
 

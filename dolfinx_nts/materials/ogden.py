@@ -1,8 +1,8 @@
-r"""Rubber by powers of its principal stretches.
+"""Ogden material, with powers of the principal stretches.
 
-The isochoric part of the conserving stress is the average of `Hyperelastic`, as a discrete
-gradient of functions of eigenvalues has no closed form; the volumetric part, which is much stiffer
-in rubber, is a closed form.
+The isochoric part of the conserving stress is the average of `Hyperelastic`, as a discrete gradient
+of functions of eigenvalues has no closed form. The volumetric part, which is much stiffer in
+rubber, has a closed form.
 """
 
 from collections.abc import Iterable, Sequence
@@ -62,7 +62,6 @@ class Ogden(Hyperelastic):
         rho: float,
         **options: Any,
     ) -> None:
-        """Check the terms and that the moduli of small strains are positive."""
         self.mu, self.alpha = _numbers("mu", mu), _numbers("alpha", alpha)
         if not len(self.mu) == len(self.alpha) > 0:
             raise ValueError(
@@ -90,7 +89,6 @@ class Ogden(Hyperelastic):
 
     @property
     def moduli(self) -> Floats:
-        """Those of Hooke's law, see `Hyperelastic`."""
         mu, kappa = _shear_modulus(self._terms(self.parameters)), self.parameters["kappa"]
         volume = np.einsum("aii->a", strain_basis())
         moduli: Floats = 2 * mu * np.eye(6) + (kappa - 2 * mu / 3) * np.outer(volume, volume)
@@ -102,7 +100,6 @@ class Ogden(Hyperelastic):
         return False
 
     def stress(self, C: Any, **parameters: Any) -> Any:
-        """Second Piola-Kirchhoff stress [Pa], see `Hyperelastic.stress`."""
         numbers = self.parameters | parameters
         S = numbers["kappa"] * (1 - 1 / ufl.sqrt(ufl.det(C))) * ufl.cofac(C)
         if terms := self._terms(numbers):
@@ -111,16 +108,11 @@ class Ogden(Hyperelastic):
         return S
 
     def linear_stress(self, E_GL: Any, **parameters: Any) -> Any:
-        """Hooke's law, see `Hyperelastic.linear_stress`."""
         numbers = self.parameters | parameters
         mu = _shear_modulus(self._terms(numbers))
         return numbers["kappa"] * ufl.tr(E_GL) * ufl.Identity(3) + 2 * mu * ufl.dev(E_GL)
 
     def conserving_stress(self, C_n: Any, C: Any, **parameters: Any) -> Any:
-        """Average on the path, and a closed form of the volumetric part.
-
-        See `Hyperelastic.conserving_stress`.
-        """
         numbers = self.parameters | parameters
         volume = VolumeIncrement(C_n, C)
         S = numbers["kappa"] * (1 - 2 / volume.sum) * volume.gradient
@@ -129,7 +121,7 @@ class Ogden(Hyperelastic):
         return S
 
     def _check_parts(self) -> None:
-        """Raise unless the energy is linear in what has one point: in all but the exponents."""
+        """Raise unless the energy is linear in the parameters of one-point terms."""
         exponents = {name for p in range(len(self.alpha)) for name in _names(p + 1)[1:]}
         if given := sorted(self.one_point & exponents):
             raise ValueError(
@@ -144,14 +136,14 @@ class Ogden(Hyperelastic):
         return psi
 
     def _terms(self, numbers: Any) -> list[tuple[Any, Any]]:
-        """Coefficient and exponent of each term that is not left out."""
+        """Coefficient and exponent of each term that is not omitted."""
         terms = [[numbers[name] for name in _names(p)] for p in range(1, len(self.mu) + 1)]
-        # Python's zeros stand for what is left out.
+        # Python zeros mark omitted terms.
         return [(mu, alpha) for mu, alpha in terms if not _is_zero(mu) and not _is_zero(alpha)]
 
 
 def _names(p: int) -> tuple[str, str]:
-    """Names of the numbers of a term among the parameters."""
+    """Parameter names of the coefficient and exponent of a term."""
     return f"mu_{p}", f"alpha_{p}"
 
 
@@ -171,5 +163,5 @@ def _shear_modulus(terms: Iterable[tuple[Any, Any]]) -> Any:
 
 
 def _isochoric(stretches: PrincipalStretches, terms: list[tuple[Any, Any]]) -> Any:
-    """Energy of the change of shape [J/m^3], UFL."""
+    """Isochoric energy [J/m^3], UFL."""
     return sum(mu / alpha * (stretches.powers(alpha) - 3) for mu, alpha in terms)

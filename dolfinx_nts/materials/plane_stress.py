@@ -1,8 +1,8 @@
 r"""Thin sheets: materials without stress through their thickness.
 
-The stretch t along z adapts so that :math:`S_{33} = 0`. With it psi becomes a function of the
-part of C in the plane alone, :math:`\psi^*(C) = \min_t \psi(C, t^2)`, whose derivative is the
-stress in the plane: conserving stresses and all else are those of any energy.
+The stretch t along z follows from :math:`S_{33} = 0`. The energy then depends on the in-plane part
+of C alone, :math:`\psi^*(C) = \min_t \psi(C, t^2)`, and its derivative is the in-plane stress.
+Conserving stresses follow as for any energy.
 """
 
 from typing import Any
@@ -17,14 +17,13 @@ __all__ = ["PlaneStress"]
 class PlaneStress(Hyperelastic):
     r"""Turns a material into that of a sheet in plane stress, in two dimensions. Local.
 
-    The thickness follows in closed form, which some laws have; others are refused. A law of your
-    own may be given as an energy of the entries of C in the plane: it has no stress along z either.
-    Forces, masses and energies are those of one metre of undeformed thickness, also of a
-    `Pressure`.
+    Only laws with a closed form of the thickness are accepted. Your own law may be given as an
+    energy of the in-plane entries of C, which has no stress along z either. Forces (also of a
+    `Pressure`), masses and energies are per metre of undeformed thickness.
 
     Args:
-        material: `SaintVenantKirchhoff`, or `NeoHookean` with ``volumetric="quadratic"``. Terms
-            with one point a cell get all of them, as sheets do not lock.
+        material: `SaintVenantKirchhoff`, or `NeoHookean` with ``volumetric="quadratic"``. All terms
+            use all quadrature points, as sheets do not lock.
 
     Raises:
         TypeError: ``material`` is no material.
@@ -38,7 +37,6 @@ class PlaneStress(Hyperelastic):
     is_sheet = True
 
     def __init__(self, material: Hyperelastic) -> None:
-        """Take over the numbers of the material."""
         if not isinstance(material, Hyperelastic):
             raise TypeError(f"expected a material, given {type(material).__name__}")
         if material.branches:
@@ -73,7 +71,7 @@ class PlaneStress(Hyperelastic):
         return self._material.least_modulus
 
     def thickness_stretch(self, C: Any, **parameters: Any) -> Any:
-        """Current thickness over that of the undeformed sheet, UFL."""
+        """Ratio of the current to the undeformed thickness, UFL."""
         return ufl.sqrt(self._material.free_thickness(C, **parameters))
 
     def _psi_of_sheet(self, C: Any, **parameters: Any) -> Any:

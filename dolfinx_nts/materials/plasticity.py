@@ -1,9 +1,9 @@
 r"""Metal plasticity at finite strain: von Mises yield stress and isotropic hardening.
 
-The deformation is split by products, :math:`F = F_e F_p`, and the plastic part is known by the
-metric :math:`G = C_p^{-1}`, which keeps its determinant: plastic flow changes no volume. Elastic
-are :math:`\psi = \mu/2\, (J^{-2/3} C : G - 3) + \kappa/4\, (J^2 - 1 - 2 \ln J)`. How G flows in
-a step is told in `radial_return`.
+The multiplicative split of the deformation is :math:`F = F_e F_p`. The history variable is the
+metric :math:`G = C_p^{-1}` with a constant determinant: plastic flow is isochoric. The elastic
+energy is :math:`\psi = \mu/2\, (J^{-2/3} C : G - 3) + \kappa/4\, (J^2 - 1 - 2 \ln J)`. The flow of
+G in a step is described in `radial_return`.
 """
 
 from typing import Any, ClassVar
@@ -21,12 +21,12 @@ __all__ = ["J2Plasticity"]
 class J2Plasticity(Hyperelastic):
     r"""Elastic-plastic metal at finite strain, by von Mises' yield condition. Local.
 
-    The elastic energy is :math:`\mu/2\, (J^{-2/3} C : C_p^{-1} - 3)
-    + \kappa/4\, (J^2 - 1 - 2 \ln J)`. The von Mises stress of the Kirchhoff stress does not
-    exceed :math:`\sigma_y = \sigma_0 + H \alpha + \Delta\sigma\, (1 - e^{-\delta \alpha})`
-    with the equivalent plastic strain alpha. All plastic work is dissipated. What resists a
-    change of volume has one point a cell in hexahedra and quadrilaterals of degree 1, which do
-    not lock. For `EnergyMomentum`, `Midpoint`, `GeneralizedAlpha` and `QuasiStatic`, at degree 1.
+    The elastic energy is :math:`\mu/2\, (J^{-2/3} C : C_p^{-1} - 3) + \kappa/4\, (J^2 - 1 - 2 \ln
+    J)`. The von Mises stress of the Kirchhoff stress does not exceed :math:`\sigma_y = \sigma_0 + H
+    \alpha + \Delta\sigma\, (1 - e^{-\delta \alpha})` with the equivalent plastic strain alpha. All
+    plastic work is dissipated. Volumetric terms have one quadrature point per cell in hexahedra and
+    quadrilaterals of degree 1, which prevents locking. For `EnergyMomentum`, `Midpoint`,
+    `GeneralizedAlpha` and `QuasiStatic`, at degree 1.
 
     Args:
         E: Young's modulus [Pa].
@@ -34,15 +34,15 @@ class J2Plasticity(Hyperelastic):
         rho: Reference density [kg/m^3].
         yield_stress: Yield stress sigma_0 of the undeformed material [Pa].
         hardening: Hardening modulus H [Pa].
-        saturation: A pair of the yield stress that is gained in the end, Delta sigma [Pa], and
-            the exponent delta [-]; None without.
+        saturation: Pair of the increase of the yield stress, Delta sigma [Pa], and the exponent
+            delta [-]; None: no saturation.
         mass_damping: Coefficient alpha of Rayleigh damping, see `Hyperelastic` [1/s].
 
     Attributes:
         hardening: A named tuple with ``yield_stress``, ``modulus``, ``increase`` and ``rate``.
 
     Raises:
-        TypeError: Something is no real number, or the saturation no pair of them.
+        TypeError: An argument is no real number, or the saturation no pair of them.
         ValueError: ``E``, ``rho``, the yield stress or a number of the saturation is not
             positive, the hardening modulus or damping is negative, or ``nu`` is not in (-1, 0.5).
 
@@ -64,7 +64,6 @@ class J2Plasticity(Hyperelastic):
         saturation: tuple[float, float] | None = None,
         mass_damping: float = 0.0,
     ) -> None:
-        """Check the numbers and convert them to moduli."""
         positive("Young's modulus E", E)
         if not -1 < real("nu", nu) < 0.5:
             raise ValueError(f"expected Poisson's ratio -1 < nu < 0.5, given {nu}")
@@ -81,7 +80,6 @@ class J2Plasticity(Hyperelastic):
 
     @property
     def remembers(self) -> bool:
-        """Whether steppers keep a state of its points, which is so."""
         return True
 
     def _volumetric_parameters(self) -> frozenset[str]:
@@ -95,10 +93,7 @@ class J2Plasticity(Hyperelastic):
         return told | ({"saturation": (law.increase, law.rate)} if law.saturates else {})
 
     def conserving_stress(self, C_n: Any, C: Any, **parameters: Any) -> Any:
-        """Closed form by products of means and quotients; ``metric`` is that of plastic flow.
-
-        See `Hyperelastic.conserving_stress`.
-        """
+        """Closed form by products of means and quotients; ``metric`` follows from plastic flow."""
         numbers = self.parameters | parameters
         G, mu, kappa = numbers.get("metric", ufl.Identity(3)), numbers["mu"], numbers["kappa"]
         volume = VolumeIncrement(C_n, C)
@@ -109,7 +104,7 @@ class J2Plasticity(Hyperelastic):
 
 
 def _elastic(C: Any, mu: Any, kappa: Any, metric: Any = None) -> Any:
-    """Elastic energy; without a metric that of a material that has not flown."""
+    """Elastic energy, with the identity as the metric by default."""
     J2 = ufl.det(C)
     trace = ufl.tr(C) if metric is None else ufl.inner(C, metric)
     return mu / 2 * (J2 ** (-1 / 3) * trace - 3) + kappa / 4 * (J2 - 1 - ufl.ln(J2))

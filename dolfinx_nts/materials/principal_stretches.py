@@ -1,19 +1,20 @@
 r"""Sums of powers of principal stretches, safe where some or all of them are equal.
 
-The roots of the characteristic equation of C have no derivative where two are equal, as they are
-at C = 1; sums over all of them do. With the mean :math:`q = \mathrm{tr}\, C/3` and the deviator
+The roots of the characteristic equation of C have no derivative where two are equal, as they are at
+C = 1; sums over all of them do. With the mean :math:`q = \mathrm{tr}\, C/3` and the deviator
 :math:`D`, the squared stretches are :math:`q\,(1 + \eta_k)`, where :math:`\eta_k` are the roots of
 :math:`\eta^3 - a\, \eta - b = 0` with :math:`a = D : D/(2 q^2)` and :math:`b = \det D/q^3`. Sums
-are written in a and b, of which they are analytic:
+are analytic functions of a and b:
 
 - Where all stretches are close, by the binomial series in :math:`\eta`, whose power sums
   :math:`s_n = a\, s_{n-2} + b\, s_{n-3}` need no root.
-- Elsewhere by the root that stands alone, :math:`2\, \sqrt{a/3}\, t` times the sign of b, with
-  :math:`4 t^3 - 3 t = |b|/2\, (3/a)^{3/2}` and :math:`t \ge \sqrt{3}/2`, where the cubic is steep;
-  and by the mean m of the other two, and the square of their difference over their sum,
-  :math:`w^2`, as :math:`(1 + w)^\beta + (1 - w)^\beta` is even in w: a series where they are close.
+- Elsewhere by the isolated root, :math:`2\, \sqrt{a/3}\, t` times the sign of b, with
+  :math:`4 t^3 - 3 t = |b|/2\, (3/a)^{3/2}` and :math:`t \ge \sqrt{3}/2`, where the cubic is
+  steep; and by the mean m of the other two, and the square of their difference over their sum,
+  :math:`w^2`, as
+  :math:`(1 + w)^\beta + (1 - w)^\beta` is even in w: a series where they are close.
 
-No branch has a pole where another one is taken, so that UFL may differentiate all of them.
+No branch has a pole where another one is used, so UFL can differentiate all of them.
 """
 
 from collections.abc import Iterable
@@ -35,15 +36,14 @@ _ROUND_OFF = np.finfo(float).eps
 
 
 class PrincipalStretches:
-    """Isochoric principal stretches of C, of which there are sums of powers. Local.
+    """Sums of powers of the isochoric principal stretches of C. Local.
 
     Args:
         C: Right Cauchy-Green tensor, UFL (3, 3).
-        exponents: Numbers by which `powers` will be asked for, for the length of the series.
+        exponents: Exponents for `powers`, which determine the length of the series.
     """
 
     def __init__(self, C: Any, exponents: Iterable[float]) -> None:
-        """Find the root that stands alone, and the pair."""
         halves = [alpha / 2 for alpha in exponents]
         self._num_close = max(_num_terms(beta, 1, _CLOSE) for beta in halves)
         self._num_pair = max(_num_terms(beta, 2, _PAIR) for beta in halves)
@@ -69,7 +69,7 @@ class PrincipalStretches:
         self._are_pair = ufl.lt(square, _PAIR)
         self._pair_square = ufl.conditional(self._are_pair, square, 0.0)
         apart = ufl.sqrt(ufl.conditional(self._are_pair, 0.25, square))
-        # Exponentials of logarithms are their own derivatives, and cost less than powers.
+        # Exponentials of logarithms are cheaper to differentiate than powers.
         numbers = (self._volume, 1 + eta, mean, 1 + apart, 1 - apart)
         self._logarithms = [ufl.ln(x) for x in numbers]
 
@@ -110,7 +110,7 @@ class PrincipalStretches:
 
 
 def _trisected(cosine: Any) -> Any:
-    """Cosine of a third of the angle, of cosines from 0 to 1, UFL."""
+    """Cosine of a third of the angle, from cosines between 0 and 1, UFL."""
     t = 0.0
     for coefficient in _START:
         t = t * cosine + coefficient

@@ -1,4 +1,4 @@
-r"""Radial return: how far plastic flow in a step takes the deviatoric stress back.
+r"""Radial return: plastic flow in a step.
 
 With the isochoric part :math:`\bar C = J^{-2/3} C` of the deformation and the metric G, which is
 :math:`C_p^{-1}` of the plastic deformation, the product :math:`M = \bar C G` has the invariants of
@@ -33,7 +33,7 @@ _OF_INCREMENT, _OF_TRACE = 5, 5
 
 
 class RadialReturn:
-    """Plastic flow at a point, from the metric and the plastic strain before. Local.
+    """Plastic flow at a point, from the metric and the plastic strain at the start. Local.
 
     Args:
         C: Right Cauchy-Green tensor with the flow, UFL (3, 3).
@@ -43,12 +43,11 @@ class RadialReturn:
         hardening: Yield stress by plastic strain, with constants of UFL.
 
     Attributes:
-        increment: Increment of the equivalent plastic strain [-], 0 where nothing flows.
-        factor: Part of the deviatoric stress of the trial that is left [-].
+        increment: Increment of the equivalent plastic strain [-], 0 in elastic steps.
+        factor: Ratio of the deviatoric stress to that of the trial [-].
     """
 
     def __init__(self, C: Any, metric: Any, alpha: Any, mu: Any, hardening: Hardening) -> None:
-        """Solve for the increment."""
         self._C, self._metric = ufl.det(C) ** (-1 / 3) * C, metric
         self._product = self._C * metric
         self._mean = ufl.tr(self._product) / 3
@@ -57,7 +56,7 @@ class RadialReturn:
         self._volume = ufl.det(self._product)
         self._root = self._volume ** (1 / 3)
         square, least = 1.5 * mu**2 * self._square, hardening.stress(alpha)
-        # Where nothing flows the equation has the root 0, and the root of the square a slope.
+        # In elastic steps the root is 0, and the argument of the square root is kept positive.
         q = ufl.sqrt(ufl.conditional(ufl.gt(square, least**2), square, least**2))
         # At the end of the return the trace is nearly that without elastic strain.
         skew = 3 * ufl.det(self._deviator) * 1.5 * mu**2 / q**2
@@ -71,7 +70,7 @@ class RadialReturn:
 
     @cached_property
     def metric(self) -> Any:
-        """The metric with the flow, UFL (3, 3)."""
+        """Metric at the end of the step, UFL (3, 3)."""
         t, mean = self.factor, self._root
         square, rest = t**2 * self._square, t**3 * ufl.det(self._deviator) - self._volume
         for _ in range(_OF_TRACE):

@@ -1,4 +1,4 @@
-"""Strain energies psi(C), and what their numbers tell where nothing is deformed."""
+"""Strain energies psi(C), and their properties in the undeformed state."""
 
 from collections.abc import Callable, Iterable, Mapping
 from functools import cached_property, partial
@@ -18,33 +18,33 @@ from dolfinx_nts.materials.evaluation import Evaluation
 
 __all__ = ["StrainEnergy", "strain_basis"]
 
-# Relative error [-] of eigenvalues of moduli that is round-off.
+# Relative round-off of eigenvalues of moduli [-].
 _ROUND_OFF = 1e-10
-# Stress that should vanish, relative to the moduli [-], that comes from rounded parameters.
+# Largest stress in the undeformed state, relative to the moduli [-], that rounded parameters may
+# cause.
 _NO_STRESS = 1e-6
-# Energies at C = s 1 with these s [-] tell whether a material resists collapse: from one to the
-# other a logarithm of the volume doubles, a bounded energy hardly changes.
+# Energies at C = s 1 with these s [-] show whether a material resists collapse: from the first to
+# the second a logarithm of the volume doubles, and a bounded energy hardly changes.
 _COLLAPSED, _GROWTH = (1e-8, 1e-4), 1.5
 
 
 class StrainEnergy(Declaration):
-    """A strain energy and its numbers. Local.
+    """A strain energy and its parameters. Local.
 
     Args:
         psi: Strain energy density ``psi(C, **parameters)`` [J/m^3] of the right Cauchy-Green
             tensor, a UFL scalar.
-        parameters: Numbers that ``psi`` takes by keyword.
+        parameters: Keyword arguments of ``psi``, numbers.
 
     Attributes:
         parameters: Numbers by name, read-only.
-        remembered_terms: Names of parameters whose terms depend on what steppers remember, and
-            are left to their memory.
+        remembered_terms: Names of parameters whose terms depend on history variables, which
+            steppers integrate separately.
     """
 
     remembered_terms: ClassVar[frozenset[str]] = frozenset()
 
     def __init__(self, psi: Callable[..., Any], parameters: Mapping[str, float]) -> None:
-        """Keep the function and its numbers."""
         self.parameters = MappingProxyType({name: float(x) for name, x in parameters.items()})
         self._psi = psi
 
@@ -67,15 +67,15 @@ class StrainEnergy(Declaration):
 
     @property
     def has_fields(self) -> bool:
-        """Whether the energy depends on fields, so that nothing else here can be evaluated."""
+        """Whether the energy depends on fields, so that its properties cannot be evaluated."""
         return bool(extract_domains(ufl.as_ufl(self.psi(ufl.Identity(3)))))
 
     def check(self) -> None:
-        """Look at the energy where nothing is deformed.
+        """Check the energy in the undeformed state.
 
         Raises:
-            ValueError: It is no scalar; or has no fields, and is not twice differentiable or has
-                a stress.
+            ValueError: It is no scalar; or has no fields, and is not twice differentiable or has a
+                stress.
         """
         if (shape := ufl.as_ufl(self.psi(ufl.Identity(3))).ufl_shape) != ():
             raise ValueError(f"expected a scalar strain energy psi(C), given shape {shape}")
@@ -102,8 +102,8 @@ class StrainEnergy(Declaration):
     def moduli(self) -> Floats:
         """Moduli 4 psi''(1) of strains 11, 12, 13, 22, 23, 33, shape ``(6, 6)`` [Pa].
 
-        The basis is orthonormal: strains 12, 13 and 23 count sqrt(2) times. Only for energies
-        without fields.
+        The basis is orthonormal: strains 12, 13 and 23 have a factor of sqrt(2). Only for energies
+            without fields.
         """
         basis = strain_basis()
         curvature = np.zeros((6, 6))
@@ -115,7 +115,7 @@ class StrainEnergy(Declaration):
 
     @property
     def least_modulus(self) -> float:
-        """Least eigenvalue of `moduli`, at least 0; NaN for energies with fields [Pa].
+        """Smallest eigenvalue of `moduli`, at least 0; NaN for energies with fields [Pa].
 
         For an isotropic material it is twice the shear modulus.
         """
@@ -133,7 +133,7 @@ class StrainEnergy(Declaration):
     def poisson_ratio(self) -> float:
         """Poisson's ratio of small strains [-]; NaN for energies with fields.
 
-        Of an anisotropic material that of the nearest isotropic one.
+        For an anisotropic material it is that of the nearest isotropic one.
         """
         if self.has_fields:
             return np.nan
@@ -144,9 +144,9 @@ class StrainEnergy(Declaration):
 
     @property
     def answers_volume_by_pressure(self) -> bool:
-        """Whether the stress of a small equal change of volume is a pressure.
+        """Whether the stress of a small uniform change of volume is a pressure.
 
-        That of fibres is not. For energies without fields.
+        Fibres are a counterexample. For energies without fields.
         """
         volume = np.einsum("aii->a", strain_basis())
         stress = self.moduli @ volume
@@ -157,7 +157,7 @@ class StrainEnergy(Declaration):
     def resists_collapse(self) -> bool:
         """Whether the energy grows without bound as the volume vanishes.
 
-        Energies with fields are not evaluated and count as such.
+        True for energies with fields, which are not evaluated.
         """
         if self.has_fields:
             return True

@@ -1,9 +1,9 @@
-r"""Change of the volume in a step, by which energies of det C have conserving stresses.
+r"""Change of volume in a step, for conserving stresses of energies in det C.
 
 With :math:`A = (\mathrm{cof}\, C_n + 4\, \mathrm{cof}\, C_m + \mathrm{cof}\, C_{n+1})/6` and the
-mean :math:`C_m`, :math:`A : (C_{n+1} - C_n) = \det C_{n+1} - \det C_n` exactly, as the
-determinant is cubic (Betsch, Janz, Hesch 2018). A function of det C then needs only its own
-difference quotient, which has no 0/0 if it is written well.
+mean :math:`C_m`, :math:`A : (C_{n+1} - C_n) = \det C_{n+1} - \det C_n` exactly, as the determinant
+is cubic (Betsch, Janz, Hesch 2018). A function of det C then needs only its own difference
+quotient, in a form without 0/0.
 """
 
 from functools import cached_property
@@ -13,13 +13,13 @@ import ufl
 
 __all__ = ["VolumeIncrement"]
 
-# Square of z [-] below which atanh(z)/z is a series, and so many terms that the next one is
+# Square of z [-] below which atanh(z)/z is a series, and number of terms; the next one is
 # round-off.
 _SERIES, _TERMS = 0.01, 9
 
 
 class VolumeIncrement:
-    """Volumes at both ends of a step, and difference quotients by det C. Local.
+    """Volumes at both ends of a step, and difference quotients with respect to det C. Local.
 
     Args:
         C_n: Right Cauchy-Green tensor at t_n, UFL (3, 3).
@@ -32,7 +32,6 @@ class VolumeIncrement:
     """
 
     def __init__(self, C_n: Any, C: Any) -> None:
-        """Evaluate the determinants."""
         self._dC = C - C_n
         mean = (C_n + C) / 2
         self.gradient = (ufl.cofac(C_n) + ufl.cofac(C) + 4 * ufl.cofac(mean)) / 6

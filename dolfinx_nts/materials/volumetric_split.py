@@ -1,9 +1,9 @@
 """Parts of a strain energy that are integrated with different quadratures.
 
-Hexahedra of degree 1 lock in nearly incompressible materials: with 2 x 2 x 2 points they can
-hardly deform without change of volume. With one point for what resists that change they can
-(Malkus and Hughes, 1978), while all points for the rest leave no deformation without energy. The
-point has the mean deformation gradient of the cell, see `with_mean_gradients`.
+Hexahedra of degree 1 lock in nearly incompressible materials: with 2 x 2 x 2 points they can hardly
+deform at constant volume. One point for volumetric terms prevents this (Malkus and Hughes, 1978),
+and all points for the other terms prevent zero-energy modes. The single point uses the mean
+deformation gradient of the cell, see `with_mean_gradients`.
 """
 
 from collections.abc import Callable, Iterable
@@ -18,11 +18,11 @@ __all__ = ["Part", "parts"]
 
 
 class Part(NamedTuple):
-    """Some of the terms of a strain energy.
+    """A subset of the terms of a strain energy.
 
     Attributes:
-        law: A material that has them.
-        left_out: Names of its parameters that are zero in their place.
+        law: A material with these terms.
+        left_out: Names of its parameters that are set to zero.
     """
 
     law: Hyperelastic
@@ -30,7 +30,7 @@ class Part(NamedTuple):
 
 
 class _PartOfEnergy(Hyperelastic):
-    """Damping of a material and an energy that is a part of its own. Local.
+    """Damping of a material with a part of its energy. Local.
 
     Args:
         material: The material, which has been checked.
@@ -38,7 +38,6 @@ class _PartOfEnergy(Hyperelastic):
     """
 
     def __init__(self, material: Hyperelastic, psi: Callable[..., Any]) -> None:
-        """Take over all numbers."""
         StrainEnergy.__init__(self, psi, material.parameters)
         self.rho = material.rho
         self.one_point, self.splits_volume, self._has_default = frozenset(), False, True
@@ -47,14 +46,14 @@ class _PartOfEnergy(Hyperelastic):
 
 
 def parts(material: Hyperelastic, locks: bool) -> tuple[Part, Part | None]:
-    """Divide the energy of a material by the quadratures of its terms. Local.
+    """Split the energy of a material by the quadratures of its terms. Local.
 
     Args:
         material: The material.
         locks: Whether elements lock with all points of the quadrature.
 
     Returns:
-        What is integrated with all points of a cell; and with one, None without such terms.
+        Terms with all quadrature points of a cell; terms with one point, or None.
     """
     names = material.one_point if locks or not material.splits_volume else frozenset()
     elsewhere = material.remembered_terms
@@ -66,19 +65,19 @@ def parts(material: Hyperelastic, locks: bool) -> tuple[Part, Part | None]:
 
 
 def _at_equal_volume(C: Any) -> Any:
-    """The tensor of an equal volume without change of shape, UFL (3, 3)."""
+    """Spherical tensor of the same volume, UFL (3, 3)."""
     return ufl.det(C) ** (1 / 3) * ufl.Identity(3)
 
 
 def _volumetric(material: Hyperelastic) -> Hyperelastic:
-    """Material with the energy that an equal change of volume alone has."""
+    """Material with the energy of a uniform change of volume."""
     return _PartOfEnergy(
         material, lambda C, **numbers: material.psi(_at_equal_volume(C), **numbers)
     )
 
 
 def _isochoric(material: Hyperelastic) -> Hyperelastic:
-    """Material with all the other energy."""
+    """Material with the remaining energy."""
 
     def psi(C: Any, **numbers: Any) -> Any:
         return material.psi(C, **numbers) - material.psi(_at_equal_volume(C), **numbers)
