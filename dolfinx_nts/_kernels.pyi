@@ -273,6 +273,7 @@ class NodeFacets:
         orientation: _Floats,
         first: _Ints,
         facets: _Ints,
+        corner: _Ints,
         angle: _Floats,
         group: _Ints | None = None,
     ) -> None: ...

@@ -15,6 +15,7 @@ _NO_FACETS = _kernels.NodeFacets(
     np.empty(0),
     np.zeros(2, dtype=np.int32),
     np.empty(0, dtype=np.int32),
+    np.empty(0, dtype=np.int32),
     np.empty(0),
 )
 _NO_POSITIONS: Floats = np.empty((0, 3))

@@ -30,11 +30,11 @@ class JointFacets(NodalFacets):
         ]
         first = np.cumsum([0, *(len(each.vertices) for each in around[:-1])]).astype(np.int32)
         facets = [each.facets + number for each, number in zip(around, first, strict=True)]
-        nodes, orientation, counts, angle = (
+        nodes, orientation, counts, corner, angle = (
             np.concatenate([getattr(each, name) for each in around])
-            for name in ("nodes", "orientation", "counts", "angle")
+            for name in ("nodes", "orientation", "counts", "corner", "angle")
         )
-        arrays = np.concatenate(vertices), orientation, counts, np.concatenate(facets), angle
+        arrays = np.concatenate(vertices), orientation, counts, np.concatenate(facets), corner
         num_nodes = [len(each.nodes) for each in around]
         group = np.repeat(np.arange(len(parts), dtype=np.int32), num_nodes)
-        self._take(AroundNodes(scatter, nodes, *arrays), group)
+        self._take(AroundNodes(scatter, nodes, *arrays, angle), group)

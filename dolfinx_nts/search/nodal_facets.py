@@ -31,6 +31,7 @@ class AroundNodes(NamedTuple):
         orientation: +1 where a_1 x a_2 points out of the body, otherwise -1, ``(f,)``.
         counts: Number of facets around each node, shape ``(n,)``.
         facets: These, node by node, shape ``(e,)``.
+        corner: Number of the node among the vertices of each, shape ``(e,)``.
         angle: Angles of the facets at the nodes, shape ``(e,)`` [rad].
     """
 
@@ -40,6 +41,7 @@ class AroundNodes(NamedTuple):
     orientation: Floats
     counts: Ints
     facets: Ints
+    corner: Ints
     angle: Floats
 
 
@@ -61,7 +63,9 @@ class NodalFacets:
         number[surface.nodes] = np.arange(len(surface.nodes), dtype=np.int32)
         node = number[near.segments].ravel()
         order = np.argsort(node, kind="stable")[np.count_nonzero(node < 0) :]
-        facet, _ = np.divmod(order, near.segments.shape[1])
+        facet, corner = (
+            part.astype(np.int32) for part in np.divmod(order, near.segments.shape[1])
+        )
         counts = np.bincount(node[order], minlength=len(surface.nodes))
         at_rest = near.scatter.forward(X)[near.segments]
         angle = _angles(at_rest).ravel()[order]
@@ -71,7 +75,7 @@ class NodalFacets:
             size *= at_rest[:, :, 0].mean(axis=1)
         of_node = np.bincount(node[order], size[facet], len(surface.nodes))
         self._parts: Floats = size[facet] / of_node[node[order]]
-        facets = near.segments, near.orientation, counts.astype(np.int32), facet.astype(np.int32)
+        facets = near.segments, near.orientation, counts.astype(np.int32), facet, corner
         self._take(AroundNodes(near.scatter, surface.nodes, *facets, angle))
 
     def _take(self, around: AroundNodes, group: Ints | None = None) -> None:
@@ -82,7 +86,7 @@ class NodalFacets:
         """
         self.around, counts = around, around.counts
         first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
-        facets = around.vertices, around.orientation, first, around.facets, around.angle
+        facets = around.vertices, around.orientation, first, around.facets, around.corner, around.angle
         self._kernel = _kernels.NodeFacets(*facets, group)
         self._numbers: Ints = np.arange(len(counts), dtype=np.int32)
 

@@ -23,15 +23,16 @@ class NodeFacets
 {
 public:
   NodeFacets(Ints vertices, Doubles orientation, Ints first, Ints facets,
-             Doubles angle, std::optional<Ints> group)
+             Ints corner, Doubles angle, std::optional<Ints> group)
       : _vertices(std::move(vertices)), _orientation(std::move(orientation)),
         _first(std::move(first)), _facets(std::move(facets)),
-        _angle(std::move(angle)), _group(std::move(group))
+        _corner(std::move(corner)), _angle(std::move(angle)), _group(std::move(group))
   {
     dispatch(_vertices.shape(1), []<class S>() {});
     check("orientation", _orientation, {_vertices.shape(0)});
     check("first", _first, {any});
     check("facets", _facets, {any});
+    check("corner", _corner, {_facets.shape(0)});
     check("angle", _angle, {_facets.shape(0)});
     if (_group)
       check("group", *_group, {_first.shape(0) - 1});
@@ -45,8 +46,8 @@ public:
       if (number < 0 || static_cast<std::size_t>(number) + 1 >= _first.shape(0))
         throw nb::value_error("numbers: expected those of nodes");
     return {view(_vertices), view(_orientation), _vertices.shape(1),
-            view(_first),    view(_facets),      view(_angle),
-            view(x)};
+            view(_first),    view(_facets),      view(_corner),
+            view(_angle),    view(x)};
   }
 
   /// @brief Groups of the segments that nodes may touch, by the place of each
@@ -60,7 +61,7 @@ public:
 private:
   Ints _vertices;
   Doubles _orientation;
-  Ints _first, _facets;
+  Ints _first, _facets, _corner;
   Doubles _angle;
   std::optional<Ints> _group;
 };
@@ -429,11 +430,14 @@ void local_search(nb::module_& m)
   nb::class_<NodeFacets>(m, "NodeFacets",
                          "Facets around the nodes of a surface; the arrays are "
                          "read, not copied")
-      .def(nb::init<Ints, Doubles, Ints, Ints, Doubles, std::optional<Ints>>(),
+      .def(nb::init<Ints, Doubles, Ints, Ints, Ints, Doubles,
+                    std::optional<Ints>>(),
            nb::arg("vertices"), nb::arg("orientation"), nb::arg("first"),
-           nb::arg("facets"), nb::arg("angle"), nb::arg("group") = nb::none(),
+           nb::arg("facets"), nb::arg("corner"), nb::arg("angle"),
+           nb::arg("group") = nb::none(),
            "(f, k) rows of positions, (f,), (n + 1,) first entry of each node, "
-           "(e,) facets around it and (e,) their angles there, (n,) group of "
+           "(e,) facets around it, (e,) the vertex of each that it is, and "
+           "(e,) their angles there, (n,) group of "
            "the segments that it may touch");
   nb::class_<SegmentsAndTrees>(
       m, "Segments",

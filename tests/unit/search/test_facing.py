@@ -138,7 +138,7 @@ def test_nodes_that_face_nothing_do_not_look_at_all_segments():
     seconds, found = {}, {}
     for side in (-1.0, 1.0):
         facets = _kernels.NodeFacets(
-            own, side * ones, np.arange(m + 1, dtype=np.int32), numbers, ones
+            own, side * ones, np.arange(m + 1, dtype=np.int32), numbers, 0 * numbers, ones
         )
         around = facets, triangles.reshape(-1, 3), numbers, np.ones(len(floor))
         times = []

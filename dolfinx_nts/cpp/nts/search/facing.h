@@ -7,15 +7,14 @@
 /// @brief What a node faces: it touches with its outside only.
 namespace nts
 {
-/// @brief Cosines of the angles between nodes and segments [-].
+/// @brief Numbers of the rule [-]: cosines of angles between directions.
 struct FacingRule
 {
-  /// A node faces a segment whose normal is opposed to one of its own by more
-  /// than this.
+  /// A node may touch a segment that one of its directions meets by more than
+  /// this: 84 degrees.
   static constexpr double opposed = 0.1;
-  /// By how much less the normals of single facets count than their mean:
-  /// coplanar sides of two bodies, which bulge, do not face each other's rims.
-  static constexpr double single = 0.25;
+  /// Angle that a step, or the facets of a smooth surface, may turn: 20 degrees.
+  static constexpr double turn = 0.93969262078590838;
   /// A node looks away from a segment if its mean normal is along that of the
   /// segment by more than this.
   static constexpr double away = 0.35;
@@ -51,6 +50,7 @@ struct FacetsAroundNodes
   std::size_t k;                          ///< vertices of a facet
   std::span<const std::int32_t> first;    ///< of each node, (n + 1,)
   std::span<const std::int32_t> facets;   ///< those around a node
+  std::span<const std::int32_t> corner;   ///< which vertex of each it is
   std::span<const double> angle;          ///< theirs there, undeformed [rad]
   std::span<const double> x;              ///< positions, (l, 3) [m]
 
@@ -76,11 +76,15 @@ struct FacetsAroundNodes
   }
 };
 
-/// @brief Directions in which a node can be touched.
-///
-/// They are the mean of the normals around it, weighted by angles, so that a
-/// spike can touch with its tip, and each of these normals, so that a thin edge
-/// can touch with its side.
+/// @brief Direction along the facets around a node.
+struct Edge
+{
+  Vec3 along = {};   ///< unit vector
+  double length = 0; ///< to the vertex there [m]
+};
+
+/// @brief Directions in which a node can be touched: the cone of the normals
+/// around it.
 class Directions
 {
 public:
@@ -88,28 +92,65 @@ public:
   /// @param[in] around Must outlive the directions.
   /// @param[in] node Number of the node.
   Directions(const FacetsAroundNodes& around, std::int32_t node)
-      : _around(around),
-        _facets(around.facets.subspan(
-            around.first[node], around.first[node + 1] - around.first[node]))
+      : _around(around), _begin(around.first[node]),
+        _end(around.first[node + 1])
   {
-    for (std::size_t i = 0; i < _facets.size(); ++i)
-      _mean += around.angle[around.first[node] + i] * around.normal(_facets[i]);
+    for (std::int32_t e = _begin; e < _end; ++e)
+    {
+      _normals.push_back(around.normal(around.facets[e]));
+      _mean += around.angle[e] * _normals.back();
+    }
     const double length = norm(_mean);
     if (length > 0)
       _mean = (1 / length) * _mean;
   }
 
   /// @brief Whether nothing is known of the node, and it faces everything.
-  bool are_all() const noexcept { return _facets.empty(); }
+  bool are_all() const noexcept { return _normals.empty(); }
+
+  /// @brief Cosine of the angle between the cone and a segment that it meets.
+  /// @param[in] normal Unit normal of the segment, against which it looks.
+  /// @param[in] enough A larger cosine need not be exact.
+  double cosine(const Vec3& normal, double enough = 1) const
+  {
+    const Vec3 d = -1. * normal;
+    const auto& N = _normals;
+    double found = are_all() ? 1 : -1;
+    for (const Vec3& n : N)
+      found = std::max(found, dot(n, d));
+    // The nearest direction of a cone lies on one of its rays, between two of
+    // them, or is d itself, which three enclose.
+    if (found <= 0 || found >= enough)
+      return found;
+    constexpr double flat = 1e-9; // sine of the angle between rays
+    for (std::size_t i = 0; i < N.size(); ++i)
+      for (std::size_t j = 0; j < i; ++j)
+      {
+        const Vec3 across = cross(N[i], N[j]);
+        const double square = dot(across, across);
+        if (square <= flat * flat)
+          continue;
+        const double g = dot(N[i], N[j]), a = dot(N[i], d), b = dot(N[j], d);
+        if (a >= g * b && b >= g * a)
+          found = std::max(
+              found, std::sqrt((a * (a - g * b) + b * (b - g * a)) / square));
+        for (std::size_t k = 0; k < j; ++k)
+        {
+          const double volume = dot(across, N[k]);
+          if (volume * dot(across, d) > 0
+              && volume * dot(cross(N[j], N[k]), d) >= 0
+              && volume * dot(cross(N[k], N[i]), d) >= 0
+              && std::abs(volume) > flat)
+            return 1;
+        }
+      }
+    return found;
+  }
 
   /// @brief Whether the node faces a segment with this normal.
   bool faces(const Vec3& normal) const
   {
-    double cosine = are_all() ? 1 : -dot(_mean, normal);
-    for (const std::int32_t i : _facets)
-      cosine = std::max(cosine,
-                        -dot(_around.normal(i), normal) - FacingRule::single);
-    return cosine > FacingRule::opposed;
+    return cosine(normal, FacingRule::opposed) > FacingRule::opposed;
   }
 
   /// @brief Whether the node may face a segment whose normal is along a vector
@@ -117,23 +158,40 @@ public:
   bool may_face(const Box& normals) const
   {
     constexpr double round_off = 1e-9;
-    const double shortest = std::sqrt(normals.squared_distance({}));
-    const auto meets = [&](const Vec3& direction, double cosine) noexcept
+    const auto meets = [&](const Vec3& direction) noexcept
     {
       double most = round_off;
       for (std::size_t i = 0; i < 3; ++i)
         most += std::max(-direction[i] * normals.lower[i],
                          -direction[i] * normals.upper[i]);
-      return most > cosine * shortest;
+      return most > 0;
     };
-    return are_all() || meets(_mean, FacingRule::opposed)
-           || std::ranges::any_of(_facets,
-                                  [&](std::int32_t i)
-                                  {
-                                    return meets(_around.normal(i),
-                                                 FacingRule::opposed
-                                                     + FacingRule::single);
-                                  });
+    return are_all() || std::ranges::any_of(_normals, meets);
+  }
+
+  /// @brief Edge around the node along which the plane of a segment comes
+  /// nearer at the highest rate.
+  Edge towards(const Vec3& normal) const
+  {
+    Edge found;
+    double steepest = 0;
+    for (std::int32_t e = _begin; e < _end; ++e)
+    {
+      const std::size_t first = _around.k * _around.facets[e];
+      const Vec3 own = vector(_around.x,
+                              _around.vertices[first + _around.corner[e]]);
+      for (std::size_t i = 0; i < _around.k; ++i)
+      {
+        const Vec3 edge = vector(_around.x, _around.vertices[first + i]) - own;
+        const double length = norm(edge);
+        if (length > 0 && -dot(edge, normal) > steepest * length)
+        {
+          steepest = -dot(edge, normal) / length;
+          found = {(1 / length) * edge, length};
+        }
+      }
+    }
+    return found;
   }
 
   /// @brief Whether the node looks along a normal by more than a cosine.
@@ -144,7 +202,8 @@ public:
 
 private:
   const FacetsAroundNodes& _around;
-  std::span<const std::int32_t> _facets; // around the node
+  std::int32_t _begin, _end;
+  std::vector<Vec3> _normals; // of the facets around the node
   Vec3 _mean = {};
 };
 
@@ -219,6 +278,13 @@ public:
 
   bool keeps(std::int32_t, const Projection<S>&) const noexcept { return true; }
 
+  /// @brief Whether the node stays with the segment that it is in front of.
+  bool stays(const Vec3& node, std::int32_t i, const Projection<S>& p,
+             const Tree& tree)
+  {
+    return !waits(node, i, p, tree);
+  }
+
   /// @brief Whether the node may face any segment.
   bool faces_any(const Tree& tree)
   {
@@ -240,11 +306,13 @@ public:
 
   /// @brief Whether the node may touch a segment; where not, remembers whether
   /// it lies in front.
-  bool touches(std::int32_t i, const Projection<S>& p)
+  bool touches(const Vec3& node, std::int32_t i, const Projection<S>& p,
+               const Tree& tree)
   {
     // Deeper it is nearer to the other side of the wall.
     if (directions().are_all()
-        || (p.gap >= -_thickness[i] && directions().faces(p.normal)))
+        || (p.gap >= -_thickness[i] && directions().faces(p.normal)
+            && !waits(node, i, p, tree)))
       return true;
     if (p.gap > 0 && p.gap < _in_front_by && S::outside(p.xi) <= 0)
     {
@@ -270,6 +338,51 @@ public:
   }
 
 private:
+  /// @brief Whether the node is ahead of an edge of the segments, beyond which
+  /// they face it better: it lies below the edge, not on the segment.
+  ///
+  /// The facets around the node go on below the edge: there the edge touches
+  /// them.
+  bool waits(const Vec3& node, std::int32_t i, const Projection<S>& p,
+             const Tree& tree)
+  {
+    const double cosine = directions().cosine(p.normal, FacingRule::turn);
+    if (cosine >= FacingRule::turn)
+      return false;
+    const Edge edge = directions().towards(p.normal);
+    const double rate = -dot(edge.along, p.normal);
+    if (!(rate > 0))
+      return false;
+    // One edge beyond the plane of the segment, the nearest of the others.
+    const Vec3 beyond
+        = node + (std::max(p.gap, 0.) / rate + edge.length) * edge.along;
+    double nearest = rate * edge.length, best = -1;
+    const double margin = LocalSearchRule::tie * _surface.size(i);
+    tree.nearest(beyond, nearest + margin,
+                 [&](std::int32_t other)
+                 {
+                   const double bound = nearest + margin;
+                   if (other == i
+                       || _surface.box(other).squared_distance(beyond)
+                              > bound * bound)
+                     return bound;
+                   const Pair<S> pair = {beyond, _surface.segment(other)};
+                   const Projection<S> q
+                       = project(pair, _surface.orientation[other]);
+                   const double away
+                       = q.converged ? distance(pair, q) : INFINITY;
+                   if (away > bound)
+                     return bound;
+                   // Of equally near ones, that which faces the node best.
+                   best = std::max(away < nearest - margin ? -1 : best,
+                                   directions().cosine(q.normal));
+                   nearest = std::min(away, nearest);
+                   return nearest + margin;
+                 });
+    return std::acos(std::min(best, 1.)) + std::acos(FacingRule::turn)
+           < std::acos(cosine);
+  }
+
   const Directions& directions()
   {
     if (!_directions)

@@ -17,6 +17,9 @@ struct LocalSearchRule
   /// Farther outside the nearest segment a node faces no segment at all: it
   /// is beyond the rim of the surface.
   static constexpr double overhang = 0.15;
+  /// Distances that differ by less are equal: much more than round-off, much
+  /// less than any real difference.
+  static constexpr double tie = 1e-9;
   /// Deeper below a segment than this a node belongs to another side of the
   /// body.
   static constexpr double depth = 0.5;
@@ -90,7 +93,17 @@ struct Anything
 
   /// @brief Whether the node may touch a segment, given the projection.
   template <class S>
-  bool touches(std::int32_t, const Projection<S>&) const noexcept
+  bool touches(const Vec3&, std::int32_t, const Projection<S>&,
+               const Tree&) const noexcept
+  {
+    return true;
+  }
+
+  /// @brief Whether the node may stay with its segment, in front of which it
+  /// is.
+  template <class S>
+  bool stays(const Vec3&, std::int32_t, const Projection<S>&,
+             const Tree&) const noexcept
   {
     return true;
   }
@@ -220,9 +233,7 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
                    double reach, const SegmentSurface<S>& surface,
                    GetTree&& tree, May&& may = {}, std::int32_t first = -1)
 {
-  // Distances that differ by less are equal, relative to the segment [-]: much
-  // more than round-off, much less than any real difference.
-  constexpr double tie = 1e-9;
+  constexpr double tie = LocalSearchRule::tie;
   constexpr double more = 1e-6; // than ties need, relative to the segment [-]
   const auto project_on = [&](std::int32_t i) noexcept
   { return project<S>({node, surface.segment(i)}, surface.orientation[i]); };
@@ -234,6 +245,7 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
                || p.gap >= -LocalSearchRule::depth * surface.size(i));
   };
 
+  const double farthest = reach;
   Found kept;
   if (current >= 0)
   {
@@ -246,9 +258,15 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
       reach = p.gap;
     }
   }
+  const Tree& segments = tree();
+  if (kept.segment >= 0
+      && !may.stays(node, kept.segment, project_on(kept.segment), segments))
+  {
+    kept = {};
+    reach = farthest;
+  }
   const bool stays = kept.segment >= 0;
 
-  const Tree& segments = tree();
   if (stays && !may_have_entered(node, kept, surface, segments))
     return kept;
   NearestOnSide<S> front, behind;
@@ -262,7 +280,7 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
         > (nearest + margin) * (nearest + margin))
       return nearest + margin;
     const Projection<S> p = project_on(i);
-    if (!p.converged || !may.touches(i, p))
+    if (!p.converged || !may.touches(node, i, p, segments))
     {
       if (front.segment < 0 && behind.segment < 0)
         --patience;

@@ -41,15 +41,16 @@ struct SelfContact
   {
     bool keeps(std::int32_t j, const Projection<S>& p) const noexcept
     {
-      return touches(j, p);
-    }
-
-    bool touches(std::int32_t j, const Projection<S>& p) const noexcept
-    {
       return S::outside(p.xi) <= LocalSearchRule::overhang
              && p.gap >= -own.thickness[j]
              && dot(vector(own.normal, i), p.normal) < 0
              && own.apart_in_reference(i, j);
+    }
+
+    bool touches(const Vec3&, std::int32_t j, const Projection<S>& p,
+                 const Tree&) const noexcept
+    {
+      return keeps(j, p);
     }
 
     const SelfContact& own;
