@@ -124,7 +124,7 @@ public:
   auto follow(const Doubles& x_node_n, const Doubles& x_node, const Ints& row,
               const Ints& inside, const Doubles& x_n, const Doubles& x,
               const NodeFacets& facets, const Doubles& x_facets,
-              const Ints& numbers) const
+              const Ints& numbers)
   {
     check("x_node_n", x_node_n, {any, 3});
     const std::size_t n = x_node_n.shape(0);
@@ -139,27 +139,40 @@ public:
     auto leaves = create<bool>({n});
     auto begin = create<double>({n}), way = create<double>({n}),
          cosine = create<double>({n}), gap = create<double>({n});
-    each_run(n, facets.groups(numbers),
-             [&](std::size_t group, std::size_t from, std::size_t to)
+    const auto follow_group =
+        [&]<class S>(std::size_t group, std::size_t from, std::size_t to)
+    {
+      const SegmentSurface<S> segments = surface<S>(x_n, group);
+      const NormalBounds<S> without(segments, nullptr);
+      // Where it enters a node is not below a segment yet.
+      const std::vector<double> thickness(segments.orientation.size(), 0.);
+      const MovingSurface surface{view(x_n), view(x),
+                                  part(_vertices, group, S::vertices),
+                                  part(_orientation, group), S::vertices};
+      Trajectories trajectories(surface);
+      for (std::size_t i = from; i < to; ++i)
+      {
+        const Trajectory t = trajectories.follow(
+            vector(view(x_node_n), i), vector(view(x_node), i), view(row)[i],
+            in_group(view(inside)[i], group),
+            Facing<S>(around, view(numbers)[i], segments, without, thickness),
+            [&]() -> const Tree& { return _trees[group].at(view(x_n)); });
+        entered.data()[i] = among_all(t.entered, group);
+        leaves.data()[i] = t.leaves;
+        begin.data()[i] = t.begin;
+        way.data()[i] = t.way;
+        cosine.data()[i] = t.cosine;
+        gap.data()[i] = t.gap;
+      }
+    };
+    dispatch(_vertices.shape(1),
+             [&]<class S>()
              {
-               const std::size_t k = _vertices.shape(1);
-               const MovingSurface surface{view(x_n), view(x),
-                                           part(_vertices, group, k),
-                                           part(_orientation, group), k};
-               Trajectories trajectories(surface);
-               for (std::size_t i = from; i < to; ++i)
-               {
-                 const Trajectory t = trajectories.follow(
-                     vector(view(x_node_n), i), vector(view(x_node), i),
-                     view(row)[i], in_group(view(inside)[i], group),
-                     [&] { return Directions(around, view(numbers)[i]); });
-                 entered.data()[i] = among_all(t.entered, group);
-                 leaves.data()[i] = t.leaves;
-                 begin.data()[i] = t.begin;
-                 way.data()[i] = t.way;
-                 cosine.data()[i] = t.cosine;
-                 gap.data()[i] = t.gap;
-               }
+               each_run(n, facets.groups(numbers),
+                        [&](std::size_t group, std::size_t from, std::size_t to)
+                        {
+                          follow_group.template operator()<S>(group, from, to);
+                        });
              });
     return std::tuple(entered, leaves, begin, way, cosine, gap);
   }

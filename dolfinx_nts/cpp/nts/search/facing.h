@@ -7,20 +7,21 @@
 /// @brief What a node faces: it touches with its outside only.
 namespace nts
 {
-/// @brief Numbers of the rule [-]: cosines of angles between directions.
+/// @brief Cosines of angles between directions of nodes and segments [-].
 struct FacingRule
 {
-  /// A node may touch a segment that one of its directions meets by more than
-  /// this: 84 degrees.
+  /// Least cosine between a segment and a direction of a node that it may
+  /// touch: 84 degrees. Without it, nodes on the sides of a body would look at
+  /// the plane on which it stands, as sides bulge. Larger, steep flanks of
+  /// wedges do not touch flat surfaces.
   static constexpr double opposed = 0.1;
-  /// Angle that a step, or the facets of a smooth surface, may turn: 20 degrees.
+  /// Angle that is no edge: of 20 degrees, by which a step turns nodes, and
+  /// facets of smooth surfaces turn. Larger, nodes ahead of edges of more than
+  /// 150 degrees are caught (T/N = 0.56 at 170, 0.64 at 160 degrees, friction
+  /// coefficient 0.5). Smaller, nodes of coarse surfaces wait for balls.
   static constexpr double turn = 0.93969262078590838;
-  /// A node looks away from a segment if its mean normal is along that of the
-  /// segment by more than this.
-  static constexpr double away = 0.35;
-  /// The same for a node that leaves a body ahead of its own: not a rim.
-  static constexpr double ahead = 0.8;
-  /// Segments opposed to each other by more than this are two sides of a wall.
+  /// Segments opposed by more than this, 120 degrees, are two sides of a wall;
+  /// a node and a segment less than 60 degrees apart are on one side.
   static constexpr double wall = 0.5;
 };
 
@@ -95,52 +96,43 @@ public:
       : _around(around), _begin(around.first[node]),
         _end(around.first[node + 1])
   {
-    for (std::int32_t e = _begin; e < _end; ++e)
-    {
-      _normals.push_back(around.normal(around.facets[e]));
-      _mean += around.angle[e] * _normals.back();
-    }
-    const double length = norm(_mean);
-    if (length > 0)
-      _mean = (1 / length) * _mean;
   }
 
   /// @brief Whether nothing is known of the node, and it faces everything.
-  bool are_all() const noexcept { return _normals.empty(); }
+  bool are_all() const noexcept { return _begin == _end; }
 
-  /// @brief Cosine of the angle between the cone and a segment that it meets.
-  /// @param[in] normal Unit normal of the segment, against which it looks.
-  /// @param[in] enough A larger cosine need not be exact.
-  double cosine(const Vec3& normal, double enough = 1) const
+  /// @brief Cosine of the angle between a unit vector and the cone.
+  /// @param[in] d The vector.
+  /// @param[in] enough Cosines from this on need not be exact.
+  double cosine(const Vec3& d, double enough = 1) const
   {
-    const Vec3 d = -1. * normal;
-    const auto& N = _normals;
     double found = are_all() ? 1 : -1;
-    for (const Vec3& n : N)
-      found = std::max(found, dot(n, d));
-    // The nearest direction of a cone lies on one of its rays, between two of
+    for (std::int32_t i = _begin; i < _end; ++i)
+      found = std::max(found, dot(normal(i), d));
+    // The nearest direction of a cone lies on one of its rays or between two of
     // them, or is d itself, which three enclose.
-    if (found <= 0 || found >= enough)
-      return found;
     constexpr double flat = 1e-9; // sine of the angle between rays
-    for (std::size_t i = 0; i < N.size(); ++i)
-      for (std::size_t j = 0; j < i; ++j)
+    for (std::int32_t i = _begin; i < _end; ++i)
+      for (std::int32_t j = _begin; j < i; ++j)
       {
-        const Vec3 across = cross(N[i], N[j]);
+        // Only what all rays turn away from is at more than a right angle.
+        if (found <= 0 || found >= enough)
+          return found;
+        const Vec3 across = cross(normal(i), normal(j));
         const double square = dot(across, across);
         if (square <= flat * flat)
           continue;
-        const double g = dot(N[i], N[j]), a = dot(N[i], d), b = dot(N[j], d);
+        const double g = dot(normal(i), normal(j)), a = dot(normal(i), d),
+                     b = dot(normal(j), d);
         if (a >= g * b && b >= g * a)
           found = std::max(
               found, std::sqrt((a * (a - g * b) + b * (b - g * a)) / square));
-        for (std::size_t k = 0; k < j; ++k)
+        for (std::int32_t k = _begin; k < j; ++k)
         {
-          const double volume = dot(across, N[k]);
-          if (volume * dot(across, d) > 0
-              && volume * dot(cross(N[j], N[k]), d) >= 0
-              && volume * dot(cross(N[k], N[i]), d) >= 0
-              && std::abs(volume) > flat)
+          const double volume = dot(across, normal(k));
+          if (std::abs(volume) > flat && volume * dot(across, d) >= 0
+              && volume * dot(cross(normal(j), normal(k)), d) >= 0
+              && volume * dot(cross(normal(k), normal(i)), d) >= 0)
             return 1;
         }
       }
@@ -150,7 +142,7 @@ public:
   /// @brief Whether the node faces a segment with this normal.
   bool faces(const Vec3& normal) const
   {
-    return cosine(normal, FacingRule::opposed) > FacingRule::opposed;
+    return cosine(-1. * normal, FacingRule::opposed) > FacingRule::opposed;
   }
 
   /// @brief Whether the node may face a segment whose normal is along a vector
@@ -166,7 +158,10 @@ public:
                          -direction[i] * normals.upper[i]);
       return most > 0;
     };
-    return are_all() || std::ranges::any_of(_normals, meets);
+    bool may = are_all();
+    for (std::int32_t i = _begin; i < _end && !may; ++i)
+      may = meets(normal(i));
+    return may;
   }
 
   /// @brief Edge around the node along which the plane of a segment comes
@@ -194,17 +189,24 @@ public:
     return found;
   }
 
-  /// @brief Whether the node looks along a normal by more than a cosine.
-  bool looks_along(const Vec3& normal, double cosine) const noexcept
+  /// @brief Whether the mean normal is along a segment's: the node moves ahead
+  /// of its body, and is on no rim.
+  bool lead_along(const Vec3& normal) const
   {
-    return dot(_mean, normal) > cosine;
+    Vec3 mean = {};
+    for (std::int32_t i = _begin; i < _end; ++i)
+      mean += _around.angle[i] * this->normal(i);
+    return dot(mean, normal) > LocalSearchRule::sharp * norm(mean);
   }
 
 private:
+  const Vec3& normal(std::int32_t i) const
+  {
+    return _around.normal(_around.facets[i]);
+  }
+
   const FacetsAroundNodes& _around;
-  std::int32_t _begin, _end;
-  std::vector<Vec3> _normals; // of the facets around the node
-  Vec3 _mean = {};
+  std::int32_t _begin, _end; // of the facets around the node
 };
 
 /// @brief Bounds of the normals of segments, by branches of their tree.
@@ -278,11 +280,36 @@ public:
 
   bool keeps(std::int32_t, const Projection<S>&) const noexcept { return true; }
 
+  /// @brief Note the normal of the node's current segment.
+  void comes_from(const Vec3& normal) noexcept { _before = normal; }
+
   /// @brief Whether the node stays with the segment that it is in front of.
   bool stays(const Vec3& node, std::int32_t i, const Projection<S>& p,
              const Tree& tree)
   {
-    return !waits(node, i, p, tree);
+    return !waits(node, i, p, [&]() -> const Tree& { return tree; });
+  }
+
+  /// @brief Whether the node may enter a segment on its way.
+  /// @param[in] from Where it begins [m].
+  /// @param[in] i The segment.
+  /// @param[in] normal Its normal there.
+  /// @param[in] tree Returns the tree over the segments where they begin.
+  template <class GetTree>
+  bool may_enter(const Vec3& from, std::int32_t i, const Vec3& normal,
+                 const GetTree& tree)
+  {
+    if (!directions().faces(normal))
+      return false;
+    const Projection<S> p
+        = project<S>({from, _surface.segment(i)}, _surface.orientation[i]);
+    return !p.converged || !waits(from, i, p, tree);
+  }
+
+  /// @brief See `Directions`.
+  bool leads_along(const Vec3& normal)
+  {
+    return !directions().are_all() && directions().lead_along(normal);
   }
 
   /// @brief Whether the node may face any segment.
@@ -309,10 +336,12 @@ public:
   bool touches(const Vec3& node, std::int32_t i, const Projection<S>& p,
                const Tree& tree)
   {
-    // Deeper it is nearer to the other side of the wall.
+    // Deeper it is nearer to the other side of the wall. What it touches goes
+    // on where the surface turns by less than a sharp edge.
     if (directions().are_all()
         || (p.gap >= -_thickness[i] && directions().faces(p.normal)
-            && !waits(node, i, p, tree)))
+            && (dot(_before, p.normal) >= LocalSearchRule::sharp
+                || stays(node, i, p, tree))))
       return true;
     if (p.gap > 0 && p.gap < _in_front_by && S::outside(p.xi) <= 0)
     {
@@ -321,7 +350,7 @@ public:
       // Sides of two bodies that lie in one plane, and bulge by no more than
       // nodes may overhang, hide no rim.
       _hides_from = _surface.size(i)
-                    * (_directions->looks_along(p.normal, FacingRule::away)
+                    * (directions().cosine(p.normal) > FacingRule::wall
                            ? LocalSearchRule::overhang
                            : LocalSearchRule::hysteresis);
     }
@@ -343,10 +372,12 @@ private:
   ///
   /// The facets around the node go on below the edge: there the edge touches
   /// them.
+  template <class GetTree>
   bool waits(const Vec3& node, std::int32_t i, const Projection<S>& p,
-             const Tree& tree)
+             const GetTree& tree)
   {
-    const double cosine = directions().cosine(p.normal, FacingRule::turn);
+    const double cosine
+        = directions().cosine(-1. * p.normal, FacingRule::turn);
     if (cosine >= FacingRule::turn)
       return false;
     const Edge edge = directions().towards(p.normal);
@@ -358,7 +389,7 @@ private:
         = node + (std::max(p.gap, 0.) / rate + edge.length) * edge.along;
     double nearest = rate * edge.length, best = -1;
     const double margin = LocalSearchRule::tie * _surface.size(i);
-    tree.nearest(beyond, nearest + margin,
+    tree().nearest(beyond, nearest + margin,
                  [&](std::int32_t other)
                  {
                    const double bound = nearest + margin;
@@ -375,7 +406,7 @@ private:
                      return bound;
                    // Of equally near ones, that which faces the node best.
                    best = std::max(away < nearest - margin ? -1 : best,
-                                   directions().cosine(q.normal));
+                                   directions().cosine(-1. * q.normal));
                    nearest = std::min(away, nearest);
                    return nearest + margin;
                  });
@@ -398,5 +429,6 @@ private:
   std::optional<Directions> _directions;
   double _in_front_by = INFINITY, _hides_from = 0;
   Vec3 _normal = {};
+  Vec3 _before = {}; // normal of the current segment
 };
 } // namespace nts

@@ -91,6 +91,9 @@ struct Anything
     return true;
   }
 
+  /// @brief Note the normal of the node's current segment.
+  void comes_from(const Vec3&) noexcept {}
+
   /// @brief Whether the node may touch a segment, given the projection.
   template <class S>
   bool touches(const Vec3&, std::int32_t, const Projection<S>&,
@@ -245,28 +248,26 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
                || p.gap >= -LocalSearchRule::depth * surface.size(i));
   };
 
-  const double farthest = reach;
   Found kept;
   if (current >= 0)
   {
     const Projection<S> p = project_on(current);
+    if (p.converged)
+      may.comes_from(p.normal);
     if (over(p, current, slack) && p.gap <= reach && may.keeps(current, p))
     {
       kept = {current, p.xi, p.gap, p.normal};
       if (p.gap <= tie * surface.size(current) || std::isinf(slack))
         return kept;
-      reach = p.gap;
+      if (may.stays(node, current, p, tree()))
+        reach = p.gap;
+      else
+        kept = {};
     }
-  }
-  const Tree& segments = tree();
-  if (kept.segment >= 0
-      && !may.stays(node, kept.segment, project_on(kept.segment), segments))
-  {
-    kept = {};
-    reach = farthest;
   }
   const bool stays = kept.segment >= 0;
 
+  const Tree& segments = tree();
   if (stays && !may_have_entered(node, kept, surface, segments))
     return kept;
   NearestOnSide<S> front, behind;

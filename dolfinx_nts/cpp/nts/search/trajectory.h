@@ -129,10 +129,11 @@ public:
   /// @param[in] row Its row of the surface's positions, or -1: segments of
   /// which it is a vertex are left out.
   /// @param[in] inside Segment behind which it starts, or -1.
-  /// @param[in] directions Returns what it faces; called only if needed.
-  template <class GetDirections>
+  /// @param[in] node What it may touch, see `Facing`.
+  /// @param[in] tree Returns the tree over the segments in the first state.
+  template <class S, class GetTree>
   Trajectory follow(const Vec3& from, const Vec3& to, std::int32_t row,
-                    std::int32_t inside, const GetDirections& directions)
+                    std::int32_t inside, Facing<S> node, const GetTree& tree)
   {
     const Vec3 path = to - from;
     find_crossings(from, path, row);
@@ -140,14 +141,13 @@ public:
       _crossings.push_back({-1, true, inside, _surface.plane(inside, 0)[1]});
     if (_crossings.empty())
       return {};
-    const Directions node = directions();
     // Where two triangles are crossed at once, the node enters first.
     std::ranges::sort(_crossings, {}, [](const Crossing& c)
                       { return std::pair(c.time, !c.inward); });
     Trajectory longest;
     // What leaves ahead of its body has come in on another side long ago.
     if (!_crossings[0].inward
-        && node.looks_along(_crossings[0].normal, FacingRule::ahead))
+        && node.leads_along(_crossings[0].normal))
       longest = {.entered = _crossings[0].segment,
                  .leaves = true,
                  .way = _crossings[0].time * norm(path),
@@ -155,7 +155,9 @@ public:
     for (std::size_t i = 0; i < _crossings.size(); ++i)
     {
       const Crossing& in = _crossings[i];
-      if (!in.inward || !(in.time < 0 || node.faces(in.normal)))
+      if (!in.inward
+          || !(in.time < 0
+               || node.may_enter(from, in.segment, in.normal, tree)))
         continue;
       Trajectory t{.entered = in.segment, .begin = in.time};
       double end = 1;
