@@ -63,9 +63,7 @@ class NodalFacets:
         number[surface.nodes] = np.arange(len(surface.nodes), dtype=np.int32)
         node = number[near.segments].ravel()
         order = np.argsort(node, kind="stable")[np.count_nonzero(node < 0) :]
-        facet, corner = (
-            part.astype(np.int32) for part in np.divmod(order, near.segments.shape[1])
-        )
+        facet, corner = (part.astype(np.int32) for part in np.divmod(order, near.segments.shape[1]))
         counts = np.bincount(node[order], minlength=len(surface.nodes))
         at_rest = near.scatter.forward(X)[near.segments]
         angle = _angles(at_rest).ravel()[order]
@@ -86,7 +84,14 @@ class NodalFacets:
         """
         self.around, counts = around, around.counts
         first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
-        facets = around.vertices, around.orientation, first, around.facets, around.corner, around.angle
+        facets = (
+            around.vertices,
+            around.orientation,
+            first,
+            around.facets,
+            around.corner,
+            around.angle,
+        )
         self._kernel = _kernels.NodeFacets(*facets, group)
         self._numbers: Ints = np.arange(len(counts), dtype=np.int32)
 

@@ -26,7 +26,8 @@ public:
              Ints corner, Doubles angle, std::optional<Ints> group)
       : _vertices(std::move(vertices)), _orientation(std::move(orientation)),
         _first(std::move(first)), _facets(std::move(facets)),
-        _corner(std::move(corner)), _angle(std::move(angle)), _group(std::move(group))
+        _corner(std::move(corner)), _angle(std::move(angle)),
+        _group(std::move(group))
   {
     dispatch(_vertices.shape(1), []<class S>() {});
     check("orientation", _orientation, {_vertices.shape(0)});
@@ -45,9 +46,9 @@ public:
     for (const std::int32_t number : view(numbers))
       if (number < 0 || static_cast<std::size_t>(number) + 1 >= _first.shape(0))
         throw nb::value_error("numbers: expected those of nodes");
-    return {view(_vertices), view(_orientation), _vertices.shape(1),
-            view(_first),    view(_facets),      view(_corner),
-            view(_angle),    view(x)};
+    return {
+        view(_vertices), view(_orientation), _vertices.shape(1), view(_first),
+        view(_facets),   view(_corner),      view(_angle),       view(x)};
   }
 
   /// @brief Groups of the segments that nodes may touch, by the place of each
@@ -139,8 +140,8 @@ public:
     auto leaves = create<bool>({n});
     auto begin = create<double>({n}), way = create<double>({n}),
          cosine = create<double>({n}), gap = create<double>({n});
-    const auto follow_group =
-        [&]<class S>(std::size_t group, std::size_t from, std::size_t to)
+    const auto follow_group
+        = [&]<class S>(std::size_t group, std::size_t from, std::size_t to)
     {
       const SegmentSurface<S> segments = surface<S>(x_n, group);
       const NormalBounds<S> without(segments, nullptr);
@@ -168,11 +169,10 @@ public:
     dispatch(_vertices.shape(1),
              [&]<class S>()
              {
-               each_run(n, facets.groups(numbers),
-                        [&](std::size_t group, std::size_t from, std::size_t to)
-                        {
-                          follow_group.template operator()<S>(group, from, to);
-                        });
+               each_run(
+                   n, facets.groups(numbers),
+                   [&](std::size_t group, std::size_t from, std::size_t to)
+                   { follow_group.template operator()<S>(group, from, to); });
              });
     return std::tuple(entered, leaves, begin, way, cosine, gap);
   }

@@ -121,6 +121,79 @@ def test_looks_at_any_distance_find_what_a_look_far_enough_finds(comm, agree, ce
     assert comm.allreduce(found) > 0  # a rank may have no node of the stone
 
 
+def find(node, triangles, segments):
+    """Segment of a node with triangles around it, ``(f, 3, 3)``, it first, or -1."""
+    count = len(triangles)
+    numbers = np.arange(count, dtype=np.int32)
+    facets = _kernels.NodeFacets(
+        np.arange(3 * count, dtype=np.int32).reshape(count, 3),
+        np.ones(count),
+        np.array([0, count], dtype=np.int32),
+        numbers,
+        0 * numbers,
+        np.ones(count),
+    )
+    rows = np.arange(4 * len(segments), dtype=np.int32).reshape(-1, 4)
+    kernel = _kernels.Segments(rows, np.ones(len(rows)), np.arange(len(rows)))
+    none, first = np.full(1, -1, np.int32), np.zeros(1, np.int32)
+    around = facets, triangles.reshape(-1, 3), first, np.full(len(rows), np.inf)
+    return kernel.pair(node[None], none, 0.01, np.inf, segments.reshape(-1, 3), *around)[0][0]
+
+
+@pytest.mark.serial
+def test_node_faces_what_its_cone_of_normals_meets(rng):
+    square = np.array([[-9.0, -9, 0], [9, -9, 0], [-9, 9, 0], [9, 9, 0]])
+    num_faced = 0
+    for _ in range(300):
+        # Corners, edges and faces: normals within a half space.
+        normals = rng.normal(size=(rng.integers(1, 6), 3)) + rng.uniform(0, 2) * np.eye(3)[0]
+        normals = normals @ np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        normals /= np.linalg.norm(normals, axis=1)[:, None]
+        # Sums of three of them with positive weights make up the cone.
+        choice = rng.integers(len(normals), size=(20000, 3))
+        weights = rng.exponential(size=(20000, 3)) ** 3
+        cone = np.vstack([np.einsum("ij,ijk->ik", weights, normals[choice]), normals])
+        cosine = (-cone[:, 2] / np.linalg.norm(cone, axis=1)).max()
+        if abs(cosine - 0.1) < 0.02:  # cosine of 84 degrees, and the distance of samples
+            continue
+        first = [np.linalg.svd(normal[None])[2][1] for normal in normals]
+        edges = np.stack([0 * normals, first, np.cross(normals, first)], axis=1)
+        node = np.array([0, 0, 0.5])
+        found = find(node, node + edges, square[None])
+        assert (found >= 0) == (cosine > 0.1)
+        num_faced += found >= 0
+    assert 50 < num_faced < 250
+
+
+@pytest.mark.serial
+def test_node_ahead_of_an_edge_waits_for_the_face_beyond_it(rng):
+    """Wedges over a flat surface, whose sides lean by two angles against it."""
+    turn, num_waiting, num_touching = 20.0, 0, 0  # degrees: angle that is no edge
+    around = np.array([[1.0, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]])
+    floor = np.stack([np.zeros((4, 3)), around, np.roll(around, -1, axis=0)], axis=1)
+    width = np.array([[0.0, -4, 0], [0, 4, 0]])
+    for _ in range(200):
+        behind, ahead = rng.uniform(-10, 60), rng.uniform(5, 83)
+        if min(abs(ahead - turn), abs(ahead - abs(behind) - turn), behind + ahead) < 1:
+            continue
+        # Sides of the wedge with their normals down, the edge at the origin.
+        b, a = np.radians([behind, ahead])
+        back = width[::-1], width[::-1] + 5 * np.array([-np.cos(b), 0, np.sin(b)])
+        front = width, width + 5 * np.array([np.cos(a), 0, np.sin(a)])
+        segments = np.stack([np.concatenate(back), np.concatenate(front)])
+        # The node lies in front of the side ahead.
+        normal = np.array([np.sin(a), 0, -np.cos(a)])
+        node = rng.uniform(0.05, 0.3) * np.array([np.cos(a), 0, np.sin(a)])
+        node += rng.uniform(0.001, 0.05) * normal + [0, rng.uniform(-1, 1), 0]
+        turned = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        turned *= np.sign(np.linalg.det(turned))
+        found = find(turned @ node, (node + floor) @ turned.T, segments @ turned.T)
+        waits = ahead > turn and abs(behind) < ahead - turn
+        assert (found == 1) != waits
+        num_waiting, num_touching = num_waiting + waits, num_touching + (not waits)
+    assert min(num_waiting, num_touching) > 30
+
+
 @pytest.mark.serial
 def test_nodes_that_face_nothing_do_not_look_at_all_segments():
     n, m = 40, 200

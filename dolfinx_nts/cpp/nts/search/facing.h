@@ -173,8 +173,8 @@ public:
     for (std::int32_t e = _begin; e < _end; ++e)
     {
       const std::size_t first = _around.k * _around.facets[e];
-      const Vec3 own = vector(_around.x,
-                              _around.vertices[first + _around.corner[e]]);
+      const Vec3 own
+          = vector(_around.x, _around.vertices[first + _around.corner[e]]);
       for (std::size_t i = 0; i < _around.k; ++i)
       {
         const Vec3 edge = vector(_around.x, _around.vertices[first + i]) - own;
@@ -376,8 +376,7 @@ private:
   bool waits(const Vec3& node, std::int32_t i, const Projection<S>& p,
              const GetTree& tree)
   {
-    const double cosine
-        = directions().cosine(-1. * p.normal, FacingRule::turn);
+    const double cosine = directions().cosine(-1. * p.normal, FacingRule::turn);
     if (cosine >= FacingRule::turn)
       return false;
     const Edge edge = directions().towards(p.normal);
@@ -389,27 +388,25 @@ private:
         = node + (std::max(p.gap, 0.) / rate + edge.length) * edge.along;
     double nearest = rate * edge.length, best = -1;
     const double margin = LocalSearchRule::tie * _surface.size(i);
-    tree().nearest(beyond, nearest + margin,
-                 [&](std::int32_t other)
-                 {
-                   const double bound = nearest + margin;
-                   if (other == i
-                       || _surface.box(other).squared_distance(beyond)
-                              > bound * bound)
-                     return bound;
-                   const Pair<S> pair = {beyond, _surface.segment(other)};
-                   const Projection<S> q
-                       = project(pair, _surface.orientation[other]);
-                   const double away
-                       = q.converged ? distance(pair, q) : INFINITY;
-                   if (away > bound)
-                     return bound;
-                   // Of equally near ones, that which faces the node best.
-                   best = std::max(away < nearest - margin ? -1 : best,
-                                   directions().cosine(-1. * q.normal));
-                   nearest = std::min(away, nearest);
-                   return nearest + margin;
-                 });
+    tree().nearest(
+        beyond, nearest + margin,
+        [&](std::int32_t other)
+        {
+          const double bound = nearest + margin;
+          if (other == i
+              || _surface.box(other).squared_distance(beyond) > bound * bound)
+            return bound;
+          const Pair<S> pair = {beyond, _surface.segment(other)};
+          const Projection<S> q = project(pair, _surface.orientation[other]);
+          const double away = q.converged ? distance(pair, q) : INFINITY;
+          if (away > bound)
+            return bound;
+          // Of equally near ones, that which faces the node best.
+          best = std::max(away < nearest - margin ? -1 : best,
+                          directions().cosine(-1. * q.normal));
+          nearest = std::min(away, nearest);
+          return nearest + margin;
+        });
     return std::acos(std::min(best, 1.)) + std::acos(FacingRule::turn)
            < std::acos(cosine);
   }

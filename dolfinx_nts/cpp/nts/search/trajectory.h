@@ -146,8 +146,7 @@ public:
                       { return std::pair(c.time, !c.inward); });
     Trajectory longest;
     // What leaves ahead of its body has come in on another side long ago.
-    if (!_crossings[0].inward
-        && node.leads_along(_crossings[0].normal))
+    if (!_crossings[0].inward && node.leads_along(_crossings[0].normal))
       longest = {.entered = _crossings[0].segment,
                  .leaves = true,
                  .way = _crossings[0].time * norm(path),
