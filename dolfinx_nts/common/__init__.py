@@ -1,1 +1,1 @@
-"""Helpers that know nothing of meshes: array types, argument checks, archives, wall time."""
+"""Helpers without meshes: array types, argument checks, archives, wall time."""

@@ -1,9 +1,9 @@
-"""Archives, which store the state of a run and give it back later.
+"""Archives, which store and restore the state of a run.
 
-Every object with a state lists it once, in a method ``serialize(archive)``: it passes each
-value to the archive and goes on with what the archive returns. That is the value itself while
-the archive stores, and the stored value while it restores. A step that is repeated with a
-smaller dt and a run that is resumed from a file both work this way.
+Every object with a state lists it once, in a method ``serialize(archive)``: it passes each value to
+the archive and takes over the returned value. This is the value itself while the archive stores,
+and the stored value while it restores. Repeated steps with a smaller dt and resumed runs both use
+it.
 """
 
 from abc import ABC, abstractmethod
@@ -23,7 +23,7 @@ class Archive(ABC):
     """Stores named values, or restores them. Collective, as are all its methods.
 
     Attributes:
-        giving: Whether the archive restores, that is, gives values back.
+        giving: Whether the archive restores.
     """
 
     giving: bool = False
@@ -46,7 +46,7 @@ class Archive(ABC):
 
         Args:
             name: Name of the values.
-            ids: Numbers of the nodes on which the partition has no influence, shape ``(n,)``.
+            ids: Node numbers that do not depend on the partition, shape ``(n,)``.
             values: One row for each node, shape ``(n, ...)``.
 
         Returns:
@@ -55,7 +55,7 @@ class Archive(ABC):
 
     @abstractmethod
     def local(self, name: str, arrays: Sequence[Array] | None) -> Sequence[Array] | None:
-        """Serialize arrays that have a meaning only on this rank, and are never changed in place.
+        """Serialize arrays that are meaningful on this rank only, and are never changed in place.
 
         Such arrays save work, or the last digit of a result.
 
@@ -64,7 +64,7 @@ class Archive(ABC):
             arrays: The arrays to store, or None on all ranks.
 
         Returns:
-            The arrays themselves, or while restoring the stored ones. None on all ranks if none
+            The arrays themselves, or the stored ones while restoring. None on all ranks if none
             were stored, or if they were stored for another partition of the mesh.
         """
 
@@ -73,20 +73,17 @@ class Snapshot(Archive):
     """Archive in memory for one step, which stores first and restores after `rewind`. Local."""
 
     def __init__(self) -> None:
-        """Start without values."""
         self._values: dict[str, Any] = {}
 
     def rewind(self) -> "Snapshot":
-        """Restore from now on; returns the snapshot itself."""
+        """Restore from now on; return the snapshot itself."""
         self.giving = True
         return self
 
     def same(self, name: str, value: T) -> T:
-        """Serialize a number or an array that is the same on all ranks."""
         return self._copy(name, value)
 
     def nodal(self, name: str, ids: GlobalInts, values: Array) -> Array:
-        """Serialize values of owned nodes."""
         return self._copy(name, values)
 
     def local(self, name: str, arrays: Sequence[Array] | None) -> Sequence[Array] | None:

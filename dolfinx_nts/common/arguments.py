@@ -1,4 +1,4 @@
-"""Checks of arguments that several classes share, and the text of a call with them."""
+"""Checks of arguments, and the text of a call with them."""
 
 import math
 import reprlib
@@ -55,7 +55,7 @@ def _text(value: Any) -> str:
 
 
 def kind_of(item: object) -> str:
-    """What the message of an error calls an object that is of a wrong class. Local."""
+    """Description of an object of a wrong class in messages. Local."""
     return f"the class {item.__name__}" if isinstance(item, type) else type(item).__name__
 
 
@@ -68,10 +68,10 @@ def check_call(
         kind: The class.
         arguments: Arguments by place.
         options: Arguments by name.
-        hint: What the message says besides of the arguments that the class takes.
+        hint: Additional text of the message on the arguments of the class.
 
     Raises:
-        TypeError: An argument is missing, or the class knows none of its name or place.
+        TypeError: An argument is missing or unknown.
     """
     call = signature(kind.__init__)
     try:

@@ -1,4 +1,4 @@
-"""Types of NumPy arrays by what they hold, for annotations throughout the package."""
+"""Types of NumPy arrays by content, for annotations throughout the package."""
 
 from typing import Any
 
@@ -17,6 +17,6 @@ Ints = npt.NDArray[np.int32]  # local indices, as DOLFINx counts
 def same_numbers(a: Array, b: Array) -> bool:
     """Whether arrays of integers or flags of one type are equal. Local.
 
-    Of a few numbers this takes a tenth of the time of `numpy.array_equal`.
+    For a few numbers this takes a tenth of the time of `numpy.array_equal`.
     """
     return a.shape == b.shape and a.tobytes() == b.tobytes()

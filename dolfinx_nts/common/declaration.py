@@ -1,4 +1,4 @@
-"""Declarations: objects that say what a user means, and never change."""
+"""Declarations: immutable objects that describe what a user means."""
 
 from abc import ABCMeta
 from inspect import Signature, signature
@@ -12,7 +12,7 @@ T = TypeVar("T")
 
 
 class _Completing(ABCMeta):
-    """Metaclass that checks the call, and closes an object when its ``__init__`` is done."""
+    """Metaclass that checks the call, and freezes an object after its ``__init__``."""
 
     def __call__(cls, *args: Any, **kwargs: Any) -> Any:
         check_call(cls, args, kwargs)
@@ -30,10 +30,10 @@ class _Completing(ABCMeta):
 
 
 class Declaration(metaclass=_Completing):
-    """Base of objects that set their attributes when they are made, and never again. Local.
+    """Base of immutable objects. Local.
 
-    Steppers take what they need of a declaration once, so that a change would be ignored in
-    some places and obeyed in others.
+    Steppers evaluate a declaration once, so a later change would have an effect in some places
+    only.
     """
 
     __slots__ = ("_is_complete",)
@@ -54,21 +54,19 @@ class Declaration(metaclass=_Completing):
 
 
 class SetOnce(Generic[T]):
-    """Attribute that an object takes when it is made, and keeps. Local."""
+    """Attribute that is set once. Local."""
 
     def __set_name__(self, owner: type, name: str) -> None:
-        """Learn the name of the attribute."""
         self._name = name
 
     def __get__(self, item: object, owner: type) -> T:
-        """Value of the attribute."""
         return cast(T, vars(item)[self._name])
 
     def __set__(self, item: object, value: T) -> None:
-        """Take the first value.
+        """Set the value.
 
         Raises:
-            AttributeError: There is a value already.
+            AttributeError: It has been set before.
         """
         kind = type(item).__name__
         if self._name in vars(item):

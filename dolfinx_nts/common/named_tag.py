@@ -1,10 +1,10 @@
-"""Tags that know the name of the region which they stand for."""
+"""Tags with the name of their region."""
 
 __all__ = ["NamedTag"]
 
 
 class NamedTag(int):
-    """Tag of a physical group of gmsh, a number that has the name of the group. Local.
+    """Tag of a physical group of gmsh, a number with the name of the group. Local.
 
     Args:
         tag: The number.
@@ -17,17 +17,16 @@ class NamedTag(int):
     name: str
 
     def __new__(cls, tag: int, name: str = "") -> "NamedTag":
-        """Make the number and keep the name."""
         number = super().__new__(cls, tag)
         number.name = name
         return number
 
     @staticmethod
     def name_of(tag: int, kind: str) -> str:
-        """Name of what a tag stands for, by its number where it has no name. Local.
+        """Name of a tagged region, with its number if it has no name. Local.
 
         Args:
             tag: A tag with or without a name.
-            kind: What the tag stands for, such as ``"body"``.
+            kind: Kind of the region, such as ``"body"``.
         """
         return getattr(tag, "name", "") or f"{kind} {int(tag)}"

@@ -1,4 +1,4 @@
-"""Arrays of several parts, one after the other: counts and extremes of each part."""
+"""Concatenated arrays of several parts: counts and maxima by part."""
 
 import numpy as np
 
@@ -8,11 +8,11 @@ __all__ = ["counts_of_parts", "largest_of_parts"]
 
 
 def counts_of_parts(flags: Flags, ends: Array) -> Array:
-    """Count how many flags of each of ``c`` parts are set, shape ``(c,)``. Local.
+    """Count the set flags of each of ``c`` parts, shape ``(c,)``. Local.
 
     Args:
-        flags: Those of all parts, shape ``(m,)``.
-        ends: Where each part begins, and the end, shape ``(c + 1,)``.
+        flags: Flags of all parts, shape ``(m,)``.
+        ends: Start of each part, and the end, shape ``(c + 1,)``.
     """
     found = np.searchsorted(flags.nonzero()[0], ends)
     counts: Array = found[1:] - found[:-1]
@@ -20,11 +20,11 @@ def counts_of_parts(flags: Flags, ends: Array) -> Array:
 
 
 def largest_of_parts(values: Floats, ends: Array) -> Floats:
-    """Find the largest value of each of ``c`` parts, 0 where it has none, ``(c,)``. Local.
+    """Largest value of each of ``c`` parts, 0 for empty parts, ``(c,)``. Local.
 
     Args:
-        values: Those of all parts, not negative, shape ``(m,)``.
-        ends: Where each part begins, and the end, shape ``(c + 1,)``.
+        values: Values of all parts, not negative, shape ``(m,)``.
+        ends: Start of each part, and the end, shape ``(c + 1,)``.
     """
     largest, begin = np.zeros(len(ends) - 1), ends[:-1]
     present = begin < ends[1:]

@@ -6,14 +6,13 @@ __all__ = ["Timings"]
 
 
 class Timings:
-    """Adds up the wall time that is spent in named phases. Local.
+    """Accumulates the wall time of named phases. Local.
 
     Attributes:
         seconds: Time by name of the phase [s], in the order of first use.
     """
 
     def __init__(self) -> None:
-        """Start without phases."""
         self.seconds: dict[str, float] = {}
 
     def phase(self, name: str) -> "_Phase":
@@ -29,7 +28,7 @@ class Timings:
 
 
 class _Phase:
-    """Context of one phase; a generator would take longer than some phases last."""
+    """Context of one phase; a generator would be slower than some phases."""
 
     __slots__ = ("_name", "_seconds", "_start")
 

@@ -8,9 +8,9 @@ __all__ = ["cross"]
 
 
 def cross(a: Floats, b: Floats) -> Floats:
-    """Cross products of vectors, ``(m, 3)`` each, to the last digit those of ``np.cross``. Local.
+    """Cross products of vectors, ``(m, 3)`` each, identical to ``np.cross``. Local.
 
-    That takes several times as long for the few vectors of a contact pair.
+    NumPy takes several times as long for the few vectors of a contact pair.
     """
     product: Floats = np.empty_like(a)
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):

@@ -1,4 +1,4 @@
-"""Pictures, diagrams and movies of a run, one call each."""
+"""Pictures, diagrams and movies of a run, by one call each."""
 
 from dolfinx_nts.plotting.picture import Picture
 from dolfinx_nts.plotting.pictures import (

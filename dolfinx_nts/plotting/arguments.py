@@ -14,10 +14,10 @@ __all__ = ["check_stepper", "check_view", "columns", "numbered_pair"]
 
 
 def check_stepper(stepper: Any) -> None:
-    """Check whose state is drawn.
+    """Check the stepper of a picture.
 
     Raises:
-        TypeError: There is no stepper.
+        TypeError: The argument is no stepper.
     """
     if not isinstance(stepper, Stepper):
         raise TypeError(f"expected a stepper, whose state is drawn, given {kind_of(stepper)}")
@@ -27,7 +27,7 @@ def check_view(limits: Any, camera: Any, cut: Any = None) -> None:
     """Check the range of the colours, and directions.
 
     Raises:
-        TypeError: Something is no numbers.
+        TypeError: A range or direction does not consist of numbers.
         ValueError: The range is not two ascending numbers, or a direction not three numbers that
             are not all zero.
     """

@@ -42,7 +42,7 @@ _SIZE = [1600, 900]  # of pictures [pixels]
 _HEIGHTS = (480, 1200)
 # What the bodies get of the picture [-]: from the left to the bar of colours, and of the height.
 _LEFT, _RIGHT, _LOW, _HIGH = 0.03, 0.84, 0.03, 0.91
-# From the bodies to the camera [-]: from +x, a little from above and aside.
+# From the bodies to the camera [-]: from +x, slightly from above and from the side.
 _TOWARDS_CAMERA = (1.0, -0.45, 0.35)
 # Cosine of the angle between that direction and z [-] above which z cannot point upwards.
 _STEEP = 0.9
@@ -83,8 +83,8 @@ class Unit(NamedTuple):
 
     Attributes:
         symbol: Its symbol, ``""`` for numbers without one.
-        free: Whether the user has named it: then no prefix is put before it, and times have no
-            unit, as it is not known.
+        free: Whether it is the user's: then it gets no prefix, and times have no unit, which is
+            unknown.
     """
 
     symbol: str
@@ -105,8 +105,7 @@ def canvas(*, interactive: bool = False) -> Iterator[Any]:
     """Context with a white plotter, which is closed at the end unless a notebook shows it.
 
     Args:
-        interactive: Whether to draw into the notebook from which it is called, or else into a
-            window, instead of into a picture.
+        interactive: Whether to draw into a notebook or a window instead of into a picture.
 
     Yields:
         PyVista plotter.
@@ -135,14 +134,14 @@ def canvas(*, interactive: bool = False) -> Iterator[Any]:
 
 
 def grid_of(dim: int, ids: Any, x: Any, values: Any, name: str) -> Any:
-    """Make a PyVista grid of cells or facets, with values to colour it.
+    """Create a PyVista grid of cells or facets, coloured by values.
 
     Args:
         dim: Their dimension, from 1 for edges to 3.
         ids: Numbers of the vertices in DOLFINx's order, shape ``(c, k)``.
         x: Positions of the vertices, shape ``(c, k, 3)`` [m].
-        values: Values of the vertices, shape ``(c, k)``; or of the cells, ``(c,)``, of which
-            each point of the grid gets the mean around it.
+        values: Values of the vertices, shape ``(c, k)``; or of the cells, ``(c,)``, averaged at
+            each point of the grid.
         name: Name of the values.
 
     Returns:
@@ -169,16 +168,17 @@ def paint(
     time: tuple[float, float],
     limits: tuple[float, float] | None = None,
 ) -> None:
-    """Draw a grid, in the place of the one that was drawn before.
+    """Draw a grid, replacing the previous one.
 
     Args:
         plotter: PyVista plotter.
         grid: Grid at its current positions.
         name: Name of the values that colour it; it is grey where they are NaN.
         unit: Unit of the values.
-        time: Time of the picture, and the largest one of all pictures [s], which gives the prefix.
-        limits: Range of the colours; by default that of the values, rounded. Values above it have
-            a colour of their own.
+        time: Time of the picture, and the largest time of all pictures [s], which determines the
+            prefix.
+        limits: Range of the colours; by default that of the values, rounded. Values above it have a
+            special colour.
     """
     values = np.asarray(grid[name], dtype=np.float64)
     least, largest = np.nanmin(values, initial=np.inf), np.nanmax(values, initial=-np.inf)
@@ -206,7 +206,7 @@ def paint(
 
 
 def add_outline(plotter: Any, grid: Any) -> None:
-    """Draw cells of the plane without colours, behind what is coloured.
+    """Draw cells of the plane without colours, behind coloured objects.
 
     Args:
         plotter: PyVista plotter.
@@ -222,9 +222,9 @@ def add_arrows(plotter: Any, x: Floats, vectors: Floats, size: float) -> None:
 
     Args:
         plotter: PyVista plotter.
-        x: Where they begin, shape ``(n, 3)`` [m].
-        vectors: The vectors, of any unit, shape ``(n, 3)``; zeros are left out.
-        size: Size of the picture, of which the longest arrow takes a tenth [m].
+        x: Start points, shape ``(n, 3)`` [m].
+        vectors: The vectors, of any unit, shape ``(n, 3)``; zeros are skipped.
+        size: Size of the picture [m]; the longest arrow is a tenth of it.
     """
     length = np.linalg.norm(vectors, axis=1)
     if (some := length > 0).any():
@@ -235,7 +235,7 @@ def add_arrows(plotter: Any, x: Floats, vectors: Floats, size: float) -> None:
 
 
 def add_obstacle(plotter: Any, surface: Any, number: int) -> None:
-    """Draw the surface of an obstacle, which one can look through.
+    """Draw the surface of an obstacle, transparent.
 
     Args:
         plotter: PyVista plotter.
@@ -249,7 +249,7 @@ def add_obstacle(plotter: Any, surface: Any, number: int) -> None:
 
 
 def aim(plotter: Any, points: Floats, camera: Any, direction: Floats | None = None) -> None:
-    """Set the camera of a plotter, so that what is drawn fills the picture.
+    """Set the camera of a plotter so that the scene fills the picture.
 
     Args:
         plotter: PyVista plotter.
@@ -293,7 +293,7 @@ def aim(plotter: Any, points: Floats, camera: Any, direction: Floats | None = No
 
 
 def shot(plotter: Any, filename: str | Path | None) -> Picture:
-    """Make a picture of what is drawn, and write it if that is wanted.
+    """Create a picture of the scene, and write it to a file if a name is given.
 
     Args:
         plotter: PyVista plotter.
@@ -306,7 +306,7 @@ def shot(plotter: Any, filename: str | Path | None) -> Picture:
 
 
 def _has_display() -> bool:
-    """Whether a window can open, as X and Wayland tell by variables."""
+    """Whether a window can open, by the variables of X and Wayland."""
     return sys.platform in ("darwin", "win32") or any(
         os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")
     )

@@ -32,7 +32,6 @@ class Movie:
     """
 
     def __init__(self, filename: str | Path, fps: float) -> None:
-        """Check the arguments; no file is created yet."""
         self._path, self._fps = Path(filename), fps
         kinds: dict[str, Callable[[Frame], None]] = {".gif": self._quantise, ".mp4": self._encode}
         if self._path.suffix not in kinds:
@@ -53,7 +52,6 @@ class Movie:
             self._ffmpeg = imageio_ffmpeg
 
     def __enter__(self) -> "Movie":
-        """Enter the block, in which frames are written."""
         return self
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:

@@ -1,4 +1,4 @@
-"""Surfaces of obstacles, drawn where bodies are near."""
+"""Surfaces of obstacles near bodies."""
 
 from functools import singledispatch
 from typing import Any
@@ -20,13 +20,13 @@ _WALL, _TOOL = 0.03, 0.2
 def surface_near(obstacle: Obstacle, points: Floats, t: float) -> Any:
     """Find the surface of an obstacle in the box around some points. Local.
 
-    It is where the depth of the obstacle is zero. A `RigidSurface` is drawn as a whole. In the
-    plane it is the area inside the obstacle, where the depth is above zero.
+    It is the zero level of the depth of the obstacle. A `RigidSurface` is drawn completely. In the
+    plane the result is the area inside the obstacle, with positive depth.
 
     Args:
         obstacle: The obstacle.
         points: Positions, shape ``(n, 3)`` [m].
-        t: Time, at which a moving obstacle is where it is drawn [s].
+        t: Time of the position of a moving obstacle [s].
 
     Returns:
         PyVista surface; without points where the obstacle is not in the box.

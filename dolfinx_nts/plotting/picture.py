@@ -29,7 +29,6 @@ class Picture:
     """
 
     def __init__(self, data: bytes, kind: str = "image/png") -> None:
-        """Keep the content."""
         self.data, self.kind = data, kind
 
     @classmethod
@@ -63,7 +62,6 @@ class Picture:
         return cls(buffer.getvalue())
 
     def __repr__(self) -> str:
-        """Kind and size in one line. Local."""
         return f"Picture({self.kind}, {len(self.data)} bytes)"
 
     def save(self, filename: str | Path) -> None:
@@ -76,7 +74,7 @@ class Picture:
             Path(filename).write_bytes(self.data)
 
     def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, Any]:
-        """What a notebook displays; of a movie in MP4 a player."""
+        """Content for a notebook; a player for a movie in MP4."""
         from base64 import b64encode
 
         if not self.data:

@@ -4,7 +4,7 @@ import math
 
 __all__ = ["prefixed", "rounded"]
 
-# Prefixes by the power of ten that they stand for.
+# Prefixes by power of ten.
 _PREFIXES = {-9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 # Steps between labels [-] that are easy to read, times a power of ten.
 _STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
@@ -12,13 +12,13 @@ _INTERVALS = 4  # between labels, about
 
 
 def prefixed(value: float) -> tuple[float, str]:
-    """Find the prefix of a unit with which a number is between 0.1 and 100, if there is one.
+    """Prefix of a unit with which a number is between 0.1 and 100, if there is one.
 
     Args:
-        value: The number, of which the size counts.
+        value: The number; its sign is ignored.
 
     Returns:
-        What a number has to be divided by, and the prefix, as ``(1e3, "k")`` for 8000.
+        Divisor of numbers, and the prefix, as ``(1e3, "k")`` for 8000.
     """
     size = abs(value)
     power = 3 * math.floor((math.log10(size) + 1) / 3) if 0 < size < math.inf else 0

@@ -11,7 +11,7 @@ __all__ = ["von_mises"]
 
 
 def von_mises(stepper: Stepper) -> Floats:
-    """Von Mises stress in the middle of the owned cells' pieces, body by body [Pa]. Collective."""
+    """Von Mises stress at the centres of the owned cells' pieces, by body [Pa]. Collective."""
     middles = Element.of(stepper.u.function_space).middles
     remembered = stepper.memory.stress
     stress = CellStress(stepper.bodies, stepper.u, middles, remembered).evaluate().von_mises()
