@@ -15,6 +15,7 @@ from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.pair import ContactPair, is_in_use
 from dolfinx_nts.fem.axisymmetry import is_axisymmetric
 from dolfinx_nts.fem.elements import Element
+from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.model.rigid_shapes import RigidSphere
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
@@ -69,7 +70,7 @@ def close_gaps(pair: ContactPair, within: float) -> tuple[int, float]:
     reach = _checked(pair, within)
     nodes, mesh = pair.nodes, pair.nodes.V.mesh
     V, comm = nodes.V, mesh.comm
-    in_geometry = np.empty(len(V.tabulate_dof_coordinates()), dtype=np.int32)
+    in_geometry = np.empty(len(reference_positions(V)), dtype=np.int32)
     in_geometry[V.dofmap.list] = compat.geometry_nodes(mesh)
     node, shift = _shifts(pair, mesh.geometry.x[in_geometry], reach)
     moves = la.vector(V.dofmap.index_map, 3)

@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Callable
 from dataclasses import fields
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from dolfinx_nts.contact.nodes_of_pairs import NodesOfPairs
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.passes import ForcesOfNodes, Passes
 from dolfinx_nts.contact.tractions import Tractions
+from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.rigid_shapes import RigidSphere
 from dolfinx_nts.model.rigid_surface import RigidSurface
@@ -59,7 +61,7 @@ class PairState(Tractions, NodesOfPairs):
     def __init__(self, pair: ContactPair, passes: Passes | None = None) -> None:
         """Begin without contact; the pair answers for this state from now on."""
         NodesOfPairs.__init__(self, [pair])
-        at_rest = Passes(pair.nodes.V.tabulate_dof_coordinates, lambda: 0.0)
+        at_rest = Passes(partial(reference_positions, pair.nodes.V), lambda: 0.0)
         Tractions.__init__(self, pair, _search(pair), at_rest if passes is None else passes)
         self._passes.join(pair, self._forces_on_segments)
         # Users ask for gaps at any distance, which must not change the candidates of steps.

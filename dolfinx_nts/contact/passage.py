@@ -15,7 +15,7 @@ from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.contact.joint_state import JointNodes
 from dolfinx_nts.contact.method import EDGES
 from dolfinx_nts.contact.pair import ContactPair
-from dolfinx_nts.fem.node_numbering import listed
+from dolfinx_nts.fem.node_numbering import listed, reference_positions
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.segments import diameters
 from dolfinx_nts.model.surfaces import Surface
@@ -128,7 +128,7 @@ def shortest_passage_of(pair: ContactPair) -> float:
         return np.inf
     if isinstance(segments, Obstacle):
         return segments.shortest_passage
-    size = diameters(segments.V.tabulate_dof_coordinates()[segments.segments])
+    size = diameters(reference_positions(segments.V)[segments.segments])
     shortest = float(passages(size, segments.thickness).min(initial=np.inf))
     return reductions.least(segments.V.mesh.comm, shortest)
 

@@ -16,6 +16,7 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.method import EDGES
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.passage import passing_message, through_to_another_side
+from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.model.closed_boundaries import outward_triangles, triangles_at
 from dolfinx_nts.model.segments import diameters
 from dolfinx_nts.model.surfaces import Surface
@@ -146,7 +147,7 @@ class _Sweep:
         self._comm: MPI.Comm = vertices.V.mesh.comm
         self._search, self._facets = GlobalSearch(vertices, facets), NodalFacets(vertices)
         # A vertex is followed on its whole way between two looks, and has to go through the body.
-        X = facets.V.tabulate_dof_coordinates()
+        X = reference_positions(facets.V)
         length = diameters(X[facets.segments])
         shortest = min(length.min(initial=np.inf), facets.thickness.min(initial=np.inf))
         triangles = outward_triangles(facets.segments, facets.orientation)

@@ -8,7 +8,7 @@ import numpy as np
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
-from dolfinx_nts.fem.node_numbering import listed
+from dolfinx_nts.fem.node_numbering import listed, reference_positions
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.connected_bodies import connected
 from dolfinx_nts.model.obstacles import Obstacle
@@ -71,7 +71,7 @@ def warn_of_bodies_without_pair(bodies: Sequence[Body], pairs: Sequence[ContactP
     if len(groups) == 1:
         return
     V = bodies[0].V
-    comm, group_of = V.mesh.comm, np.full(len(V.tabulate_dof_coordinates()), -1)
+    comm, group_of = V.mesh.comm, np.full(len(reference_positions(V)), -1)
     for number, group in enumerate(groups):
         group_of[np.concatenate([body.nodes for body in group])] = number
     sides = [(pair.nodes, pair.segments) for pair in pairs if isinstance(pair.segments, Surface)]

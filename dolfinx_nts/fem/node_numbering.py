@@ -1,23 +1,38 @@
-"""Node numbers that do not depend on the partition of the mesh.
+"""Numbers and reference positions of the nodes of a space, computed once per space.
 
-A vertex keeps its number in the input mesh. Any other node is the midpoint of an edge, a face or a
-cell. Its number is composed of those of two vertices around it: the smallest vertex number of the
-edge, face or cell, and the opposite vertex.
+The numbers do not depend on the partition of the mesh. A vertex keeps its number in the input mesh.
+Any other node is the midpoint of an edge, a face or a cell. Its number is composed of those of two
+vertices around it: the smallest vertex number of the edge, face or cell, and the opposite vertex.
 """
+
+import weakref
+from typing import NamedTuple
 
 import numpy as np
 from dolfinx import fem
 
 from dolfinx_nts import compat
-from dolfinx_nts.common.arrays import GlobalInts
+from dolfinx_nts.common.arrays import Floats, GlobalInts
 from dolfinx_nts.fem.elements import Element
 
-__all__ = ["input_ids", "listed"]
+__all__ = ["input_ids", "listed", "reference_positions"]
 
 # Bits of the number of a vertex [-]; two numbers fill the 64 bits of a node's number.
 _BITS = 31
 # Largest number of nodes in a message [-].
 _MOST = 5
+
+
+class _Positions(NamedTuple):
+    """Coordinates of the geometry of a mesh, and the positions computed from them [m]."""
+
+    geometry: Floats
+    nodes: Floats
+
+
+# By the `id` of a space, as spaces cannot be hashed; an entry goes with its space.
+_IDS: dict[int, GlobalInts] = {}
+_POSITIONS: dict[int, _Positions] = {}
 
 
 def input_ids(V: fem.FunctionSpace) -> GlobalInts:
@@ -27,9 +42,40 @@ def input_ids(V: fem.FunctionSpace) -> GlobalInts:
         V: Space on the mesh.
 
     Returns:
-        Numbers, shape ``(l,)``: for a vertex its number in the input mesh, for a midpoint between
-        the vertices a < b :math:`2^{31} (a + 1) + b`.
+        Numbers, a read-only array of shape ``(l,)``: for a vertex its number in the input mesh, for
+        a midpoint between the vertices a < b :math:`2^{31} (a + 1) + b`.
     """
+    known = _IDS.get(id(V))
+    if known is None:
+        known = _IDS[id(V)] = _input_ids(V)
+        known.flags.writeable = False
+        weakref.finalize(V, _IDS.pop, id(V))
+    return known
+
+
+def reference_positions(V: fem.FunctionSpace) -> Floats:
+    """Reference positions of all local nodes of a space. Local.
+
+    They are computed again when the geometry of the mesh has changed.
+
+    Args:
+        V: Space on the mesh.
+
+    Returns:
+        Positions, owned and ghost, a read-only array of shape ``(l, 3)`` [m].
+    """
+    geometry = V.mesh.geometry.x
+    known = _POSITIONS.get(id(V))
+    if known is None or not np.array_equal(known.geometry, geometry):
+        if known is None:
+            weakref.finalize(V, _POSITIONS.pop, id(V))
+        known = _Positions(geometry.copy(), V.tabulate_dof_coordinates())
+        known.nodes.flags.writeable = False
+        _POSITIONS[id(V)] = known
+    return known.nodes
+
+
+def _input_ids(V: fem.FunctionSpace) -> GlobalInts:
     geometry = V.mesh.geometry
     vertices = geometry.input_global_indices[compat.geometry_nodes(V.mesh)]
     element = Element.of(V)
@@ -40,7 +86,7 @@ def input_ids(V: fem.FunctionSpace) -> GlobalInts:
         least = ends[np.arange(len(ends)), ends[:, :, 0].argmin(axis=1)]
         a, b = least.T
         number[:, node] = np.where(a == b, b, ((a + 1) << _BITS) + b)
-    ids = np.empty(len(V.tabulate_dof_coordinates()), dtype=np.int64)
+    ids = np.empty(len(reference_positions(V)), dtype=np.int64)
     ids[V.dofmap.list] = number
     return ids
 

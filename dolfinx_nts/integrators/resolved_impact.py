@@ -27,6 +27,7 @@ from dolfinx_nts.contact.history import ContactWork
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.fem.components import dimension, in_space, possible_motions
 from dolfinx_nts.fem.elements import Element
+from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.integrators.body_groups import BodyGroups
 from dolfinx_nts.integrators.held_contact import HeldContact
 from dolfinx_nts.integrators.implicit_forms import StepForms
@@ -117,10 +118,10 @@ class ResolvedImpact(Inertia):
         self._volume_ratio = VolumeRatio(u, surface.cells)
         V = u.function_space
         n = V.dofmap.index_map.size_local
-        self._X = V.tabulate_dof_coordinates()[:n, : dimension(V)]
+        self._X: Floats = reference_positions(V)[:n, : dimension(V)]
         possible = possible_motions(V)
         self._motions = VibrationAnalysis(
-            groups.comm, mass, groups.nodes, fixed, self._X.shape, possible
+            groups.comm, mass, groups.nodes, fixed, (n, dimension(V)), possible
         )
         mass_there, degree = lumped_mass(bodies)[massless], Element.of(V).degree
         self._waves = SurfaceWaves(groups.comm, stiffness, mass_there, degree)

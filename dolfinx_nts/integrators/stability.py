@@ -22,6 +22,7 @@ from dolfinx_nts.contact.explicit.penalty import ContactSprings
 from dolfinx_nts.fem.axisymmetry import is_on_axis
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.elements import Element
+from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
 from dolfinx_nts.materials.strain_energy import strain_basis
 from dolfinx_nts.model.bodies import Body
@@ -137,7 +138,7 @@ class Cells:
         """Compute the wave speed in each cell: half of its frequency times its length."""
         V = bodies[0].V
         self._comm, self._dim = V.mesh.comm, dimension(V)
-        X, element = V.tabulate_dof_coordinates(), Element.of(V)
+        X, element = reference_positions(V), Element.of(V)
         nodes, k = V.dofmap.list, element.pieces.shape[1]
         cells = {
             material: np.concatenate([b.cells for b in bodies if b.material is material])

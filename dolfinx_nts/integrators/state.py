@@ -16,7 +16,7 @@ from dolfinx_nts.common.arguments import positive, real_array
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.fem.axisymmetry import axis_nodes, is_axisymmetric
 from dolfinx_nts.fem.components import dimension, in_space, nodal
-from dolfinx_nts.fem.node_numbering import input_ids
+from dolfinx_nts.fem.node_numbering import input_ids, reference_positions
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.speed_limit import warn_of_speed
 from dolfinx_nts.parallel import reductions
@@ -57,7 +57,7 @@ class State(ABC):
         self.u.name, self.v.name = "displacement", "velocity"
         self.node_ids = input_ids(V)[: V.dofmap.index_map.size_local]
         self._comm: MPI.Comm = V.mesh.comm
-        self._X: Floats = V.tabulate_dof_coordinates()
+        self._X: Floats = reference_positions(V)
         self.dt = dt
         # Of the present step, or of the last one, which diagnostics evaluate after it.
         self._dt = fem.Constant(V.mesh, self.dt)

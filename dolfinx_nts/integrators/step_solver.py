@@ -15,6 +15,7 @@ from dolfinx_nts.contact.implicit.contact_step import ContactStep, go_on_from
 from dolfinx_nts.contact.implicit.local_search import may_face
 from dolfinx_nts.contact.joint_state import JointState, joint_states
 from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.integrators.attempt import Start, StepProblem
 from dolfinx_nts.integrators.rates import Rates
 from dolfinx_nts.integrators.rigid import contact_stiffness
@@ -81,7 +82,7 @@ class StepSolver:
         self._bodies = bodies
         V, dim = bulk.u.function_space, bulk.rigid.dim
         n = V.dofmap.index_map.size_local
-        X: Floats = V.tabulate_dof_coordinates()[:n]
+        X: Floats = reference_positions(V)[:n]
         self.sizes = cell_sizes(V)
         self.mass: Floats = mass[::dim]
         free: Sequence[FreeBody] = ()

@@ -18,6 +18,7 @@ import numpy as np
 
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Array, GlobalInts
+from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io.checkpoint_file import FORMAT, CheckpointFile, Kind, digest
 from dolfinx_nts.io.checksum import checksum
@@ -172,7 +173,7 @@ def _partition(stepper: Stepper) -> Array:
     """Digest of the local numbering; it decides whether local arrays can be used again."""
     V = stepper.u.function_space
     nodes = V.dofmap.index_map.local_to_global(
-        np.arange(len(V.tabulate_dof_coordinates()), dtype=np.int32)
+        np.arange(len(reference_positions(V)), dtype=np.int32)
     )
     text = hashlib.sha256(nodes.tobytes() + stepper.node_ids.tobytes()).digest()
     return np.frombuffer(text, dtype=np.uint8)

@@ -16,7 +16,7 @@ from dolfinx_nts.diagnostics.nodal_fields import NodalFields
 from dolfinx_nts.diagnostics.present import Present
 from dolfinx_nts.fem.components import dimension, in_space
 from dolfinx_nts.fem.elements import Element
-from dolfinx_nts.fem.node_numbering import input_ids
+from dolfinx_nts.fem.node_numbering import input_ids, reference_positions
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.cell_stress import CellStress
 from dolfinx_nts.parallel.errors import agreed
@@ -56,7 +56,7 @@ def mesh_arrays(stepper: Stepper) -> dict[str, Slab]:
     comm: MPI.Comm = mesh.comm
     # The nodes as they were read, and middles between these: tabulated coordinates have a
     # round-off error that depends on the partition.
-    points, read = V.tabulate_dof_coordinates(), mesh.geometry.x[geometry_nodes(mesh)]
+    points, read = reference_positions(V), mesh.geometry.x[geometry_nodes(mesh)]
     if read.shape[1] < len(element.points):
         for node, pairs in enumerate(element.diagonals):
             points[V.dofmap.list[:, node]] = read[:, pairs].mean(axis=2).mean(axis=1)

@@ -15,6 +15,7 @@ from dolfinx.mesh import exterior_facet_indices
 
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.elements import Element
+from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.model.bodies import Body, common_space
 from dolfinx_nts.model.segments import area_vectors, diameters
 from dolfinx_nts.parallel import reductions
@@ -76,7 +77,7 @@ def closed_boundaries(groups: Sequence[Sequence[Body]]) -> list[ClosedBoundary]:
         The boundary of each group.
     """
     V = common_space([body for group in groups for body in group])
-    X, index_map = V.tabulate_dof_coordinates(), V.dofmap.index_map
+    X, index_map = reference_positions(V), V.dofmap.index_map
     segments, orientation, cell = _segments(V)
     marker = la.vector(index_map)
     marker.array[segments.ravel()] = 1
@@ -169,7 +170,7 @@ def walls(edges: Ints, num_nodes: int) -> Ints:
 
 def _segments(V: fem.FunctionSpace) -> tuple[Ints, Floats, Ints]:
     """Segments of the boundary of the mesh that this rank owns, orientations, and cells."""
-    mesh_topology, X, dofs = V.mesh.topology, V.tabulate_dof_coordinates(), V.dofmap.list
+    mesh_topology, X, dofs = V.mesh.topology, reference_positions(V), V.dofmap.list
     tdim = mesh_topology.dim
     both = (tdim - 1, tdim), (tdim, tdim - 1)
     for dims in both:

@@ -16,6 +16,7 @@ from dolfinx_nts.common.arguments import instances
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.axisymmetry import axis_nodes, is_axisymmetric
 from dolfinx_nts.fem.components import dimension, moments, resultants
+from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.model.reaction import Reaction, total_reactions
 from dolfinx_nts.parallel import reductions
 
@@ -62,7 +63,7 @@ class Supports:
             self.conditions = (*given, fem.dirichletbc(0.0, 2 * axis_nodes(V), V.sub(0)))
             self._names.append("the axis")
         self._V = V
-        self._u, self._X = fem.Function(V), V.tabulate_dof_coordinates()
+        self._u, self._X = fem.Function(V), reference_positions(V)
         self._comm: MPI.Comm = V.mesh.comm
         self._dim = dimension(V)
         # DOLFINx 0.9 also returns a number of owned dofs, which is wrong for blocks.

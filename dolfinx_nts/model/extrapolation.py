@@ -14,7 +14,7 @@ import numpy as np
 from dolfinx import la
 
 from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
-from dolfinx_nts.fem.node_numbering import input_ids, listed
+from dolfinx_nts.fem.node_numbering import input_ids, listed, reference_positions
 from dolfinx_nts.fem.surroundings import add_surroundings
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.connected_bodies import connected
@@ -105,7 +105,7 @@ def extrapolate(bodies: Sequence[Body], nodes: Ints) -> Extrapolation:
     """
     V = bodies[0].V
     comm: MPI.Comm = V.mesh.comm
-    X, group = V.tabulate_dof_coordinates(), group_of_nodes(bodies)
+    X, group = reference_positions(V), group_of_nodes(bodies)
     below = _neighbours(bodies, nodes, group)
     rows = []
     size = max(1, _CHUNK // max(1, len(below.id)))
@@ -113,7 +113,7 @@ def extrapolate(bodies: Sequence[Body], nodes: Ints) -> Extrapolation:
         some = nodes[first : first + size]
         distance = np.linalg.norm(X[some, None] - below.X, axis=2)
         distance[group[some, None] != below.group] = np.inf
-        rows += [_row(x, d, below) for x, d in zip(X[some], distance, strict=True)]
+        rows += [_row(X[node], d, below) for node, d in zip(some, distance, strict=True)]
     ids = input_ids(V)[nodes[[row is None for row in rows]]]
     thin = np.sort(joined(comm, ids))
     if len(thin):
@@ -142,7 +142,7 @@ def _neighbours(bodies: Sequence[Body], nodes: Ints, group: Ints) -> _Neighbours
     own = (
         np.asarray(index_map.local_to_global(below)),
         input_ids(V)[below],
-        V.tabulate_dof_coordinates()[below],
+        reference_positions(V)[below],
         group[below],
     )
     return _Neighbours(*(joined(V.mesh.comm, values) for values in own))

@@ -9,6 +9,7 @@ from dolfinx.mesh import MeshTags
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.fem.axisymmetry import is_on_axis
 from dolfinx_nts.fem.elements import Element
+from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.model.segments import area_vectors
 from dolfinx_nts.parallel import reductions
 
@@ -62,7 +63,7 @@ def facet_segments(V: fem.FunctionSpace, facets: MeshTags, tag: int) -> FacetSeg
         ]
         for nodes in zip(*element.sides, strict=True)
     )
-    X = V.tabulate_dof_coordinates()
+    X = reference_positions(V)
     outward = (X[on_facet].mean(axis=2) - X[behind].mean(axis=2)).reshape(-1, 3)
     vertices: Ints = on_facet.reshape(-1, on_facet.shape[2])
     is_surface = ~is_on_axis(mesh, X[vertices]).all(axis=1)

@@ -8,6 +8,7 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Ints
 from dolfinx_nts.fem.components import in_space, nodal
 from dolfinx_nts.fem.elements import Element
+from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.parallel import reductions
 
 __all__ = ["VolumeRatio"]
@@ -26,7 +27,7 @@ class VolumeRatio:
     def __init__(self, u: fem.Function, cells: Ints | None = None) -> None:
         """Evaluate the shape functions at the quadrature points."""
         V = u.function_space
-        self._u, self._X, element = u, V.tabulate_dof_coordinates(), Element.of(V)
+        self._u, self._X, element = u, reference_positions(V), Element.of(V)
         cell = basix.CellType[element.cell]
         points, _ = basix.make_quadrature(cell, element.stress_degree)
         values, *gradients = element.basix.tabulate(1, points)[..., 0]

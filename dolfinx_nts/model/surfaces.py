@@ -23,7 +23,7 @@ from dolfinx_nts.fem.axisymmetry import of_rings
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.elements import Element, check_space, check_tag
 from dolfinx_nts.fem.jit import assembled, compile_quickly
-from dolfinx_nts.fem.node_numbering import input_ids
+from dolfinx_nts.fem.node_numbering import input_ids, reference_positions
 from dolfinx_nts.model.facet_segments import facet_segments
 from dolfinx_nts.model.rigid_shapes import RigidSphere
 from dolfinx_nts.model.segments import NEIGHBOURS, diameters
@@ -120,7 +120,7 @@ class Surface(Declaration):
         self.thickness: Floats = found.thickness[found.is_owned]
         ids = np.sort(input_ids(V)[self.segments], axis=1)
         self.key = places_among_all(mesh.comm, ids)
-        x = V.tabulate_dof_coordinates()[self.segments]
+        x = reference_positions(V)[self.segments]
         if isinstance(smooth, RigidSphere):
             self._check_sphere(smooth, x)
         self.size = float(reductions.largest(mesh.comm, diameters(x).max(initial=0.0)))
@@ -303,7 +303,7 @@ def sharpest_corner(surface: Surface) -> float:
         The sine in the reference configuration [-], 0 if an edge has no length but for
         round-off.
     """
-    x = surface.V.tabulate_dof_coordinates()[surface.segments]
+    x = reference_positions(surface.V)[surface.segments]
     if x.shape[1] == 2:  # no corner within an edge
         has_length = diameters(x) > _NO_LENGTH * surface.size
         return float(reductions.everywhere(surface.V.mesh.comm, bool(has_length.all())))
@@ -359,7 +359,7 @@ def boundary_facets(V: fem.FunctionSpace, predicate: Callable[[Any], Any]) -> In
 
 def _extent(V: fem.FunctionSpace) -> str:
     """Text with the least and the largest coordinates of the nodes. Collective."""
-    X = V.tabulate_dof_coordinates()[:, : dimension(V)]
+    X = reference_positions(V)[:, : dimension(V)]
     low = reductions.least(V.mesh.comm, X.min(axis=0, initial=np.inf))
     high = reductions.largest(V.mesh.comm, X.max(axis=0, initial=-np.inf))
     size = np.abs([low, high]).max()

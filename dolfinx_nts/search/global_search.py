@@ -12,6 +12,7 @@ from dolfinx import common
 from dolfinx_nts import compat
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
+from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.model.segments import diameters
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel.communication import exchanged
@@ -90,7 +91,7 @@ class GlobalSearch(Search):
         if stored is not None:
             x_nodes, x_vertices, reach = stored
             self.covered = (x_nodes, x_vertices, float(reach))
-            x = np.zeros((len(self._nodes.V.tabulate_dof_coordinates()), 3))
+            x = np.zeros((len(reference_positions(self._nodes.V)), 3))
             x[self._nodes.nodes], x[self._vertices] = x_nodes, x_vertices
             self.candidates = self._find(x, float(reach))
 

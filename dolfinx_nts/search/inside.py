@@ -8,6 +8,7 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.model.closed_boundaries import ClosedBoundary, raised, wall_height, walls
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined
@@ -39,7 +40,7 @@ class Insides:
         triangles = [boundary.triangles for boundary in boundaries]
         self._height = 0.0
         if triangles[0].shape[1] == 2:
-            X = boundaries[0].bodies[0].V.tabulate_dof_coordinates()
+            X = reference_positions(boundaries[0].bodies[0].V)
             self._height = max(wall_height(comm, X[some]) for some in nodes)
             nodes = [np.concatenate([some, some + np.int32(len(X))]) for some in nodes]
             triangles = [walls(edges, len(X)) for edges in triangles]

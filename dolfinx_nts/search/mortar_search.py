@@ -5,6 +5,7 @@ import numpy as np
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.axisymmetry import is_axisymmetric
 from dolfinx_nts.fem.elements import Element
+from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.model.segments import area_vectors
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.search.facet_candidates import FacetCandidates
@@ -97,7 +98,7 @@ class MortarSearch(FacetSearch):
         """Find the facets around the nodes."""
         super().__init__(nodes, segments)
         space = nodes.V.dofmap.index_map
-        X: Floats = nodes.V.tabulate_dof_coordinates()
+        X: Floats = reference_positions(nodes.V)
         self._X = X[: space.size_local]
         search = FacetSearch(nodes, nodes)
         search.update(X, _AROUND * nodes.size)

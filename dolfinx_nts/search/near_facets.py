@@ -7,7 +7,7 @@ from mpi4py import MPI
 import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
-from dolfinx_nts.fem.node_numbering import input_ids
+from dolfinx_nts.fem.node_numbering import input_ids, reference_positions
 from dolfinx_nts.model.rims import FACET_EDGES, SHARP
 from dolfinx_nts.model.segments import area_vectors
 from dolfinx_nts.model.surfaces import Surface
@@ -56,7 +56,7 @@ class NearFacets(NamedTuple):
             surface.key,
             surface.orientation,
             input_ids(surface.V)[vertices],
-            surface.V.tabulate_dof_coordinates()[vertices],
+            reference_positions(surface.V)[vertices],
             space.local_to_global(vertices.ravel()).reshape(vertices.shape),
             owners_of(space)[vertices],
         )

@@ -7,6 +7,7 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.fem.axisymmetry import is_axisymmetric
+from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.model.facing import Facing
 from dolfinx_nts.model.segments import NEIGHBOURS, area_vectors
 from dolfinx_nts.model.surfaces import Surface
@@ -57,7 +58,7 @@ class NodalFacets:
 
     def __init__(self, surface: Surface) -> None:
         """Find the facets around each node, and their angles there."""
-        X = surface.V.tabulate_dof_coordinates()
+        X = reference_positions(surface.V)
         near, _ = GlobalSearch(surface, surface).update(X, _AROUND * surface.size)
         number = np.full(near.scatter.num_local, -1, dtype=np.int32)
         number[surface.nodes] = np.arange(len(surface.nodes), dtype=np.int32)

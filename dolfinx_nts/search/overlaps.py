@@ -15,6 +15,7 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.fem.components import dimension
+from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.closed_boundaries import ClosedBoundary, closed_boundaries, triangles_at
 from dolfinx_nts.model.connected_bodies import connected
@@ -92,7 +93,11 @@ class OverlapSearch:
         self._nodes = [boundary.nodes for boundary in self._boundaries]
         self._edges = [boundary.edges for boundary in self._boundaries]
         self._sizes = np.array([boundary.size for boundary in self._boundaries])
-        X = V.tabulate_dof_coordinates()[:, : dimension(V)]
+        X = reference_positions(V)[:, : dimension(V)]
+        # Number of the boundary of each owned node, -1 of nodes on no boundary.
+        self._boundary_of = np.full(V.dofmap.index_map.size_local, -1)
+        for number, nodes in enumerate(self._nodes):
+            self._boundary_of[nodes] = number
         lengths = [_kernels.cell_lengths(X, boundary.cells) for boundary in self._boundaries]
         cells = np.array([length.min(initial=np.inf) for length in lengths])
         self.cells: Floats = reductions.least(self._comm, cells)
@@ -101,7 +106,7 @@ class OverlapSearch:
     @cached_property
     def walls(self) -> Floats:
         """Thickness of the thinnest part of each boundary at rest, ``(g,)`` [m]. Collective."""
-        X = self._boundaries[0].bodies[0].V.tabulate_dof_coordinates()
+        X = reference_positions(self._boundaries[0].bodies[0].V)
         comm, surfaces = self._comm, (b.triangles for b in self._boundaries)
         return np.array([thinnest_wall(comm, triangles_at(comm, X, each)) for each in surfaces])
 
@@ -114,8 +119,9 @@ class OverlapSearch:
         """Names in an `Overlap` of the bodies to which a surface belongs. Collective."""
         if isinstance(surface, Obstacle):
             return frozenset([self._obstacles[surface]])
-        mine = [bool(np.isin(surface.nodes, b.nodes).any()) for b in self._boundaries]
-        belongs = reductions.anywhere(self._comm, mine)
+        mine = np.zeros(len(self._boundaries) + 1, dtype=bool)
+        mine[self._boundary_of[surface.nodes]] = True
+        belongs = reductions.anywhere(self._comm, mine[:-1])
         return frozenset(name for name, yes in zip(self.names, belongs, strict=True) if yes)
 
     def approach(self, x: Floats, t: float, before: Floats, t_before: float) -> Floats:

@@ -6,6 +6,7 @@ import numpy as np
 
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.rigid_surface import RigidSurface
 from dolfinx_nts.model.surfaces import Surface
@@ -82,7 +83,7 @@ class RigidEdgeSearch(ObstacleSearch):
         self._covered = None
         if stored is not None:
             x_nodes, reach = stored
-            x = np.zeros((len(self._nodes.V.tabulate_dof_coordinates()), 3))
+            x = np.zeros((len(reference_positions(self._nodes.V)), 3))
             x[self._nodes.nodes] = x_nodes
             self._find(x, float(reach))
 

@@ -17,6 +17,7 @@ from itertools import chain, permutations
 import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
+from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.model.segments import area_vectors
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.search.global_search import GlobalSearch
@@ -125,5 +126,5 @@ class SelfContactSearch(GlobalSearch):
     def _make(
         self, found: FoundSegments, others: Ints, x: Floats, reach: float
     ) -> SelfContactCandidates:
-        X = self._nodes.V.tabulate_dof_coordinates()[: found.scatter.index_map.size_local]
+        X = reference_positions(self._nodes.V)[: found.scatter.index_map.size_local]
         return SelfContactCandidates(found, X)

@@ -7,7 +7,7 @@ from mpi4py import MPI
 import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
-from dolfinx_nts.fem.node_numbering import input_ids
+from dolfinx_nts.fem.node_numbering import input_ids, reference_positions
 from dolfinx_nts.model.rims import FACET_EDGES, SHARP
 from dolfinx_nts.model.segments import area_vectors
 from dolfinx_nts.model.surfaces import Surface
@@ -50,7 +50,7 @@ class SharpEdges:
     def __init__(self, surface: Surface) -> None:
         """Find the edges of the facets around the owned nodes."""
         V = surface.V
-        X = V.tabulate_dof_coordinates()
+        X = reference_positions(V)
         near, _ = GlobalSearch(surface, surface).update(X, _AROUND * surface.size)
         self.scatter = near.scatter
         ids = _numbers(input_ids(V), near)

@@ -4,7 +4,7 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
 from dolfinx_nts.fem.components import dimension
-from dolfinx_nts.fem.node_numbering import input_ids
+from dolfinx_nts.fem.node_numbering import input_ids, reference_positions
 from dolfinx_nts.model.rigid_shapes import RigidSphere
 from dolfinx_nts.model.segments import area_vectors
 from dolfinx_nts.model.surfaces import Surface
@@ -44,7 +44,7 @@ class SphereFrame:
         assert isinstance(surface.smooth, RigidSphere)
         self.sphere = sphere = surface.smooth
         V, comm, d = surface.V, surface.V.mesh.comm, dimension(surface.V)
-        own, places = surface.segments, V.tabulate_dof_coordinates()
+        own, places = surface.segments, reference_positions(V)
         space = V.dofmap.index_map
         dofs = space.local_to_global(own.ravel()).reshape(own.shape)
         owners = owners_of(space)[own]

@@ -7,6 +7,7 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Array, Floats, Ints
 from dolfinx_nts.fem.components import dimension
+from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.model.rigid_body import RigidBody
 from dolfinx_nts.parallel import reductions
 
@@ -54,7 +55,7 @@ class LinearFields:
         self.body, V = body, body.V
         comm: MPI.Comm = V.mesh.comm
         self.nodes: Ints = body.nodes[body.nodes < V.dofmap.index_map.size_local]
-        X = V.tabulate_dof_coordinates()[self.nodes, : dimension(V)]
+        X = reference_positions(V)[self.nodes, : dimension(V)]
         if point is None:
             *total, count = reductions.total(comm, np.array([*X.sum(axis=0), len(X)]))
             point = np.array(total) / count

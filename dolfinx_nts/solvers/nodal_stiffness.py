@@ -8,6 +8,7 @@ from dolfinx import fem
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.fem.axisymmetry import is_axisymmetric
 from dolfinx_nts.fem.components import dimension
+from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.block_csr import BlockCSR
 from dolfinx_nts.solvers.cell_sizes import cell_sizes
@@ -45,7 +46,7 @@ class NodalStiffness:
         # Expected relative stiffness: in axisymmetric meshes it grows with the radius.
         self._share: Floats = np.ones(len(self._is_free))
         if is_axisymmetric(V.mesh):
-            r = V.tabulate_dof_coordinates()[: len(self._share), 0]
+            r = reference_positions(V)[: len(self._share), 0]
             self._share = np.maximum(r, _INNERMOST * cell_sizes(V).nodal)
         every = np.arange(len(self._share), dtype=np.int32)
         self._bodies = [every, *(nodes[nodes < len(every)] for nodes in bodies)]

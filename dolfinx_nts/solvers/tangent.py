@@ -17,6 +17,7 @@ from dolfinx_nts.fem.bilinear_forms import CellMatrix
 from dolfinx_nts.fem.cell_constant import changing
 from dolfinx_nts.fem.components import in_space, nodal
 from dolfinx_nts.fem.jit import compile_bilinear_form
+from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.model.dirichlet import Supports
 from dolfinx_nts.solvers.added_stiffness import NEARBY_SHIFT, AddedStiffness
 from dolfinx_nts.solvers.block_csr import BlockCSR
@@ -83,7 +84,7 @@ class Tangent(AddedStiffness):
     @property
     def X(self) -> Floats:
         """Reference positions of the owned nodes, shape ``(n, 3)`` [m]. Local."""
-        X: Floats = self._u.function_space.tabulate_dof_coordinates()
+        X: Floats = reference_positions(self._u.function_space)
         return X[: self.rows.index_map.size_local]
 
     def nodal_stiffness(self) -> Floats:
@@ -173,7 +174,7 @@ class Tangent(AddedStiffness):
     def _rigid_motions(self, matrix: Any) -> Any:
         """Near null space of a matrix: rigid motions at the current positions. Collective."""
         n, dim = self.rows.index_map.size_local, self.rows.dim
-        x = self._u.function_space.tabulate_dof_coordinates() + in_space(nodal(self._u))
+        x = reference_positions(self._u.function_space) + in_space(nodal(self._u))
         axes = np.eye(3)[:, None]
         turns = np.cross(axes, x[:n])[:, :, :dim]
         modes = np.concatenate(

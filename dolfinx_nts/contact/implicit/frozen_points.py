@@ -15,6 +15,7 @@ from dolfinx_nts.contact.implicit.mortar_pairing import MortarPairing
 from dolfinx_nts.contact.joint_state import JointState
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.mortar_points import MortarPoints
 from dolfinx_nts.search.mortar_search import MortarCandidates
@@ -106,7 +107,7 @@ class TiedPoints(FrozenPoints):
 
     def _choose(self, x: Floats) -> None:
         """Choose the points by the reference positions, whatever the others are."""
-        X = self.candidates.scatter.forward(self._V.tabulate_dof_coordinates())
+        X = self.candidates.scatter.forward(reference_positions(self._V))
         self._take(X, X)
 
 
