@@ -56,7 +56,7 @@ def mesh_arrays(stepper: Stepper) -> dict[str, Slab]:
     comm: MPI.Comm = mesh.comm
     # The nodes as they were read, and middles between these: tabulated coordinates have a
     # round-off error that depends on the partition.
-    points, read = reference_positions(V), mesh.geometry.x[geometry_nodes(mesh)]
+    points, read = reference_positions(V).copy(), mesh.geometry.x[geometry_nodes(mesh)]
     if read.shape[1] < len(element.points):
         for node, pairs in enumerate(element.diagonals):
             points[V.dofmap.list[:, node]] = read[:, pairs].mean(axis=2).mean(axis=1)
