@@ -8,6 +8,7 @@ from dolfinx import la
 
 from dolfinx_nts.common.arrays import Flags, Ints
 from dolfinx_nts.fem.elements import Element
+from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.parallel import reductions
 
@@ -60,7 +61,7 @@ def log_shared_nodes(bodies: Sequence[Body]) -> None:
     """
     V = bodies[0].V
     comm, num_owned = V.mesh.comm, V.dofmap.index_map.size_local
-    count = np.zeros(len(V.tabulate_dof_coordinates()), dtype=np.int32)
+    count = np.zeros(len(reference_positions(V)), dtype=np.int32)
     for body in bodies:
         count[body.nodes] += 1
     shared = np.flatnonzero(count > 1)

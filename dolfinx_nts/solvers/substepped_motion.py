@@ -21,6 +21,7 @@ from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution, changed
 from dolfinx_nts.contact.implicit.meeting import until_met
 from dolfinx_nts.fem.components import dimension
+from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.prescribed_motion import PrescribedMotion
@@ -195,6 +196,6 @@ def largest_strain(bulk: Bulk, du: Floats) -> float:
     field.x.array[: bulk.num_owned] = bulk.rigid.without(du.reshape(-1, bulk.rigid.dim)).ravel()
     field.x.scatter_forward()
     values = field.x.array.reshape(-1, dimension(V))[V.dofmap.list]
-    X = V.tabulate_dof_coordinates()[V.dofmap.list]
+    X = reference_positions(V)[V.dofmap.list]
     change, size = (np.ptp(of_cells, axis=1).max(axis=1) for of_cells in (values, X))
     return reductions.largest(bulk.comm, float((change / size).max(initial=0.0)))
