@@ -209,6 +209,9 @@ class CentralDifference(Stepper):
         super()._begin(t_n, t)
         self._rigid.guides.prescribe(t_n, t)
 
+    def _prescribed(self) -> list[tuple[str, Any]]:
+        return self._rigid.guides.by_name()
+
     def _turns(self) -> list[tuple[str, float]]:
         return super()._turns() + self._rigid.guides.turns()
 

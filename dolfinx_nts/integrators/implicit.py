@@ -97,6 +97,9 @@ class ImplicitStepper(Stepper):
             check_statics(self.bodies, Supports(self.u.function_space, bcs).fixed)
         ends = self.scheme.ends_for_loads(self.u_n, self.u)
         works = [load.form(*ends) for load in self.loads]
+        if self.scheme.load_point != 1:
+            both = zip(self.loads, works, strict=True)
+            works = [self._script.with_copies(load, work) for load, work in both]
         massless = massless_nodes(self.bodies, self.pairs)
         self._inertia: Inertia
         if any(map(is_resolved, self.pairs)):
@@ -209,6 +212,9 @@ class ImplicitStepper(Stepper):
     def _begin(self, t_n: float, t: float) -> None:
         super()._begin(t_n, t)
         self._bulk.rigid.guides.prescribe(t_n, t)
+
+    def _prescribed(self) -> list[tuple[str, Any]]:
+        return self._bulk.rigid.guides.by_name()
 
     def _turns(self) -> list[tuple[str, float]]:
         return super()._turns() + self._bulk.rigid.guides.turns()

@@ -192,7 +192,7 @@ class QuasiStatic(ImplicitStepper):
     def _time_helps(self) -> str:
         """Advice where only the length of the step is left to change. Collective."""
         moves = any(contact.search.may_move for contact in self.contacts)
-        if self._update is None and not moves:
+        if not self._script.updates and not moves:
             load = self._forces.loads()
             self._load_at(0.0)
             change = self._forces.norm(self._forces.loads() - load)

@@ -63,7 +63,9 @@ class EnergyMomentum(ImplicitStepper):
             from their displacements.
         loads: Loads on the bodies.
         update: Called before each step with the time at its end [s], to set the functions and
-            constants in ``bcs`` and ``loads``.
+            constants in ``bcs`` and ``loads``. If ``loads`` contain some, it is first called
+            with the time of the loads, the middle of the step, which keeps the second order. It
+            should depend on the time alone.
         petsc_options: Options of the linear solver. Those called ``ksp_...`` are for the Krylov
             method. All others, such as ``pc_type``, are for the preconditioner of the bulk,
             which PETSc makes if there are any. Tolerances are set by Newton's method.

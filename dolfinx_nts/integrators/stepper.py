@@ -30,6 +30,7 @@ from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.rigid import check_rigid_bodies
 from dolfinx_nts.integrators.scheme import Scheme
+from dolfinx_nts.integrators.script_values import ScriptValues
 from dolfinx_nts.integrators.state import current_positions
 from dolfinx_nts.integrators.statistics import StepperStatistics
 from dolfinx_nts.integrators.time_loop import TimeLoop
@@ -125,7 +126,7 @@ class Stepper(TimeLoop):
         # Bound on the way of all nodes in the last step [m].
         self._was_displaced, self._way = True, 0.0
         self.timings = Timings()
-        self._update = update
+        self._script = ScriptValues(self.loads, (self.u_n, self.u), update)
         # Positions from which the user has displaced bodies since the last step.
         self._x_before: Floats | None = None
         # Asking a Function for its values takes as long as copying those of a small mesh.
@@ -220,13 +221,13 @@ class Stepper(TimeLoop):
             self._look_at_start()
         moving = [contact for contact in self.contacts if contact.search.may_move]
         anything_moves = moving or guided(self.bodies)
-        if self._update is not None or self.loads or anything_moves:
+        if self._script.updates or self.loads or anything_moves:
             call = f"update, loads and motions of {self._next()}"
-            with agreed(self._comm, call), self._step_of_one_length():
-                if self._update is not None:
-                    self._update(self.t + self.dt)
+            with agreed(self._comm, call) as values, self._step_of_one_length():
+                self._script.update(self.t + self.dt)
                 self._load_at(self.scheme.load_point)
                 self._begin(self.t, self.t + self.dt)
+                values.extend(self._values())
         if anything_moves:
             self._check_turns()
         self.supports.check()
@@ -285,13 +286,34 @@ class Stepper(TimeLoop):
 
     def _load_at(self, point: float) -> None:
         """Set the time of the loads to a point of the next step, from 0 to 1. Local."""
+        t = self.t + point * self.dt
+        self._script.take(t, self.t + self.dt)
         for load in self.loads:
-            load.update(self.t + point * self.dt)
+            load.update(t)
 
     def _begin(self, t_n: float, t: float) -> None:
         """Tell what has a motion of its own that a step goes from t_n to t [s]. Local."""
         for contact in self.contacts:
             contact.search.begin(t_n, t)
+
+    def _values(self) -> list[str]:
+        """Values of the script in the step, equal on all ranks, as text. Local."""
+        if self._comm.size == 1:
+            return []
+        frames = [(contact.segments.name, contact.search.frame) for contact in self.contacts]
+        given = [
+            *self._script.constants(),
+            *self.supports.constants(),
+            *((name, [*frame.end.centre, frame.angle]) for name, frame in frames if frame.moves),
+            *self._prescribed(),
+        ]
+        return [
+            f"{name} = {' '.join(f'{v:.12g}' for v in np.ravel(value))}" for name, value in given
+        ]
+
+    def _prescribed(self) -> list[tuple[str, Any]]:
+        """Names of guided bodies, and their prescribed motions in the step. Local."""
+        return []
 
     def _turns(self) -> list[tuple[str, float]]:
         """Names of what is moved in the step, and by which angles it turns [rad]. Local."""

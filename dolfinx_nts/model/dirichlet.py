@@ -99,6 +99,12 @@ class Supports:
         """Whether there are any conditions, on all ranks. Local."""
         return bool(self.conditions)
 
+    def constants(self) -> list[tuple[str, Floats]]:
+        """Names of conditions that are constant in space, and their present values [m]. Local."""
+        values = (getattr(bc.g, "value", None) for bc in self.conditions)
+        both = zip(self._names, values, strict=True)
+        return [(name, np.asarray(value)) for name, value in both if value is not None]
+
     def check(self) -> None:
         """Raise unless the present values are finite and do not conflict.
 

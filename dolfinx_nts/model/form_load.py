@@ -17,9 +17,9 @@ class FormLoad(Load):
     r"""A load given as a UFL form, such as a spring or a follower force. Collective.
 
     The sign is that of the right-hand side of a DOLFINx problem, so that ``inner(f, eta) * dx``
-    pushes along f. Functions and constants in the form may be set by ``update`` of the stepper.
-    The load may act on all bodies. In an axisymmetric mesh the form needs the factor 2 pi x[0]
-    itself.
+    pushes along f. Functions and constants in the form may be set by ``update`` of the stepper,
+    which is called for the time of the load, too. The load may act on all bodies. In an
+    axisymmetric mesh the form needs the factor 2 pi x[0] itself.
 
     Args:
         V: Space of the displacement.
@@ -66,6 +66,10 @@ class FormLoad(Load):
     def update(self, t: float) -> None:
         """Set the time in the form, see `Load.update`."""
         self._t.value = t
+
+    def given(self, form: ufl.Form) -> list[Any]:
+        """All but the time, see `Load.given`."""
+        return [value for value in super().given(form) if value is not self._t]
 
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
         """Virtual work in a step, see `Load.form`."""

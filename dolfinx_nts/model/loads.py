@@ -1,9 +1,10 @@
 r"""What loads on bodies have in common: they are forms of virtual work.
 
 The form of a load is linear in the test function. Its value at u_{n+1} - u_n is the work of the
-load in a step, which the energy ledger counts. A value that is a function of time is taken once
-per step, at the time that the integrator chooses: the middle of the step, its end in
-`QuasiStatic` and `CentralDifference`, and :math:`t_{n+1-\alpha_f}` in `GeneralizedAlpha`.
+load in a step, which the energy ledger counts. A value that depends on time, by a function of
+time or by ``update`` of the stepper, is taken once per step, at the time that the integrator
+chooses: the middle of the step, its end in `QuasiStatic` and `CentralDifference`, and
+:math:`t_{n+1-\alpha_f}` in `GeneralizedAlpha`.
 """
 
 from abc import ABC, abstractmethod
@@ -13,6 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 import ufl
 from dolfinx import fem
+from ufl.algorithms.analysis import extract_coefficients, extract_constants
 
 from dolfinx_nts.common.arguments import as_call, instances, real_array
 from dolfinx_nts.fem.components import dimension
@@ -65,6 +67,17 @@ class Load(ABC):
             Form on the reference configuration.
         """
 
+    def given(self, form: ufl.Form) -> list[Any]:
+        """Constants and Functions in the form of the load that a script may set. Local.
+
+        A class that does not override this method lets scripts set all of them.
+
+        Args:
+            form: The form, as `form` returns it.
+        """
+        found = [*form.constants(), *form.coefficients()]
+        return [value for value in found if isinstance(value, fem.Constant | fem.Function)]
+
     def acts_on(self, body: Body) -> bool:
         """Whether the load may act on a body, which then never sleeps. Collective.
 
@@ -100,7 +113,8 @@ class LoadWithValue(Load):
         self._shape = self._shape_in(dimension(V))
         self._in_time: Callable[[float], Any] | None = None
         self._value = value
-        if isinstance(value, ufl.core.expr.Expr):
+        self._owns_value = not isinstance(value, ufl.core.expr.Expr)
+        if not self._owns_value:
             self._check(value.ufl_shape)
         else:
             self._value = fem.Constant(V.mesh, np.zeros(self._shape))
@@ -123,6 +137,13 @@ class LoadWithValue(Load):
         """
         if self._in_time is not None:
             self._set(self._in_time(t))
+
+    def given(self, form: ufl.Form) -> list[Any]:
+        """Constants and Functions in a value that is a UFL expression, see `Load.given`."""
+        if self._owns_value:
+            return []
+        of_value = [*extract_constants(self._value), *extract_coefficients(self._value)]
+        return [value for value in super().given(form) if value in of_value]
 
     def _described(self) -> Any:
         """What ``repr`` tells of the value: the function, the expression or numbers."""

@@ -5,9 +5,11 @@ If they do not, because they wait inside it for the rank that failed, the error 
 program on that rank, and `end_together` ends the others.
 """
 
+import math
 import pickle
 import sys
 import time
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import TracebackType
@@ -15,7 +17,7 @@ from typing import Any
 
 from mpi4py import MPI
 
-from dolfinx_nts.parallel.meeting import Meeting, leave_with_notes
+from dolfinx_nts.parallel.meeting import Meeting, different, leave_with_notes
 
 __all__ = ["agreed", "all_come", "end_together", "portable"]
 
@@ -35,7 +37,7 @@ _pending: list[MPI.Request] = []
 
 
 @contextmanager
-def agreed(comm: MPI.Comm, call: str) -> Iterator[None]:
+def agreed(comm: MPI.Comm, call: str) -> Iterator[list[str]]:
     """Context that raises an error of one rank on all ranks. Collective.
 
     If several ranks fail, all raise the error of the lowest of them. A rank that waits for the
@@ -45,27 +47,40 @@ def agreed(comm: MPI.Comm, call: str) -> Iterator[None]:
         comm: Communicator.
         call: What the ranks do in the context, as in `meet`.
 
+    Returns:
+        Context of a list, to which the ranks may add what must also be the same on all of them.
+
     Raises:
         Exception: What was raised in the context on a rank.
-        ValueError: Ranks make different calls.
+        ValueError: Ranks make different calls, or add different things.
     """
     error: Exception | None = None
+    more: list[str] = []
     try:
-        yield
+        yield more
     except Exception as failure:
         error = failure
     if comm.size == 1:
         if error is not None:
             raise error
         return
-    meeting = Meeting(comm, call, -float(comm.size if error is None else comm.rank))
+    # A rank that failed has nothing to compare.
+    code = zlib.crc32("\n".join(more).encode())
+    own = (code, -code) if error is None else (-math.inf, -math.inf)
+    meeting = Meeting(comm, call, -float(comm.size if error is None else comm.rank), *own)
     if error is not None and not meeting.wait(_PATIENCE):
         raise error
     meeting.wait()
-    first = -int(meeting.largest()[0])
-    if first < comm.size:
+    largest, *codes = meeting.largest()
+    if (first := -int(largest)) < comm.size:
         shared = comm.bcast(None if error is None else portable(error), root=first)
         raise error if comm.rank == first and error is not None else shared
+    if codes[0] != -codes[1]:
+        each = comm.allgather(more)
+        calls = (
+            ", ".join(item for item in one if any(item not in o for o in each)) for one in each
+        )
+        raise ValueError(different(f"{call} with {some or 'nothing else'}" for some in calls))
 
 
 def all_come(comm: MPI.Comm, call: str) -> bool:

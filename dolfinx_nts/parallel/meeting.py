@@ -11,6 +11,7 @@ import os
 import sys
 import time
 import zlib
+from collections.abc import Iterable
 from typing import Any
 
 from mpi4py import MPI
@@ -19,11 +20,11 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Floats
 
-__all__ = ["Meeting", "leave_with_notes", "meet"]
+__all__ = ["Meeting", "different", "leave_with_notes", "meet"]
 
 # Most numbers that ranks bring to a meeting; all meetings have messages of one length, so that
 # different calls meet as well.
-_MOST = 2
+_MOST = 3
 # Times [s] after which a waiting rank yields its core between two looks, and sleeps as well.
 _AT_ONCE, _SHORT, _PAUSE = 5e-5, 2e-2, 1e-4
 # Time [s] after which the second rank that learns of one that has left ends the program, if the
@@ -44,7 +45,7 @@ def meet(comm: MPI.Comm, call: str, *numbers: float) -> list[float]:
     Args:
         comm: Communicator.
         call: What this rank does, with all arguments that must be the same.
-        numbers: At most two numbers of this rank.
+        numbers: At most three numbers of this rank.
 
     Returns:
         The largest of each number on all ranks.
@@ -103,11 +104,14 @@ class Meeting:
             ValueError: Ranks make different calls.
         """
         if self._largest[0] != -self._largest[1]:
-            calls = dict.fromkeys(self._comm.allgather(self._call))
-            raise ValueError(
-                f"expected all ranks to do the same, given {' on some and '.join(calls)} on others"
-            )
+            raise ValueError(different(self._comm.allgather(self._call)))
         return [float(number) for number in self._largest[2 : 2 + self._num_numbers]]
+
+
+def different(calls: Iterable[str]) -> str:
+    """Message of an error about calls of ranks that are not the same. Local."""
+    each = " on some and ".join(dict.fromkeys(calls))
+    return f"expected all ranks to do the same, given {each} on others"
 
 
 def leave_with_notes() -> None:

@@ -64,6 +64,11 @@ class Guides:
         """Whether any guide moves its body in the step. Local."""
         return bool(self.prescribed.any())
 
+    def by_name(self) -> list[tuple[str, Floats]]:
+        """Names of the bodies, and their rows of `prescribed`. Local."""
+        names = (body.body.name for body in self._bodies)
+        return list(zip(names, self.prescribed, strict=True))
+
     def turns(self) -> list[tuple[str, float]]:
         """Names of the bodies, and angles of the prescribed rotations [rad]. Local."""
         turns = []

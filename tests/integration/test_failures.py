@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts.parallel import errors
@@ -251,6 +252,52 @@ def test_a_load_that_is_not_finite_on_one_rank_is_refused_on_all(comm, patient, 
     loads = [nts.Gravity(old.bodies, weight)]
     stepper = nts.EnergyMomentum(old.bodies, old.pairs, dt=old.dt, loads=loads)
     with refused(ValueError, "expected a finite Gravity"):
+        stepper.advance()
+
+
+def of_load(V, bodies, amount):
+    return {"loads": [nts.Gravity(bodies, amount)]}
+
+
+def of_function(V, bodies, amount):
+    return {"loads": [nts.Gravity(bodies, lambda t: amount if t > 0 else np.zeros(3))]}
+
+
+def of_constant(V, bodies, amount):
+    value = fem.Constant(V.mesh, np.zeros(3))
+    update = lambda t: value.value.__setitem__(slice(None), amount)  # noqa: E731
+    return {"loads": [nts.Gravity(bodies, value)], "update": update}
+
+
+def of_support(V, bodies, amount):
+    value = fem.Constant(V.mesh, np.zeros(3))
+    top = fem.locate_dofs_geometrical(V, lambda x: x[2] > 0.9)
+    update = lambda t: value.value.__setitem__(slice(None), amount)  # noqa: E731
+    return {"bcs": [fem.dirichletbc(value, top, V)], "update": update}
+
+
+@pytest.mark.several_ranks
+@pytest.mark.parametrize("given", [of_load, of_function, of_constant, of_support])
+@pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.CentralDifference])
+def test_loads_and_supports_that_differ_between_ranks_are_refused(comm, refused, given, scheme):
+    old = blocks(comm).stepper
+    amount = np.array([0.0, 0.0, -1e-3 if comm.rank == one_rank(comm) else -2e-3])
+    stepper = scheme(old.bodies, (), dt=1e-4, **given(old.u.function_space, old.bodies, amount))
+    name = r"bcs\[0\]" if given is of_support else "Gravity"
+    each = rf"step 1 from t = 0.0 s by dt = 0.0001 s with {name}.* = 0 0 -0.00[12]"
+    with refused(ValueError, f"do the same, given .*{each} on some and .*{each} on others"):
+        stepper.advance()
+
+
+@pytest.mark.several_ranks
+def test_motions_of_obstacles_that_differ_between_ranks_are_refused(comm, refused):
+    old = blocks(comm).stepper
+    speed = 1.0 + (comm.rank == one_rank(comm))
+    motion = nts.Motion(translation=lambda t: (0.0, 0.0, -speed * t))
+    lid = nts.RigidPlane((0, 0, 99.0), (0, 0, -1)).moving(motion)
+    pairs = nts.all_pairs(old.bodies, obstacles=[lid])
+    stepper = nts.EnergyMomentum(old.bodies, pairs, dt=1e-3)
+    with refused(ValueError, "with a moving RigidPlane = 0 0 -0.00"):
         stepper.advance()
 
 

@@ -432,3 +432,52 @@ def test_block_squashed_by_supports_in_statics_needs_few_iterations(comm):
     bcs = [fem.dirichletbc(given, dofs) for dofs in (top, bottom)]
     stepper = nts.QuasiStatic([body], dt=0.05, bcs=bcs, update=update)
     assert all(step.newton_iterations < 15 for step in stepper.run(1.0))
+
+
+@pytest.mark.at_most_two_ranks
+@pytest.mark.parametrize("kind", ["constant", "function", "form"])
+@pytest.mark.parametrize(
+    "scheme", [nts.EnergyMomentum, once(nts.Midpoint), nts.GeneralizedAlpha, once(nts.QuasiStatic)]
+)
+def test_a_load_that_update_sets_acts_as_a_function_of_time_does(comm, scheme, kind):
+    """Supports get the values at the end of the step, loads those at the time of the scheme."""
+
+    def tip(dt, kind):
+        scene = one_box(comm, scheme)
+        V, (body,) = scene.stepper.u.function_space, scene.stepper.bodies
+        top = nts.boundary_of(body, where=lambda x: x[2] > 0.59)
+        eta, along = ufl.TestFunction(V), ufl.as_vector((1.0, 0.0, 0.0))
+        pull, led = fem.Constant(V.mesh, 0.0), fem.Constant(V.mesh, np.zeros(3))
+        space = fem.functionspace(V.mesh, ("DG", 0))
+        spread = fem.Function(space)
+        loads = {
+            "time": lambda: nts.Traction(top, lambda t: (10 * np.sin(5 * t), 0.0, 0.0)),
+            "constant": lambda: nts.Traction(top, pull * along),
+            "function": lambda: nts.Traction(top, spread * along),
+            "form": lambda: nts.FormLoad(V, pull * eta[0] * top.measure(2)),
+        }
+        dofs = fem.locate_dofs_geometrical(V, lambda X: np.isclose(X[2], 0.0))
+        asked = []
+
+        def update(t):
+            pull.value = 10 * np.sin(5 * t)
+            spread.x.array[:] = pull.value
+            led.value[1] = 1e-3 * np.sin(5 * t)
+            asked.append(t)
+
+        stepper = scheme(
+            [body], dt=dt, bcs=[fem.dirichletbc(led, dofs, V)], loads=[loads[kind]()], update=update
+        )
+        for step in stepper.run(until=0.2):
+            assert asked[-1] == pytest.approx(step.t)
+            owned = dofs[dofs < V.dofmap.index_map.size_local]
+            moved = stepper.u.x.array.reshape(-1, 3)[owned, 1]
+            np.testing.assert_allclose(moved, 1e-3 * np.sin(5 * step.t), rtol=1e-12)
+        if kind == "time":
+            assert len(asked) == stepper.step  # once in a step that has nothing else to ask for
+        return comm.allreduce(float(stepper.u.x.array.sum()))
+
+    assert tip(0.05, kind) == pytest.approx(tip(0.05, "time"), rel=1e-8)
+    if kind == "constant" and scheme is nts.EnergyMomentum:
+        coarse, fine, finest = (tip(dt, kind) for dt in (0.02, 0.01, 0.005))
+        assert abs(coarse - fine) > 3 * abs(fine - finest)
