@@ -85,8 +85,11 @@ class CentralDifference(Stepper):
         update: See `EnergyMomentum`.
 
     Attributes:
-        stable_step: Estimate of the largest stable step [s] from the sizes of the cells, the
-            materials at C = 1, damping and the penalty. It is renewed every 50 steps.
+        stable_step: Estimate of the largest step [s] with which a stepper of these bodies and
+            pairs can be made, from the sizes of the cells, the materials at C = 1, damping and
+            penalties with a number. It does not depend on ``dt``, and is updated every 50 steps.
+            Default penalties are chosen for the first ``dt``, so that later steps can hardly
+            be longer.
         mass: Lumped mass of the owned nodes, shape ``(n,)`` [kg].
 
     Raises:
@@ -141,13 +144,13 @@ class CentralDifference(Stepper):
         self._springs = AllSprings(self.contacts, resisting)
         mass = float(reductions.total(self._comm, self.mass.sum()))
         self._stability = Stability(bodies, self._springs.pairs, mass)
-        self.stable_step, default = self._stability.room(self.x)
+        self.stable_step, default = self._stability.longest_steps(self.x)
         if dt is None and math.isinf(default):
             raise ValueError(
                 "expected a step dt where all bodies are rigid, given None: no cell limits it"
             )
         self.dt = default if dt is None else dt
-        self.stable_step = self._stability.choose_penalties(self.x, self.dt)
+        self._stability.choose_penalties(self.x, self.dt)
         self._forces = PresentForces(self._bulk, self._springs, mobility)
         self._positions, self._nodal_u = np.empty_like(self._X), nodal(self.u)
 
@@ -179,14 +182,17 @@ class CentralDifference(Stepper):
 
     def _longest_step(self) -> float:
         """Length that a step of a controlled run must not exceed [s]."""
-        return self.stable_step / (1 + _MARGIN)
+        return self._stability.limit / (1 + _MARGIN)
 
     def _check_dt(self, dt: float) -> None:
         super()._check_dt(dt)
-        if dt > self.stable_step:
+        # The first step is set before the estimate is known.
+        longest = self._stability.limit if hasattr(self, "_stability") else math.inf
+        if dt > longest:
+            softer = "; a new stepper with this dt has softer default penalties"
             raise ValueError(
-                f"expected a step dt <= {self.stable_step:.4g} s, the estimate of the largest "
-                f"stable one, given {dt}"
+                f"expected a step dt <= {longest:.4g} s, the estimate of the largest stable one, "
+                f"given {dt}{softer if dt <= self.stable_step else ''}"
             )
 
     def _state_was_set(self) -> None:
@@ -364,8 +370,8 @@ class CentralDifference(Stepper):
         if sunk := self.watch.springs.sunk(self.x):
             self._refuse(f"{sunk}, stiffer springs (eps_N) hold it")
         self.watch.measure_about(v)
-        self.stable_step = self._stability.longest_step(self.x)
-        if self.dt > self.stable_step:
+        self.stable_step, _ = self._stability.longest_steps(self.x)
+        if self.dt > self._stability.limit:
             self._refuse("cells have become too small")
         if growth := self._stability.growth(self._total_energy(v), self.dt):
             self._refuse(growth)
@@ -374,10 +380,10 @@ class CentralDifference(Stepper):
         """Return to the last accepted state, and raise on all ranks."""
         self._u[:] = self._u_n
         self._state_was_set()
-        stable = self._stability.longest_step(self.x)
+        self._stability.longest_steps(self.x)
         raise ConvergenceError(
             f"step {self.step + 1} of {self.dt:g} s from t = {self.t:g} is refused: {reason}; "
             f"the state is that of the last accepted step, the estimate of its largest stable "
-            f"step is {stable:.4g} s: {SHORTER_STEP_HELPS}",
+            f"step is {self._stability.limit:.4g} s: {SHORTER_STEP_HELPS}",
             [],
         )

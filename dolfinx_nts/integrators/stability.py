@@ -59,6 +59,7 @@ class Stability:
         mass: Mass of all bodies [kg].
 
     Attributes:
+        limit: Largest stable step with the present springs [s].
         smallest: Length of the smallest cell when the cells were last looked at [m].
     """
 
@@ -68,32 +69,39 @@ class Stability:
         """Compute the frequencies of the cells."""
         self._cells, self._damping = Cells(bodies), Damping.of(bodies)
         self._springs, self._mass = springs, mass
-        self.smallest = 0.0
+        # Squared frequency of the springs that the user gave [1/s^2]; part of the estimate [-].
+        self._given = self._contact()
+        self._part = _WITH_SPRINGS if any(each.is_open for each in springs) else 1.0
+        self.limit, self.smallest = math.inf, 0.0
         # Energy of the state that was set, work since then, and sum of its magnitudes [J].
         self._energy = self._worked = self._turnover = 0.0
 
     def serialize(self, archive: Archive) -> None:
-        """Serialize the energies and the smallest cell."""
-        totals = np.array([self._energy, self._worked, self._turnover, self.smallest])
+        """Serialize the energies, the limit and the smallest cell."""
+        totals = np.array([self._energy, self._worked, self._turnover, self.limit, self.smallest])
         totals = archive.same("watch", totals)
-        self._energy, self._worked, self._turnover, self.smallest = (float(t) for t in totals)
+        self._energy, self._worked, self._turnover, self.limit, self.smallest = map(float, totals)
 
-    def longest_step(self, x: Floats) -> float:
-        """Estimate of the largest stable step at positions [s]."""
-        return largest_step(self._squared_frequency(x), self._damping)
+    def longest_steps(self, x: Floats) -> tuple[float, float]:
+        """Longest step for which springs can be chosen, and default step, at positions [s].
 
-    def room(self, x: Floats) -> tuple[float, float]:
-        """Longest step and default step [s], with room for springs to be chosen."""
-        estimate = self.longest_step(x)
-        part = _WITH_SPRINGS if any(springs.is_open for springs in self._springs) else 1.0
-        return part * estimate, _DEFAULT * estimate
+        Neither depends on the springs that were chosen. `limit` is set as well.
+        """
+        bulk, self.smallest = self._cells.limits(x)
+        estimate = largest_step(bulk + self._given, self._damping)
+        longest = self._part * estimate
+        is_chosen = not any(springs.is_open for springs in self._springs)
+        present = bulk + self._contact()
+        self.limit = largest_step(present, self._damping) if is_chosen else longest
+        return longest, _DEFAULT * estimate
 
-    def choose_penalties(self, x: Floats, dt: float) -> float:
-        """Make springs to be chosen as stiff as dt allows; returns the longest step [s]."""
-        squared = (self._damping.highest(dt) - self._squared_frequency(x)) / 2
+    def choose_penalties(self, x: Floats, dt: float) -> None:
+        """Make springs to be chosen as stiff as dt [s] allows, and set `limit`."""
+        bulk, _ = self._cells.limits(x)
+        squared = (self._damping.highest(dt) - bulk - self._given) / 2
         for springs in self._springs:
             springs.choose_penalty(squared)
-        return self.longest_step(x)
+        self.longest_steps(x)
 
     def start(self, energy: float) -> None:
         """Begin to count from a state that was set, with this energy [J]. Local."""
@@ -117,11 +125,9 @@ class Stability:
             return ""
         return f"the energy has grown by {grown:.3g} J"
 
-    def _squared_frequency(self, x: Floats) -> float:
-        """Highest squared frequency at positions [1/s^2]."""
-        contact = max((springs.squared_frequency for springs in self._springs), default=0.0)
-        bulk, self.smallest = self._cells.limits(x)
-        return bulk + contact
+    def _contact(self) -> float:
+        """Highest squared frequency of the present springs [1/s^2]."""
+        return max((springs.squared_frequency for springs in self._springs), default=0.0)
 
 
 class Cells:

@@ -409,6 +409,26 @@ def test_stiff_penalty_shortens_the_step(comm):
     assert steps[1] < 0.1 * steps[0]
 
 
+def test_default_penalty_leaves_the_stable_step_to_the_mesh(comm, refused):
+    """The limit with the springs that were chosen still holds for later steps."""
+    scene = scenes.blocks(comm)
+    (pair,) = scene.stepper.pairs
+    pair = nts.ContactPair(pair.nodes, pair.segments, nts.Penalty())
+    bodies = scene.stepper.bodies
+    stable = nts.CentralDifference(bodies, [pair]).stable_step
+    assert stable == pytest.approx(0.9 * nts.CentralDifference(bodies, ()).stable_step)
+    for part in (1e-3, 0.1, 0.5, 1.0):
+        stepper = nts.CentralDifference(bodies, [pair], dt=part * stable)
+        assert stepper.stable_step == pytest.approx(stable)
+        stepper.advance()
+        assert stepper.stable_step == pytest.approx(stable, rel=1e-2)
+    stepper = nts.CentralDifference(bodies, [pair], dt=1e-3 * stable)
+    with refused(ValueError, "largest stable one, .*; a new stepper with this dt has softer"):
+        stepper.dt = 0.5 * stable
+    with refused(ValueError, f"expected a step dt <= {stable:.4g} s"):
+        nts.CentralDifference(bodies, [pair], dt=1.01 * stable)
+
+
 def test_tangential_spring_follows_a_given_penalty(comm):
     scene = scenes.blocks(comm)
     (pair,) = scene.stepper.pairs
