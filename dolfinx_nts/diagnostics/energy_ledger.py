@@ -15,6 +15,10 @@ __all__ = ["EnergyLedger"]
 
 # Quantities that may be conserved, with units.
 _CONSERVED = {"total_energy": "J", "linear_momentum": "kg m/s", "angular_momentum": "kg m^2/s"}
+# Energy added by bulk and inertia, relative to the total energy [-], that is reported. A smaller
+# value reports runs whose energies are still useful; a larger one comes a few steps later.
+# Measured with a spinning bar: exact schemes 1e-16, unstable ones 2 to 180 within 12 steps.
+_SPURIOUS = 0.1
 # Causes of changes of the total energy, except the bulk, and their works in a report.
 _WORKS = {
     "loads": "load_work",
@@ -117,6 +121,15 @@ class EnergyLedger:
     def unaccounted(self) -> float:
         """Change of the total energy that no cause explains [J]."""
         return self.last.total_energy - self.first.total_energy - sum(self.energy.values())
+
+    @property
+    def spurious_gain(self) -> float:
+        """Energy that bulk and inertia have added [J]; 0 if small relative to the total energy."""
+        energies = self.first.total_energy, self.last.total_energy
+        scale = max(*map(abs, energies), self.drift["total_energy"])
+        # What is unaccounted for is round-off, which may be all energy of a body at rest.
+        least = max(_SPURIOUS * scale, self.drift["unaccounted"])
+        return self.energy["bulk"] if self.energy["bulk"] > least else 0.0
 
     def columns(self) -> dict[str, float]:
         """Sums by name [J]: causes, remainder, external work and frictional dissipation."""

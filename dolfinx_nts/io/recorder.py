@@ -14,6 +14,7 @@ from dolfinx_nts.diagnostics.balance import Diagnostics
 from dolfinx_nts.diagnostics.columns import OwnColumn, Parts, RunColumns
 from dolfinx_nts.diagnostics.energy_ledger import EnergyLedger
 from dolfinx_nts.diagnostics.present import Present
+from dolfinx_nts.integrators.quasi_static import QuasiStatic
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io.fields import OwnField, RunFields
@@ -68,6 +69,9 @@ class Recorder:
     the checkpoint, on any number of ranks; rows and states after the step of the checkpoint are
     removed. The length of steps is that of the checkpoint, unless the script now asks for
     another one than when it began.
+
+    A warning in the log, once a run, says that bulk and inertia have added more than a tenth of
+    the total energy, except in statics.
 
     While the block is open, ``name.lock`` tells host and process of the run, and another run
     that would write to files of this name is refused. The lock ends with the process.
@@ -157,6 +161,7 @@ class Recorder:
         self._interrupts = Interrupts(comm)
         self._open: ExitStack | None = None
         self._summary: Summary | None = None
+        self._has_warned = False
 
     def __repr__(self) -> str:
         """Return the call that makes such a recorder, with the class of the stepper."""
@@ -218,6 +223,7 @@ class Recorder:
             if has_fields:
                 now.gaps()  # of which the row has the least
             self._ledger.add(step, *self.diagnostics.after_step())
+            self._warn_of_spurious_gain()
             self._files.write_row(self._columns.row(step, self._ledger))
             if has_fields:
                 self._files.fields.write(now)
@@ -269,6 +275,24 @@ class Recorder:
                 "before: with nts.Recorder(name, stepper) as record: ..."
             )
         return self._summary.text(self._ledger)
+
+    def _warn_of_spurious_gain(self) -> None:
+        """Warn, once a run, if the scheme adds much energy. Local."""
+        gain, is_static = self._ledger.spurious_gain, isinstance(self._stepper, QuasiStatic)
+        if gain == 0.0 or is_static or self._has_warned:
+            return
+        self._has_warned = True
+        if self._comm.rank == 0:
+            _logger.warning(
+                "%s has added %.3g J to the energy until t = %g s, of %.3g J now and %.3g J at the "
+                "start (energy_bulk in %s.csv): use EnergyMomentum or shorter steps",
+                type(self._stepper).__name__,
+                gain,
+                self._ledger.last.time,
+                self._ledger.last.total_energy,
+                self._ledger.first.total_energy,
+                self._options.name,
+            )
 
     def _tell(self, what: str) -> None:
         """Log on the first rank why the run ends, and how to go on. Local."""

@@ -13,6 +13,7 @@ from dolfinx import fem
 import dolfinx_nts as nts
 from dolfinx_nts.io.recorder import Recorder
 from dolfinx_nts.solvers import newton
+from helpers import box_meshes
 from helpers.once import once
 from helpers.readers import read_grids
 from helpers.scenes import BLOCK_RUBBER, BLOCK_STEP, blocks
@@ -393,6 +394,26 @@ def test_an_interrupt_at_once_tells_how_to_go_on(comm, folder, caplog, checkpoin
     if checkpoint_every is None:
         text = "step after 3; there is no checkpoint: with .*checkpoint_every=50, resume=True"
     assert all(re.search(text, message) for message in told)
+
+
+@pytest.mark.at_most_two_ranks
+@pytest.mark.parametrize("dt", [0.01, 0.04])
+@pytest.mark.parametrize(
+    "scheme", [once(nts.Midpoint), once(nts.GeneralizedAlpha), once(nts.EnergyMomentum)]
+)
+def test_a_scheme_that_multiplies_the_energy_is_reported_once(comm, folder, caplog, scheme, dt):
+    data = box_meshes.boxes([(1, 1, 2)], [(0.2, 0.2, 1.0)])
+    mesh, cells, _, tag = box_meshes.distribute(comm, data)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    bar = nts.Body(V, cells, tag["body 0"], nts.SaintVenantKirchhoff(1e6, 0.3, 1e3))
+    stepper = scheme([bar], dt=dt)
+    stepper.set_velocity(bar, lambda X: 20 * np.array([0.5 - X[2], 0 * X[0], X[0] - 0.1]))
+    ledger = record(stepper, folder / "run", 6)._ledger
+    grows = ledger.last.total_energy > 1.5 * ledger.first.total_energy
+    assert grows == (dt == 0.04 and scheme is not nts.EnergyMomentum)
+    told = [r.getMessage() for r in caplog.records if "use EnergyMomentum" in r.getMessage()]
+    assert len(told) == (grows and comm.rank == 0)
+    assert all(f"{scheme.__name__} has added " in text for text in told)
 
 
 def test_the_summary_of_a_run_that_goes_on_has_the_time_until_now(comm, folder):
