@@ -26,6 +26,7 @@ from dolfinx_nts.diagnostics.names import flat
 from dolfinx_nts.fem.components import in_space, motion_sums, nodal, resultants
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.parallel.meeting import collective, meet
 
 __all__ = ["Balance", "Diagnostics"]
 
@@ -81,6 +82,7 @@ _COLUMNS = [field.name for field in fields(Balance)]
 _COLUMNS.insert(_COLUMNS.index("contact_energy") + 1, "total_energy")
 
 
+@collective
 class Diagnostics(ContactDiagnostics):
     """Evaluates energies, momenta and contact of a stepper's accepted state, without changing it.
 
@@ -94,6 +96,7 @@ class Diagnostics(ContactDiagnostics):
 
     Raises:
         TypeError: ``stepper`` is no stepper.
+        ValueError: Not all ranks make the same call.
 
     Example:
         >>> diagnostics = nts.Diagnostics(stepper)
@@ -104,6 +107,7 @@ class Diagnostics(ContactDiagnostics):
     def __init__(self, stepper: Stepper) -> None:
         if not isinstance(stepper, Stepper):
             raise TypeError(f"expected a stepper, given {type(stepper).__name__}")
+        meet(stepper.u.function_space.mesh.comm, "make Diagnostics")
         super().__init__(stepper)
         self._energies = CellEnergies(stepper)
         self._bodies = BodyDiagnostics(stepper)

@@ -18,6 +18,7 @@ from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.parallel.meeting import collective
 from dolfinx_nts.search.overlaps import Overlap
 
 __all__ = ["ContactDiagnostics", "ObstacleBalance", "PairBalance"]
@@ -82,6 +83,7 @@ class ObstacleBalance:
         return flat(prefix, vars(self))
 
 
+@collective
 class ContactDiagnostics:
     """Evaluates the contact of a stepper's last step. Collective, as are all its methods.
 

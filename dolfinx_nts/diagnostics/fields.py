@@ -2,6 +2,8 @@
 
 from functools import cached_property
 
+from mpi4py import MPI
+
 import basix
 import numpy as np
 from dolfinx import fem
@@ -14,10 +16,12 @@ from dolfinx_nts.diagnostics.present import Present
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.cell_stress import CellStress, StressState
+from dolfinx_nts.parallel.meeting import collective, meet
 
 __all__ = ["Fields"]
 
 
+@collective
 class Fields:
     """Fields of a stepper's accepted state as DOLFINx Functions.
 
@@ -31,6 +35,7 @@ class Fields:
 
     Raises:
         TypeError: ``stepper`` is no stepper.
+        ValueError: Not all ranks make the same call.
 
     Example:
         >>> fields = nts.Fields(stepper)
@@ -46,6 +51,8 @@ class Fields:
     def __init__(self, stepper: Stepper) -> None:
         if not isinstance(stepper, Stepper):
             raise TypeError(f"expected a stepper, given {type(stepper).__name__}")
+        self._comm: MPI.Comm = stepper.u.function_space.mesh.comm
+        meet(self._comm, "make Fields")
         self._stepper = stepper
         self._nodal = NodalFields(stepper)
         self._functions = NodalFunctions(stepper.u.function_space)

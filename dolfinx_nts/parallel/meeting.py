@@ -6,13 +6,15 @@ of the latter it learns by notes that ranks send when they leave.
 """
 
 import atexit
+import functools
+import inspect
 import math
 import os
 import sys
 import time
 import zlib
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Callable, Iterable
+from typing import Any, TypeVar
 
 from mpi4py import MPI
 
@@ -20,7 +22,9 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Floats
 
-__all__ = ["Meeting", "different", "leave_with_notes", "meet"]
+__all__ = ["Meeting", "collective", "different", "leave_with_notes", "meet"]
+
+_Class = TypeVar("_Class", bound=type)
 
 # Most numbers that ranks bring to a meeting; all meetings have messages of one length, so that
 # different calls meet as well.
@@ -37,6 +41,8 @@ _FAREWELL = 0.1
 _TAG = 20111
 # Requests of messages that may never be received, whose memory is needed to the end.
 _pending: list[Any] = []
+# Collective methods of classes that this rank is in.
+_calls: list[str] = []
 
 
 def meet(comm: MPI.Comm, call: str, *numbers: float) -> list[float]:
@@ -112,6 +118,41 @@ def different(calls: Iterable[str]) -> str:
     """Message of an error about calls of ranks that are not the same. Local."""
     each = " on some and ".join(dict.fromkeys(calls))
     return f"expected all ranks to do the same, given {each} on others"
+
+
+def collective(cls: _Class) -> _Class:
+    """Class decorator: all ranks call each public method together, or all raise. Local.
+
+    A method that another one calls is not checked again. Instances have ``_comm``.
+
+    Args:
+        cls: The class.
+
+    Returns:
+        The same class.
+    """
+    for name, method in list(vars(cls).items()):
+        if inspect.isfunction(method) and not name.startswith("_"):
+            setattr(cls, name, _checked(method))
+    return cls
+
+
+def _checked(method: Callable[..., Any]) -> Callable[..., Any]:
+    @functools.wraps(method)
+    def call(self: Any, *args: Any, **options: Any) -> Any:
+        comm: MPI.Comm = self._comm
+        if _calls or comm.size == 1:
+            return method(self, *args, **options)
+        given = (getattr(each, "name", type(each).__name__) for each in (*args, *options.values()))
+        text = f"{type(self).__name__}.{method.__name__}({', '.join(map(str, given))})"
+        meet(comm, text)
+        _calls.append(text)
+        try:
+            return method(self, *args, **options)
+        finally:
+            _calls.clear()
+
+    return call
 
 
 def leave_with_notes() -> None:

@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -299,6 +300,32 @@ def test_motions_of_obstacles_that_differ_between_ranks_are_refused(comm, refuse
     stepper = nts.EnergyMomentum(old.bodies, pairs, dt=1e-3)
     with refused(ValueError, "with a moving RigidPlane = 0 0 -0.00"):
         stepper.advance()
+
+
+COLLECTIVE = {
+    "make Diagnostics": nts.Diagnostics,
+    "make Fields": nts.Fields,
+    "Diagnostics.balance()": lambda stepper: nts.Diagnostics(stepper).balance,
+    "Diagnostics.overlaps()": lambda stepper: nts.Diagnostics(stepper).overlaps,
+    "Diagnostics.centre_of_mass(body 0)": lambda stepper: partial(
+        nts.Diagnostics(stepper).centre_of_mass, stepper.bodies[0]
+    ),
+    "Fields.gap()": lambda stepper: nts.Fields(stepper).gap,
+}
+
+
+@pytest.mark.several_ranks
+@pytest.mark.parametrize("name", COLLECTIVE)
+def test_diagnostics_on_one_rank_alone_are_refused(comm, refused, name):
+    stepper = blocks(comm).stepper
+    make = COLLECTIVE[name]
+    call = partial(make, stepper) if name.startswith("make") else make(stepper)
+    for others in (stepper.advance, nts.Diagnostics(stepper).kinetic_energy):
+        with refused(ValueError, f"do the same, given .*{re.escape(name)}"):
+            call() if comm.rank == one_rank(comm) else others()
+    assert stepper.step == 0
+    call()
+    stepper.advance()
 
 
 def test_a_velocity_of_the_wrong_shape_on_one_rank_is_refused_on_all(comm, patient, refused):
