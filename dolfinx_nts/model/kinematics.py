@@ -94,12 +94,12 @@ class Slip:
     # Few evaluations need the normals, which take longer than all that the kernel does.
     @cached_property
     def normal_n(self) -> Floats:
-        """Outward unit normals of the frames at t_n, shape ``(m, 3)``."""
+        """Outward unit normals of the frames at t_n, shape ``(m, 3)``, NaN if collapsed."""
         return _normal(self.frame_n, self.orientation)
 
     @cached_property
     def normal(self) -> Floats:
-        """Outward unit normals of the frames at t_{n+1}, shape ``(m, 3)``."""
+        """Outward unit normals of the frames at t_{n+1}, shape ``(m, 3)``, NaN if collapsed."""
         return _normal(self.frame, self.orientation)
 
     def at_end(self) -> "Slip":
@@ -168,6 +168,10 @@ class ConvectiveSlip(Slip):
 
 
 def _normal(frame: Floats, orientation: Floats) -> Floats:
+    """Unit normals; NaN where tangents are parallel."""
     normal = cross(frame[:, 0], frame[:, 1])
-    unit: Floats = (orientation / np.linalg.norm(normal, axis=1))[:, None] * normal
+    length = np.linalg.norm(normal, axis=1)
+    factor = np.full_like(length, np.nan)
+    np.divide(orientation, length, out=factor, where=length > 0)
+    unit: Floats = factor[:, None] * normal
     return unit
