@@ -24,7 +24,7 @@ from dolfinx_nts.common.arrays import Floats
 
 __all__ = ["Meeting", "collective", "different", "leave_with_notes", "meet"]
 
-_Class = TypeVar("_Class", bound=type)
+_Class = TypeVar("_Class", bound=type[Any])
 
 # Most numbers that ranks bring to a meeting; all meetings have messages of one length, so that
 # different calls meet as well.
