@@ -155,6 +155,7 @@ def mortar_points(
     y_n: _Floats,
     y: _Floats,
     reach: float,
+    sunk: float,
     are_rings: bool,
     are_smooth: bool,
 ) -> tuple[_Ints, _Ints, _Floats, _Floats, _Floats]: ...
@@ -309,6 +310,7 @@ class Segments:
         numbers: _Ints,
     ) -> tuple[_Ints, npt.NDArray[np.bool_], _Floats, _Floats, _Floats, _Floats]: ...
     def near(self, x_node: _Floats, reach: float, x: _Floats) -> _Ints: ...
+    def sink(self, depth: _Floats) -> None: ...
     def pair_own(
         self,
         x_node: _Floats,

@@ -25,6 +25,7 @@ def held_apart(state: PairState, x: Floats, gap_tol: float) -> Flags:
     if state.pair.method == "mortar":  # multipliers hold mean gaps
         gap = np.where(history.active, history.gap, gap)
     # A node deeper than that belongs to another side of the body.
-    inside = (gap < 0) & (gap > -_kernels.DEEPEST * state.pair.segment_size)
+    deepest = max(_kernels.DEEPEST * state.pair.segment_size, state.search.sunk)
+    inside = (gap < 0) & (gap > -deepest)
     flags: Flags = (np.abs(gap) > gap_tol) & (inside | history.active)
     return flags

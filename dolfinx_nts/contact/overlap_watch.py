@@ -3,13 +3,14 @@
 import logging
 from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import cached_property
-from itertools import product
+from itertools import permutations, product
 
 import numpy as np
 
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.contact.start import sink_nodes_inside
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
@@ -129,9 +130,23 @@ class OverlapWatch:
         new = self._new(x, t, _AT_START)
         self._moved = False
         self._known |= {names: (overlap.depth, overlap.cells) for overlap, names in new}
+        self._sink(new, x)
         kinds = _by_kind({overlap: self._at_start(overlap, x) for overlap, _ in new})
         for kind, overlaps in kinds.items():
             self._warn("", "starts", kind, overlaps)
+
+    def _sink(self, new: list[tuple[Overlap, frozenset[str]]], x: Floats) -> None:
+        """Let pairs see how deep their bodies start inside each other."""
+        starts = set().union(*(names for _, names in new)) - self.search.obstacles
+        for contact in self._contacts:
+            contact.sink(0.0)
+        for _, both in new:
+            if len(both) < 2 or not both <= starts:
+                continue
+            for contact, nodes, segments in self._roles:
+                for inner, outer in permutations(both):
+                    if contact.may_sink and inner in nodes and outer in segments:
+                        sink_nodes_inside(contact, self.search, outer, x)
 
     @property
     def room(self) -> float:
@@ -258,7 +273,7 @@ class OverlapWatch:
             return verdict
         both = set(overlap.names)
         seen = [
-            _deepest(contact, contact.gap(x, overlap.size))
+            _deepest(contact, contact.gap(x, max(overlap.size, contact.search.sunk)))
             for contact, nodes, segments in self._roles
             if both <= nodes | segments
         ]

@@ -6,12 +6,15 @@ from dataclasses import fields
 from functools import partial
 from typing import Any
 
+from mpi4py import MPI
+
 import numpy as np
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats, Ints
-from dolfinx_nts.contact.enforcement import Penalty
-from dolfinx_nts.contact.history import ContactHistory, begun_anew
+from dolfinx_nts.contact.enforcement import Penalty, Tied
+from dolfinx_nts.contact.history import NEVER, ContactHistory, begun_anew
 from dolfinx_nts.contact.method import EDGES, MORTAR
 from dolfinx_nts.contact.nodes_of_pairs import NodesOfPairs
 from dolfinx_nts.contact.pair import ContactPair
@@ -91,6 +94,31 @@ class PairState(Tractions, NodesOfPairs):
         if self._made is None or self._made[0] is not accepted:
             self._made = accepted, accepted()
         return self._made[1]
+
+    @property
+    def may_sink(self) -> bool:
+        """Whether nodes may start deep inside: those of meshed bodies in others. Local."""
+        pair = self.pair
+        others = pair.touches_itself or pair.method == EDGES or isinstance(pair.enforcement, Tied)
+        return isinstance(self.search, GlobalSearch) and not others
+
+    def sink(self, depth: float) -> None:
+        """Let nodes that start inside face segments down to a depth [m]. Local."""
+        for search in (self.search, self._far_search):
+            if self.may_sink and isinstance(search, GlobalSearch):
+                search.sink(depth)
+
+    def rise(self) -> None:
+        """Forget the part of the depth at the start that nodes have left. Collective."""
+        if not self.search.sunk:
+            return
+        comm: MPI.Comm = self.pair.nodes.V.mesh.comm
+        if not reductions.anywhere(comm, bool(np.any(self.history.key != NEVER))):
+            return  # before the first step
+        held = -float(np.nan_to_num(self.history.gap).min(initial=0.0))
+        held = reductions.largest(comm, held)
+        usual = _kernels.DEEPEST * self.pair.segment_size
+        self.sink(min(self.search.sunk, held + usual) if held > usual / 2 else 0.0)
 
     def accept(self, history: ContactHistory | Callable[[], ContactHistory]) -> None:
         """Remember the contact of a step, or a function that gives it if it is asked for. Local."""
@@ -173,6 +201,26 @@ class PairState(Tractions, NodesOfPairs):
         points, x = self.facets.points(x), candidates.scatter.forward(x)
         return candidates, *candidates.pair(points, x, current, reach)
 
+    def nodes_inside(self, x: Floats) -> tuple[Ints, Floats, Floats]:
+        """Find nodes that segments would have deeper below them than in a run. Collective.
+
+        Args:
+            x: Positions of the local nodes of the space, owned and ghost, shape ``(l, 3)`` [m].
+
+        Returns:
+            Positions among the surface's nodes, shape ``(m,)``, depths, ``(m,)`` [m], and unit
+            normals of the segments, ``(m, 3)``.
+        """
+        before = self.search.sunk
+        self.sink(np.inf)
+        candidates, segment, gap = self._faced(x, np.inf)
+        node = np.flatnonzero(gap < 0).astype(np.int32)
+        node = node[gap[node] < -_kernels.DEEPEST * candidates.size[segment[node]]]
+        points, there = self.facets.points(x).take(node), candidates.scatter.forward(x)
+        gradient = candidates.contact("static", points, there, there, segment[node]).gradient
+        self.sink(before)
+        return node, -gap[node], gradient[:, :3]
+
     def _forces_on_segments(self, of_nodes: ForcesOfNodes) -> Floats:
         """Forces on the vertices of the segments, against those on the nodes. Collective.
 
@@ -208,6 +256,7 @@ class PairState(Tractions, NodesOfPairs):
             for f in fields(ContactHistory)
         }
         self.accept(ContactHistory(**stored))
+        self.sink(archive.same(f"{name}/sunk", self.search.sunk))
         for spring in ("eps_N", "eps_T"):
             value = getattr(self, spring)
             if archive.same(f"{name}/has_{spring}", value is not None):

@@ -190,10 +190,10 @@ def _is_lost(
     candidates: Candidates, points: ContactPoints, x: Floats, ways: Trajectories, reach: float
 ) -> Flags:
     """Whether points that stay below a surface would not be found there."""
-    size = candidates.size[ways.entered]
+    entered, size = ways.entered, candidates.size[ways.entered]
     after, gap = candidates.pair(points, x, ways.entered, reach)
     came = ways.begin >= 0
-    deep = came | (-candidates.gap(points, x, ways.entered) > _kernels.DEEPEST * size)
+    deep = came | (-candidates.gap(points, x, entered) > candidates.too_deep(entered))
     lost = (after < 0) & deep & (ways.way > _DEEP * size)
     flags: Flags = lost | (came & (gap > 0) & (ways.way > _PAST * size))
     return flags

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
@@ -15,13 +16,17 @@ from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined
+from dolfinx_nts.search.overlaps import OverlapSearch
 
-__all__ = ["check_start", "warn_of_bodies_without_pair"]
+__all__ = ["check_start", "sink_nodes_inside", "warn_of_bodies_without_pair"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
 # Depth, relative to the size of a facet [-], that is more than round-off.
 _DEEP = 1e-6
+# Distance from a node, relative to its facets [-], at which they are inside a body or not: more
+# than the round-off with which boundaries are known, much less than any shape.
+_NEAR = 1e-3
 
 
 def check_start(state: PairState, t: float, x: Floats, x_before: Floats | None = None) -> None:
@@ -56,6 +61,53 @@ def check_start(state: PairState, t: float, x: Floats, x_before: Floats | None =
             f"expected bodies outside of obstacles, given {len(ids)} nodes of {pair.nodes.name} "
             f"up to {deepest:.3g} inside {obstacle.name}: {listed(ids)}"
         )
+
+
+def sink_nodes_inside(state: PairState, inside: OverlapSearch, body: str, x: Floats) -> None:
+    """Let nodes that start inside a body face the segments that they came through. Collective.
+
+    In a run a node more than half a facet below a segment belongs to another side of the body. At
+    the start geometry decides: a node inside the closed boundary of the body faces the segment
+    above it if this is nearer than the other side of the body, straight below the node.
+
+    Args:
+        state: State of a contact pair, the segments of which belong to the body.
+        inside: Search that has just seen the overlap.
+        body: Name of the body, as in an `Overlap`.
+        x: Positions of the local nodes of the space, shape ``(l, 3)`` [m].
+
+    Raises:
+        ValueError: Nodes are deeper than half of the thickness of the body.
+    """
+    surface, comm = state.pair.nodes, state.nodes.V.mesh.comm
+    node, depth, normal = state.nodes_inside(x)
+    number = surface.V.dofmap.index_map.local_to_global
+    own = number(surface.nodes[node]), depth, normal, surface.node_ids[node]
+    deep, depth, normal, ids = (joined(comm, part) for part in own)
+    if not len(deep):
+        return
+    # Ends of both bodies may lie in one plane: inside is what surrounds a node on its facets.
+    corners = x[surface.segments]
+    near = corners + _NEAR * (corners.mean(axis=1, keepdims=True) - corners)
+    at, points = number(surface.segments.ravel()), near.reshape(-1, 3)
+    mine = np.isin(at, deep)
+    at, points = joined(comm, at[mine]), joined(comm, points[mine])
+    order = np.argsort(deep)
+    of = order[np.searchsorted(deep, at, sorter=order)]
+    is_inside, beyond = inside.below(points, -normal[of], body)
+    deeper = is_inside & (depth[of] > beyond)
+    if deeper.any():
+        deepest, thickness = depth[of][deeper].max(), (depth[of] + beyond)[deeper].min()
+        nodes = np.unique(ids[of][deeper])
+        raise ValueError(
+            "expected bodies that start at most half of their thickness inside each other, given "
+            f"{len(nodes)} nodes of {surface.name} up to {deepest:.3g} m inside {body}, which is "
+            f"{thickness:.3g} m thick there: {listed(nodes)}; move the two apart before the first "
+            "step, and let supports bring them together in steps"
+        )
+    if is_inside.any():
+        usual = _kernels.DEEPEST * state.pair.segment_size
+        state.sink(max(state.search.sunk, float(depth[of][is_inside].max()) + usual))
 
 
 def warn_of_bodies_without_pair(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> None:

@@ -160,6 +160,10 @@ class Candidates(ABC):
     def is_at_rim(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:
         """Whether points are nearest to an edge that belongs to one candidate only."""
 
+    def too_deep(self, segment: Ints) -> Floats:
+        """Depth below which points belong to another side of the body, ``(m,)`` [m]."""
+        return _kernels.DEEPEST * self.size[segment]
+
     def independent(
         self, surface: Surface, segment: Ints, eligible: Flags, urgency: GlobalInts
     ) -> Flags:
@@ -199,12 +203,14 @@ class Search(ABC):
         frame: Frame of the candidates in the present step, in which all positions are given.
         may_move: Whether the frame may be another one than space.
         num_searches: How often candidates were sent between ranks.
+        sunk: Depth up to which nodes that started inside still face segments [m], see `start.py`.
     """
 
     candidates: Candidates
     frame = Frame()
     may_move = False
     num_searches = 0
+    sunk = 0.0
 
     def __init__(self, nodes: Surface, vertices: Ints) -> None:
         """Remember whose motion matters."""

@@ -77,8 +77,14 @@ class GlobalSearch(Search):
         """Find candidates, whatever the last ones cover; arguments as of `update`. Collective."""
         reach *= self._margin
         self.candidates = self._find(x, reach)
+        self.candidates.sunk = np.array([self.sunk])
         self.covered = (*self.positions(x), reach)
         self.num_searches += 1
+
+    def sink(self, depth: float) -> None:
+        """Take the depth up to which nodes that started inside face segments [m]. Local."""
+        if depth != self.sunk:
+            self.sunk, self.covered = depth, None
 
     def serialize(self, archive: Archive, name: str) -> None:
         """Serialize where the candidates were found, see `Search.serialize`. Collective."""
@@ -94,6 +100,7 @@ class GlobalSearch(Search):
             x = np.zeros((len(reference_positions(self._nodes.V)), 3))
             x[self._nodes.nodes], x[self._vertices] = x_nodes, x_vertices
             self.candidates = self._find(x, float(reach))
+            self.candidates.sunk = np.array([self.sunk])
 
     def _find(self, x: Floats, reach: float) -> SegmentCandidates:
         space = self._segments.V.dofmap.index_map

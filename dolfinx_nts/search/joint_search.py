@@ -49,6 +49,11 @@ class JointSearch:
         self._before: Floats = np.zeros((len(self._rows), 3))
         self._covered: Floats = np.empty(0)
 
+    @property
+    def sunk(self) -> float:
+        """Depth up to which nodes that started inside still face segments [m]. Local."""
+        return max(search.sunk for search in self._searches)
+
     def update(self, x: Floats, reach: float) -> tuple["JointCandidates", bool]:
         """Find every segment within reach of a node of its search, see `Search.update`."""
         is_new = self._recall()
@@ -113,6 +118,7 @@ class JointCandidates(SegmentCandidates):
         super().__init__(found, self._first)
         self._group: Ints = np.repeat(np.arange(len(parts), dtype=np.int32), num_nodes)
         self._shorter = shorter
+        self.sunk = np.concatenate([part.sunk for part in parts])
 
     def find(self, key: GlobalInts) -> Ints:
         """Find the segment of the key of each node, see `Candidates.find`."""

@@ -188,6 +188,7 @@ class MortarPoints:
             x_n,
             x,
             reach,
+            float(candidates.sunk.max(initial=0.0)),
             facets.are_rings,
             is_smooth,
         )

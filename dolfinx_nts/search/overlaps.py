@@ -124,6 +124,26 @@ class OverlapSearch:
         belongs = reductions.anywhere(self._comm, mine[:-1])
         return frozenset(name for name, yes in zip(self.names, belongs, strict=True) if yes)
 
+    def below(self, points: Floats, inward: Floats, name: str) -> tuple[Flags, Floats]:
+        """Find which points are inside a body where `find` has seen it. Collective.
+
+        Args:
+            points: Positions, the same on all ranks, shape ``(m, 3)`` [m].
+            inward: Unit vectors into the body, shape ``(m, 3)``.
+            name: Name of its boundary.
+
+        Returns:
+            Flags of the points inside, and the distances in these directions to the other side of
+            the body, shape ``(m,)`` each [m]. The same on all ranks.
+        """
+        number = self.names.index(name)
+        where = np.full(len(points), number, dtype=np.int32)
+        touching = np.full(len(points), _TOUCHING * self._sizes[number])
+        inside: Flags = self._insides.depth(points, where, touching) > 0
+        far = self._insides.diameter(number)
+        ways = np.hstack([points, points + far * inward])
+        return inside, far * self._insides.way_out(ways, where, 0, 0.0)
+
     def approach(self, x: Floats, t: float, before: Floats, t_before: float) -> Floats:
         """Bound on how much boundaries have come nearer to each other. Collective.
 

@@ -60,7 +60,22 @@ class SegmentCandidates(Candidates):
         self.scatter, self.segments, self.orientation, self.key = found[:4]
         self.size, self._thickness = found[4:6]
         self.passage = passages(self.size, self._thickness)
+        self._sunk = np.zeros(1 if first is None else len(first) - 1)
         self._kernel = _kernels.Segments(self.segments, self.orientation, self.key, first)
+
+    @property
+    def sunk(self) -> Floats:
+        """Depth of points that started inside each group, shape ``(g,)`` [m]."""
+        return self._sunk
+
+    @sunk.setter
+    def sunk(self, depth: Floats) -> None:
+        self._sunk = depth
+        self._kernel.sink(depth)
+
+    def too_deep(self, segment: Ints) -> Floats:
+        """Depth below which points belong to another side, see `Candidates.too_deep`."""
+        return np.maximum(super().too_deep(segment), self._sunk.max(initial=0.0))
 
     @property
     def of_segments(self) -> tuple[Floats, GlobalInts, Floats, Floats]:

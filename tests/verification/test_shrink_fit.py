@@ -12,6 +12,8 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from dolfinx import fem
+from scipy.integrate import solve_ivp
+from scipy.optimize import fsolve
 
 import dolfinx_nts as nts
 
@@ -24,10 +26,21 @@ INNER, JOINT, OUTER, OVER, THICKNESS = 0.025, 0.05, 0.10, 5e-6, 0.005  # m
 TOLERANCE, SMOOTH_TOLERANCE = 0.03, 0.005
 
 
-def rings(model: Any, cell: str, edges: dict[str, int], order: int) -> None:
+# Radii of both parts [m].
+FIT = {"shaft": (INNER, JOINT + OVER), "hub": (JOINT, OUTER)}
+
+
+def rings(
+    model: Any,
+    cell: str,
+    edges: dict[str, int],
+    order: int,
+    radii: dict[str, tuple[float, float]] = FIT,
+    thickness: float = THICKNESS,
+) -> None:
     """Add quarters of shaft and hub about the axis z, with facets along the quarter of each."""
     dim = 3 if cell in ("tetrahedron", "hexahedron") else 2
-    for name, (a, b) in {"shaft": (INNER, JOINT + OVER), "hub": (JOINT, OUTER)}.items():
+    for name, (a, b) in radii.items():
         n, corners = edges[name], [(a, 0), (b, 0), (0, b), (0, a)]
         points = [model.occ.addPoint(*corner, 0) for corner in corners]
         centre = model.occ.addPoint(0, 0, 0)
@@ -50,7 +63,7 @@ def rings(model: Any, cell: str, edges: dict[str, int], order: int) -> None:
         whole = face
         if dim == 3:
             above = model.occ.extrude(
-                [(2, face)], 0, 0, THICKNESS, numElements=[1], recombine=recombine
+                [(2, face)], 0, 0, thickness, numElements=[1], recombine=recombine
             )
             model.occ.synchronize()
             whole, joint = above[1][1], above[2 + sides.index(joint)][1]
@@ -58,6 +71,19 @@ def rings(model: Any, cell: str, edges: dict[str, int], order: int) -> None:
         model.addPhysicalGroup(dim - 1, [joint], name=f"{name}_joint")
     model.mesh.generate(dim)
     model.mesh.setOrder(order)
+
+
+def guided(V: fem.FunctionSpace, thickness: float) -> list[fem.DirichletBC]:
+    """Planes of symmetry, and of plane strain in space."""
+    planes = [(0, 0.0), (1, 0.0)] + [(2, 0.0), (2, thickness)] * (V.mesh.topology.dim == 3)
+    bcs = []
+    for axis, at in planes:
+        space, _ = V.sub(axis).collapse()
+        dofs = fem.locate_dofs_geometrical(
+            (V.sub(axis), space), lambda x, axis=axis, at=at: np.isclose(x[axis], at, atol=1e-9)
+        )
+        bcs.append(fem.dirichletbc(fem.Function(space), dofs, V.sub(axis)))
+    return bcs
 
 
 def pressed(cell: str, by: str, order: int = 2, smooth: tuple[str, ...] = ()) -> np.ndarray:
@@ -75,15 +101,7 @@ def pressed(cell: str, by: str, order: int = 2, smooth: tuple[str, ...] = ()) ->
         for name in (by, other)
     )
     pair = nts.ContactPair(nodes, segments, method="mortar")
-    planes = [(0, 0.0), (1, 0.0)] + [(2, 0.0), (2, THICKNESS)] * (dim == 3)
-    bcs = []
-    for axis, at in planes:
-        space, _ = V.sub(axis).collapse()
-        dofs = fem.locate_dofs_geometrical(
-            (V.sub(axis), space), lambda x, axis=axis, at=at: np.isclose(x[axis], at, atol=1e-9)
-        )
-        bcs.append(fem.dirichletbc(fem.Function(space), dofs, V.sub(axis)))
-    stepper = nts.QuasiStatic(bodies, [pair], dt=1.0, bcs=bcs)
+    stepper = nts.QuasiStatic(bodies, [pair], dt=1.0, bcs=guided(V, THICKNESS))
     stepper.advance()
     wider = ((1 - 2 * NU) * JOINT**2 + OUTER**2) / (OUTER**2 - JOINT**2)
     narrower = ((1 - 2 * NU) * JOINT**2 + INNER**2) / (JOINT**2 - INNER**2)
@@ -114,3 +132,63 @@ def test_shrink_fit_of_straight_cells_has_it_with_smooth_surfaces(cell, by, told
         f"{ratio.min():.3f} to {ratio.max():.3f} of it",
     )
     assert ratio == pytest.approx(1, abs=SMOOTH_TOLERANCE)
+
+
+# Facets along the quarter of a shaft of radius 1 m in a hub, and their length [m].
+NUM_FACETS = 16
+FACET = np.pi / 2 / NUM_FACETS
+SHEAR = 1e6  # Pa
+
+
+def nominal_pressure(radii: dict[str, tuple[float, float]]) -> float:
+    """Force per undeformed area of the shaft, relative to the shear modulus [-].
+
+    Equilibrium of thick neo-Hookean tubes at large strains, without lateral contraction: with the
+    principal stretches ``a = dr/dR`` and ``b = r/R``, ``d(R P_a)/dR = P_b`` and ``P = a - 1/a``.
+    """
+
+    def slope(R, state):
+        r, a = state
+        b = r / R
+        return a, (b - 1 / b - (a - 1 / a)) / R / (1 + 1 / a**2)
+
+    def end(free: float, joint: float, r: float) -> tuple[float, float]:
+        """Radius and stress P_a at the joint from the radius of the free surface."""
+        path = solve_ivp(slope, (free, joint), (r, 1.0), rtol=1e-10, atol=1e-12)
+        r, a = path.y[:, -1]
+        return r, a - 1 / a
+
+    (inner, shaft), (hub, outer) = radii["shaft"], radii["hub"]
+
+    def mismatch(free):
+        (r, p), (s, q) = end(inner, shaft, free[0]), end(outer, hub, free[1])
+        return r - s, p * shaft - q * hub
+
+    free = fsolve(mismatch, (inner, outer), xtol=1e-12)
+    return -end(inner, shaft, free[0])[1]
+
+
+@pytest.mark.parametrize("method", ["node-to-segment", "mortar"])
+@pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
+@pytest.mark.parametrize("facets_inside", [0.2, 0.6, 1.0, 2.0, 3.0])
+def test_press_fit_that_starts_facets_deep_has_the_pressure_of_thick_tubes(
+    cell, method, facets_inside
+):
+    over = facets_inside * FACET
+    radii = {"shaft": (0.4, 1 + over), "hub": (1.0, 2.0)}
+    edges = dict.fromkeys(radii, NUM_FACETS)
+    shape = {"edges": edges, "order": 1, "radii": radii, "thickness": FACET}
+    data = nts.read_mesh(partial(rings, cell=cell, **shape), MPI.COMM_WORLD)
+    V = fem.functionspace(data.mesh, ("Lagrange", 1, (data.mesh.topology.dim,)))
+    rubber = nts.NeoHookean(E=2 * SHEAR, nu=0.0, rho=1e3)
+    bodies = [nts.Body(V, data.cells, data.tag[name], rubber) for name in radii]
+    nodes, segments = (nts.Surface(V, data.facets, data.tag[f"{n}_joint"]) for n in radii)
+    pair = nts.ContactPair(nodes, segments, method=method)
+    stepper = nts.QuasiStatic(bodies, [pair], dt=1.0, bcs=guided(V, FACET))
+    stepper.advance()
+    # Facets of both are chords between nodes on circles.
+    length = 2 * NUM_FACETS * np.sin(FACET / 2) * radii["shaft"][1]
+    area = length * (FACET if cell == "hexahedron" else 1.0)
+    mean = -pair.history.lambda_N.sum() / area
+    ratio = mean / (SHEAR * nominal_pressure(radii))
+    assert ratio == pytest.approx(1, abs=0.002)  # 0.0013 at most

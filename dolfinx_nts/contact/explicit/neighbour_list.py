@@ -67,7 +67,7 @@ class NeighbourList:
     @property
     def reach(self) -> float:
         """Gap up to which nodes are paired [m]. Local."""
-        return _REACH * self._state.pair.segment_size
+        return _REACH * self._state.pair.segment_size + self._state.search.sunk
 
     def update(self, x: Floats, step: float) -> None:
         """Rebuild the list if nodes outside of it may touch.
@@ -105,8 +105,8 @@ class NeighbourList:
         self._choose(candidates, points, number, candidates.find(self._state.history.key))
 
     def _rebuild(self, x: Floats) -> None:
-        state, size = self._state, self._state.pair.segment_size
-        candidates, _ = state.search.update(x, (_REACH + _MARGIN) * size)
+        state, margin = self._state, _MARGIN * self._state.pair.segment_size
+        candidates, _ = state.search.update(x, self.reach + margin)
         if np.isinf(self._travelled):
             current = candidates.find(state.history.key)
         else:
@@ -114,7 +114,7 @@ class NeighbourList:
             current[self.number] = self._current_in(candidates)
         self._travelled, self._positions = 0.0, state.search.positions(x)
         points = state.facets.points(x)
-        near = candidates.near(points, candidates.scatter.forward(x), _MARGIN * size)
+        near = candidates.near(points, candidates.scatter.forward(x), margin + state.search.sunk)
         self._choose(candidates, points, near, current)
         self.is_idle = not reductions.total(self._comm, len(near))
 

@@ -11,7 +11,6 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.enforcement import TOUCHES, Penalty
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
@@ -175,7 +174,7 @@ def _beside(step: ContactStep, points: ContactPoints, segment: Ints) -> Flags:
     """Whether points have left their segments sideways, over a rim of the surface."""
     candidates = step.search.candidates
     depth = -candidates.gap(points, step.x, segment)
-    flags: Flags = depth < _kernels.DEEPEST * candidates.size[segment]
+    flags: Flags = depth < candidates.too_deep(segment)
     return flags & candidates.is_at_rim(points, step.x, segment)
 
 

@@ -10,7 +10,7 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.enforcement import TOUCHES
 from dolfinx_nts.contact.implicit.pairing import NodePairing, Pairing
-from dolfinx_nts.contact.joint_state import JointState
+from dolfinx_nts.contact.joint_state import JointState, members
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.parallel import reductions
@@ -47,7 +47,7 @@ def may_face(state: PairState | JointState, x_n: Floats, way: float) -> bool:
         way: Longest way of a node in the ballistic step, the same on all ranks [m].
     """
     near = isinstance(state, JointState) or state.search.is_near(
-        x_n, (_WAYS + 1) * way + _kernels.DEEPEST * state.longest_segment
+        x_n, (_WAYS + 1) * way + _kernels.DEEPEST * state.longest_segment + state.search.sunk
     )
     comm: MPI.Comm = state.nodes.V.mesh.comm
     return reductions.anywhere(comm, near or bool(np.any(state.history.key != -1)))
@@ -99,12 +99,14 @@ class LocalSearch:
     def __init__(self, state: PairState | JointState, x_n: Floats, x_trial: Floats) -> None:
         """Find the candidates, the segments at t_n and those of the ballistic state."""
         comm: MPI.Comm = state.nodes.V.mesh.comm
+        for member in members(state):
+            member.rise()
         frame = state.search.frame
         x_n, x_trial = frame.at_start(x_n), frame.at_end(x_trial)
         # Longest way of a node in the ballistic step.
         self._way: float = reductions.largest(comm, _kernels.farthest(x_trial, x_n))
         # Nodes down to some depth still belong to their segments.
-        deepest = _kernels.DEEPEST * state.longest_segment
+        deepest = _kernels.DEEPEST * state.longest_segment + state.search.sunk
         self.reach = _WAYS * self._way + deepest
         reach = self.reach + self._beyond(state.pair)
         self.candidates, _ = candidates, _ = state.search.update(x_n, reach)

@@ -88,6 +88,7 @@ public:
         || _first.back() != num_segments || !std::ranges::is_sorted(_first))
       throw nb::value_error("first: expected where each group of segments "
                             "begins, and their number");
+    _sunk.resize(_first.size() - 1);
     _trees.reserve(_first.size() - 1);
     for (std::size_t g = 0; g + 1 < _first.size(); ++g)
       _trees.emplace_back(part(_vertices, g, _vertices.shape(1)),
@@ -236,6 +237,13 @@ public:
     return found;
   }
 
+  /// @brief Set the depth of nodes that started inside each group [m].
+  void sink(const Doubles& depth)
+  {
+    check("depth", depth, {_trees.size()});
+    std::ranges::copy(view(depth), _sunk.begin());
+  }
+
   std::size_t num_trees() const noexcept
   {
     std::size_t total = 0;
@@ -293,7 +301,7 @@ private:
   SegmentSurface<S> surface(const Doubles& x, std::size_t group) const noexcept
   {
     return {view(x), part(_vertices, group, S::vertices),
-            part(_orientation, group), part(_key, group)};
+            part(_orientation, group), part(_key, group), _sunk[group]};
   }
 
   void check_positions(const char* name, const Doubles& x) const
@@ -408,6 +416,7 @@ private:
   Keys _key;
   std::vector<std::int32_t> _first; // segment of each group, and their number
   std::vector<CachedTree> _trees;
+  std::vector<double> _sunk; // depth of nodes that started inside [m]
   std::vector<std::int32_t> _faced; // of nodes by their numbers, or -1
   std::size_t _num_rows = 0;
 };
@@ -492,6 +501,8 @@ void local_search(nb::module_& m)
            nb::arg("x"),
            "(n, 3), -, (l, 3) -> numbers of the nodes within reach of the box "
            "of a segment (m,)")
+      .def("sink", &SegmentsAndTrees::sink, nb::arg("depth"),
+           "(g,) depth of nodes that started inside each group")
       .def_prop_ro("num_trees", &SegmentsAndTrees::num_trees,
                    "How often a tree was built");
   m.def("farthest", &farthest_point, nb::arg("x"), nb::arg("before"),

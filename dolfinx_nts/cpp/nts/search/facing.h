@@ -339,7 +339,8 @@ public:
     // Deeper it is nearer to the other side of the wall. What it touches goes
     // on where the surface turns by less than a sharp edge.
     if (directions().are_all()
-        || (p.gap >= -_thickness[i] && directions().faces(p.normal)
+        || (p.gap >= -std::max(_thickness[i], _surface.sunk)
+            && directions().faces(p.normal)
             && (dot(_before, p.normal) >= LocalSearchRule::sharp
                 || stays(node, i, p, tree))))
       return true;

@@ -21,7 +21,7 @@ struct LocalSearchRule
   /// less than any real difference.
   static constexpr double tie = 1e-9;
   /// Deeper below a segment than this a node belongs to another side of the
-  /// body.
+  /// body, unless it started there, see `SegmentSurface::sunk`.
   static constexpr double depth = 0.5;
   /// Cosine of the angle between normals from which on an edge is sharp [-].
   static constexpr double sharp = 0.86602540378443865; // 30 degrees
@@ -47,6 +47,7 @@ struct SegmentSurface
   std::span<const std::int32_t> vertices; ///< rows of x, (s, k)
   std::span<const double> orientation;    ///< +1 or -1, (s,)
   std::span<const std::int64_t> key;      ///< the lowest wins a tie, (s,)
+  double sunk = 0; ///< depth of nodes that started inside [m], 0 without
 
   /// @brief Positions of the vertices of a segment.
   std::array<Vec3, S::vertices> segment(std::size_t i) const noexcept
@@ -79,6 +80,13 @@ struct SegmentSurface
 
   /// @brief Diameter of a segment [m].
   double size(std::size_t i) const noexcept { return diameter<S>(segment(i)); }
+
+  /// @brief Whether a node with this gap is so deep below a segment that it
+  /// belongs to another side of the body [m].
+  bool is_too_deep(std::size_t i, double gap) const noexcept
+  {
+    return gap < 0 && gap < -std::max(LocalSearchRule::depth * size(i), sunk);
+  }
 };
 
 /// @brief Says that a node may touch any segment.
@@ -244,8 +252,7 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
       = [&](const Projection<S>& p, std::int32_t i, double allowed) noexcept
   {
     return p.converged && S::outside(p.xi) <= allowed
-           && (p.gap >= 0
-               || p.gap >= -LocalSearchRule::depth * surface.size(i));
+           && !surface.is_too_deep(i, p.gap);
   };
 
   Found kept;

@@ -257,8 +257,7 @@ private:
       if (size < MortarRule::least_area)
         return radius + _reach;
       const double g = gap_of(e, below);
-      // False, and quiet, where it is NaN.
-      if (std::isgreater(g, -LocalSearchRule::depth * _segments.size(s)))
+      if (!std::isnan(g) && !_segments.is_too_deep(s, g))
       {
         nearest = std::min(nearest, g);
         covered += size;
