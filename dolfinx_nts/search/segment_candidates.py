@@ -60,7 +60,7 @@ class SegmentCandidates(Candidates):
         self.scatter, self.segments, self.orientation, self.key = found[:4]
         self.size, self._thickness = found[4:6]
         self.passage = passages(self.size, self._thickness)
-        self._sunk = np.zeros(1 if first is None else len(first) - 1)
+        self._sunk: Floats = np.zeros(1 if first is None else len(first) - 1)
         self._kernel = _kernels.Segments(self.segments, self.orientation, self.key, first)
 
     @property
@@ -75,7 +75,8 @@ class SegmentCandidates(Candidates):
 
     def too_deep(self, segment: Ints) -> Floats:
         """Depth below which points belong to another side, see `Candidates.too_deep`."""
-        return np.maximum(super().too_deep(segment), self._sunk.max(initial=0.0))
+        depth: Floats = np.maximum(super().too_deep(segment), self._sunk.max(initial=0.0))
+        return depth
 
     @property
     def of_segments(self) -> tuple[Floats, GlobalInts, Floats, Floats]:

@@ -416,7 +416,7 @@ private:
   Keys _key;
   std::vector<std::int32_t> _first; // segment of each group, and their number
   std::vector<CachedTree> _trees;
-  std::vector<double> _sunk; // depth of nodes that started inside [m]
+  std::vector<double> _sunk;        // depth of nodes that started inside [m]
   std::vector<std::int32_t> _faced; // of nodes by their numbers, or -1
   std::size_t _num_rows = 0;
 };

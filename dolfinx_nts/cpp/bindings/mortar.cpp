@@ -48,8 +48,7 @@ auto find_points(const Ints& facets, const Doubles& facet_orientation,
                  const Doubles& X, const Doubles& x_n, const Doubles& x,
                  const Ints& segments, const Doubles& orientation,
                  const Keys& key, const Doubles& y_n, const Doubles& y,
-                 double reach, double sunk, bool are_rings,
-                 bool are_smooth)
+                 double reach, double sunk, bool are_rings, bool are_smooth)
 {
   check("facets", facets, {any, any});
   check("facet_orientation", facet_orientation, {facets.shape(0)});
@@ -273,16 +272,15 @@ void small_system(nb::module_& m)
 
 void mortar(nb::module_& m)
 {
-  m.def(
-      "mortar_points", &find_points, nb::arg("facets"),
-      nb::arg("facet_orientation"), nb::arg("X"), nb::arg("x_n"), nb::arg("x"),
-      nb::arg("segments"), nb::arg("orientation"), nb::arg("key"),
-      nb::arg("y_n"), nb::arg("y"), nb::arg("reach"), nb::arg("sunk"),
-      nb::arg("are_rings"), nb::arg("are_smooth"),
-      "(f, n) rows of positions (f,), (l, 3), (l, 3), (l, 3), (s, k) rows of "
-      "other positions (s,), (s,), (v, 3), (v, 3), -, -, -, - -> facet, "
-      "segment, weight of each point (p,), phi (p, n) and psi (p, k), see "
-      "nts/search/mortar_points.h");
+  m.def("mortar_points", &find_points, nb::arg("facets"),
+        nb::arg("facet_orientation"), nb::arg("X"), nb::arg("x_n"),
+        nb::arg("x"), nb::arg("segments"), nb::arg("orientation"),
+        nb::arg("key"), nb::arg("y_n"), nb::arg("y"), nb::arg("reach"),
+        nb::arg("sunk"), nb::arg("are_rings"), nb::arg("are_smooth"),
+        "(f, n) rows of positions (f,), (l, 3), (l, 3), (l, 3), (s, k) rows of "
+        "other positions (s,), (s,), (v, 3), (v, 3), -, -, -, - -> facet, "
+        "segment, weight of each point (p,), phi (p, n) and psi (p, k), see "
+        "nts/search/mortar_points.h");
   m.def("sum_rows", &sum_rows, nb::arg("phi"), nb::arg("start"),
         nb::arg("point"), nb::arg("share"), nb::arg("place"), nb::arg("length"),
         nb::arg("values"),
