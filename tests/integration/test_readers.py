@@ -71,7 +71,7 @@ def nodal_fields(stepper):
     """Fields of the present state by input number, from the pairs. Collective."""
     V = stepper.u.function_space
     n = len(V.tabulate_dof_coordinates())
-    (pair,) = stepper.pairs
+    (pair,), (contact,) = stepper.pairs, stepper.contacts
     here = {
         "displacement": stepper.u.x.array.reshape(-1, 3),
         "velocity": stepper.v.x.array.reshape(-1, 3),
@@ -82,8 +82,8 @@ def nodal_fields(stepper):
         "active": pair.history.active,
         "slip_state": np.where(pair.history.sliding, 2, pair.history.active),
         "accumulated_slip": pair.history.slip,
-        "contact_traction": pair.history.force / pair.nodes.area[:, None],
-        "friction_traction": -pair.history.traction / pair.nodes.area[:, None],
+        "contact_traction": pair.history.force / contact.area[:, None],
+        "friction_traction": -pair.history.traction / contact.area[:, None],
     }
     for name, values in surface.items():
         here[name] = np.zeros((n, 3))

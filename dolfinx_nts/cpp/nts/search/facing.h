@@ -377,6 +377,9 @@ private:
   bool waits(const Vec3& node, std::int32_t i, const Projection<S>& p,
              const GetTree& tree)
   {
+    // A node behind the segment has gone through it, and is held there.
+    if (p.gap < 0)
+      return false;
     const double cosine = directions().cosine(-1. * p.normal, FacingRule::turn);
     if (cosine >= FacingRule::turn)
       return false;
@@ -385,8 +388,7 @@ private:
     if (!(rate > 0))
       return false;
     // One edge beyond the plane of the segment, the nearest of the others.
-    const Vec3 beyond
-        = node + (std::max(p.gap, 0.) / rate + edge.length) * edge.along;
+    const Vec3 beyond = node + (p.gap / rate + edge.length) * edge.along;
     double nearest = rate * edge.length, best = -1;
     const double margin = LocalSearchRule::tie * _surface.size(i);
     tree().nearest(
