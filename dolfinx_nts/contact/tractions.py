@@ -50,8 +50,8 @@ class Tractions(ABC):
         """Reference areas on which the nodes transmit force, shape ``(n,)`` [m^2]. Collective.
 
         Node-to-segment contact presses on the facets around a node that are opposed to the
-        contact normal, projected along it: where a surface goes round a corner, the facets
-        beyond have no part. Where nothing presses, it is the area of all facets.
+        contact normal: where a surface goes round a corner, the facets beyond have no part.
+        Where nothing presses, it is the area of all facets.
         """
         return self._area(_normal_forces(self.history))
 

@@ -22,6 +22,12 @@ __all__ = ["AroundNodes", "NodalFacets"]
 _AROUND = 1e-6
 
 
+# Least cosine of the angle between the contact normal and the inward normal of a facet on which
+# contact presses [-]: 60 degrees. Each side of a right-angled edge that is pressed at 45 degrees
+# counts. Smaller: sides that bulge beyond an edge count; larger: facets at blunt tips do not.
+_OPPOSED = 0.5
+
+
 class AroundNodes(NamedTuple):
     """Facets around nodes, see `cpp/nts/search/facing.h`.
 
@@ -108,8 +114,9 @@ class NodalFacets:
     def facing_parts(self, x: Floats, normal: Floats, presses: Flags) -> Floats:
         """Parts of the areas of nodes on which contact presses, shape ``(n,)`` [-]. Collective.
 
-        A uniform pressure on the facets around a node acts along the contact normal on their
-        projection, without facets that look away, such as those round a corner.
+        Contact presses on the facets that are opposed to the contact normal, and not on those
+        round a corner. Where facets turn little, these are all, and pressures integrate to the
+        force over the whole surface.
 
         Args:
             x: Positions of the local nodes of the space, owned and ghost, ``(l, 3)`` [m].
@@ -128,8 +135,8 @@ class NodalFacets:
         normal = np.where(knows[:, None], normal, np.column_stack(near))
         normal = np.nan_to_num(_kernels.unit_vectors(normal))
         knows = np.abs(normal).max(axis=1) > 0
-        opposed = np.maximum(-np.einsum("ei,ei->e", outward, normal[node]), 0.0)
-        parts = np.bincount(node, self._parts * opposed, len(normal))
+        pressed = -np.einsum("ei,ei->e", outward, normal[node]) > _OPPOSED
+        parts = np.bincount(node, self._parts * pressed, len(normal))
         return np.where((parts == 0) & (presses | ~knows), 1.0, parts)
 
 
