@@ -134,7 +134,9 @@ def test_corner_is_held_where_the_other_wall_ends_before_it(comm, side):
         np.concatenate(comm.allgather(each[body.nodes]))
         for each in (V.tabulate_dof_coordinates(), stepper.x)
     )
-    low, up = (np.unique(np.column_stack([X[:, 0], x])[X[:, 1] == y], axis=0) for y in (1.0, 1.1))
+    low, up = (
+        np.unique(np.column_stack([X[:, 0], x])[np.isclose(X[:, 1], y)], axis=0) for y in (1.0, 1.1)
+    )
     depths = [np.interp(low[:, 1], up[:, 1], -up[:, 2], left=-np.inf, right=-np.inf) + low[:, 2]]
     depths += [np.interp(up[:, 1], low[:, 1], low[:, 2], left=-np.inf, right=-np.inf) - up[:, 2]]
     assert max(map(np.max, depths)) < 0.02
