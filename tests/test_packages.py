@@ -24,6 +24,8 @@ def run(*command: object, folder: Path, path: Path | None = None) -> str:
     return done.stdout
 
 
+# Compiles the C++ module, which takes minutes where other tests run at the same time.
+@pytest.mark.timeout(900)
 def test_wheel_made_of_the_archive_runs_the_script_of_the_readme(tmp_path):
     archive_of = "from scikit_build_core.build import build_sdist; build_sdist({!r})"
     run(sys.executable, "-c", archive_of.format(str(tmp_path)), folder=PROJECT)
