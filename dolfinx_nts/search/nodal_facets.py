@@ -24,7 +24,8 @@ _AROUND = 1e-6
 
 # Least cosine of the angle between the contact normal and the inward normal of a facet on which
 # contact presses [-]: 60 degrees. Each side of a right-angled edge that is pressed at 45 degrees
-# counts. Smaller: sides that bulge beyond an edge count; larger: facets at blunt tips do not.
+# counts. Smaller: sides that bulge beyond an edge count; larger: facets at blunt tips do not. Other
+# values were not measured.
 _OPPOSED = 0.5
 
 
