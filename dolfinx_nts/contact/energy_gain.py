@@ -30,7 +30,6 @@ class EnergyGain:
     """
 
     def __init__(self, comm: MPI.Comm) -> None:
-        """Begin with nothing gained."""
         self._comm, self._told, self._largest = comm, 0.0, 0.0
 
     def look(

@@ -69,7 +69,6 @@ class LagrangeMultiplier(Declaration):
         impact: Literal["elastic", "plastic", "resolved", "restitution"] = "elastic",
         e: float | None = None,
     ) -> None:
-        """Check the kind of impact and the coefficient."""
         if impact not in ("elastic", "plastic", "resolved", "restitution"):
             raise ValueError(
                 "expected impact 'elastic', 'plastic', 'resolved' or 'restitution', given "
@@ -160,7 +159,6 @@ class Tied(LagrangeMultiplier):
     """
 
     def __init__(self, reach: float = 0.05) -> None:
-        """Check the reach."""
         super().__init__()
         positive("the reach of a tie", reach)
         self.reach = float(reach)
@@ -204,7 +202,6 @@ class Penalty(Declaration):
     """
 
     def __init__(self, eps_N: float | None = None) -> None:
-        """Check the stiffness."""
         if eps_N is not None:
             positive("a penalty eps_N", eps_N)
         self.eps_N = eps_N

@@ -60,7 +60,6 @@ class JointState(NodesOfPairs):
     """
 
     def __init__(self, states: Sequence[PairState]) -> None:
-        """Join nodes and searches."""
         super().__init__([state.pair for state in states])
         self.members = tuple(states)
         surfaces = [state.nodes for state in states]
@@ -79,12 +78,12 @@ class JointState(NodesOfPairs):
 
     @property
     def eps_N(self) -> Floats | None:
-        """Stiffness of the penalty springs, see `PairState`. Local."""
+        """Stiffness of the normal penalty springs [N/m]. Local."""
         return _joint_springs([state.eps_N for state in self.members])
 
     @property
     def eps_T(self) -> Floats | None:
-        """Stiffness of the tangential springs, see `PairState`. Local."""
+        """Stiffness of the tangential springs [N/m]. Local."""
         return _joint_springs([state.eps_T for state in self.members])
 
     @property

@@ -23,7 +23,6 @@ class NodesOfPairs:
     """
 
     def __init__(self, pairs: Sequence[ContactPair]) -> None:
-        """Count the nodes."""
         counts = [len(pair.nodes.nodes) for pair in pairs]
         sizes = [pair.segment_size for pair in pairs]
         self.ends: Array = np.cumsum([0, *counts])

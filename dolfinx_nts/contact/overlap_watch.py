@@ -58,7 +58,6 @@ class OverlapWatch:
         contacts: Sequence[PairState],
         clear: Callable[[Floats, float], None],
     ) -> None:
-        """Begin with nothing seen; boundaries are found at the first look."""
         self._bodies, self._contacts, self._clear = tuple(bodies), tuple(contacts), clear
         self.deepest: dict[frozenset[str], Overlap] = {}
         # Depth and number of cells that are known of two, twice the depth where a run has told it.
@@ -169,9 +168,9 @@ class OverlapWatch:
         return self._room < self._step
 
     def follow(self, x: Floats, t: float) -> None:
-        """Look if bodies have indeed moved far since the last look, see `look`."""
         # The sum of steps is a crude bound, as most nodes move the same way. A run that is resumed
         # has not looked yet.
+        """Check for overlaps if bodies have moved far since the last check."""
         nearer = self._ways if self._seen is None else self.search.approach(x, t, *self._seen)
         if np.any(nearer + self._step > _USED * self._ways):
             # Walls of one body that no pair names are not worth the time within a run.

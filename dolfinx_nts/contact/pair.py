@@ -108,7 +108,6 @@ class ContactPair(Declaration):
         friction: Coulomb | None = None,
         method: Method = "node-to-segment",
     ) -> None:
-        """Check types, surfaces and that the laws suit each other."""
         if not isinstance(nodes, Surface):
             raise TypeError(
                 f"expected a Surface as nodes, such as boundary_of(body), given {kind_of(nodes)}"

@@ -62,7 +62,6 @@ class PairState(Tractions, NodesOfPairs):
     """
 
     def __init__(self, pair: ContactPair, passes: Passes | None = None) -> None:
-        """Begin without contact; the pair answers for this state from now on."""
         NodesOfPairs.__init__(self, [pair])
         at_rest = Passes(partial(reference_positions, pair.nodes.V), lambda: 0.0)
         Tractions.__init__(self, pair, _search(pair), at_rest if passes is None else passes)
@@ -185,7 +184,6 @@ class PairState(Tractions, NodesOfPairs):
             _logger.info("%s", text)
 
     def gap(self, x: Floats, reach: float = np.inf) -> Floats:
-        """Compute the gap of every node, see `ContactPair.gap`. Collective."""
         return self._faced(x, reach)[2]
 
     def _faced(self, x: Floats, reach: float) -> tuple[Candidates, Ints, Floats]:

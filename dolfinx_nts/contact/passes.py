@@ -31,7 +31,6 @@ class Passes:
     """
 
     def __init__(self, positions: Callable[[], Floats], time: Callable[[], float]) -> None:
-        """Begin without a pass."""
         self.positions, self.time = positions, time
         # Weak, as those in a circle would be removed at another time on each rank.
         self._all: list[tuple[ContactPair, weakref.WeakMethod[_ForcesOnSegments]]] = []

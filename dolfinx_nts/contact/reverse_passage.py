@@ -61,7 +61,6 @@ class ReversePassages:
     """
 
     def __init__(self, pairs: Sequence[ContactPair]) -> None:
-        """Choose the pairs of two surfaces of which no other pair is the reverse."""
         pairs = [pair for pair in pairs if pair.method != EDGES]  # of nodes and vertices
         both = {(pair.nodes, pair.segments) for pair in pairs}
         self._sweeps = [

@@ -41,7 +41,6 @@ class SoftSprings:
     """
 
     def __init__(self, bodies: Sequence[Body], contacts: Sequence[PairState]) -> None:
-        """Watch the pairs with springs."""
         self._bodies = tuple(bodies)
         self._contacts = [c for c in contacts if isinstance(c.pair.enforcement, Penalty)]
         self._watched = self._contacts

@@ -31,7 +31,6 @@ class Tractions(ABC):
     """
 
     def __init__(self, pair: ContactPair, search: Search, passes: Passes) -> None:
-        """Take the arguments. Collective."""
         self.pair, self.search, self._passes = pair, search, passes
         self.facets = NodalFacets(pair.nodes)
 
@@ -57,7 +56,6 @@ class Tractions(ABC):
 
     @property
     def pressure(self) -> Floats:
-        """Contact pressure at the nodes, see `ContactPair.pressure`. Collective."""
         history, reverse = self.history, self._by_reverse(_normal_forces)
         area = self._area(_normal_forces(history) + reverse)
         pressure: Floats = self.search.per_area(-history.lambda_N, area)
@@ -77,11 +75,9 @@ class Tractions(ABC):
         return own + self._on_facets(reverse, area)
 
     def _area_of_passes(self) -> Floats:
-        """Areas by the normal forces of all passes, see `area`. Collective."""
         return self._area(_normal_forces(self.history) + self._by_reverse(_normal_forces))
 
     def _area(self, force: Floats) -> Floats:
-        """Areas by normal forces on the nodes, ``(n, 3)`` [N], see `area`. Collective."""
         if self.pair.method == MORTAR:
             return self.history.area
         if self.pair.method == EDGES:

@@ -38,7 +38,6 @@ class ContactWatch:
     """
 
     def __init__(self, bodies: Sequence[Body], contacts: Sequence[PairState]) -> None:
-        """Begin with nothing seen."""
         self.vertices = ReversePassages([contact.pair for contact in contacts])
         self.overlaps = OverlapWatch(bodies, contacts, self.vertices.clear)
         self.springs = SoftSprings(bodies, contacts)
@@ -102,7 +101,7 @@ class ContactWatch:
         self._room = self._told = 0.0
 
     def look(self, x: Floats, t: float) -> None:
-        """Look for overlaps now, see `OverlapWatch.look`."""
+        """Check for overlaps now."""
         self.settle()
         self.overlaps.look(x, t)
 

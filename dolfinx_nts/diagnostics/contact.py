@@ -254,7 +254,6 @@ class ContactDiagnostics:
         return np.where(has_box, nearest, -1.0), np.where(has_box, farthest, np.inf)
 
     def _of_pairs(self) -> Floats:
-        """Sums over the nodes of each pair, ``(p, 9)``, see `Present.sums_of_pairs`."""
         now = self._now()
         if now.sums_of_pairs is None:
             now.sums_of_pairs = self._sum(self._of_own_nodes())

@@ -119,7 +119,7 @@ class NodalFields:
         return fields
 
     def contact(self, now: Present, name: str) -> Some:
-        """A contact field by name, see `of`. Collective."""
+        """A contact field by its name. Collective."""
         rule, (nodes, rows) = _RULES[name], self._places[name]
         of_pairs = [(rule.of(now, self._contacts[i], i), some) for i, some in rows.items()]
         if len(of_pairs) == 1 and isinstance(of_pairs[0][1], slice):  # there is nothing to merge

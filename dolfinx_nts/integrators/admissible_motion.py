@@ -21,7 +21,6 @@ class AdmissibleMotion:
     """
 
     def __init__(self, bulk: Bulk, u: fem.Function, u_n: fem.Function) -> None:
-        """Begin. Local."""
         self._bulk, self._u, self._u_n = bulk, u, u_n.x.array
 
     def displacements(self, u: Floats, part: float = 1.0) -> Floats:

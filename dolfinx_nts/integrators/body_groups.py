@@ -27,7 +27,6 @@ class BodyGroups:
     """
 
     def __init__(self, bodies: Sequence[Body]) -> None:
-        """Number the groups."""
         V = bodies[0].V
         self.comm: MPI.Comm = V.mesh.comm
         self.number_of: Ints = group_of_nodes(bodies)[: V.dofmap.index_map.size_local]

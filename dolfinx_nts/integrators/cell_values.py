@@ -22,7 +22,6 @@ class CellValues:
     """
 
     def __init__(self, mesh: Mesh, cells: Ints, size: int) -> None:
-        """Begin with zeros."""
         space = fem.functionspace(mesh, ("Discontinuous Lagrange", 0, (size,)))
         self.function = fem.Function(space)
         self._rows, self._size = space.dofmap.list[cells, 0], size

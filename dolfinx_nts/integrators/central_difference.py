@@ -57,7 +57,6 @@ _MARGIN = 1e-5
 
 
 def _mean_stress(material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
-    """Mean of the stresses at both ends of a step, see `Scheme`."""
     stresses = (G * material.stress(right_cauchy_green(G), **parameters) for G in (F_n, F))
     return sum(stresses) / 2
 
@@ -123,7 +122,6 @@ class CentralDifference(Stepper):
         loads: Sequence[Load] = (),
         update: Callable[[float], None] | None = None,
     ) -> None:
-        """Check the arguments, compile the forms, and estimate the stable step."""
         check_scope(bodies, pairs)
         first = 1.0 if dt is None else dt
         super().__init__(bodies, pairs, dt=first, loads=loads, update=update)

@@ -48,7 +48,6 @@ class Dashpots(MaterialMemory):
     def __init__(
         self, material: Hyperelastic, V: fem.FunctionSpace, cells: Ints, step: StepStrains
     ) -> None:
-        """Begin with dashpots without strain."""
         self._material, self._step, self._mesh = material, step, V.mesh
         self._F = step.mean(step.F_n, step.F)
         self._E_n, self._E = (_strain(C) for C in (step.C_n, step.C))
@@ -59,11 +58,9 @@ class Dashpots(MaterialMemory):
         self._followed = compile_expression(parts, self._strains.points)
 
     def begin(self) -> None:
-        """Begin a step, see `MaterialMemory.begin`."""
         self._strains.begin()
 
     def accept(self) -> None:
-        """Let each branch go its part of the way, see `MaterialMemory.accept`."""
         strains, dt = self._strains, float(self._step.dt.value)
         times = np.array([branch.relaxation_time for branch in self._material.branches])
         parts = dt / (times + self._step.theta * dt)
@@ -76,16 +73,13 @@ class Dashpots(MaterialMemory):
         self._describe()
 
     def serialize(self, archive: Archive, name: str) -> None:
-        """Serialize the strains, see `MaterialMemory.serialize`."""
         self._strains.serialize(archive, name)
         self._describe()
 
     def plastic_strain(self) -> tuple[Ints, Floats]:
-        """None, see `MaterialMemory.plastic_strain`."""
         return self._strains.cells, np.zeros(len(self._strains.cells))
 
     def work(self, parameters: Any, eta: Any) -> Any:
-        """Virtual work, see `MaterialMemory.work`."""
         strain = ufl.zero(3, 3)
         for number, branch in enumerate(self._material.branches):
             share, time = self._numbers(branch)
@@ -96,7 +90,6 @@ class Dashpots(MaterialMemory):
         return ufl.inner(P, gradient(eta))
 
     def elastic_work(self, parameters: Any, eta: Any) -> Any:
-        """Virtual work of the springs alone, see `MaterialMemory.elastic_work`."""
         shares = (self._numbers(branch)[0] for branch in self._material.branches)
         strains = self._springs(self._mean, self._strains.end)
         strain = sum(share * strain for share, strain in zip(shares, strains, strict=True))
@@ -104,13 +97,11 @@ class Dashpots(MaterialMemory):
         return ufl.inner(P, gradient(eta))
 
     def stiffness(self, parameters: Any, rate: Any) -> Any:
-        """Stress of a strain, see `MaterialMemory.stiffness`."""
         numbers, theta = [self._numbers(b) for b in self._material.branches], self._step.theta
         factor = sum(s * t / (t + theta * self._step.dt) for s, t in numbers)
         return theta * factor * self._material.shape_stress(rate, **parameters)
 
     def dissipation(self, parameters: Any) -> Any:
-        """Energy that the dashpots take in the step, see `MaterialMemory.dissipation`."""
         total, dt = ufl.as_ufl(0), self._step.dt
         for number, branch in enumerate(self._material.branches):
             share, time = self._numbers(branch)
@@ -121,7 +112,6 @@ class Dashpots(MaterialMemory):
         return total
 
     def energy(self, parameters: Any) -> Any:
-        """Energy of the springs, see `MaterialMemory.energy`."""
         return self._stored(parameters, self._springs(self._E, self._strains.end))
 
     def energy_at_start(self, parameters: Any) -> Any:
@@ -129,7 +119,6 @@ class Dashpots(MaterialMemory):
         return self._stored(parameters, self._springs(self._E_n, self._strains.start))
 
     def stress(self, parameters: Any, C: Any) -> tuple[Any, Any]:
-        """Stress of mean strains of dashpots in cells, see `MaterialMemory.stress`."""
         strains = self._springs(_strain(C), self._of_cells.function)
         shares = (self._numbers(branch)[0] for branch in self._material.branches)
         total = sum(share * strain for share, strain in zip(shares, strains, strict=True))

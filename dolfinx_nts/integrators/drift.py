@@ -38,7 +38,6 @@ class Drift:
         rigid: RigidLeapfrog,
         ghosts: Sequence[la.Vector],
     ) -> None:
-        """Make room for the increments."""
         u = functions[1]
         V = u.function_space
         self._u, self._ghosts = u.x.array, tuple(ghosts)

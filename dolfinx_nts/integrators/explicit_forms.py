@@ -33,7 +33,6 @@ class NodalForce:
     """
 
     def __init__(self, form: CellForm | PackedForm | None, V: fem.FunctionSpace) -> None:
-        """Make room for the values."""
         self._form = form
         index_map, dim = V.dofmap.index_map, dimension(V)
         self._vector = la.vector(index_map, dim)
@@ -70,7 +69,6 @@ class ExplicitBulk:
     """
 
     def __init__(self, bodies: Sequence[Body], u: fem.Function, loads: Sequence[Load]) -> None:
-        """Compile the forms."""
         V = u.function_space
         self._F, self._eta = deformation_gradient(u), ufl.TestFunction(V)
         # The strain energy of a cell stands behind the forces on its nodes: both have the same

@@ -34,7 +34,6 @@ class FutileCuts:
     """
 
     def __init__(self, *, inertia: bool) -> None:
-        """Begin without any cut."""
         self._power = 2 if inertia else 0
         self.accept()
 

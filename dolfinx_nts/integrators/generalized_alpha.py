@@ -109,7 +109,6 @@ class GeneralizedAlpha(ImplicitStepper):
         update: Callable[[float], None] | None = None,
         petsc_options: Mapping[str, Any] | None = None,
     ) -> None:
-        """Check the spectral radius and the laws of contact, and make the scheme."""
         if not 0 <= finite("rho_inf", rho_inf) <= 1:
             raise ValueError(f"expected a spectral radius rho_inf in [0, 1], given {rho_inf}")
         for pair in instances(ContactPair, pairs):
@@ -142,7 +141,6 @@ class GeneralizedAlpha(ImplicitStepper):
 
 
 def _stress(alpha_f: float, material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
-    """Stress at a weighted mean of both deformation gradients, see `Scheme`."""
     F_m = (1 - alpha_f) * F + alpha_f * F_n
     return F_m * material.stress(right_cauchy_green(F_m), **parameters)
 
@@ -159,7 +157,6 @@ class _NewmarkRates(Rates):
     def __init__(
         self, parameters: _Parameters, state: State, dt: fem.Constant, bodies: Sequence[Body]
     ) -> None:
-        """Begin with an acceleration that is not known."""
         self._parameters = p = parameters
         u_n, u, v = state.u_n, state.u, state.v
         self.a = fem.Function(u.function_space, name="acceleration")
@@ -246,7 +243,6 @@ class _NewmarkRates(Rates):
         return float((after - before) / 2 - rate @ (u - u_n)[:n])
 
     def serialize(self, archive: Archive, ids: GlobalInts) -> None:
-        """Serialize the acceleration too, see `Rates.serialize`."""
         super().serialize(archive, ids)
         serialize_nodal(archive, "a", self.a, ids)
         self._known = archive.same("a_is_known", self._known)

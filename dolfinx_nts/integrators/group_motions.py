@@ -21,7 +21,6 @@ class GroupMotions:
     """
 
     def __init__(self, motions: Floats, gram: Floats, at_supports: Floats) -> None:
-        """Split them into those at which supports stay, and all others."""
         _, fields, d = motions.shape
         self._shape = fields, d
         self._basis = basis = motions.reshape(len(motions), -1)

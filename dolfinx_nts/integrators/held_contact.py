@@ -30,7 +30,6 @@ class HeldContact:
     """
 
     def __init__(self, steps: Sequence[ContactStep], groups: BodyGroups) -> None:
-        """Find the nodes."""
         resolved = (step for step in steps if is_resolved(step.state.pair))
         self._pairs = [(step, HeldNodes.of(step)) for step in resolved]
         self._groups = groups

@@ -90,7 +90,6 @@ class ImplicitStepper(Stepper):
         update: Callable[[float], None] | None = None,
         petsc_options: Mapping[str, Any] | None = None,
     ) -> None:
-        """Check the arguments, and compile the forms of the scheme."""
         super().__init__(bodies, pairs, dt=dt, loads=loads, update=update)
         self._rates = self.scheme.rates(self, self._dt, bodies)
         if self._is_static:

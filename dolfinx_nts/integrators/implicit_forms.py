@@ -38,7 +38,6 @@ class StepForms:
         *,
         inertia: bool = True,
     ) -> None:
-        """Build the deformation gradients at both ends of the step."""
         self._bodies, self._scheme, self._memory = bodies, scheme, memory
         self._acceleration = rates.acceleration if inertia else None
         self._moves = rates.acceleration is not None
@@ -161,7 +160,6 @@ class StepForms:
         factor: float = 1.0,
         power: int = 1,
     ) -> Any:
-        """The same of stiffness damping, see `stiffness_damping`."""
         if not material.stiffness_damping > 0:
             return 0
         mesh, F_n, F = self._u.function_space.mesh, self._F_n, self._F

@@ -90,7 +90,6 @@ class ConsistentInertia(Inertia):
         loads: Sequence[ufl.Form],
         memory: Memory,
     ) -> None:
-        """Compile the forms."""
         self._rates, self._mass = rates, ConsistentMass(bodies, rates.v)
         forms = StepForms(bodies, rates, scheme, memory)
         works = forms.residual(), rates.u, bcs, loads
@@ -103,18 +102,14 @@ class ConsistentInertia(Inertia):
         self._dissipation = None if damping is None else compile_form(damping)
 
     def momentum(self) -> Floats:
-        """Multiply the velocity by the mass, see `Inertia.momentum`."""
         return self._mass.momentum()
 
     def carried(self, forces: Floats) -> Floats:
-        """Leave forces where they are, see `Inertia.carried`."""
         return forces
 
     def accept(self, steps: Sequence[ContactStep]) -> Settlement:
-        """Set the velocity, see `Inertia.accept`."""
         return Settlement(self._rates.accept())
 
     def dissipated(self) -> float:
-        """Assemble the dissipation, see `Inertia.dissipated`."""
         some = self._dissipation
         return 0.0 if some is None else float(fem.assemble_scalar(some))

@@ -21,7 +21,6 @@ class LimitPoint:
     """
 
     def __init__(self) -> None:
-        """Begin far away from it."""
         self._rate, self._cuts, self._steps = 0.0, 0, 0
 
     def accept(self, rate: float, rejected: int) -> None:

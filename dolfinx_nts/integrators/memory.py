@@ -39,7 +39,6 @@ class Memory:
         dt: fem.Constant,
         scheme: Scheme,
     ) -> None:
-        """Begin with what undeformed bodies remember."""
         mesh = u.function_space.mesh
         self._num_cells = mesh.topology.index_map(mesh.topology.dim).size_local
         step, self._of = StepStrains(u_n, u, dt, scheme), dict[Hyperelastic, MaterialMemory]()
@@ -88,23 +87,23 @@ class Memory:
             each.serialize(archive, f"memory_{number}")
 
     def work(self, material: Hyperelastic, parameters: Any, eta: Any) -> Any:
-        """Virtual work of a material, see `MaterialMemory.work`."""
+        """Virtual work of a material per reference volume, UFL [J/m^3]."""
         return self._of[material].work(parameters, eta)
 
     def elastic_work(self, material: Hyperelastic, parameters: Any, eta: Any) -> Any:
-        """The same while points keep their state, see `MaterialMemory.elastic_work`."""
+        """Virtual work with the state frozen at the end of the accepted step, UFL [J/m^3]."""
         return self._of[material].elastic_work(parameters, eta)
 
     def stiffness(self, material: Hyperelastic, parameters: Any, rate: Any) -> Any:
-        """Stress of a strain in a material, see `MaterialMemory.stiffness`."""
+        """Stress increment of a material for a strain increment ``rate``, UFL (3, 3) [Pa]."""
         return self._of[material].stiffness(parameters, rate)
 
     def dissipation(self, material: Hyperelastic, parameters: Any) -> Any:
-        """Energy that a material loses in the step, see `MaterialMemory.dissipation`."""
+        """Energy dissipated in the accepted step per reference volume, UFL [J/m^3]."""
         return self._of[material].dissipation(parameters)
 
     def energy(self, material: Hyperelastic, parameters: Any) -> Any:
-        """Energy of a material at the end of the step, see `MaterialMemory.energy`."""
+        """Energy at the end of the accepted step per reference volume, UFL [J/m^3]."""
         return self._of[material].energy(parameters)
 
     def energy_at_start(self, material: Hyperelastic, parameters: Any) -> Any:
@@ -112,5 +111,5 @@ class Memory:
         return self._of[material].energy_at_start(parameters)
 
     def stress(self, material: Hyperelastic, parameters: Any, C: Any) -> tuple[Any, Any]:
-        """Stress and energy of a material in cells, see `MaterialMemory.stress`."""
+        """Second Piola-Kirchhoff stress [Pa] and energy [J/m^3] with one state per cell."""
         return self._of[material].stress(parameters, C)

@@ -60,7 +60,6 @@ class PlasticFlow(MaterialMemory):
     def __init__(
         self, material: J2Plasticity, V: fem.FunctionSpace, cells: Ints, step: StepStrains
     ) -> None:
-        """Begin with what has not flown."""
         self._material, self._step, self._mesh = material, step, V.mesh
         self._hardening = _constants(V.mesh, material.hardening)
         self._state = PointValues(V, cells, _AT_REST)
@@ -77,32 +76,26 @@ class PlasticFlow(MaterialMemory):
         self._describe()
 
     def begin(self) -> None:
-        """Begin a step, see `MaterialMemory.begin`."""
         self._state.begin()
 
     def accept(self) -> None:
-        """Let the points flow, see `MaterialMemory.accept`."""
         state = self._state
         after = self._after.eval(self._mesh, state.cells)
         state.set(state.end, after.reshape(state.of(state.end).shape))
         self._describe()
 
     def serialize(self, archive: Archive, name: str) -> None:
-        """Serialize the state, see `MaterialMemory.serialize`."""
         self._state.serialize(archive, name)
         self._describe()
 
     def plastic_strain(self) -> tuple[Ints, Floats]:
-        """Mean plastic strain of cells, see `MaterialMemory.plastic_strain`."""
         state = self._state
         return state.cells, state.of(state.end)[..., _ALPHA].mean(axis=1)
 
     def work(self, parameters: Any, eta: Any) -> Any:
-        """Virtual work, see `MaterialMemory.work`."""
         return self._factor(parameters) * self._elastic(parameters, eta, self._state.start)
 
     def elastic_work(self, parameters: Any, eta: Any) -> Any:
-        """Virtual work without flow, see `MaterialMemory.elastic_work`."""
         return self._elastic(parameters, eta, self._state.end)
 
     def stiffness(self, parameters: Any, rate: Any) -> Any:
@@ -116,7 +109,6 @@ class PlasticFlow(MaterialMemory):
         return self._step.theta * F_inv * tau * F_inv.T
 
     def dissipation(self, parameters: Any) -> Any:
-        """Energy that plastic flow takes in the step, see `MaterialMemory.dissipation`."""
         step, start, end = self._step, self._state.start, self._state.end
         if step.theta != 0.5:
             alpha = end[_ALPHA]
@@ -129,7 +121,6 @@ class PlasticFlow(MaterialMemory):
         return parameters["mu"] / 2 * lost
 
     def energy(self, parameters: Any) -> Any:
-        """Elastic energy of shape, see `MaterialMemory.energy`."""
         return self._energy(parameters, self._step.C, self._state.end)
 
     def energy_at_start(self, parameters: Any) -> Any:
@@ -137,7 +128,6 @@ class PlasticFlow(MaterialMemory):
         return self._energy(parameters, self._step.C_n, self._state.start)
 
     def stress(self, parameters: Any, C: Any) -> tuple[Any, Any]:
-        """Stress by mean elastic strains of cells, see `MaterialMemory.stress`."""
         some = self._with_metric(parameters, self._of_cells.function)
         return self._material.stress(C, **some), self._material.psi(C, **some)
 

@@ -28,7 +28,6 @@ class PointValues:
     """
 
     def __init__(self, V: fem.FunctionSpace, cells: Ints, values: Sequence[float]) -> None:
-        """Begin with the same numbers at all points. Collective."""
         mesh, degree = V.mesh, Element.of(V).stress_degree
         cell, self._size = mesh.topology.cell_name(), len(values)
         element = basix.ufl.quadrature_element(cell, value_shape=(self._size,), degree=degree)

@@ -29,7 +29,6 @@ class PresentForces:
     """
 
     def __init__(self, bulk: ExplicitBulk, springs: AllSprings, mobility: Floats) -> None:
-        """Know no forces."""
         self._bulk, self._springs, self._mobility = bulk, springs, mobility
         self.acceleration: Floats = np.zeros_like(mobility)
         self.power = self.strain_energy = 0.0

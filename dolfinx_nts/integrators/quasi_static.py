@@ -33,7 +33,6 @@ _SMALL_WAY = 1e-3
 
 
 def _end_stress(material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
-    """Stress at the end of the step, see `Scheme`."""
     return F * material.stress(right_cauchy_green(F), **parameters)
 
 
@@ -116,7 +115,6 @@ class QuasiStatic(ImplicitStepper):
     def _elsewhere(
         self, start: Start, problem: StepProblem
     ) -> tuple[list[ContactStep], newton.Solution]:
-        """Let bodies go to an equilibrium against a resistance, see `Relaxation`."""
         self.u.x.array[:] = start.guess
         drag, n = Drag(self._bulk, self._tangent), self._bulk.num_owned
         x_n, last = problem.x_n, self._X + self._in_space(start.guess)

@@ -30,7 +30,6 @@ class ConsistentMass:
     """
 
     def __init__(self, bodies: Sequence[Body], rate: fem.Function) -> None:
-        """Note what the momentum needs; its form is compiled when it is first asked for."""
         self._V = rate.function_space
         eta = ufl.TestFunction(self._V)
         self._momentum = bulk_form(
@@ -72,7 +71,6 @@ class Rates(ABC):
     at_rest = False
 
     def __init__(self, state: State, dt: fem.Constant, bodies: Sequence[Body]) -> None:
-        """Take the velocity as the mean one of the last step."""
         self.u_n, self.u, self.v, self.dt = state.u_n, state.u, state.v, dt
         # Contact makes velocities alternate from step to step, but not their mean in a step.
         self.mean_velocity = fem.Function(self.u.function_space)
@@ -147,7 +145,6 @@ class MidpointRates(Rates):
     """Velocity that changes linearly in a step: v_{n+1} = 2 (u_{n+1} - u_n)/dt - v_n."""
 
     def __init__(self, state: State, dt: fem.Constant, bodies: Sequence[Body]) -> None:
-        """Express the acceleration by the displacements."""
         super().__init__(state, dt, bodies)
         self.acceleration = 2 / dt * ((self.u - self.u_n) / dt - self.v)
 
@@ -174,7 +171,6 @@ class NoRates(Rates):
     acceleration = None
 
     def __init__(self, state: State, dt: fem.Constant, bodies: Sequence[Body]) -> None:
-        """Begin where nothing moves."""
         super().__init__(state, dt, bodies)
         self._comm = self.u.function_space.mesh.comm
         # Rates of what supports and guides give, in the last step and in the present one [m/s].
@@ -206,7 +202,6 @@ class NoRates(Rates):
         self._goes_on = moved > 0 and is_near and not self.at_rest
 
     def accept(self) -> float:
-        """Note what was given in the step, see `Rates.accept`."""
         self._led.x.array[: len(self._now)] = self._now
         return super().accept()
 
@@ -222,7 +217,6 @@ class NoRates(Rates):
         return {"extrapolated": u_n + dt * self.mean_velocity.x.array, "last": u_n}
 
     def serialize(self, archive: Archive, ids: GlobalInts) -> None:
-        """Serialize also what was given in the last step, see `Rates.serialize`."""
         super().serialize(archive, ids)
         serialize_nodal(archive, "given_velocity", self._led, ids)
 

@@ -29,7 +29,6 @@ class Reactions:
     def __init__(
         self, bulk: Bulk, bodies: Sequence[Body], *, at_mean: bool, is_static: bool
     ) -> None:
-        """Find out whether there is anything to sum."""
         self._bulk, self._at_mean = bulk, at_mean
         rigid = bulk.rigid
         # Where forces act in the middle of the step, what keeps bodies rigid does no work.

@@ -70,7 +70,6 @@ class Relaxation:
         farthest: float,
         size: float,
     ) -> None:
-        """Begin at the present state."""
         self._attempt, self._accept = attempt, accept
         self._farthest, self._size = farthest, size
         self.num_steps = self._iterations = 0

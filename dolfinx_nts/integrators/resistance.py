@@ -27,7 +27,6 @@ class Resistance:
     """
 
     def __init__(self) -> None:
-        """Begin with the first."""
         self.part = _FIRST
         self._has_failed, self._drive, self._accepted = False, 0.0, 0
 

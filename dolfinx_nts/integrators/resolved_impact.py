@@ -91,7 +91,6 @@ class ResolvedImpact(Inertia):
         massless: Ints,
         memory: Memory,
     ) -> None:
-        """Compile the forms, and give the mass to the nodes below."""
         self._rates, self._memory, u = rates, memory, rates.u
         self._groups = groups = BodyGroups(bodies)
         below = extrapolate(bodies, massless)
@@ -155,20 +154,16 @@ class ResolvedImpact(Inertia):
         return 2 / float(self._rates.dt.value) ** 2
 
     def momentum(self) -> Floats:
-        """Multiply the velocity by the mass, see `Inertia.momentum`."""
         v = self._rates.v.x.array[: self.bulk.num_owned]
         return self._mass.times(v.reshape(self._X.shape))
 
     def carried(self, forces: Floats) -> Floats:
-        """Take forces to the nodes below, see `Inertia.carried`."""
         return self._mass.carried(forces)
 
     def dissipated(self) -> float:
-        """Energy that is lost, see `Inertia.dissipated`."""
         return self._losses.on_this_rank()
 
     def accept(self, steps: Sequence[ContactStep]) -> Settlement:
-        """Set the velocity, then find the equilibrium and pay for it, see `Inertia.accept`."""
         rates, massless = self._rates, self._equilibrium.nodes
         defect, n = rates.accept(), self.bulk.num_owned
         u, v = (f.x.array[:n].reshape(self._X.shape) for f in (rates.u, rates.v))

@@ -72,7 +72,6 @@ class _Leap:
         led: Floats,
         dt: float,
     ) -> None:
-        """Find where the bodies are at the end."""
         self._freedom, self._mass, self._dt, self._led = fields.freedom, mass, dt, led
         self._q, self.v, self._f = q, v, f
         self._start = rigid_motions(q)
@@ -152,7 +151,6 @@ class RigidLeapfrog(RigidStates):
         masses: Sequence[Floats],
         v: fem.Function,
     ) -> None:
-        """Keep the bodies, as yet without motion."""
         super().__init__(V, bodies)
         self._v = v
         rigid = [body.body for body in bodies]

@@ -14,13 +14,11 @@ __all__ = ["EnergyMomentum", "Midpoint"]
 
 
 def _midpoint_stress(material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
-    """Stress at the mean deformation gradient, see `Scheme`."""
     F_m = (F_n + F) / 2
     return F_m * material.stress(right_cauchy_green(F_m), **parameters)
 
 
 def _conserving_stress(material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
-    """Conserving stress with the mean deformation gradient, see `Scheme`."""
     C_n, C = right_cauchy_green(F_n), right_cauchy_green(F)
     return (F_n + F) / 2 * material.conserving_stress(C_n, C, **parameters)
 

@@ -11,7 +11,6 @@ class ShortSteps:
     """Tells that a run begins to crawl, and why longer steps fail. Local."""
 
     def __init__(self) -> None:
-        """Begin without any."""
         self._reason, self._number = "", 0
 
     def fail(self, reason: str) -> None:

@@ -62,7 +62,6 @@ class SleepingBodies:
         states: Sequence[PairState | JointState],
         loads: Sequence[Load],
     ) -> None:
-        """Find out which loads and pairs can act on which body."""
         # What nodes of rigid bodies are given is up to the motion of these. Stress that relaxes
         # does not stay in equilibrium.
         self._bulk = bulk

@@ -66,7 +66,6 @@ class Stability:
     def __init__(
         self, bodies: Sequence[Body], springs: Sequence[ContactSprings], mass: float
     ) -> None:
-        """Compute the frequencies of the cells."""
         self._cells, self._damping = Cells(bodies), Damping.of(bodies)
         self._springs, self._mass = springs, mass
         # Squared frequency of the springs that the user gave [1/s^2]; part of the estimate [-].
@@ -141,7 +140,6 @@ class Cells:
     """
 
     def __init__(self, bodies: Sequence[Body]) -> None:
-        """Compute the wave speed in each cell: half of its frequency times its length."""
         V = bodies[0].V
         self._comm, self._dim = V.mesh.comm, dimension(V)
         X, element = reference_positions(V), Element.of(V)

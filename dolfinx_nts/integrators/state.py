@@ -49,7 +49,6 @@ class State(ABC):
     """
 
     def __init__(self, V: fem.FunctionSpace, dt: float) -> None:
-        """Begin with undeformed bodies without motion at the time 0."""
         # An array, which others can ask for the time without knowing the state.
         self._now: Floats = np.zeros(())
         self.t_n, self.step, self.inertia_defect = 0.0, 0, 0.0

@@ -65,7 +65,6 @@ class StepControl(Declaration):
         gap_tol: float | None = None,
         times: Sequence[float] = (),
     ) -> None:
-        """Check the numbers, and sort the times."""
         for name, value in (("smallest", smallest), ("gap_tol", gap_tol)):
             if value is not None:
                 positive(name, value)
@@ -107,7 +106,6 @@ class EvenSteps:
     """
 
     def __init__(self) -> None:
-        """Count from step 0 at the time 0."""
         self._t, self._step = 0.0, 0
 
     def end(self, step: int, dt: float) -> float:
@@ -141,7 +139,6 @@ class StepLength:
     """
 
     def __init__(self) -> None:
-        """Begin with the usual length."""
         self.cuts = self._accepted = 0
 
     def cut(self) -> None:

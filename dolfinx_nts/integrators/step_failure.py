@@ -55,7 +55,6 @@ class StepFailure:
         states: Sequence[ContactContribution],
         comm: MPI.Comm,
     ) -> None:
-        """Keep the attempts."""
         self._attempts, self._comm = attempts, comm
         self._steps = tuple(zip(steps, states, strict=True))
 

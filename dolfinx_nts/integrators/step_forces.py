@@ -31,7 +31,6 @@ class StepForces:
     """
 
     def __init__(self, bulk: Bulk, mass: Floats) -> None:
-        """Begin without a last step."""
         self._bulk, self._mass = bulk, mass
         self._comm: MPI.Comm = bulk.comm
         self.internal = self.load = 0.0

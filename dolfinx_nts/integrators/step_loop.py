@@ -21,7 +21,6 @@ class StepLoop(Iterator[StepReport]):
     """
 
     def __init__(self, steps: Iterator[StepReport], comm: MPI.Comm) -> None:
-        """Take no step before the first report is asked for."""
         self._steps = steps
         self._is_silent = comm.rank > 0
 

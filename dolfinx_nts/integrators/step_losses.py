@@ -38,7 +38,6 @@ class StepLosses:
         fixed: Ints,
         groups: BodyGroups,
     ) -> None:
-        """Compile the forms of what there is."""
         self._drag, self._groups, self._ends = drag, groups, (rates.u_n.x.array, rates.u.x.array)
         damping = massless, fixed, groups
         self._damping = (
@@ -57,7 +56,7 @@ class StepLosses:
         return 0.0 if self._damping is None else self._damping.begin()
 
     def follow(self, dx: Floats) -> Floats | float:
-        """Energy that these take more of each group on ways dx, see `SurfaceDamping.follow`."""
+        """Additional energy dissipated by damping in each group for displacements dx [m]."""
         return 0.0 if self._damping is None else self._damping.follow(dx)
 
     def on_this_rank(self) -> float:

@@ -77,7 +77,6 @@ class StepSolver:
         *,
         flows: bool,
     ) -> None:
-        """Find the bodies that nothing holds, and make the solvers."""
         self._bulk, self._tangent, self._rates, self._scheme = bulk, tangent, rates, scheme
         self._bodies = bodies
         V, dim = bulk.u.function_space, bulk.rigid.dim

@@ -34,7 +34,6 @@ class StepStrains:
     def __init__(
         self, u_n: fem.Function, u: fem.Function, dt: fem.Constant, scheme: Scheme
     ) -> None:
-        """Take the gradients."""
         self.dt, self.scheme, self.theta = dt, scheme, scheme.stress_share
         self.F_n, self.F = map(deformation_gradient, (u_n, u))
         self.C_n, self.C = map(right_cauchy_green, (self.F_n, self.F))

@@ -90,7 +90,6 @@ class Stepper(TimeLoop):
         loads: Sequence[Load],
         update: Callable[[float], None] | None,
     ) -> None:
-        """Check the arguments, and begin with undeformed bodies without motion."""
         comm = common_space(bodies).mesh.comm
         meet(comm, f"make {type(self).__name__} of {len(bodies)} bodies with dt = {dt!r} s")
         V = check_bodies(bodies)

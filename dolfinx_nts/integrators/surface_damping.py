@@ -41,7 +41,6 @@ class SurfaceDamping:
     def __init__(
         self, forms: StepForms, rates: Rates, massless: Ints, fixed: Ints, groups: BodyGroups
     ) -> None:
-        """Compile the forms."""
         damping, u = forms.stiffness_damping(), rates.u
         topology = u.function_space.mesh.topology
         every = np.arange(topology.index_map(topology.dim).size_local, dtype=np.int32)

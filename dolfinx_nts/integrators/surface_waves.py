@@ -31,7 +31,6 @@ class SurfaceWaves:
     """
 
     def __init__(self, comm: MPI.Comm, stiffness: Floats, mass: Floats, degree: int) -> None:
-        """Find the fastest."""
         ratio = stiffness / (2 * mass)
         fastest = reductions.largest(comm, ratio.max(initial=0.0))
         self._cells_per_second = float(np.sqrt(fastest))

@@ -63,7 +63,6 @@ class TimeLoop(State):
     def __init__(
         self, V: fem.FunctionSpace, dt: float, bodies: Sequence[Body], scheme: Scheme
     ) -> None:
-        """Begin at the time 0, with steps of the usual length."""
         super().__init__(V, dt)
         self.memory = Memory(bodies, self.u_n, self.u, self._dt, scheme)
         self._even, self._length = EvenSteps(), StepLength()

@@ -26,7 +26,6 @@ class UnstableEquilibrium:
     """
 
     def __init__(self, comm: MPI.Comm, bodies: Sequence[Body]) -> None:
-        """Begin with a stable one."""
         self._comm, self._bodies, self._is_told = comm, bodies, False
 
     def look(self, motion: Floats | None, X: Floats, t: float) -> None:

@@ -91,7 +91,6 @@ class VibrationAnalysis:
         shape: tuple[int, int],
         possible: Flags,
     ) -> None:
-        """Sum up the rows of the mass."""
         self._comm, self._mass, self._shape = comm, mass, shape
         self._groups = [_contiguous(nodes) for nodes in groups]
         d = shape[1]

@@ -141,7 +141,6 @@ class Reader(Archive):
     giving = True
 
     def __init__(self, stepper: Stepper, file: CheckpointFile) -> None:
-        """Find out whether the partition is that of the checkpoint."""
         self._file = file
         self._is_same_partition = True
         saved = self.local("partition", None)

@@ -47,7 +47,6 @@ class CheckpointFile:
     """
 
     def __init__(self, comm: MPI.Comm, path: Path) -> None:
-        """Open the file on all ranks, and look whether it is whole."""
         self.comm = comm
         text, sha256, kinds = on_root(comm, lambda: _described(path))
         with agreed(comm, f"read {path}"):

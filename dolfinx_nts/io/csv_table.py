@@ -32,7 +32,6 @@ class Table:
     """
 
     def __init__(self, path: Path) -> None:
-        """Remember the name of the file; `open` creates it."""
         self.path = path
         self._file: BinaryIO | None = None
         self._written, self._hash = 0, hashlib.sha256()

@@ -95,7 +95,6 @@ class RunFields:
     def __init__(
         self, stepper: Stepper, stress: bool = False, own: Mapping[str, OwnField] | None = None
     ) -> None:
-        """Check the names, and compile the stress."""
         self._stepper, self._own = stepper, functions_by_name("own_fields", own or {})
         self._nodal = NodalFields(stepper)
         for name in self._own:

@@ -30,7 +30,6 @@ class FieldsFolder:
     """
 
     def __init__(self, index: Path, own: re.Pattern[str]) -> None:
-        """Take the names; `write` creates files."""
         self.path = index.with_name(f"{index.stem}_fields")
         self._index, self._own = index, own
         self._unsynced: list[Path] = []
@@ -67,7 +66,6 @@ class FieldsFolder:
         arrays: Mapping[str, Sequence[Slab]],
         attributes: Mapping[str, float | Sequence[float]],
     ) -> None:
-        """Write a file, or give it a new content, see `write_hdf5`. Collective."""
         path = self.path / name
         write_hdf5(comm, path, arrays, attributes)
         if comm.rank == 0:

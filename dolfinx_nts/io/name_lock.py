@@ -33,7 +33,6 @@ class NameLock:
     """
 
     def __init__(self, path: Path) -> None:
-        """Remember the name of the file; `take` creates it."""
         self._path = path
         self._file: int | None = None
 

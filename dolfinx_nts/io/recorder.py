@@ -137,7 +137,6 @@ class Recorder:
         own_fields: Mapping[str, OwnField] | None = None,
         fields: FieldsKind = "vtkhdf",
     ) -> None:
-        """Check the arguments; entering the ``with`` block creates the files."""
         if isinstance(columns_of, str):
             raise TypeError(f"expected a list of parts as columns_of, given {columns_of!r}")
         self._options = _Options(

@@ -50,7 +50,6 @@ class RunFiles:
     """
 
     def __init__(self, name: str, stepper: Stepper, kind: str, fields: RunFields) -> None:
-        """Check the name; `open` creates the files."""
         _check_name(name)
         self._stepper = stepper
         self._comm: MPI.Comm = stepper.u.function_space.mesh.comm

@@ -23,7 +23,6 @@ class ScriptedStep:
     """
 
     def __init__(self, stepper: Stepper) -> None:
-        """Take the present length."""
         self._stepper, self._dt = stepper, stepper.dt
 
     def serialize(self, archive: Archive) -> None:

@@ -174,7 +174,6 @@ class _SparseImage(io.RawIOBase):
     """
 
     def __init__(self) -> None:
-        """Start with an empty file."""
         super().__init__()
         self.pieces: list[tuple[int, bytes]] = []
         self.size, self._at = 0, 0

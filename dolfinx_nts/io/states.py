@@ -25,7 +25,6 @@ class States:
     """
 
     def __init__(self, stepper: Stepper, fields: RunFields) -> None:
-        """Find the order of nodes and cells. Collective."""
         self._fields = fields
         mesh = stepper.u.function_space.mesh
         comm: MPI.Comm = mesh.comm

@@ -17,7 +17,6 @@ class Summary:
     """
 
     def __init__(self, name: str, stepper: Stepper) -> None:
-        """Start the clock; earlier runs of the stepper do not count."""
         self._name, self._stepper = name, stepper
         self._before = dict(stepper.timings.seconds)
         self._start = time.perf_counter()

@@ -58,7 +58,6 @@ class VtkHdfFile:
     """
 
     def __init__(self, path: Path, stepper: Stepper, fields: RunFields) -> None:
-        """Remember the names of the files; `open` creates them."""
         self._stepper, self._path = stepper, path
         self._comm: MPI.Intracomm = stepper.u.function_space.mesh.comm
         self._rows_of = States(stepper, fields).rows

@@ -34,7 +34,6 @@ class VtxFile:
     """
 
     def __init__(self, path: Path, stepper: Stepper, fields: RunFields) -> None:
-        """Remember the name of the file; `open` creates it."""
         self._path, self._stepper, self._fields = path, stepper, fields
         self._make_writer = vtx_writer()
         self._last_step = -1

@@ -65,7 +65,6 @@ class XdmfFile:
     """
 
     def __init__(self, path: Path, stepper: Stepper, fields: RunFields) -> None:
-        """Remember the names of the files; `open` creates them."""
         self._stepper = stepper
         self._comm: MPI.Intracomm = stepper.u.function_space.mesh.comm
         self._rows_of = States(stepper, fields).rows

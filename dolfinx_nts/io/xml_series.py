@@ -42,7 +42,6 @@ class XmlSeries:
     """
 
     def __init__(self, path: Path, head: str, tail: str) -> None:
-        """Remember what the file is made of; it is created by `start`."""
         self._path, self._head, self._tail = path, head.encode(), tail.encode()
         self._end = 0  # Place in the file where the elements end [bytes].
         self._room = 0  # Spaces in the room behind them [bytes].

@@ -67,7 +67,6 @@ class PlaneStress(Hyperelastic):
 
     @property
     def least_modulus(self) -> float:
-        """That of the material, see `SaintVenantKirchhoff`."""
         return self._material.least_modulus
 
     def thickness_stretch(self, C: Any, **parameters: Any) -> Any:

@@ -63,7 +63,6 @@ class Body(Declaration):
     def __init__(
         self, V: fem.FunctionSpace, cells: MeshTags, tag: int, material: Hyperelastic
     ) -> None:
-        """Check the arguments, and find the cells of the tag and their nodes."""
         check_space(V)
         tdim = V.mesh.topology.dim
         check_tag(V, cells, tag, tdim, "cells")

@@ -33,7 +33,6 @@ class BodyForce(LoadOnBody):
     """
 
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
-        """Virtual work in a step, see `Load.form`."""
         work = ufl.inner(self._value, ufl.TestFunction(self.V))
         # Terms with the density have the quadrature of inertia, so it is divided out.
         one = fem.Constant(self.V.mesh, self._body.material.rho)
@@ -59,7 +58,6 @@ class Gravity(LoadWithValue):
     """
 
     def __init__(self, bodies: Sequence[Body], g: Any) -> None:
-        """Check the bodies and the acceleration."""
         self._bodies = instances(Body, bodies)
         if not self._bodies:
             raise ValueError("expected at least one Body, given none")
@@ -82,6 +80,5 @@ class Gravity(LoadWithValue):
             )
 
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
-        """Virtual work in a step, see `Load.form`."""
         work = ufl.inner(self._value, ufl.TestFunction(self.V))
         return bulk_form(self._bodies, lambda material, parameters, rho: rho * work)

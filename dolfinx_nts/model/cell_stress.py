@@ -58,7 +58,6 @@ class CellStress:
         points: Floats,
         remembered: Callable[[Hyperelastic, Any, Any], tuple[Any, Any]],
     ) -> None:
-        """Compile an expression for each material."""
         self._mesh, self._num_points = u.function_space.mesh, len(points)
         self._num_cells = self._mesh.topology.index_map(self._mesh.topology.dim).size_local
         F = deformation_gradient(u, on_axis=True)

@@ -48,7 +48,6 @@ class Supports:
     """
 
     def __init__(self, V: fem.FunctionSpace, bcs: Sequence[fem.DirichletBC]) -> None:
-        """Find the dofs with a condition, and whether any has several."""
         given = instances(fem.DirichletBC, bcs)
         for i, bc in enumerate(given):
             if not V._cpp_object.contains(compat.cpp_object(bc.function_space)):

@@ -41,7 +41,6 @@ class FormLoad(Load):
     """
 
     def __init__(self, V: fem.FunctionSpace, work: ufl.Form | Callable[..., ufl.Form]) -> None:
-        """Check the form; a function is called at the reference state and time 0."""
         self.V, self._work = V, work
         self._t = fem.Constant(V.mesh, 0.0)
         u = fem.Function(V)
@@ -64,15 +63,12 @@ class FormLoad(Load):
         return as_call(self, work=self._work)
 
     def update(self, t: float) -> None:
-        """Set the time in the form, see `Load.update`."""
         self._t.value = t
 
     def given(self, form: ufl.Form) -> list[Any]:
-        """All but the time, see `Load.given`."""
         return [value for value in super().given(form) if value is not self._t]
 
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
-        """Virtual work in a step, see `Load.form`."""
         # Forms can be called as well, with other arguments.
         if isinstance(self._work, ufl.Form) or not callable(self._work):
             return self._work

@@ -155,7 +155,6 @@ class MovingFrame(Frame):
     """
 
     def __init__(self, origin: Floats, start: Placement, middle: Placement, end: Placement) -> None:
-        """Go all of the way."""
         self._origin, self._start, self._goal = origin, start, end
         self.go(1.0)
         self.angle = start.angle_to(middle) + middle.angle_to(end)
@@ -177,31 +176,25 @@ class MovingFrame(Frame):
         self.centre = (start.centre + end.centre) / 2
 
     def on_the_way(self, part: float, x: Floats) -> Floats:
-        """Positions in the frame on its way, see `Frame.on_the_way`."""
         return self._seen_from(self._place(part), x)
 
     def ahead(self, X: Floats) -> tuple[Floats, Floats]:
-        """Ways and rotation that are left, see `Frame.ahead`."""
         shift, turn = self._ahead
         way: Floats = shift + np.cross(turn, (X - self._origin) @ self.end.rotation.T)
         return way, turn
 
     def way_from(self, end: Placement, x: Floats) -> Floats:
-        """Ways of the frame's points, see `Frame.way_from`."""
         shift, turn = end.way_to(self.end)
         way: Floats = shift + np.cross(turn, x - end.centre)
         return way
 
     def at_start(self, x_n: Floats) -> Floats:
-        """Positions in the frame at t_n, see `Frame.at_start`."""
         return self._seen_from(self._start, x_n)
 
     def at_end(self, x: Floats) -> Floats:
-        """Positions in the frame at t_{n+1}, see `Frame.at_end`."""
         return self._seen_from(self.end, x)
 
     def in_space(self, X: Floats) -> Floats:
-        """Positions in space at t_{n+1}, see `Frame.in_space`."""
         x: Floats = (X - self._origin) @ self.end.rotation.T + self.end.centre
         return x
 
@@ -224,13 +217,11 @@ class MovingFrame(Frame):
         return [X_n, *between, X]
 
     def relative(self, X_n: Floats, X: Floats) -> Floats:
-        """Displacement relative to the frame, see `Frame.relative`."""
         y_n, y = self._arms(X_n, X)
         way: Floats = y - y_n - np.cross(self.turn, (y_n + y) / 2)
         return way
 
     def carried(self, X_n: Floats, X: Floats) -> Floats:
-        """Displacement of the frame's points, see `Frame.carried`."""
         y_n, y = self._arms(X_n, X)
         way: Floats = self._shift + np.cross(self.turn, (y_n + y) / 2)
         return way
@@ -256,7 +247,6 @@ class MovingFrame(Frame):
         )
 
     def drag(self, x: Floats) -> Floats:
-        """How far the frame has carried its points, see `Frame.drag`."""
         y = (x - self.end.centre) @ self.end.rotation @ self._start.rotation.T
         way: Floats = np.linalg.norm(x - self._start.centre - y, axis=-1)
         return way
@@ -272,7 +262,6 @@ class MovingFrame(Frame):
         )
 
     def turned_slip(self, slip: Slip) -> Slip:
-        """Bring slip into space, see `Frame.turned_slip`."""
         return _TurnedSlip(slip, self._start.rotation, self._mean, self.end.rotation)
 
 

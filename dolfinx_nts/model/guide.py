@@ -53,7 +53,6 @@ class Guide(Declaration):
         motion: Motion | None = None,
         point: Sequence[float] | None = None,
     ) -> None:
-        """Check the arguments, as far as they do not depend on the dimension."""
         if not (motion is None or isinstance(motion, Motion)):
             raise TypeError(f"expected a Motion of a guide, given {type(motion).__name__}")
         self._slides, self._turns = _axes("slides", slides), _axes("turns", turns)

@@ -25,7 +25,6 @@ class VolumeRatio:
     """
 
     def __init__(self, u: fem.Function, cells: Ints | None = None) -> None:
-        """Evaluate the shape functions at the quadrature points."""
         V = u.function_space
         self._u, self._X, element = u, reference_positions(V), Element.of(V)
         cell = basix.CellType[element.cell]

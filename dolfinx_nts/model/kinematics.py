@@ -86,7 +86,6 @@ class Slip:
         frame: Floats,
         orientation: Floats,
     ) -> None:
-        """Take the arrays."""
         self.value, self.force, self.gradient, self.second = value, force, gradient, second
         self.frame_n, self.frame = frame_n, frame
         self.orientation = orientation

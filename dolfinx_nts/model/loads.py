@@ -108,7 +108,6 @@ class LoadWithValue(Load):
     _is_vector: ClassVar[bool] = True
 
     def __init__(self, V: fem.FunctionSpace, value: Any) -> None:
-        """Check shape and value; a function of time is evaluated at 0."""
         self.V = V
         self._shape = self._shape_in(dimension(V))
         self._in_time: Callable[[float], Any] | None = None
@@ -139,7 +138,6 @@ class LoadWithValue(Load):
             self._set(self._in_time(t))
 
     def given(self, form: ufl.Form) -> list[Any]:
-        """Constants and Functions in a value that is a UFL expression, see `Load.given`."""
         if self._owns_value:
             return []
         of_value = [*extract_constants(self._value), *extract_coefficients(self._value)]
@@ -176,7 +174,6 @@ class LoadOnBody(LoadWithValue):
     """
 
     def __init__(self, body: Body, value: Any) -> None:
-        """Check the body and the value."""
         (self._body,) = instances(Body, [body])
         super().__init__(body.V, value)
 

@@ -51,7 +51,6 @@ class Motion(Declaration):
         rotation: Callable[[float], Any] | None = None,
         centre: Sequence[float] = (0.0, 0.0, 0.0),
     ) -> None:
-        """Check the arguments; the functions are called in steps only."""
         for name, function in (("translation", translation), ("rotation", rotation)):
             if not (function is None or callable(function)):
                 raise TypeError(f"expected a function of the time as {name}, given {function!r}")

@@ -56,6 +56,6 @@ def total_reactions(comm: MPI.Comm, parts: Floats, size: int) -> tuple[Reaction,
 
 
 def reactions_of(sums: Floats, size: int) -> tuple[Reaction, ...]:
-    """Reactions by their components, see `total_reactions`. Local."""
+    """Split an array of reactions into one `Reaction` for each row. Local."""
     rows: list[list[float]] = [list(map(float, row)) for row in sums]
     return tuple(Reaction(tuple(row[:size]), tuple(row[size:-1]), row[-1]) for row in rows)

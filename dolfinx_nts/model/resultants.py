@@ -26,7 +26,6 @@ class _Resultant(LoadOnBody):
     """
 
     def __init__(self, body: Body, value: Any) -> None:
-        """Check the body and the value, and measure the mass."""
         super().__init__(body, value)
         comm: MPI.Comm = body.V.mesh.comm
         form = compile_form(bulk_form([body], lambda material, parameters, rho: rho))
@@ -66,7 +65,6 @@ class Force(_Resultant):
             )
 
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
-        """Virtual work in a step, see `Load.form`."""
         return self._spread(ufl.inner(self._value, ufl.TestFunction(self.V)))
 
 
@@ -100,7 +98,6 @@ class Moment(_Resultant):
         return () if dim == 2 else (3,)
 
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
-        """Virtual work in a step, see `Load.form`."""
         # A turn by theta about the mean state has the gradient theta x there.
         F = deformation_gradient((u_n + u) / 2)
         spin = gradient(ufl.TestFunction(self.V)) * ufl.inv(F)

@@ -61,7 +61,6 @@ class RigidBody(Body):
         rho: float,
         guide: Guide | None = None,
     ) -> None:
-        """Check the arguments, see `Body`."""
         super().__init__(V, cells, tag, Rigid(rho))
         if not (guide is None or isinstance(guide, Guide)):
             raise TypeError(f"expected a Guide of a rigid body, given {type(guide).__name__}")
@@ -72,7 +71,7 @@ class RigidBody(Body):
         self.guide = guide
 
     def free(self) -> Floats:
-        """Free motions as sums of translations and rotations, see `Guide.free`. Local."""
+        """Free motions of the body, as combinations of translations and rotations. Local."""
         if self.guide is not None:
             return self.guide.free(dimension(self.V))
         possible = possible_motions(self.V)

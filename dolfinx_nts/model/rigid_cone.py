@@ -31,7 +31,6 @@ class RigidCone(RigidPlane):
     """
 
     def __init__(self, tip: Sequence[float], half_angle: float, *, opens: int = 1) -> None:
-        """Check the arguments."""
         if vector("tip", tip, 2)[0] != 0:
             raise ValueError(f"expected a tip on the axis x = 0, given {tip!r}")
         if not 0 < real("a half_angle [rad]", half_angle) < np.pi / 2:
@@ -46,7 +45,6 @@ class RigidCone(RigidPlane):
 
     @property
     def is_of_revolution(self) -> bool:
-        """True, see `Obstacle.is_of_revolution`."""
         return True
 
     def _declaration(self) -> str:
@@ -54,5 +52,4 @@ class RigidCone(RigidPlane):
         return as_call(self, tip=tip, half_angle=angle, opens=self._opens)
 
     def depth(self, x: Floats) -> Floats:
-        """Tell how deep points of both halves of the section are inside, see `Obstacle.depth`."""
         return super().depth(np.column_stack([np.abs(x[:, :1]), x[:, 1:]]))

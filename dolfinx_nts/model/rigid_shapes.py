@@ -50,7 +50,6 @@ class _Exact(Obstacle):
         """Force per multiplier, (m, 3) [-], and its derivative by x, (m, 3, 3) [1/m]."""
 
     def contact(self, scheme: str, x_n: Floats, x: Floats, segment: Ints) -> ContactKinematics:
-        """Evaluate gap and contact force of nodes, see `Obstacle.contact`."""
         gap_n, normal_n = self.distance(x_n)
         gap, normal = self.distance(x)
         force, tangent = self._force(scheme, x_n, x)
@@ -59,7 +58,6 @@ class _Exact(Obstacle):
         return ContactKinematics(gap_n, gap, force, normal, tangent, turn)
 
     def slip(self, x_n: Floats, x: Floats, segment: Ints) -> Slip:
-        """Take the displacement in the tangent plane of t_n, see `Obstacle.slip`."""
         frame_n, frame = self.frames(x_n, x)
         value = np.einsum("mij,mj->mi", frame_n, x - x_n)
         return SurfaceSlip(value, frame_n, frame, self._curvature(x))
@@ -80,16 +78,13 @@ class _Exact(Obstacle):
     def find(
         self, x: Floats, current: Ints, slack: float, reach: float, facing: Facing
     ) -> tuple[Ints, Floats]:
-        """Give facet 0 to all nodes within reach, see `Obstacle.find`."""
         gap = self._height(x)
         return np.where(gap <= reach, 0, -1).astype(np.int32), gap
 
     def depth(self, x: Floats) -> Floats:
-        """Tell how deep points are inside, see `Obstacle.depth`."""
         return -self._height(x)
 
     def follow(self, x_n: Floats, x: Floats, inside: Ints, facing: Facing) -> Trajectories:
-        """Cut straight ways with the surface, see `Obstacle.follow`."""
         begin, end = self._part_inside(x_n, x)
         enters = begin < end
         (entry, n_in), (exit_, n_out) = (
@@ -110,7 +105,6 @@ class _Exact(Obstacle):
         """Times, ``(m,)`` from 0 to 1, between which straight ways are inside; equal if never."""
 
     def near(self, x: Floats, reach: float) -> Ints:
-        """Find the nodes within reach or inside, see `Obstacle.near`."""
         return np.flatnonzero(self._height(x) <= reach).astype(np.int32)
 
 
@@ -134,7 +128,6 @@ class RigidPlane(_Exact):
     """
 
     def __init__(self, point: Sequence[float], normal: Sequence[float]) -> None:
-        """Check the arguments and normalise the direction."""
         self.dim = _dimension("point", point)
         self._point = vector("point", point, self.dim)
         self._normal = _direction("normal", normal, self.dim)
@@ -142,7 +135,6 @@ class RigidPlane(_Exact):
 
     @property
     def is_of_revolution(self) -> bool:
-        """Whether it is normal to the axis, see `Obstacle.is_of_revolution`."""
         return self.dim == 2 and bool(abs(self._normal[0]) < _ROUND_OFF)
 
     def _declaration(self) -> str:
@@ -158,7 +150,6 @@ class RigidPlane(_Exact):
         return height
 
     def contact(self, scheme: str, x_n: Floats, x: Floats, segment: Ints) -> ContactKinematics:
-        """Evaluate gap and contact force of nodes, see `Obstacle.contact`."""
         gap_n, gap = self._height(x_n), self._height(x)
         force, tangent = self._force(scheme, x_n, x)
         turn = np.where(np.isfinite(gap_n + gap), 1.0, np.nan)
@@ -237,7 +228,6 @@ class _Round(_Exact):
         return np.where(gap < -self.shortest_passage, -1, found).astype(np.int32), gap
 
     def unturned(self, x: Floats, turn: Floats) -> Floats:
-        """Take back the turn about the centre or the axis, see `Obstacle.unturned`."""
         spin = self._axes @ turn  # 2 tan(angle/2) along its axis
         half = float(np.linalg.norm(spin)) / 2
         angle = spin * (np.arctan(half) / half if half else 1.0)
@@ -295,12 +285,10 @@ class RigidSphere(_Round):
     """
 
     def __init__(self, centre: Sequence[float], radius: float, *, hollow: bool = False) -> None:
-        """Check the arguments."""
         super().__init__(centre, radius, np.eye(3), np.eye(3), hollow)
 
     @property
     def is_of_revolution(self) -> bool:
-        """Whether the centre is on the axis, see `Obstacle.is_of_revolution`."""
         return self.dim == 2 and bool(abs(self.centre[0]) < _ROUND_OFF * self.radius)
 
     def _declaration(self) -> str:
@@ -329,7 +317,6 @@ class RigidCylinder(_Round):
     def __init__(
         self, point: Sequence[float], axis: Sequence[float], radius: float, *, hollow: bool = False
     ) -> None:
-        """Check the arguments."""
         self._axis = a = _direction("axis", axis)
         vector("point", point, 3)  # there are none in the plane
         along: Floats = a[:, None] * a

@@ -49,7 +49,6 @@ class RigidSurface(Obstacle):
     """
 
     def __init__(self, points: Any, facets: Any, outside: Any) -> None:
-        """Check the arguments, orient the facets, and hand them to the local search."""
         points, facets = np.array(points, dtype=np.float64, order="C"), np.asarray(facets)
         if points.ndim != 2 or points.shape[1] != 3:
             raise ValueError(f"expected points of shape (n, 3), given {points.shape}")
@@ -104,7 +103,6 @@ class RigidSurface(Obstacle):
         return pairs, self._orientation[segment]
 
     def contact(self, scheme: str, x_n: Floats, x: Floats, segment: Ints) -> ContactKinematics:
-        """Evaluate gap and contact force of nodes, see `Obstacle.contact`."""
         pair_n, orientation = self._pairs(x_n, segment)
         pair, _ = self._pairs(x, segment)
         kernel = getattr(_kernels, f"contact_{scheme}")
@@ -116,7 +114,6 @@ class RigidSurface(Obstacle):
         )
 
     def slip(self, x_n: Floats, x: Floats, segment: Ints) -> Slip:
-        """Evaluate slip of nodes, see `Obstacle.slip`."""
         pair_n, orientation = self._pairs(x_n, segment)
         pair, _ = self._pairs(x, segment)
         value, force, gradient, w, b, frame_n, frame = _kernels.slip(pair_n, pair, orientation)
@@ -126,13 +123,11 @@ class RigidSurface(Obstacle):
     def find(
         self, x: Floats, current: Ints, slack: float, reach: float, facing: Facing
     ) -> tuple[Ints, Floats]:
-        """Find the facet that each node faces, see `Obstacle.find`."""
         faced = (*facing.arguments, np.full(len(self.key), np.inf))
         found, _, gap, _ = self._segments.pair(x, current, slack, reach, self._points, *faced)
         return found, gap
 
     def follow(self, x_n: Floats, x: Floats, inside: Ints, facing: Facing) -> Trajectories:
-        """Find where nodes go through facets, see `Obstacle.follow`."""
         ways = x_n, x, np.full(len(x), -1, dtype=np.int32), inside, self._points, self._points
         return Trajectories(*self._segments.follow(*ways, *facing.arguments))
 
@@ -147,11 +142,9 @@ class RigidSurface(Obstacle):
         return np.where(found >= 0, -gap, 0.0)
 
     def is_at_rim(self, x: Floats, segment: Ints) -> Flags:
-        """Whether nodes are nearest to the rim, see `Obstacle.is_at_rim`."""
         return is_nearest_a_rim(x, self._points, self._facets, segment)
 
     def near(self, x: Floats, reach: float) -> Ints:
-        """Find the nodes within reach of the box around a facet, see `Obstacle.near`."""
         near: Ints = self._segments.near(x, reach, self._points)
         return near
 

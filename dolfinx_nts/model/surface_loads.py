@@ -27,7 +27,6 @@ class _SurfaceLoad(LoadWithValue):
     """
 
     def __init__(self, surface: Surface, value: Any) -> None:
-        """Check the surface and the value."""
         (self._surface,) = instances(Surface, [surface])
         super().__init__(surface.V, value)
 
@@ -69,7 +68,6 @@ class Traction(_SurfaceLoad):
     """
 
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
-        """Virtual work in a step, see `Load.form`."""
         return self._integral(ufl.inner(self._value, ufl.TestFunction(self.V)))
 
 
@@ -100,7 +98,6 @@ class Pressure(_SurfaceLoad):
     _is_vector = False
 
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
-        """Virtual work in a step, see `Load.form`."""
         F_mid, dF = deformation_gradient((u_n + u) / 2), gradient(u - u_n)
         N, eta = ufl.FacetNormal(self.V.mesh), ufl.TestFunction(self.V)
         cofactor = _cofactor(F_mid) + _cofactor(dF) / 12

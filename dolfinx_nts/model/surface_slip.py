@@ -26,7 +26,6 @@ class SurfaceSlip(Slip):
     """
 
     def __init__(self, value: Floats, frame_n: Floats, frame: Floats, curvature: Floats) -> None:
-        """Take the arrays."""
         m = len(value)
         frames = {"frame_n": frame_n, "frame": frame, "orientation": np.ones(m)}
         second = np.ones((m, 1)), np.zeros((m, 2, 1))
@@ -34,7 +33,6 @@ class SurfaceSlip(Slip):
         self._curvature, self._is_at_end = curvature, False
 
     def at_end(self) -> "SurfaceSlip":
-        """The same with forces along the tangents at t_{n+1}, see `Slip.at_end`."""
         end = copy.copy(self)
         end.force, end._is_at_end = self.frame, True
         return end

@@ -94,7 +94,6 @@ class Surface(Declaration):
     def __init__(
         self, V: fem.FunctionSpace, facets: MeshTags, tag: int, *, smooth: Smooth = False
     ) -> None:
-        """Check the arguments, and collect nodes and oriented segments."""
         check_space(V)
         if smooth and (degree := Element.of(V).degree) > 1:
             raise ValueError(

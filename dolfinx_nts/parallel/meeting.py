@@ -73,7 +73,6 @@ class Meeting:
     """
 
     def __init__(self, comm: MPI.Comm, call: str, *numbers: float) -> None:
-        """Tell the other ranks, without waiting for them."""
         self._comm, self._call, self._num_numbers = comm, call, len(numbers)
         code, nothing = zlib.crc32(call.encode()), [-np.inf] * (_MOST - len(numbers))
         # MPI reads and writes both arrays until the request is complete.

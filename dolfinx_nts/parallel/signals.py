@@ -49,7 +49,6 @@ class Interrupts:
     """
 
     def __init__(self, comm: MPI.Comm) -> None:
-        """Change nothing before the context is entered."""
         self._comm = comm
         self._signum, self.took_effect = 0, False
         self._former: dict[int, Any] = {}

@@ -89,7 +89,6 @@ class Slabs:
     """
 
     def __init__(self, comm: MPI.Comm, ids: GlobalInts) -> None:
-        """Find out which rank gets which rows."""
         self._comm = comm
         self._order = np.argsort(ids)
         # On one rank, the place of each row in the slab.

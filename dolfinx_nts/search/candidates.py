@@ -213,7 +213,6 @@ class Search(ABC):
     sunk = 0.0
 
     def __init__(self, nodes: Surface, vertices: Ints) -> None:
-        """Remember whose motion matters."""
         self._nodes, self._vertices = nodes, vertices
         self._comm: MPI.Comm = nodes.V.mesh.comm
 

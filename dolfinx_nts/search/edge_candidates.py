@@ -78,7 +78,6 @@ class EdgeCandidates(SegmentCandidates):
         key: GlobalInts,
         x: Floats,
     ) -> None:
-        """Make two candidates of each pair, one for each sense of the normal."""
         self._edges, self._pairs = (own, other), pairs
         a, b = own.ends[pairs[:, 0]], other.ends[pairs[:, 1]]
         self._carrier = a[:, 0]
@@ -146,7 +145,6 @@ class EdgeCandidates(SegmentCandidates):
         return segment, gap
 
     def near(self, points: ContactPoints, x: Floats, reach: float) -> Ints:
-        """Find the carriers of edges whose boxes are near those of others, see `Candidates`."""
         every = np.arange(len(self._pairs), dtype=np.int32)
         carries = np.zeros(len(x), dtype=bool)
         carries[self._carrier[self._within(x, every, reach)]] = True
@@ -250,7 +248,6 @@ class EdgeCandidates(SegmentCandidates):
     def contact(
         self, scheme: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints
     ) -> ContactKinematics:
-        """Evaluate gap and force of pairs of edges, see `Candidates.contact`."""
         found = super().contact(scheme, points, x_n, x, segment)
         to_nodes = np.kron(self._weights, np.eye(3))
         return found._replace(
@@ -260,7 +257,6 @@ class EdgeCandidates(SegmentCandidates):
         )
 
     def slip(self, law: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints) -> Slip:
-        """Evaluate the slip of the nearest points at t_n, see `Candidates.slip`."""
         return super().slip(law, points, x_n, x, segment).combined(self._weights)
 
     def is_at_rim(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:

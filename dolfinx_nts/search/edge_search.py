@@ -30,7 +30,6 @@ class EdgeSearch(GlobalSearch):
     _margin = 1.5
 
     def __init__(self, nodes: Surface, segments: Surface) -> None:
-        """Offer the edges of the other surface with the facets at them."""
         super().__init__(nodes, segments)
         # All owned nodes, also those whose facets belong to other ranks.
         self._vertices = np.union1d(self._vertices, segments.nodes).astype(np.int32)
@@ -44,13 +43,11 @@ class EdgeSearch(GlobalSearch):
         self._farthest = _FARTHEST * (nodes.size + segments.size)
 
     def update(self, x: Floats, reach: float) -> tuple[EdgeCandidates, bool]:
-        """Find what is within reach, but not at any distance, see `Search.update`."""
         candidates, is_new = super().update(x, min(reach, self._farthest))
         assert isinstance(candidates, EdgeCandidates)
         return candidates, is_new
 
     def _find(self, x: Floats, reach: float) -> SegmentCandidates:
-        """Let edges reach beyond their carriers, see `GlobalSearch`."""
         return super()._find(x, reach + self._beyond(x))
 
     def _beyond(self, x: Floats) -> float:
@@ -59,11 +56,9 @@ class EdgeSearch(GlobalSearch):
         return float(np.linalg.norm(second - first, axis=1).max(initial=0.0))
 
     def _offered(self, x: Floats) -> Floats:
-        """Ends of the edges, see `GlobalSearch`."""
         return self._offers.ends(x)
 
     def _make(self, found: FoundSegments, others: Ints, x: Floats, reach: float) -> EdgeCandidates:
-        """Pair edges, see `GlobalSearch`."""
         own = Edges.of(others.reshape(self._shape), self._own.key, self._own.thickness)
         other = Edges.of(found.vertices, found.key, found.thickness)
         reach -= self._beyond(x)

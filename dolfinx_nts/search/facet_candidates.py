@@ -63,7 +63,6 @@ class FacetCandidates(SegmentCandidates):
     """
 
     def __init__(self, found: FoundSegments, wholes: Ints) -> None:
-        """Number the facets."""
         super().__init__(found)
         self.wholes, self.rise = wholes, found.rise
         (s, k), n = self.segments.shape, wholes.shape[1]
@@ -103,7 +102,6 @@ class FacetCandidates(SegmentCandidates):
         return np.where(beside, segment + len(self.segments), segment).astype(np.int32)
 
     def gap(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
-        """Compute the gap of points to the facets of segments, see `Candidates.gap`."""
         return self._projections(points, x, segment)[1]
 
     def places(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
@@ -126,7 +124,6 @@ class FacetCandidates(SegmentCandidates):
     def contact(
         self, scheme: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints
     ) -> ContactKinematics:
-        """Evaluate gap and force of pairs, see `Candidates.contact`."""
         pairs_n, pairs = (self.pairs(points, y, segment) for y in (x_n, x))
         return self.contact_between(scheme, pairs_n, pairs, segment)
 
@@ -139,7 +136,6 @@ class FacetCandidates(SegmentCandidates):
         return found if weights is None else found.combined(weights)
 
     def slip(self, law: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints) -> Slip:
-        """Evaluate the slip of pairs by the law "objective", see `Candidates.slip`."""
         pairs_n, pairs = (self.pairs(points, y, segment) for y in (x_n, x))
         return self.slip_between(pairs_n, pairs, segment)
 

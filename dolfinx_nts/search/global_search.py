@@ -45,7 +45,6 @@ class GlobalSearch(Search):
     _weights: tuple[Floats, ...] = ()
 
     def __init__(self, nodes: Surface, segments: Surface) -> None:
-        """Prepare what is sent of the segments of this rank."""
         super().__init__(nodes, np.unique(segments.segments))
         self._segments = segments
         space, vertices = segments.V.dofmap.index_map, segments.segments
@@ -87,7 +86,6 @@ class GlobalSearch(Search):
             self.sunk, self.covered = depth, None
 
     def serialize(self, archive: Archive, name: str) -> None:
-        """Serialize where the candidates were found, see `Search.serialize`. Collective."""
         covered = self.covered
         arrays = None if covered is None else (*covered[:2], np.array(covered[2]))
         stored = archive.local(name, arrays)

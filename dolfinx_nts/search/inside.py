@@ -33,7 +33,6 @@ class Insides:
     """
 
     def __init__(self, comm: MPI.Comm, boundaries: Sequence[ClosedBoundary]) -> None:
-        """Begin without positions."""
         self._comm = comm
         # Trees over the triangles are built or moved where points are asked for.
         nodes = [boundary.nodes for boundary in boundaries]

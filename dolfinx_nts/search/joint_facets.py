@@ -21,7 +21,6 @@ class JointFacets(NodalFacets):
     """
 
     def __init__(self, parts: Sequence[NodalFacets]) -> None:
-        """Join the maps of the nodes, and number the facets."""
         around = [part.around for part in parts]
         scatter, rows = joint_scatter([each.scatter for each in around])
         vertices = [

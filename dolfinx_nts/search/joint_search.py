@@ -39,7 +39,6 @@ class JointSearch:
     candidates: "JointCandidates"
 
     def __init__(self, comm: MPI.Comm, searches: Sequence[GlobalSearch], shorter: Floats) -> None:
-        """Begin without candidates."""
         self._comm, self._searches, self._shorter = comm, tuple(searches), shorter
         # Nodes of all searches, then vertices of all, and where those of each begin.
         rows = [rows for side in zip(*(s.rows for s in searches), strict=True) for rows in side]
@@ -55,7 +54,7 @@ class JointSearch:
         return max(search.sunk for search in self._searches)
 
     def update(self, x: Floats, reach: float) -> tuple["JointCandidates", bool]:
-        """Find every segment within reach of a node of its search, see `Search.update`."""
+        """Update the candidates of all searches. Collective."""
         is_new = self._recall()
         stale = ~(self._approach(x) + reach - self._shorter <= self._covered)
         if stale.any():
@@ -104,7 +103,6 @@ class JointCandidates(SegmentCandidates):
     def __init__(
         self, parts: Sequence[SegmentCandidates], num_nodes: Sequence[int], shorter: Floats
     ) -> None:
-        """Join the maps of the nodes, and number the segments in them."""
         scatter, rows = joint_scatter([part.scatter for part in parts])
         vertices = [
             part.segments if own is None else own[part.segments]
@@ -121,11 +119,9 @@ class JointCandidates(SegmentCandidates):
         self.sunk = np.concatenate([part.sunk for part in parts])
 
     def find(self, key: GlobalInts) -> Ints:
-        """Find the segment of the key of each node, see `Candidates.find`."""
         return self._kernel.find(key, self._group)
 
     def is_at_rim(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:
-        """Whether points are nearest to the rim of their group, see `Candidates.is_at_rim`."""
         flags = np.zeros(len(segment), dtype=bool)
         group = np.searchsorted(self._first, segment, side="right") - 1
         for number in np.unique(group):
@@ -135,5 +131,4 @@ class JointCandidates(SegmentCandidates):
         return flags
 
     def _of_groups(self, reach: float) -> Floats | float:
-        """Let each group look as far as it has to, see `SegmentCandidates`."""
         return reach - self._shorter

@@ -64,7 +64,6 @@ class NodalFacets:
     """
 
     def __init__(self, surface: Surface) -> None:
-        """Find the facets around each node, and their angles there."""
         X = reference_positions(surface.V)
         near, _ = GlobalSearch(surface, surface).update(X, _AROUND * surface.size)
         number = np.full(near.scatter.num_local, -1, dtype=np.int32)

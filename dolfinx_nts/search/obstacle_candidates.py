@@ -36,7 +36,6 @@ class ObstacleCandidates(Candidates):
     may_curve = True
 
     def __init__(self, obstacle: Obstacle, nodes: Surface) -> None:
-        """Make a map of the owned nodes only, as no rank needs those of another."""
         self._obstacle, self.frame = obstacle, Frame()
         none = np.empty(0, dtype=np.int64)
         owned = compat.index_map(
@@ -49,7 +48,6 @@ class ObstacleCandidates(Candidates):
         self.passage = np.full(len(self.key), obstacle.shortest_passage)
 
     def find(self, key: GlobalInts) -> Ints:
-        """Find the facet of each key, see `Candidates.find`."""
         return np.maximum(key, -1).astype(np.int32)
 
     def pair(
@@ -60,31 +58,25 @@ class ObstacleCandidates(Candidates):
         reach: float,
         slack: float = HYSTERESIS,
     ) -> tuple[Ints, Floats]:
-        """Choose a facet for each point, see `Candidates.pair`."""
         found, gap = self._obstacle.find(points.of(x), current, slack, reach, points.facing)
         return found, np.where(found >= 0, gap, np.nan)
 
     def near(self, points: ContactPoints, x: Floats, reach: float) -> Ints:
-        """Find the points within reach of a facet, see `Candidates.near`."""
         return self._obstacle.near(points.of(x), reach)
 
     def gap(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
-        """Compute the gap of points to given facets, see `Candidates.gap`."""
         return self.contact("static", points, x, x, segment).gap
 
     def contact(
         self, scheme: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints
     ) -> ContactKinematics:
-        """Evaluate gap and force of points, see `Candidates.contact`."""
         contact = self._obstacle.contact(scheme, points.of(x_n), points.of(x), segment)
         return self.frame.turned(scheme, contact)
 
     def slip(self, law: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints) -> Slip:
-        """Evaluate the slip by the objective measure, see `Candidates.slip`."""
         return self.frame.turned_slip(self._obstacle.slip(points.of(x_n), points.of(x), segment))
 
     def follow(self, points: ContactPoints, x_n: Floats, x: Floats, inside: Ints) -> Trajectories:
-        """Find where points go through the obstacle, see `Candidates.follow`."""
         obstacle, facing = self._obstacle, points.facing
 
         def follow(begin: Floats, end: Floats, behind: Ints) -> Trajectories:
@@ -98,7 +90,6 @@ class ObstacleCandidates(Candidates):
         return ways._replace(gap=np.where(ways.entered >= 0, gap, np.nan))
 
     def is_at_rim(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:
-        """Whether points are nearest to the rim of the obstacle, see `Candidates.is_at_rim`."""
         return self._obstacle.is_at_rim(points.of(x), segment)
 
 
@@ -113,7 +104,6 @@ class ObstacleSearch(Search):
     candidates: ObstacleCandidates | RigidEdgeCandidates
 
     def __init__(self, obstacle: Obstacle, nodes: Surface) -> None:
-        """Make the candidates, which never change."""
         super().__init__(nodes, np.empty(0, dtype=np.int32))
         self.candidates = ObstacleCandidates(obstacle, nodes)
         self._obstacle, self._motion, self._dim = obstacle, obstacle.motion, obstacle.dim
@@ -121,7 +111,6 @@ class ObstacleSearch(Search):
         self.may_move = not obstacle.motion.is_rest
 
     def begin(self, t_n: float, t: float) -> None:
-        """Go to the frame of the obstacle in a step, see `Search.begin`."""
         self.frame = self.candidates.frame = self._motion.frame(t_n, t, self._dim)
         if self._has_axis and not self.frame.stays_on_axis:
             raise ValueError(
@@ -130,11 +119,9 @@ class ObstacleSearch(Search):
             )
 
     def is_near(self, x: Floats, reach: float) -> bool:
-        """Whether a node may be within reach, of an obstacle at rest, see `Search.is_near`."""
         return self.may_move or len(self._obstacle.near(x[self.rows[0]], reach)) > 0
 
     def update(self, x: Floats, reach: float) -> tuple[Candidates, bool]:
-        """Return the candidates, see `Search.update`. Local."""
         return self.candidates, False
 
     def serialize(self, archive: Archive, name: str) -> None:

@@ -81,7 +81,6 @@ class OverlapSearch:
     """
 
     def __init__(self, bodies: Sequence[Body], obstacles: Sequence[Obstacle]) -> None:
-        """Find the boundaries of the bodies."""
         V = bodies[0].V
         self._comm: MPI.Comm = V.mesh.comm
         self._boundaries = closed_boundaries(connected(bodies))
@@ -197,7 +196,6 @@ class OverlapSearch:
     def _within_bodies(
         self, x: Floats, touching: Floats, selves: Collection[str] | None
     ) -> list[Overlap]:
-        """Overlaps of bodies with themselves, see `find`. Collective."""
         overlaps = []
         for number, boundary in enumerate(self._boundaries):
             name = self.names[number]

@@ -49,18 +49,15 @@ class NodalPoints:
     """
 
     def __init__(self, nodes: Ints, facing: Facing | None = None) -> None:
-        """Take the nodes as points."""
         self.nodes: Ints = nodes
         self.facing: Facing = Facing.everywhere(len(nodes)) if facing is None else facing
         # The last selection: an iterate asks for the same nodes again and again.
         self._taken: tuple[Ints, NodalPoints] | None = None
 
     def of(self, values: Floats) -> Floats:
-        """Take the values at the nodes, see `ContactPoints.of`."""
         return values.take(self.nodes, axis=0)
 
     def take(self, nodes: Ints) -> "NodalPoints":
-        """Select some of the nodes, see `ContactPoints.take`."""
         if self._taken is None or self._taken[0] is not nodes:
             self._taken = nodes, NodalPoints(self.nodes[nodes], self.facing.take(nodes))
         return self._taken[1]

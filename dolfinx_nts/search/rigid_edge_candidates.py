@@ -33,7 +33,6 @@ class RigidEdgeCandidates(EdgeCandidates):
     _weights = WEIGHTS[:, :2]
 
     def __init__(self, corners: Floats, frame: Frame, *edges: Any) -> None:
-        """Let nobody see vertices that have no unknowns."""
         super().__init__(*edges)
         self._corners, self.frame = corners, frame
         self._triangles, self.segments = self.segments, self.segments[:, :1]
@@ -50,11 +49,9 @@ class RigidEdgeCandidates(EdgeCandidates):
         reach: float,
         slack: float = HYSTERESIS,
     ) -> tuple[Ints, Floats]:
-        """Choose an edge that crosses one of each carrier, see `Candidates.pair`."""
         return super().pair(points, self._with_corners(x), current, reach, slack)
 
     def near(self, points: ContactPoints, x: Floats, reach: float) -> Ints:
-        """Find the carriers of edges near those of the obstacle, see `Candidates.near`."""
         return super().near(points, self._with_corners(x), reach)
 
     def pairs(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
@@ -67,9 +64,7 @@ class RigidEdgeCandidates(EdgeCandidates):
     def contact(
         self, scheme: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints
     ) -> ContactKinematics:
-        """Evaluate gap and force of pairs of edges, see `Candidates.contact`."""
         return self.frame.turned(scheme, super().contact(scheme, points, x_n, x, segment))
 
     def slip(self, law: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints) -> Slip:
-        """Evaluate the slip of the nearest points at t_n, see `Candidates.slip`."""
         return self.frame.turned_slip(super().slip(law, points, x_n, x, segment))

@@ -34,7 +34,6 @@ class RigidEdgeSearch(ObstacleSearch):
     """
 
     def __init__(self, obstacle: RigidSurface, nodes: Surface) -> None:
-        """Number the vertices of the obstacle behind the nodes that the own edges need."""
         super().__init__(obstacle, nodes)
         own = SharpEdges.of(nodes)
         self._scatter, self._ends = own.scatter, own.ends
@@ -50,11 +49,9 @@ class RigidEdgeSearch(ObstacleSearch):
         self._covered: tuple[Floats, float] | None = None
 
     def is_near(self, x: Floats, reach: float) -> bool:
-        """Whether an edge may be within reach, see `Search.is_near`. Local."""
         return super().is_near(x, reach + self._nodes.size)
 
     def update(self, x: Floats, reach: float) -> tuple[Candidates, bool]:
-        """Find the edges within reach, but not at any distance, see `Search.update`."""
         reach = min(reach, self._farthest)
         none = np.empty((0, 3))
         if self._covered is not None:
@@ -74,7 +71,6 @@ class RigidEdgeSearch(ObstacleSearch):
         self.candidates = RigidEdgeCandidates(self._corners, self.frame, *edges)
 
     def serialize(self, archive: Archive, name: str) -> None:
-        """Serialize where edges were found, see `Search.serialize`. Collective."""
         covered = self._covered
         arrays = None if covered is None else (covered[0], np.array(covered[1]))
         stored = archive.local(name, arrays)

@@ -30,7 +30,6 @@ class NodalScatter:
     """
 
     def __init__(self, index_map: common.IndexMap) -> None:
-        """Allocate the vector that carries values between ranks. Collective."""
         self.index_map = index_map
         self._num_owned, self._num_ghosts = index_map.size_local, index_map.num_ghosts
         self.is_local = not reductions.anywhere(index_map.comm, index_map.num_ghosts > 0)

@@ -36,7 +36,6 @@ class SelfContactCandidates(SegmentCandidates):
     """
 
     def __init__(self, found: FoundSegments, X: Floats) -> None:
-        """Fetch the reference positions of ghosts and compute the reference normals."""
         super().__init__(found)
         self._X = self.scatter.forward(X)
         self._N = self._normals(self._X)

@@ -48,7 +48,6 @@ class SharpEdges:
     """
 
     def __init__(self, surface: Surface) -> None:
-        """Find the edges of the facets around the owned nodes."""
         V = surface.V
         X = reference_positions(V)
         near, _ = GlobalSearch(surface, surface).update(X, _AROUND * surface.size)

@@ -33,7 +33,6 @@ class SmoothCandidates(SegmentCandidates):
     may_curve = True
 
     def __init__(self, found: FoundSegments, k: int) -> None:
-        """Tell facets and patches apart."""
         super().__init__(found._replace(vertices=np.ascontiguousarray(found.vertices[:, :k])))
         assert found.weights is not None
         self._vertices, self.segments = self.segments, found.vertices
@@ -47,7 +46,6 @@ class SmoothCandidates(SegmentCandidates):
         reach: float,
         slack: float = HYSTERESIS,
     ) -> tuple[Ints, Floats]:
-        """Choose a segment for each point by facets, see `Candidates.pair`."""
         segment, gap = super().pair(points, x, current, reach, slack)
         some = np.flatnonzero(segment >= 0).astype(np.int32)
         if len(some):
@@ -58,23 +56,19 @@ class SmoothCandidates(SegmentCandidates):
         return segment, gap
 
     def gap(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
-        """Compute the gap of points to given patches, see `Candidates.gap`."""
         return _kernels.patch_project(*self._patches(points, x, segment))[1]
 
     def contact(
         self, scheme: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints
     ) -> ContactKinematics:
-        """Evaluate gap and force of pairs, see `Candidates.contact`."""
         found = self._kinematics(scheme, *self._both_states(points, x_n, x, segment))
         return found.combined(self._weights[segment])
 
     def slip(self, law: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints) -> Slip:
-        """Evaluate the slip of pairs by the law "objective", see `Candidates.slip`."""
         slip = self._slip(*self._both_states(points, x_n, x, segment))
         return slip.combined(self._weights[segment])
 
     def is_at_rim(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:
-        """Whether points are nearest to the rim of the surface, see `Candidates.is_at_rim`."""
         return is_nearest_a_rim(points.of(x), x, self._vertices, segment)
 
     def beneath(self, x: Floats) -> float:

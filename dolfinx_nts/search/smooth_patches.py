@@ -45,7 +45,6 @@ class SmoothPatches:
     weights: Floats
 
     def __init__(self, surface: Surface) -> None:
-        """Compute the weights in the reference configuration."""
         near = NearFacets.of(surface)
         vertices = near.facets[near.own]
         facet_edges = near.facet_edges[near.own]

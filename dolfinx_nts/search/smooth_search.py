@@ -26,7 +26,6 @@ class SmoothSearch(GlobalSearch):
     def __init__(
         self, nodes: Surface, segments: Surface, patches: SmoothPatches | SphereFrame
     ) -> None:
-        """Offer the nodes of the patches with their weights."""
         super().__init__(nodes, segments)
         self._offer = patches.ids, patches.owners, *self._offer[2:]
         self._weights = (patches.weights,)
@@ -34,7 +33,6 @@ class SmoothSearch(GlobalSearch):
     def _make(
         self, found: FoundSegments, others: Ints, x: Floats, reach: float
     ) -> SmoothCandidates:
-        """Tell facets and patches apart, see `GlobalSearch`."""
         return SmoothCandidates(found, self.num_vertices)
 
 

@@ -35,7 +35,6 @@ class SphereCandidates(SmoothCandidates):
     penalty_forces = Candidates.penalty_forces
 
     def __init__(self, found: FoundSegments, k: int, sphere: RigidSphere, bulge: float) -> None:
-        """Leave the vertices of facets to the search, as the sphere does not depend on them."""
         super().__init__(found, k)
         self._sphere, self._bulge = sphere, bulge
         vertices = np.arange(1, 1 + k)
@@ -50,7 +49,6 @@ class SphereCandidates(SmoothCandidates):
         reach: float,
         slack: float = HYSTERESIS,
     ) -> tuple[Ints, Floats]:
-        """Choose a facet for each point, see `Candidates.pair`."""
         far = reach + self._bulge
         segment, gap = SegmentCandidates.pair(self, points, x, current, far, slack)
         some = np.flatnonzero(segment >= 0).astype(np.int32)
@@ -60,7 +58,6 @@ class SphereCandidates(SmoothCandidates):
         return segment, gap
 
     def gap(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
-        """Compute the gap of points to the sphere, see `Candidates.gap`."""
         return self._sphere.distance(self._at_rest(self._patches(points, x, segment)[0]))[0]
 
     def _kinematics(
@@ -112,7 +109,6 @@ class SphereCandidates(SmoothCandidates):
         return frame_n, b, b @ x
 
     def slip(self, law: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints) -> Slip:
-        """Evaluate the slip of pairs by the law "objective", see `Candidates.slip`."""
         slip = super().slip(law, points, x_n, x, segment)
         pairs_n, pairs, _ = self._both_states(points, x_n, x, segment)
         return SphereSlip(

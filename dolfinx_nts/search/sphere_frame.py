@@ -40,7 +40,6 @@ class SphereFrame:
     """
 
     def __init__(self, surface: Surface) -> None:
-        """Choose nodes that are far apart, and compute the weights."""
         assert isinstance(surface.smooth, RigidSphere)
         self.sphere = sphere = surface.smooth
         V, comm, d = surface.V, surface.V.mesh.comm, dimension(surface.V)

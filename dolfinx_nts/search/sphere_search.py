@@ -19,16 +19,13 @@ class SphereSearch(SmoothSearch):
     """
 
     def __init__(self, nodes: Surface, segments: Surface) -> None:
-        """Offer the nodes that carry the sphere, too."""
         self._frame = SphereFrame(segments)
         super().__init__(nodes, segments, self._frame)
 
     def update(self, x: Floats, reach: float) -> tuple[SegmentCandidates, bool]:
-        """Find every facet below which the sphere is within reach, see `Search.update`."""
         return super().update(x, reach + self._frame.bulge)
 
     def _make(
         self, found: FoundSegments, others: Ints, x: Floats, reach: float
     ) -> SphereCandidates:
-        """Make candidates of the sphere, see `GlobalSearch`."""
         return SphereCandidates(found, self.num_vertices, self._frame.sphere, self._frame.bulge)

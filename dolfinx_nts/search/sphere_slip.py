@@ -31,7 +31,6 @@ class SphereSlip(Slip):
     """
 
     def __init__(self, slip: Slip, e: Floats, contact: ContactKinematics) -> None:
-        """Take the parts of the slip."""
         frames = {"frame_n": slip.frame_n, "frame": slip.frame, "orientation": slip.orientation}
         super().__init__(slip.value, slip.force, slip.gradient, *slip.second, **frames)
         self._e, self._contact, self._is_at_end = e, contact, False
@@ -39,7 +38,6 @@ class SphereSlip(Slip):
         self._c = np.sqrt(np.maximum(1 - np.einsum("mk,mk->m", self._s, self._s), _SIDEWAYS**2))
 
     def at_end(self) -> "SphereSlip":
-        """The same with forces along the sphere at t_{n+1}, see `Slip.at_end`."""
         end = copy.copy(self)
         s, c = self._s, self._c[:, None]
         along = np.einsum("mk,mkd->md", s, self.gradient) / (c * (1 + c))

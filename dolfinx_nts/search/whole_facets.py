@@ -59,7 +59,6 @@ class Hats:
     """
 
     def __init__(self, scatter: NodalScatter, facets: Ints, k: int) -> None:
-        """Find the vertices by which each node has its value."""
         self._scatter = scatter
         # A node that is on no facet, or a vertex, has its own value.
         self.parents = np.repeat(np.arange(scatter.num_local, dtype=np.int32)[:, None], k, axis=1)

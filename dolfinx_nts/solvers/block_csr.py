@@ -102,7 +102,7 @@ class BlockCSR:
         return start, column.astype(np.int64), value.ravel()
 
     def neighbours(self, nodes: GlobalInts, ends: GlobalInts) -> GlobalInts:
-        """Global columns of the rows of any nodes, row by row, see `gather`. Collective."""
+        """Global columns of the rows of any nodes, row by row. Collective."""
         _, column = self._gather(nodes, ends, self._global)
         neighbours: GlobalInts = column.astype(np.int64)
         return neighbours

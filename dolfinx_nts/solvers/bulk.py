@@ -129,7 +129,7 @@ class Bulk:
         return self._along(x, self._derivative.rounded)
 
     def rounding(self, x: Floats) -> float:
-        """Relative error of `rounded_action`, see `Derivative.rounding`. Collective."""
+        """Relative round-off error of `rounded_action`. Collective."""
         self._derivative.set_direction(x, self.given)
         return self._derivative.rounding()
 

@@ -30,7 +30,6 @@ class Drag:
     """
 
     def __init__(self, bulk: Bulk, tangent: Tangent) -> None:
-        """Store the current stiffness of the nodes. Collective."""
         self._bulk, self._tangent = bulk, tangent
         self._dim = bulk.rigid.dim
         self._stiffness: Floats = tangent.nodal_stiffness().copy()[:, None]

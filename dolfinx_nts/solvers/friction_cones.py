@@ -109,7 +109,6 @@ def _groups(W: Floats, m: int) -> list[Ints]:
 
 
 def _solve_group(W: Floats, q: Floats, mu: Floats) -> ConeSolution | None:
-    """Solve for one group of interacting points, see `solve`. Local."""
     m, d = len(mu), len(q) // len(mu)
     own = np.diag(W)
     length = _kernels.largest_size(q)

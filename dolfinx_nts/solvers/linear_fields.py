@@ -67,7 +67,7 @@ class LinearFields:
         self.free: Floats = body.free()
 
     def prescribed(self, t_n: float, t: float) -> Floats:
-        """Prescribed motion of the guide between two times [s], see `RigidBody.led`. Local."""
+        """Prescribed motion of the guide between two times [s]. Local."""
         return self.body.led(self.point, t_n, t)
 
 

@@ -78,7 +78,6 @@ class _WholeSystem(NamedTuple):
         return x
 
     def condensed(self, is_point: Flags, present: Floats) -> tuple[Floats, Floats] | None:
-        """Condense the system to contact points, see `CondensedSystem`. Local."""
         mine = np.zeros(len(self.right), dtype=bool)
         mine[self.is_multiplier] = is_point
         A, right = self.matrix, self.right
@@ -141,7 +140,7 @@ class SaddlePointSystem:
     def condensed(
         self, R: Floats, pairs: Sequence[ActivePairs], is_point: Flags, present: Floats
     ) -> tuple[Floats, Floats] | None:
-        """Condense the system to contact points, see `CondensedSystem`. Collective."""
+        """System condensed to the contact points."""
         whole = self._whole(R, pairs)
         return None if whole is None else whole.condensed(is_point, present)
 

@@ -30,7 +30,6 @@ class AllSprings:
     """
 
     def __init__(self, contacts: Sequence[PairState], mass: Floats) -> None:
-        """Begin without forces."""
         self._contacts = tuple(contacts)
         self.pairs = [ContactSprings(contact, mass) for contact in contacts]
         self.has_friction = any(contact.pair.friction is not None for contact in contacts)

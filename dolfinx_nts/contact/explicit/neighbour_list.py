@@ -53,7 +53,6 @@ class NeighbourList:
     is_idle = False
 
     def __init__(self, state: PairState) -> None:
-        """Leave it to the first update to build the list."""
         self._state = state
         self._comm: MPI.Comm = state.nodes.V.mesh.comm
         # Positions of nodes and vertices when the list was built.
@@ -87,7 +86,6 @@ class NeighbourList:
             self._rebuild(x)
 
     def serialize(self, archive: Archive, name: str, x: Floats) -> None:
-        """Serialize the list, after the state of the pair, see `PairState.serialize`."""
         arrays: Sequence[Any] | None = None
         if not archive.giving and np.isfinite(self._travelled):
             arrays = [self.number, np.array([self._travelled, self.is_idle]), *self._positions]

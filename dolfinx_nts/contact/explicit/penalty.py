@@ -94,7 +94,6 @@ class ContactSprings:
     """
 
     def __init__(self, state: PairState, mass: Floats) -> None:
-        """Check the enforcement and compute the masses that the springs move."""
         pair = state.pair
         if not isinstance(pair.enforcement, Penalty):
             raise ValueError(

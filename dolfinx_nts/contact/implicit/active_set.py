@@ -67,7 +67,6 @@ class BlockPivoting:
         waits: float = 0,
         is_patient: bool = False,
     ) -> None:
-        """Begin with any number of violators."""
         self._comm, self._ids, self._ends, self._waits = comm, ids, ends, waits
         self._is_patient = is_patient
         num_pairs = len(ends) - 1
@@ -156,7 +155,6 @@ class ActiveSet:
         stiffness: Floats,
         is_static: bool = False,
     ) -> None:
-        """Begin without any decision."""
         self._law, self._stiffness, self._is_static = law, stiffness, is_static
         nodes = state.nodes
         self._size = state.segment_sizes

@@ -56,7 +56,6 @@ class PairKinematics:
         contact: ContactKinematics,
         blocks: PairBlocks,
     ) -> None:
-        """Fill the normal parts; the tangential ones are zero."""
         self.node, self.segment, self._free = node, segment, free
         self.contact, self.blocks = contact, blocks
         m, d = contact.force.shape
@@ -115,7 +114,7 @@ class PairKinematics:
 
     @property
     def dofs(self) -> Ints:
-        """Nodes of the pairs in the map of the candidates' scatter, see `PairBlocks`."""
+        """Local nodes of each pair, numbered as by the scatter of the candidates."""
         return self.blocks.dofs
 
     @property

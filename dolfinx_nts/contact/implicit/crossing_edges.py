@@ -26,14 +26,12 @@ class EdgePairing(NodePairing):
     def kinematics(
         self, scheme: str, x: Floats, node: Ints, segment: Ints, free: Floats | None
     ) -> PairKinematics:
-        """Evaluate each pair of edges, see `Pairing.kinematics`."""
         pairs = super().kinematics(scheme, x, node, segment, free)
         share = np.linalg.norm(pairs.contact.gradient[:, :3], axis=1)
         pairs.fixed |= ~(share > _LEAST_SHARE)
         return pairs
 
     def on_nodes(self, pairs: PairKinematics, force: Floats) -> Floats:
-        """Add the forces on both ends of the edges, see `Pairing.on_nodes`."""
         scatter = self._candidates.scatter
         total = np.zeros((scatter.index_map.size_local, 3))
         scatter.add(total, pairs.dofs[:, :2], force.reshape(*pairs.dofs.shape, 3)[:, :2])
@@ -44,7 +42,6 @@ class CrossingEdges(LocalSearch):
     """Edges of the nodes of a pair and those that they cross, see `LocalSearch`."""
 
     def __init__(self, state: PairState | JointState, x_n: Floats, x_trial: Floats) -> None:
-        """Pair carriers instead of nodes."""
         super().__init__(state, x_n, x_trial)
         last = state.history.key
         self.pairing = EdgePairing(state.nodes, self.candidates, self.points, self.x_n, last)

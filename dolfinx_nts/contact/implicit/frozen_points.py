@@ -43,7 +43,6 @@ class FrozenPoints(LocalSearch):
     _nearby = 0.01
 
     def __init__(self, state: PairState | JointState, x_n: Floats, x_trial: Floats) -> None:
-        """Choose the points where the surfaces would be without contact."""
         super().__init__(state, x_n, x_trial)
         self._V = state.nodes.V
         self._comm: MPI.Comm = state.nodes.V.mesh.comm
@@ -61,7 +60,6 @@ class FrozenPoints(LocalSearch):
         self._take(self.x_n, x)
 
     def _take(self, x_n: Floats, x: Floats) -> None:
-        """Take the points where segments, at x, project on facets, see `MortarPoints.choose`."""
         ends = x_n, x
         points = MortarPoints.choose(self.candidates.facets, self.candidates, *ends, self.reach)
         self.pairing = MortarPairing(self.candidates, points, self.x_n, x.copy())
@@ -79,7 +77,6 @@ class FrozenPoints(LocalSearch):
         return self.segment[node], np.zeros(len(node), dtype=bool)
 
     def reproject(self, x: Floats, node: Ints, held: Flags) -> tuple[int, bool]:
-        """Choose points anew where they have left their segments, see `LocalSearch.reproject`."""
         if self._renewals == self._most_renewals:
             return 0, False
         if not reductions.anywhere(self._comm, self._has_left(x, node)):

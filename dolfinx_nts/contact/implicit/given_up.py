@@ -22,7 +22,6 @@ class GivenUp:
     """
 
     def __init__(self, candidates: MortarCandidates, free: Floats | None, dofs: Ints) -> None:
-        """Take the pairs."""
         self._candidates, self._free, self._dofs = candidates, free, dofs
         # The last system of either kind, with its ranks and rows.
         self._last: dict[bool, tuple[Ints, Floats, NodalSystem]] = {}

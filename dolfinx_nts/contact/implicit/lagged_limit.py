@@ -26,7 +26,6 @@ class LaggedLimit:
     """
 
     def __init__(self, num_nodes: int) -> None:
-        """Know of no force."""
         self._p: Floats = np.zeros(num_nodes)
         self.heading: Floats = np.zeros((num_nodes, 2))
 

@@ -30,7 +30,6 @@ class LinearValues:
     """
 
     def __init__(self, frame: Frame, num_nodes: int, *shape: int) -> None:
-        """Know no iterate."""
         self._frame = frame
         self._values: Floats = np.empty((num_nodes, *shape))
         self._segment: Ints = np.empty(num_nodes, dtype=np.int32)

@@ -49,7 +49,6 @@ class MultiplierContact(NormalContact):
         stiffness: Floats,
         on_the_way: Mapping[float, Floats],
     ) -> None:
-        """Choose the eligible nodes; begin with those of them that were held in the last step."""
         # Elastic impact holds gaps; in statics there is no impact.
         self._reach = _NEAR if is_static else 0.0
         self._holds, self._law = law.holds_gaps and not is_static, law
@@ -71,7 +70,6 @@ class MultiplierContact(NormalContact):
         self._farthest = _CLOSE * state.segment_sizes
 
     def choose(self) -> Flags:
-        """Choose the eligible nodes, see `NormalContact.choose`."""
         search, history = self._search, self._state.history
         approach, candidates = search.approach, search.candidates
         eligible = approach.segment >= 0
@@ -90,7 +88,6 @@ class MultiplierContact(NormalContact):
         return chosen
 
     def renew(self, x: Floats, *, moved: bool) -> int:
-        """Let nodes be held that others barred and the step has sunk, see `NormalContact`."""
         super().renew(x, moved=moved)
         if not (self._choices and self._state.pair.touches_itself):
             return 0

@@ -49,7 +49,6 @@ class NodalSystem:
         *,
         transposed: bool = False,
     ) -> None:
-        """Multiply, and gather the matrix."""
         self._comm: MPI.Comm = scatter.index_map.comm
         self._is_local = scatter.is_local
         b = normal.shape[1]

@@ -34,7 +34,6 @@ class NormalContact(ABC):
     """
 
     def __init__(self, state: PairState | JointState, search: LocalSearch) -> None:
-        """Begin with the eligible nodes that were active in the last step."""
         self._state, self._search, history = state, search, state.history
         self._comm: MPI.Comm = state.nodes.V.mesh.comm
         self.flips: Ints = np.zeros(len(history.active), dtype=np.int32)

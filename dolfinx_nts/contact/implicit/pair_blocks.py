@@ -109,28 +109,23 @@ class OwnBlocks(PairBlocks):
     may_overlap = False
 
     def __init__(self, dofs: Ints, free: Floats | None, tangent: Floats) -> None:
-        """Take the pairs as they are."""
         self.dofs = self.nodes = dofs
         self._free, self._tangent = free, tangent
 
     def tangent(self, lambda_N: Floats) -> Floats:
-        """Scale the blocks, see `PairBlocks.tangent`."""
         blocks: Floats = lambda_N[:, None, None] * self._tangent
         return blocks
 
     def of(self, active: Flags) -> Ints:
-        """Those of the pairs, see `PairBlocks.of`."""
         return active.nonzero()[0].astype(np.int32)
 
     def restrict(self, force: Floats, tangent: Floats) -> Floats:
-        """Clear what is given, see `PairBlocks.restrict`."""
         if self._free is None:
             return force
         tangent *= self._free[:, :, None] * self._free[:, None, :]
         return force * self._free
 
     def gathered(self, force: Floats) -> Floats:
-        """Take those at the nodes, see `PairBlocks.gathered`."""
         return force[self.dofs[:, 0]]
 
     def balance(
@@ -141,7 +136,6 @@ class OwnBlocks(PairBlocks):
         rank: Ints,
         friction: tuple[Floats, Floats] | None,
     ) -> Floats:
-        """Balance node by node, see `PairBlocks.balance`."""
         tractions = np.zeros((2, len(rank), 2)) if friction is None else friction
         return _kernels.balance(normal, force, columns, rank, *tractions)
 
@@ -154,6 +148,5 @@ class OwnBlocks(PairBlocks):
         farthest: Floats,
         u: Floats,
     ) -> None:
-        """Move node by node, see `PairBlocks.close_gaps`."""
         normal = normal[:, : u.shape[1]]
         _kernels.close_gaps(self.dofs[:, 0], held, gap, normal, gradients, farthest, u)

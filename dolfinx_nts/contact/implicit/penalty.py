@@ -37,7 +37,6 @@ class PenaltyContact(NormalContact):
         search: LocalSearch,
         share: float,
     ) -> None:
-        """Begin with the nodes whose springs were loaded in the last step."""
         assert state.eps_N is not None
         super().__init__(state, search)
         self._law, self._eps_N, self._is_static = law, state.eps_N, is_static
@@ -114,7 +113,6 @@ class PenaltyContact(NormalContact):
         return super().renew(x, moved=moved)
 
     def needs(self, x: Floats, node: Ints) -> Flags | None:
-        """Whether springs may be loaded at either end, see `NormalContact.needs`. Local."""
         search, old = self._search, self._state.history
         if search.pairing.follows:  # gaps on other segments may be other ones
             return super().needs(x, node)
@@ -127,12 +125,10 @@ class PenaltyContact(NormalContact):
         return np.zeros(len(active), dtype=np.int32)
 
     def tangent(self, node: Ints) -> tuple[Floats, Floats | float]:
-        """Forces, by the linear system in statics, and stiffness, see `NormalContact.tangent`."""
         force = self._linear_force if self._is_static else self.lambda_N
         return force[node], self._slope
 
     def energy(self, pairs: PairKinematics) -> tuple[Floats, Floats]:
-        """Energy of the springs and gap at which they begin, see `NormalContact.energy`."""
         offset = self._offset(pairs)
         gap = pairs.contact.gap - offset
         energy = self._law.energy(gap, self._eps_N[pairs.node])
@@ -140,7 +136,6 @@ class PenaltyContact(NormalContact):
         return energy, np.where((gap >= 0) & (pairs.contact.gap >= 0), 0.0, offset)
 
     def stored(self, pairs: PairKinematics) -> Floats:
-        """Energy that went into the springs in the step, see `NormalContact.stored`."""
         offset, eps_N = self._offset(pairs), self._eps_N[pairs.node]
         at_n = self._law.energy(pairs.contact.gap_n - offset, eps_N)
         # A node that starts inside its spring brings energy with it.
@@ -149,7 +144,6 @@ class PenaltyContact(NormalContact):
         return stored
 
     def released_energy(self, node: Ints) -> float:
-        """Energy at t_n of springs whose nodes have no pair any more, see `NormalContact`."""
         history = self._state.history
         energy = history.energy - slip_energy(history.traction, self._state.eps_T)
         energy[node] = 0.0

@@ -36,7 +36,6 @@ class Slips:
     """
 
     def __init__(self, size: Floats, frame: Frame | None = None) -> None:
-        """Begin without any slip."""
         n = len(size)
         self.linear, self.turning = np.zeros((n, 2)), np.zeros((n, 2))
         self._values = None if frame is None else LinearValues(frame, n, 2)

@@ -52,7 +52,6 @@ class StickSlip(Friction):
         acts_at_end: bool,
         begins_sticking: bool = False,
     ) -> None:
-        """Continue from the accepted step."""
         super().__init__(state)
         history, n = state.history, len(stiffness)
         self._law, self._search, self._stiffness = law, search, stiffness
@@ -96,7 +95,6 @@ class StickSlip(Friction):
         )
 
     def measure(self, pairs: PairKinematics, x: Floats) -> None:
-        """Add the slip of the pairs, see `Friction.measure`."""
         slip = self._search.pairing.slip(self._law.law, x, pairs.node, pairs.segment)
         if self._acts_at_end:
             slip = slip.at_end()
@@ -119,7 +117,6 @@ class StickSlip(Friction):
         self._limit.heading[arrived] = 0.0
 
     def sticks(self, node: Ints, active: Flags) -> Flags:
-        """Nodes held by multipliers, where there are no springs, see `Friction.sticks`."""
         return self._nodal.sticks(node, active)
 
     def update(
@@ -130,7 +127,6 @@ class StickSlip(Friction):
         iteration: int,
         linear: Floats | None = None,
     ) -> int:
-        """Decide on stick and slip, and model the traction, see `Friction.update`."""
         node, slip, law, eps_T = pairs.node, pairs.slip, self._law, self._state.eps_T
         measured, p = p, p if linear is None else linear
         if eps_T is not None:
@@ -206,7 +202,6 @@ class StickSlip(Friction):
         return model
 
     def balance(self, pairs: PairKinematics, R: Floats, active: Flags) -> Floats:
-        """Balance with tractions, sticking nodes in all directions, see `Friction.balance`."""
         node = pairs.node
         rank, known, direction = self._nodal.known(node, active, pairs.fixed, self._dim)
         friction = known, direction
@@ -216,7 +211,6 @@ class StickSlip(Friction):
         return lambda_N
 
     def follow_multipliers(self, pairs: PairKinematics, lambda_N: Floats, active: Flags) -> None:
-        """Set tractions of sliding nodes by their model, see `Friction.follow_multipliers`."""
         node = pairs.node
         slides = active & ~self.sticks(node, active)
         _, known, direction = self._nodal.known(node, active, pairs.fixed, self._dim)
@@ -226,7 +220,6 @@ class StickSlip(Friction):
     def add_to(
         self, pairs: PairKinematics, active: Flags, force: Floats, tangent: Floats
     ) -> tuple[Floats, Floats]:
-        """Add tractions to forces and tangents, see `Friction.add_to`."""
         node = pairs.node
         is_linear = isinstance(self._state.pair.enforcement, Penalty)
         turning = self._slips.turning if is_linear else self.traction
@@ -234,7 +227,6 @@ class StickSlip(Friction):
         return self._nodal.add_to(node, active, pairs.force, pairs.columns, force)
 
     def scheme_work(self, pairs: PairKinematics, dx: Floats) -> Floats:
-        """Work of tractions at the end of the step, see `Friction.scheme_work`."""
         if not self._acts_at_end:
             return super().scheme_work(pairs, dx)
         t = self.traction[pairs.node]
@@ -242,7 +234,6 @@ class StickSlip(Friction):
         return work - pairs.slip.work(t, dx)
 
     def accepted(self, pairs: PairKinematics, x: Floats) -> tuple[Floats, dict[str, Any]]:
-        """Energy of springs, traction, slip and dissipation, see `Friction.accepted`."""
         state, old, node, slip = self._state, self._state.history, pairs.node, pairs.slip
         t = self.traction[node]
         parts: dict[str, Any] = {

@@ -23,7 +23,6 @@ class TiedContact(MultiplierContact):
     """Holds the gaps of tied nodes, by forces of either sign, see `MultiplierContact`."""
 
     def choose(self) -> Flags:
-        """Choose the tied nodes: in the first step by their gaps, see `NormalContact.choose`."""
         tied, (segment, gap) = self._state.history.active, self._search.start
         if reductions.anywhere(self._comm, bool(tied.any())):
             return tied.copy()
@@ -85,7 +84,6 @@ class Bond(StickSlip):
         stiffness: Floats,
         acts_at_end: bool,
     ) -> None:
-        """Let all nodes stick."""
         super().__init__(state, Coulomb(mu=1.0), is_static, search, stiffness, acts_at_end)
         # By symmetry rings have nothing to tie across the axis.
         self.sliding[:] = self._on_axis
@@ -101,6 +99,5 @@ class Bond(StickSlip):
         iteration: int,
         linear: Floats | None = None,
     ) -> int:
-        """Keep all sticking, see `Friction.update`."""
         self._slips.modelled[pairs.node] = pairs.slip.value
         return 0
