@@ -18,11 +18,21 @@ import cffi
 import numpy as np
 from dolfinx import fem
 from dolfinx.common import IndexMap
-from dolfinx.cpp.mesh import cell_num_vertices
+from dolfinx.cpp.mesh import cell_dim, cell_num_vertices
 from dolfinx.graph import adjacencylist
-from dolfinx.mesh import Geometry, GhostMode, Mesh, MeshTags, create_cell_partitioner, meshtags
+from dolfinx.io.utils import distribute_entity_data
+from dolfinx.mesh import (
+    CellType,
+    Geometry,
+    GhostMode,
+    Mesh,
+    MeshTags,
+    create_cell_partitioner,
+    create_mesh,
+    meshtags_from_entities,
+)
 
-from dolfinx_nts.common.arrays import Array, GlobalInts, Ints
+from dolfinx_nts.common.arrays import Array, Floats, GlobalInts, Ints
 
 # The gmsh reader `dolfinx.io.gmshio` became `dolfinx.io.gmsh` in 0.10.
 # Import it directly when 0.9 is dropped.
@@ -52,10 +62,11 @@ __all__ = [
     "geometry_nodes",
     "index_map",
     "kernel",
-    "model_to_mesh",
     "modules_loaded_once",
+    "order_of_gmsh",
     "quicker_ffcx",
     "shared",
+    "tagged_mesh",
     "vtx_writer",
 ]
 
@@ -160,22 +171,39 @@ def shared(index_map: IndexMap) -> Ints:
     return np.flatnonzero(np.diff(owned)).astype(np.int32)
 
 
-def model_to_mesh(
-    model: Any, comm: MPI.Comm, rank: int, dim: int, ranks_of_cells: Callable[[Array, int], Ints]
-) -> tuple[Mesh, MeshTags, MeshTags]:
-    """Distribute a gmsh model as a DOLFINx mesh. Collective.
+def order_of_gmsh(cell: str, num_nodes: int) -> list[int]:
+    """Positions in gmsh's order of the nodes of a cell in the order of DOLFINx. Local.
 
     Args:
-        model: The gmsh model; only that of ``rank`` is read.
+        cell: Name of the cell in DOLFINx.
+        num_nodes: Number of its nodes.
+    """
+    return list(_reader.cell_perm_array(CellType[cell], num_nodes))
+
+
+def tagged_mesh(
+    comm: MPI.Comm,
+    cell: str,
+    degree: int,
+    x: Floats,
+    cells: tuple[GlobalInts, GlobalInts],
+    facets: tuple[GlobalInts, GlobalInts],
+    ranks_of_cells: Callable[[Array, int], Ints],
+) -> tuple[Mesh, MeshTags, MeshTags]:
+    """Distribute a mesh with tags of cells and facets, which is on one rank. Collective.
+
+    Args:
         comm: Communicator of the mesh.
-        rank: Rank on which gmsh holds the model.
-        dim: Dimension of its cells and of their positions, 2 or 3.
-        ranks_of_cells: Called on all ranks with the vertices of their cells, numbers of gmsh's
-            nodes from 0, shape ``(c, k)``, and the number of ranks; returns the owner of each.
+        cell: Name of the cells.
+        degree: Polynomial degree of their geometry.
+        x: Positions of the nodes, shape ``(n, 3)``; none on the other ranks.
+        cells: Rows of x of each cell in the order of DOLFINx, shape ``(c, k)``, and its tag.
+        facets: Rows of x of each tagged facet, shape ``(f, l)``, and its tag.
+        ranks_of_cells: Called on all ranks with the vertices of their cells, rows of x, shape
+            ``(c, k)``, and the number of ranks; returns the owner of each.
 
     Returns:
-        Mesh, cell tags and facet tags; the facet tags are empty if the
-        model has no physical group of facets.
+        Mesh, cell tags and facet tags.
     """
 
     def partitioner(_comm: Any, num_ranks: int, types: Any, cells: Any) -> Any:
@@ -183,15 +211,24 @@ def model_to_mesh(
         owners = ranks_of_cells(vertices, num_ranks).astype(np.int32)
         return cpp_object(adjacencylist(owners, np.arange(len(owners) + 1, dtype=np.int32)))
 
-    # 0.9 returns three values; 0.10 returns a longer named tuple, whose facet tags are
-    # None if there is no physical group of facets. Use attributes when 0.9 is dropped.
+    def tags(name: str, dim: int, entities: GlobalInts, values: GlobalInts) -> MeshTags:
+        vertices, own = distribute_entity_data(mesh, dim, entities, values.astype(np.int32))
+        mesh.topology.create_connectivity(dim, 0)
+        mesh.topology.create_connectivity(dim, tdim)
+        lists = cpp_object(adjacencylist(vertices))
+        found = meshtags_from_entities(mesh, dim, lists, own.astype(np.int32, copy=False))
+        found.name = name
+        return found
+
+    tdim = cell_dim(CellType[cell])
+    variant = basix.LagrangeVariant.equispaced
+    element = basix.ufl.element("P", cell, degree, variant, shape=(tdim,), dtype=np.float64)
     chosen = partitioner if comm.size > 1 else None
-    read = _reader.model_to_mesh(model, comm, rank, gdim=dim, partitioner=chosen)
-    mesh, cells, facets = read[:3]
-    if facets is None:
-        none = np.empty(0, dtype=np.int32)
-        facets = meshtags(mesh, mesh.topology.dim - 1, none, none)
-    return mesh, cells, facets
+    # The order of arguments changed in 0.10, their names did not.
+    mesh = create_mesh(
+        comm=comm, cells=cells[0], x=x[:, :tdim].copy(), e=element, partitioner=chosen
+    )
+    return mesh, tags("Cell tags", tdim, *cells), tags("Facet tags", tdim - 1, *facets)
 
 
 # Modules of FFCx that this process has loaded, by folder of the cache and name.

@@ -4,6 +4,7 @@ import ast
 import csv
 import re
 import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -55,7 +56,8 @@ def test_readme_is_short():
     assert len(README.split()) <= 800
 
 
-def test_readme_script_prints_what_the_readme_says(tmp_path, monkeypatch, capsys):
+def test_readme_script_prints_what_the_readme_says_without_gmsh(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "gmsh", None)  # as if it were not installed
     execute(SCRIPT, monkeypatch, tmp_path)
     printed = capsys.readouterr().out.splitlines()
     for line in block("text").splitlines():

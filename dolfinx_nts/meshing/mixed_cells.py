@@ -7,109 +7,146 @@ volumes stay the same.
 """
 
 import logging
-from collections.abc import Iterator
-from contextlib import contextmanager
-from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-__all__ = ["gmsh_options", "only_one_kind"]
+import numpy as np
+
+from dolfinx_nts.common.arrays import GlobalInts
+from dolfinx_nts.meshing.elements import KINDS, Block, Elements
+
+__all__ = ["only_one_kind"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-_TRIANGLE, _QUADRILATERAL, _TETRAHEDRON, _HEXAHEDRON, _PRISM = 2, 3, 4, 5, 6  # gmsh element types
+_LINE, _TRIANGLE, _QUADRILATERAL, _TETRAHEDRON, _HEXAHEDRON, _PRISM = 1, 2, 3, 4, 5, 6
+
+# Of each corner of an element, the corners at the other ends of its edges; in the plane
+# anticlockwise, in space such that they point to three right-handed directions.
+_NEIGHBOURS = {
+    _LINE: ((1,), (0,)),
+    _TRIANGLE: ((1, 2), (2, 0), (0, 1)),
+    _QUADRILATERAL: ((1, 3), (2, 0), (3, 1), (0, 2)),
+    _TETRAHEDRON: ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)),
+    _PRISM: ((1, 2, 3), (2, 0, 4), (0, 1, 5), (5, 4, 0), (3, 5, 1), (4, 3, 2)),
+    _HEXAHEDRON: (
+        *((1, 3, 4), (2, 0, 5), (3, 1, 6), (0, 2, 7)),
+        *((7, 5, 0), (4, 6, 1), (5, 7, 2), (6, 4, 3)),
+    ),
+}
+_FACES = {
+    _LINE: (),
+    _TRIANGLE: ((0, 1, 2),),
+    _QUADRILATERAL: ((0, 1, 2, 3),),
+    _TETRAHEDRON: ((0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)),
+    _PRISM: ((0, 1, 2), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)),
+    _HEXAHEDRON: (
+        *((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4)),
+        *((1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
+    ),
+}
+_INTO = {1: _LINE, 2: _QUADRILATERAL, 3: _HEXAHEDRON}  # pieces by dimension
+_CUT = {2: {_TRIANGLE, _QUADRILATERAL}, 3: {_TETRAHEDRON, _HEXAHEDRON, _PRISM}}
+_NAMES = {2: "quadrilaterals", 3: "hexahedra"}
 
 
-class _Cut(NamedTuple):
-    """How cells of one dimension are cut.
+class _Pieces(NamedTuple):
+    """How an element is cut, with one piece at each corner.
 
     Attributes:
-        kinds: Element types that can be cut.
-        into: Element type of the pieces.
-        name: What the pieces are called.
-        algorithm: gmsh's number of the subdivision.
+        shared: Corners of edges and faces, each with a node in the middle that neighbours share;
+            rows of four, filled up with -1.
+        nodes: Nodes of the pieces: corners, then the nodes of `shared`, then that in the middle
+            of a cell.
     """
 
-    kinds: frozenset[int]
-    into: int
-    name: str
-    algorithm: int
+    shared: GlobalInts
+    nodes: GlobalInts
 
 
-_CUTS = {
-    2: _Cut(frozenset({_TRIANGLE, _QUADRILATERAL}), _QUADRILATERAL, "quadrilaterals", 1),
-    3: _Cut(frozenset({_TETRAHEDRON, _HEXAHEDRON, _PRISM}), _HEXAHEDRON, "hexahedra", 2),
-}
+def _pieces(kind: int) -> _Pieces:
+    """Cut an element of a type."""
+    neighbours, faces = _NEIGHBOURS[kind], _FACES[kind]
+    edges = sorted({tuple(sorted((i, j))) for i, others in enumerate(neighbours) for j in others})
+    shared = [*edges, *faces]
+    number = {frozenset(corners): len(neighbours) + i for i, corners in enumerate(shared)}
+    centre = len(neighbours) + len(shared)
+    nodes = []
+    for corner, others in enumerate(neighbours):
+        middles = [number[frozenset((corner, other))] for other in others]
+        if len(others) == 1:
+            nodes.append([corner, *middles][:: 1 if corner == 0 else -1])
+            continue
+        around = zip(others, (*others[1:], others[0]), strict=True)
+        within = [
+            next(number[frozenset(face)] for face in faces if {corner, *pair} <= set(face))
+            for pair in around
+        ]
+        piece = [corner, middles[0], within[0], middles[1]]
+        if len(others) == 3:
+            piece += [middles[2], within[2], centre, within[1]]
+        nodes.append(piece)
+    filled = [[*corners, *[-1] * (4 - len(corners))] for corners in shared]
+    return _Pieces(np.array(filled), np.array(nodes))
 
 
-@contextmanager
-def only_one_kind(model: Any, dim: int) -> Iterator[Any]:
-    """Context with a gmsh model, or with a copy that is cut into cells of one kind. Local.
+_PIECES = {kind: _pieces(kind) for kind in _NEIGHBOURS}
 
-    A model is cut if its cells are prisms or of several kinds, and a warning is logged; the
-    model itself stays as it is. Cells that cannot be cut, pyramids and those of higher order,
-    are left for the caller to refuse.
+
+def only_one_kind(mesh: Elements, dim: int) -> Elements:
+    """Cut cells that are prisms or of several kinds, and their facets. Local.
+
+    A warning is logged. Cells that cannot be cut, pyramids and cells of higher order, are left
+    for the caller to refuse.
 
     Args:
-        model: The current gmsh model.
-        dim: Dimension of its cells, 2 or 3.
+        mesh: The elements.
+        dim: Dimension of the cells, 2 or 3.
 
-    Yields:
-        The model or the copy, which is removed at the end.
+    Returns:
+        The same elements, or pieces of one kind, which have the numbers of the elements that
+        they are cut from.
     """
-    kinds, cut = set(model.mesh.getElementTypes(dim)), _CUTS[dim]
-    mixed = len(kinds) > 1 or _PRISM in kinds
-    if not mixed or not kinds <= cut.kinds:
-        yield model
-        return
-    import gmsh
+    kinds = mesh.kinds(dim)
+    if (len(kinds) < 2 and _PRISM not in kinds) or not _CUT[dim].issuperset(kinds):
+        return mesh
+    blocks = [block for block in mesh.blocks if block.dim >= dim - 1 and block.kind in _PIECES]
+    rest = [block for block in mesh.blocks if block.dim >= dim - 1 and block.kind not in _PIECES]
 
-    given = ", ".join(
-        f"{len(model.mesh.getElementsByType(kind)[0])} {model.mesh.getElementProperties(kind)[0]}"
-        for kind in sorted(kinds)
+    # Edges and faces by their corners, which are sorted, with -1 in front where there are less.
+    corners = [
+        np.sort(np.where(shared < 0, -1, block.nodes[:, shared]), axis=2)
+        for block in blocks
+        for shared in [_PIECES[block.kind].shared]
+    ]
+    found, inverse = np.unique(
+        np.concatenate([c.reshape(-1, 4) for c in corners]), axis=0, return_inverse=True
     )
-    current = model.getCurrent()
-    with TemporaryDirectory() as folder, gmsh_options(gmsh, General_Terminal=0):
-        file = Path(folder) / "mixed.msh"
-        with gmsh_options(gmsh, Mesh_SaveAll=1, Mesh_MshFileVersion=4.1, Mesh_Binary=1):
-            gmsh.write(str(file))
-        model.add(f"dolfinx_nts {cut.name}")
-        try:
-            gmsh.merge(str(file))
-            with gmsh_options(
-                gmsh, Mesh_SubdivisionAlgorithm=cut.algorithm, Mesh_SecondOrderLinear=1
-            ):
-                model.mesh.refine()
-            model.mesh.renumberNodes()
-            count = len(model.mesh.getElementsByType(cut.into)[0])
-            _logger.warning(
-                "DOLFINx has spaces on cells of one kind, without prisms: %s are cut into %d "
-                "%s, which is harmless but for their number",
-                given,
-                count,
-                cut.name,
-            )
-            yield model
-        finally:
-            model.remove()
-            model.setCurrent(current)
-
-
-@contextmanager
-def gmsh_options(gmsh: Any, **values: float) -> Iterator[None]:
-    """Context in which options of gmsh have other values. Local.
-
-    Args:
-        gmsh: The module, initialised.
-        **values: Numbers by name of the option, with an underscore for the dot:
-            ``Mesh_SaveAll`` for ``Mesh.SaveAll``.
-    """
-    names = {key: key.replace("_", ".") for key in values}
-    before = {key: gmsh.option.getNumber(name) for key, name in names.items()}
-    try:
-        for key, value in values.items():
-            gmsh.option.setNumber(names[key], value)
-        yield
-    finally:
-        for key, value in before.items():
-            gmsh.option.setNumber(names[key], value)
+    used = found >= 0
+    of_corners = mesh.positions(np.where(used, found, found[:, -1:]))
+    x = [mesh.x, np.einsum("ij,ijk->ik", used, of_corners) / used.sum(axis=1)[:, None]]
+    first = mesh.numbers.max() + 1
+    middle, centre, begin = first + inverse.ravel(), first + len(found), 0
+    pieces = []
+    for block, shared in zip(blocks, corners, strict=True):
+        size, rows = len(block.nodes), shared.shape[0] * shared.shape[1]
+        nodes = [block.nodes, middle[begin : begin + rows].reshape(size, -1)]
+        begin += rows
+        if block.dim == 3:
+            nodes.append(centre + np.arange(size)[:, None])
+            x.append(mesh.positions(block.nodes).mean(axis=1))
+            centre += size
+        cut = np.hstack(nodes)[:, _PIECES[block.kind].nodes]
+        cut = cut.reshape(-1, cut.shape[-1])
+        numbers = np.repeat(block.numbers, len(cut) // max(size, 1))
+        pieces.append(Block(block.dim, block.entity, _INTO[block.dim], numbers, cut))
+    numbers = np.concatenate([mesh.numbers, np.arange(first, centre)])
+    blocks = sorted([*pieces, *rest], key=lambda block: block[:2])
+    result = mesh._replace(numbers=numbers, x=np.concatenate(x), blocks=tuple(blocks))
+    _logger.warning(
+        "DOLFINx has spaces on cells of one kind, without prisms: %s are cut into %d "
+        "%s, which is harmless but for their number",
+        ", ".join(f"{count} {KINDS[kind].name}" for kind, count in kinds.items()),
+        result.kinds(dim)[_INTO[dim]],
+        _NAMES[dim],
+    )
+    return result

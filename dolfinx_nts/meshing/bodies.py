@@ -1,0 +1,248 @@
+"""Cells and facets of the bodies in a gmsh model, checked, as DOLFINx wants them. Local."""
+
+from typing import NamedTuple
+
+import basix
+import numpy as np
+
+from dolfinx_nts import compat
+from dolfinx_nts.common.arrays import Floats, GlobalInts
+from dolfinx_nts.meshing.elements import ENTITIES, KINDS, Block, Elements, names
+
+__all__ = ["Bodies", "bodies_of", "find_dimension"]
+
+# Names in DOLFINx of gmsh's element types of cells and facets.
+_NAMES = {
+    **{1: "interval", 2: "triangle", 3: "quadrilateral", 4: "tetrahedron", 5: "hexahedron"},
+    **{8: "interval", 9: "triangle", 10: "quadrilateral", 11: "tetrahedron", 12: "hexahedron"},
+}
+# Element types of the facets of cells.
+_FACETS = {2: 1, 3: 1, 4: 2, 5: 3, 9: 8, 10: 8, 11: 9, 12: 10}
+_EXPECTED = {3: "hexahedra, tetrahedra or prisms", 2: "triangles or quadrilaterals"}
+_PYRAMIDS = {7, 14, 19}  # of first, second and incomplete second order
+# det J at a point, relative to the power of the longest tangent of the cell [-], below which the
+# cell is flat there but for round-off; and z of nodes in the plane, relative to its extent [-].
+_FLAT = 1e-12
+# Degree of the quadrature at whose points det J of curved cells is checked [-].
+_DEGREE = 4
+# Cells whose Jacobians are in memory at the same time [-], some 100 MB.
+_CHUNK = 50_000
+
+
+class Bodies(NamedTuple):
+    """Cells and facets in physical groups.
+
+    Attributes:
+        cell: Name of the cells in DOLFINx.
+        degree: Polynomial degree of their geometry.
+        x: Positions of the nodes of cells, shape ``(n, 3)`` [m].
+        cells: Rows of x of each cell in the order of DOLFINx, shape ``(c, k)``.
+        cell_tags: Physical group of each cell, shape ``(c,)``.
+        facets: Rows of x of each tagged facet, shape ``(f, l)``.
+        facet_tags: Physical group of each of these facets, shape ``(f,)``.
+        tags: Tags of the physical groups by name.
+        num_facets: Number of facets of the physical groups in the file or model.
+    """
+
+    cell: str
+    degree: int
+    x: Floats
+    cells: GlobalInts
+    cell_tags: GlobalInts
+    facets: GlobalInts
+    facet_tags: GlobalInts
+    tags: dict[str, int]
+    num_facets: dict[int, int]
+
+    def description(self) -> "Bodies":
+        """The same without nodes, cells and facets, for other ranks."""
+        rows = "x", "cells", "cell_tags", "facets", "facet_tags"
+        return self._replace(**{name: getattr(self, name)[:0] for name in rows})
+
+
+def find_dimension(mesh: Elements) -> int:
+    """Find the dimension of the cells of a model, and check that there are bodies.
+
+    Args:
+        mesh: The model.
+
+    Returns:
+        3, or 2 for a model without volumes.
+
+    Raises:
+        ValueError: There are no bodies, or surfaces that leave the plane z = 0.
+    """
+    if mesh.physical(3):
+        return 3
+    if mesh.entities(3) or not mesh.physical(2):
+        raise ValueError(
+            "expected physical volumes, or in a model without volumes physical surfaces, as "
+            f"bodies, given {_without_bodies(mesh)}"
+        )
+    x = mesh.x
+    if np.abs(x[:, 2]).max(initial=0) > _FLAT * np.ptp(x[:, :2], axis=0).max(initial=0):
+        low, high = x[:, 2].min(), x[:, 2].max()
+        raise ValueError(
+            "expected physical volumes, or surfaces in the plane z = 0, given surfaces from "
+            f"z = {low:g} up to z = {high:g}: bodies are solid, there are no shells; mesh their "
+            "volumes, gmsh.model.mesh.generate(3), and put these into physical groups"
+        )
+    return 2
+
+
+def _without_bodies(mesh: Elements) -> str:
+    """Say what a model without bodies has, and what would make bodies of it."""
+    for dim in (3, 2):
+        if count := len(mesh.entities(dim)):
+            return (
+                f"{count} {ENTITIES[dim]}{'s' * (count > 1)} in no physical group: call "
+                f"model.addPhysicalGroup({dim}, [number, ...], name=...) for each body"
+            )
+    return (
+        "a model without either: call synchronize() of model.occ or model.geo after adding "
+        "shapes, and before making physical groups"
+    )
+
+
+def bodies_of(mesh: Elements, dim: int) -> Bodies:
+    """Take the bodies out of a model.
+
+    Args:
+        mesh: The model, with cells of one kind.
+        dim: Dimension of its cells.
+
+    Returns:
+        Cells and facets in the order of their physical groups and entities; nodes of no cell are
+        left out.
+
+    Raises:
+        ValueError: A name stands for two tags, or cells are of a kind that is refused, in no or
+            several groups, or flat somewhere.
+    """
+    tags = _tags_by_name(mesh, dim)
+    kind = _kind_of_cells(mesh, dim)
+    facet = _FACETS[kind]
+    num_facets = _check_groups(mesh, dim, {dim: kind, dim - 1: facet})
+    numbers, cells, cell_tags = _stacked(mesh.physical(dim), kind)
+    _, facets, facet_tags = _stacked(mesh.physical(dim - 1), facet)
+
+    of_cells = np.isin(mesh.numbers, cells)
+    own, x = mesh.numbers[of_cells], mesh.x[of_cells]
+    # Facets away from all cells are left out: `read_mesh` misses them.
+    near = np.isin(facets, own).all(axis=1)
+    order = np.argsort(own)
+    cells, facets = (
+        order[np.searchsorted(own, nodes, sorter=order)][
+            :, compat.order_of_gmsh(_NAMES[of], KINDS[of].num_nodes)
+        ]
+        for nodes, of in ((cells, kind), (facets[near], facet))
+    )
+    degree = KINDS[kind].order
+    _check_cells(_NAMES[kind], degree, x[:, :dim], cells, numbers)
+    return Bodies(
+        _NAMES[kind], degree, x, cells, cell_tags, facets, facet_tags[near], tags, num_facets
+    )
+
+
+def _tags_by_name(mesh: Elements, dim: int) -> dict[str, int]:
+    """Tags of the groups of cells and facets by name."""
+    tags: dict[str, int] = {}
+    for of in (dim, dim - 1):
+        for tag in mesh.physical(of):
+            name = mesh.names.get((of, tag)) or f"{ENTITIES[of]} {tag}"
+            if tags.setdefault(name, tag) != tag:
+                raise ValueError(f"expected one tag for {name!r}, given {tags[name]} and {tag}")
+    return tags
+
+
+def _kind_of_cells(mesh: Elements, dim: int) -> int:
+    """Element type of all cells."""
+    kinds = list(mesh.kinds(dim))
+    if len(kinds) == 1 and kinds[0] in _FACETS:
+        return kinds[0]
+    hint = ""
+    if any(kind not in KINDS or KINDS[kind].order > 1 for kind in kinds):
+        hint = (
+            "; of second order those without prisms, of one kind and with all their nodes "
+            "(Mesh.SecondOrderIncomplete = 0), or call gmsh.model.mesh.setOrder(1)"
+        )
+    if _PYRAMIDS.intersection(kinds):
+        hint = (
+            "; pyramids lie between hexahedra and tetrahedra: mesh all volumes with tetrahedra "
+            "(without recombined or transfinite ones), or mesh both kinds apart, without "
+            "common nodes, and join them by a contact pair with Tied()"
+        )
+    if not kinds:
+        hint = f": call gmsh.model.mesh.generate({dim}) before read_mesh reads the model"
+    raise ValueError(f"expected {_EXPECTED[dim]}, given {names(kinds)}{hint}")
+
+
+def _check_groups(mesh: Elements, cell_dim: int, expected: dict[int, int]) -> dict[int, int]:
+    """Check physical groups and element types of entities; number of facets by tag."""
+    num_facets: dict[int, int] = {}
+    of_entity: dict[tuple[int, int], list[Block]] = {entity: [] for entity in mesh.groups}
+    for block in mesh.blocks:
+        of_entity[block.dim, block.entity].append(block)
+    for (dim, entity), blocks in of_entity.items():
+        if dim not in expected:
+            continue
+        groups = list(mesh.groups[dim, entity])
+        where = f"{ENTITIES[dim]} {entity} in physical groups {groups}"
+        is_cell = dim == cell_dim
+        if (is_cell and blocks and len(groups) != 1) or (not is_cell and len(groups) > 1):
+            hint = (
+                "put each region into one group only"
+                if groups
+                else f"make it a body by model.addPhysicalGroup({dim}, [{entity}], name=...), or "
+                "remove it if it was only an aid to the construction"
+            )
+            raise ValueError(f"expected one physical group, given {where}: {hint}")
+        given = {block.kind for block in blocks}
+        if groups and given != {expected[dim]}:
+            what = names(sorted(given))
+            raise ValueError(f"{where}: expected {names([expected[dim]])}, given {what}")
+        if groups and not is_cell:
+            size = sum(len(block.numbers) for block in blocks)
+            num_facets[groups[0]] = num_facets.get(groups[0], 0) + size
+    return num_facets
+
+
+def _stacked(
+    groups: dict[int, list[Block]], kind: int
+) -> tuple[GlobalInts, GlobalInts, GlobalInts]:
+    """Numbers, nodes and tags of the elements of groups."""
+    blocks = [(tag, block) for tag, of in groups.items() for block in of]
+    none = np.empty((0, KINDS[kind].num_nodes), dtype=np.int64)
+    numbers = np.concatenate([none[:, 0], *(block.numbers for _, block in blocks)])
+    nodes = np.concatenate([none, *(block.nodes for _, block in blocks)])
+    tags = np.repeat([tag for tag, _ in blocks], [len(block.numbers) for _, block in blocks])
+    return numbers, nodes, tags.astype(np.int64)
+
+
+def _check_cells(cell: str, degree: int, x: Floats, cells: GlobalInts, numbers: GlobalInts) -> None:
+    """Raise if a cell is flat somewhere, or has different signs of det J."""
+    shape, dim = basix.CellType[cell], x.shape[1]
+    element = basix.create_element(
+        basix.ElementFamily.P, shape, degree, basix.LagrangeVariant.equispaced
+    )
+    # Where two edges of a curved cell are on a smooth surface, the node between them is flat.
+    points = basix.make_quadrature(shape, _DEGREE)[0] if degree > 1 else basix.geometry(shape)
+    values = element.tabulate(1, points)[..., 0]  # (1 + dim, points, nodes)
+    bad: list[int] = []
+    midpoint = np.zeros(3)
+    for begin in range(0, len(cells), _CHUNK):
+        own = x[cells[begin : begin + _CHUNK]]
+        tangents = np.einsum("apk,ckd->cpad", values[1:], own)
+        det = np.linalg.det(tangents)
+        longest = np.linalg.norm(tangents, axis=3).max(axis=(1, 2))
+        good = det * np.sign(det[:, :1]) > _FLAT * longest[:, None] ** dim
+        found = np.flatnonzero(~good.all(axis=1))
+        if len(found) and not bad:
+            midpoint[:dim] = (values[0] @ own[found[0]]).mean(axis=0)
+        bad += [begin + int(cell) for cell in found]
+    if bad:
+        raise ValueError(
+            f"expected det J of one sign in a cell, given {len(bad)} inverted or "
+            f"degenerate cells, first gmsh element {numbers[bad[0]]} at "
+            f"{midpoint.round(6).tolist()}"
+        )
