@@ -1,22 +1,80 @@
-"""Attempts at a step: where Newton's method starts, and what all attempts share."""
+"""Starting guesses, prescribed data and admissible displacements of a step."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from dolfinx_nts.common.arrays import Floats
+from dolfinx import fem
 
-__all__ = ["Start", "StepProblem"]
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.solvers.bulk import Bulk
+
+__all__ = ["AdmissibleMotion", "Start", "StepProblem"]
+
+
+class AdmissibleMotion:
+    """Displacements at the end of a step that satisfy supports, guides and rigidity.
+
+    Args:
+        bulk: Residual of the bodies, with supports and rigid motions.
+        u: Displacement at the end of the step, used as work space.
+        u_n: Displacement at the start of the step.
+    """
+
+    def __init__(self, bulk: Bulk, u: fem.Function, u_n: fem.Function) -> None:
+        self._bulk, self._u, self._u_n = bulk, u, u_n.x.array
+
+    def displacements(self, u: Floats, part: float = 1.0) -> Floats:
+        """Project displacements u of the local dofs [m] on admissible ones. Collective.
+
+        ``part`` is the fraction of the increment from the start of the step, from 0 to 1.
+        """
+        u_n, rigid = self._u_n, self._bulk.rigid
+        u = self._bulk.supports.applied(u)
+        if part < 1:
+            u = u_n + part * (u - u_n)
+        if rigid.exists:
+            trial, du, guided = self._u.x, self.owned(u - u_n), rigid.guides.prescribed
+            self.owned(trial.array)[:] = rigid.moved(self.owned(u_n), du, part * guided)
+            trial.scatter_forward()
+            u = trial.array.copy()
+            trial.array[:] = u_n
+        return u
+
+    def prescribed(self, x_n: Floats, contacts: Sequence[PairState]) -> Floats:
+        """Prescribed displacement increments of the step at the owned dofs [m]. Collective.
+
+        They include supports and guided bodies, and obstacles at the nodes of their pairs.
+
+        Args:
+            x_n: Positions of the local nodes at the start of the step, shape ``(l, 3)`` [m].
+            contacts: States of all contact pairs.
+        """
+        # Guides at rest move rigid bodies by round-off, whose direction is arbitrary.
+        rigid = self._bulk.rigid
+        applied = self.displacements if rigid.guides.are_moving else self._bulk.supports.applied
+        u_n = self._u_n
+        increments: Floats = (applied(u_n) - u_n)[: self._bulk.num_owned]
+        for contact in contacts:
+            frame, nodes = contact.search.frame, contact.nodes.nodes
+            if frame.moves:
+                increment = frame.in_space(frame.at_start(x_n[nodes])) - x_n[nodes]
+                self.owned(increments)[nodes] += increment[:, : rigid.dim]
+        return increments
+
+    def owned(self, values: Floats) -> Floats:
+        """View of dof values at the owned nodes, shape ``(n, d)``. Local."""
+        return values[: self._bulk.num_owned].reshape(-1, self._bulk.rigid.dim)
 
 
 @dataclass(frozen=True)
 class Start:
-    """A state from which Newton's method starts.
+    """Starting guess of Newton's method.
 
     Attributes:
-        name: What errors call the state.
-        u: Displacements of the local dofs, shape ``(d l,)`` [m], with supports and rigid bodies
-            where the step takes them.
-        guess: The same before supports and rigid bodies have changed it.
+        name: Name in error messages.
+        u: Admissible displacements of the local dofs, shape ``(d l,)`` [m].
+        guess: Displacements before supports and rigid bodies were applied.
         begins_sticking: Whether all nodes with friction stick at first, see `StickSlip`.
     """
 
@@ -28,19 +86,20 @@ class Start:
 
 @dataclass(frozen=True)
 class StepProblem:
-    """What is given in a step, whatever state Newton's method starts from.
+    """Data of a step that do not depend on the starting guess.
 
     Attributes:
         x_n: Positions of the local nodes at the start of the step, shape ``(l, 3)`` [m].
-        x_trial: Positions at its end if there were no contact, which decide what may touch,
-            shape ``(l, 3)`` [m].
-        on_the_way: Positions between these two, by the part of the way, see `ContactStep`.
+        x_trial: Trial positions at its end without contact, from which candidate segments are
+            searched, shape ``(l, 3)`` [m].
+        intermediate: Positions between ``x_n`` and ``x_trial`` by step fraction, see
+            `ContactStep`.
         load: Norm of the loads [N].
-        force_scale: Norm of all forces at work, with which the residual is compared [N].
+        force_scale: Norm of all forces, to which the residual is relative [N].
     """
 
     x_n: Floats
     x_trial: Floats
-    on_the_way: Mapping[float, Floats]
+    intermediate: Mapping[float, Floats]
     load: float
     force_scale: float

@@ -1,4 +1,4 @@
-"""Groups of connected bodies, which move as one where they are rigid."""
+"""Groups of bodies that share nodes."""
 
 from collections.abc import Sequence
 

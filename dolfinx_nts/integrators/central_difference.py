@@ -21,15 +21,15 @@ from dolfinx import fem
 
 from dolfinx_nts import compat
 from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arguments import instances
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.explicit.all_springs import AllSprings
 from dolfinx_nts.contact.history import ContactWork
+from dolfinx_nts.contact.method import EDGES, NODES, has_patches
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.components import in_space, nodal
-from dolfinx_nts.integrators.drift import Drift
-from dolfinx_nts.integrators.explicit_forms import ExplicitBulk
-from dolfinx_nts.integrators.explicit_scope import check_scope
-from dolfinx_nts.integrators.present_forces import PresentForces
+from dolfinx_nts.integrators.explicit_forms import ExplicitBulk, PresentForces
+from dolfinx_nts.integrators.leapfrog import Drift
 from dolfinx_nts.integrators.rates import NoRates
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.rigid import rigid_leapfrog
@@ -46,14 +46,39 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.meeting import meet
 from dolfinx_nts.solvers.newton_report import ConvergenceError
 
-__all__ = ["CentralDifference"]
+__all__ = ["CentralDifference", "check_scope"]
 
-# Number of steps [-] from one check of energy and cell sizes to the next: cells can collapse
-# within twice as many.
-_WATCH = 50
-# Part of a step [-] by which controlled runs stay below the stable one, because they lengthen
-# steps by up to `ROUND_OFF` to meet a time.
+# Interval between checks of energy and cell sizes [steps]. With twice as many steps cells can
+# collapse in between; with fewer the checks cost time.
+_CHECK_INTERVAL = 50
+# Relative distance to the stable step in controlled runs [-], because they lengthen steps by up
+# to `ROUND_OFF` to meet a time.
 _MARGIN = 1e-5
+
+
+def check_scope(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> None:
+    """Check that explicit steps support all bodies and pairs. Local.
+
+    Raises:
+        TypeError: An argument has the wrong type.
+        ValueError: A contact method, smooth segments or a material needs an implicit stepper.
+    """
+    methods = {pair.method for pair in instances(ContactPair, pairs)}
+    if others := sorted(methods - {NODES, EDGES}):
+        raise _out_of_scope(
+            f"pairs of method {NODES!r} or {EDGES!r}", " and ".join(map(repr, others))
+        )
+    if smooth := [pair.segments.name for pair in pairs if has_patches(pair)]:
+        raise _out_of_scope("segments without smooth=True", " and ".join(smooth))
+    if names := [body.name for body in instances(Body, bodies) if body.material.remembers]:
+        raise _out_of_scope("materials without branches or plasticity", str(names))
+
+
+def _out_of_scope(expected: str, given: str) -> ValueError:
+    return ValueError(
+        f"expected {expected} with CentralDifference, given {given}, which the implicit steppers "
+        "can do"
+    )
 
 
 def _mean_stress(material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
@@ -67,28 +92,26 @@ class CentralDifference(Stepper):
     It conserves linear and angular momentum to round-off. The energy error is bounded and of
     second order in the step. A step has one assembly of the internal forces and no linear
     system, but must be shorter than ``stable_step``, about the time in which a wave crosses the
-    smallest cell. Contact is by `Penalty`, and friction by its spring. Damping lags half a step
-    behind, so that it is accurate to first order. Rigid bodies have their exact mass and inertia
-    and take the same step, with both momenta to round-off (Hairer, Lubich and Wanner 2006,
-    section VII.1.4); where all bodies are rigid, only springs limit it. Further attributes are
-    those of `EnergyMomentum`. Collective, as are all its methods.
+    smallest cell. Contact is enforced by `Penalty`, friction by tangential springs. Damping lags
+    half a step behind and is accurate to first order. Rigid bodies have their exact mass and
+    inertia and conserve both momenta to round-off (Hairer, Lubich and Wanner 2006, section
+    VII.1.4). If all bodies are rigid, only springs limit the step. Further attributes: see
+    `EnergyMomentum`. Collective, as are all its methods.
 
     Args:
         bodies: Bodies of one space, which fill the mesh.
-        pairs: Contact pairs of these bodies, all with `Penalty`. A penalty without a number
-            gets half of the room that ``dt`` leaves for it: the smaller the step, the stiffer
-            it is.
+        pairs: Contact pairs of these bodies, all with `Penalty`. A penalty without a number is
+            chosen from ``dt``: the smaller the step, the stiffer the springs.
         dt: Length of a step [s]; None for 0.7 of the estimate.
         bcs: See `EnergyMomentum`.
         loads: Loads on the bodies.
         update: See `EnergyMomentum`.
 
     Attributes:
-        stable_step: Estimate of the largest step [s] with which a stepper of these bodies and
-            pairs can be made, from the sizes of the cells, the materials at C = 1, damping and
-            penalties with a number. It does not depend on ``dt``, and is updated every 50 steps.
-            Default penalties are chosen for the first ``dt``, so that later steps can hardly
-            be longer.
+        stable_step: Estimate of the largest stable step [s], from the sizes of the cells, the
+            materials at C = 1, damping and penalties with a number. It does not depend on ``dt``,
+            and is updated every 50 steps. Default penalties are chosen for the first ``dt``, so
+            that later steps can hardly be longer.
         mass: Lumped mass of the owned nodes, shape ``(n,)`` [kg].
 
     Raises:
@@ -105,7 +128,7 @@ class CentralDifference(Stepper):
         0
     """
 
-    # Velocity and acceleration are lumped, so that they need no forms.
+    # With lumped mass the velocity needs no forms.
     scheme = Scheme(
         contact="static", stress=_mean_stress, rates=NoRates, load_point=1.0, loads_at="end"
     )
@@ -132,7 +155,7 @@ class CentralDifference(Stepper):
         self._bulk = ExplicitBulk(bodies, self.u, loads)
         self.mass = self._bulk.mass
         self._rigid, resisting = rigid_leapfrog(bodies, self.v, self.mass, self.supports)
-        # Vectors whose ghosts the forces need.
+        # Vectors whose ghost values the forces need.
         moving = (self.u, self._bulk.rate) if self._bulk.damping else (self.u,)
         ghosts = [f.x for f in moving] if self._comm.size > 1 else []
         functions = self.u_n, self.u, self.v, self._bulk.rate
@@ -153,7 +176,7 @@ class CentralDifference(Stepper):
         self._positions, self._nodal_u = np.empty_like(self._X), nodal(self.u)
 
     def serialize(self, archive: Archive) -> None:
-        """Serialize the state, also the forces, so that none are evaluated anew."""
+        """Serialize the state and the forces, so that none are evaluated again."""
         super().serialize(archive)
         if archive.giving:
             self.cell_energies = None
@@ -171,7 +194,6 @@ class CentralDifference(Stepper):
         return momentum + self._rigid.more_momentum() if self._rigid.exists else momentum
 
     def known_gaps(self) -> list[Floats] | None:
-        """Gaps at which the springs were loaded last, see ``Stepper.known_gaps``. Local."""
         known = self._forces.known
         return [contact.history.gap for contact in self.contacts] if known else None
 
@@ -179,12 +201,11 @@ class CentralDifference(Stepper):
         return self._bulk.internal.num_assemblies, None
 
     def _longest_step(self) -> float:
-        """Length that a step of a controlled run must not exceed [s]."""
         return self._stability.limit / (1 + _MARGIN)
 
     def _check_dt(self, dt: float) -> None:
         super()._check_dt(dt)
-        # The first step is set before the estimate is known.
+        # The constructor sets the first step before the estimate is known.
         longest = self._stability.limit if hasattr(self, "_stability") else math.inf
         if dt > longest:
             softer = "; a new stepper with this dt has softer default penalties"
@@ -199,7 +220,7 @@ class CentralDifference(Stepper):
         self._springs.forget()
 
     def _check_state(self) -> None:
-        # Where forces are known, `_move` finds what is not finite.
+        # If forces are known, `_move` detects values that are not finite.
         if not self._forces.known:
             super()._check_state()
             _, u, v, *_ = self._drift.arrays
@@ -219,21 +240,17 @@ class CentralDifference(Stepper):
     def _turns(self) -> list[tuple[str, float]]:
         return super()._turns() + self._rigid.guides.turns()
 
-    def _evaluate(self, ways: Sequence[float]) -> None:
-        """Evaluate the forces at the present u. Collective.
-
-        Args:
-            ways: As of `AllSprings.evaluate` [m].
-        """
+    def _evaluate(self, bounds: Sequence[float]) -> None:
+        """Evaluate the forces at the current u; for ``bounds`` see `AllSprings.evaluate`."""
         with self.timings.phase("assembly"):
             self._bulk.evaluate()
         with self.timings.phase("contact"):
             x = np.add(self._X, in_space(self._nodal_u), out=self._positions)
             x_n = self._X + in_space(nodal(self.u_n)) if self._springs.has_friction else x
-            self._springs.evaluate(x_n, x, ways, self._bulk.total)
+            self._springs.evaluate(x_n, x, bounds, self._bulk.total)
 
     def _start(self) -> None:
-        """Evaluate the forces of a state that was set."""
+        """Evaluate the forces of a state that the user set."""
         self._load_at(0.0)
         self._bulk.rate.x.array[:] = self.v.x.array
         self._begin(self.t, self.t)
@@ -243,28 +260,28 @@ class CentralDifference(Stepper):
         self._forces.begin()
         v = self._drift.arrays[2]
         self._stability.start(self._total_energy(v))
-        self._watch(v)
+        self._check_stability(v)
         self._forces.known = True
 
     def _step(self) -> StepReport:
-        """Move, evaluate the forces at the new place, and complete the velocity."""
+        """Move, evaluate the forces at the new positions, and complete the velocity."""
         if not self._forces.known:
             self._start()
         dt, bulk, forces, rigid = self.dt, self._bulk, self._forces, self._rigid
         given = self._drift.given
         _, _, v, rate, du = self._drift.arrays
-        moved, way = self._move()
-        ways = [way] * len(self.contacts)
+        moved, bound = self._move()
+        bounds = [bound] * len(self.contacts)
         if self._springs.obstacles_move:
-            ways = self._springs.ways(self.x, moved)
-        free = self.watch.free(way)
-        # What `Stepper.advance` counts.
-        self._way = 0.0 if free else moved
+            bounds = self._springs.ways(self.x, moved)
+        free = self.watch.free(bound)
+        # `Stepper.advance` uses it for the overlap check.
+        self._increment = 0.0 if free else moved
         if not free:
-            self._check_passage(way, ways)
+            self._check_passage(bound, bounds)
         strained, at_start = forces.strain_energy, bulk.work(du)
         held = bulk.total[given] if self.supports.exist else np.empty(0)
-        self._evaluate(ways)
+        self._evaluate(bounds)
         works = [a + b for a, b in zip(at_start, bulk.work(du), strict=True)]
         power = forces.kick(dt, rate)
         gained = rigid.kick(bulk.total, rate) if rigid.exists else 0.0
@@ -287,8 +304,8 @@ class CentralDifference(Stepper):
         contact_work = ContactWork(*by_cause)
         driven = load, support, contact_work.obstacles
         self._stability.count(driven, damping + contact_work.friction)
-        if (self.step + 1) % _WATCH == 0:
-            self._watch(rate)
+        if (self.step + 1) % _CHECK_INTERVAL == 0:
+            self._check_stability(rate)
         v[:] = rate
         if self._comm.size > 1:
             self.v.x.scatter_forward()
@@ -318,16 +335,16 @@ class CentralDifference(Stepper):
         """Move to the end of the step. Collective.
 
         Returns:
-            Largest motion of any node, and a way such that no two nodes come nearer to each other,
-            and no node to what is at rest, by more than twice of it; the same on all ranks [m].
+            Largest displacement increment of a node, and half a bound on the approach of any two
+            nodes, or of a node and a fixed point; both the same on all ranks [m].
         """
         forces, about = self._bulk.total, self.watch.velocity
-        moved, way, refusal = self._drift.move(self.dt, self._forces.acceleration, forces, about)
+        moved, bound, refusal = self._drift.move(self.dt, self._forces.acceleration, forces, about)
         if refusal:
             self._refuse(refusal)
         if self._comm.size > 1:
             try:
-                moved, way = meet(self._comm, f"motion of {self._next()}", moved, way)
+                moved, bound = meet(self._comm, f"motion of {self._next()}", moved, bound)
             except ValueError:
                 self._u[:] = self._u_n
                 raise
@@ -335,36 +352,36 @@ class CentralDifference(Stepper):
             self._u[:] = self._u_n
             super()._check_state()
             self._refuse(f"a node would move by {moved:.3g} m, more than the smallest cell")
-        return moved, min(moved, max(way, moved / 2))
+        return moved, min(moved, max(bound, moved / 2))
 
-    def _check_passage(self, moved: float, ways: Sequence[float]) -> None:
-        """Raise if nodes or vertices pass a surface.
+    def _check_passage(self, moved: float, bounds: Sequence[float]) -> None:
+        """Raise if nodes or vertices pass through a surface.
 
         Args:
-            moved: Bound on the motion of all nodes, half of that to each other [m].
-            ways: Bounds on the motion of each pair [m].
+            moved: Half the bound on the approach of any two nodes [m].
+            bounds: The same for each pair [m].
         """
-        fast = self._springs.fast(ways)
+        fast = self._springs.fast(bounds)
         if not fast and 2 * moved <= self.watch.vertices.room:
             self.watch.vertices.travel(2 * moved)
             return
         x_n, x = (self._X + in_space(nodal(u)) for u in (self.u_n, self.u))
-        reasons = (springs.passing(x_n, x, way, self.dt) for springs, way in fast)
+        reasons = (springs.passing(x_n, x, bound, self.dt) for springs, bound in fast)
         reason = next(filter(None, reasons), "") or self.watch.vertices.check(x_n, x, moved)
         if reason:
             self._refuse(reason)
         self.watch.vertices.accept()
 
     def _total_energy(self, v: Floats) -> float:
-        """Kinetic, strain and contact energy of the present u [J]. Collective."""
+        """Kinetic, strain and contact energy at the current u [J]. Collective."""
         energy = np.vdot(self.mass[:, None] * v, v) / 2
         energy += self._springs.stored
         if self._rigid.exists:
             energy += self._rigid.more_energy(self.mass, v)
         return float(reductions.total(self._comm, energy)) + self._forces.strain_energy
 
-    def _watch(self, v: Floats) -> None:
-        """Raise if springs yield, the step is too long for the cells, or the energy has grown."""
+    def _check_stability(self, v: Floats) -> None:
+        """Raise if springs are too soft, the step is unstable, or the energy has grown."""
         if sunk := self.watch.springs.sunk(self.x):
             self._refuse(f"{sunk}, stiffer springs (eps_N) hold it")
         self.watch.measure_about(v)
@@ -375,7 +392,7 @@ class CentralDifference(Stepper):
             self._refuse(growth)
 
     def _refuse(self, reason: str) -> None:
-        """Return to the last accepted state, and raise on all ranks."""
+        """Restore the last accepted state, and raise on all ranks."""
         self._u[:] = self._u_n
         self._state_was_set()
         self._stability.longest_steps(self.x)

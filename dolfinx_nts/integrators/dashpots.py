@@ -1,7 +1,7 @@
-r"""Dashpots of viscous branches: their strains at the points of the quadrature.
+r"""Maxwell branches: strains of the dashpots at the quadrature points.
 
-With :math:`\theta` the part of the end of the step in the stress of the scheme (1/2 for the
-energy-momentum scheme) and :math:`E_\theta = (1 - \theta) E_n + \theta E_{n+1}`, the rate law of
+Let :math:`\theta` be the weight of the end of the step in the stress of the scheme (1/2 for the
+energy-momentum scheme). With :math:`E_\theta = (1 - \theta) E_n + \theta E_{n+1}`, the rate law of
 a branch in a step is :math:`\tau (\Gamma_{n+1} - \Gamma_n)/\Delta t = E_\theta - \Gamma_\theta`,
 so that
 
@@ -10,9 +10,9 @@ so that
    S = s D : (E_\theta - \Gamma_\theta)
    = \frac{s \tau}{\tau + \theta \Delta t} D : (E_\theta - \Gamma_n).
 
-The strains of the dashpots are thus no unknowns. For :math:`\theta = 1/2` the work of S is the
-change of the energy of the spring plus the dissipation
-:math:`s \tau/\Delta t\, \Delta\Gamma : D : \Delta\Gamma \ge 0`, exactly.
+The strains of the dashpots are thus eliminated locally. For :math:`\theta = 1/2` the work of S is
+exactly the change of the energy of the spring plus the dissipation
+:math:`s \tau/\Delta t\, \Delta\Gamma : D : \Delta\Gamma \ge 0`.
 """
 
 from typing import Any
@@ -25,9 +25,8 @@ from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.components import gradient
 from dolfinx_nts.fem.jit import compile_expression
-from dolfinx_nts.integrators.cell_values import CellValues
 from dolfinx_nts.integrators.material_memory import MaterialMemory
-from dolfinx_nts.integrators.point_values import PointValues
+from dolfinx_nts.integrators.point_values import CellValues, PointValues
 from dolfinx_nts.integrators.step_strains import StepStrains, symmetric_entries, symmetric_tensor
 from dolfinx_nts.materials.branches import Branch
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
@@ -42,7 +41,7 @@ class Dashpots(MaterialMemory):
         material: Material with branches.
         V: Space of the displacement.
         cells: Owned cells of the material, sorted, shape ``(c,)``.
-        step: Strains of a step.
+        step: Strains at both ends of a step.
     """
 
     def __init__(
@@ -84,8 +83,8 @@ class Dashpots(MaterialMemory):
         for number, branch in enumerate(self._material.branches):
             share, time = self._numbers(branch)
             gamma_n = symmetric_tensor(self._strains.start, 6 * number)
-            way = self._mean - gamma_n
-            strain += share * time / (time + self._step.theta * self._step.dt) * way
+            lag = self._mean - gamma_n
+            strain += share * time / (time + self._step.theta * self._step.dt) * lag
         P = self._F * self._material.shape_stress(strain, **parameters)
         return ufl.inner(P, gradient(eta))
 
@@ -115,7 +114,6 @@ class Dashpots(MaterialMemory):
         return self._stored(parameters, self._springs(self._E, self._strains.end))
 
     def energy_at_start(self, parameters: Any) -> Any:
-        """The same at the start of the step."""
         return self._stored(parameters, self._springs(self._E_n, self._strains.start))
 
     def stress(self, parameters: Any, C: Any) -> tuple[Any, Any]:
@@ -129,12 +127,12 @@ class Dashpots(MaterialMemory):
         self._of_cells.set(self._strains.of(self._strains.end).mean(axis=1))
 
     def _springs(self, E: Any, gammas: fem.Function) -> list[Any]:
-        """Strains of the springs, of the whole and of the dashpots."""
+        """Strains of the springs from the total strain and those of the dashpots."""
         numbers = range(len(self._material.branches))
         return [E - symmetric_tensor(gammas, 6 * number) for number in numbers]
 
     def _stored(self, parameters: Any, strains: list[Any]) -> Any:
-        """Energy of springs by their strains."""
+        """Energy of the springs from their strains."""
         shares = (self._numbers(branch)[0] for branch in self._material.branches)
         return sum(
             share / 2 * ufl.inner(self._material.shape_stress(strain, **parameters), strain)

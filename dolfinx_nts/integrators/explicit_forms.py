@@ -1,4 +1,4 @@
-"""Forces of the bodies at one time, with lumped mass, for explicit steps."""
+"""Nodal forces of explicit steps, with lumped mass."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -9,22 +9,26 @@ import numpy as np
 import ufl
 from dolfinx import fem, la
 
-from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts import _kernels
+from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arrays import Floats, GlobalInts
+from dolfinx_nts.contact.explicit.all_springs import AllSprings
 from dolfinx_nts.fem.components import deformation_gradient, dimension, gradient
 from dolfinx_nts.fem.linear_forms import CellForm, PackedForm
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 from dolfinx_nts.model.bodies import Body, bulk_form
 from dolfinx_nts.model.loads import Load
 from dolfinx_nts.model.lumped_mass import lumped_mass
+from dolfinx_nts.parallel import reductions
 
-__all__ = ["ExplicitBulk", "NodalForce"]
+__all__ = ["ExplicitBulk", "NodalForce", "PresentForces"]
 
 
 class NodalForce:
-    """Assembles a linear form to forces on the owned nodes.
+    """Nodal forces assembled from a linear form.
 
     Args:
-        form: Virtual work; None: there is none.
+        form: Virtual work, or None for zero forces.
         V: Space of its test function.
 
     Attributes:
@@ -41,7 +45,7 @@ class NodalForce:
         self.num_assemblies = 0
 
     def assemble(self) -> None:
-        """Set the values to those of the present state. Collective."""
+        """Assemble the forces at the current state. Collective."""
         self._local.fill(0.0)
         self.num_assemblies += 1
         if self._form is None:
@@ -51,7 +55,7 @@ class NodalForce:
 
 
 class ExplicitBulk:
-    """Evaluates all forces on bodies except those of contact, which the stepper adds.
+    """All forces on bodies except contact forces, which the stepper adds.
 
     Args:
         bodies: The bodies.
@@ -63,16 +67,16 @@ class ExplicitBulk:
         rate: Velocity on which damping acts.
         internal: Internal forces.
         loads: Forces of the loads.
-        damping: Forces of damping; empty without damping.
-        total: Sum of all, and of what is added to it, shape ``(n, 3)`` [N].
+        damping: Damping forces; empty without damping.
+        total: Sum of all forces, to which the stepper adds contact, shape ``(n, 3)`` [N].
         strain_energy: Strain energy of the cells of this rank at the last evaluation [J].
     """
 
     def __init__(self, bodies: Sequence[Body], u: fem.Function, loads: Sequence[Load]) -> None:
         V = u.function_space
         self._F, self._eta = deformation_gradient(u), ufl.TestFunction(V)
-        # The strain energy of a cell stands behind the forces on its nodes: both have the same
-        # strain, which is computed once.
+        # One kernel returns the nodal forces of a cell, then its strain energy: the strain is
+        # computed once for both.
         cell = V.mesh.basix_cell()
         number = basix.ufl.element("DG", cell, 0, dtype=V.mesh.geometry.x.dtype)
         W = fem.functionspace(V.mesh, basix.ufl.mixed_element([V.ufl_element(), number]))
@@ -88,13 +92,13 @@ class ExplicitBulk:
         self.loads = [NodalForce(PackedForm(load.form(u, u)), V) for load in loads]
         self.total: Floats = np.zeros_like(self.internal.values)
         self.strain_energy = 0.0
-        # Forces whose works are told: internal ones, those of damping if there are, and loads.
+        # Forces whose works are reported: internal forces, damping if any, and loads.
         of_damping = self.damping[0].values if damped else None
         of_loads = (load.values for load in self.loads)
         self._working: list[Floats | None] = [self.internal.values, of_damping, *of_loads]
 
     def evaluate(self) -> None:
-        """Set all forces to those of the present state. Collective."""
+        """Evaluate all forces at the current state. Collective."""
         self.internal.assemble()
         np.copyto(self.total, self.internal.values)
         if self._cells is not None:
@@ -110,7 +114,7 @@ class ExplicitBulk:
         return [self.total, *(part.values for part in parts)]
 
     def work(self, du: Floats) -> list[float]:
-        """Halves of the works of internal forces, damping and each load on this rank [J]. Local.
+        """Half the work of internal forces, damping and each load on this rank [J]. Local.
 
         Args:
             du: Displacement of the owned nodes, shape ``(n, 3)`` [m].
@@ -132,3 +136,70 @@ class ExplicitBulk:
         P = beta * self._F * material.linear_stress(strain_rate, **parameters)
         drag = alpha * rho * ufl.inner(self.rate, self._eta)
         return -drag - ufl.inner(P, gradient(self._eta))
+
+
+class PresentForces:
+    """Accelerations, power and strain energy of the last evaluated forces. Collective.
+
+    Args:
+        bulk: Forces on the bodies, with contact in their total.
+        springs: Contact springs of all pairs.
+        mobility: Inverse mass of the free degrees of freedom, 0 at prescribed ones, shape
+            ``(n, d)`` [1/kg].
+
+    Attributes:
+        acceleration: Acceleration of the owned nodes, shape ``(n, d)`` [m/s^2].
+        power: Sum of force times acceleration on this rank [N m/s^2].
+        strain_energy: Strain energy of all ranks [J].
+        known: Whether the forces belong to the current state.
+    """
+
+    def __init__(self, bulk: ExplicitBulk, springs: AllSprings, mobility: Floats) -> None:
+        self._bulk, self._springs, self._mobility = bulk, springs, mobility
+        self.acceleration: Floats = np.zeros_like(mobility)
+        self.power = self.strain_energy = 0.0
+        self.known = False
+
+    def begin(self) -> None:
+        """Start from the last evaluation, at a state that was set."""
+        total = self._bulk.total
+        self._springs.accept()
+        np.multiply(self._mobility, total, out=self.acceleration)
+        self.power = float(np.vdot(total, self.acceleration))
+        comm = self._bulk.rate.function_space.mesh.comm
+        self.strain_energy = reductions.total(comm, self._bulk.strain_energy)
+
+    def kick(self, dt: float, rate: Floats) -> float:
+        """Complete the velocities of a step of length dt [s] by the last evaluation. Local.
+
+        Args:
+            dt: Length of the step [s].
+            rate: Velocities in the middle of the step, overwritten where they are free by those
+                at its end, shape ``(n, d)`` [m/s].
+
+        Returns:
+            Change of the power on this rank [N m/s^2].
+        """
+        before, total = self.power, self._bulk.total
+        self.power = _kernels.kick(dt, self._mobility, total, self.acceleration, rate)
+        return self.power - before
+
+    def serialize(self, archive: Archive, node_ids: GlobalInts, x: Floats) -> None:
+        """Serialize known forces, so that none are evaluated again.
+
+        Args:
+            archive: The archive.
+            node_ids: Input numbers of the owned nodes, see `node_numbering`, shape ``(n,)``.
+            x: Positions of the local nodes, shape ``(l, 3)`` [m].
+        """
+        self.known = archive.same("forces_are_known", self.known)
+        if not self.known:
+            return
+        for number, force in enumerate((self.acceleration, *self._bulk.forces)):
+            force[:] = archive.nodal(f"force/{number}", node_ids, force)
+        # Stored, since the order of summation differs from that of a step: equal to the last digit.
+        self.strain_energy = archive.same("strain_energy", self.strain_energy)
+        stored = archive.local("power", None if archive.giving else [np.array(self.power)])
+        computed = np.vdot(self._bulk.total, self.acceleration)
+        self.power = float(computed if stored is None else stored[0])
+        self._springs.serialize(archive, x)

@@ -1,8 +1,7 @@
-r"""Generalised-alpha method, a dissipative scheme to compare with.
+r"""Generalised-alpha method, a dissipative scheme for comparison.
 
-Displacement and velocity follow from the acceleration by Newmark's formulas, and the balance of
-momentum is taken between both ends of a step (J. Chung and G. M. Hulbert, J. Appl. Mech. 60,
-1993):
+Displacement and velocity follow from the acceleration by Newmark's formulas. The balance of
+momentum holds between both ends of a step (J. Chung and G. M. Hulbert, J. Appl. Mech. 60, 1993):
 
 .. math:: M [(1 - \alpha_m) a_{n+1} + \alpha_m a_n]
    + f_{int}(F_{n+1-\alpha_f}) + \sum \lambda_N \nabla g_{n+1} = f_{ext}.
@@ -37,14 +36,14 @@ from dolfinx_nts.solvers.rigid_motion import RigidMotion
 
 __all__ = ["GeneralizedAlpha"]
 
-# Most iterations of conjugate gradients with the mass matrix [-], far more than it ever takes,
-# and the reduction of the residual at which they stop [-], which is that of round-off.
+# Limit on the iterations of conjugate gradients with the mass matrix [-], far above any need,
+# and reduction of the residual at which they stop [-], of the order of round-off.
 _MAX_ITERATIONS, _REDUCTION = 1000, 1e-15
 
 
 @dataclass(frozen=True)
 class _Parameters:
-    """Parameters of the method, which follow from its spectral radius rho_inf."""
+    """Parameters of the method for its spectral radius rho_inf."""
 
     alpha_m: float
     alpha_f: float
@@ -53,7 +52,7 @@ class _Parameters:
 
     @classmethod
     def of(cls, rho_inf: float) -> "_Parameters":
-        """Parameters that Chung and Hulbert found optimal for a spectral radius."""
+        """Optimal parameters of Chung and Hulbert."""
         alpha_m, alpha_f = (2 * rho_inf - 1) / (rho_inf + 1), rho_inf / (rho_inf + 1)
         beta = (1 - alpha_m + alpha_f) ** 2 / 4
         return cls(alpha_m, alpha_f, beta, 0.5 - alpha_m + alpha_f)
@@ -63,16 +62,16 @@ class GeneralizedAlpha(ImplicitStepper):
     """Advances bodies by the generalised-alpha method, which damps high frequencies.
 
     It is of second order in the step and conserves the linear momentum, but neither the energy
-    nor the angular momentum. Contact is closed at the end of a step, g = 0, so that nodes give
-    up their impact energy. Further attributes are those of `EnergyMomentum`. Collective, as are
-    all its methods.
+    nor the angular momentum. Contact is closed at the end of a step, g = 0, so that nodes lose
+    their impact energy. Further attributes: see `EnergyMomentum`. Collective, as are all its
+    methods.
 
     Args:
         bodies: Bodies of one space, which fill the mesh.
         pairs: Contact pairs with `Penalty` or ``LagrangeMultiplier("plastic")``.
         dt: Length of a step [s].
-        rho_inf: Spectral radius at infinite frequency, from 0, where what a step does not
-            resolve is gone after it, to 1, which damps nothing.
+        rho_inf: Spectral radius at infinite frequency, from 0 (frequencies that the step does not
+            resolve vanish in one step) to 1 (no damping).
         bcs: See `EnergyMomentum`.
         loads: Loads on the bodies.
         update: See `EnergyMomentum`.
@@ -80,7 +79,7 @@ class GeneralizedAlpha(ImplicitStepper):
 
     Attributes:
         rho_inf: The spectral radius.
-        a: Acceleration at t [m/s^2], a Function; at the start from the balance of momentum.
+        a: Acceleration at t [m/s^2], a Function; initially from the balance of momentum.
 
     Raises:
         TypeError: An argument has the wrong type.
@@ -146,9 +145,9 @@ def _stress(alpha_f: float, material: Hyperelastic, parameters: Any, F_n: Any, F
 
 
 class _NewmarkRates(Rates):
-    """Rates by Newmark's formulas, with the acceleration as a part of the state.
+    """Newmark's formulas, with the acceleration as part of the state.
 
-    The arguments are the parameters of the method and those of `Rates`.
+    The first argument are the parameters of the method, the others are those of `Rates`.
 
     Attributes:
         a: Acceleration at t [m/s^2].
@@ -166,12 +165,11 @@ class _NewmarkRates(Rates):
         super().__init__(state, dt, bodies)
 
     def _newmark(self, u: Any, u_n: Any, v: Any, a: Any, dt: Any) -> Any:
-        """Acceleration at the end of a step, from UFL or from arrays."""
+        """Acceleration at the end of a step, for UFL expressions or arrays."""
         beta = self._parameters.beta
         return ((u - u_n) / dt - v) / (beta * dt) - (1 / (2 * beta) - 1) * a
 
     def forget(self) -> None:
-        """Let the next step compute the acceleration anew, because the state was set."""
         super().forget()
         self._known = False
 
@@ -180,14 +178,14 @@ class _NewmarkRates(Rates):
         forces: Callable[[], Floats],
         free: Floats | None,
         rigid: RigidMotion,
-        at_rest: Callable[[], bool],
-        led: Callable[[], Floats],
+        is_unchanged: Callable[[], bool],
+        prescribed: Callable[[], Floats],
     ) -> None:
-        """Set the acceleration of a state that was set by M a = f, without contact."""
+        """Compute the acceleration of a state that was set from M a = f, without contact."""
         if self._known:
             return
         p = self._parameters
-        # The residual at u = u_n also has a part of the inertia.
+        # The residual at u = u_n contains an inertia term, which is removed.
         self.a.x.array[:] = 0
         factor = (p.alpha_m - 1) / (p.beta * float(self.dt.value))
         force = factor * self._mass_times_v.momentum().ravel() - forces()
@@ -211,7 +209,7 @@ class _NewmarkRates(Rates):
         return self._mass_times_a.momentum().ravel()
 
     def _solved_mass(self, force: Floats, projected: Callable[[Floats], Floats]) -> Floats:
-        """Acceleration by a force among those that are free, by conjugate gradients."""
+        """Admissible acceleration due to a force, by conjugate gradients."""
         comm: MPI.Comm = self.u.function_space.mesh.comm
         a, r = np.zeros(len(force)), projected(force)
         first = square = float(reductions.total(comm, r @ r))
@@ -228,7 +226,7 @@ class _NewmarkRates(Rates):
         return a
 
     def _set_velocity(self) -> float:
-        """Set the velocity; returns the energy for which the formulas do not account."""
+        """Set the velocity; returns the energy error of the formulas [J]."""
         p, dt, mass = self._parameters, float(self.dt.value), self._mass_times_v
         u, u_n, v, a_n = (f.x.array for f in (self.u, self.u_n, self.v, self.a))
         a_n = a_n.copy()

@@ -1,4 +1,4 @@
-"""Contact that holds nodes without mass at the end of a step, and what groups of bodies get."""
+"""Active contact of massless nodes at the end of a step, and its impulses on groups of bodies."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -19,14 +19,14 @@ __all__ = ["HeldContact"]
 
 
 class HeldContact:
-    """Nodes that the pairs with impact resolved in time hold at the end of a step. Collective.
+    """Active nodes of the pairs with impact "resolved" at the end of a step. Collective.
 
     Args:
-        steps: Accepted attempts of all contact pairs.
+        steps: Accepted contact of all pairs.
         groups: Groups of connected bodies, ``g`` in number.
 
     Attributes:
-        holds: Gaps that the nodes close and slips that they keep, of each pair.
+        holds: Constraints of each pair: gaps to be closed and slips to be kept.
     """
 
     def __init__(self, steps: Sequence[ContactStep], groups: BodyGroups) -> None:
@@ -36,11 +36,16 @@ class HeldContact:
         self.holds = [_holds(step, some) for step, some in self._pairs]
 
     def impulses(self, dim: int, dt: float) -> tuple[Floats, Floats]:
-        """Impulses of normal contact in the step, see `VibrationAnalysis.of`. Collective.
+        """Impulses of normal contact in the step, and their work. Collective.
 
-        They act at the end of the step, where gaps have gradients without resultant and moment.
-        Also returns the work of moving obstacles by them, shape ``(g,)`` [J]. ``dim`` is the number
-        of components of a displacement, ``dt`` the length of the step [s].
+        They act at the end of the step, where gap gradients have no resultant and no moment.
+
+        Args:
+            dim: Number of components of a displacement, d.
+            dt: Length of the step [s].
+
+        Returns:
+            Impulses as for `VibrationAnalysis.of`, and the work of moving obstacles, ``(g,)`` [J].
         """
         d, size = dim, len(self._groups.nodes)
         impulses, work = np.zeros((size, size, 1 + d, d)), np.zeros(size)
@@ -59,20 +64,24 @@ class HeldContact:
         comm = self._groups.comm
         return reductions.total(comm, impulses), reductions.total(comm, work)
 
-    def after(self, way: Floats) -> tuple[list[ContactHistory], Floats]:
-        """Contact of each pair after its nodes have gone a way, ``(n, d)`` [m]. Collective.
+    def after(self, du: Floats) -> tuple[list[ContactHistory], Floats]:
+        """Contact of each pair after displacement increments of the nodes. Collective.
 
-        Also returns what friction dissipates in each group on it, ``(g,)`` [J].
+        Args:
+            du: Increments of the owned nodes, shape ``(n, d)`` [m].
+
+        Returns:
+            The histories, and the energy dissipated by friction in each group, ``(g,)`` [J].
         """
         histories, dissipated = [], np.zeros(len(self._groups.nodes))
         for step, some in self._pairs:
             history = step.state.history
             rows = some.gradients.reshape(len(some.node), 3, some.dofs.shape[1], 3)
-            ways = step.candidates.scatter.forward(in_space(way))[some.dofs]
-            opened, *slid = np.einsum("mcki,mki->cm", rows, ways)
+            increments = step.candidates.scatter.forward(in_space(du))[some.dofs]
+            opened, *slid = np.einsum("mcki,mki->cm", rows, increments)
             gap, dissipation = history.gap.copy(), history.dissipation.copy()
             gap[some.node] = some.gap + opened
-            # In all a step never gets energy from friction.
+            # The total dissipation of a step is never negative.
             lost = (some.traction * np.transpose(slid)).sum(axis=1)
             lost = np.maximum(lost, -np.maximum(dissipation[some.node], 0.0))
             dissipation[some.node] += lost
@@ -81,22 +90,22 @@ class HeldContact:
         return histories, dissipated
 
     def accept(self, histories: Sequence[ContactHistory]) -> None:
-        """Make histories of `after` those of the pairs. Local."""
+        """Accept histories of `after`. Local."""
         for (step, _), history in zip(self._pairs, histories, strict=True):
             step.state.accept(history)
 
-    def add_recoil(self, recoils: Floats) -> None:
-        """Add the impulses of recoil, factors ``(g,)`` of the forces of the step. Local."""
+    def add_impulses(self, rigid_factors: Floats) -> None:
+        """Add multiples of the normal forces of the step by group, factors ``(g,)``. Local."""
         for step, some in self._pairs:
             nodes, history = step.state.nodes.nodes, step.state.history
-            factor = recoils[self._groups.number_of[nodes]]
+            factor = rigid_factors[self._groups.number_of[nodes]]
             lambda_N = (1 + factor) * history.lambda_N
             force = history.force + factor[:, None] * some.pushes
             step.state.accept(replace(history, lambda_N=lambda_N, force=force))
 
 
 def _holds(step: ContactStep, some: HeldNodes) -> KeptGaps:
-    """Gaps that nodes close, ``(m,)``, and slips of those that stick. Local."""
+    """Gap constraints of m active nodes, and slip constraints of sticking ones. Local."""
     sticks = some.sticks
     gradient, *along = some.gradients.transpose(1, 0, 2)
     slides = ~sticks & (some.force > 0)

@@ -1,6 +1,6 @@
 r"""Implicit steppers, which solve the balance of momentum of a step by Newton's method.
 
-The unknown is u_{n+1}, from which the velocity follows,
+The unknown is u_{n+1}. The velocity follows from it as
 :math:`v_{n+1} = 2 (u_{n+1} - u_n)/\Delta t - v_n`. The balance of momentum of a step, divided
 by its length, is
 
@@ -31,21 +31,18 @@ from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.massless import is_resolved, massless_nodes
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.components import in_space
-from dolfinx_nts.integrators.admissible_motion import AdmissibleMotion
-from dolfinx_nts.integrators.attempt import Start, StepProblem
+from dolfinx_nts.integrators.attempt import AdmissibleMotion, Start, StepProblem
 from dolfinx_nts.integrators.inertia import ConsistentInertia, Inertia
-from dolfinx_nts.integrators.open_springs import choose_springs
 from dolfinx_nts.integrators.rates import MidpointRates
-from dolfinx_nts.integrators.reactions import Reactions
 from dolfinx_nts.integrators.relaxation import IF_IT_MOVES
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.resolved_impact import ResolvedImpact
 from dolfinx_nts.integrators.rigid import check_statics, rigid_motion
 from dolfinx_nts.integrators.sleeping import SleepingBodies
+from dolfinx_nts.integrators.static_stiffness import choose_default_stiffness
 from dolfinx_nts.integrators.step_failure import SHORTER_STEP_HELPS, StepFailure
-from dolfinx_nts.integrators.step_forces import StepForces
+from dolfinx_nts.integrators.step_forces import Reactions, StepForces, StepWorks
 from dolfinx_nts.integrators.step_solver import StepSolver
-from dolfinx_nts.integrators.step_works import StepWorks
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.dirichlet import Supports
@@ -66,8 +63,8 @@ __all__ = ["ImplicitStepper"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Number of solutions of a step [-], of which each is searched with the motion of the one before. A
-# second one nearly always suffices; more cost time in steps that are refused in the end.
+# Largest number of solutions of a step [-]. Each one searches contact along the motion of the one
+# before. Two nearly always suffice; more cost time in steps that are refused in the end.
 _MOST_SEARCHES = 4
 
 
@@ -113,7 +110,7 @@ class ImplicitStepper(Stepper):
         self._bulk.rigid = rigid_motion(bodies, self._rates, self.scheme, self._bulk.supports)
         self.supports = self._bulk.supports
         self._motion = AdmissibleMotion(self._bulk, self.u, self.u_n)
-        # For the size of forces, where lumped masses are exact enough.
+        # For norms of forces, for which lumped masses are accurate enough.
         self._lumped_mass: Floats = np.repeat(lumped_mass(bodies), self._bulk.rigid.dim)
         self._step_solver = StepSolver(
             self._bulk,
@@ -137,36 +134,30 @@ class ImplicitStepper(Stepper):
 
     @property
     def _bulk(self) -> Bulk:
-        """Residual of the bodies. Local."""
         return self._inertia.bulk
 
     @property
     def _tangent(self) -> Tangent:
-        """Matrix of the derivative of the residual. Local."""
         return self._inertia.tangent
 
     @property
     def _solver(self) -> LinearSolver:
-        """Solver of the linear systems. Local."""
         return self._step_solver.linear
 
     @property
     def _sleeping(self) -> SleepingBodies:
-        """Bodies that are not computed. Local."""
         return self._step_solver.sleeping
 
     @property
     def _sizes(self) -> CellSizes:
-        """Sizes of the cells. Local."""
         return self._step_solver.sizes
 
     @property
     def _is_static(self) -> bool:
-        """Whether there is no inertia. Local."""
         return self._rates.acceleration is None
 
     def serialize(self, archive: Archive) -> None:
-        """Serialize the state, also that of the rates and of the linear solver."""
+        """Serialize the state, including the rates and the linear solver."""
         super().serialize(archive)
         self._forces.serialize(archive)
         self._rates.serialize(archive, self.node_ids)
@@ -182,17 +173,15 @@ class ImplicitStepper(Stepper):
         same_scheme: bool,
         same_bodies: bool,
     ) -> None:
-        """Take over another scene, see ``Stepper.adopt``, with the rates of the same scheme."""
+        """Take over the state of another scene; the rates only for the same scheme."""
         super().adopt(archive, contacts, same_scheme=same_scheme, same_bodies=same_bodies)
         if same_scheme:
             self._rates.serialize(archive, self.node_ids)
 
     def nodal_momentum(self) -> Floats:
-        """Momentum of the owned nodes, shape ``(n, 3)`` [kg m/s]."""
         return self._inertia.momentum()
 
     def carried(self, forces: Floats) -> Floats:
-        """Take forces at the owned nodes, ``(n, 3)`` [N], to those that carry mass."""
         return self._inertia.carried(forces)
 
     def _check_state(self) -> None:
@@ -219,9 +208,9 @@ class ImplicitStepper(Stepper):
         return super()._turns() + self._bulk.rigid.guides.turns()
 
     def _step(self) -> StepReport:
-        """Try Newton's method from several states, until one succeeds."""
+        """Try Newton's method from each starting guess until one succeeds."""
         mass, share = self._step_solver.mass, self.scheme.stress_share
-        choose_springs(
+        choose_default_stiffness(
             *(self.contacts, self.bodies, self._tangent, self._rates, mass, self._dt, share),
             self._step_solver.free,
         )
@@ -229,10 +218,12 @@ class ImplicitStepper(Stepper):
         if not np.isfinite(load):
             raise ValueError(f"expected finite loads, given loads of {load} N in this step")
         self._bulk.rigid.begin(self._motion.owned(self._u_n))
-        at_rest = partial(self._is_at_rest, load)
+        is_unchanged = partial(self._is_unchanged, load)
         forces = self._forces_at_start
-        given = partial(self._motion.given, self.x, self.contacts)
-        self._rates.begin(forces, self._step_solver.free, self._bulk.rigid, at_rest, given)
+        prescribed = partial(self._motion.prescribed, self.x, self.contacts)
+        self._rates.begin(
+            forces, self._step_solver.free, self._bulk.rigid, is_unchanged, prescribed
+        )
         starts = [
             Start(name, self._motion.displacements(u), u)
             for name, u in self._rates.starts().items()
@@ -243,37 +234,37 @@ class ImplicitStepper(Stepper):
             steps, solution = self._solve(start, problem)
             if self._sleeping.must_wake(steps):
                 steps, solution = self._solve(start, problem, all_awake=True)
-            reports[start.name] = self._judged(steps, solution.report, problem)
+            reports[start.name] = self._checked_report(steps, solution.report, problem)
             if reports[start.name].converged:
                 self.watch.vertices.accept()
                 return self._accepted(steps, solution, reports.values(), load)
             if solution.report.is_hopeless:
                 break
-        advice = self._step_solver.relief.advice() or self._time_helps()
+        advice = self._step_solver.relief.advice() or self._step_length_advice()
         hopeless = any(report.is_hopeless for report in reports.values())
-        if self._relaxes and not hopeless and (found := self._elsewhere(starts[-1], problem)):
+        if self._relaxes and not hopeless and (found := self._relaxed(starts[-1], problem)):
             steps, solution = found
             reports["relaxed"] = solution.report
             if solution.report.converged:
                 report = self._accepted(steps, solution, reports.values(), load)
-                self._rates.forget()  # It does not go on like that.
+                self._rates.forget()  # The solution jumped, so its rate is no predictor.
                 return report
             advice += f"; {IF_IT_MOVES}"
         self._u[:] = self._u_n
         raise self._failure(reports, steps, solution.end.states, advice)
 
     def _solve(
-        self, start: Start, problem: StepProblem, **how: Any
+        self, start: Start, problem: StepProblem, **options: Any
     ) -> tuple[list[ContactStep], newton.Solution]:
-        """Solve the step, see `StepSolver.solve`, which explains ``how``.
+        """Solve the step; ``options`` are those of `StepSolver.solve`.
 
-        Where the motion made has reached contact that the search did not, the step is solved
-        again from the same start, with this motion as the trial motion of the search.
+        If the solution has reached contact outside the searched range, the step is solved again
+        from the same start, with this solution as the trial motion of the search.
         """
         iterations = 0
         for _ in range(_MOST_SEARCHES):
             steps, solution = self._step_solver.solve(
-                start, problem, self._motion_from, self.timings, **how
+                start, problem, self._motion_from, self.timings, **options
             )
             iterations += solution.report.iterations
             if not solution.report.converged:
@@ -288,53 +279,52 @@ class ImplicitStepper(Stepper):
         return steps, solution
 
     def _problem(self, starts: Iterable[Start], load: float) -> StepProblem:
-        """What is given in the step that begins; ``load`` is the norm of its loads [N]."""
+        """Data of the step that begins; ``load`` is the norm of its loads [N]."""
         trial = next(start for start in starts if start.name == self._rates.trial)
-        on_the_way = {
+        intermediate = {
             part: self._X + self._in_space(self._motion.displacements(trial.guess, part))
-            for part in _held_parts(() if self._is_static else self.pairs)
+            for part in _release_fractions(() if self._is_static else self.pairs)
         }
         v = self.v.x.array[: len(self._lumped_mass)]
         force_scale = self._forces.scale(load, v, self.dt)
-        return StepProblem(self.x, self._X + self._in_space(trial.u), on_the_way, load, force_scale)
+        return StepProblem(
+            self.x, self._X + self._in_space(trial.u), intermediate, load, force_scale
+        )
 
     def _attempts(
         self, starts: Iterable[Start], failed: Mapping[str, NewtonReport]
     ) -> Iterator[Start]:
-        """Starts to try in turn; ``failed`` has the reports of those before, by their names."""
+        """Starting guesses to try in turn; ``failed`` has the reports of previous ones by name."""
         yield from starts
 
-    def _judged(
+    def _checked_report(
         self, steps: Sequence[ContactStep], report: NewtonReport, problem: StepProblem
     ) -> NewtonReport:
-        """Report of an attempt, with the reason why its solution cannot be accepted, if any."""
+        """Report of an attempt, with the reason why its solution is rejected, if any."""
         if not report.converged:
             return report
-        way = _kernels.farthest(self.x, problem.x_n)
-        self._way = reductions.largest(self._comm, way)
-        return replace(report, reason=self._wrong(steps, problem.x_n))
+        largest = _kernels.farthest(self.x, problem.x_n)
+        self._increment = reductions.largest(self._comm, largest)
+        return replace(report, reason=self._rejection(steps, problem.x_n))
 
-    def _look_at(self, steps: Sequence[ContactStep], solution: newton.Solution) -> None:
-        """Tell what is wrong with an accepted solution; nothing: with inertia none is unstable."""
+    def _warn_if_unstable(self, steps: Sequence[ContactStep], solution: newton.Solution) -> None:
+        """Warn of an unstable equilibrium; with inertia nothing is checked."""
 
-    def _elsewhere(
+    def _relaxed(
         self, start: Start, problem: StepProblem
     ) -> tuple[list[ContactStep], newton.Solution] | None:
-        """Look for a solution far from the last state, the start; None: not with inertia."""
+        """Solve the step by relaxation in statics; None with inertia."""
         return None
 
     def _motion_from(self, start: Start, steps: Sequence[ContactStep]) -> PrescribedMotion:
-        """What is led has still to go from a start, where u is. Collective.
+        """Prescribed motion from a starting guess u. Collective.
 
-        With inertia ways are short: all is at their ends at once.
+        With inertia increments are small, and the motion is applied in one increment.
         """
         return PrescribedMotion(self._bulk, steps)
 
-    def _wrong(self, steps: Sequence[ContactStep], x_n: Floats) -> str:
-        """Say why a solution cannot be accepted, or "".
-
-        ``x_n`` are positions at t_n, shape ``(l, 3)`` [m].
-        """
+    def _rejection(self, steps: Sequence[ContactStep], x_n: Floats) -> str:
+        """Reason why a solution is rejected, or ""; ``x_n`` are the positions at t_n [m]."""
         if inverted := self._volume_ratio.inverted():
             return inverted
         reasons = (check_penetration(step, self.dt) for step in steps)
@@ -342,18 +332,18 @@ class ImplicitStepper(Stepper):
             return (
                 next(filter(None, reasons), "")
                 or self.watch.springs.sunk(self.x)
-                or self.watch.vertices.check(x_n, self.x, self._way)
+                or self.watch.vertices.check(x_n, self.x, self._increment)
             )
 
     def _forces_at_start(self) -> Floats:
-        """Residual at t with the loads there, on the owned dofs [N]."""
+        """Residual at t with the loads at t, on the owned dofs [N]."""
         self._load_at(0.0)
         forces = self._bulk.forces()
         self._load_at(self.scheme.load_point)
         return forces
 
-    def _is_at_rest(self, load: float) -> bool:
-        """Whether supports and obstacles stay, nothing relaxes, and the loads [N] are the last."""
+    def _is_unchanged(self, load: float) -> bool:
+        """Whether supports, obstacles, materials and loads [N] are those of the last step."""
         fixed, u = self.supports.fixed, self._u
         moves = any(contact.search.frame.moves for contact in self.contacts) or self.memory.exists
         stays = np.array_equal(self.supports.applied(u)[fixed], u[fixed])
@@ -367,7 +357,7 @@ class ImplicitStepper(Stepper):
         states: Sequence[ContactContribution],
         advice: str,
     ) -> ConvergenceError:
-        """Error that says why all attempts have failed; steps and states are of the last."""
+        """Error of a step with the reasons of all attempts; steps and states are of the last."""
         return StepFailure(attempts, steps, states, self._comm).error(
             f"step {self.step + 1} from t = {self.t:.10g} to {self.t + self.dt:.10g}",
             self.bodies,
@@ -376,8 +366,8 @@ class ImplicitStepper(Stepper):
             advice,
         )
 
-    def _time_helps(self) -> str:
-        """Advice where only the length of the step is left to change. Collective."""
+    def _step_length_advice(self) -> str:
+        """Advice if nothing but the length of the step can be changed. Collective."""
         return SHORTER_STEP_HELPS
 
     def _accepted(
@@ -387,11 +377,11 @@ class ImplicitStepper(Stepper):
         attempts: Collection[NewtonReport],
         load: float,
     ) -> StepReport:
-        """Set the velocity and the contact by the solution, and compute all works.
+        """Accept velocity and contact of the solution, and compute all works.
 
         ``attempts`` are the reports of all attempts, ``load`` is the norm of the loads [N].
         """
-        self._look_at(steps, solution)
+        self._warn_if_unstable(steps, solution)
         n = len(self._lumped_mass)
         works = {}
         for step, pairs in zip(steps, solution.end.states, strict=True):
@@ -404,9 +394,9 @@ class ImplicitStepper(Stepper):
         reactions, constraints = self._reactions.of(steps, solution, x, self._motion.owned(du))
         self.memory.accept()
         v_n = v.copy()
-        settled = self._inertia.accept(steps)
-        if settled.reactions:
-            both = zip(reactions, settled.reactions, strict=True)
+        update = self._inertia.accept(steps)
+        if update.reactions:
+            both = zip(reactions, update.reactions, strict=True)
             reactions = tuple(last + more for last, more in both)
         digits = position_rounding(_kernels.largest_size(x))
         total = StepWorks.of(
@@ -415,7 +405,7 @@ class ImplicitStepper(Stepper):
             self._forces,
             steps,
             solution,
-            defect=settled.defect + constraints,
+            defect=update.defect + constraints,
             du=du,
             v_n=v_n,
             v=v,
@@ -424,10 +414,10 @@ class ImplicitStepper(Stepper):
         self.inertia_defect, t = total.inertia, self.t + self.dt
         if not self._is_static:
             self.watch.gains.look(works, total.kinetic, t, total.open_gaps)
-        # Without inertia bodies may press against supports alone.
+        # In statics all forces may be reactions, so that only internal forces give a scale.
         internal = self._bulk.forces() if self._is_static else solution.end.R_bulk
         internal = internal - self._lumped_mass * (v - v_n) / self.dt
-        # What keeps a body rigid is no force of the balance.
+        # Constraint forces of rigidity are left out of the norm.
         self._forces.accept(load, self._bulk.rigid.without(self._motion.owned(internal)).ravel())
         return StepReport(
             step=self.step + 1,
@@ -439,7 +429,7 @@ class ImplicitStepper(Stepper):
             num_active=solution.report.num_active,
             num_segments=total.num_segments,
             num_sleeping=len(self._sleeping.bodies),
-            contact_work=sum(works.values(), settled.work),
+            contact_work=sum(works.values(), update.work),
             damping_work=total.damping,
             solver_work=total.solver,
             load_works=total.loads,
@@ -450,11 +440,10 @@ class ImplicitStepper(Stepper):
         return self._bulk.num_assembled[0], self._solver.statistics
 
     def _in_space(self, values: Floats) -> Floats:
-        """Vectors at nodes, ``(l, 3)``, of the values of their dofs. Local."""
         return in_space(values.reshape(-1, self._bulk.rigid.dim))
 
 
-def _held_parts(pairs: Sequence[ContactPair]) -> list[float]:
-    """Parts of their ways that nodes of some pairs are let go by a coefficient of restitution."""
+def _release_fractions(pairs: Sequence[ContactPair]) -> list[float]:
+    """Step fractions at which coefficients of restitution release nodes, sorted."""
     laws = (pair.enforcement for pair in pairs)
     return sorted({law.part for law in laws if isinstance(law, LagrangeMultiplier) and law.part})

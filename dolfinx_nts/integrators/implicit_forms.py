@@ -18,15 +18,15 @@ __all__ = ["StepForms"]
 
 
 class StepForms:
-    """Makes the forms of a step from u_n to u, whose value is virtual work in the step. Local.
+    """Forms of virtual work in a step from u_n to u. Local.
 
     Args:
         bodies: Bodies of one space.
         rates: Displacements, acceleration, and length of the step.
-        scheme: Gives the stress of a step.
-        memory: Memory of materials; None where no material has any.
-        inertia: Whether forms have inertia and mass damping. Without them the dissipation is that
-            of materials with a memory.
+        scheme: Scheme, which defines the stress of a step.
+        memory: Internal variables of materials, or None.
+        inertia: Whether forms include inertia and mass damping. Without them, `dissipation` has
+            the dissipation of materials with internal variables only.
     """
 
     def __init__(
@@ -50,17 +50,17 @@ class StepForms:
         return self._balance(remembered, is_damped=self._moves)
 
     def undamped_residual(self) -> ufl.Form:
-        """The same without stiffness damping."""
+        """Residual without stiffness damping."""
         return self._balance(None if self._memory is None else self._memory.work)
 
     def elastic_residual(self) -> ufl.Form:
-        """That while materials keep the memory that they have at the end of a step."""
+        """Residual with internal variables frozen at the end of the step."""
         return self._balance(None if self._memory is None else self._memory.elastic_work)
 
     def _balance(
         self, remembered: Callable[..., Any] | None, *, is_damped: bool = False
     ) -> ufl.Form:
-        """Balance of momentum with what materials add to the stress, by their memory."""
+        """Balance of momentum, with the work of internal variables if any."""
         eta = ufl.TestFunction(self._u.function_space)
 
         def integrand(material: Hyperelastic, parameters: dict[str, Any], rho: Any) -> Any:
@@ -79,13 +79,15 @@ class StepForms:
 
     @property
     def has_stiffness_damping(self) -> bool:
-        """Whether any body has such damping. Local."""
+        """Whether any body has stiffness damping. Local."""
         return any(body.material.stiffness_damping > 0 for body in self._bodies)
 
     def stiffness_damping(self, *, factor: float = 1.0, power: int = 1) -> ufl.Form:
-        """Virtual work of stiffness damping alone, of bodies that have any [J].
+        """Virtual work of stiffness damping alone [J].
 
-        With numbers for it ``factor`` times (beta/dt)^``power`` takes the place of beta/dt.
+        Args:
+            factor: Factor of the coefficient below [-].
+            power: Power p; the coefficient beta/dt is replaced by factor (beta/dt)^p.
         """
         eta = ufl.TestFunction(self._u.function_space)
         bodies = [body for body in self._bodies if body.material.stiffness_damping > 0]
@@ -98,7 +100,7 @@ class StepForms:
     def nearby_tangent(self) -> ufl.Form:
         """Tangent at u_n without initial stress, with the moduli at C = 1, for preconditioners.
 
-        It is always definite. Cells that are pressed or far from balance make the exact tangent
+        It is always positive definite. The exact tangent of compressed or unbalanced cells may be
         indefinite, which spoils incomplete factorisations.
         """
         V, dt = self._u.function_space, self._dt
@@ -128,7 +130,7 @@ class StepForms:
         return bulk_form(self._bodies, integrand, remembered)
 
     def dissipation(self) -> ufl.Form | None:
-        """Energy that damping and materials with a memory take in the step [J], or None."""
+        """Energy dissipated by damping and internal variables in the step [J], or None."""
         moves, memory = self._acceleration is not None, self._memory
         remembers = memory is not None
         laws = [(body, body.material) for body in self._bodies]
@@ -146,7 +148,7 @@ class StepForms:
         return bulk_form(some, integrand, None if memory is None else memory.dissipation)
 
     def _mass_damping(self, material: Hyperelastic, rho: Any, eta: Any) -> Any:
-        """Virtual work of mass damping per reference volume, which is >= 0 for u - u_n."""
+        """Virtual work of mass damping per reference volume; >= 0 for eta = u - u_n."""
         if not material.mass_damping > 0:
             return 0
         alpha = fem.Constant(self._u.function_space.mesh, material.mass_damping)
@@ -170,7 +172,10 @@ class StepForms:
 
 
 def _nearby_stress(material: Hyperelastic, parameters: dict[str, Any], F: Any, G: Any) -> Any:
-    """Stress of a gradient G by the moduli at C = 1; of what flows those of space, as it is now."""
+    """Linearised stress for a gradient G with the moduli at C = 1.
+
+    For materials with internal variables the moduli act in the current configuration.
+    """
     if not material.remembered_terms:
         return F * material.linear_stress(ufl.sym(F.T * G), **parameters)
     F_inv = ufl.inv(F)

@@ -1,4 +1,4 @@
-"""How the mass of bodies acts in the steps of an implicit scheme."""
+"""Inertia of bodies in implicit steps."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -20,16 +20,16 @@ from dolfinx_nts.model.reaction import Reaction
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.tangent import Tangent, TangentOfAllCells
 
-__all__ = ["ConsistentInertia", "Inertia", "Settlement"]
+__all__ = ["ConsistentInertia", "Inertia", "VelocityUpdate"]
 
 
-class Settlement(NamedTuple):
-    """What else happens when the velocity at the end of a step is set, the same on all ranks.
+class VelocityUpdate(NamedTuple):
+    """Result of the velocity update at the end of a step.
 
     Attributes:
-        defect: What `Rates.accept` returns [J], on this rank.
-        work: Energy that bodies get.
-        reactions: What each support adds to its reaction; none where none adds anything.
+        defect: Return value of `Rates.accept` on this rank [J].
+        work: Energy given to the bodies, the same on all ranks.
+        reactions: Additional reaction of each support, the same on all ranks; may be empty.
     """
 
     defect: float
@@ -38,11 +38,11 @@ class Settlement(NamedTuple):
 
 
 class Inertia(ABC):
-    """Base of the ways in which mass acts. Collective, as are all methods.
+    """Base class of the inertia of bodies. Collective, as are all methods.
 
     Attributes:
         bulk: Residual of the bodies.
-        tangent: Matrix of its derivative.
+        tangent: Its tangent matrix.
     """
 
     bulk: Bulk
@@ -54,31 +54,31 @@ class Inertia(ABC):
 
     @abstractmethod
     def carried(self, forces: Floats) -> Floats:
-        """Take forces at the owned nodes, ``(n, d)`` [N], to those that carry mass."""
+        """Transfer forces at the owned nodes, ``(n, d)`` [N], to the nodes that carry mass."""
 
     @abstractmethod
-    def accept(self, steps: Sequence[ContactStep]) -> Settlement:
+    def accept(self, steps: Sequence[ContactStep]) -> VelocityUpdate:
         """Set the velocity at the end of a step.
 
         Args:
-            steps: Accepted attempts of the contact pairs.
+            steps: Accepted contact of the pairs.
         """
 
     def dissipated(self) -> float:
-        """Energy that damping and materials take in the step on this rank [J]. Local."""
+        """Energy dissipated by damping and materials in the step on this rank [J]. Local."""
         return 0.0
 
 
 class ConsistentInertia(Inertia):
-    """The consistent mass, as a part of the forms of the bodies.
+    """Consistent mass, as part of the forms of the bodies.
 
     Args:
         bodies: The bodies.
-        rates: How velocities follow from displacements.
+        rates: Relation between velocities and displacements.
         scheme: The scheme.
         bcs: Dirichlet conditions.
         loads: Virtual work of the loads.
-        memory: Memory of materials.
+        memory: Internal variables of materials.
     """
 
     def __init__(
@@ -93,7 +93,7 @@ class ConsistentInertia(Inertia):
         self._rates, self._mass = rates, ConsistentMass(bodies, rates.v)
         forms = StepForms(bodies, rates, scheme, memory)
         works = forms.residual(), rates.u, bcs, loads
-        # Rigid bodies have neither stress nor inertia in statics.
+        # In statics rigid bodies contribute nothing to the forms.
         is_partial = rates.acceleration is None and any(body.is_rigid for body in bodies)
         make = TangentOfAllCells if is_partial else Tangent
         self.bulk = Bulk(*works, jumps=memory.flows)
@@ -107,8 +107,8 @@ class ConsistentInertia(Inertia):
     def carried(self, forces: Floats) -> Floats:
         return forces
 
-    def accept(self, steps: Sequence[ContactStep]) -> Settlement:
-        return Settlement(self._rates.accept())
+    def accept(self, steps: Sequence[ContactStep]) -> VelocityUpdate:
+        return VelocityUpdate(self._rates.accept())
 
     def dissipated(self) -> float:
         some = self._dissipation

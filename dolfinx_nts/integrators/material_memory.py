@@ -1,4 +1,4 @@
-"""What the points of one material remember, and what that adds to forms."""
+"""Interface of the internal variables of a material."""
 
 from abc import ABC, abstractmethod
 from typing import Any
@@ -10,7 +10,11 @@ __all__ = ["MaterialMemory"]
 
 
 class MaterialMemory(ABC):
-    """Base of the states of materials. Parameters are their numbers by name, as constants."""
+    """Base class of the internal variables of one material at its quadrature points.
+
+    ``parameters`` are the material parameters by name, as constants. UFL results are per reference
+    volume.
+    """
 
     @abstractmethod
     def begin(self) -> None:
@@ -30,34 +34,34 @@ class MaterialMemory(ABC):
 
     @abstractmethod
     def work(self, parameters: Any, eta: Any) -> Any:
-        """Virtual work per reference volume with a test function, UFL [J/m^3]."""
+        """Virtual work with a test function eta, UFL [J/m^3]."""
 
     @abstractmethod
     def elastic_work(self, parameters: Any, eta: Any) -> Any:
-        """The same of a step in which the points keep the state at the end of the accepted one."""
+        """Virtual work with the state frozen at the end of the accepted step, UFL [J/m^3]."""
 
     @abstractmethod
     def stiffness(self, parameters: Any, rate: Any) -> Any:
-        """Stress of a strain E at the end of the step, as a tangent has it, UFL (3, 3) [Pa]."""
+        """Stress increment of the tangent for a Green strain increment, UFL (3, 3) [Pa]."""
 
     @abstractmethod
     def dissipation(self, parameters: Any) -> Any:
-        """Energy that is lost in the accepted step, per reference volume, UFL [J/m^3]."""
+        """Energy dissipated in the accepted step, UFL [J/m^3]."""
 
     @abstractmethod
     def energy(self, parameters: Any) -> Any:
-        """Energy at the end of the accepted step per reference volume, UFL [J/m^3]."""
+        """Energy at the end of the accepted step, UFL [J/m^3]."""
 
     @abstractmethod
     def energy_at_start(self, parameters: Any) -> Any:
-        """The same at the start of the step."""
+        """Energy at the start of the accepted step, UFL [J/m^3]."""
 
     @abstractmethod
     def stress(self, parameters: Any, C: Any) -> tuple[Any, Any]:
         """Stress and energy at t with one state for each cell.
 
         Args:
-            parameters: Numbers of the material.
+            parameters: Material parameters.
             C: Right Cauchy-Green tensor at t, UFL (3, 3).
 
         Returns:

@@ -1,4 +1,4 @@
-"""Memory of materials: what they keep from step to step at the points of the quadrature."""
+"""Internal variables of all materials at the quadrature points."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -21,14 +21,14 @@ __all__ = ["Memory"]
 
 
 class Memory:
-    """Memory of the materials of all bodies, and what it adds to forms. Collective.
+    """Internal variables of the materials of all bodies. Collective.
 
     Args:
         bodies: The bodies.
         u_n: Displacement at the start of a step [m].
         u: Displacement at its end [m].
         dt: Length of the step, a constant [s].
-        scheme: Gives the stress of a step.
+        scheme: Scheme, which defines the stress of a step.
     """
 
     def __init__(
@@ -55,12 +55,12 @@ class Memory:
 
     @property
     def exists(self) -> bool:
-        """Whether any material remembers anything. Local."""
+        """Whether any material has internal variables. Local."""
         return bool(self._of)
 
     @property
     def flows(self) -> bool:
-        """Whether any material can flow. Local."""
+        """Whether any material is plastic. Local."""
         return any(isinstance(each, PlasticFlow) for each in self._of.values())
 
     def plastic_strain(self) -> Floats:
@@ -107,7 +107,7 @@ class Memory:
         return self._of[material].energy(parameters)
 
     def energy_at_start(self, material: Hyperelastic, parameters: Any) -> Any:
-        """The same at the start of the step."""
+        """Energy at the start of the accepted step per reference volume, UFL [J/m^3]."""
         return self._of[material].energy_at_start(parameters)
 
     def stress(self, material: Hyperelastic, parameters: Any, C: Any) -> tuple[Any, Any]:

@@ -1,22 +1,21 @@
-r"""Plastic flow: metric and equivalent plastic strain at the points of the quadrature.
+r"""Plastic flow: plastic metric and equivalent plastic strain at the quadrature points.
 
-The step changes the state by a radial return at its end, from the metric :math:`G_n`, see
-`radial_return`. The stress of the step is that which the scheme has for the elastic energy with
-:math:`G_n`, times the factor t of a radial return at
-:math:`(1 - \theta) C_n + \theta C_{n+1}`, with the part :math:`\theta` of the end of the step in
-the stress of the scheme. For the energy-momentum scheme its work is thus t times the change
-of the elastic energy W of a step without flow, :math:`t\, (W_{tr} - W_n)`, so that
+A radial return at the end of the step updates the state from the plastic metric :math:`G_n`, see
+`radial_return`. The stress of the step is the elastic stress of the scheme with :math:`G_n`,
+times the factor t of a radial return at :math:`(1 - \theta) C_n + \theta C_{n+1}`, where
+:math:`\theta` is the weight of the end of the step. For the energy-momentum scheme the work of
+this stress is t times the elastic energy change of a step without flow,
+:math:`t\, (W_{tr} - W_n)`. The dissipation is therefore exactly
 
-.. math:: D = t\, W_{tr} + (1 - t)\, W_n - W_{n+1}
+.. math:: D = t\, W_{tr} + (1 - t)\, W_n - W_{n+1}.
 
-is dissipated, exactly. In small strains this is never negative: with the elastic deviators
-:math:`e_n`, :math:`e_{tr}`, their mean :math:`e_m` of the norm :math:`r/t`, and r the radius of
-the yield surface,
+For small strains it is never negative: with the elastic deviators :math:`e_n`, :math:`e_{tr}`,
+their mean :math:`e_m` of norm :math:`r/t`, and the radius r of the yield surface,
 
 .. math:: D/\mu \ge 4 r\, (|e_m| - e_m \cdot e_n/|e_m|) - r^2 + |e_n|^2
    \ge (r - |e_n|)(3 r - |e_n|) \ge 0,
 
-and larger ones do not change that, see the tests. Schemes that do not conserve energy dissipate
+The tests show the same for large strains. Schemes that do not conserve energy dissipate
 :math:`\sigma_y(\alpha_{n+1})\, \Delta\alpha`.
 """
 
@@ -31,9 +30,8 @@ from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.components import gradient
 from dolfinx_nts.fem.jit import compile_expression
-from dolfinx_nts.integrators.cell_values import CellValues
 from dolfinx_nts.integrators.material_memory import MaterialMemory
-from dolfinx_nts.integrators.point_values import PointValues
+from dolfinx_nts.integrators.point_values import CellValues, PointValues
 from dolfinx_nts.integrators.step_strains import StepStrains, symmetric_entries, symmetric_tensor
 from dolfinx_nts.materials.hardening import Hardening
 from dolfinx_nts.materials.plasticity import J2Plasticity
@@ -41,14 +39,14 @@ from dolfinx_nts.materials.radial_return import RadialReturn
 
 __all__ = ["PlasticFlow"]
 
-# Metric and plastic strain of what has not flown, and where the plastic strain lies.
-_AT_REST, _ALPHA = [1.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0], 6
-# Where entries of the metric lie.
+# Initial metric and equivalent plastic strain; index of the latter.
+_INITIAL, _ALPHA = [1.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0], 6
+# Indices of the entries of the metric.
 _PLACES = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 
 
 class PlasticFlow(MaterialMemory):
-    """State of one elastic-plastic material. Collective.
+    """Plastic state of one material. Collective.
 
     Args:
         material: The material.
@@ -62,7 +60,7 @@ class PlasticFlow(MaterialMemory):
     ) -> None:
         self._material, self._step, self._mesh = material, step, V.mesh
         self._hardening = _constants(V.mesh, material.hardening)
-        self._state = PointValues(V, cells, _AT_REST)
+        self._state = PointValues(V, cells, _INITIAL)
         self._of_cells = CellValues(V.mesh, cells, 6)
         mu = fem.Constant(V.mesh, material.parameters["mu"])
         flow = self._flow(step.C, mu)
@@ -99,11 +97,8 @@ class PlasticFlow(MaterialMemory):
         return self._elastic(parameters, eta, self._state.end)
 
     def stiffness(self, parameters: Any, rate: Any) -> Any:
-        """Elastic stress of a strain, see `MaterialMemory.stiffness`.
-
-        The moduli are those of the undeformed material in space, as plastic flow leaves the
-        elastic strains small.
-        """
+        # Moduli of the undeformed material in the current configuration: plastic flow leaves the
+        # elastic strains small.
         F_inv = ufl.inv(self._step.F_n)
         tau = 2 * parameters["mu"] * ufl.dev(F_inv.T * rate * F_inv)
         return self._step.theta * F_inv * tau * F_inv.T
@@ -113,7 +108,7 @@ class PlasticFlow(MaterialMemory):
         if step.theta != 0.5:
             alpha = end[_ALPHA]
             return self._hardening.stress(alpha) * (alpha - start[_ALPHA])
-        # By differences, which are zero where nothing flows.
+        # Differences vanish exactly at points without flow.
         C_n, C = (ufl.det(each) ** (-1 / 3) * each for each in (step.C_n, step.C))
         before, after = symmetric_tensor(start), symmetric_tensor(end)
         lost = ufl.inner(C, before - after)
@@ -124,7 +119,6 @@ class PlasticFlow(MaterialMemory):
         return self._energy(parameters, self._step.C, self._state.end)
 
     def energy_at_start(self, parameters: Any) -> Any:
-        """The same at the start of the step."""
         return self._energy(parameters, self._step.C_n, self._state.start)
 
     def stress(self, parameters: Any, C: Any) -> tuple[Any, Any]:
@@ -132,7 +126,7 @@ class PlasticFlow(MaterialMemory):
         return self._material.stress(C, **some), self._material.psi(C, **some)
 
     def _describe(self) -> None:
-        """Find metrics that have the mean elastic strains of cells in their middles."""
+        """Compute a metric per cell that gives the mean elastic strain at its midpoint."""
         state, cells = self._state, self._state.cells
         F = self._gradients.eval(self._mesh, cells).reshape(len(cells), len(state.points) + 1, 3, 3)
         F /= np.cbrt(np.linalg.det(F))[..., None, None]
@@ -144,17 +138,17 @@ class PlasticFlow(MaterialMemory):
         self._of_cells.set(mean[:, rows, columns])
 
     def _flow(self, C: Any, mu: Any) -> RadialReturn:
-        """Flow from the state at the start of the step to a deformation."""
+        """Radial return from the state at the start of the step."""
         start = self._state.start
         return RadialReturn(C, symmetric_tensor(start), start[_ALPHA], mu, self._hardening)
 
     def _factor(self, parameters: Any) -> Any:
-        """Part of the trial stress that the step has."""
+        """Ratio of the stress of the step to the trial stress."""
         step = self._step
         return self._flow(step.mean(step.C_n, step.C), parameters["mu"]).factor
 
     def _elastic(self, parameters: Any, eta: Any, state: fem.Function) -> Any:
-        """Virtual work of a step with the metric of a state."""
+        """Virtual work of the elastic stress with the metric of a state."""
         step, some = self._step, self._with_metric(parameters, state)
         P = step.scheme.stress(self._material, some, step.F_n, step.F)
         return ufl.inner(P, gradient(eta))
@@ -163,13 +157,13 @@ class PlasticFlow(MaterialMemory):
         return self._material.psi(C, **self._with_metric(parameters, state))
 
     def _with_metric(self, parameters: Any, state: fem.Function | None = None) -> dict[str, Any]:
-        """Parameters of the elastic energy of shape; without a state that of the start."""
+        """Parameters of the deviatoric energy, by default with the metric at the start."""
         metric = symmetric_tensor(self._state.start if state is None else state)
         return {**parameters, "kappa": 0.0, "metric": metric}
 
 
 def _constants(mesh: Mesh, hardening: Hardening) -> Hardening:
-    """Numbers as constants; without saturation none of it, so that forms are short."""
+    """Hardening parameters as constants; terms of saturation are left out if unused."""
     stress, modulus, increase, rate = (fem.Constant(mesh, number) for number in hardening)
     if hardening.saturates:
         return Hardening(stress, modulus, increase, rate)

@@ -1,29 +1,53 @@
-"""Numbers at the points of the quadrature of stress, which a material remembers."""
+"""Values at the quadrature points of the stress, and values of cells."""
 
 from collections.abc import Sequence
 
 import basix.ufl
+import numpy as np
 from dolfinx import fem
+from dolfinx.mesh import Mesh
 
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.elements import Element
 
-__all__ = ["PointValues"]
+__all__ = ["CellValues", "PointValues"]
+
+
+class CellValues:
+    """Cellwise constant values. Collective, except for `set`.
+
+    Args:
+        mesh: The mesh.
+        cells: Owned cells with values, shape ``(c,)``.
+        size: Number of values of a cell, k.
+
+    Attributes:
+        function: Function with the values, 0 in all other cells.
+    """
+
+    def __init__(self, mesh: Mesh, cells: Ints, size: int) -> None:
+        space = fem.functionspace(mesh, ("Discontinuous Lagrange", 0, (size,)))
+        self.function = fem.Function(space)
+        self._rows, self._size = space.dofmap.list[cells, 0], size
+
+    def set(self, values: Floats) -> None:
+        """Set the values of the cells, shape ``(c, k)``. Local."""
+        self.function.x.array.reshape(-1, self._size)[self._rows] = np.asarray(values)
 
 
 class PointValues:
-    """Numbers at the points of some cells, at both ends of a step.
+    """Values at the quadrature points of some cells, at both ends of a step.
 
     Args:
         V: Space of the displacement.
         cells: Owned cells, sorted, shape ``(c,)``.
-        values: Numbers with which all points begin, shape ``(k,)``.
+        values: Initial values of all points, shape ``(k,)``.
 
     Attributes:
-        start: Numbers at the start of the last step, a Function of points.
-        end: Numbers at its end.
-        cells: As given.
+        start: Values at the start of the last step, a Function of a quadrature element.
+        end: Values at its end.
+        cells: The argument.
         points: Points on the reference cell, shape ``(p, d)``.
     """
 
@@ -41,19 +65,19 @@ class PointValues:
         self._ids = mesh.topology.original_cell_index[cells]
 
     def begin(self) -> None:
-        """Begin a step with the numbers that were accepted last. Local."""
+        """Begin a step with the last accepted values. Local."""
         self.start.x.array[:] = self.end.x.array
 
     def of(self, function: fem.Function) -> Floats:
-        """Numbers of `start` or `end` at the points, shape ``(c, p, k)``. Local."""
+        """Values of `start` or `end` at the points, shape ``(c, p, k)``. Local."""
         values: Floats = function.x.array.reshape(-1, self._size)[self._dofs]
         return values
 
     def set(self, function: fem.Function, values: Floats) -> None:
-        """Set the numbers of `start` or `end`, shape ``(c, p, k)``. Local."""
+        """Set the values of `start` or `end`, shape ``(c, p, k)``. Local."""
         function.x.array.reshape(-1, self._size)[self._dofs] = values
 
     def serialize(self, archive: Archive, name: str) -> None:
-        """Serialize the numbers by those of the cells in the mesh as read."""
+        """Serialize the values by the input numbers of the cells."""
         for end, function in (("start", self.start), ("end", self.end)):
             self.set(function, archive.nodal(f"{name}/{end}", self._ids, self.of(function)))

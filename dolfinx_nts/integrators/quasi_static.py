@@ -4,19 +4,24 @@ import logging
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from itertools import chain
 from typing import Any
+
+from mpi4py import MPI
 
 import numpy as np
 
 from dolfinx_nts import _kernels
+from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
+from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.integrators.attempt import Start, StepProblem
 from dolfinx_nts.integrators.implicit import ImplicitStepper
 from dolfinx_nts.integrators.rates import NoRates
 from dolfinx_nts.integrators.relaxation import PseudoStep, Relaxation
 from dolfinx_nts.integrators.scheme import Scheme
-from dolfinx_nts.integrators.unstable_equilibrium import UnstableEquilibrium
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
+from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers import newton
 from dolfinx_nts.solvers.drag import Drag
@@ -24,12 +29,63 @@ from dolfinx_nts.solvers.newton_report import NewtonReport
 from dolfinx_nts.solvers.prescribed_motion import PrescribedMotion
 from dolfinx_nts.solvers.substepped_motion import SubsteppedMotion
 
-__all__ = ["QuasiStatic"]
+__all__ = ["QuasiStatic", "UnstableEquilibrium"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Way of what is led, relative to the smallest cell [-], that cells at it can take alone.
-_SMALL_WAY = 1e-3
+# Prescribed increment relative to the smallest cell [-] that adjacent cells can bear at once.
+# Larger ones are applied in substeps.
+_SMALL_INCREMENT = 1e-3
+
+
+class UnstableEquilibrium:
+    """Warning when equilibria become unstable, and again after stable ones. Collective.
+
+    Args:
+        comm: Communicator.
+        bodies: All bodies.
+    """
+
+    def __init__(self, comm: MPI.Comm, bodies: Sequence[Body]) -> None:
+        self._comm, self._bodies, self._is_reported = comm, bodies, False
+
+    def check(self, motion: Floats | None, X: Floats, t: float) -> None:
+        """Warn if an equilibrium is unstable and the last one was not.
+
+        Args:
+            motion: Direction of negative curvature of the potential energy at the owned nodes,
+                shape ``(n, d)``; None if there is none.
+            X: Their reference positions, shape ``(n, 3)`` [m].
+            t: Time [s].
+        """
+        is_new, self._is_reported = motion is not None and not self._is_reported, motion is not None
+        if motion is None or not is_new:
+            return
+        size = np.linalg.norm(motion, axis=1)
+        found = [
+            (size[node], self._comm.rank, self._names(node), X[node], in_space(motion)[node])
+            for node in np.argsort(size)[-1:]
+        ]
+        every = chain(*self._comm.allgather(found))
+        largest, _, name, place, direction = max(every, key=lambda each: each[:2])
+        if self._comm.rank == 0:
+            _logger.warning(
+                "at t = %g the equilibrium is unstable, as in buckling: there is a motion, of %s "
+                "most near (%s) along (%s), along which the energy of bodies and loads falls, and "
+                "bodies would leave it at the least disturbance; a small force or imperfection in "
+                "that direction, and smaller steps, lead to what they do instead",
+                *(t, name, _listed(place), _listed(direction / largest)),
+            )
+
+    def _names(self, node: int) -> str:
+        """Names of the bodies with an owned node. Local."""
+        return " and ".join(body.name for body in self._bodies if node in body.nodes)
+
+
+def _listed(values: Floats) -> str:
+    """Components, rounded to two digits of the largest one. Local."""
+    digits = 1 - int(np.floor(np.log10(np.abs(values).max() or 1.0)))
+    return ", ".join(f"{value:g}" for value in np.round(values, digits) + 0.0)
 
 
 def _end_stress(material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> Any:
@@ -39,18 +95,19 @@ def _end_stress(material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> An
 class QuasiStatic(ImplicitStepper):
     """Finds the equilibrium at the end of each step, without inertia.
 
-    Time only counts the load. Contact is closed, g = 0: without motion there is no impact, so
-    that the kind of impact of a multiplier does not matter. Friction follows the slip from step
-    to step. Bodies that only contact holds are found and named in the log. The tangent, not the
-    balance, gets a small stiffness for them; motions that contact without friction does not
-    resist are not made, and forces in them are left to inertia while they are below 1 %
-    (inertia relief: zero where there is an equilibrium, and told otherwise). A step in which
-    nothing holds a body is refused with its name. Where Newton's method finds no equilibrium
-    near the last one, as at a limit load or where facets let bodies roll, they go to another
-    one against a viscous resistance, which vanishes: the equilibrium is as exact as any other,
-    and the log tells it. The velocity stays zero, a step with another one is refused, and
-    damping has no effect. Arguments, attributes and errors are those of `EnergyMomentum`.
-    Collective, as are all its methods.
+    Time is a load parameter. Contact is closed, g = 0, whatever the kind of impact of the
+    multipliers. Friction follows the slip from step to step. Damping has no effect. A step with a
+    velocity other than zero is refused.
+
+    Bodies that only contact supports are named in the log. The tangent gets a small stiffness for
+    them, the balance does not. Motions without any resistance are suppressed. Unbalanced forces in
+    them below 1 % are left to inertia (inertia relief) and reported. A step in which a body
+    has no support at all is refused with its name.
+
+    Where Newton's method finds no equilibrium near the last one, as at a limit load or where
+    faceted bodies roll, pseudo-transient continuation with a vanishing viscous resistance finds
+    another one. It is as exact as any other, and the log reports it. Arguments, attributes and
+    errors are those of `EnergyMomentum`. Collective, as are all its methods.
 
     Example:
         >>> ends = fem.locate_dofs_geometrical(V, lambda x: (x[2] < 0.01) | (x[2] > 1.0))
@@ -70,8 +127,8 @@ class QuasiStatic(ImplicitStepper):
         loads_at="end",
     )
 
-    def _static_way(self) -> float:
-        return self._way
+    def _static_increment(self) -> float:
+        return self._increment
 
     def _check_state(self) -> None:
         super()._check_state()
@@ -84,25 +141,22 @@ class QuasiStatic(ImplicitStepper):
 
     @cached_property
     def _unstable(self) -> UnstableEquilibrium:
-        """Tells of equilibria that are not stable."""
         return UnstableEquilibrium(self._comm, self.bodies)
 
-    def _look_at(self, steps: Sequence[ContactStep], solution: newton.Solution) -> None:
-        """Tell if an equilibrium is not stable."""
+    def _warn_if_unstable(self, steps: Sequence[ContactStep], solution: newton.Solution) -> None:
         if solution.report.iterations:
             motion = self._solver.negative_curvature_direction(
                 steps, solution.end.states, self.step
             )
-            self._unstable.look(motion, self._X[: len(self.node_ids)], self.t + self.dt)
+            self._unstable.check(motion, self._X[: len(self.node_ids)], self.t + self.dt)
 
     def _attempts(
         self, starts: Iterable[Start], failed: Mapping[str, NewtonReport]
     ) -> Iterator[Start]:
-        """Starts to try in turn; if the first is not decided, all nodes stick at first next.
+        """Starting guesses to try in turn; after an undecided first one, all nodes stick at first.
 
-        Where others slide before Newton's method is near to an equilibrium, bodies that friction
-        alone holds, as what rolls, go far by that, and what slid then may go on to do so without
-        any contradiction but that of others.
+        Nodes that slide in early iterations let bodies move far that only friction supports, such
+        as rolling bodies. A wrong slip state may then be consistent for these nodes.
         """
         first, *others = starts
         last = others[-1] if others else first
@@ -112,7 +166,7 @@ class QuasiStatic(ImplicitStepper):
             yield replace(last, name="sticking", begins_sticking=True)
         yield from others
 
-    def _elsewhere(
+    def _relaxed(
         self, start: Start, problem: StepProblem
     ) -> tuple[list[ContactStep], newton.Solution]:
         self.u.x.array[:] = start.guess
@@ -123,7 +177,6 @@ class QuasiStatic(ImplicitStepper):
         solution: newton.Solution
 
         def attempt(part: float) -> PseudoStep:
-            """Solve from the last state."""
             nonlocal steps, solution
             acting = drag if part else None
             with drag.acting(part, start.guess[:n]):
@@ -131,17 +184,16 @@ class QuasiStatic(ImplicitStepper):
                     start, problem, all_awake=True, drag=acting, after=after
                 )
             report = solution.report
-            way, self._way = (
+            increment, self._increment = (
                 reductions.largest(self._comm, _kernels.farthest(self.x, there))
                 for there in (last, x_n)
             )
             if report.converged:
-                wrong = self._volume_ratio.inverted() if part else self._wrong(steps, x_n)
+                wrong = self._volume_ratio.inverted() if part else self._rejection(steps, x_n)
                 report = replace(report, reason=wrong)
-            return PseudoStep(report, way, self._way)
+            return PseudoStep(report, increment, self._increment)
 
         def accept() -> None:
-            """Make it the last state."""
             nonlocal start, problem, last, after
             u = self.u.x.array.copy()
             start, last, after = replace(start, u=u, guess=u), self.x, steps
@@ -155,10 +207,10 @@ class QuasiStatic(ImplicitStepper):
             if self._comm.rank == 0:
                 _logger.warning(
                     "step %d to t = %g: Newton's method found no equilibrium near the last one; "
-                    "bodies went to another one, which is as exact, by up to %.3g m, in %d "
+                    "bodies moved to another one, which is as exact, by up to %.3g m, in %d "
                     "pseudo-steps against a viscous resistance: they snap or roll there. With "
-                    "inertia they may go elsewhere, which EnergyMomentum follows",
-                    *(self.step + 1, self.t + self.dt, self._way, relaxation.num_steps),
+                    "inertia they may move elsewhere, which EnergyMomentum follows",
+                    *(self.step + 1, self.t + self.dt, self._increment, relaxation.num_steps),
                 )
         return steps, replace(solution, report=report)
 
@@ -171,24 +223,23 @@ class QuasiStatic(ImplicitStepper):
         )
 
     def _motion_from(self, start: Start, steps: Sequence[ContactStep]) -> PrescribedMotion:
-        """All of the way from the last state, where all of the bodies goes along. Collective.
+        """Prescribed motion from the last state, in substeps if it is large. Collective.
 
-        Cells at what is led, and nodes that stick to it, could not take it alone.
+        Cells next to prescribed nodes, and nodes that stick to a tool, could not bear it alone.
         """
         guess, u, size = start.guess, self.u.x, self._sizes.smallest
         if reductions.anywhere(self._comm, not np.array_equal(guess, self.u_n.x.array)):
             return super()._motion_from(start, steps)
-        ways = [_kernels.largest_size(u.array - guess)]
-        ways += [contact.search.way(self.x, 0.0) for contact in self.contacts]
-        way = reductions.largest(self._comm, float(max(ways)))
-        if way <= _SMALL_WAY * size:
+        sizes = [_kernels.largest_size(u.array - guess)]
+        sizes += [contact.search.way(self.x, 0.0) for contact in self.contacts]
+        largest = reductions.largest(self._comm, float(max(sizes)))
+        if largest <= _SMALL_INCREMENT * size:
             return super()._motion_from(start, steps)
         u.array[:] = guess
         stiffness = self._solver.nodal_resistance()
-        return SubsteppedMotion(self._bulk, steps, stiffness, self._sizes.nodal, way)
+        return SubsteppedMotion(self._bulk, steps, stiffness, self._sizes.nodal, largest)
 
-    def _time_helps(self) -> str:
-        """Advice where only the length of the step is left to change. Collective."""
+    def _step_length_advice(self) -> str:
         moves = any(contact.search.may_move for contact in self.contacts)
         if not self._script.updates and not moves:
             load = self._forces.loads()
@@ -197,4 +248,4 @@ class QuasiStatic(ImplicitStepper):
             self._load_at(self.scheme.load_point)
             if change == 0.0:
                 return "loads that grow with time from step to step may help"
-        return super()._time_helps()
+        return super()._step_length_advice()

@@ -1,4 +1,4 @@
-"""Rates, by which velocity and acceleration of a step follow from its displacements."""
+"""Velocity and acceleration of a step as functions of its displacements."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
@@ -22,11 +22,11 @@ __all__ = ["ConsistentMass", "MidpointRates", "NoRates", "Rates"]
 
 
 class ConsistentMass:
-    """Multiplies velocities or accelerations by the consistent mass, without a matrix. Collective.
+    """Matrix-free product of the consistent mass with velocities or accelerations. Collective.
 
     Args:
         bodies: The bodies.
-        rate: Velocity or acceleration, a Function of the bodies' space.
+        rate: Velocity or acceleration, a Function of the space of the bodies.
     """
 
     def __init__(self, bodies: Sequence[Body], rate: fem.Function) -> None:
@@ -38,56 +38,56 @@ class ConsistentMass:
 
     @cached_property
     def _form(self) -> fem.Form:
-        """The compiled form. Collective at the first use."""
+        # Collective at the first use.
         return compile_form(self._momentum)
 
     def momentum(self) -> Floats:
-        """Mass times the present rate at the owned nodes, shape ``(n, 3)``."""
+        """Mass times the current rate at the owned nodes, shape ``(n, 3)``."""
         return assembled(self._form).reshape(-1, dimension(self._V))
 
 
 class Rates(ABC):
-    """Base class of the ways in which velocity and acceleration follow from displacements.
+    """Base class of time discretisations of velocity and acceleration.
 
     Collective, except where a method says otherwise.
 
     Args:
-        state: Its ``u``, the displacement at the end of a step, is the unknown; ``u_n`` and
-            ``v`` are displacement and velocity at the start.
+        state: State whose ``u``, the displacement at the end of a step, is the unknown; ``u_n``
+            and ``v`` are displacement and velocity at the start.
         dt: Length of a step, a constant [s].
         bodies: The bodies.
 
     Attributes:
         u_n, u, v, dt: Functions of the state, and the constant.
-        mean_velocity: Mean velocity of the last step [m/s], or the velocity that was set.
-        acceleration: Mean acceleration of a step, UFL (3,), a function of ``u``; None without
+        mean_velocity: Mean velocity of the last step, or the velocity that was set [m/s].
+        acceleration: Mean acceleration of a step as a function of ``u``, UFL (3,); None without
             inertia.
-        at_rest: Whether the state at the start also solves the step.
-        trial: Name of the displacement among `starts` that decides which nodes may touch.
+        is_unchanged: Whether the state at the start also solves the step.
+        trial: Name of the starting guess from which candidate segments are searched.
     """
 
     acceleration: Any | None
     trial: ClassVar[str] = "ballistic"
-    at_rest = False
+    is_unchanged = False
 
     def __init__(self, state: State, dt: fem.Constant, bodies: Sequence[Body]) -> None:
         self.u_n, self.u, self.v, self.dt = state.u_n, state.u, state.v, dt
-        # Contact makes velocities alternate from step to step, but not their mean in a step.
+        # With contact the velocity alternates from step to step, its mean over a step does not.
         self.mean_velocity = fem.Function(self.u.function_space)
-        # DOLFINx takes its time each time that it is asked for an array.
+        # Cached, since access to the array of a Function is slow.
         functions = self.u_n, self.u, self.v, self.mean_velocity
         self._values: tuple[Floats, ...] = tuple(function.x.array for function in functions)
         self.forget()
 
     def inertia_share(self, mass: Floats) -> Floats:
-        """Lumped inertia in the tangent by the masses of the dofs [kg], ``(d n,)`` [N/m]."""
+        """Inertia terms of the tangent for lumped masses of the dofs [kg], ``(d n,)`` [N/m]."""
         share: Floats = 2 / float(self.dt.value) ** 2 * mass
         return share
 
     def starts(self) -> dict[str, Floats]:
-        """Displacements from which Newton's method is tried in turn, by name. Local.
+        """Starting guesses of Newton's method by name, in the order of attempts. Local.
 
-        Where the first one fails, as at the first contact of a fast body, another may not.
+        If the first one fails, as at the first contact of a fast body, another may succeed.
         """
         (u_n, _, v, mean), dt = self._values, float(self.dt.value)
         return {
@@ -97,7 +97,7 @@ class Rates(ABC):
         }
 
     def forget(self) -> None:
-        """Take the velocity as the mean one of the last step, because the state was set."""
+        """Reset the mean velocity of the last step after the state was set."""
         *_, v, mean = self._values
         mean[:] = v
 
@@ -106,27 +106,27 @@ class Rates(ABC):
         forces: Callable[[], Floats],
         free: Floats | None,
         rigid: RigidMotion,
-        at_rest: Callable[[], bool],
-        led: Callable[[], Floats],
+        is_unchanged: Callable[[], bool],
+        prescribed: Callable[[], Floats],
     ) -> None:
         """Prepare a step.
 
         Args:
             forces: Returns the residual at the start of the step at the owned dofs, ``(d n,)``
                 [N].
-            free: 1 where the displacement is unknown, 0 where it is given, shape ``(n, 3)``;
-                None if all are unknown.
-            rigid: Motion of the rigid bodies, which has begun the step.
-            at_rest: Tells whether loads and supports are still those of the last step.
-            led: Returns the displacements that supports and guides give in the step at the owned
-                dofs, ``(d n,)`` [m], 0 at others.
+            free: 1 at unknown displacements, 0 at prescribed ones, shape ``(n, 3)``; None if all
+                are unknown.
+            rigid: Motion of the rigid bodies in the step.
+            is_unchanged: Returns whether loads and supports are those of the last step.
+            prescribed: Returns the prescribed displacement increments at the owned dofs,
+                ``(d n,)`` [m], 0 at others.
         """
 
     def accept(self) -> float:
         """Set the velocity at the end of the step that was solved.
 
         Returns:
-            Kinetic energy on this rank for which the step does not account [J].
+            Change of kinetic energy on this rank that is no work of the step [J].
         """
         u_n, u, _, mean = self._values
         mean[:] = (u - u_n) / float(self.dt.value)
@@ -137,12 +137,12 @@ class Rates(ABC):
         """Set the velocity from the mean one, see `accept`."""
 
     def serialize(self, archive: Archive, ids: GlobalInts) -> None:
-        """Serialize all on which the next step depends, by the numbers of the owned nodes."""
+        """Serialize the state of the rates, by the input numbers of the owned nodes."""
         serialize_nodal(archive, "mean_velocity", self.mean_velocity, ids)
 
 
 class MidpointRates(Rates):
-    """Velocity that changes linearly in a step: v_{n+1} = 2 (u_{n+1} - u_n)/dt - v_n."""
+    """Velocity that is linear in a step: v_{n+1} = 2 (u_{n+1} - u_n)/dt - v_n."""
 
     def __init__(self, state: State, dt: fem.Constant, bodies: Sequence[Body]) -> None:
         super().__init__(state, dt, bodies)
@@ -161,11 +161,11 @@ class MidpointRates(Rates):
 
 
 class NoRates(Rates):
-    """Absence of inertia: the velocity stays zero, and time only counts the load.
+    """No inertia: the velocity stays zero, and time is a load parameter.
 
-    Bodies go on as in the last step at first while supports and guides do. Where these begin, stop,
-    turn or come back, as where what has been pressed is drawn sideways or let go, nodes beside
-    them would be torn away, and the last state is the better start.
+    The first starting guess extrapolates the last step as long as supports and guides move on
+    similarly. If they start, stop or turn, extrapolation would distort adjacent cells, and the
+    last state is the better guess.
     """
 
     acceleration = None
@@ -173,52 +173,49 @@ class NoRates(Rates):
     def __init__(self, state: State, dt: fem.Constant, bodies: Sequence[Body]) -> None:
         super().__init__(state, dt, bodies)
         self._comm = self.u.function_space.mesh.comm
-        # Rates of what supports and guides give, in the last step and in the present one [m/s].
-        self._led = fem.Function(self.u.function_space)
+        # Prescribed velocities of supports and guides in the last and in the current step [m/s].
+        self._last = fem.Function(self.u.function_space)
         self._now: Floats = np.zeros(0)
-        self._goes_on = False
+        self._extrapolates = False
 
     @property
     def trial(self) -> str:  # type: ignore[override]
-        """Name of the first start."""
-        return "extrapolated" if self._goes_on else "last"
+        """Name of the first starting guess."""
+        return "extrapolated" if self._extrapolates else "last"
 
     def begin(
         self,
         forces: Callable[[], Floats],
         free: Floats | None,
         rigid: RigidMotion,
-        at_rest: Callable[[], bool],
-        led: Callable[[], Floats],
+        is_unchanged: Callable[[], bool],
+        prescribed: Callable[[], Floats],
     ) -> None:
-        """Find out whether bodies are likely to go on as in the last step."""
-        self._now = now = np.divide(led(), float(self.dt.value))
-        last, motion = (f.x.array[: len(now)] for f in (self._led, self.mean_velocity))
+        self._now = now = np.divide(prescribed(), float(self.dt.value))
+        last, motion = (f.x.array[: len(now)] for f in (self._last, self.mean_velocity))
         squares = [float(v @ v) for v in (now, last, now - last, motion)]
         *lengths, change, moved = map(float, reductions.total(self._comm, squares))
-        # Of one length they are less than 60 degrees apart.
+        # For equal lengths this means an angle below 60 degrees.
         is_near = change == 0 or change < max(lengths)
-        self.at_rest = at_rest()
-        self._goes_on = moved > 0 and is_near and not self.at_rest
+        self.is_unchanged = is_unchanged()
+        self._extrapolates = moved > 0 and is_near and not self.is_unchanged
 
     def accept(self) -> float:
-        self._led.x.array[: len(self._now)] = self._now
+        self._last.x.array[: len(self._now)] = self._now
         return super().accept()
 
     def inertia_share(self, mass: Floats) -> Floats:
-        """Zero, because the tangent has no inertia."""
         return 0.0 * mass
 
     def starts(self) -> dict[str, Floats]:
-        """Displacements from which Newton's method is tried in turn, by name. Local."""
         u_n, dt = self.u_n.x.array, float(self.dt.value)
-        if not self._goes_on:
+        if not self._extrapolates:
             return {"last": u_n}
         return {"extrapolated": u_n + dt * self.mean_velocity.x.array, "last": u_n}
 
     def serialize(self, archive: Archive, ids: GlobalInts) -> None:
         super().serialize(archive, ids)
-        serialize_nodal(archive, "given_velocity", self._led, ids)
+        serialize_nodal(archive, "given_velocity", self._last, ids)
 
     def _set_velocity(self) -> float:
         return 0.0

@@ -1,7 +1,7 @@
-"""The way from a state without an equilibrium near it to another one, against a resistance.
+"""Pseudo-transient continuation from a state without a nearby equilibrium to another one.
 
 The last resort of statics, where Newton's method finds no equilibrium: bodies roll to the next
-facet, or snap. See `Drag` for the method. The equilibrium at the end is one without resistance.
+facet, or snap. See `Drag` for the method. The final equilibrium is one without resistance.
 """
 
 import logging
@@ -9,54 +9,104 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
-from dolfinx_nts.integrators.resistance import Resistance
 from dolfinx_nts.solvers.newton_report import NewtonReport
 
-__all__ = ["IF_IT_MOVES", "PseudoStep", "Relaxation"]
+__all__ = ["IF_IT_MOVES", "PseudoStep", "Relaxation", "Resistance"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# What helps where bodies come to no rest.
+# Advice where bodies do not come to rest.
 IF_IT_MOVES = (
     "where bodies snap to no equilibrium at all they move: EnergyMomentum follows that, to rest "
-    "with damping or plastic impact, and given displacements instead of loads may lead past it"
+    "with damping or plastic impact, and given displacements instead of loads may pass it"
 )
 
-# Way of a pseudo-step relative to that of the last one, with no less resistance [-], from which on
-# Newton's method is tried without: away from an equilibrium ways become longer while it falls.
+# Increment of a pseudo-step relative to the last one at no less resistance [-], below which
+# Newton's method is tried without resistance. Far from an equilibrium increments grow.
 _SETTLED = 0.1
-# How far an equilibrium without resistance may be, relative to the way of the last pseudo-step and
-# to a cell [-], to be the one to which these lead: Newton's method alone may go anywhere.
+# Largest distance of an equilibrium without resistance, relative to the increment of the last
+# pseudo-step and to a cell [-], at which it is accepted: Newton's method alone may go anywhere.
 _FARTHER, _SAME = 10.0, 1e-3
-# Pseudo-steps that do not count for that [-]: in the first supports go their way.
-_FIRST = 1
-# Linear systems [-] after which it is given up: far more than those of a snap.
+# Number of first pseudo-steps that are not compared [-]: they contain the motion of supports.
+_UNCOUNTED = 1
+# Limit on the number of linear systems [-], far above the need of a snap.
 _MOST_ITERATIONS = 800
+
+# Resistance relative to the stiffness of nodes [-]: initial value; largest value, at which bodies
+# hardly move; and least value, below which it has no effect.
+_FIRST, _LARGEST, _LEAST = 1e-2, 10.0, 1e-10
+# Factor of the resistance [-] after a pseudo-step that succeeded, after `_PATIENCE` of them along
+# an unstable motion, and after one that failed.
+_FALL, _SLOW_FALL, _RISE = 0.1, 0.5, 4.0
+# Driving force (increment times resistance) relative to that of the last pseudo-step [-], below
+# which bodies come to rest.
+_CALMER = 0.5
+# Number of pseudo-steps [-] along an unstable motion after which the resistance falls; in each of
+# them the increment grows by a factor.
+_PATIENCE = 2
+
+
+class Resistance:
+    """Resistance of the next pseudo-step: falls after success, rises after failure. Local.
+
+    It must exceed the driving forces along an unstable motion, but slows down convergence.
+
+    Attributes:
+        part: Resistance relative to the stiffness of the nodes [-].
+    """
+
+    def __init__(self) -> None:
+        self.part = _FIRST
+        self._has_failed, self._drive, self._accepted = False, 0.0, 0
+
+    def accept(self, increment: float) -> None:
+        """Register a pseudo-step that succeeded, with its largest nodal increment [m]."""
+        drive = self.part * increment
+        calms, self._drive = drive < _CALMER * self._drive, drive
+        self._accepted += 1
+        if calms or not self._has_failed:
+            self.part, self._accepted = _FALL * self.part, 0
+        elif self._accepted >= _PATIENCE:
+            self.part, self._accepted = _SLOW_FALL * self.part, 0
+
+    def fail(self) -> None:
+        """Raise the resistance after a pseudo-step that failed."""
+        self.part, self._has_failed, self._accepted = _RISE * self.part, True, 0
+
+    @property
+    def is_too_large(self) -> bool:
+        """Whether it has reached its upper limit."""
+        return self.part > _LARGEST
+
+    @property
+    def is_gone(self) -> bool:
+        """Whether it is too small to matter."""
+        return self.part < _LEAST
 
 
 class PseudoStep(NamedTuple):
-    """What an attempt at a pseudo-step gave.
+    """Result of an attempt at a pseudo-step.
 
     Attributes:
-        report: What Newton's method did.
-        way: Largest way of a node in it [m].
-        gone: Largest way of a node since the begin of the step [m].
+        report: Report of Newton's method.
+        increment: Largest displacement increment of a node in the pseudo-step [m].
+        total: Largest displacement of a node since the start of the step [m].
     """
 
     report: NewtonReport
-    way: float
-    gone: float
+    increment: float
+    total: float
 
 
 class Relaxation:
-    """Pseudo-steps with less and less resistance, until none is needed. Collective.
+    """Pseudo-steps with decreasing resistance, until none is needed. Collective.
 
     Args:
-        attempt: Solves from the last state with a resistance, relative to the stiffness of the
-            nodes, which is measured from there; 0 for none.
+        attempt: Solves from the last state with a resistance relative to the stiffness of the
+            nodes; 0 for none.
         accept: Makes the solution of the last attempt the last state.
-        farthest: Way of a node from which on bodies are taken to go on for ever [m].
-        size: That of the smallest cell [m].
+        farthest: Displacement of a node beyond which bodies are taken to move for ever [m].
+        size: Size of the smallest cell [m].
 
     Attributes:
         num_steps: Number of attempts.
@@ -75,7 +125,7 @@ class Relaxation:
         self.num_steps = self._iterations = 0
 
     def find(self) -> NewtonReport:
-        """Go to an equilibrium; its ``reason`` says why there is none otherwise."""
+        """Search for an equilibrium; ``reason`` of the report says why none was found."""
         resistance, before, count = Resistance(), (0.0, 0.0), 0
         while self._iterations <= _MOST_ITERATIONS:
             part = resistance.part
@@ -84,42 +134,46 @@ class Relaxation:
             if not report.converged:
                 resistance.fail()
                 if resistance.is_too_large:
-                    return self._told(report, report.reason)
+                    return self._report(report, report.reason)
                 continue
             self._accept()
-            if step.gone > self._farthest:
-                reason = f"bodies go on by more than their size of {self._farthest:.3g} m"
-                return self._told(report, reason)
-            resistance.accept(step.way)
+            if step.total > self._farthest:
+                reason = f"bodies move by more than their size of {self._farthest:.3g} m"
+                return self._report(report, reason)
+            resistance.accept(step.increment)
             count += 1
-            rests = count > _FIRST + 1 and part <= before[0] and step.way <= _SETTLED * before[1]
-            before = part, step.way
+            rests = (
+                count > _UNCOUNTED + 1
+                and part <= before[0]
+                and step.increment <= _SETTLED * before[1]
+            )
+            before = part, step.increment
             if rests or resistance.is_gone:
                 last = self._solve(0.0)
-                if last.report.converged and last.way <= self._same(step.way):
+                if last.report.converged and last.increment <= self._same(step.increment):
                     self._accept()
-                    return self._told(last.report, "")
+                    return self._report(last.report, "")
                 if resistance.is_gone:
                     nothing = "there is no equilibrium where they end"
-                    return self._told(report, last.report.reason or nothing)
-        return self._told(report, f"no end in {self._iterations} iterations")
+                    return self._report(report, last.report.reason or nothing)
+        return self._report(report, f"no end in {self._iterations} iterations")
 
-    def _same(self, way: float) -> float:
-        """Largest way to the equilibrium to which the last pseudo-step led [m]."""
-        return max(_FARTHER * way, _SAME * self._size)
+    def _same(self, increment: float) -> float:
+        """Largest distance of the equilibrium from the last pseudo-step [m]."""
+        return max(_FARTHER * increment, _SAME * self._size)
 
     def _solve(self, part: float) -> PseudoStep:
         step = self._attempt(part)
         self.num_steps += 1
         self._iterations += step.report.iterations
         _logger.debug(
-            "pseudo-step %d: resistance of %.1e of the stiffness, %d iterations, %s, nodes go up "
-            "to %.3g m, %.3g m since the begin of the step",
+            "pseudo-step %d: resistance of %.1e of the stiffness, %d iterations, %s, increment "
+            "up to %.3g m, displacement up to %.3g m since the start of the step",
             *(self.num_steps, part, step.report.iterations),
-            *(step.report.reason or "solved", step.way, step.gone),
+            *(step.report.reason or "solved", step.increment, step.total),
         )
         return step
 
-    def _told(self, report: NewtonReport, reason: str) -> NewtonReport:
-        """Report of the last attempt with the iterations of all."""
+    def _report(self, report: NewtonReport, reason: str) -> NewtonReport:
+        """Report of the last attempt with the iterations of all attempts."""
         return replace(report, iterations=self._iterations, reason=reason)

@@ -1,4 +1,4 @@
-"""Reports, which tell the user what happened in an accepted step."""
+"""Reports of accepted steps."""
 
 from typing import NamedTuple
 
@@ -9,7 +9,7 @@ __all__ = ["StepReport"]
 
 
 class _Numbers(NamedTuple):
-    """Fields of a `StepReport`."""
+    """Fields of `StepReport`."""
 
     step: int
     t: float
@@ -29,31 +29,31 @@ class _Numbers(NamedTuple):
 
 
 class StepReport(_Numbers):
-    """What happened in an accepted step, the same on all ranks.
+    """Report of an accepted step, the same on all ranks.
 
-    The works are energy given to the bodies. Together with `Diagnostics.bulk_defect` they are
-    the change of kinetic and strain energy.
+    Works are positive if bodies receive energy. Together with `Diagnostics.bulk_defect` they add up
+    to the change of kinetic and strain energy.
 
     Attributes:
         step: Number of the step, from 1.
         t: Time at its end [s].
         dt: Its length [s].
         newton_iterations: Linear systems solved in all attempts.
-        active_set_changes: Pairs that changed during the iteration.
+        active_set_changes: Number of changes of the active set during the iteration.
         residual_norms: Norms of the residual before each linear solve, and the last one [N].
-        num_active: Active pairs.
-        num_segments: Segments in reach of nodes; with none of them nothing was projected.
-        num_sleeping: Sleeping bodies, which the step left out.
+        num_active: Number of active contact points.
+        num_segments: Number of candidate segments; if 0, nothing was projected.
+        num_sleeping: Number of inactive bodies that the step skipped.
         contact_work: Work of contact, by cause [J].
         load_work: Work of the loads [J].
         support_work: Work of the reactions at moving supports [J].
         damping_work: Work of damping and of viscous branches, never positive [J].
-        solver_work: Work of the residual that Newton's method left [J].
+        solver_work: Work of the remaining residual of Newton's method [J].
         load_works: Work of each load [J], in the order of the loads of the stepper.
         reactions: Reaction of each support, in the order of ``bcs`` of the stepper, then of each
             guide of a rigid body, in the order of the bodies. A degree of freedom with several
             conditions counts for the first of them.
-        rejected: Number of steps that were tried before this one, and failed.
+        rejected: Number of failed attempts with longer steps before this one.
 
     Example:
         >>> step = stepper.advance()

@@ -1,22 +1,22 @@
-r"""Impact that is resolved in time: nodes that touch have no mass.
+r"""Impact resolved in time: the nodes in contact are massless.
 
-Their mass acts at nodes below them, see `redistributed_mass`. After each step
+Interior nodes below the surface carry their mass, see `redistributed_mass`. After each step
 
-* they go to their static equilibrium, as far as the energy of this can be paid, while all others
-  stay where they are; gaps at which they were caught are closed as far as this costs little
-  energy, and otherwise held; nodes that stick keep their place, and those that slide go on with
-  the friction of the new reactions,
-* the strain energy that this takes or gives, dV, comes from the impulse of contact, and from the
-  vibration of the body: with the velocity v = v_rigid + w, where w is orthogonal to rigid motions
-  with regard to the mass, v becomes v + s w + a d, where bodies that are rigid would have d by the
-  impulse of contact in the step. This changes neither linear nor angular momentum but by impulses
-  of supports, and s and a are such that the total energy is what it was before, but for what
-  sliding dissipates, and for the work of what moves.
+* the massless nodes move to their static equilibrium, within the available energy, while all other
+  nodes stay. Gaps of active nodes are closed if this costs little energy, and otherwise kept.
+  Sticking nodes keep their positions, sliding nodes follow the friction of the new reactions.
+* an energy correction restores the total energy except for friction and the work of moving
+  supports and obstacles. With v = v_rigid + w, where w is orthogonal to rigid motions in the mass
+  product, v becomes v + s w + a d. Here d is the rigid velocity due to the contact impulse of the
+  step. Linear and angular momentum change by impulses of supports only.
 """
 
+import logging
 from collections.abc import Sequence
 from functools import partial
 from operator import attrgetter
+
+from mpi4py import MPI
 
 import numpy as np
 import ufl
@@ -31,21 +31,24 @@ from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.integrators.body_groups import BodyGroups
 from dolfinx_nts.integrators.held_contact import HeldContact
 from dolfinx_nts.integrators.implicit_forms import StepForms
-from dolfinx_nts.integrators.inertia import Inertia, Settlement
+from dolfinx_nts.integrators.inertia import Inertia, VelocityUpdate
+from dolfinx_nts.integrators.losses import StepLosses
 from dolfinx_nts.integrators.memory import Memory
-from dolfinx_nts.integrators.payment import Payment
 from dolfinx_nts.integrators.rates import MidpointRates
-from dolfinx_nts.integrators.recoil import Recoil
 from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.integrators.static_stiffness import long_step
-from dolfinx_nts.integrators.step_losses import StepLosses
-from dolfinx_nts.integrators.surface_waves import SurfaceWaves
-from dolfinx_nts.integrators.vibration import Vibration, VibrationAnalysis
+from dolfinx_nts.integrators.vibration import (
+    EnergyCorrection,
+    RigidCorrection,
+    Vibration,
+    VibrationAnalysis,
+)
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.extrapolation import extrapolate
 from dolfinx_nts.model.inverted_cells import VolumeRatio
 from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.model.reaction import Reaction
+from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.redistributed_mass import (
     MassForce,
     RedistributedBulk,
@@ -56,26 +59,67 @@ from dolfinx_nts.solvers.surface_equilibrium import SurfaceEquilibrium
 from dolfinx_nts.solvers.surface_forces import SurfaceForces
 from dolfinx_nts.solvers.surface_work import SurfaceWork
 
-__all__ = ["ResolvedImpact"]
+__all__ = ["ResolvedImpact", "SurfaceWaves"]
 
-# Part of the energy of vibration that closing gaps may cost in a step [-], and that the
-# equilibrium may cost in all.
+# Largest energy that closing of gaps may cost in a step, and that the equilibrium may cost in
+# total, relative to the vibration energy [-].
 _CLOSING, _MOST_SPENT = 0.05, 0.5
-# Part of the way to equilibrium [-] below which nodes stay where they are.
+# Fraction of the displacement to equilibrium [-] below which nodes do not move.
 _LEAST = 1e-3
+
+_logger = logging.getLogger("dolfinx_nts")
+
+# Courant number [-] above which a step does not resolve waves at the surface.
+_RESOLVED = 1.0
+
+
+class SurfaceWaves:
+    """Courant number of waves at the surface. Collective.
+
+    In a chain of springs k between masses m waves cross sqrt(k/m) springs per second. The last
+    mass is m/2 and has the stiffness k.
+
+    Args:
+        comm: Communicator.
+        stiffness: Stiffness of the owned nodes of the surface, shape ``(m,)`` [N/m].
+        mass: Lumped mass of these nodes, shape ``(m,)`` [kg].
+        degree: Degree of the cells; for degree 2 the length is half a cell.
+    """
+
+    def __init__(self, comm: MPI.Comm, stiffness: Floats, mass: Floats, degree: int) -> None:
+        ratio = stiffness / (2 * mass)
+        fastest = reductions.largest(comm, ratio.max(initial=0.0))
+        self._cells_per_second = float(np.sqrt(fastest))
+        self._is_silent = comm.rank != 0
+        self._cell = "cells" if degree == 1 else "halves of cells"
+
+    def check(self, dt: float) -> None:
+        """Warn once if a step dt [s] does not resolve waves in a cell. Local."""
+        crossings = self._cells_per_second * dt
+        if self._is_silent or crossings <= _RESOLVED:
+            return
+        self._is_silent = True
+        _logger.warning(
+            "waves cross %.2g %s at the surface in a step, too many for impact 'resolved' "
+            "to be of second order in time: harmless, as the energy is exact nevertheless, "
+            "but 'elastic' does as well in less time; take dt <= %.2g s to resolve impact",
+            crossings,
+            self._cell,
+            _RESOLVED / self._cells_per_second,
+        )
 
 
 class ResolvedImpact(Inertia):
-    """Mass of the bodies without that of some nodes, and their equilibrium, see `Inertia`.
+    """Inertia with massless contact nodes, and their static equilibrium.
 
     Args:
         bodies: The bodies.
-        rates: How velocities follow from displacements.
+        rates: Relation between velocities and displacements.
         scheme: The scheme.
         bcs: Dirichlet conditions.
         loads: Virtual work of the loads.
-        massless: Owned nodes without mass, sorted.
-        memory: Memory of materials.
+        massless: Owned massless nodes, sorted.
+        memory: Internal variables of materials.
 
     Raises:
         ValueError: There are too few nodes below the surface.
@@ -126,9 +170,9 @@ class ResolvedImpact(Inertia):
         self._waves = SurfaceWaves(groups.comm, stiffness, mass_there, degree)
 
     def _undeformed_stiffness(self, share: float) -> Floats:
-        """Mean stiffness of statics at the owned nodes, where they are free, ``(n,)`` [N/m].
+        """Mean static stiffness of the free dofs of each owned node, ``(n,)`` [N/m].
 
-        That of the last matrix would depend on how linear systems were solved.
+        The last tangent matrix would make results depend on the solution of the linear systems.
         """
         with long_step(self._rates.dt):
             self.tangent.assemble_nearby()
@@ -163,42 +207,44 @@ class ResolvedImpact(Inertia):
     def dissipated(self) -> float:
         return self._losses.on_this_rank()
 
-    def accept(self, steps: Sequence[ContactStep]) -> Settlement:
+    def accept(self, steps: Sequence[ContactStep]) -> VelocityUpdate:
         rates, massless = self._rates, self._equilibrium.nodes
         defect, n = rates.accept(), self.bulk.num_owned
         u, v = (f.x.array[:n].reshape(self._X.shape) for f in (rates.u, rates.v))
         dt, held = float(rates.dt.value), HeldContact(steps, self._groups)
         impulses, of_obstacles = held.impulses(v.shape[1], dt)
-        # Nodes without mass have no part in these.
+        # Massless nodes do not contribute to these.
         x, mean = self._X + u, self._mean_velocity()[:n].reshape(v.shape)
-        vibration, recoil = self._motions.of(x, v, mean, impulses)
-        recoil = recoil._replace(linear=recoil.linear - of_obstacles)
+        vibration, rigid_correction = self._motions.of(x, v, mean, impulses)
+        rigid_correction = rigid_correction._replace(linear=rigid_correction.linear - of_obstacles)
         if any(step.num_active for step in steps):
-            self._waves.tell(dt)
-        cost, dissipation, payment = self._equilibrate(held, vibration, recoil)
-        recoils, factors = payment.recoils, payment.factors
-        moves = recoil.velocities(recoils)
+            self._waves.check(dt)
+        cost, dissipation, correction = self._equilibrate(held, vibration, rigid_correction)
+        rigid_factors, factors = correction.rigid_factors, correction.factors
+        moves = rigid_correction.velocities(rigid_factors)
         for g, factor, move in zip(self._groups.nodes, factors, moves, strict=True):
             v[g] += factor * vibration.w[g] + move
-        impulses = factors[:, None, None] * vibration.held + np.tensordot(recoils, recoil.held, 1)
-        reactions = self._reactions(recoil.at_nodes(impulses), x, mean)
-        held.add_recoil(recoils)
+        impulses = factors[:, None, None] * vibration.held + np.tensordot(
+            rigid_factors, rigid_correction.held, 1
+        )
+        reactions = self._reactions(rigid_correction.at_nodes(impulses), x, mean)
+        held.add_impulses(rigid_factors)
         mean_velocity = rates.mean_velocity.x.array
         mean_velocity[:] = self._mean_velocity()
         v[massless] = mean_velocity[:n].reshape(v.shape)[massless]
         rates.v.x.scatter_forward()
-        energies = cost, -dissipation, payment.wanted + dissipation, recoils * of_obstacles
+        energies = cost, -dissipation, correction.wanted + dissipation, rigid_factors * of_obstacles
         spent, friction, back, obstacles = (float(part.sum()) for part in energies)
         work = ContactWork(equilibrium=spent, friction=friction, refund=back, obstacles=obstacles)
-        return Settlement(defect, work, reactions)
+        return VelocityUpdate(defect, work, reactions)
 
     def _reactions(
         self, impulses: Sequence[Floats], x: Floats, velocity: Floats
     ) -> tuple[Reaction, ...]:
-        """Reactions of supports by impulses at nodes of groups, if they are fixed. Collective.
+        """Reactions of supports due to impulses at fixed nodes. Collective.
 
         Args:
-            impulses: Of each group, ``(n, d)`` [N s].
+            impulses: Impulses at the nodes of each group, ``(n, d)`` [N s].
             x: Positions of the owned nodes, ``(n, d)`` [m].
             velocity: Mean velocity of the step there, ``(n, d)`` [m/s].
         """
@@ -207,49 +253,54 @@ class ResolvedImpact(Inertia):
             return ()
         for g, impulse in zip(self._groups.nodes, impulses, strict=True):
             force[g] = impulse / dt
-        force, way = (values.ravel()[supports.fixed] for values in (force, dt * velocity))
-        return supports.reactions(force, in_space(x), way)
+        force, du = (values.ravel()[supports.fixed] for values in (force, dt * velocity))
+        return supports.reactions(force, in_space(x), du)
 
     def _equilibrate(
         self,
         held: HeldContact,
         vibration: Vibration,
-        recoil: Recoil,
-    ) -> tuple[Floats, Floats, Payment]:
-        """Move nodes without mass towards equilibrium, as far as groups can pay for it.
+        rigid_correction: RigidCorrection,
+    ) -> tuple[Floats, Floats, EnergyCorrection]:
+        """Move massless nodes towards equilibrium within the available energy. Collective.
 
-        ``vibration`` and ``recoil`` are what they pay with. Returns the work of stress and damping
-        on this way, and what friction dissipates, both ``(g,)`` [J], and what is paid. Collective.
+        Returns:
+            Work of stress and damping, and dissipation of friction, both ``(g,)`` [J], and the
+            energy correction.
         """
         u = self._rates.u.x
-        massless, way = self._equilibrium.nodes, np.zeros_like(self._X)
+        massless, du = self._equilibrium.nodes, np.zeros_like(self._X)
         before, work, damping = u.array.copy(), self._work.at_nodes(), self._losses.begin()
-        most = vibration.energy + recoil.most
-        part = partial(self._affordable, _CLOSING * vibration.energy + recoil.most)
+        most = vibration.energy + rigid_correction.most
+        part = partial(self._affordable, _CLOSING * vibration.energy + rigid_correction.most)
         increments = self._equilibrium.find(held.holds, part, damping)
         share: Floats = np.ones(len(self._groups.nodes))
         while True:
-            way[massless] = share[self._groups.number_of[massless], None] * increments
-            u.array[: way.size] = before[: way.size] + way.ravel()
+            du[massless] = share[self._groups.number_of[massless], None] * increments
+            u.array[: du.size] = before[: du.size] + du.ravel()
             u.scatter_forward()
             self._memory.accept()
             cost = self._groups.sums(slice(None), self._work.at_nodes() - work)
-            cost += self._losses.follow(way[massless])
-            histories, dissipation = held.after(way)
-            payment = Payment.of(vibration, recoil, -cost - dissipation)
-            good = payment.is_whole
+            cost += self._losses.follow(du[massless])
+            histories, dissipation = held.after(du)
+            correction = EnergyCorrection.of(vibration, rigid_correction, -cost - dissipation)
+            good = correction.is_whole
             good &= (cost <= _MOST_SPENT * most) & (not self._volume_ratio.inverted())
             if np.all(good | (share == 0)):
                 break
             share = np.where(good, share, np.where(share > _LEAST, share / 2, 0.0))
         held.accept(histories)
-        return cost, dissipation, payment
+        return cost, dissipation, correction
 
     def _affordable(self, budget: Floats, costs: Floats) -> Floats:
-        """Parts of gaps that groups can pay for closing, at nodes without mass, ``(m,)``.
+        """Fractions of the gaps that can be closed within a budget. Collective.
 
-        ``budget`` are energies of the groups, ``(g,)``, and ``costs`` those of the nodes for the
-        whole gaps, ``(m,)`` [J]. Collective.
+        Args:
+            budget: Energy of each group, ``(g,)`` [J].
+            costs: Energy for closing the whole gap at each massless node, ``(m,)`` [J].
+
+        Returns:
+            Fractions at the massless nodes, ``(m,)``.
         """
         massless = self._equilibrium.nodes
         sums = self._groups.sums(massless, costs)

@@ -1,4 +1,4 @@
-"""Rigid bodies of a stepper: what they may take part in, and their motion."""
+"""Rigid bodies of a stepper: checks, motion, and contact stiffness."""
 
 from collections.abc import Callable, Sequence
 from itertools import combinations
@@ -13,8 +13,8 @@ from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.massless import is_resolved
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.components import dimension, nodal
+from dolfinx_nts.integrators.leapfrog import RigidLeapfrog
 from dolfinx_nts.integrators.rates import ConsistentMass, Rates
-from dolfinx_nts.integrators.rigid_leapfrog import RigidLeapfrog
 from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.dirichlet import Supports
@@ -37,20 +37,20 @@ __all__ = [
     "spring_stiffness",
 ]
 
-# Part of the mass of a body that a force on its surface has to move, as the body turns, too [-].
+# Effective mass at a surface point of a rotating body relative to its mass [-].
 _AT_A_POINT = 0.25
 
 
 def check_rigid_bodies(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> None:
-    """Raise unless rigid bodies can take part in a scene. Collective.
+    """Check the rigid bodies of a scene. Collective.
 
     Args:
         bodies: All bodies.
         pairs: All contact pairs.
 
     Raises:
-        ValueError: Two of them share nodes, they give nodes with impact "resolved", or have guides
-            beside it, or a sphere is the shape of what is no rigid body.
+        ValueError: Two rigid bodies share nodes, a pair with impact "resolved" has rigid nodes or
+            is combined with guides, or a sphere is the shape of several or deformable bodies.
     """
     V, rigid = bodies[0].V, [body for body in bodies if isinstance(body, RigidBody)]
     comm: MPI.Comm = V.mesh.comm
@@ -77,7 +77,7 @@ def check_rigid_bodies(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> 
     guided = ", ".join(body.name for body in rigid if body.guide is not None)
     if resolved and guided:
         raise ValueError(
-            "expected rigid bodies without a guide beside impact 'resolved', given "
+            "expected rigid bodies without a guide together with impact 'resolved', given "
             f"guide= of {guided}: impact 'elastic' can do this"
         )
     for pair in resolved:
@@ -89,7 +89,7 @@ def check_rigid_bodies(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> 
 
 
 def check_statics(bodies: Sequence[Body], fixed: Ints) -> None:
-    """Raise where no displacement resists rigid bodies in statics. Collective.
+    """Check that some node deforms in statics with rigid bodies. Collective.
 
     Args:
         bodies: All bodies.
@@ -117,7 +117,7 @@ def check_statics(bodies: Sequence[Body], fixed: Ints) -> None:
 
 
 def gives_rigid_nodes(pair: ContactPair, bodies: Sequence[Body]) -> bool:
-    """Whether rigid bodies give the nodes of a pair, all or some of them. Collective."""
+    """Whether any node of a pair belongs to a rigid body. Collective."""
     rigid = [body.nodes for body in bodies if body.is_rigid]
     comm: MPI.Comm = pair.nodes.V.mesh.comm
     found = bool(rigid) and bool(np.isin(pair.nodes.nodes, np.concatenate(rigid)).any())
@@ -127,12 +127,12 @@ def gives_rigid_nodes(pair: ContactPair, bodies: Sequence[Body]) -> bool:
 def rigid_motion(
     bodies: Sequence[Body], rates: Rates, scheme: Scheme, supports: Supports
 ) -> RigidMotion:
-    """Make the motion of the rigid bodies among some bodies. Collective.
+    """Motion of the rigid bodies of an implicit stepper. Collective.
 
     Args:
         bodies: All bodies of a stepper.
-        rates: How velocities follow from displacements.
-        scheme: Tells where forces act.
+        rates: Relation between velocities and displacements.
+        scheme: Scheme, which defines when forces act.
         supports: Dirichlet conditions.
 
     Raises:
@@ -146,18 +146,17 @@ def rigid_motion(
 def rigid_leapfrog(
     bodies: Sequence[Body], v: fem.Function, mass: Floats, supports: Supports
 ) -> tuple[RigidLeapfrog, Floats]:
-    """Make the motion of the rigid bodies among some bodies in explicit steps. Collective.
+    """Motion of the rigid bodies of an explicit stepper. Collective.
 
     Args:
         bodies: All bodies of a stepper.
         v: Their velocity.
-        mass: Lumped mass of all of them at the owned nodes, shape ``(n,)`` [kg].
+        mass: Lumped mass of all bodies at the owned nodes, shape ``(n,)`` [kg].
         supports: Dirichlet conditions.
 
     Returns:
-        The motion; and masses of the nodes that resist their motion no more than the bodies do,
-        which bounds the frequency of springs at the nodes, shape ``(n,)`` [kg]. Those of a rigid
-        body are equal, as its cells are no softer where they are small.
+        The motion; and lower bounds on the effective masses of the nodes, for the frequency of
+        springs at them, shape ``(n,)`` [kg]. All nodes of a rigid body have the same bound.
 
     Raises:
         ValueError: There are conditions on rigid bodies.
@@ -178,7 +177,7 @@ def rigid_leapfrog(
 
 
 def _fields(bodies: Sequence[Body], supports: Supports) -> tuple[list[LinearFields], list[Floats]]:
-    """Linear fields over the rigid bodies, and their products with the mass. Collective."""
+    """Linear fields over the rigid bodies, and their mass products. Collective."""
     V = bodies[0].V
     rigid = [body for body in bodies if isinstance(body, RigidBody)]
     fields, masses = [], []
@@ -203,15 +202,18 @@ def _fields(bodies: Sequence[Body], supports: Supports) -> tuple[list[LinearFiel
 def contact_stiffness(
     stiffness: Floats, bodies: Sequence[Body], mass: Floats, rates: Rates
 ) -> Floats:
-    """Stiffness with which contact weighs gaps and slips at the owned nodes, ``(n,)`` [N/m].
+    """Stiffness of the owned nodes by which contact scales gaps and slips. Collective.
 
-    Who pushes a node of a rigid body moves the whole body. Collective.
+    For nodes of a rigid body it includes the inertia of the whole body.
 
     Args:
-        stiffness: Mean diagonal entry of the tangent at each node [N/m].
+        stiffness: Mean diagonal entry of the tangent at each node, shape ``(n,)`` [N/m].
         bodies: All bodies.
         mass: Lumped masses of the nodes, shape ``(n,)`` [kg].
-        rates: How velocities follow from displacements.
+        rates: Relation between velocities and displacements.
+
+    Returns:
+        Stiffness, shape ``(n,)`` [N/m].
     """
     of_nodes = stiffness.copy()
     for nodes, share in _inertia(bodies, mass, rates):
@@ -226,22 +228,22 @@ def spring_stiffness(
     rates: Rates,
     free: Floats | None,
 ) -> tuple[Floats, Floats]:
-    """Stiffness of the owned nodes from which springs that are left open get theirs. Collective.
+    """Stiffness of the owned nodes from which default penalties are derived. Collective.
 
     Args:
         static: Returns the static stiffness of the nodes, shape ``(n,)`` [N/m].
         bodies: All bodies.
         mass: Lumped masses of the nodes, shape ``(n,)`` [kg].
-        rates: How velocities follow from displacements.
+        rates: Relation between velocities and displacements.
         free: 1 where a displacement is unknown, 0 where it is prescribed, shape ``(n, d)``; None
             if all are unknown.
 
     Returns:
-        The static stiffness, infinite at nodes of rigid bodies, NaN at other nodes whose
-        displacements are all prescribed; and the stiffness of springs between nodes that do not
-        deform, infinite at all other nodes: the inertia of a body in a step, so that a body that
-        strikes at a point sinks in by about its motion in a step, or, without inertia, the
-        greatest static stiffness of all. Both ``(n,)`` [N/m].
+        The static stiffness, infinite at nodes of rigid bodies, NaN at other nodes with all
+        displacements prescribed; and the stiffness of springs between nodes that do not deform,
+        infinite at all other nodes. The latter is the inertia of a body in a step, so that a body
+        striking at a point penetrates by about its motion in a step. In statics it is the largest
+        static stiffness. Both ``(n,)`` [N/m].
 
     Raises:
         ValueError: No node deforms, in statics.
@@ -264,16 +266,16 @@ def spring_stiffness(
             )
         in_place[~deforms] = greatest
     else:
-        # Prescribed nodes resist as bodies that a guide holds: the other side is lighter.
+        # Prescribed nodes count as a guided body: the mass of all other bodies limits the force.
         whole = np.array([_AT_A_POINT * float(reductions.total(comm, mass.sum()))])
         in_place[prescribed] = rates.inertia_share(whole)[0]
     return of_cells, in_place
 
 
 def _inertia(bodies: Sequence[Body], mass: Floats, rates: Rates) -> list[tuple[Ints, float]]:
-    """Owned nodes of each rigid body, and what resists in a step who pushes one [N/m]. Collective.
+    """Owned nodes of each rigid body, and its effective inertia in a step [N/m]. Collective.
 
-    A body that its guide holds or leads in all directions resists as all rigid bodies together.
+    A body that its guide constrains in all directions counts as all rigid bodies together.
     """
     rigid = [body for body in bodies if isinstance(body, RigidBody)]
     if not rigid:
@@ -281,20 +283,20 @@ def _inertia(bodies: Sequence[Body], mass: Floats, rates: Rates) -> list[tuple[I
     comm: MPI.Comm = rigid[0].V.mesh.comm
     nodes = [_owned(body, len(mass)) for body in rigid]
     masses = reductions.total(comm, np.array([mass[each].sum() for each in nodes]))
-    led = [not len(body.free()) for body in rigid]
-    shares = rates.inertia_share(_AT_A_POINT * np.where(led, masses.sum(), masses))
+    is_guided = [not len(body.free()) for body in rigid]
+    shares = rates.inertia_share(_AT_A_POINT * np.where(is_guided, masses.sum(), masses))
     return [(each, float(share)) for each, share in zip(nodes, shares, strict=True)]
 
 
 def _owned(body: Body, n: int) -> Ints:
-    """Those of the nodes of a body that are among the n owned ones."""
+    """Owned nodes of a body, among n owned ones."""
     return body.nodes[body.nodes < n]
 
 
 def redundant(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> str:
-    """Name pairs in which forces of points that touch at once are not unique, or "". Collective.
+    """Names of pairs in which forces of simultaneous contacts are not unique, or "". Collective.
 
-    These are pairs of rigid bodies with each other or with obstacles, by multipliers with friction.
+    These are pairs between rigid bodies, or with obstacles, that use multipliers and friction.
     """
     rigid = [body for body in bodies if body.is_rigid]
     if not rigid:
@@ -312,13 +314,12 @@ def redundant(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> str:
 
 
 def _given_point(body: RigidBody) -> Floats | None:
-    """Guided point of a body, if there is one, shape ``(d,)`` [m]."""
     return None if body.guide is None else body.guide.point
 
 
 def _mass(fields: LinearFields) -> Floats:
-    """Products of the linear fields over a body with its mass, ``(d + 1, d + 1)`` [kg]."""
-    # The consistent mass, as the balance of momentum has it.
+    """Mass products of the linear fields over a body, ``(d + 1, d + 1)`` [kg]."""
+    # With the consistent mass, as in the balance of momentum.
     body = fields.body
     field = fem.Function(body.V)
     mass, values = ConsistentMass([body], field), nodal(field)

@@ -1,4 +1,4 @@
-"""Schemes, which say what is evaluated at which state of a step."""
+"""Time integration schemes: which term is evaluated at which state of a step."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,21 +12,21 @@ __all__ = ["Scheme"]
 
 @dataclass(frozen=True)
 class Scheme:
-    """A time integration scheme as a value, from which a stepper takes all that differs.
+    """Time integration scheme of a stepper.
 
     Attributes:
         contact: Kernel of the contact force: ``"conserving"``, ``"midpoint"`` or ``"static"``.
         stress: Function ``stress(material, parameters, F_n, F)`` that returns the first
-            Piola-Kirchhoff stress of a step [Pa], UFL (3, 3), from the numbers of the material,
-            as constants, and the deformation gradients at both ends of the step, UFL (3, 3).
-        rates: Makes the `Rates` by which velocity and acceleration follow from displacements.
-        stress_share: Derivative of the stress by the strain at the end of the step, as a part
-            of that by a strain that is the same at both ends; forces of springs have the same [-].
-        load_point: Time of the loads, and of what keeps bodies rigid, from 0 at the start of a
-            step to 1 at its end [-].
-        loads_at: Displacement at which loads act: that at their time on a straight way, or that
-            at the end of the step.
-        resolves_impact: Whether nodes may be without mass, see `ResolvedImpact`.
+            Piola-Kirchhoff stress of a step [Pa], UFL (3, 3), from the material parameters as
+            constants and the deformation gradients at both ends of the step, UFL (3, 3).
+        rates: Factory of the `Rates`, the relation of velocities to displacements.
+        stress_share: Weight of the end of the step in the stress and in the forces of springs [-]:
+            1/2 for midpoint-type schemes, 1 for implicit Euler.
+        load_point: Time of the loads and of the constraint forces of rigid bodies, from 0 at the
+            start of a step to 1 at its end [-].
+        loads_at: Displacement at which loads act: interpolated at their time (``"mean"``), or at
+            the end of the step (``"end"``).
+        resolves_impact: Whether nodes may be massless, see `ResolvedImpact`.
     """
 
     contact: Literal["conserving", "midpoint", "static"]
@@ -38,9 +38,10 @@ class Scheme:
     resolves_impact: bool = False
 
     def ends_for_loads(self, u_n: Any, u: Any) -> tuple[Any, Any]:
-        """Displacements between which a load takes the mean, Functions or UFL. Local.
+        """Displacements whose mean a load uses, Functions or UFL. Local.
 
-        Loads act where bodies are at the time of the load, or schemes are of first order.
+        Loads must act at the positions of the bodies at the time of the load, or the scheme would
+        be of first order.
         """
         if self.loads_at == "end":
             return u, u

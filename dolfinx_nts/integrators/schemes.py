@@ -1,6 +1,6 @@
 """Implicit steppers whose schemes have no parameters.
 
-They differ in the stress and in the kernel of the contact force; `ImplicitStepper` does all else.
+They differ in the stress and in the contact kernel; `ImplicitStepper` implements all else.
 """
 
 from typing import Any
@@ -61,20 +61,19 @@ class EnergyMomentum(ImplicitStepper):
             from their displacements.
         loads: Loads on the bodies.
         update: Called before each step with the time at its end [s], to set the functions and
-            constants in ``bcs`` and ``loads``. If ``loads`` contain some, it is first called
-            with the time of the loads, the middle of the step, which keeps the second order. It
-            should depend on the time alone.
-        petsc_options: Options of the linear solver. Those called ``ksp_...`` are for the Krylov
-            method. All others, such as ``pc_type``, are for the preconditioner of the bulk,
-            which PETSc makes if there are any. Tolerances are set by Newton's method.
+            constants in ``bcs`` and ``loads``. If ``loads`` contain any, it is also called with
+            the time of the loads, the middle of the step. It should depend on the time alone.
+        petsc_options: Options of the linear solver. Options ``ksp_...`` are for the Krylov
+            method. All others, such as ``pc_type``, select a PETSc preconditioner of the bodies.
+            Tolerances are set by Newton's method.
 
     Attributes:
         bodies, pairs, loads: The arguments.
-        contacts: What this stepper remembers of each pair.
+        contacts: State of each pair in this stepper.
         t: Time [s].
         dt: Length of the next step [s].
         step: Number of accepted steps.
-        statistics: Counts of the work that has been done so far.
+        statistics: Counts of solver work so far.
         timings: Wall time by phase.
         u: Displacement at t [m], a Function of the bodies' space.
         v: Velocity at t [m/s], a Function of the same space.

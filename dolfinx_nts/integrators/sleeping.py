@@ -1,8 +1,7 @@
-"""Sleeping bodies, on which nothing acts, so that a step can leave them out.
+"""Sleeping bodies, which are at rest without any action on them, so that a step skips them.
 
 A body sleeps in a step if it does not move, is in equilibrium, carries no load, its supports do
-not move, and no contact can reach it. Bodies that share nodes sleep only together: what moves
-one of them moves the others at these nodes.
+not move, and no contact can reach it. Bodies that share nodes sleep only together.
 """
 
 from collections.abc import Sequence
@@ -27,8 +26,8 @@ from dolfinx_nts.solvers.tangent import Tangent
 
 __all__ = ["SleepingBodies"]
 
-# Displacement, relative to the size of the smallest cell [-], by which a sleeping body may miss
-# its equilibrium: some fifty times the machine epsilon.
+# Largest distance of a sleeping body from its equilibrium relative to the smallest cell [-]: some
+# fifty times the machine epsilon.
 _ROUNDING = 1e-14
 
 # Bodies that share nodes.
@@ -36,21 +35,21 @@ _Group = tuple[Body, ...]
 
 
 class SleepingBodies:
-    """Finds the sleeping bodies of each step, and leaves them out of the forms.
+    """Detection of the sleeping bodies of each step, which the forms leave out.
 
     Collective, as are all its methods.
 
     Args:
         bulk: Residual of the bodies.
-        tangent: Matrix of the residual.
+        tangent: Tangent matrix.
         sizes: Sizes of the cells.
         bodies: The bodies.
-        states: What the stepper remembers of the contact pairs.
+        states: States of the contact pairs.
         loads: The loads.
 
     Attributes:
         states: The argument.
-        bodies: The bodies that sleep now.
+        bodies: Bodies that currently sleep.
     """
 
     def __init__(
@@ -62,8 +61,7 @@ class SleepingBodies:
         states: Sequence[PairState | JointState],
         loads: Sequence[Load],
     ) -> None:
-        # What nodes of rigid bodies are given is up to the motion of these. Stress that relaxes
-        # does not stay in equilibrium.
+        # Rigid bodies may move by their guides, and relaxing stresses are not in equilibrium.
         self._bulk = bulk
         self._groups = [
             tuple(group)
@@ -77,7 +75,7 @@ class SleepingBodies:
             nodes = np.unique(np.concatenate([body.nodes for body in group]))
             self._nodes[group] = nodes[nodes < num_owned]
 
-        # Lists, because all ranks must ask all loads: some answer collectively.
+        # Lists, because `acts_on` of some loads is collective.
         self._loaded = {
             group
             for group in self._groups
@@ -86,7 +84,7 @@ class SleepingBodies:
         self._pairs = self._pairs_of_groups()
         self._asleep: frozenset[_Group] = frozenset()
         self.bodies: frozenset[Body] = frozenset()
-        self._u_n: Floats = np.zeros_like(bulk.u.x.array)  # of the last call of `find`
+        self._u_n: Floats = np.zeros_like(bulk.u.x.array)  # in the last call of `find`
 
     def _pairs_of_groups(self) -> dict[_Group, list[PairState]]:
         """Pairs that can act on each group of bodies."""
@@ -111,9 +109,9 @@ class SleepingBodies:
 
         Args:
             v: Velocity of the local dofs, shape ``(d l,)`` [m/s].
-            u_n: Accepted displacement, shape ``(d l,)`` [m]. That of ``bulk`` is the start of
-                Newton's method, with the supports where they are at the end of the step.
-            steps: Contact in the step, but for pairs that face nothing.
+            u_n: Accepted displacement, shape ``(d l,)`` [m]. The displacement of ``bulk`` is the
+                starting guess of Newton's method, with the supports at the end of the step.
+            steps: Contact in the step, without pairs that cannot touch.
         """
         comm, flags = self._bulk.comm, []
         v, start, accepted, before = (
@@ -122,11 +120,11 @@ class SleepingBodies:
         may_touch = {pair for step in steps for pair in _may_touch(step)}
         for group in self._groups:
             nodes = self._nodes[group]
-            # Nodes are looked at only where nothing else says that the body moves.
+            # The nodes are checked last, since this takes longest.
             still = group not in self._loaded and may_touch.isdisjoint(self._pairs[group])
             still = still and not np.any(v[nodes])
             still = still and np.array_equal(start[nodes], accepted[nodes])
-            # Its displacement may have been set since its equilibrium was checked.
+            # The displacement may have been set since the equilibrium was checked.
             known = still and group in self._asleep
             known = known and np.array_equal(accepted[nodes], before[nodes])
             flags.append((still, known))
@@ -141,7 +139,7 @@ class SleepingBodies:
         self._leave_out(frozenset(candidates))
 
     def must_wake(self, steps: Sequence[ContactStep]) -> bool:
-        """Wake all bodies if contact has reached one after all; returns whether it has."""
+        """Wake all bodies if contact has reached a sleeping one; returns whether it has."""
         touched = {
             pair
             for step in steps
@@ -154,12 +152,12 @@ class SleepingBodies:
         return reached
 
     def _balanced(self, groups: Sequence[_Group], u_n: Floats) -> set[_Group]:
-        """Those of some groups that are in equilibrium where they are."""
+        """Groups that are in equilibrium at u_n."""
         bulk = self._bulk
         u = bulk.u.x.array
         before = u.copy()
         u[:] = u_n
-        # Also on given displacements, so that no reaction is left out.
+        # Including prescribed displacements, so that no reaction is lost.
         R = np.abs(bulk.forces().reshape(-1, bulk.rigid.dim))
         u[:] = before
         limit = _ROUNDING * self._sizes.smallest * self._tangent.nodal_stiffness()[:, None]
@@ -181,7 +179,7 @@ class SleepingBodies:
 
 
 def _may_touch(step: ContactStep) -> list[PairState]:
-    """Pairs of which nodes may touch, as far as this rank knows. Local."""
+    """Pairs with nodes of this rank that may touch. Local."""
     if not step.may_touch:
         return []
     counts = counts_of_parts(step.normal.may_touch, step.state.ends)

@@ -1,11 +1,11 @@
-"""Stability of central differences: the longest step, and energy that must not grow.
+"""Stability of central differences: largest stable step, and check for spurious energy growth.
 
-The estimate of the longest step is on the safe side. With lumped mass no frequency of an
-assembly exceeds the highest one of its parts (Irons and Treharne 1971). For a cell of degree 1
-that is taken from its uniform strains, with the moduli at C = 1: 2 c/h, with the speed c of the
-P-wave, for a cell of length h that can move in one direction only, and more for one that can
-swell. For a cell of degree 2, and for one that stands for a ring, it is an eigenvalue. It changes
-as 1/h when cells deform, and contact springs add to it.
+The estimate of the stable step is conservative: with lumped mass no frequency of an assembly
+exceeds the highest frequency of its cells (Irons and Treharne 1971). For a cell of degree 1 this
+frequency is computed from its uniform strains with the moduli at C = 1. For uniaxial motion it is
+2 c/h with the P-wave speed c and the length h, otherwise more. For cells of degree 2 and
+axisymmetric cells it is an eigenvalue. It scales as 1/h when cells deform. Contact springs are
+added to it.
 """
 
 import math
@@ -31,24 +31,22 @@ from dolfinx_nts.parallel import reductions
 
 __all__ = ["Cells", "Damping", "Stability", "cell_frequency", "highest_frequency", "largest_step"]
 
-# Parts of the estimate [-]: the default step; and the longest step where springs are to be
-# chosen, which need the remainder.
+# Default step, and longest step with default springs, relative to the estimate [-]. The springs
+# take the remainder.
 _DEFAULT, _WITH_SPRINGS = 0.7, 0.9
-# Growth of the energy, relative to all energy that there was [-], that is taken for an
+# Growth of the energy relative to the energy and the turnover of the run [-] that indicates an
 # instability: far above the bounded error of a stable run.
 _GROWTH = 0.25
-# Energy relative to that of the mass at one cell a step [-], which is round-off of a body
-# without motion.
+# Round-off of the energy at rest, relative to the kinetic energy at one cell per step [-].
 _ROUNDING = 1e-20
-# Least time of a wave through a cell [s] whose inverse square is a finite number.
+# Least transit time of a wave through a cell [s] whose inverse square is finite.
 _SHORTEST_TIME = 1e-150
-# Numbers of cells of degree 1 and 2 whose matrices are computed at once [-], so that they take
-# little memory.
+# Numbers of cells of degree 1 and 2 whose matrices are computed at once [-], to save memory.
 _BLOCK, _MATRICES = 4096, 64
 
 
 class Stability:
-    """Limits the step of an explicit stepper, and watches over its energy.
+    """Stable step of an explicit stepper, and check of its energy.
 
     Collective, except where a method says otherwise. Positions ``x`` are those of the local
     nodes, shape ``(l, 3)`` [m].
@@ -59,8 +57,8 @@ class Stability:
         mass: Mass of all bodies [kg].
 
     Attributes:
-        limit: Largest stable step with the present springs [s].
-        smallest: Length of the smallest cell when the cells were last looked at [m].
+        limit: Largest stable step with the current springs [s].
+        smallest: Length of the smallest cell at the last check [m].
     """
 
     def __init__(
@@ -68,11 +66,11 @@ class Stability:
     ) -> None:
         self._cells, self._damping = Cells(bodies), Damping.of(bodies)
         self._springs, self._mass = springs, mass
-        # Squared frequency of the springs that the user gave [1/s^2]; part of the estimate [-].
+        # Squared frequency of springs with a given stiffness [1/s^2]; part of the estimate [-].
         self._given = self._contact()
         self._part = _WITH_SPRINGS if any(each.is_open for each in springs) else 1.0
         self.limit, self.smallest = math.inf, 0.0
-        # Energy of the state that was set, work since then, and sum of its magnitudes [J].
+        # Initial energy, work since then, and sum of its magnitudes [J].
         self._energy = self._worked = self._turnover = 0.0
 
     def serialize(self, archive: Archive) -> None:
@@ -82,9 +80,9 @@ class Stability:
         self._energy, self._worked, self._turnover, self.limit, self.smallest = map(float, totals)
 
     def longest_steps(self, x: Floats) -> tuple[float, float]:
-        """Longest step for which springs can be chosen, and default step, at positions [s].
+        """Longest step that leaves a margin for default springs, and default step, at x [s].
 
-        Neither depends on the springs that were chosen. `limit` is set as well.
+        Neither depends on the default springs. Also sets `limit`.
         """
         bulk, self.smallest = self._cells.limits(x)
         estimate = largest_step(bulk + self._given, self._damping)
@@ -95,7 +93,7 @@ class Stability:
         return longest, _DEFAULT * estimate
 
     def choose_penalties(self, x: Floats, dt: float) -> None:
-        """Make springs to be chosen as stiff as dt [s] allows, and set `limit`."""
+        """Choose default springs as stiff as dt [s] allows, and set `limit`."""
         bulk, _ = self._cells.limits(x)
         squared = (self._damping.highest(dt) - bulk - self._given) / 2
         for springs in self._springs:
@@ -103,21 +101,21 @@ class Stability:
         self.longest_steps(x)
 
     def start(self, energy: float) -> None:
-        """Begin to count from a state that was set, with this energy [J]. Local."""
+        """Start the energy balance from a state with this energy [J]. Local."""
         self._energy, self._worked, self._turnover = energy, 0.0, 0.0
 
     def count(self, driven: Sequence[float], dissipated: float) -> None:
         """Count the work of a step. Local.
 
         Args:
-            driven: Work of the loads, of the supports and of obstacles [J].
-            dissipated: Work of damping and friction, which is not positive [J].
+            driven: Work of loads, supports and obstacles [J].
+            dissipated: Work of damping and friction, not positive [J].
         """
         self._worked += sum(driven) + dissipated
         self._turnover += sum(map(abs, driven))
 
     def growth(self, energy: float, dt: float) -> str:
-        """Tell by how much an energy [J] has grown after steps dt [s]; empty if not. Local."""
+        """Message if the energy [J] has grown after steps dt [s], otherwise "". Local."""
         grown = energy - self._energy - self._worked
         whole = self._mass * (self.smallest / dt) ** 2
         if grown <= _GROWTH * (self._energy + self._turnover) + _ROUNDING * whole:
@@ -125,15 +123,15 @@ class Stability:
         return f"the energy has grown by {grown:.3g} J"
 
     def _contact(self) -> float:
-        """Highest squared frequency of the present springs [1/s^2]."""
+        """Highest squared frequency of the current springs [1/s^2]."""
         return max((springs.squared_frequency for springs in self._springs), default=0.0)
 
 
 class Cells:
-    """Finds the highest frequency and the least length of all cells, which limit the step.
+    """Highest frequency and least length of all cells.
 
-    The length of a cell is twice the least radius of gyration of its nodes, which is the edge
-    of a cube of degree 1 (`cpp/nts/geometry/cell_length.h`).
+    The length of a cell is twice the least radius of gyration of its nodes: the edge length for a
+    cube of degree 1 (`cpp/nts/geometry/cell_length.h`).
 
     Args:
         bodies: The bodies, of one space.
@@ -152,7 +150,7 @@ class Cells:
         squared = []
         for material, part in cells.items():
             x = X[nodes[part, :k], : self._dim]
-            # Circles that become longer count beside the strains in the plane.
+            # Axisymmetric cells have hoop strains in addition to those in the plane.
             if element.degree == 1 and not element.makes_rings:
                 squared.append(cell_frequency(material, x))
             else:
@@ -161,9 +159,9 @@ class Cells:
         self._speed = np.sqrt(np.concatenate(squared)) * self._lengths(X) / 2
 
     def limits(self, x: Floats) -> tuple[float, float]:
-        """Highest squared frequency [1/s^2] and least length [m] at positions. Collective."""
+        """Highest squared frequency [1/s^2] and least length [m] at positions x. Collective."""
         length = self._lengths(x)
-        # Cells of rigid bodies have no waves.
+        # Cells of rigid bodies have the speed 0.
         times = np.divide(
             length, self._speed, out=np.full_like(length, np.inf), where=self._speed > 0
         )
@@ -179,7 +177,7 @@ class Cells:
 
 @dataclass(frozen=True)
 class Damping:
-    """Rayleigh damping by the largest coefficients of several bodies, as far as it limits the step.
+    """Largest Rayleigh damping coefficients of several bodies, which limit the step.
 
     Attributes:
         mass: Coefficient alpha [1/s].
@@ -203,8 +201,8 @@ class Damping:
 def cell_frequency(material: Hyperelastic, x: Floats) -> Floats:
     r"""Highest squared frequency of the uniform strains of cells of degree 1. Local.
 
-    With displacements u = H r of the vertices and lumped mass it is the largest value of
-    :math:`H : D : H / (\rho_0\, H : H G)`, where D are the moduli at C = 1 and
+    For displacements u = H r of the vertices and lumped mass it is the maximum of
+    :math:`H : D : H / (\rho_0\, H : H G)` with the moduli D at C = 1 and
     :math:`G = \sum_a r_a \otimes r_a / k`.
 
     Args:
@@ -216,7 +214,7 @@ def cell_frequency(material: Hyperelastic, x: Floats) -> Floats:
         Squared frequencies, shape ``(c,)`` [1/s^2].
     """
     d, basis = x.shape[2], strain_basis()
-    # In the plane the strains of plane strain.
+    # Plane strain in two dimensions.
     D = np.einsum("aij,ab,bmn->ijmn", basis, material.moduli, basis)[:d, :d, :d, :d]
     squared: Floats = np.empty(len(x))
     for block in np.split(np.arange(len(x)), range(_BLOCK, len(x), _BLOCK)):
@@ -237,13 +235,13 @@ def highest_frequency(
         element: Their element.
         x: Vertices in the reference configuration, shape ``(c, k, 3)``, in the plane
             ``(c, k, 2)`` [m].
-        on_axis: Nodes of rings that keep their radius 0, shape ``(c, n)``.
+        on_axis: Nodes on the axis of an axisymmetric mesh, shape ``(c, n)``.
 
     Returns:
         Squared frequencies, shape ``(c,)`` [1/s^2].
     """
     d, moduli = x.shape[2], material.moduli
-    basis = strain_basis()  # in the plane the strains of plane strain
+    basis = strain_basis()  # plane strain in two dimensions
     points, weights = basix.make_quadrature(basix.CellType[element.cell], element.stress_degree)
     values, *slopes = element.basix.tabulate(1, points)[..., 0]
     shape, *linear = Element(element.cell, 1).basix.tabulate(1, points)[..., 0]
@@ -260,7 +258,7 @@ def highest_frequency(
             strain[..., 0] += basis[:, 2, 2, None] * (values / r[:, :, None])[:, :, None]
             strain[..., 0] *= ~on_axis[block][:, None, None]
         strain *= np.sqrt(volume)[:, :, None, None, None] * scale[:, None, None, :, None]
-        # A rank may have no such cells, which leave no size open.
+        # Explicit, since -1 is ambiguous on ranks without such cells.
         size = strain.shape[3] * strain.shape[4]
         strain = strain.reshape(*volume.shape, 6, size)
         stress = moduli @ strain
@@ -273,9 +271,8 @@ def highest_frequency(
 def largest_step(squared: float, damping: Damping) -> float:
     r"""Largest stable step [s] for the highest squared frequency without damping [1/s^2]. Local.
 
-    It follows from :math:`\omega^2 \Delta t^2/4 + (\alpha + \beta \omega^2) \Delta t/2 = 1`, as
-    damping lags half a step behind, and is 0 where the frequency is infinite. Without both nothing
-    limits it.
+    It solves :math:`\omega^2 \Delta t^2/4 + (\alpha + \beta \omega^2) \Delta t/2 = 1`, because
+    damping lags half a step behind. It is 0 for an infinite frequency, and infinite if both vanish.
     """
     if math.isinf(squared):
         return 0.0
@@ -286,7 +283,7 @@ def largest_step(squared: float, damping: Damping) -> float:
 
 
 def _moments(x: Floats) -> Floats:
-    """Mean products of the positions of vertices about their centre, ``(c, d, d)`` [m^2]."""
+    """Second moments of the vertices about their centre, ``(c, d, d)`` [m^2]."""
     r = x - x.mean(axis=1, keepdims=True)
     moments: Floats = r.transpose(0, 2, 1) @ r / x.shape[1]
     return moments

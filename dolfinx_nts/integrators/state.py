@@ -1,4 +1,4 @@
-"""The accepted state of a stepper: where its bodies are, how fast, and when."""
+"""Accepted state of a stepper: displacement, velocity and time."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -24,7 +24,7 @@ from dolfinx_nts.parallel.errors import agreed
 
 __all__ = ["State", "current_positions", "serialize_nodal"]
 
-# Radial displacement or velocity on the axis, relative to the largest one [-], that is none.
+# Radial component on the axis relative to the largest one [-] that counts as round-off.
 _ROUND_OFF = 1e-9
 
 
@@ -43,13 +43,13 @@ class State(ABC):
         u: Displacement at t [m], a Function.
         v: Velocity at t [m/s], a Function.
         u_n: Displacement at the start of the last step [m], a Function.
-        node_ids: Numbers of the owned nodes, see `node_numbering`, shape ``(n,)``.
-        inertia_defect: Kinetic energy gained in the last step minus the work of all forces in
-            it [J].
+        node_ids: Input numbers of the owned nodes, see `node_numbering`, shape ``(n,)``.
+        inertia_defect: Change of kinetic energy minus the work of all forces in the last step
+            [J].
     """
 
     def __init__(self, V: fem.FunctionSpace, dt: float) -> None:
-        # An array, which others can ask for the time without knowing the state.
+        # An array, so that other objects can read the time without a reference to the state.
         self._now: Floats = np.zeros(())
         self.t_n, self.step, self.inertia_defect = 0.0, 0, 0.0
         self.u, self.v, self.u_n = (fem.Function(V) for _ in range(3))
@@ -58,7 +58,7 @@ class State(ABC):
         self._comm: MPI.Comm = V.mesh.comm
         self._X: Floats = reference_positions(V)
         self.dt = dt
-        # Of the present step, or of the last one, which diagnostics evaluate after it.
+        # Length of the current step, or of the last one for diagnostics.
         self._dt = fem.Constant(V.mesh, self.dt)
 
     @property
@@ -85,7 +85,7 @@ class State(ABC):
 
     @contextmanager
     def _steps_of(self, dt: float) -> Iterator[None]:
-        """Context in which steps have the length dt [s] instead of the usual one."""
+        """Context with steps of length dt [s] instead of the usual one."""
         usual = self._usual_dt
         try:
             self.dt = dt
@@ -95,7 +95,7 @@ class State(ABC):
 
     @contextmanager
     def _step_of_one_length(self) -> Iterator[None]:
-        """Context in which the length of steps must not change, as a step has begun. Local."""
+        """Context in which the length of steps must not change. Local."""
         dt = self._usual_dt
         yield
         if (given := self._usual_dt) != dt:
@@ -111,9 +111,9 @@ class State(ABC):
         return current_positions(self._X, self.u)
 
     def serialize(self, archive: Archive) -> None:
-        """Serialize the state and all else on which the next step depends.
+        """Serialize all data on which the next step depends.
 
-        What ``update`` and the functions of loads remember is not part of it.
+        Internal state of ``update`` and of the functions of loads is not part of it.
         """
         self._usual_dt = archive.same("dt", self.dt)
         self.inertia_defect = archive.same("inertia_defect", self.inertia_defect)
@@ -133,14 +133,14 @@ class State(ABC):
 
         Args:
             body: One of the bodies.
-            value: As many numbers as there are dimensions [m]; or a function of the reference
-                positions, shape ``(3, n)``, that returns ``(3, n)``, in the plane ``(2, n)``; or a
-                Function of the bodies' space.
+            value: One number per component [m]; or a function of the reference positions, shape
+                ``(3, n)``, that returns shape ``(3, n)``, in the plane ``(2, n)``; or a Function
+                of the space of the bodies.
 
         Raises:
             TypeError: ``body`` is no body, or the value does not consist of real numbers.
             ValueError: The body belongs to another stepper, the Function to another space, or
-                the value has the wrong shape, or leads away from the axis of an axisymmetric
+                the value has the wrong shape, or moves nodes off the axis of an axisymmetric
                 mesh.
         """
         self._set(self.u, body, value)
@@ -182,7 +182,7 @@ class State(ABC):
         self._state_was_set()
 
     def _keep_axis(self, function: fem.Function) -> None:
-        """Raise if a displacement or a velocity leaves the axis of rings, but for round-off."""
+        """Raise if a function has a radial component on the axis of an axisymmetric mesh."""
         V, values = function.function_space, nodal(function)
         if not is_axisymmetric(V.mesh):
             return
@@ -199,15 +199,15 @@ class State(ABC):
 
     @abstractmethod
     def _check_body(self, body: Body) -> None:
-        """Raise unless a body is one of those whose state this is."""
+        """Raise unless the body belongs to this state."""
 
     @abstractmethod
     def _state_was_set(self) -> None:
-        """Forget what depends on the state that has been replaced."""
+        """Discard data that depend on the replaced state."""
 
 
 def current_positions(X: Floats, u: fem.Function) -> Floats:
-    """Positions of the local nodes by a displacement, shape ``(l, 3)`` [m]. Local.
+    """Current positions of the local nodes, shape ``(l, 3)`` [m]. Local.
 
     Args:
         X: Reference positions, shape ``(l, 3)`` [m].
@@ -221,10 +221,10 @@ def serialize_nodal(archive: Archive, name: str, function: fem.Function, ids: An
     """Serialize the values of a function at all nodes. Collective.
 
     Args:
-        archive: Stores the values or gives stored ones back.
+        archive: Archive that stores or returns the values.
         name: Name of the values.
-        function: The function; its ghosts are set too.
-        ids: Numbers of the owned nodes, shape ``(n,)``.
+        function: The function, including ghosts.
+        ids: Input numbers of the owned nodes, shape ``(n,)``.
     """
     V, values = function.function_space, nodal(function)
     owned = archive.nodal(name, ids, values[: len(ids)])

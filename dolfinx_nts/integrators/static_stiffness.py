@@ -1,22 +1,64 @@
-"""Stiffness of nodes without inertia, by which springs of contact are chosen."""
+"""Default penalty stiffness of implicit steps, from the static stiffness of nodes."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import cache, partial
 
 from dolfinx import fem
 
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.integrators.rates import Rates
+from dolfinx_nts.integrators.rigid import spring_stiffness
+from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.solvers.tangent import Tangent
 
-__all__ = ["long_step", "static_stiffness"]
+__all__ = ["choose_default_stiffness", "long_step", "static_stiffness"]
 
-# Length of a step, relative to that of the run [-], in which inertia and damping are nothing.
+# Length of a step relative to the usual one [-] for which inertia and damping vanish.
 _LONG = 1e12
+
+# Default stiffness of normal springs relative to the static stiffness of their nodes [-], with
+# inertia and in statics. With inertia, stiffer springs make nodes bounce faster than steps
+# resolve; in statics only Newton's method limits the stiffness.
+_RESOLVED, _STIFF = 1.0, 10.0
+
+
+def choose_default_stiffness(
+    contacts: Sequence[PairState],
+    bodies: Sequence[Body],
+    tangent: Tangent,
+    rates: Rates,
+    mass: Floats,
+    dt: fem.Constant,
+    share: float,
+    free: Floats | None,
+) -> None:
+    """Set the default stiffness of springs without a given number. Collective.
+
+    Args:
+        contacts: States of the contact pairs.
+        bodies: All bodies.
+        tangent: Tangent of a step; its matrix is discarded if a stiffness is needed.
+        rates: Relation between velocities and displacements.
+        mass: Lumped mass of the owned nodes, shape ``(n,)`` [kg].
+        dt: Length of a step in forms [s].
+        share: Weight of the stiffness in the tangent, see `Scheme.stress_share` [-].
+        free: 1 where a displacement is unknown, otherwise 0, ``(n, d)``; None if all are.
+    """
+
+    @cache
+    def stiffness() -> tuple[Floats, Floats]:
+        static = partial(static_stiffness, tangent, dt, share)
+        return spring_stiffness(static, bodies, mass, rates, free)
+
+    for contact in contacts:
+        contact.derive_penalty(stiffness, _STIFF if rates.acceleration is None else _RESOLVED)
 
 
 @contextmanager
 def long_step(dt: fem.Constant) -> Iterator[None]:
-    """Context in which a step is so long that forms have neither inertia nor damping. Local.
+    """Context with a step so long that inertia and damping vanish in forms. Local.
 
     Args:
         dt: Length of a step in forms [s].
@@ -32,13 +74,13 @@ def long_step(dt: fem.Constant) -> Iterator[None]:
 def static_stiffness(tangent: Tangent, dt: fem.Constant, share: float) -> Floats:
     """Mean diagonal entry of the static stiffness at each owned node. Collective.
 
-    Inertia in a tangent grows as 1/dt^2: springs that follow it become stiffer with shorter
-    steps, so that their motion is never resolved.
+    Inertia terms of a tangent grow as 1/dt^2. Springs proportional to them would become stiffer
+    with shorter steps, so that their motion would never be resolved.
 
     Args:
-        tangent: Tangent of a step, which forgets its matrix.
+        tangent: Tangent of a step, whose matrix is discarded.
         dt: Length of a step in its forms [s].
-        share: Part of the stiffness in them [-], see `Scheme.stress_share`.
+        share: Weight of the stiffness in them [-], see `Scheme.stress_share`.
 
     Returns:
         Stiffness, shape ``(n,)`` [N/m].

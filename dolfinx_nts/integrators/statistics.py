@@ -1,4 +1,4 @@
-"""Statistics, which tell the user how much work a stepper has done."""
+"""Counts of the work of a stepper."""
 
 from dataclasses import dataclass
 
@@ -9,9 +9,9 @@ __all__ = ["StepperStatistics"]
 
 @dataclass(frozen=True)
 class StepperStatistics:
-    """What a stepper has done so far, in numbers. Local.
+    """Counts of the work of a stepper so far. Local.
 
-    The text ``str(statistics)`` has a line for each pair and one for the linear solver.
+    ``str(statistics)`` has a line for each pair and one for the linear solver.
 
     Attributes:
         pairs: Laws of each pair, and the stiffness of its springs.

@@ -1,4 +1,4 @@
-"""Lengths of steps: equal ones, and ones that are cut where they fail."""
+"""Step lengths: equal steps, and steps that are halved after failures."""
 
 import bisect
 from collections.abc import Sequence
@@ -9,40 +9,39 @@ from dolfinx_nts.common.declaration import Declaration
 
 __all__ = ["ROUND_OFF", "EvenSteps", "StepControl", "StepLength"]
 
-# Part of a step [-] that is taken for round-off of its times: far above that of any run, and
-# far below any part that matters.
+# Part of a step [-] that counts as round-off of its times: far above that of any run, and far
+# below any relevant part.
 ROUND_OFF = 1e-6
-# Part of the usual step [-] below which a step fails for good unless the user says otherwise:
-# 20 halvings, so that a run which cannot go on ends after about 20 attempts.
+# Default smallest step relative to the usual one [-]: 20 halvings, so that a run that cannot
+# proceed ends after about 20 attempts.
 _SMALLEST = 2.0**-20
-# Number of steps [-] of one length after which a longer one is tried: few, as short steps take
-# time, but not one, as a longer step that fails takes time too.
+# Number of steps [-] of one length after which a longer one is tried. Larger values cost time in
+# short steps, smaller ones in longer steps that fail.
 _PATIENCE = 3
 
 
 class StepControl(Declaration):
-    """Cuts steps that fail, and lets them grow again. Local.
+    """Step control: halves steps that fail, and doubles the length again after success. Local.
 
-    A step is tried again with half its length when Newton's method fails, a cell is inverted, a
-    normal turns by more than 90 degrees, an explicit step is not stable, or contact holds a
-    node at a gap above ``gap_tol``. A cut step leaves no trace. The length doubles after some
-    steps, up to the ``dt`` of the stepper. Steps end exactly at the given times. Where five cuts
-    after each other change nothing, as where given displacements jump, the run ends with an error
-    that says so.
+    A step is repeated with half its length when Newton's method fails, a cell is inverted, a
+    normal turns by more than 90 degrees, an explicit step is unstable, or contact holds a node at
+    a gap above ``gap_tol``. A failed attempt does not change the state. The length doubles after
+    three steps, up to the ``dt`` of the stepper. Steps end exactly at the given times. If five
+    consecutive cuts have no effect, as after a jump of prescribed displacements, the run ends with
+    an error.
 
-    In statics steps may close in on a limit load, beyond which there is no equilibrium near the
-    last one. After five cuts by which bodies became ever faster it is taken for certain. Then, or
-    where a step cannot be cut any more, it is tried with its first length again, in which bodies
-    may go far, see `QuasiStatic`, and from there steps have the ``dt`` of the stepper; if that
-    fails too the run ends with an error that says so.
+    In statics, five cuts with growing displacement rates indicate a limit load, beyond which there
+    is no equilibrium near the last one. Then, or at the smallest length, the step is repeated with
+    its first length by pseudo-transient continuation, see `QuasiStatic`. If that fails too, the
+    run ends with an error.
 
     Args:
-        smallest: Length below which a step fails for good [s], also near a limit load; None for
-            2**-20 of the ``dt`` of the stepper, or for more at limit loads and where cuts change
-            nothing.
-        gap_tol: Largest distance from the surface at which contact by elastic impact may catch
-            a node or hold it inside [m]; None for any. A node that was deeper before may stay.
-        times: Times at which a step must end, for instance for output [s].
+        smallest: Smallest length of a step [s], also near a limit load; None for 2**-20 of the
+            ``dt`` of the stepper, or more at limit loads and where cuts have no effect.
+        gap_tol: Largest distance from the surface at which contact with elastic impact may catch
+            a node or hold it inside [m]; None for no limit. A node that was deeper before is
+            allowed.
+        times: Times at which a step must end [s], for instance for output.
 
     Attributes:
         smallest, gap_tol: The arguments.
@@ -72,11 +71,11 @@ class StepControl(Declaration):
         self.smallest, self.gap_tol = smallest, gap_tol
 
     def __repr__(self) -> str:
-        """Return the call that makes such a control, in one line. Local."""
+        """Call that creates an equal control. Local."""
         return as_call(self, smallest=self.smallest, gap_tol=self.gap_tol, times=self.times)
 
     def shortest(self, dt: float) -> float:
-        """Length below which a step fails for good [s], for a usual length dt [s]."""
+        """Smallest length of a step [s] for a usual length dt [s]."""
         return _SMALLEST * dt if self.smallest is None else self.smallest
 
     def next_step(self, t: float, dt: float, until: float) -> tuple[float, float]:
@@ -87,7 +86,7 @@ class StepControl(Declaration):
 
         Args:
             t: Time at the start of the step [s].
-            dt: Length that the step may have [s].
+            dt: Largest length of the step [s].
             until: Time at the end of the run [s].
         """
         next_time = bisect.bisect_right(self.times, t + ROUND_OFF * dt)
@@ -100,7 +99,7 @@ class StepControl(Declaration):
 
 
 class EvenSteps:
-    """Ends of equal steps, counted from the start of a run so that they gather no round-off.
+    """End times of equal steps, counted from the start of a run to avoid accumulated round-off.
 
     Local, except where a method says otherwise.
     """
@@ -109,14 +108,14 @@ class EvenSteps:
         self._t, self._step = 0.0, 0
 
     def end(self, step: int, dt: float) -> float:
-        """Time at the end of a step with this number [s], if all steps have the length dt [s]."""
+        """Time at the end of a step [s] by its number, for steps of length dt [s]."""
         return self._t + (step - self._step) * dt
 
-    def go_on(self, t: float, step: int, dt: float) -> None:
-        """Continue the count of the last run, or begin a new one if the run is another.
+    def resume(self, t: float, step: int, dt: float) -> None:
+        """Continue the count of the last run, or start a new count if time or length differ.
 
         Args:
-            t: Present time [s].
+            t: Current time [s].
             step: Number of the last step.
             dt: Length of all steps [s].
         """
@@ -124,13 +123,13 @@ class EvenSteps:
             self._t, self._step = t, step
 
     def serialize(self, archive: Archive) -> None:
-        """Serialize where the count begins. Collective."""
+        """Serialize the start of the count. Collective."""
         self._t = archive.same("start_time", self._t)
         self._step = archive.same("start_step", self._step)
 
 
 class StepLength:
-    """Length of controlled steps as a part of the usual one: 1, 1/2, 1/4, and so on.
+    """Length of controlled steps relative to the usual one: 1, 1/2, 1/4, and so on.
 
     Local, except where a method says otherwise.
 
@@ -146,11 +145,11 @@ class StepLength:
         self.cuts, self._accepted = self.cuts + 1, 0
 
     def uncut(self, cuts: int) -> None:
-        """Take back the last cuts, as length does not help."""
+        """Undo the last cuts, which had no effect."""
         self.cuts, self._accepted = max(self.cuts - cuts, 0), 0
 
     def accept(self) -> None:
-        """Count a step that succeeded, and double the length after some of them."""
+        """Count an accepted step, and double the length after some of them."""
         self._accepted += 1
         if self._accepted >= _PATIENCE and self.cuts:
             self.cuts, self._accepted = self.cuts - 1, 0

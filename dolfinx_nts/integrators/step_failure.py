@@ -1,4 +1,4 @@
-"""Why an implicit step failed, and what would help."""
+"""Error message of a failed implicit step: causes and remedies."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
@@ -25,25 +25,25 @@ from dolfinx_nts.solvers.newton_report import ConvergenceError, NewtonReport
 
 __all__ = ["SHORTER_STEP_HELPS", "StepFailure"]
 
-# Advice where only the length of the step is left to change.
+# Advice if nothing but the length of the step can be changed.
 SHORTER_STEP_HELPS = "a smaller dt may help, which StepControl takes where a step fails"
 
-# Reasons for which springs of pairs may be too soft.
+# Phrases in reasons that suggest springs that are too soft.
 _SUNK = "through a surface", "into a surface"
-# Names of surfaces that a message lists.
+# Largest number of surface names in a message [-].
 _MOST_NAMES = 3
-# How much stiffer the bodies of nodes are than those of segments [-], from which on it is told.
+# Ratio of the moduli of nodes and segments [-] from which on the message mentions it.
 _STIFFER = 10.0
-# Reason for which nodes may be caught between facets of a curved surface.
+# Phrase in reasons that suggests nodes caught between facets of a curved surface.
 _BETWEEN = "between two segments"
 
 
 class StepFailure:
-    """Tells what is known of attempts at a step, none of which was accepted.
+    """Diagnosis of a step none of whose attempts was accepted.
 
     Args:
-        attempts: What Newton's method did from each start, by its name.
-        steps: Contact of the last attempt, with its ``states``.
+        attempts: Report of Newton's method from each starting guess, by its name.
+        steps: Contact of the last attempt.
         states: Contact at the end of the last attempt, one for each of ``steps``.
         comm: Communicator of the mesh.
     """
@@ -71,9 +71,9 @@ class StepFailure:
         Args:
             step: Text that names the step.
             bodies: All bodies.
-            contacts: All pairs.
-            yielding: Those whose springs yield whatever the step is.
-            advice: What would help where nothing better is known.
+            contacts: States of all pairs.
+            yielding: States of pairs whose springs are too soft at any step length.
+            advice: Remedy if no better one is known.
         """
         attempts = self._attempts.items()
         reasons = "; ".join(f"from the {name} state: {each}" for name, each in attempts)
@@ -110,7 +110,7 @@ class StepFailure:
         )
 
     def _pairs(self) -> Iterator[tuple[ContactPair, bool]]:
-        """Pairs, and whether nodes of them do not come to rest. Collective."""
+        """Pairs, and whether they have nodes that keep changing state. Collective."""
         for step, _ in self._steps:
             ends, node = step.state.ends, step.restless
             counts = reductions.total(self._comm, np.diff(np.searchsorted(node, ends)))
@@ -118,10 +118,10 @@ class StepFailure:
                 yield each.pair, bool(count > 0)
 
     def _softer(self, bodies: Sequence[Body]) -> str:
-        """Say which pairs have nodes of the stiffer side that do not come to rest, or "".
+        """Advice for pairs whose unsettled nodes belong to the stiffer side, or "". Collective.
 
-        Few of the nodes of a stiff body can lie on soft facets at once, and which of them is
-        decided by small parts of the facets. Collective.
+        Only few nodes of a stiff body can touch soft facets at once, and small details of the
+        facets decide which.
         """
         found = []
         for pair, is_restless in self._pairs():
@@ -140,7 +140,7 @@ class StepFailure:
         )
 
     def _modulus(self, bodies: Sequence[Body], surface: Surface) -> float:
-        """Least modulus of the bodies of a surface, infinite of rigid ones [Pa]. Collective."""
+        """Least modulus of the bodies of a surface [Pa]; infinite if rigid. Collective."""
         of_bodies = [
             body.material.least_modulus
             for body in bodies
@@ -149,9 +149,9 @@ class StepFailure:
         return float(reductions.least(self._comm, min(of_bodies, default=np.inf)))
 
     def _smoother(self) -> str:
-        """Say which surfaces could be smooth, as edges between facets stop nodes, or "".
+        """Advice to smooth surfaces whose facet edges catch nodes, or "". Collective.
 
-        They are those whose nodes do not come to rest, or all where others are stopped. Collective.
+        These are the surfaces with unsettled nodes, or all if there are none.
         """
         names: list[dict[str, None]] = [{}, {}]
         for pair, is_restless in self._pairs():
@@ -168,7 +168,7 @@ class StepFailure:
         )
 
     def _prescribed(self) -> str:
-        """Say which nodes bcs move into what bcs hold or move too, or "". Collective."""
+        """Message on contact between prescribed nodes, or "". Collective."""
         advice = ""
         for step, state in self._steps:
             node = prescribed_nodes(step, state)
@@ -176,13 +176,13 @@ class StepFailure:
             for each, some in zip(members(step.state), np.split(node, ends[1:-1]), strict=True):
                 if nodes := self._listed([step.state.nodes.node_ids[some]]):
                     advice = (
-                        "no contact force can stop nodes that bcs move into what bcs hold or "
-                        "move too; change bcs at these nodes between "
+                        "no contact force can stop nodes that bcs move into a surface held or "
+                        "moved by bcs too; change bcs at these nodes between "
                         f"{each.pair.between}: {nodes}"
                     )
         return advice
 
     def _listed(self, parts: Iterable[GlobalInts]) -> str:
-        """Text with some numbers of nodes from all ranks, empty without. Collective."""
+        """Text with some node numbers of all ranks, or "". Collective."""
         mine = np.concatenate([np.empty(0, dtype=np.int64), *parts])
         return listed(np.unique(joined(self._comm, mine)))

@@ -1,4 +1,7 @@
-"""Forces of implicit steps, as far as their size says what is exact, at rest or gained."""
+"""Norms of forces, works and reactions of implicit steps."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
 
 from mpi4py import MPI
 
@@ -6,28 +9,35 @@ import numpy as np
 
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual
+from dolfinx_nts.fem.components import in_space
+from dolfinx_nts.integrators.inertia import Inertia
+from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.reaction import Reaction
+from dolfinx_nts.model.rigid_body import guided
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.solvers import newton
 from dolfinx_nts.solvers.bulk import Bulk
 
-__all__ = ["StepForces"]
+__all__ = ["Reactions", "StepForces", "StepWorks"]
 
-# Part of the momentum over dt [-] that counts as a force to which the residual is compared: a
-# body in free flight has no other force, and its round-off is that of its momentum.
+# Part of momentum/dt [-] that counts in the force scale of the residual. A body in free flight has
+# no other force, and the round-off of its momentum limits the residual.
 _INERTIA_PART = 1e-3
-# Relative change of the loads [-] that is none.
+# Relative change of the loads [-] that counts as round-off.
 _SAME_LOAD = 1e-9
 
 
 class StepForces:
-    """Norms of the forces at work, now and in the last step. Collective, as are its methods.
+    """Norms of the forces in the current and in the last step. Collective, as are its methods.
 
     Args:
         bulk: Residual of the bodies and loads.
-        mass: Lumped masses of the owned dofs, which are exact enough for this, ``(d n,)`` [kg].
+        mass: Lumped masses of the owned dofs, ``(d n,)`` [kg].
 
     Attributes:
         internal: Norm of the internal forces of the last step [N].
-        load: Norm of its loads [N].
+        load: Norm of the loads of the last step [N].
     """
 
     def __init__(self, bulk: Bulk, mass: Floats) -> None:
@@ -36,7 +46,7 @@ class StepForces:
         self.internal = self.load = 0.0
 
     def forget(self) -> None:
-        """Let no loads be those of the last step. Local."""
+        """Forget the loads of the last step. Local."""
         self.load = np.inf
 
     def serialize(self, archive: Archive) -> None:
@@ -45,7 +55,7 @@ class StepForces:
         self.load = archive.same("load_norm", self.load)
 
     def accept(self, load: float, internal: Floats) -> None:
-        """Keep norm of the loads [N] and internal forces of the owned dofs [N] of a step."""
+        """Store the norm of the loads [N] and the internal forces of the owned dofs [N]."""
         self.load, self.internal = load, self.norm(internal)
 
     def loads(self) -> Floats:
@@ -54,11 +64,11 @@ class StepForces:
         return total
 
     def stays(self, load: float) -> bool:
-        """Whether loads with some norm [N] are those of the last step. Local."""
+        """Whether the norm of the loads [N] is that of the last step. Local."""
         return abs(load - self.load) <= _SAME_LOAD * load
 
     def scale(self, load: float, v: Floats, dt: float) -> float:
-        """Norm of the forces at work, with which the residual is compared [N].
+        """Force scale to which the residual is relative [N].
 
         Args:
             load: Norm of the loads [N].
@@ -68,9 +78,129 @@ class StepForces:
         return self.internal + load + _INERTIA_PART * self.norm(self._mass * v) / dt
 
     def kinetic_energy(self, v: Floats) -> float:
-        """Kinetic energy of this rank's part by velocities of the owned dofs [J]. Local."""
+        """Kinetic energy of the owned dofs for their velocities [m/s], on this rank [J]. Local."""
         return float(self._mass @ v**2) / 2
 
     def norm(self, values: Floats) -> float:
-        """Euclidean norm of values at the owned dofs of all ranks."""
+        """Euclidean norm of values at the owned dofs, over all ranks."""
         return float(np.sqrt(reductions.total(self._comm, values @ values)))
+
+
+class StepWorks(NamedTuple):
+    """Works and energies of a step, the same on all ranks.
+
+    Attributes:
+        damping: Work of damping and of viscous branches, never positive [J].
+        solver: Work of the remaining residual of Newton's method [J].
+        inertia: Change of kinetic energy minus the work of all forces [J].
+        open_gaps: Upper bound on the work of multipliers on gaps within tolerance [J].
+        kinetic: Kinetic energy before and after the step, with lumped masses [J].
+        loads: Work of each load [J].
+        num_segments: Number of candidate segments.
+    """
+
+    damping: float
+    solver: float
+    inertia: float
+    open_gaps: float
+    kinetic: tuple[float, float]
+    loads: tuple[float, ...]
+    num_segments: int
+
+    @classmethod
+    def of(
+        cls,
+        bulk: Bulk,
+        inertia: Inertia,
+        forces: StepForces,
+        steps: Sequence[ContactStep],
+        solution: newton.Solution,
+        *,
+        defect: float,
+        du: Floats,
+        v_n: Floats,
+        v: Floats,
+        closed_within: float,
+    ) -> "StepWorks":
+        """Sum the works of a solved step in one reduction. Collective.
+
+        Args:
+            bulk: Residual of the bodies.
+            inertia: Inertia of the bodies.
+            forces: Forces of the step.
+            steps: Contact of the step.
+            solution: Solution of Newton's method.
+            defect: Change of kinetic energy minus the work of all forces on this rank [J].
+            du: Displacement increments of the owned dofs, ``(d n,)`` [m].
+            v_n: Velocities of the owned dofs before the step, ``(d n,)`` [m/s].
+            v: Velocities of the owned dofs after the step, ``(d n,)`` [m/s].
+            closed_within: Tolerance of closed gaps [m].
+        """
+        multipliers = sum(float(np.abs(step.normal.lambda_N).sum()) for step in steps)
+        of_this_rank = [
+            -inertia.dissipated(),
+            float(solution.end.R @ du),
+            defect,
+            multipliers * closed_within,
+            forces.kinetic_energy(v_n),
+            forces.kinetic_energy(v),
+            float(sum(len(step.candidates.size) for step in steps)),
+            *(float(force @ du) for force in bulk.loads()),
+        ]
+        total = reductions.total(bulk.comm, of_this_rank)
+        damping, solver, gained, open_gaps, before, after, segments, *loads = total
+        kinetic = before, after
+        return cls(damping, solver, gained, open_gaps, kinetic, tuple(loads), int(segments))
+
+
+class Reactions:
+    """Reactions of supports and guides, and work of rigidity constraints.
+
+    Args:
+        bulk: Residual of the bodies, with supports and rigid motions.
+        bodies: All bodies.
+        at_mean: Whether forces act in the middle of a step rather than at its end.
+        is_static: Whether bodies have no inertia.
+    """
+
+    def __init__(
+        self, bulk: Bulk, bodies: Sequence[Body], *, at_mean: bool, is_static: bool
+    ) -> None:
+        self._bulk, self._at_mean = bulk, at_mean
+        rigid = bulk.rigid
+        # Constraint forces of rigidity in the middle of the step do no work.
+        self._constraints_work = rigid.exists and not is_static and rigid.part != 0.5
+        self._exist = bulk.supports.exist or bool(guided(bodies)) or self._constraints_work
+
+    def of(
+        self, steps: Sequence[ContactStep], solution: newton.Solution, x: Floats, du: Floats
+    ) -> tuple[tuple[Reaction, ...], float]:
+        """Reactions of supports, then of guides. Collective.
+
+        Args:
+            steps: Contact of the step.
+            solution: Solution of Newton's method.
+            x: Positions of the local nodes at the end of the step, shape ``(l, 3)`` [m].
+            du: Displacement increments of the owned nodes, shape ``(n, d)`` [m].
+
+        Returns:
+            The reactions, and the work of the rigidity constraints on this rank [J].
+        """
+        if not self._exist:
+            return (), 0.0
+        supports, rigid = self._bulk.supports, self._bulk.rigid
+        fixed, (n, d) = supports.fixed, du.shape
+        # The residual of a state has no forces on prescribed displacements; ``force`` has all.
+        everywhere = [state._replace(residual=state.force) for state in solution.end.states]
+        force = solution.end.forces + contact_residual(steps, everywhere, (n, d))
+        if self._at_mean:
+            x = x.copy()
+            x[:n] -= in_space(du) / 2
+        of_supports = supports.reactions(force[fixed], x, du.ravel()[fixed])
+        force, work = force.reshape(n, d), 0.0
+        if self._constraints_work:
+            u = self._bulk.u.x.array[: n * d].reshape(n, d)
+            prescribed, nodes = rigid.prescribed_displacement(u), rigid.nodes
+            work = float(np.vdot(force[nodes], (du - prescribed)[nodes]))
+            du = prescribed
+        return of_supports + rigid.guides.reactions(force, x, du), work

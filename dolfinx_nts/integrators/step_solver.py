@@ -1,4 +1,4 @@
-"""Solution of one attempt at an implicit step, with the contact of its pairs."""
+"""Solution of an implicit step from one starting guess."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -39,28 +39,28 @@ __all__ = ["StepSolver"]
 
 
 class StepSolver:
-    """Solves attempts at a step by Newton's method. Collective, as are its methods.
+    """Newton solution of attempts at a step. Collective, as are its methods.
 
     Args:
-        bulk: Residual of the bodies, with the motion of rigid ones.
-        tangent: Matrix of its derivative.
-        rates: How velocities follow from displacements.
+        bulk: Residual of the bodies, with rigid motions.
+        tangent: Its tangent matrix.
+        rates: Relation between velocities and displacements.
         scheme: The scheme.
         bodies: All bodies.
         contacts: States of the contact pairs.
         loads: Loads on the bodies.
         mass: Lumped mass of the owned dofs, shape ``(d n,)`` [kg].
         petsc_options: See `EnergyMomentum`.
-        flows: Whether points of materials flow, so that stresses have tangents that jump.
+        flows: Whether materials are plastic, with discontinuous tangents.
 
     Attributes:
         linear: Solver of the linear systems.
         sizes: Sizes of the cells.
         mass: Lumped mass of the owned nodes, shape ``(n,)`` [kg].
-        free: 1 where the displacement of an owned node is unknown, 0 where it is given, shape
+        free: 1 at unknown displacements of the owned nodes, 0 at prescribed ones, shape
             ``(n, d)``; None if all are unknown.
-        relief: Keeps bodies in place that contact alone may hold.
-        sleeping: Bodies that are not computed.
+        relief: Inertia relief of bodies that only contact supports.
+        sleeping: Bodies that the step skips.
     """
 
     def __init__(
@@ -97,7 +97,7 @@ class StepSolver:
         nonlinear_elimination: NonlinearElimination | None = None
         if not (self._is_static or bulk.rigid.exists or flows):
             nonlinear_elimination = NonlinearElimination(bulk, self.linear, self.sizes)
-        # What all attempts have in common, by the arguments of `newton.solve`.
+        # Arguments of `newton.solve` that all attempts share.
         self._common: dict[str, Any] = {
             "X": X,
             "relief": self.relief,
@@ -115,7 +115,6 @@ class StepSolver:
 
     @property
     def _is_static(self) -> bool:
-        """Whether there is no inertia. Local."""
         return self._rates.acceleration is None
 
     def solve(
@@ -132,13 +131,13 @@ class StepSolver:
         """Solve the step.
 
         Args:
-            start: Where Newton's method starts.
-            problem: What is given in the step.
-            motion_from: Creates the prescribed motion from the start.
+            start: Starting guess of Newton's method.
+            problem: Data of the step.
+            motion_from: Creates the prescribed motion from the starting guess.
             timings: Receives the wall time of the phases.
-            all_awake: Whether bodies that sleep are computed, too.
+            all_awake: Whether no body may sleep.
             drag: Resistance to all motions, if any.
-            after: Contact at the end of an attempt, as which it begins here, if there was one.
+            after: Contact of a previous attempt from which to start, if any.
         """
         rates = self._rates
         self._bulk.u.x.array[:] = start.u
@@ -146,7 +145,7 @@ class StepSolver:
             steps = self._contact_steps(problem, start.begins_sticking)
             if after:
                 go_on_from(steps, after)
-        # Bodies that only contact holds go as far as it takes to touch others.
+        # Bodies that only contact supports may move far until they touch others.
         if not (all_awake or self.relief.bodies):
             self.sleeping.find(rates.v.x.array, rates.u_n.x.array, steps)
         motion = motion_from(start, steps)
@@ -155,7 +154,7 @@ class StepSolver:
             self.linear,
             steps,
             motion=motion,
-            is_unchanged=rates.at_rest and drag is None,
+            is_unchanged=rates.is_unchanged and drag is None,
             force_scale=problem.force_scale,
             timings=timings,
             drag=drag,
@@ -166,11 +165,11 @@ class StepSolver:
         return steps, solution
 
     def missed_contact(self, steps: Sequence[ContactStep], problem: StepProblem, x: Floats) -> str:
-        """Name contact that the motion made reached and the search did not, see `certificate`.
+        """Reason if the solution reached contact outside the searched range, or "".
 
         Args:
             steps: Contact of the solved step.
-            problem: What was given in it.
+            problem: Data of the step.
             x: Positions of the local nodes at its end, shape ``(l, 3)`` [m].
         """
         made = replace(problem, x_trial=x)
@@ -179,18 +178,17 @@ class StepSolver:
         return missed_contact(steps, self.sleeping.states, ends, farthest, repeat)
 
     def _contact_steps(self, problem: StepProblem, begins_sticking: bool) -> list[ContactStep]:
-        """Contact of the pairs that may touch, at the beginning of an attempt."""
+        """Contact of the pairs that may touch, at the start of an attempt."""
         x_n, x_trial = problem.x_n, problem.x_trial
         states: Sequence[PairState | JointState] = self.sleeping.states
         if not self._is_static:
-            way = reductions.largest(self._bulk.comm, _kernels.farthest(x_n, x_trial))
-            states = [state for state in states if may_face(state, x_n, way)]
+            farthest = reductions.largest(self._bulk.comm, _kernels.farthest(x_n, x_trial))
+            states = [state for state in states if may_face(state, x_n, farthest)]
         return [self._contact_step(problem, begins_sticking, state) for state in states]
 
     def _contact_step(
         self, problem: StepProblem, begins_sticking: bool, state: PairState | JointState
     ) -> ContactStep:
-        """Contact of one state at the beginning of an attempt."""
         stiffness = contact_stiffness(
             self._tangent.nodal_stiffness(), self._bodies, self.mass, self._rates
         )
@@ -198,7 +196,7 @@ class StepSolver:
         return ContactStep(
             *(state, scheme.contact, x_n, x_trial, stiffness, self.free, self._is_static),
             self._bulk.rigid.nodes,
-            problem.on_the_way,
+            problem.intermediate,
             scheme.stress_share,
             begins_sticking,
         )

@@ -1,4 +1,4 @@
-"""Strains of a step, by which materials with a memory go on."""
+"""Strains of a step, for materials with internal variables."""
 
 from typing import Any
 
@@ -22,11 +22,11 @@ class StepStrains:
         u_n: Displacement at the start of a step [m].
         u: Displacement at its end [m].
         dt: Length of the step, a constant [s].
-        scheme: Gives the stress of a step.
+        scheme: Scheme, which defines the stress of a step.
 
     Attributes:
-        dt, scheme: As given.
-        theta: Part of the end of the step in the stress of the scheme [-].
+        dt, scheme: The arguments.
+        theta: Weight of the end of the step in the stress of the scheme [-].
         F_n, F: Deformation gradients at both ends, UFL (3, 3).
         C_n, C: Right Cauchy-Green tensors, UFL (3, 3).
     """
@@ -39,17 +39,17 @@ class StepStrains:
         self.C_n, self.C = map(right_cauchy_green, (self.F_n, self.F))
 
     def mean(self, start: Any, end: Any) -> Any:
-        """Value where the stress is taken, of those at both ends."""
+        """Interpolate values at both ends to the point of the stress."""
         return (1 - self.theta) * start + self.theta * end
 
 
 def symmetric_entries(tensor: Any) -> list[Any]:
-    """Six entries of a symmetric tensor, as they are stored, UFL. Local."""
+    """Six entries of a symmetric tensor in storage order, UFL. Local."""
     return [tensor[entry] for entry in _ENTRIES]
 
 
 def symmetric_tensor(entries: Any, first: int = 0) -> Any:
-    """Symmetric tensor, UFL (3, 3), of six entries from the one of a number on. Local."""
+    """Symmetric tensor, UFL (3, 3), from six entries starting at index ``first``. Local."""
     number = {entry: first + i for i, entry in enumerate(_ENTRIES)}
     rows = [[entries[number[min(i, j), max(i, j)]] for j in range(3)] for i in range(3)]
     return ufl.as_matrix(rows)

@@ -1,7 +1,7 @@
-"""Steppers, which own the state of bodies and their contact and advance it in time.
+"""Base class of steppers, which own the state of bodies and their contact and advance it in time.
 
-This module has what all of them share: checks, the order of things in a step, and the public
-interface. How a step is solved is up to `ImplicitStepper` and `CentralDifference`.
+It has the checks, the order of operations in a step, and the public interface. `ImplicitStepper`
+and `CentralDifference` implement the solution of a step.
 """
 
 import logging
@@ -11,6 +11,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+import ufl
 from dolfinx import fem
 
 from dolfinx_nts.common.archive import Archive
@@ -30,7 +31,6 @@ from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.rigid import check_rigid_bodies
 from dolfinx_nts.integrators.scheme import Scheme
-from dolfinx_nts.integrators.script_values import ScriptValues
 from dolfinx_nts.integrators.state import current_positions
 from dolfinx_nts.integrators.statistics import StepperStatistics
 from dolfinx_nts.integrators.time_loop import TimeLoop
@@ -47,26 +47,93 @@ from dolfinx_nts.parallel.meeting import meet
 from dolfinx_nts.solvers.newton_report import ConvergenceError
 from dolfinx_nts.solvers.statistics import SolverStatistics
 
-__all__ = ["Stepper"]
+__all__ = ["ScriptValues", "Stepper"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Greatest turn of an obstacle in a step [rad]: that of a normal, see `ContactKinematics.turn`.
+# Largest rotation of an obstacle in a step [rad], as of a normal, see `ContactKinematics.turn`.
 _MOST_TURN = np.pi / 2
+
+
+class ScriptValues:
+    """Values in loads that ``update`` sets, evaluated at the time of the loads. Local.
+
+    Dirichlet conditions need values at the end of a step, loads mostly in its middle, and both may
+    share a Constant. The forms of loads therefore contain copies.
+
+    Args:
+        loads: Loads of the stepper.
+        state: Displacements at both ends of a step, which the user does not set.
+        update: Function of the user that sets values for a time [s], or None.
+    """
+
+    def __init__(
+        self,
+        loads: Sequence[Load],
+        state: tuple[fem.Function, fem.Function],
+        update: Callable[[float], None] | None,
+    ) -> None:
+        self._state, self._update = state, update
+        self._copies: dict[Any, Any] = {}
+        self._constants = [(load.name, load.form(*state).constants()) for load in loads]
+
+    @property
+    def updates(self) -> bool:
+        """Whether there is an ``update``."""
+        return self._update is not None
+
+    def constants(self) -> list[tuple[str, Any]]:
+        """Names of loads, and the current values of their constants."""
+        return [(name, c.value) for name, constants in self._constants for c in constants]
+
+    def with_copies(self, load: Load, form: ufl.Form) -> ufl.Form:
+        """Replace the user's values in the form of a load by copies."""
+        given = [value for value in load.given(form) if not any(value is s for s in self._state)]
+        for value in given:
+            if value not in self._copies:
+                self._copies[value] = value.copy() if _is_function(value) else _copy(value)
+        return ufl.replace(form, {value: self._copies[value] for value in given})
+
+    def update(self, end: float) -> None:
+        """Call ``update`` for the end of the step [s], unless `take` does."""
+        if self._update is not None and not self._copies:
+            self._update(end)
+
+    def take(self, t: float, end: float) -> None:
+        """Copy the values in loads at time t, then restore those for the end of the step [s]."""
+        if not self._copies:
+            return
+        if self._update is not None:
+            self._update(t)
+        for value, copy in self._copies.items():
+            if _is_function(value):
+                copy.x.array[:] = value.x.array
+            else:
+                copy.value[...] = value.value
+        if self._update is not None:
+            self._update(end)
+
+
+def _is_function(value: Any) -> bool:
+    return isinstance(value, fem.Function)
+
+
+def _copy(constant: fem.Constant) -> fem.Constant:
+    return fem.Constant(constant.ufl_domain(), constant.value.copy())
 
 
 class Stepper(TimeLoop):
     """Base class of all time integrators. Collective, as are all its methods.
 
-    A class sets ``scheme`` before it calls ``__init__``. Arguments, further attributes and
+    Derived classes set ``scheme`` before they call ``__init__``. Arguments, further attributes and
     errors are those of `EnergyMomentum`.
 
     Attributes:
-        scheme: What is evaluated at which state of a step.
+        scheme: The time integration scheme.
         supports: The Dirichlet conditions.
-        cell_energies: Strain energy of the present state, and what `Diagnostics.bulk_defect` has
-            of the last step without ``inertia_defect``, where the step knows them [J].
-        watch: Watches over overlaps, vertices that pass, and soft springs, and tells them.
+        cell_energies: Strain energy of the current state, and `Diagnostics.bulk_defect` of the
+            last step without ``inertia_defect`` [J]; None if the step does not compute them.
+        watch: Checks of overlaps, vertices that pass through surfaces, and soft springs.
     """
 
     scheme: Scheme
@@ -76,7 +143,7 @@ class Stepper(TimeLoop):
     pairs = SetOnce[tuple[ContactPair, ...]]()
 
     def __new__(cls, *arguments: Any, **options: Any) -> Any:
-        """Name the class, and the arguments it takes, if others are given."""
+        """Check the arguments, with an error that names the class and its arguments."""
         hint = ", bodies and pairs first and all others by name (dt=, the length of a step [s])"
         check_call(cls, arguments, options, hint)
         return super().__new__(cls)
@@ -122,13 +189,13 @@ class Stepper(TimeLoop):
         passes = Passes(partial(current_positions, self._X, self.u), self._now.item)
         self.contacts = tuple(PairState(pair, passes) for pair in self.pairs)
         self.watch = ContactWatch(self.bodies, self.contacts)
-        # Bound on the way of all nodes in the last step [m].
-        self._was_displaced, self._way = True, 0.0
+        # Bound on the displacement increments of all nodes in the last step [m].
+        self._was_displaced, self._increment = True, 0.0
         self.timings = Timings()
         self._script = ScriptValues(self.loads, (self.u_n, self.u), update)
-        # Positions from which the user has displaced bodies since the last step.
+        # Positions before the user displaced bodies since the last step.
         self._x_before: Floats | None = None
-        # Asking a Function for its values takes as long as copying those of a small mesh.
+        # Cached, since access to the array of a Function is slow.
         self._u, self._u_n = self.u.x.array, self.u_n.x.array
         self._volume_ratio = VolumeRatio(self.u)
 
@@ -137,7 +204,7 @@ class Stepper(TimeLoop):
         """Momentum of the owned nodes at t, shape ``(n, 3)`` [kg m/s]."""
 
     def carried(self, forces: Floats) -> Floats:
-        """Take forces at the owned nodes, ``(n, 3)`` [N], to those that carry mass."""
+        """Transfer forces at the owned nodes, ``(n, 3)`` [N], to the nodes that carry mass."""
         return forces
 
     @abstractmethod
@@ -146,7 +213,7 @@ class Stepper(TimeLoop):
 
     @property
     def statistics(self) -> StepperStatistics:
-        """Counts of the work that has been done so far. Local."""
+        """Counts of solver work so far. Local."""
         return StepperStatistics(
             tuple(map(str, self.contacts)),
             tuple(contact.search.num_searches for contact in self.contacts),
@@ -155,21 +222,21 @@ class Stepper(TimeLoop):
 
     @abstractmethod
     def _work_of_solvers(self) -> tuple[int, SolverStatistics | None]:
-        """Number of evaluations of internal forces, and the linear solver's work."""
+        """Number of evaluations of internal forces, and statistics of the linear solver."""
 
     def __repr__(self) -> str:
-        """Time, number of steps, and what is advanced, in one line. Local."""
+        """Time, number of steps, and numbers of bodies, pairs and loads. Local."""
         counts = {name: len(getattr(self, name)) for name in ("bodies", "pairs", "loads")}
         return as_call(self, t=self.t, dt=self.dt, step=self.step, **counts)
 
     def serialize(self, archive: Archive) -> None:
-        """Serialize the state, the contact, and all else on which the next step depends."""
+        """Serialize all data on which the next step depends, including contact."""
         super().serialize(archive)
         for number, contact in enumerate(self.contacts, start=1):
             contact.serialize(archive, f"pair_{number}")
             contact.search.serialize(archive, f"pair_{number}/search")
         self.watch.serialize(archive)
-        # What a run has led to is no start, however deep bodies are in each other.
+        # Overlaps of a restored run are not reported as overlaps of an initial state.
         self._was_displaced &= not archive.giving
 
     def adopt(
@@ -180,13 +247,14 @@ class Stepper(TimeLoop):
         same_scheme: bool,
         same_bodies: bool,
     ) -> None:
-        """Take over time, motion, memory and contact of another scene on the same mesh.
+        """Take over time, motion, internal variables and contact of another scene on the mesh.
 
         Args:
-            archive: Gives what `serialize` of the other stepper has stored.
+            archive: Archive stored by `serialize` of the other stepper.
             contacts: Name of the contact in the archive by the number of a pair, from 0.
             same_scheme: Whether the other stepper has the same scheme.
-            same_bodies: Whether it has the same bodies and materials. Else the memory begins anew.
+            same_bodies: Whether it has the same bodies and materials. If not, internal variables
+                keep their initial values.
         """
         self._serialize_motion(archive)
         for function in (self.u, self.v):
@@ -210,14 +278,14 @@ class Stepper(TimeLoop):
         Raises:
             ConvergenceError: The step could not be solved, or an obstacle turns by more than 90
                 degrees. The state is as before the call.
-            ValueError: The state, a load, a motion or a condition is not finite, conditions
-                conflict, or bodies start inside a rigid obstacle, or were put there between
-                steps, or ranks have different ``dt``. The state is as before the call.
+            ValueError: The state, a load, a motion or a condition is not finite; conditions
+                conflict; bodies are initially inside a rigid obstacle, or were placed there between
+                steps; or ranks have different ``dt``. The state is as before the call.
         """
         self._check_state()
-        self._dt.value[...] = self.dt  # which is quicker than to set the value
+        self._dt.value[...] = self.dt  # faster than assignment of the value
         if self._was_displaced:
-            self._look_at_start()
+            self._check_start()
         moving = [contact for contact in self.contacts if contact.search.may_move]
         anything_moves = moving or guided(self.bodies)
         if self._script.updates or self.loads or anything_moves:
@@ -234,10 +302,10 @@ class Stepper(TimeLoop):
         self.memory.begin()
         report = self._step()
         self.t_n, self.t, self.step, self._x_before = self.t, report.t, report.step, None
-        way = self._way
+        moved = self._increment
         for contact in moving:
-            way = contact.search.way(self.x, way)
-        if way and self.watch.overlaps.moved_far(way):
+            moved = contact.search.way(self.x, moved)
+        if moved and self.watch.overlaps.moved_far(moved):
             with self.timings.phase("overlap"):
                 self.watch.overlaps.follow(self.x, self.t)
         if self._comm.rank == 0:
@@ -246,26 +314,25 @@ class Stepper(TimeLoop):
         return report
 
     def known_gaps(self) -> list[Floats] | None:
-        """Gaps of the nodes of each pair at the present state, if the last step has found them.
+        """Gaps of the nodes of each pair at the current state, if the last step computed them.
 
-        Local. Those of nodes that are not inside may be missing, as NaN.
+        Local. Nodes without penetration may have NaN.
 
         Returns:
-            Arrays of shape ``(n,)`` [m]; None where they are not known.
+            Arrays of shape ``(n,)`` [m], or None.
         """
         return None
 
     def look_for_overlaps(self) -> None:
-        """Tell, in the log, what overlaps now and was not told before.
+        """Report overlaps of bodies in the log that have not been reported before.
 
-        Runs do that by themselves whenever bodies could have come through each other, and at their
-        end.
+        Runs do so whenever bodies could have passed through each other, and at their end.
         """
         with self.timings.phase("overlap"):
             self.watch.look(self.x, self.t)
 
-    def _look_at_start(self) -> None:
-        """Look at a displacement that was set, before the first step or between steps."""
+    def _check_start(self) -> None:
+        """Check a displacement that the user has set."""
         if self.step == 0 or self._x_before is not None:
             for contact in self.contacts:
                 check_start(contact, self.t, self.x, self._x_before)
@@ -284,19 +351,19 @@ class Stepper(TimeLoop):
         self._x_before = self._x_before if before is None else before
 
     def _load_at(self, point: float) -> None:
-        """Set the time of the loads to a point of the next step, from 0 to 1. Local."""
+        """Set the time of the loads to a fraction of the next step, from 0 to 1. Local."""
         t = self.t + point * self.dt
         self._script.take(t, self.t + self.dt)
         for load in self.loads:
             load.update(t)
 
     def _begin(self, t_n: float, t: float) -> None:
-        """Tell what has a motion of its own that a step goes from t_n to t [s]. Local."""
+        """Set the prescribed motions for a step from t_n to t [s]. Local."""
         for contact in self.contacts:
             contact.search.begin(t_n, t)
 
     def _values(self) -> list[str]:
-        """Values of the script in the step, equal on all ranks, as text. Local."""
+        """Prescribed values of the step as text, for comparison between ranks. Local."""
         if self._comm.size == 1:
             return []
         frames = [(contact.segments.name, contact.search.frame) for contact in self.contacts]
@@ -311,11 +378,11 @@ class Stepper(TimeLoop):
         ]
 
     def _prescribed(self) -> list[tuple[str, Any]]:
-        """Names of guided bodies, and their prescribed motions in the step. Local."""
+        """Names of guided bodies and their prescribed motions in the step. Local."""
         return []
 
     def _turns(self) -> list[tuple[str, float]]:
-        """Names of what is moved in the step, and by which angles it turns [rad]. Local."""
+        """Names of moving obstacles and guides, and their rotations in the step [rad]. Local."""
         return [(c.segments.name, c.search.frame.angle) for c in self.contacts]
 
     def _check_turns(self) -> None:
@@ -331,7 +398,6 @@ class Stepper(TimeLoop):
                 )
 
     def _next(self) -> str:
-        """What all ranks do together now."""
         return f"step {self.step + 1} from t = {self.t!r} s by dt = {self.dt!r} s"
 
     def _check_state(self) -> None:

@@ -1,10 +1,12 @@
-"""Runs: step by step to a given time, in equal steps or in steps that are cut and grow."""
+"""Runs to a given time, in steps of equal length or with step control."""
 
 import logging
 import math
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from typing import Any
+
+from mpi4py import MPI
 
 import numpy as np
 from dolfinx import fem
@@ -17,28 +19,51 @@ from dolfinx_nts.common.declaration import SetOnce
 from dolfinx_nts.contact.held_apart import held_apart
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.node_numbering import listed
-from dolfinx_nts.integrators.futile_cuts import FutileCuts
-from dolfinx_nts.integrators.limit_point import LimitPoint
 from dolfinx_nts.integrators.memory import Memory
 from dolfinx_nts.integrators.relaxation import IF_IT_MOVES
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.scheme import Scheme
-from dolfinx_nts.integrators.short_steps import ShortSteps
+from dolfinx_nts.integrators.stagnation import IneffectiveCuts, LimitPoint, ShortSteps
 from dolfinx_nts.integrators.state import State
 from dolfinx_nts.integrators.step_control import ROUND_OFF, EvenSteps, StepControl, StepLength
-from dolfinx_nts.integrators.step_loop import StepLoop
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.loads import Load
 from dolfinx_nts.parallel.communication import joined
 from dolfinx_nts.parallel.meeting import meet
 from dolfinx_nts.solvers.newton_report import ConvergenceError
 
-__all__ = ["TimeLoop"]
+__all__ = ["StepLoop", "TimeLoop"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Format of a progress bar that counts the seconds of the run instead of its steps.
+# Format of a progress bar that counts simulated seconds instead of steps.
 _BAR = "{l_bar}{bar}| {n:.4g}/{total:.4g} s [{elapsed}<{remaining}]"
+
+
+class StepLoop(Iterator[StepReport]):
+    """Iterator over step reports that warns if no step was taken. Collective except on deletion.
+
+    Args:
+        steps: Generator that takes a step for each report.
+        comm: Communicator, whose first rank warns.
+    """
+
+    def __init__(self, steps: Iterator[StepReport], comm: MPI.Comm) -> None:
+        self._steps = steps
+        self._is_silent = comm.rank > 0
+
+    def __next__(self) -> StepReport:
+        """Take the next step and return its report."""
+        self._is_silent = True
+        return next(self._steps)
+
+    def __del__(self) -> None:
+        """Warn if no step was requested."""
+        if not self._is_silent:
+            _logger.warning(
+                "run() was called without a loop, so that no step was taken: write "
+                '"for step in stepper.run(...)", or list(stepper.run(...))'
+            )
 
 
 class TimeLoop(State):
@@ -50,14 +75,14 @@ class TimeLoop(State):
         scheme: Gives the stress of a step.
 
     Attributes:
-        contacts: What this stepper remembers of each contact pair.
+        contacts: State of each contact pair.
         loads: The loads.
-        memory: What materials remember, as strains in viscous branches.
+        memory: Internal variables of the materials, such as viscous strains.
     """
 
     contacts: tuple[PairState, ...]
     loads = SetOnce[tuple[Load, ...]]()
-    # Starts of a step, and whether in statics bodies may go far where these fail.
+    # Whether a step tries Newton's method, and whether statics falls back to relaxation.
     _tries, _relaxes = True, True
 
     def __init__(
@@ -73,18 +98,18 @@ class TimeLoop(State):
 
     @abstractmethod
     def look_for_overlaps(self) -> None:
-        """Tell what overlaps now and was not told before."""
+        """Report overlaps that have not been reported before."""
 
-    def _static_way(self) -> float | None:
-        """Largest displacement of a node in the last step [m]; None with inertia."""
+    def _static_increment(self) -> float | None:
+        """Largest displacement increment of a node in the last step [m]; None with inertia."""
         return None
 
     def _longest_step(self) -> float:
-        """Length that a step must not exceed [s]."""
+        """Upper bound on the length of a step [s]."""
         return math.inf
 
     def serialize(self, archive: Archive) -> None:
-        """Serialize the state, and how steps follow each other."""
+        """Serialize the state and the step control."""
         super().serialize(archive)
         self.memory.serialize(archive)
         self._even.serialize(archive)
@@ -95,17 +120,17 @@ class TimeLoop(State):
 
         Args:
             until: Time at the end [s].
-            control: Cuts steps that fail; with None every step has the length ``dt``, except
+            control: Halves steps that fail. With None every step has the length ``dt``, except
                 the last one.
 
         Returns:
-            Iterator over the reports of the steps. It takes a step, and accepts it, when the
-            next report is asked for, so that ``dt`` may be set between two steps.
+            Iterator over the reports of the steps. Each iteration takes one step, so that ``dt``
+            may be set between two steps.
 
         Raises:
             TypeError: ``until`` is no number, or ``control`` no `StepControl`.
             ValueError: ``until`` is negative or not finite.
-            ConvergenceError: A step failed, with a control at its smallest length. The state is
+            ConvergenceError: A step failed; with a control, at its smallest length. The state is
                 that of the last accepted step.
         """
         if finite("until", until) < 0:
@@ -126,16 +151,16 @@ class TimeLoop(State):
         try:
             yield from self._run_evenly(until) if control is None else self._run(until, control)
         except ConvergenceError:
-            self.look_for_overlaps()  # They may be why.
+            self.look_for_overlaps()  # a possible cause
             raise
         self.look_for_overlaps()
 
     def _run_evenly(self, until: float) -> Iterator[StepReport]:
-        """Advance in equal steps, as long as ``dt`` stays the same."""
+        """Advance in steps of equal length."""
         even = self._even
         with self._progress(until, initial=self.t, bar_format=_BAR) as bar:
             while (remaining := (until - self.t) / (dt := self.dt)) > ROUND_OFF:
-                even.go_on(self.t, self.step, dt)
+                even.resume(self.t, self.step, dt)
                 end = even.end(self.step + 1, dt)
                 if remaining <= 1 + ROUND_OFF and end != until:
                     end, dt = until, until - self.t
@@ -144,12 +169,12 @@ class TimeLoop(State):
                 yield report
 
     def _run(self, until: float, control: StepControl) -> Iterator[StepReport]:
-        """Advance in steps that are each as long as the control and the scheme permit."""
+        """Advance in steps as long as the control and the scheme permit."""
         smallest, gap_tol = control.shortest(self.dt), control.gap_tol
         apart = None if gap_tol is None else self._held_apart(gap_tol)
         rejected, first, limit, short = 0, "", LimitPoint(), ShortSteps()
-        futile = FutileCuts(inertia=self._static_way() is None)
-        given_up: ConvergenceError | None = None  # what ends the run unless bodies may go far
+        ineffective = IneffectiveCuts(inertia=self._static_increment() is None)
+        given_up: ConvergenceError | None = None  # ends the run unless relaxation succeeds
         with self._progress(until, initial=self.t, bar_format=_BAR) as bar:
             while until - self.t > ROUND_OFF * smallest:
                 longest = min(self.dt * 0.5**self._length.cuts, self._longest_step())
@@ -165,12 +190,12 @@ class TimeLoop(State):
                     if given_up is not None:
                         raise _in_vain(given_up, error) from None
                     first = first or f"it was first tried with dt = {dt:.3g} s: {error}"
-                    futile.fail(error.reports, dt, self._length.cuts)
+                    ineffective.fail(error.reports, dt, self._length.cuts)
                     text = ""
                     if limit.is_near and control.smallest is None:
-                        text = f"{limit.told(self.t, end, len(self.loads) > 0)}; {error}"
-                    elif futile.are_certain and control.smallest is None:
-                        text = f"{futile.told()}; {error}"
+                        text = f"{limit.message(self.t, end, len(self.loads) > 0)}; {error}"
+                    elif ineffective.are_certain and control.smallest is None:
+                        text = f"{ineffective.message()}; {error}"
                     elif dt / 2 < smallest:
                         text = (
                             f"{error}; dt has been cut to {dt:.3g} s, half of which is "
@@ -179,9 +204,9 @@ class TimeLoop(State):
                     if text:
                         given_up = ConvergenceError(text, error.reports)
                         hopeless = any(each.is_hopeless for each in error.reports)
-                        if self._static_way() is None or hopeless:
+                        if self._static_increment() is None or hopeless:
                             raise given_up from None
-                        # The last resort, which wants no short step.
+                        # Relaxation as the last resort needs no short step.
                         self._length.uncut(rejected)
                         rejected += 1
                         continue
@@ -193,24 +218,24 @@ class TimeLoop(State):
                     rejected += 1
                     continue
                 if given_up is not None:
-                    # Bodies went elsewhere, where nothing of what made steps short is left.
+                    # The new equilibrium is unrelated to the cause of the cuts.
                     limit, short, self._length = LimitPoint(), ShortSteps(), StepLength()
-                told = short.accept(self._length.cuts)
-                if told and self._comm.rank == 0:
-                    _logger.warning("at t = %g %s", self.t, told)
+                warning = short.accept(self._length.cuts)
+                if warning and self._comm.rank == 0:
+                    _logger.warning("at t = %g %s", self.t, warning)
                 self._length.accept()
-                futile.accept()
-                if (way := self._static_way()) is not None:
-                    limit.accept(way / dt, rejected)
+                ineffective.accept()
+                if (increment := self._static_increment()) is not None:
+                    limit.accept(increment / dt, rejected)
                 yield report._replace(rejected=rejected)
                 bar.update(dt)
                 rejected, first, given_up = 0, "", None
 
     def _advance_to(self, end: float, dt: float, *, far: bool | None = None) -> StepReport:
-        """Advance by one step of length dt [s], and remove the round-off of its end [s].
+        """Advance by one step of length dt [s], and set the time to its end [s] exactly.
 
-        In statics bodies may go far from the last state where it has no equilibrium near it, or
-        do so at once, or not at all, with ``far`` None, true or false.
+        In statics ``far`` is true to use relaxation only, false to use Newton's method only, and
+        None to use relaxation where Newton's method fails.
         """
         self._tries, self._relaxes = not far, far is None or far
         try:
@@ -222,12 +247,12 @@ class TimeLoop(State):
         return report._replace(t=end)
 
     def _held_apart(self, gap_tol: float) -> list[Flags]:
-        """Nodes of each pair that contact holds off the surface, or inside, by over gap_tol."""
+        """Active nodes of each pair whose gap exceeds gap_tol in magnitude."""
         x = self.x
         return [held_apart(pair, x, gap_tol) for pair in self.contacts]
 
     def _checked(self, before: list[Flags], gap_tol: float) -> list[Flags]:
-        """Such nodes after the present step; raises if there are new ones."""
+        """Such nodes after the current step; raises if there are new ones."""
         after = self._held_apart(gap_tol)
         new = [
             pair.nodes.node_ids[now & ~then]
@@ -245,16 +270,16 @@ class TimeLoop(State):
         return after
 
     def _progress(self, total: float, **options: Any) -> Any:
-        """Progress bar on the terminal of rank 0, if there is one and it takes over a second."""
-        silent = None if self._comm.rank == 0 else True  # None: where there is no terminal
+        """Progress bar on rank 0, if a terminal exists and the run lasts over a second."""
+        silent = None if self._comm.rank == 0 else True  # None: silent without a terminal
         return tqdm(total=total, delay=1, leave=False, disable=silent, **options)
 
 
 def _in_vain(given_up: ConvergenceError, error: ConvergenceError) -> ConvergenceError:
-    """Error that ends a run in which the last resort has failed as well. Local."""
+    """Error of a run in which relaxation has failed as well. Local."""
     reason = error.reports[-1].reason if error.reports else str(error)
     return ConvergenceError(
-        f"{given_up}; nor is another one found on a way against a viscous resistance: {reason}; "
+        f"{given_up}; nor does relaxation with a viscous resistance find another one: {reason}; "
         f"{IF_IT_MOVES}",
         given_up.reports,
     )

@@ -1,5 +1,10 @@
-"""Vibration of bodies: their velocity without its rigid part, and the energy in it; recoil."""
+"""Energy correction after the static equilibrium of massless nodes.
 
+Groups of connected bodies exchange energy through their vibration, the velocity without its rigid
+part, and through rigid motions due to the contact impulses of the step.
+"""
+
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from mpi4py import MPI
@@ -7,36 +12,162 @@ from mpi4py import MPI
 import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
-from dolfinx_nts.integrators.group_motions import GroupMotions
-from dolfinx_nts.integrators.recoil import Recoil
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.redistributed_mass import RedistributedMass
 
-__all__ = ["Vibration", "VibrationAnalysis"]
+__all__ = ["EnergyCorrection", "GroupMotions", "RigidCorrection", "Vibration", "VibrationAnalysis"]
 
-# Part of the energy of vibration that may be taken in a step, and how many times its own size
-# may be added [-].
+# Largest part of the vibration energy that a step removes, and largest multiple of it that a step
+# adds [-].
 _MOST_TAKEN, _MOST_ADDED = 0.9, 3.0
-# Velocities of unit vectors, the rows, in turns about each axis, by the dimension; in the plane
-# about z.
+# Gradients of the velocity in unit rotations about each axis (in the plane about z), by dimension.
 _TURNS: dict[int, Floats] = {
     2: np.array([[[0.0, 1.0], [-1.0, 0.0]]]),
     3: np.cross(np.eye(3)[:, None], np.eye(3)).astype(np.float64),
 }
 
+# Mean square of a rigid motion at supports relative to the largest one [-], taken as zero.
+_NO_MOTION = 1e-12
+
+# Relative error of the exchanged energy [-] that counts as round-off.
+_ROUND_OFF = 1e-12
+
+
+class RigidCorrection(NamedTuple):
+    r"""Rigid velocities :math:`d_i` of groups of bodies due to their contact impulses.
+
+    The impulses of action and reaction have no resultant, so that no multiple of them changes the
+    momenta. Adding :math:`\sum \alpha_i d_i` changes the kinetic energy, minus the work of moving
+    supports and obstacles, by :math:`\alpha \cdot b + \alpha \cdot a \alpha / 2`.
+
+    Attributes:
+        fields: Values of 1 and x - centre at the owned nodes of each group, ``(n, 1 + d)``.
+        rigid: Coefficients of these fields, by the group whose nodes touch, then by the group
+            that moves, shape ``(g, g, 1 + d, d)``.
+        held: Impulses of supports at the fixed dofs in these motions, of the same shape.
+        linear: Vector b, shape ``(g,)`` [J].
+        square: Matrix a, shape ``(g, g)`` [J].
+    """
+
+    fields: Sequence[Floats]
+    rigid: Floats
+    held: Floats
+    linear: Floats
+    square: Floats
+
+    @property
+    def energy(self) -> Floats:
+        """Energy of the relative motion of touching groups, shape ``(g,)`` [J]. Local."""
+        a = np.diag(self.square)
+        energy: Floats = np.divide(self.linear**2, 2 * a, out=np.zeros_like(a), where=a > 0)
+        return energy
+
+    @property
+    def most(self) -> Floats:
+        """Largest energy change for factors from -1 to 1, shape ``(g,)`` [J]. Local."""
+        most: Floats = np.abs(self.linear) + np.diag(self.square) / 2
+        return most
+
+    def factors(self, wanted: Floats) -> tuple[Floats, Floats]:
+        """Factors in [-1, 1] that change the energy of groups without tensile contact. Local.
+
+        Args:
+            wanted: Energy that each group should receive, shape ``(g,)`` [J].
+
+        Returns:
+            The factors, and the energy that the groups receive [J], both ``(g,)``.
+        """
+        factors, given = np.zeros_like(wanted), np.zeros_like(wanted)
+        for i, a in enumerate(np.diag(self.square)):
+            if not a > 0:
+                continue
+            b = self.linear[i] + self.square[i] @ factors
+            size = abs(b)
+            least = size - a / 2 if size > a else size**2 / (2 * a)
+            given[i] = np.clip(wanted[i], -least, size + a / 2)
+            root = np.sqrt(max(size**2 + 2 * a * given[i], 0.0))
+            if size + root > 0:
+                factors[i] = np.copysign(2 * given[i] / (size + root), b * given[i])
+        return factors, given
+
+    def velocities(self, factors: Floats) -> list[Floats]:
+        """Nodal velocities of each group, ``(n, d)`` [m/s], for factors ``(g,)``. Local."""
+        return self.at_nodes(np.einsum("i,igcd->gcd", factors, self.rigid))
+
+    def at_nodes(self, parts: Floats) -> list[Floats]:
+        """Nodal values of each group, ``(n, d)``, for coefficients ``(g, 1 + d, d)``. Local."""
+        return [field @ part for field, part in zip(self.fields, parts, strict=True)]
+
+
+class GroupMotions:
+    """Rigid motions of a group, split into free ones and those prescribed by supports.
+
+    A motion is given by coefficients of the fields 1 and x - centre, ``(1 + d, d)``. Local, as are
+    all methods.
+
+    Args:
+        motions: Basis of the rigid motions, shape ``(k, 1 + d, d)``.
+        gram: Mass products of the fields, shape ``(1 + d, 1 + d)``.
+        at_supports: Products of the fields over the supported nodes, direction by direction,
+            shape ``(1 + d, d (1 + d))``.
+    """
+
+    def __init__(self, motions: Floats, gram: Floats, at_supports: Floats) -> None:
+        _, fields, d = motions.shape
+        self._shape = fields, d
+        self._basis = basis = motions.reshape(len(motions), -1)
+        held = np.einsum("aib,kbi->kai", at_supports.reshape(fields, d, fields), motions)
+        products = basis @ (gram @ motions).reshape(basis.shape).T
+        weights = basis @ held.reshape(basis.shape).T
+        size = np.sqrt(np.diag(products))
+        scale = 1 / np.where(size > 0, size, 1.0)
+        values, vectors = np.linalg.eigh(weights * scale * scale[:, None])
+        vectors *= scale[:, None]
+        stays = values <= _NO_MOTION * max(values[-1], 0.0)
+        self._free, self._supported = (
+            vectors[:, stays],
+            vectors[:, ~stays] / np.sqrt(values[~stays]),
+        )
+        self._inertia = self._free.T @ products @ self._free
+
+    def by_impulses(self, impulses: Floats) -> Floats:
+        """Free motions due to impulses, given by their products with the fields.
+
+        Both have the shape ``(r, 1 + d, d)``.
+        """
+        right = self._free.T @ self._amounts(impulses)
+        return self._motions(self._free @ np.linalg.lstsq(self._inertia, right, rcond=None)[0])
+
+    def at_supports(self, products: Floats) -> Floats:
+        """Motions whose values at supports have given products with the fields, ``(r, 1 + d, d)``.
+
+        For velocities of supports this is the nearest motion in the least-squares sense. For
+        impulses it gives the smallest reactions with their resultant and moment.
+        """
+        return self._motions(self._supported @ (self._supported.T @ self._amounts(products)))
+
+    def _amounts(self, products: Floats) -> Floats:
+        """Products with each basis motion, shape ``(k, r)``."""
+        amounts: Floats = self._basis @ products.reshape(len(products), -1).T
+        return amounts
+
+    def _motions(self, amounts: Floats) -> Floats:
+        """Linear combinations of the basis motions by amounts ``(k, r)``."""
+        return (amounts.T @ self._basis).reshape(-1, *self._shape)
+
 
 class Vibration(NamedTuple):
-    """Velocities w that are orthogonal to rigid motions with regard to the mass.
+    """Velocities w that are orthogonal to rigid motions in the mass product.
 
-    The kinetic energy of a group less the work of moving supports changes by s b + s^2 a/2 if s w
-    is added to the velocity.
+    Adding s w to the velocity changes the kinetic energy of a group, minus the work of moving
+    supports, by s b + s^2 a/2.
 
     Attributes:
         w: Velocities of the owned nodes, shape ``(n, d)`` [m/s].
-        held: Impulses of supports that it takes to add w, at the fixed dofs, as factors of the
-            fields of `Recoil`, shape ``(g, 1 + d, d)`` [N s, N s/m].
-        linear: The numbers b of the groups, shape ``(g,)`` [J].
-        square: The numbers a of the groups, shape ``(g,)`` [J].
+        held: Impulses of supports at the fixed dofs when w is added, as coefficients of the fields
+            of `RigidCorrection`, shape ``(g, 1 + d, d)`` [N s, N s/m].
+        linear: Coefficient b of each group, shape ``(g,)`` [J].
+        square: Coefficient a of each group, shape ``(g,)`` [J].
     """
 
     w: Floats
@@ -46,19 +177,19 @@ class Vibration(NamedTuple):
 
     @property
     def energy(self) -> Floats:
-        """Most energy that can be taken from each group, shape ``(g,)`` [J]. Local."""
+        """Largest energy that each group can lose, shape ``(g,)`` [J]. Local."""
         safe = np.where(self.square > 0, self.square, 1.0)
         energy: Floats = np.where(self.square > 0, np.maximum(self.linear, 0) ** 2 / (2 * safe), 0)
         return energy
 
     def factors(self, wanted: Floats) -> tuple[Floats, Floats]:
-        """Numbers s by which groups get energy, as far as that can be. Local.
+        """Factors s that change the energy of groups, within bounds. Local.
 
         Args:
-            wanted: Energy that each group should get, shape ``(g,)`` [J].
+            wanted: Energy that each group should receive, shape ``(g,)`` [J].
 
         Returns:
-            The numbers, and the energy that the groups get [J].
+            The factors, and the energy that the groups receive [J], both ``(g,)``.
         """
         energy = self.energy
         given = np.clip(wanted, -_MOST_TAKEN * energy, _MOST_ADDED * energy)
@@ -69,17 +200,17 @@ class Vibration(NamedTuple):
 
 
 class VibrationAnalysis:
-    """Splits velocities into rigid motions of groups of bodies and their vibration. Collective.
+    """Splits velocities of groups of bodies into rigid motion and vibration. Collective.
 
-    It also finds the rigid motions that groups have by impulses.
+    It also computes the rigid motions of groups due to impulses.
 
     Args:
         comm: Communicator.
         mass: The mass.
         groups: Owned nodes of each group of connected bodies.
-        fixed: Owned scalar dofs with a support, which take no part.
+        fixed: Owned scalar dofs with a support, which are left out.
         shape: Number of owned nodes, and of components d.
-        possible: Which motions are rigid, see `possible_motions`.
+        possible: Flags of the admissible rigid motions, see `possible_motions`.
     """
 
     def __init__(
@@ -97,7 +228,7 @@ class VibrationAnalysis:
         motions: Floats = np.zeros((len(possible), 1 + d, d))
         motions[:d, 0] = np.eye(d)
         motions[d:, 1:] = _TURNS[d]
-        # As factors of the fields 1 and x.
+        # Coefficients of the fields 1 and x.
         self._motions = motions[possible]
         self._m = mass.times(np.ones(shape))[:, :1]
         held: Flags = np.zeros(shape, dtype=bool)
@@ -105,26 +236,31 @@ class VibrationAnalysis:
         supported = [nodes[held[nodes].any(axis=1)] for nodes in groups]
         self._supports = [(nodes, held[nodes]) for nodes in supported]
 
-    def of(self, x: Floats, v: Floats, led: Floats, impulses: Floats) -> tuple[Vibration, Recoil]:
-        """Split velocities, and find those that impulses give. Collective.
+    def of(
+        self, x: Floats, v: Floats, v_support: Floats, impulses: Floats
+    ) -> tuple[Vibration, RigidCorrection]:
+        """Split velocities, and compute rigid velocities due to impulses. Collective.
 
-        Bodies vibrate about the rigid motion that is nearest to that of their supports.
+        Vibration is relative to the rigid motion nearest to the motion of the supports.
 
         Args:
             x: Positions of the owned nodes, shape ``(n, d)`` [m].
             v: Their velocities, shape ``(n, d)`` [m/s].
-            led: Their mean velocities in the step, in which supports work, ``(n, d)`` [m/s].
-            impulses: Sums of impulses, and of x times them, by the group whose nodes touch, then
-                by that which gets them, shape ``(g, g, 1 + d, d)`` [N s, N s m].
+            v_support: Their mean velocities in the step, used for the work of supports, shape
+                ``(n, d)`` [m/s].
+            impulses: Sums of impulses and of x times impulses, by the group whose nodes touch,
+                then by the group on which they act, ``(g, g, 1 + d, d)`` [N s, N s m].
         """
         d, num = v.shape[1], len(self._groups)
         field, M_field, about = self._about_centres(x, impulses)
-        products = self._sums(field, np.hstack([M_field, self._mass.times(v)]), led)
-        gram, of_momentum, of_led, held = np.split(products, np.cumsum([1 + d, d, d]), axis=2)
+        products = self._sums(field, np.hstack([M_field, self._mass.times(v)]), v_support)
+        gram, of_momentum, of_supports, held = np.split(products, np.cumsum([1 + d, d, d]), axis=2)
         motions = [GroupMotions(self._motions, gram[i], held[i]) for i in range(num)]
-        lead = np.array([motions[i].at_supports(of_led[i, None])[0] for i in range(num)])
-        w = v - self._at_nodes(field, lead)
-        # Fixed dofs do not keep what they have relative to this motion.
+        support_motion = np.array(
+            [motions[i].at_supports(of_supports[i, None])[0] for i in range(num)]
+        )
+        w = v - self._at_nodes(field, support_motion)
+        # Fixed dofs have no velocity relative to this motion.
         lost = [np.where(is_held, w[nodes], 0.0) for nodes, is_held in self._supports]
         for (nodes, _), values in zip(self._supports, lost, strict=True):
             w[nodes] -= values
@@ -133,31 +269,33 @@ class VibrationAnalysis:
         rigid, by_supports = np.zeros_like(every), np.zeros_like(every)
         for i in range(num):
             rigid[:, i] = motions[i].by_impulses(every[:, i])
-            # Supports give what the impulses do not.
+            # Supports provide the missing impulses.
             missing = gram[i] @ rigid[:, i] - every[:, i]
             by_supports[:, i] = motions[i].at_supports(missing)
         w -= self._at_nodes(field, rigid[0])
         M_vibration = Mw - self._at_nodes(M_field, rigid[0])
-        # The rigid part has no product with it but that of round-off, and the product with the
-        # motion of supports is their work.
+        # The product with the rigid part is round-off, that with the motion of supports their work.
         energies = np.zeros((2, num))
         for i, (g, (nodes, _)) in enumerate(zip(self._groups, self._supports, strict=True)):
             energies[:, i] = np.vdot(w[g], M_vibration[g])
             energies[0, i] += np.vdot(lost[i], M_vibration[nodes])
         linear, square = reductions.total(self._comm, energies)
-        recoil = rigid[1:]
-        rows, M_rows = (a.reshape(num, -1) for a in (recoil, gram @ recoil))
-        towards = rows @ (of_momentum - gram @ lead).ravel() + about.reshape(num, -1) @ lead.ravel()
+        rigid_correction = rigid[1:]
+        rows, M_rows = (a.reshape(num, -1) for a in (rigid_correction, gram @ rigid_correction))
+        towards = (
+            rows @ (of_momentum - gram @ support_motion).ravel()
+            + about.reshape(num, -1) @ support_motion.ravel()
+        )
         fields = [field[g] for g in self._groups]
         return (
             Vibration(w, -by_supports[0], linear, square),
-            Recoil(fields, recoil, by_supports[1:], towards, rows @ M_rows.T),
+            RigidCorrection(fields, rigid_correction, by_supports[1:], towards, rows @ M_rows.T),
         )
 
     def _about_centres(self, x: Floats, impulses: Floats) -> tuple[Floats, Floats, Floats]:
-        """Fields 1 and x - centre, ``(n, 1 + d)``, their products with the mass, and impulses.
+        """Fields 1 and x - centre, ``(n, 1 + d)``, mass times fields, and impulses.
 
-        The impulses and the moments are those with regard to these fields.
+        Moments of impulses are about the centres of mass.
         """
         fields = np.insert(x, 0, 1.0, axis=1)
         M_fields = np.hstack([self._m, self._mass.times(x)])
@@ -170,32 +308,67 @@ class VibrationAnalysis:
             about[:, i, 1:] -= centre[:, None] * impulses[:, i, :1]
         return fields, M_fields, about
 
-    def _sums(self, fields: Floats, values: Floats, led: Floats | None = None) -> Floats:
-        """Products of fields, ``(n, k)``, and values, ``(n, m)``, by groups, ``(g, k, m)``.
+    def _sums(self, fields: Floats, values: Floats, v_support: Floats | None = None) -> Floats:
+        """Products of fields, ``(n, k)``, and values, ``(n, m)``, by group, ``(g, k, m)``.
 
-        With velocities of supports, ``(n, d)``, also those of the fields at fixed dofs with these
-        and with the fields, ``(g, k, m + d + d k)``.
+        With velocities of supports, ``(n, d)``, products over the fixed dofs of the fields with
+        these velocities and with the fields are appended, ``(g, k, m + d + d k)``.
         """
         sums = [fields[g].T @ values[g] for g in self._groups]
-        if led is not None:
+        if v_support is not None:
             for i, (nodes, is_held) in enumerate(self._supports):
                 some = fields[nodes]
                 each = (is_held[:, :, None] * some[:, None]).reshape(
                     len(some), is_held.shape[1] * some.shape[1]
                 )
-                sums[i] = np.hstack([sums[i], some.T @ np.hstack([is_held * led[nodes], each])])
+                sums[i] = np.hstack(
+                    [sums[i], some.T @ np.hstack([is_held * v_support[nodes], each])]
+                )
         return reductions.total(self._comm, np.array(sums))
 
     def _at_nodes(self, fields: Floats, parts: Floats) -> Floats:
-        """Fields, ``(n, 1 + d)``, times factors of each group, ``(g, 1 + d, d)``; ``(n, d)``."""
+        """Nodal values, ``(n, d)``, for coefficients of each group, ``(g, 1 + d, d)``."""
         values: Floats = np.empty(self._shape)
         for g, part in zip(self._groups, parts, strict=True):
             values[g] = fields[g] @ part
         return values
 
 
+class EnergyCorrection(NamedTuple):
+    """Energy that groups receive through rigid motion and vibration.
+
+    Attributes:
+        wanted: Energy that each group should receive, shape ``(g,)`` [J].
+        given: Energy that each group receives, within its bounds, shape ``(g,)`` [J].
+        rigid_factors: Factors of the velocities of `RigidCorrection`, shape ``(g,)`` [-].
+        factors: Factors of the velocities of `Vibration`, shape ``(g,)`` [-].
+    """
+
+    wanted: Floats
+    given: Floats
+    rigid_factors: Floats
+    factors: Floats
+
+    @classmethod
+    def of(
+        cls, vibration: Vibration, rigid_correction: RigidCorrection, wanted: Floats
+    ) -> "EnergyCorrection":
+        """Distribute the energy in proportion to that of rigid motion and vibration. Local."""
+        whole = vibration.energy + rigid_correction.energy
+        share = np.divide(rigid_correction.energy, whole, out=np.zeros_like(whole), where=whole > 0)
+        rigid_factors, by_rigid = rigid_correction.factors(share * wanted)
+        factors, by_vibration = vibration.factors(wanted - by_rigid)
+        return cls(wanted, by_rigid + by_vibration, rigid_factors, factors)
+
+    @property
+    def is_whole(self) -> Flags:
+        """Whether each group receives all wanted energy, shape ``(g,)``."""
+        whole: Flags = np.abs(self.wanted - self.given) <= _ROUND_OFF * np.abs(self.wanted)
+        return whole
+
+
 def _contiguous(nodes: Ints) -> Ints | slice:
-    """The same sorted nodes, as a slice if none is missing between them, which is quicker."""
+    """Sorted nodes, as a slice if they are contiguous, which is faster."""
     if len(nodes) and nodes[-1] - nodes[0] + 1 == len(nodes):
         return slice(int(nodes[0]), int(nodes[-1]) + 1)
     return nodes

@@ -1,1 +1,1 @@
-"""What users declare, apart from contact: bodies, surfaces, obstacles, loads, supports."""
+"""Declarations of users except contact: bodies, surfaces, obstacles, loads, supports."""

@@ -1,8 +1,8 @@
 """Bodies, which are regions of the mesh with a material, and forms over their cells.
 
-Bodies of one material share their forms. Inertia and strain energy have quadratures of their
-own, which `Element` tells; terms of the energy that make cells lock have one with a single
-point, see `volumetric_split`, and the mean gradients of cells.
+Bodies of one material share their forms. Inertia and strain energy have separate quadrature rules,
+see `Element`. Terms of the energy that cause locking have a single quadrature point per cell and
+use the mean gradient of the cell, see `volumetric_split`.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -48,9 +48,9 @@ class Body(Declaration):
     Raises:
         TypeError: ``V`` is no function space, ``cells`` no MeshTags, ``tag`` no integer, or
             ``material`` no material.
-        ValueError: The space or the tag does not fit, the material has terms with one point
-            a cell or is `J2Plasticity` and the degree is 2, or is `PlaneStress` and the mesh not
-            of the plane.
+        ValueError: The space or the tag does not fit; the degree is 2 and the material has
+            ``one_point`` terms or is `J2Plasticity`; or the material is `PlaneStress` and the mesh
+            is not plane.
 
     Example:
         >>> body = nts.Body(V, cells, tag["lower"], rubber)
@@ -98,7 +98,7 @@ class Body(Declaration):
         self.nodes: Ints = np.flatnonzero(marker.array).astype(np.int32)
 
     def __repr__(self) -> str:
-        """Tag, material, and number of cells on this rank, in one line. Local."""
+        """Tag, material, and number of cells on this rank. Local."""
         return as_call(
             self, tag=int(self._tag), material=self.material, owned_cells=len(self.cells)
         )
@@ -112,15 +112,16 @@ def bulk_form(
     """Integrate over all bodies, with one integral per material and quadrature. Collective.
 
     The integrand is a sum of terms with the stress, the energy or the density. It is evaluated
-    once for each quadrature of a material, with zero in the place of the parameters, the
-    density or the stress that belong to the others.
+    once for each quadrature of a material, where parameters or density of the other quadratures
+    are set to zero.
 
     Args:
         bodies: Bodies of one space.
         integrand: Function ``integrand(material, parameters, rho)`` that returns UFL per
-            reference volume; parameters by name and density are constants of UFL or 0.
-        remembered: Function ``remembered(material, parameters)`` of what materials with a memory
-            add to the integrand, which has all points of the stress.
+            reference volume; parameters by name and density are UFL constants or 0.
+        remembered: Function ``remembered(material, parameters)`` that returns the terms of
+            materials with internal variables, integrated with all quadrature points of the
+            stress.
 
     Returns:
         The form.
@@ -134,7 +135,7 @@ def bulk_form(
             name: fem.Constant(mesh, value) for name, value in material.parameters.items()
         }
         density = fem.Constant(mesh, material.rho)
-        # Degree of the quadrature, material, parameters that are left out, density.
+        # Degree of the quadrature, material, omitted parameters, density.
         most, volumetric = parts(material, element.locks)
         rules: list[tuple[int, Hyperelastic, Iterable[str], Any]] = [
             (full, *most, density if mass == full else 0.0)
@@ -152,10 +153,10 @@ def bulk_form(
                 if degree == 1:
                     value = with_mean_gradients(value, bodies[0].V)
                 terms.append((of_rings(value, mesh), np.sort(cells), degree))
-    if not terms:  # as the strain energy of rigid bodies
+    if not terms:  # such as the strain energy of rigid bodies
         terms.append((fem.Constant(mesh, 0.0), np.empty(0, dtype=np.int32), 0))
-    # Each term has a region of its own, even if cells are the same: FFCx 0.9 computes
-    # functionals with two quadratures in one region wrongly.
+    # Each term has its own subdomain, even for the same cells: FFCx 0.9 computes functionals with
+    # two quadratures in one subdomain wrongly.
     dx = ufl.Measure(
         "dx", domain=mesh, subdomain_data=[(i, cells) for i, (_, cells, _) in enumerate(terms)]
     )
@@ -166,7 +167,7 @@ def bulk_form(
 
 
 def common_space(bodies: Sequence[Body]) -> fem.FunctionSpace:
-    """Find the one space that bodies have in common. Local.
+    """Common function space of bodies. Local.
 
     Args:
         bodies: Some bodies.
@@ -190,7 +191,7 @@ def common_space(bodies: Sequence[Body]) -> fem.FunctionSpace:
 
 
 def check_bodies(bodies: Sequence[Body]) -> fem.FunctionSpace:
-    """Raise unless every cell of the mesh is in exactly one body. Collective.
+    """Check that every cell of the mesh is in exactly one body. Collective.
 
     Args:
         bodies: All bodies of the mesh.
@@ -219,11 +220,11 @@ def check_bodies(bodies: Sequence[Body]) -> fem.FunctionSpace:
 
 
 def check_member(body: Any, bodies: Sequence[Body]) -> None:
-    """Check that something is one of the bodies of a stepper. Local.
+    """Check that an argument is one of the bodies of a stepper. Local.
 
     Raises:
         TypeError: It is no body.
-        ValueError: It is another body.
+        ValueError: It is a body of another stepper.
     """
     names = ", ".join(each.name for each in bodies)
     if not isinstance(body, Body):

@@ -34,7 +34,7 @@ class BodyForce(LoadOnBody):
 
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
         work = ufl.inner(self._value, ufl.TestFunction(self.V))
-        # Terms with the density have the quadrature of inertia, so it is divided out.
+        # Terms with the density use the quadrature of inertia; the factor cancels it.
         one = fem.Constant(self.V.mesh, self._body.material.rho)
         return bulk_form([self._body], lambda material, parameters, rho: rho / one * work)
 
@@ -64,11 +64,10 @@ class Gravity(LoadWithValue):
         super().__init__(self._bodies[0].V, g)
 
     def __repr__(self) -> str:
-        """Number of bodies and acceleration [m/s^2] in one line. Local."""
+        """Number of bodies and acceleration [m/s^2]. Local."""
         return as_call(self, num_bodies=len(self._bodies), g=self._described())
 
     def acts_on(self, body: Body) -> bool:
-        """Whether the body is one of those that were given. Local."""
         return body in self._bodies
 
     def _set(self, value: Any) -> None:

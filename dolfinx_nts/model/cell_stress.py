@@ -38,17 +38,17 @@ class StressState(NamedTuple):
 
 
 class CellStress:
-    """Evaluates the stress of a displacement. Collective, as it compiles; `evaluate` is local.
+    """Stress of a displacement field. Construction is collective, `evaluate` is local.
 
-    In the plane the stress has the component along z, 0 in sheets; of rings the last
-    component is that around the axis.
+    In the plane the stress includes the component along z, which vanishes in plane stress. In
+    axisymmetric meshes the last component is the hoop stress.
 
     Args:
         bodies: Bodies that fill the mesh; rigid ones have no stress.
         u: The displacement [m].
         points: Points on the reference cell, shape ``(p, d)``.
         remembered: Function ``remembered(material, parameters, C)`` that returns the second
-            Piola-Kirchhoff stress [Pa] and the energy [J/m^3] that a memory adds, UFL.
+            Piola-Kirchhoff stress [Pa] and the energy [J/m^3] due to internal variables, UFL.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class CellStress:
 
         @cache
         def of(material: Hyperelastic) -> fem.Expression:
-            # Constants, as numbers would become part of the compiled code.
+            # Constants, since numbers would become part of the compiled code.
             parameters = {k: fem.Constant(self._mesh, v) for k, v in material.parameters.items()}
             C = F.T * F
             J = ufl.det(F) * material.thickness_stretch(C, **parameters)
@@ -81,7 +81,7 @@ class CellStress:
         self._parts = [(body.cells, of(body.material)) for body in soft]
 
     def evaluate(self) -> StressState:
-        """Stress of the present displacement in the owned cells, in their order."""
+        """Stress of the current displacement in the owned cells, in their order."""
         values = np.zeros((self._num_cells, self._num_points, 10))
         for cells, expression in self._parts:
             values[cells] = expression.eval(self._mesh, cells).reshape(-1, self._num_points, 10)

@@ -1,6 +1,6 @@
-"""Closed boundaries of whole bodies, made of triangles, whatever contact they are in.
+"""Closed boundaries of whole bodies, made of triangles.
 
-In the plane a boundary is made of edges, which stand for the walls that they sweep out of it.
+In the plane a boundary consists of edges, which are extruded along z into triangles.
 """
 
 from collections.abc import Sequence
@@ -36,7 +36,7 @@ _TRIANGLES = {
     3: np.array([[0, 1, 2]]),
     4: np.array([[0, 1, 2], [1, 3, 2]]),
 }
-# Height of the walls of a boundary in the plane, relative to its extent [-].
+# Height of the extrusion of a boundary in the plane, relative to its extent [-].
 _HEIGHT = 1e3
 _EDGES = {
     len(topology(cell)[0]): np.array(topology(cell)[1])
@@ -46,13 +46,13 @@ _EDGES = {
 
 @dataclass(frozen=True)
 class ClosedBoundary:
-    """Boundary of bodies that share nodes, as far as this rank owns it.
+    """Owned part of the boundary of bodies that share nodes.
 
     Attributes:
         bodies: The bodies.
         nodes: Nodes on the boundary, owned local block indices of V, shape ``(n,)``.
-        triangles: Vertices in outward sense, local block indices of V, shape ``(t, 3)``. A
-            quadrilateral makes two triangles. In the plane edges, shape ``(t, 2)``.
+        triangles: Vertices of triangles with outward normals, local block indices of V, shape
+            ``(t, 3)``. A quadrilateral gives two triangles. In the plane edges, ``(t, 2)``.
         edges: Vertices of the edges of segments, shape ``(e, 2)``.
         cells: Nodes of the cells of the bodies, shape ``(c, k)``.
         size: Longest diameter of a segment on any rank in the reference configuration [m].
@@ -105,14 +105,14 @@ def closed_boundaries(groups: Sequence[Sequence[Body]]) -> list[ClosedBoundary]:
 
 
 def outward_triangles(segments: Ints, orientation: Floats) -> Ints:
-    """Cut segments into triangles whose vertices go round in outward sense. Local.
+    """Split segments into triangles with outward normals. Local.
 
     Args:
         segments: Vertices in Basix order, shape ``(s, k)``.
         orientation: +1 where a_1 x a_2 points outward, otherwise -1, shape ``(s,)``.
 
     Returns:
-        Vertices of the triangles, of which a quadrilateral makes two, shape ``(t, 3)``.
+        Vertices of the triangles, two for a quadrilateral, shape ``(t, 3)``.
     """
     triangles: Ints = segments[:, _TRIANGLES[segments.shape[1]]]
     inward = orientation < 0
@@ -121,18 +121,18 @@ def outward_triangles(segments: Ints, orientation: Floats) -> Ints:
 
 
 def triangles_at(comm: MPI.Comm, x: Floats, triangles: Ints) -> Floats:
-    """Positions of triangles, those of the walls that edges in the plane sweep out of it.
+    """Positions of triangles, in the plane of the extruded edges. Collective.
 
-    Walls are so high that rays and solid angles do not see their ends, and those of one boundary
-    as high on all ranks. Collective.
+    The extrusion is so high that its ends do not affect rays and solid angles. Its height is the
+    same on all ranks.
 
     Args:
         comm: Communicator.
         x: Positions of the nodes, shape ``(l, 3)`` [m].
-        triangles: As of a `ClosedBoundary`.
+        triangles: Triangles or edges of a `ClosedBoundary`.
 
     Returns:
-        Shape ``(t, 3, 3)`` [m], two triangles an edge.
+        Shape ``(t, 3, 3)`` [m], two triangles for each edge.
     """
     if triangles.shape[1] == 2:
         height = wall_height(comm, x[triangles])
@@ -142,22 +142,22 @@ def triangles_at(comm: MPI.Comm, x: Floats, triangles: Ints) -> Floats:
 
 
 def wall_height(comm: MPI.Comm, x: Floats) -> float:
-    """Height of walls around positions, shape ``(..., 3)`` [m]. Collective."""
+    """Height of the extrusion for positions of shape ``(..., 3)`` [m]. Collective."""
     extent = float(np.ptp(x.reshape(-1, 3), axis=0).max()) if x.size else 0.0
     return _HEIGHT * reductions.largest(comm, extent)
 
 
 def raised(x: Floats, height: float) -> Floats:
-    """Positions so far below and above those in the plane, ``(l, 3)``: ``(2 l, 3)`` [m]. Local."""
+    """Positions ``(l, 3)`` shifted by ``height`` down, then up: ``(2 l, 3)`` [m]. Local."""
     up = np.array([0.0, 0.0, height])
     return np.concatenate([x - up, x + up])
 
 
 def walls(edges: Ints, num_nodes: int) -> Ints:
-    """Triangles of the walls that edges sweep, as rows of `raised` positions. Local.
+    """Triangles of extruded edges, as rows of `raised` positions. Local.
 
     Args:
-        edges: Ends of the edges in outward sense, shape ``(t, 2)``.
+        edges: Ends of the edges, oriented outward, shape ``(t, 2)``.
         num_nodes: Number of positions in the plane.
 
     Returns:
@@ -169,7 +169,7 @@ def walls(edges: Ints, num_nodes: int) -> Ints:
 
 
 def _segments(V: fem.FunctionSpace) -> tuple[Ints, Floats, Ints]:
-    """Segments of the boundary of the mesh that this rank owns, orientations, and cells."""
+    """Owned segments of the boundary of the mesh, their orientations and cells."""
     mesh_topology, X, dofs = V.mesh.topology, reference_positions(V), V.dofmap.list
     tdim = mesh_topology.dim
     both = (tdim - 1, tdim), (tdim, tdim - 1)

@@ -51,10 +51,10 @@ def connected(bodies: Sequence[Body]) -> list[list[Body]]:
 
 
 def log_shared_nodes(bodies: Sequence[Body]) -> None:
-    """Log which bodies share nodes, and warn of those that share no facets. Collective.
+    """Log bodies that share nodes, and warn if they share no facets. Collective.
 
     Bodies joined by facets are parts of one body, such as layers of two materials. Nodes shared
-    along a line or at a point are most often an accident of the mesh.
+    along a line or at a point are mostly a mistake in the mesh.
 
     Args:
         bodies: Bodies of one space.
@@ -99,7 +99,7 @@ def log_shared_nodes(bodies: Sequence[Body]) -> None:
 
 
 def _groups(linked: Flags) -> Ints:
-    """Number of the group of each item, of which some are linked, ``(n, n)``. Local."""
+    """Connected components of items with links ``(n, n)``, shape ``(n,)``. Local."""
     group = np.arange(len(linked))
     for i, j in np.argwhere(linked):
         group[group == group[i]] = group[j]

@@ -1,6 +1,6 @@
 """Supports: Dirichlet conditions of the displacement, which may change in time.
 
-Nodes on the axis of rings have a condition of their own, which keeps them there.
+In axisymmetric meshes an additional condition keeps nodes on the axis there.
 """
 
 import logging
@@ -24,7 +24,7 @@ __all__ = ["Supports"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Relative difference of two displacements of one dof [-] that is round-off, not conflict.
+# Relative difference of two displacements of one dof [-] that counts as round-off.
 _ROUND_OFF = 1e-12
 
 
@@ -38,9 +38,9 @@ class Supports:
         bcs: The conditions. Their values may be changed between steps.
 
     Attributes:
-        conditions: The conditions in their order, and last that of the axis.
+        conditions: The conditions in their order, then the condition of the axis if any.
         fixed: Owned scalar dofs with a condition, sorted, shape ``(f,)``.
-        given: Those of them with a condition that was given, sorted: all but the axis.
+        given: Owned scalar dofs with a condition in ``bcs``, sorted.
 
     Raises:
         TypeError: Something in the list is no condition.
@@ -78,7 +78,7 @@ class Supports:
         self.given: Ints = self.fixed[self._number < len(self)]
 
     def warn_of_empty(self) -> None:
-        """Warn of given conditions without dofs, as those of a function that holds nowhere."""
+        """Warn of conditions without dofs, such as from a predicate that is false everywhere."""
         given = self.conditions[: len(self)]
         flags = np.array([len(bc.dof_indices()[0]) > 0 for bc in given], dtype=bool)
         for i, holds in enumerate(reductions.anywhere(self._comm, flags)):
@@ -90,7 +90,7 @@ class Supports:
                 )
 
     def __len__(self) -> int:
-        """Number of conditions that were given. Local."""
+        """Number of conditions in ``bcs``. Local."""
         return len(self.conditions) - is_axisymmetric(self._V.mesh)
 
     @property
@@ -99,13 +99,13 @@ class Supports:
         return bool(self.conditions)
 
     def constants(self) -> list[tuple[str, Floats]]:
-        """Names of conditions that are constant in space, and their present values [m]. Local."""
+        """Names and current values [m] of conditions that are constant in space. Local."""
         values = (getattr(bc.g, "value", None) for bc in self.conditions)
         both = zip(self._names, values, strict=True)
         return [(name, np.asarray(value)) for name, value in both if value is not None]
 
     def check(self) -> None:
-        """Raise unless the present values are finite and do not conflict.
+        """Check that the current values are finite and do not conflict.
 
         Raises:
             ValueError: A value is not finite, or two conditions prescribe different values for
@@ -143,8 +143,8 @@ class Supports:
         A dof with several conditions counts for the first of them.
 
         Args:
-            force: Forces by the supports on the fixed dofs, shape ``(f,)`` [N].
-            x: Positions at which they act, of the local nodes, shape ``(l, 3)`` [m].
+            force: Forces of the supports on the fixed dofs, shape ``(f,)`` [N].
+            x: Positions of the local nodes at which they act, shape ``(l, 3)`` [m].
             du: Displacements of the fixed dofs in the step, shape ``(f,)`` [m].
 
         Returns:
@@ -161,14 +161,14 @@ class Supports:
         return total_reactions(self._comm, sums[: len(self)], resultant.shape[1])
 
     def applied(self, values: Floats) -> Floats:
-        """Put the present values of the conditions into displacements.
+        """Apply the current values of the conditions to displacements.
 
         Args:
             values: Displacements of the local scalar dofs, owned then ghost, shape ``(d l,)``
                 [m].
 
         Returns:
-            A copy with the values of the conditions where there is one.
+            A copy with the values of the conditions.
         """
         applied = values.copy()
         if self.conditions:

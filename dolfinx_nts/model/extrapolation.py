@@ -1,8 +1,8 @@
 """Extrapolation of affine fields from the nodes of a body to nodes of its surface.
 
-A node of the surface gets a weighted sum of the values at nodes below it. Where two of these lie
-on one line with it, as in meshes that were swept from the surface, they are enough; otherwise
-twelve neighbours or more are fitted by weighted least squares.
+A node of the surface gets a weighted sum of the values at nodes below it. If two of them lie on a
+line with it, as in meshes that were swept from the surface, these are used. Otherwise twelve or
+more neighbours are fitted by weighted least squares.
 """
 
 from collections.abc import Sequence
@@ -22,30 +22,30 @@ from dolfinx_nts.parallel.communication import joined
 
 __all__ = ["Extrapolation", "extrapolate", "group_of_nodes"]
 
-# How many cells below the surface the nodes may be from which values come.
+# Depth of the neighbours below the surface [cells].
 _RINGS = 2
-# Numbers of neighbours in a least-squares fit: more where the nearest ones lie in one layer.
+# Numbers of neighbours in a least-squares fit [-]: more if the nearest ones lie in one layer.
 _FITTED = (12, 20, 40)
-# Sum of the absolute values of weights [-] up to which a fit is good, and up to which it is
-# taken: 3 where the way to a node is as long as that between two below it.
+# Sum of absolute weights [-] up to which a fit is good, and up to which it is accepted. It is 3 if
+# the two nodes on a line have equal distances.
 _GOOD, _MOST = 4.0, 10.0
-# Sine of an angle, and distances relative to each other [-], that are round-off.
+# Sine of an angle, and relative difference of distances [-], that count as round-off.
 _ROUND_OFF = 1e-10
-# Longest way out of a line, relative to the distance of its two nodes [-].
+# Largest extrapolation along a line, relative to the distance of its two nodes [-].
 _FARTHEST = 2.0
-# Error of an affine field [-] from which on it is not extrapolated.
+# Relative error of an affine field [-] from which on a fit is rejected.
 _ERROR = 1e-8
-# Number of distances that are computed at once.
+# Number of distances that are computed at once [-], to save memory.
 _CHUNK = 2_000_000
 
 
 class Extrapolation(NamedTuple):
-    """Values of some nodes as sums of those of others, row by row.
+    """Sparse matrix (CSR) that extrapolates values of other nodes to surface nodes.
 
     Attributes:
-        node: Owned nodes whose values follow, sorted, shape ``(m,)``.
-        start: Where each row begins, and the end, shape ``(m + 1,)``.
-        column: Global numbers of the nodes whose values are given, shape ``(b,)``.
+        node: Owned surface nodes, sorted, shape ``(m,)``.
+        start: Start of each row, and the end, shape ``(m + 1,)``.
+        column: Global numbers of the other nodes, shape ``(b,)``.
         weight: Their weights, shape ``(b,)`` [-].
     """
 
@@ -92,9 +92,9 @@ def group_of_nodes(bodies: Sequence[Body]) -> Ints:
 
 
 def extrapolate(bodies: Sequence[Body], nodes: Ints) -> Extrapolation:
-    """Find how values at nodes of a surface follow from those below it. Collective.
+    """Compute the weights of an extrapolation to surface nodes. Collective.
 
-    Affine fields are reproduced to round-off, and results do not depend on the partition.
+    It is exact for affine fields, and does not depend on the partition.
 
     Args:
         bodies: Bodies of one space, which fill the mesh.
@@ -131,7 +131,7 @@ def extrapolate(bodies: Sequence[Body], nodes: Ints) -> Extrapolation:
 
 
 def _neighbours(bodies: Sequence[Body], nodes: Ints, group: Ints) -> _Neighbours:
-    """Nodes within some cells of given ones but not among them, from all ranks. Collective."""
+    """Nodes within `_RINGS` cells of the given ones, without these, from all ranks. Collective."""
     V = bodies[0].V
     index_map = V.dofmap.index_map
     n, marker = index_map.size_local, la.vector(index_map)
@@ -149,18 +149,18 @@ def _neighbours(bodies: Sequence[Body], nodes: Ints, group: Ints) -> _Neighbours
 
 
 def _share(marker: la.Vector) -> None:
-    """Let all ranks know what is marked on any of them. Collective."""
+    """Combine the marks of all ranks. Collective."""
     marker.scatter_reverse(la.InsertMode.add)
     marker.scatter_forward()
 
 
 def _row(x: Floats, distance: Floats, below: _Neighbours) -> tuple[Ints, Floats] | None:
-    """Neighbours of a node and their weights; None if no affine field can be extrapolated."""
+    """Neighbours of a node and their weights; None if affine fields cannot be reproduced."""
     num_looked_at = min(_FITTED[-1], int(np.count_nonzero(np.isfinite(distance))))
     if not num_looked_at:
         return None
     near = np.argpartition(distance, num_looked_at - 1)[:num_looked_at].astype(np.int32)
-    # Numbers decide between equal distances.
+    # Node numbers order equal distances.
     length = np.round(distance[near] / distance[near].min() / _ROUND_OFF) * _ROUND_OFF
     near = near[np.lexsort((below.id[near], length))]
     way = below.X[near] - x
@@ -190,7 +190,7 @@ def _line(near: Ints, way: Floats) -> tuple[Ints, Floats] | None:
 
 
 def _fit(near: Ints, way: Floats, number: int) -> tuple[Ints, Floats] | None:
-    """Weighted least squares of the nearest nodes, which are exact for affine fields."""
+    """Weighted least-squares fit of the nearest nodes, exact for affine fields."""
     length = np.linalg.norm(way, axis=1)
     last = length[min(number, len(length)) - 1]
     some = length <= (1 + _ROUND_OFF) * last

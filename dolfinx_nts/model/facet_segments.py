@@ -1,4 +1,4 @@
-"""Segments of tagged facets, with the side of each on which its body lies."""
+"""Segments of tagged facets, with their orientation."""
 
 from typing import NamedTuple
 
@@ -15,8 +15,7 @@ from dolfinx_nts.parallel import reductions
 
 __all__ = ["FacetSegments", "facet_segments"]
 
-# Distance of the centre of a cell from one of its facets, relative to the height of the cell above
-# the facet [-].
+# Distance of the centre of a cell from a facet relative to the height of the cell [-].
 _CENTRE = {"tetrahedron": 1 / 4, "triangle": 1 / 3, "hexahedron": 1 / 2, "quadrilateral": 1 / 2}
 
 
@@ -26,8 +25,8 @@ class FacetSegments(NamedTuple):
     Attributes:
         vertices: Local block indices of their vertices in Basix order, shape ``(s, k)``.
         is_owned: Whether this rank owns their facets, shape ``(s,)``.
-        orientation: As of `Surface`, shape ``(s,)``.
-        thickness: Height of the cell behind each, undeformed, shape ``(s,)`` [m].
+        orientation: Orientations as in `Surface`, shape ``(s,)``.
+        thickness: Undeformed height of the cell behind each segment, shape ``(s,)`` [m].
     """
 
     vertices: Ints
@@ -45,7 +44,7 @@ def facet_segments(V: fem.FunctionSpace, facets: MeshTags, tag: int) -> FacetSeg
         tag: Value of the tag.
 
     Returns:
-        The segments, those on the axis of rings left out: it bounds the mesh, but no body.
+        The segments, without those on the axis of an axisymmetric mesh, which bounds no body.
 
     Raises:
         ValueError: A facet is not on the boundary, or all are on the axis.
@@ -56,7 +55,7 @@ def facet_segments(V: fem.FunctionSpace, facets: MeshTags, tag: int) -> FacetSeg
     tdim = mesh.topology.dim
     to_facet = mesh.topology.connectivity(tdim, tdim - 1)
     number = to_facet.array.reshape(-1, len(element.sides))[cells] == local[:, None]
-    # Nodes of each segment, and of the piece of its cell behind it.
+    # Nodes of each segment, and of the part of its cell behind it.
     on_facet, behind = (
         V.dofmap.list[cells][
             np.arange(len(local))[:, None, None], np.array(nodes)[number.argmax(axis=1)]
@@ -70,7 +69,7 @@ def facet_segments(V: fem.FunctionSpace, facets: MeshTags, tag: int) -> FacetSeg
     if not reductions.anywhere(mesh.comm, bool(is_surface.any())):
         raise ValueError(f"expected facets of a surface, given tag {tag} on the axis only")
     vertices, outward = vertices[is_surface], outward[is_surface]
-    # Not the normal in a corner, which does not exist if an edge has no length.
+    # The mean normal, since a corner normal does not exist if an edge has no length.
     normal = area_vectors(X[vertices], np.ones(len(vertices)))
     height = np.einsum("si,si->s", normal, outward)
     length = np.linalg.norm(normal, axis=1)
@@ -84,7 +83,7 @@ def facet_segments(V: fem.FunctionSpace, facets: MeshTags, tag: int) -> FacetSeg
 
 
 def _cells_behind(V: fem.FunctionSpace, local: Ints, tag: int) -> tuple[Ints, Flags]:
-    """Find the cell of each of some local facets, and whether this rank owns it. Collective.
+    """Cell of each local facet, and whether this rank owns it. Collective.
 
     Raises:
         ValueError: A facet is between two cells.

@@ -1,4 +1,4 @@
-"""Cells without volume, in which no strain exists."""
+"""Check for cells without volume."""
 
 from collections.abc import Sequence
 
@@ -12,31 +12,31 @@ from dolfinx_nts.parallel.errors import agreed
 
 __all__ = ["check_volumes"]
 
-# Volume of a cell, relative to the cube of its size [-], that is none.
+# Volume of a cell relative to the cube of its size [-] that counts as zero.
 _FLAT = 1e-12
 
 
 def check_volumes(bodies: Sequence[Body]) -> None:
-    """Raise on all ranks if a cell has no volume, or nodes that are not finite. Collective.
+    """Check that all cells have a volume and finite nodes. Collective.
 
     Args:
         bodies: Bodies of one space.
 
     Raises:
-        ValueError: There is such a cell; the message names one.
+        ValueError: A cell has no volume or a node that is not finite; the message names one.
     """
     V = bodies[0].V
     mesh, of_space = V.mesh, Element.of(V)
-    # The cells themselves, not the rings for which they may stand.
+    # The volume of the plane cell, also in axisymmetric meshes.
     element = Element(of_space.cell, of_space.degree)
     with agreed(mesh.comm, "look at the volumes of cells"):
         for body in bodies:
             x = mesh.geometry.x[compat.geometry_nodes(mesh)[body.cells]]
-            # Where positions are not numbers, neither is the volume.
+            # NaN positions give a NaN volume.
             with np.errstate(invalid="ignore"):
                 volume = nodal_parts(element, x).sum(axis=1)
             size = np.ptp(x, axis=1).max(axis=1)
-            # A comparison with NaN is false.
+            # Negated, because comparisons with NaN are false.
             flat = np.flatnonzero(~(volume > _FLAT * size**mesh.geometry.dim))
             if len(flat):
                 cell = body.cells[flat[0]]

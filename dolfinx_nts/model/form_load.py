@@ -16,16 +16,16 @@ __all__ = ["FormLoad"]
 class FormLoad(Load):
     r"""A load given as a UFL form, such as a spring or a follower force. Collective.
 
-    The sign is that of the right-hand side of a DOLFINx problem, so that ``inner(f, eta) * dx``
-    pushes along f. Functions and constants in the form may be set by ``update`` of the stepper,
-    which is called for the time of the load, too. The load may act on all bodies. In an
-    axisymmetric mesh the form needs the factor 2 pi x[0] itself.
+    The sign is that of the right-hand side of a DOLFINx problem: ``inner(f, eta) * dx`` is a force
+    along f. ``update`` of the stepper may set functions and constants in the form; it is called
+    for the time of the load, too. The load may act on all bodies. In an axisymmetric mesh the form
+    must include the factor 2 pi x[0].
 
     Args:
         V: Space of the displacement.
         work: Form that is linear in the test function of V; or a function ``work(u, eta, t)``
-            that returns it. It gets the displacement in the middle of a step (at its end in
-            `QuasiStatic` and `CentralDifference`, between both in `GeneralizedAlpha`), a test
+            that returns it. Its arguments are the displacement in the middle of a step (at its end
+            in `QuasiStatic` and `CentralDifference`, in between in `GeneralizedAlpha`), a test
             function, and the time of the load, a ``fem.Constant`` [s]. UFL derives the tangent.
 
     Attributes:
@@ -59,7 +59,7 @@ class FormLoad(Load):
             )
 
     def __repr__(self) -> str:
-        """Name of the function, or that it is a form. Local."""
+        """Name of the function, or of the class of the form. Local."""
         return as_call(self, work=self._work)
 
     def update(self, t: float) -> None:
@@ -69,7 +69,7 @@ class FormLoad(Load):
         return [value for value in super().given(form) if value is not self._t]
 
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
-        # Forms can be called as well, with other arguments.
+        # Forms are callable, too.
         if isinstance(self._work, ufl.Form) or not callable(self._work):
             return self._work
         return self._work((u_n + u) / 2, ufl.TestFunction(self.V), self._t)

@@ -1,4 +1,4 @@
-"""Guides, which hold or lead a rigid body in some directions and leave it free in the others."""
+"""Guides: prescribed and free directions of the motion of a rigid body."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -14,23 +14,22 @@ __all__ = ["Guide"]
 
 
 class Guide(Declaration):
-    r"""Declares in which directions a rigid body moves freely, and leads it in the others. Local.
+    r"""Guide of a rigid body: free in some directions, prescribed in the others. Local.
 
-    The body slides along and turns about the given directions, which are fixed in space. All
-    other motions are held at zero or prescribed by ``motion``: the displacement of the guided
-    point in the directions that do not slide, and the rotation of a body that does not turn
-    freely. Loads drive the free directions; the reaction of the guide balances the rest of them.
+    The body slides along and rotates about the given directions, which are fixed in space. All
+    other motions are zero or prescribed by ``motion``: the displacement of the guided point in the
+    other directions, and the rotation of a body that does not rotate freely. Loads drive the free
+    motions, the reaction of the guide balances the rest.
 
     Args:
-        slides: Axes along which the point of the body moves freely: letters as in ``"z"`` or
-            ``"xy"``, or one direction, shape ``(3,)``, in the plane ``(2,)``.
-        turns: Axes about which it turns freely: one letter, ``"xyz"`` for all, or one direction,
-            shape ``(3,)``; in the plane ``"z"``. Two axes alone are refused, as the order of two
-            turns matters.
-        motion: How the guide moves; None: it is at rest. A body that turns freely has no other
-            rotation.
-        point: The guided point of the body in the reference state, through which axes go,
-            shape ``(3,)``, in the plane ``(2,)`` [m]; None: its centre of mass.
+        slides: Axes along which the guided point moves freely: letters as in ``"z"`` or ``"xy"``,
+            or one direction, shape ``(3,)``, in the plane ``(2,)``.
+        turns: Axes of free rotation: one letter, ``"xyz"`` for all, or one direction, shape
+            ``(3,)``; in the plane ``"z"``. Two axes are refused, since their order would matter.
+        motion: Motion of the guide; None for a guide at rest. It has no rotation if the body
+            rotates freely.
+        point: Guided point in the reference configuration, on the axes, shape ``(3,)``, in the
+            plane ``(2,)`` [m]; None for the centre of mass.
 
     Raises:
         TypeError: ``motion`` is no Motion.
@@ -63,8 +62,8 @@ class Guide(Declaration):
             )
         if motion is not None and motion.turns and len(self._turns):
             raise ValueError(
-                f"expected a motion without rotation beside turns={turns!r}: a body that turns "
-                "freely is driven by a Moment"
+                f"expected a motion without rotation together with turns={turns!r}: a body that "
+                "rotates freely is driven by a Moment"
             )
         self.motion = Motion() if motion is None else motion
         self.point = None if point is None else real_array("point", point)
@@ -76,14 +75,14 @@ class Guide(Declaration):
         }
 
     def __repr__(self) -> str:
-        """Return the call that makes such a guide. Local."""
+        """Call that creates an equal guide. Local."""
         return as_call(self, **self._given)
 
     def check(self, dim: int) -> None:
-        """Raise unless axes, point and motion are those of a body in this dimension.
+        """Check axes, point and motion for a space dimension.
 
         Raises:
-            ValueError: They are not.
+            ValueError: They do not fit the dimension.
         """
         if self.point is not None:
             vector("the point of a guide", self.point, dim)
@@ -95,10 +94,10 @@ class Guide(Declaration):
             )
 
     def check_axis(self) -> None:
-        """Raise unless all motions of the guide may be along the axis y of bodies of revolution.
+        """Check that the guide only allows motion along the axis y of an axisymmetric mesh.
 
         Raises:
-            ValueError: They are not, as of slides across the axis and of turns.
+            ValueError: It slides across the axis, or rotates.
         """
         if np.any(self._slides[:, ::2]) or len(self._turns) or self.motion.turns:
             raise ValueError(
@@ -107,7 +106,7 @@ class Guide(Declaration):
             )
 
     def free(self, dim: int) -> Floats:
-        """Free motions as sums of translations and rotations, orthonormal. Local.
+        """Orthonormal basis of the free translations and rotations. Local.
 
         Returns:
             Shape ``(k, 6)``, translations in x, y, z first, in the plane ``(k, 3)``.
@@ -118,29 +117,29 @@ class Guide(Declaration):
         rows[len(slides) :, slides.shape[1] :] = turns
         return rows
 
-    def led(self, point: Floats, t_n: float, t: float, dim: int) -> Floats:
-        """Tell how the guide moves the body between two times [s]. Local.
+    def prescribed(self, point: Floats, t_n: float, t: float, dim: int) -> Floats:
+        """Prescribed motion of the body between two times. Local.
 
         Args:
-            point: The guided point in the reference state, shape ``(3,)`` [m].
+            point: Guided point in the reference configuration, shape ``(3,)`` [m].
             t_n: Time at the start of the step [s].
             t: Time at its end [s].
             dim: Dimension of the space, 2 or 3.
 
         Returns:
-            The displacement of the point and the Cayley vector of the turn, ``(6,)``, in the
-            plane ``(3,)``, without what is free.
+            Displacement of the point and Cayley vector of the rotation, ``(6,)``, in the plane
+            ``(3,)``, without free components.
 
         Raises:
-            TypeError, ValueError: A function of the motion returns something else than described.
+            TypeError, ValueError: A function of the motion returns an invalid value.
         """
         frame = self.motion.frame(t_n, t, dim)
         turn = frame.turn if dim == 3 else frame.turn[2:]
         shift = frame.carried(point, point)[:dim]
         motion = np.concatenate([shift, turn])
         free = self.free(dim)
-        led: Floats = motion - free.T @ (free @ motion)
-        return led
+        prescribed: Floats = motion - free.T @ (free @ motion)
+        return prescribed
 
 
 def _axes(name: str, given: Any) -> Floats:

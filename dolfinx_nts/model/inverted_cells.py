@@ -1,4 +1,4 @@
-"""Search for inverted cells, in which the volume ratio det F is not positive."""
+"""Check for inverted cells, in which the volume ratio det F is not positive."""
 
 import basix
 import numpy as np
@@ -15,13 +15,11 @@ __all__ = ["VolumeRatio"]
 
 
 class VolumeRatio:
-    """Finds inverted cells, with det F <= 0 at a quadrature point of the energy.
-
-    Collective, as are all its methods.
+    """Check of det F > 0 at the quadrature points of the energy. Collective.
 
     Args:
-        u: Displacement [m], watched from now on.
-        cells: Owned cells to look at; None: all of them.
+        u: Displacement [m].
+        cells: Owned cells to be checked; None for all.
     """
 
     def __init__(self, u: fem.Function, cells: Ints | None = None) -> None:
@@ -40,8 +38,8 @@ class VolumeRatio:
         """Describe the cell with the least det F, if it is inverted. Collective.
 
         Returns:
-            Number in the mesh as read, current place and det F of the cell; empty if no cell is
-            inverted. The same on all ranks.
+            Input number, current position and det F of the cell; empty if no cell is inverted.
+            The same on all ranks.
         """
         mesh, x = self._u.function_space.mesh, self._X + in_space(nodal(self._u))
         worst, cell = _kernels.least_volume_ratio(*self._shapes, x, self._volumes, self._cells)

@@ -1,8 +1,8 @@
-"""Kinematics of pairs between two states: what the kernels return, by name.
+"""Kinematics of contact pairs in a step: named results of the kernels.
 
-A pair is a contact point and the vertices of the segment that it faces. Arrays are over ``m``
-pairs; ``d`` stands for the 3 (1+k) coordinates of a pair, those of the point first. A rigid
-obstacle has no vertices, so that d = 3.
+A pair is a contact point and the vertices of its segment. Arrays are over ``m`` pairs; ``d`` are
+the 3 (1+k) coordinates of a pair, those of the point first. A rigid obstacle has no vertices, so
+that d = 3.
 """
 
 import copy
@@ -27,8 +27,7 @@ class ContactKinematics(NamedTuple):
         force: Force of the scheme per multiplier, shape ``(m, d)``.
         gradient: Gradient of the gap at t_{n+1}, shape ``(m, d)``.
         tangent: Derivative of ``force``, shape ``(m, d, d)`` [1/m].
-        turn: Cosine of the angle by which the normal turns, ``(m,)``; NaN where the pair cannot
-            be evaluated.
+        turn: Cosine of the rotation angle of the normal, ``(m,)``; NaN if the pair is degenerate.
     """
 
     gap_n: Floats
@@ -39,9 +38,10 @@ class ContactKinematics(NamedTuple):
     turn: Floats
 
     def combined(self, weights: Floats) -> "ContactKinematics":
-        """The same by other nodes, of which those of the pairs are linear combinations.
+        """Kinematics in terms of other nodes, of which the nodes of the pairs are combinations.
 
-        ``weights`` are theirs in the nodes of the pairs, shape ``(m, k, j)``.
+        Args:
+            weights: Weight of each of j other nodes in each of k nodes, shape ``(m, k, j)``.
         """
         m, k, j = weights.shape
         to_nodes = weights.swapaxes(1, 2)
@@ -58,22 +58,22 @@ class ContactKinematics(NamedTuple):
 
 
 class Slip:
-    """Slip of pairs in a step by the objective measure, see `cpp/nts/contact/slip.h`.
+    """Slip of pairs in a step in the objective measure, see `cpp/nts/contact/slip.h`.
 
     Args:
         value: Slip of the step, shape ``(m, 2)`` [m].
         force: Force of the scheme per traction, shape ``(m, 2, d)``.
         gradient: Gradient of the slip at t_{n+1}, shape ``(m, 2, d)``.
-        *second: What `hessian` needs, as the kernel returns it.
+        *second: Second derivatives for `hessian`, as returned by the kernel.
         frame_n: Orthonormal tangents at t_n, shape ``(m, 2, 3)``.
-        frame: What has become of them at t_{n+1}, shape ``(m, 2, 3)``.
-        orientation: Sense of the segments' normals, shape ``(m,)``.
+        frame: Convected tangents at t_{n+1}, shape ``(m, 2, 3)``.
+        orientation: Orientation of the segments, shape ``(m,)``.
 
     Attributes:
         value, force, gradient, second, frame_n, frame, orientation: The arguments.
     """
 
-    # Derivative of the force by the coordinates, as a part of the second derivative of the slip.
+    # Derivative of the force relative to the second derivative of the slip [-].
     _share = 0.5
 
     def __init__(
@@ -90,25 +90,25 @@ class Slip:
         self.frame_n, self.frame = frame_n, frame
         self.orientation = orientation
 
-    # Few evaluations need the normals, which take longer than all that the kernel does.
+    # Cached: only few evaluations need the normals, which cost more than the kernel.
     @cached_property
     def normal_n(self) -> Floats:
-        """Outward unit normals of the frames at t_n, shape ``(m, 3)``, NaN if collapsed."""
+        """Outward unit normals of the frames at t_n, shape ``(m, 3)``, NaN if degenerate."""
         return _normal(self.frame_n, self.orientation)
 
     @cached_property
     def normal(self) -> Floats:
-        """Outward unit normals of the frames at t_{n+1}, shape ``(m, 3)``, NaN if collapsed."""
+        """Outward unit normals of the frames at t_{n+1}, shape ``(m, 3)``, NaN if degenerate."""
         return _normal(self.frame, self.orientation)
 
     def at_end(self) -> "Slip":
-        """The same with the force of a scheme whose forces act at t_{n+1}: the gradient there."""
+        """Slip whose force is the gradient at t_{n+1}, for schemes with forces at t_{n+1}."""
         end = copy.copy(self)
         end.force, end._share = self.gradient, 1.0
         return end
 
     def tangent(self, t: Floats) -> Floats:
-        """Derivative of t . force by the coordinates, shape as of `hessian` [N/m]."""
+        """Derivative of t . force with respect to the coordinates, ``(m, d, d)`` [N/m]."""
         tangent: Floats = self._share * self.hessian(t)
         return tangent
 
@@ -123,9 +123,11 @@ class Slip:
         return work
 
     def combined(self, weights: Floats) -> "Slip":
-        """The same by other nodes, of which those of the pairs are linear combinations.
+        """Slip in terms of other nodes, of which the nodes of the pairs are combinations.
 
-        ``weights`` are theirs in the nodes of the pairs, shape ``(k, j)`` or ``(m, k, j)``.
+        Args:
+            weights: Weight of each of j other nodes in each of k nodes, shape ``(k, j)`` or
+                ``(m, k, j)``.
         """
         (m, k), j = self.second[0].shape, weights.shape[-1]
         w, b = self.second
@@ -146,13 +148,13 @@ class Slip:
         )
 
     def hessian(self, t: Floats) -> Floats:
-        """Second derivative of t . slip by the coordinates, ``(m, d, d)`` [N/m]."""
+        """Second derivative of t . slip with respect to the coordinates, ``(m, d, d)`` [N/m]."""
         w, b = self.second
         return _kernels.slip_hessian(w, b, t)
 
 
 class ConvectiveSlip(Slip):
-    """Slip by convective coordinates, see `cpp/nts/contact/convective_slip.h`."""
+    """Slip in convective coordinates, see `cpp/nts/contact/convective_slip.h`."""
 
     def work(self, t: Floats, dx: Floats) -> Floats:
         """Work of tractions in the step, which is not exactly t . slip."""
@@ -167,7 +169,7 @@ class ConvectiveSlip(Slip):
 
 
 def _normal(frame: Floats, orientation: Floats) -> Floats:
-    """Unit normals; NaN where tangents are parallel."""
+    """Unit normals, NaN if the tangents are parallel."""
     normal = cross(frame[:, 0], frame[:, 1])
     length = np.linalg.norm(normal, axis=1)
     factor = np.full_like(length, np.nan)

@@ -1,10 +1,10 @@
-r"""What loads on bodies have in common: they are forms of virtual work.
+r"""Base classes of loads, which are forms of virtual work.
 
 The form of a load is linear in the test function. Its value at u_{n+1} - u_n is the work of the
 load in a step, which the energy ledger counts. A value that depends on time, by a function of
-time or by ``update`` of the stepper, is taken once per step, at the time that the integrator
-chooses: the middle of the step, its end in `QuasiStatic` and `CentralDifference`, and
-:math:`t_{n+1-\alpha_f}` in `GeneralizedAlpha`.
+time or by ``update`` of the stepper, is evaluated once per step: in the middle of the step, at its
+end in `QuasiStatic` and `CentralDifference`, and at :math:`t_{n+1-\alpha_f}` in
+`GeneralizedAlpha`.
 """
 
 from abc import ABC, abstractmethod
@@ -25,10 +25,10 @@ __all__ = ["Load", "LoadOnBody", "LoadWithValue"]
 
 
 class Load(ABC):
-    """Base of all loads; a load of your own derives from it or is a `FormLoad`.
+    """Base class of loads. User-defined loads derive from it or are a `FormLoad`.
 
-    A stepper takes the form once, when it is made, and calls `update` in every step. Local,
-    except where a method says otherwise.
+    A stepper compiles the form once, and calls `update` in every step. Local, except where a
+    method says otherwise.
 
     Attributes:
         V: Space of the displacement.
@@ -43,12 +43,12 @@ class Load(ABC):
 
     @property
     def name(self) -> str:
-        """What tables call the load: its class, and where it acts if that is one place. Local."""
+        """Name in tables: the class, and the body or surface if there is one. Local."""
         return type(self).__name__
 
     @abstractmethod
     def update(self, t: float) -> None:
-        """Set the value of the load to that at a time.
+        """Set the value of the load for a time.
 
         Args:
             t: Time [s].
@@ -59,8 +59,8 @@ class Load(ABC):
         """Virtual work in a step, linear in the test function [N m].
 
         Args:
-            u_n: Displacement at the start of the step [m]; in `GeneralizedAlpha` both are UFL
-                expressions, shifted so that their mean is that at the time of the load.
+            u_n: Displacement at the start of the step [m]. In `GeneralizedAlpha` both arguments
+                are UFL expressions whose mean is the displacement at the time of the load.
             u: Displacement at the end of the step [m].
 
         Returns:
@@ -68,12 +68,12 @@ class Load(ABC):
         """
 
     def given(self, form: ufl.Form) -> list[Any]:
-        """Constants and Functions in the form of the load that a script may set. Local.
+        """Constants and Functions in the form of the load that users may set. Local.
 
-        A class that does not override this method lets scripts set all of them.
+        By default these are all.
 
         Args:
-            form: The form, as `form` returns it.
+            form: The form as returned by `form`.
         """
         found = [*form.constants(), *form.coefficients()]
         return [value for value in found if isinstance(value, fem.Constant | fem.Function)]
@@ -81,7 +81,7 @@ class Load(ABC):
     def acts_on(self, body: Body) -> bool:
         """Whether the load may act on a body, which then never sleeps. Collective.
 
-        A class that does not override this method may act on all bodies.
+        By default a load may act on all bodies.
 
         Args:
             body: A body in the space of the load.
@@ -93,7 +93,7 @@ class Load(ABC):
 
 
 class LoadWithValue(Load):
-    """A load with a value that is constant, or depends on time or on place.
+    """Load with a value that is constant, or depends on time or position.
 
     Args:
         V: Space of the displacement.
@@ -104,7 +104,6 @@ class LoadWithValue(Load):
         ValueError: The value has the wrong shape or is not finite.
     """
 
-    # Whether the value is a vector.
     _is_vector: ClassVar[bool] = True
 
     def __init__(self, V: fem.FunctionSpace, value: Any) -> None:
@@ -126,7 +125,7 @@ class LoadWithValue(Load):
         return (dim,) if self._is_vector else ()
 
     def update(self, t: float) -> None:
-        """Set the value to that at a time, if it depends on the time.
+        """Set the value for a time, if it depends on time.
 
         Args:
             t: Time [s].
@@ -144,7 +143,7 @@ class LoadWithValue(Load):
         return [value for value in super().given(form) if value in of_value]
 
     def _described(self) -> Any:
-        """What ``repr`` tells of the value: the function, the expression or numbers."""
+        """Value as shown by ``repr``: function, expression or numbers."""
         if self._in_time is not None:
             return self._in_time
         if not isinstance(self._value, fem.Constant):
@@ -179,13 +178,11 @@ class LoadOnBody(LoadWithValue):
 
     @property
     def name(self) -> str:
-        """Class and body. Local."""
         return f"{type(self).__name__} {self._body.name}"
 
     def __repr__(self) -> str:
-        """Body and value in one line. Local."""
+        """Body and value. Local."""
         return as_call(self, body=self._body, value=self._described())
 
     def acts_on(self, body: Body) -> bool:
-        """Whether the body is the one that was given. Local."""
         return body is self._body

@@ -1,4 +1,4 @@
-"""Bodies whose elements lock: they can hardly deform without change of volume."""
+"""Check for volumetric locking."""
 
 import logging
 from collections.abc import Sequence
@@ -10,10 +10,9 @@ __all__ = ["warn_of_locking"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Poisson's ratio of small strains [-], rounded, from which on tetrahedra and triangles of degree
-# 1 are useless.
+# Poisson's ratio [-] from which on tetrahedra and triangles of degree 1 lock severely.
 _NEARLY_INCOMPRESSIBLE = 0.45 - 1e-9
-# What is told of cells of degree 1, and which would not lock.
+# Description of cells of degree 1 that lock, and of cells that do not.
 _LOCKED = {
     "tetrahedron": ("tetrahedra of degree 1 lock", "degree 2, or hexahedra"),
     "triangle": ("triangles of degree 1 lock", "degree 2, or quadrilaterals"),
@@ -21,10 +20,10 @@ _LOCKED = {
 
 
 def warn_of_locking(bodies: Sequence[Body]) -> None:
-    """Warn of bodies of tetrahedra or triangles of degree 1 that keep their volume. Local.
+    """Warn of isochoric bodies made of tetrahedra or triangles of degree 1. Local.
 
-    Those are nearly incompressible, or plastic. No quadrature helps these: they have more cells
-    than nodes, and each keeps its volume.
+    These are nearly incompressible or plastic. Reduced quadrature does not help, since there are
+    more cells, with one constraint each, than nodes.
 
     Args:
         bodies: Bodies of one space.
@@ -39,17 +38,17 @@ def warn_of_locking(bodies: Sequence[Body]) -> None:
     names = [b.name for b in deformable if b.material.poisson_ratio >= _NEARLY_INCOMPRESSIBLE]
     if plastic:
         _logger.warning(
-            "%s where metal flows, which keeps its volume, in %s: energies are right for the "
-            "mesh, but bodies resist as if they were far harder; take %s of degree 1",
+            "%s in plastic flow, which keeps the volume, in %s: energies are right for the "
+            "mesh, but bodies are far too stiff; take %s of degree 1",
             what,
             ", ".join(plastic),
             instead.rpartition(" ")[2],
         )
     if names:
         _logger.warning(
-            "%s at Poisson's ratios of 0.45 and more, those of %s: "
-            "energies are right for the mesh, but bodies bend and rebound as if they were far "
-            "stiffer; take %s",
+            "%s at Poisson's ratios of 0.45 and more, in %s: "
+            "energies are right for the mesh, but bodies are far too stiff in bending and impact; "
+            "take %s",
             what,
             ", ".join(names),
             instead,

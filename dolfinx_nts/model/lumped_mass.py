@@ -1,12 +1,11 @@
-"""Lumped mass: positive masses of the nodes in the place of the mass matrix.
+"""Lumped mass: a diagonal mass matrix with positive entries.
 
-At degree 1 they are the sums of the rows of the matrix. At degree 2 these sums are negative at
-the vertices of tetrahedra. Instead the diagonal of the matrix on the reference cell, scaled to
-the mass of the cell (Hinton, Rock and Zienkiewicz 1976), gives the weights of a quadrature at
-the nodes: Simpson's in hexahedra, and 1/36 at the vertices and 4/27 at the edges of tetrahedra.
-Each straight cell has its exact mass and centre of mass. Of a curved cell, which may be flat at
-a node, the diagonal of its own matrix is scaled, and the mass is exact; so are those of rings of
-degree 2.
+At degree 1 the masses are the row sums of the consistent matrix. At degree 2 row sums are negative
+at the vertices of tetrahedra. Instead the diagonal of the matrix on the reference cell, scaled to
+the mass of the cell (Hinton, Rock and Zienkiewicz 1976), gives the weights of a nodal quadrature:
+Simpson's rule in hexahedra, and 1/36 at the vertices and 4/27 at the edges of tetrahedra. Each
+straight cell has its exact mass and centre of mass. In curved cells, and in axisymmetric ones of
+degree 2, the diagonal of the actual cell matrix is scaled to the exact mass.
 """
 
 from collections.abc import Sequence
@@ -24,7 +23,7 @@ __all__ = ["lumped_mass", "nodal_parts"]
 
 
 def lumped_mass(bodies: Sequence[Body]) -> Floats:
-    """Compute the masses of the owned nodes. Collective.
+    """Lumped masses of the owned nodes. Collective.
 
     Args:
         bodies: Bodies of one space.
@@ -44,7 +43,7 @@ def lumped_mass(bodies: Sequence[Body]) -> Floats:
 
 
 def nodal_parts(element: Element, x: Floats) -> Floats:
-    """Divide the volume of cells among their nodes. Local.
+    """Volume of cells distributed to their nodes. Local.
 
     Args:
         element: Element of the cells.
@@ -55,7 +54,7 @@ def nodal_parts(element: Element, x: Floats) -> Floats:
     """
     linear = Element(element.cell, 1, element.makes_rings)
     is_curved = x.shape[1] > len(linear.points)
-    # At degree 2 a rule with points at the nodes would leave those on the axis without mass.
+    # At degree 2 a nodal rule would give nodes on the axis no mass.
     if is_curved or (element.makes_rings and element.degree > 1):
         points, weights, values = _matrix_rule(element)
         volume = _weighted(element if is_curved else linear, points, weights, x)
@@ -67,7 +66,7 @@ def nodal_parts(element: Element, x: Floats) -> Floats:
 
 
 def _weighted(shape: Element, points: Floats, weights: Floats, x: Floats) -> Floats:
-    """Volumes that belong to quadrature points of cells of a shape, ``(c, q)`` [m^3]."""
+    """Volumes at the quadrature points of cells of a shape, ``(c, q)`` [m^3]."""
     values, *slopes = shape.basix.tabulate(1, points)[..., 0]
     det = np.linalg.det(np.einsum("jqv,cvi->cqij", np.array(slopes), x[:, :, : len(slopes)]))
     volumes: Floats = np.abs(det) * weights
@@ -82,7 +81,7 @@ def _matrix_rule(element: Element) -> tuple[Floats, Floats, Floats]:
 
 
 def _rule(element: Element) -> tuple[Floats, Floats, Floats]:
-    """Quadrature points ``(q, 3)``, weights ``(q,)`` and shares of nodes ``(q, n)`` [-]."""
+    """Quadrature points ``(q, 3)``, weights ``(q,)`` and nodal fractions ``(q, n)`` [-]."""
     points, weights, values = _matrix_rule(element)
     if element.degree == 1:
         return points, weights, values

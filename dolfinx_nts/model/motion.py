@@ -18,24 +18,24 @@ _ROUND_OFF = 1e-6
 
 
 class Motion(Declaration):
-    r"""Declares how an obstacle moves: :math:`x = c + d(t) + R(t) (X - c)`. Local.
+    r"""Prescribed rigid motion of an obstacle, :math:`x = c + d(t) + R(t) (X - c)`. Local.
 
-    The obstacle is where it was declared, with positions X, if translation and rotation are
-    zero. Both must depend on the time alone: every step evaluates them at its start, in its
-    middle and at its end. Several obstacles with one motion are one tool.
+    X are the declared positions of the obstacle. Translation and rotation must depend on the time
+    alone: every step evaluates them at its start, in its middle and at its end. Several obstacles
+    may share one motion.
 
     Args:
         translation: Function of the time [s] that returns the displacement d of the centre,
-            shape ``(3,)``, of an obstacle in the plane ``(2,)`` [m]; None: the centre stays.
-        rotation: Function of the time [s] that returns the rotation R since the start, a rotation
+            shape ``(3,)``, in the plane ``(2,)`` [m]; None for no translation.
+        rotation: Function of the time [s] that returns the total rotation R, as a rotation
             vector (axis times angle), shape ``(3,)`` [rad], or a matrix, shape ``(3, 3)``; in the
-            plane one about z, or the angle alone [rad]; None: the obstacle does not turn.
-        centre: Point c about which the obstacle turns, shape ``(3,)`` or ``(2,)`` [m].
+            plane about z, or as an angle [rad]; None for no rotation.
+        centre: Centre c of the rotation, shape ``(3,)`` or ``(2,)`` [m].
 
     Raises:
         TypeError: ``translation`` or ``rotation`` is no function.
-        ValueError: ``centre`` is not three finite numbers, or two; in a step: a function returns
-            something else than described.
+        ValueError: ``centre`` is not three (or two) finite numbers; in a step: a function returns
+            an invalid value.
 
     Example:
         >>> down = nts.Motion(translation=lambda t: (0.0, 0.0, -0.1 * t))
@@ -59,13 +59,13 @@ class Motion(Declaration):
         self._centre = vector("centre", self._given, 2 if self._given.shape == (2,) else 3)
 
     def __repr__(self) -> str:
-        """Return the call that makes such a motion, with the names of functions. Local."""
+        """Call that creates an equal motion, with names of functions. Local."""
         given = {"translation": self._translation, "rotation": self._rotation}
         return as_call(self, **given, centre=self._given)
 
     @property
     def is_rest(self) -> bool:
-        """Whether nothing moves."""
+        """Whether there is neither translation nor rotation."""
         return self._translation is None and self._rotation is None
 
     @property
@@ -74,10 +74,10 @@ class Motion(Declaration):
         return self._rotation is not None
 
     def check(self, dim: int) -> None:
-        """Raise unless the centre has three coordinates, or the dimension is 2.
+        """Check the number of coordinates of the centre for a space dimension.
 
         Raises:
-            ValueError: It has two, which is for obstacles in the plane.
+            ValueError: The centre has two coordinates, and the dimension is 3.
         """
         if dim == 3:
             vector("centre", self._given, 3)
@@ -91,7 +91,7 @@ class Motion(Declaration):
             dim: Dimension of the space of the obstacle, 2 or 3.
 
         Raises:
-            TypeError, ValueError: A function returns something else than described.
+            TypeError, ValueError: A function returns an invalid value.
         """
         if self.is_rest:
             return Frame()
@@ -109,10 +109,10 @@ class Motion(Declaration):
 
 
 def vector(name: str, value: Any, dim: int) -> Floats:
-    """Check a vector of 2 or 3 numbers; return three, of which in the plane the last is 0. Local.
+    """Check a vector of ``dim`` numbers; returns three, with 0 appended in the plane. Local.
 
     Raises:
-        ValueError: It is no such vector, or not finite.
+        ValueError: It has another shape, or is not finite.
     """
     given = real_array(name, value)
     if given.shape != (dim,) or not np.isfinite(given).all():
@@ -122,7 +122,7 @@ def vector(name: str, value: Any, dim: int) -> Floats:
 
 
 def _rotation_about_z(t: float, value: Any) -> Floats:
-    """Rotation matrix of an angle about z, or of a rotation of which this is the axis."""
+    """Rotation matrix of an angle about z, or of a rotation about z."""
     name = f"a rotation at t = {t:g}"
     given = real_array(name, value)
     rotation = _rotation(t, np.array([0.0, 0.0, given]) if given.shape == () else given)
@@ -134,7 +134,7 @@ def _rotation_about_z(t: float, value: Any) -> Floats:
 
 
 def _rotation(t: float, value: Any) -> Floats:
-    """Rotation matrix of a rotation vector, or the one that is nearest to a matrix."""
+    """Rotation matrix of a rotation vector, or the nearest one to a matrix."""
     name = f"a rotation at t = {t:g}"
     given = real_array(name, value)
     if given.shape != (3, 3):

@@ -1,8 +1,8 @@
-"""Rigid obstacles, which bodies cannot enter, and what contact asks of them.
+"""Interface of rigid obstacles.
 
-An obstacle takes the place of a surface's segments in a contact pair and has no unknowns. It is
-at rest, or moves as a `Motion` says; its methods see it where it was declared, see `frames`.
-Planes, spheres and cylinders are in `rigid_shapes`, obstacles made of facets in `rigid_surface`.
+An obstacle replaces the segments of a surface in a contact pair and has no unknowns. It is at rest
+or has a prescribed `Motion`. Its methods work in the frame of the obstacle, see `frames`. Planes,
+spheres and cylinders are in `rigid_shapes`, obstacles made of facets in `rigid_surface`.
 """
 
 from abc import abstractmethod
@@ -25,17 +25,17 @@ Self = TypeVar("Self", bound="Obstacle")
 
 
 class Obstacle(Declaration):
-    """Base of all obstacles, which take the place of segments in a contact pair. Local.
+    """Base class of obstacles, which replace segments in a contact pair. Local.
 
-    Pairs with an obstacle consist of the node alone, so that gradients have the three entries
-    of its position. Methods are for the contact of a stepper. In them positions are those in the
-    frame of the obstacle, which is space where it is at rest.
+    Pairs with an obstacle consist of the node alone, so that gradients have three components.
+    Methods are for the contact of a stepper. Positions are in the frame of the obstacle.
 
     Attributes:
-        dim: Dimension of the space it is in, 3, or 2 where its points have two coordinates.
-        motion: How it moves.
-        key: Number of each facet, shape ``(f,)``; exact surfaces count as one.
-        shortest_passage: Motion in a step below which no node passes the obstacle [m].
+        dim: Space dimension, 2 or 3.
+        motion: Prescribed motion.
+        key: Number of each facet, shape ``(f,)``; exact surfaces have one facet.
+        shortest_passage: Displacement in a step below which no node passes through the obstacle
+            [m].
 
     Example:
         >>> floor = nts.RigidPlane(point=(0, 0, 0), normal=(0, 0, 1))
@@ -49,14 +49,14 @@ class Obstacle(Declaration):
     dim = 3
 
     def moving(self: Self, motion: Motion) -> Self:
-        """Return the same obstacle with a prescribed motion. Local.
+        """Copy of the obstacle with a prescribed motion. Local.
 
         Args:
-            motion: Where it is at each time, relative to where it was declared; in the plane with
-                translations of two numbers, and rotations about z.
+            motion: Motion relative to the declared position; in the plane with translations of two
+                numbers, and rotations about z.
 
         Returns:
-            Another obstacle; this one stays as it is.
+            The copy; this obstacle is unchanged.
 
         Raises:
             TypeError: ``motion`` is no `Motion`.
@@ -79,16 +79,16 @@ class Obstacle(Declaration):
 
     @property
     def is_of_revolution(self) -> bool:
-        """Whether turns about the axis y leave the obstacle of the plane as it is."""
+        """Whether the obstacle is symmetric about the axis y, for axisymmetric meshes."""
         return False
 
     @property
     def name(self) -> str:
-        """Kind of the obstacle, for messages."""
+        """Name of the obstacle in messages."""
         return f"a {'' if self.motion.is_rest else 'moving '}{type(self).__name__}"
 
     def __repr__(self) -> str:
-        """Arguments that define the surface, and its motion, in one line. Local."""
+        """Arguments that define the surface, and its motion. Local."""
         motion = "" if self.motion.is_rest else f".moving({self.motion!r})"
         return f"{self._declaration()}{motion}"
 
@@ -98,7 +98,7 @@ class Obstacle(Declaration):
 
     @abstractmethod
     def contact(self, scheme: str, x_n: Floats, x: Floats, segment: Ints) -> ContactKinematics:
-        """Evaluate gap and contact force of nodes in a step, as the kernels do.
+        """Gap and contact force of nodes in a step, as returned by the kernels.
 
         Args:
             scheme: ``"conserving"``, ``"midpoint"`` or ``"static"``.
@@ -107,12 +107,12 @@ class Obstacle(Declaration):
             segment: Facet of each node, shape ``(m,)``.
 
         Returns:
-            The kinematics of the nodes alone, d = 3.
+            Kinematics with d = 3.
         """
 
     @abstractmethod
     def slip(self, x_n: Floats, x: Floats, segment: Ints) -> Slip:
-        """Evaluate slip of nodes in a step, as the kernel does.
+        """Slip of nodes in a step, as returned by the kernel.
 
         Args:
             x_n: Positions at t_n, shape ``(m, 3)`` [m].
@@ -120,49 +120,49 @@ class Obstacle(Declaration):
             segment: Facet of each node, shape ``(m,)``.
 
         Returns:
-            The slip of the nodes alone, d = 3.
+            Slip with d = 3.
         """
 
     @abstractmethod
     def find(
         self, x: Floats, current: Ints, slack: float, reach: float, facing: Facing
     ) -> tuple[Ints, Floats]:
-        """Find the facet that each node faces.
+        """Find the candidate facet of each node.
 
         Args:
             x: Positions, shape ``(m, 3)`` [m].
-            current: Facet that each node had last, or -1, shape ``(m,)``.
-            slack: How far a node may be beside its last facet and still have it, see
+            current: Last facet of each node, or -1, shape ``(m,)``.
+            slack: Distance outside the last facet within which a node keeps it, see
                 ``Candidates.pair``.
             reach: Largest gap of interest [m].
-            facing: What the nodes face.
+            facing: Admissible directions of contact of the nodes.
 
         Returns:
             Facet of each node, or -1, and its gap [m], both of shape ``(m,)``.
         """
 
     def unturned(self, x: Floats, turn: Floats) -> Floats | None:
-        """Positions before a turn of the obstacle that leaves its surface where it is.
+        """Undo the rotation of a step that leaves the surface of the obstacle unchanged.
 
         Args:
             x: Positions at the end of a step, shape ``(m, 3)`` [m].
-            turn: Cayley vector of the turn in the step, as the obstacle sees it, ``(3,)`` [-].
+            turn: Cayley vector of the rotation in the frame of the obstacle, ``(3,)`` [-].
 
         Returns:
-            Those in a frame that does not take part in that turn, in which points go straight;
-            None if no turn leaves the surface where it is.
+            Positions in a frame without this rotation, in which points move straight; None if no
+            rotation leaves the surface unchanged.
         """
         return None
 
     @abstractmethod
     def follow(self, x_n: Floats, x: Floats, inside: Ints, facing: Facing) -> Trajectories:
-        """Find where nodes go through the obstacle on straight ways.
+        """Find intersections of straight paths of nodes with the obstacle.
 
         Args:
             x_n: Positions at t_n, shape ``(m, 3)`` [m].
             x: Positions at t_{n+1}, shape ``(m, 3)`` [m].
             inside: Facet behind which each node starts, or -1, shape ``(m,)``.
-            facing: What the nodes face.
+            facing: Admissible directions of contact of the nodes.
         """
 
     @abstractmethod
@@ -179,17 +179,17 @@ class Obstacle(Declaration):
 
     @abstractmethod
     def depth(self, x: Floats) -> Floats:
-        """Tell how deep points are inside.
+        """Penetration depth of points.
 
         Args:
             x: Positions, shape ``(m, 3)`` [m].
 
         Returns:
-            Distance from the surface, not above 0 outside, shape ``(m,)`` [m].
+            Distance from the surface, at most 0 outside, shape ``(m,)`` [m].
         """
 
     def is_at_rim(self, x: Floats, segment: Ints) -> Flags:
-        """Whether the edge of a facet that is nearest to a node is a rim. Local.
+        """Whether the edge of the facet nearest to a node is a free edge. Local.
 
         Args:
             x: Positions, shape ``(m, 3)`` [m].

@@ -18,9 +18,9 @@ class Reaction(NamedTuple):
     the work of the support, and with loads and contact forces it is the rate of the momentum.
 
     Attributes:
-        force: Resultant on the bodies (x, y, z), in the plane (x, y), of rings (y,) [N].
-        moment: Moment about the origin (x, y, z), in the plane (z,), of rings () [N m].
-        work: Work in the step [J], zero where the support does not move.
+        force: Resultant on the bodies (x, y, z), in the plane (x, y), axisymmetric (y,) [N].
+        moment: Moment about the origin (x, y, z), in the plane (z,), axisymmetric () [N m].
+        work: Work in the step [J], zero if the support does not move.
 
     Example:
         >>> ends = fem.locate_dofs_geometrical(V, lambda x: (x[2] < 0.01) | (x[2] > 1.0))
@@ -44,11 +44,11 @@ class Reaction(NamedTuple):
 
 
 def total_reactions(comm: MPI.Comm, parts: Floats, size: int) -> tuple[Reaction, ...]:
-    """Sum what each rank knows of some reactions. Collective.
+    """Sum reactions over all ranks. Collective.
 
     Args:
         comm: Communicator.
-        parts: Force, moment and work of each on this rank, shape ``(r, m)``.
+        parts: Force, moment and work of each reaction on this rank, shape ``(r, m)``.
         size: Number of components of a force.
     """
     sums: Floats = reductions.total(comm, parts)

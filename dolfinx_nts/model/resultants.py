@@ -1,4 +1,4 @@
-"""Loads on a body as a whole: a force, and a moment, such as those on a guided tool."""
+"""Resultant force and moment on a body, such as on a guided tool."""
 
 from typing import Any
 
@@ -18,7 +18,7 @@ __all__ = ["Force", "Moment"]
 
 
 class _Resultant(LoadOnBody):
-    """A load on a body, spread over its mass.
+    """Load on a body, distributed by mass.
 
     Args:
         body: The body.
@@ -32,7 +32,7 @@ class _Resultant(LoadOnBody):
         self._mass: float = reductions.total(comm, float(fem.assemble_scalar(form)))
 
     def _spread(self, work: Any) -> ufl.Form:
-        """Mean over the mass of a virtual work, linear in the test function."""
+        """Mass-weighted mean of a virtual work, linear in the test function."""
         mass = fem.Constant(self.V.mesh, self._mass)
         return bulk_form([self._body], lambda material, parameters, rho: rho / mass * work)
 
@@ -41,7 +41,7 @@ class Force(_Resultant):
     """Dead force on a body as a whole, distributed like its weight. Collective.
 
     Args:
-        body: The body, such as a rigid one that a guide leaves free along the force.
+        body: The body, such as a rigid one with a guide that is free along the force.
         value: Resultant, shape ``(3,)``, in the plane ``(2,)`` [N], a function of the time [s]
             that returns it, or a UFL expression.
 
@@ -72,11 +72,11 @@ class Moment(_Resultant):
     r"""Moment on a body as a whole, with a fixed direction and no resultant force. Collective.
 
     Its work on a rigid body in a step is :math:`M \cdot \theta` with the Cayley vector
-    :math:`\theta`, 2 tan(angle/2) along the axis of the turn: a moment that is given in space has
-    no potential. On a deformable body it acts on the mean rotation, by mass.
+    :math:`\theta`, 2 tan(angle/2) along the axis of rotation. A moment with a fixed direction has
+    no potential. On a deformable body it acts on the mass-weighted mean rotation.
 
     Args:
-        body: The body, such as a rigid one that a guide leaves free to turn.
+        body: The body, such as a rigid one with a guide that is free to rotate.
         value: Moment, shape ``(3,)`` [N m], in the plane a number, a function of the time [s] that
             returns it, or a UFL expression.
 
@@ -98,7 +98,7 @@ class Moment(_Resultant):
         return () if dim == 2 else (3,)
 
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
-        # A turn by theta about the mean state has the gradient theta x there.
+        # A rotation theta about the mean state has the displacement gradient theta x there.
         F = deformation_gradient((u_n + u) / 2)
         spin = gradient(ufl.TestFunction(self.V)) * ufl.inv(F)
         pairs = ((2, 1), (0, 2), (1, 0))

@@ -19,18 +19,16 @@ __all__ = ["RigidBody", "guided"]
 class RigidBody(Body):
     """A body that does not deform, and moves freely or along a guide. Collective.
 
-    Mass, centre of mass and inertia are those of its mesh. Other bodies meet it by its surface,
-    as that of any body, and it may share nodes with deformable bodies, which are then bonded to
-    it. Six numbers say how it moves in a step, in the plane three. A body of revolution has one
-    motion alone, that along the axis.
+    Mass, centre of mass and inertia are those of its mesh. Contact uses its surface like that of
+    any body. Deformable bodies that share nodes with it are bonded to it. It has six degrees of
+    freedom, in the plane three, and in an axisymmetric mesh one, along the axis.
 
     Args:
         V: Space of the displacement, see `Body`.
         cells: Cell tags of the mesh.
         tag: Value of the tag.
         rho: Reference density [kg/m^3].
-        guide: In which directions it is free, and how it moves in the others; None: it is free
-            in all.
+        guide: Free and prescribed motions; None for a free body.
 
     Attributes:
         material: Inertia without strain energy.
@@ -39,9 +37,9 @@ class RigidBody(Body):
     Raises:
         TypeError: ``V`` is no function space, ``cells`` no MeshTags, ``tag`` no integer, or
             ``guide`` no Guide.
-        ValueError: The space, the tag or the axes of the guide do not fit, in an axisymmetric mesh
-            a guide leaves another motion free than that along the axis, or turns the body, or the
-            density is not positive: a body without mass could be anywhere.
+        ValueError: The space, the tag or the axes of the guide do not fit; in an axisymmetric mesh
+            the guide allows or prescribes a motion other than along the axis; or the density is
+            not positive.
 
     Example:
         >>> hammer = nts.RigidBody(V, cells, tag["upper"], rho=7800.0)  # kg/m^3
@@ -77,30 +75,30 @@ class RigidBody(Body):
         possible = possible_motions(self.V)
         return np.eye(len(possible))[possible]
 
-    def led(self, point: Floats, t_n: float, t: float) -> Floats:
-        """Tell how the guide moves the body between two times [s], see `Guide.led`. Local.
+    def prescribed(self, point: Floats, t_n: float, t: float) -> Floats:
+        """Prescribed motion of the body between two times, see `Guide.prescribed`. Local.
 
         Args:
-            point: The guided point in the reference state, shape ``(d,)`` [m].
+            point: Guided point in the reference configuration, shape ``(d,)`` [m].
             t_n: Time at the start of the step [s].
             t: Time at its end [s].
 
         Raises:
-            ValueError: It would leave the axis of an axisymmetric mesh.
+            ValueError: The motion is not along the axis of an axisymmetric mesh.
         """
         if self.guide is None:
             return np.zeros(self.free().shape[1])
-        led = self.guide.led(in_space(point), t_n, t, len(point))
-        if is_axisymmetric(self.V.mesh) and led[0]:
+        prescribed = self.guide.prescribed(in_space(point), t_n, t, len(point))
+        if is_axisymmetric(self.V.mesh) and prescribed[0]:
             raise ValueError(
                 "expected a motion along the axis y of a guide in an axisymmetric mesh, given "
                 f"{self.guide.motion!r} with another one at t = {t:g}"
             )
-        return led
+        return prescribed
 
 
 def guided(bodies: Iterable[Body]) -> list[RigidBody]:
-    """Rigid bodies with a guide among some bodies, in their order. Local."""
-    # Soft bodies are sorted out first, as it takes a look at their class.
+    """Rigid bodies with a guide, in their order. Local."""
+    # `is_rigid` first, which is faster than `isinstance`.
     rigid = (body for body in bodies if body.is_rigid and isinstance(body, RigidBody))
     return [body for body in rigid if body.guide is not None]

@@ -1,4 +1,4 @@
-"""Cones about the axis of axisymmetric meshes, whose section is a line."""
+"""Rigid cones in axisymmetric meshes."""
 
 from collections.abc import Sequence
 
@@ -13,13 +13,13 @@ __all__ = ["RigidCone"]
 
 
 class RigidCone(RigidPlane):
-    """A cone about the axis of an axisymmetric mesh that bodies cannot enter. Local.
+    """Rigid cone about the axis of an axisymmetric mesh. Local.
 
     Args:
-        tip: Its tip on the axis, shape ``(2,)``, x = 0 [m].
+        tip: Tip on the axis, shape ``(2,)``, x = 0 [m].
         half_angle: Angle between the axis and the surface [rad].
-        opens: Direction from the tip along the axis in which the cone opens, 1 for up, the
-            indenter of a body below, or -1 for down.
+        opens: Direction in which the cone opens along the axis: 1 for up, as the indenter of a
+            body below, or -1 for down.
 
     Raises:
         ValueError: The tip is not on the axis, the angle is not between 0 and pi/2, or the

@@ -279,7 +279,9 @@ class Search(ABC):
         """
         if not self.frame.moves:
             return way
-        return max(way, reductions.largest(self._comm, float(self.frame.drag(x).max(initial=0.0))))
+        return max(
+            way, reductions.largest(self._comm, float(self.frame.displacement(x).max(initial=0.0)))
+        )
 
     @abstractmethod
     def serialize(self, archive: Archive, name: str) -> None:

@@ -82,7 +82,7 @@ class ObstacleCandidates(Candidates):
         def follow(begin: Floats, end: Floats, behind: Ints) -> Trajectories:
             return obstacle.follow(begin, end, behind, facing)
 
-        ends = self.frame.ways(points.of(x_n), points.of(x), obstacle.unturned)
+        ends = self.frame.path(points.of(x_n), points.of(x), obstacle.unturned)
         ways = Trajectories.along(ends, follow, inside)
         if len(ends) == 2:
             return ways

@@ -68,7 +68,7 @@ class LinearFields:
 
     def prescribed(self, t_n: float, t: float) -> Floats:
         """Prescribed motion of the guide between two times [s]. Local."""
-        return self.body.led(self.point, t_n, t)
+        return self.body.prescribed(self.point, t_n, t)
 
 
 def rigid_motions(q: Floats) -> Floats:

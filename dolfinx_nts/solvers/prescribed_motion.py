@@ -86,4 +86,4 @@ class PrescribedMotion:
     def _place_obstacles(self, part: float) -> None:
         """Place obstacles after a fraction of their motion, from 0 to 1."""
         for step in self._steps:
-            step.state.search.frame.go(part)
+            step.state.search.frame.advance_to(part)

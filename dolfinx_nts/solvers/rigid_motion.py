@@ -187,11 +187,11 @@ class RigidMotion(RigidStates):
         assert self._states is not None
         return self._fields.put(self._states.respond(*self._fields.sums(r)), r)
 
-    def moved(self, u: Floats, du: Floats, led: Floats | float = 0.0) -> Floats:
+    def moved(self, u: Floats, du: Floats, prescribed: Floats | float = 0.0) -> Floats:
         """Displacements u [m] after increments du, by which rigid bodies rotate without strain.
 
         Increments of rigid bodies are projected on the free motions at u. In the other motions they
-        follow ``led``, as of `Guides.prescribed`.
+        follow ``prescribed``, as of `Guides.prescribed`.
         """
         result: Floats = u + du
         if not self.exists:
@@ -200,7 +200,7 @@ class RigidMotion(RigidStates):
         q = self._fields.positions(of_u)
         amounts = nearest(rigid_motions(q), self._fields.products, increments)
         # Adding small changes to u keeps all digits, unlike differences of positions.
-        amounts = self._fields.freedom.part(amounts) + led
+        amounts = self._fields.freedom.part(amounts) + prescribed
         changes = turned(q, amounts)
         result[self.nodes] = (u + self._fields.put(changes, np.zeros_like(u)))[self.nodes]
         return result

@@ -28,7 +28,7 @@ def changes_ahead(step: ContactStep, pairs: PairKinematics, way: Floats) -> tupl
     if not step.num_active:
         return np.zeros((len(pairs.node), 3)), change
     force, tangent, columns, slopes = PairForces.of(pairs, step.normal, step.friction)
-    given, turn = frame.ahead(step.x)
+    given, turn = frame.remaining(step.x)
     ways = scatter.forward(in_space(way)) - given
     dofs, nodes = pairs.dofs, pairs.blocks.nodes
     changes = changes_by(pairs, ways[dofs].reshape(pairs.contact.gradient.shape))

@@ -64,7 +64,7 @@ class ContactStep:
             ``(n, d)``; None if all are unknown.
         is_static: Whether there is no inertia.
         rigid: Owned nodes of rigid bodies, which cannot give up a displacement of their own.
-        on_the_way: Positions like ``x_trial`` after some parts of the ballistic way, by the part
+        intermediate: Positions like ``x_trial`` after some parts of the ballistic way, by the part
             from 0 to 1, in which rigid bodies have not stretched; None: of no part.
         share: Share of the end of the step in the forces of springs, see `Scheme` [-].
         begins_sticking: Whether all nodes with friction stick at first, see `StickSlip`.
@@ -91,7 +91,7 @@ class ContactStep:
         free: Floats | None = None,
         is_static: bool = False,
         rigid: Ints = _NONE,
-        on_the_way: Mapping[float, Floats] | None = None,
+        intermediate: Mapping[float, Floats] | None = None,
         share: float = 0.5,
         begins_sticking: bool = False,
     ) -> None:
@@ -107,7 +107,7 @@ class ContactStep:
         )
         nodal_stiffness = stiffness[state.nodes.nodes]
         self.normal = make_normal_contact(
-            state, is_static, search, nodal_stiffness, on_the_way or {}, share
+            state, is_static, search, nodal_stiffness, intermediate or {}, share
         )
         self.friction = make_friction(
             state, is_static, search, nodal_stiffness, scheme == "static", begins_sticking

@@ -44,24 +44,24 @@ def make_normal_contact(
     is_static: bool,
     search: LocalSearch,
     stiffness: Floats,
-    on_the_way: Mapping[float, Floats],
+    intermediate: Mapping[float, Floats],
     share: float,
 ) -> NormalContact:
     """Make the normal contact of a pair by its enforcement. Collective.
 
     Args:
-        state: See `ContactStep`, as ``is_static``, ``on_the_way`` and ``share``.
+        state: See `ContactStep`, as ``is_static``, ``intermediate`` and ``share``.
         is_static: Whether there is no inertia.
         search: Segments of the nodes.
         stiffness: That of the nodes of the surface, shape ``(n,)`` [N/m].
-        on_the_way: Positions by parts of the ballistic way [m].
+        intermediate: Positions by parts of the ballistic way [m].
         share: Share of the end of the step in the forces of springs [-].
     """
     law = state.pair.enforcement
     if isinstance(law, Tied):
-        return TiedContact(state, law, is_static, search, stiffness, on_the_way)
+        return TiedContact(state, law, is_static, search, stiffness, intermediate)
     if isinstance(law, LagrangeMultiplier):
-        return MultiplierContact(state, law, is_static, search, stiffness, on_the_way)
+        return MultiplierContact(state, law, is_static, search, stiffness, intermediate)
     return PenaltyContact(state, law, is_static, search, share)
 
 

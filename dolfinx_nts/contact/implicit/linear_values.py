@@ -48,7 +48,7 @@ class LinearValues:
         values, x = measured, self._frame.in_space(x)
         if self._last is not None:
             last, x_last, end, before, slopes = self._last
-            dx = (x - x_last - self._frame.way_from(end, x_last)).take(last.dofs, axis=0)
+            dx = (x - x_last - self._frame.displacement_from(end, x_last)).take(last.dofs, axis=0)
             dx = dx.reshape(len(slopes), slopes.shape[-1])
             self._segment[:] = -1
             self._segment[last.node] = last.segment

@@ -26,7 +26,7 @@ def until_met(step: ContactStep, way: Floats, size: Floats) -> float:
         size: Sizes of the cells at these, shape ``(n,)`` [m].
     """
     search, frame, normal = step.search, step.state.search.frame, step.normal
-    given, _ = frame.ahead(step.x)
+    given, _ = frame.remaining(step.x)
     ways = step.candidates.scatter.forward(in_space(way)) - given
     apart = normal.nodes[~normal.active[normal.nodes]]
     none = np.full(len(apart), -1, dtype=np.int32)

@@ -36,7 +36,7 @@ class MultiplierContact(NormalContact):
         is_static: Whether there is no inertia.
         search: Segments of the nodes.
         stiffness: Stiffness of the nodes, shape ``(n,)`` [N/m].
-        on_the_way: Positions of the local nodes after some parts of their ballistic ways, by
+        intermediate: Positions of the local nodes after some parts of their ballistic ways, by
             the part, see `ContactStep`.
     """
 
@@ -47,7 +47,7 @@ class MultiplierContact(NormalContact):
         is_static: bool,
         search: LocalSearch,
         stiffness: Floats,
-        on_the_way: Mapping[float, Floats],
+        intermediate: Mapping[float, Floats],
     ) -> None:
         # Elastic impact holds gaps; in statics there is no impact.
         self._reach = _NEAR if is_static else 0.0
@@ -60,10 +60,10 @@ class MultiplierContact(NormalContact):
         self._sunk: Flags = np.zeros(len(state.history.active), dtype=bool)
         self._choices = _MOST_CHOICES
         super().__init__(state, search)
-        self._on_the_way: Floats | None = None
+        self._intermediate: Floats | None = None
         if self._holds and law.part:
-            x = state.search.frame.on_the_way(law.part, on_the_way[law.part])
-            self._on_the_way = search.candidates.scatter.forward(x)
+            x = state.search.frame.intermediate(law.part, intermediate[law.part])
+            self._intermediate = search.candidates.scatter.forward(x)
         if is_static:
             self._begin_in_touch()
         self._set = ActiveSet(state, law, stiffness, is_static)
@@ -124,13 +124,13 @@ class MultiplierContact(NormalContact):
         gap_n = pairs.contact.gap_n
         if not self._holds:
             return np.where(self._stays[pairs.node], gap_n, 0.0)
-        if self._on_the_way is None:
+        if self._intermediate is None:
             return gap_n
         # All gaps are then those of one motion of a rigid body that turns and touches at many
         # points, also relative to an obstacle that moves.
-        gap = self._search.pairing.gaps(self._on_the_way, pairs.node, pairs.segment)
+        gap = self._search.pairing.gaps(self._intermediate, pairs.node, pairs.segment)
         if self._search.candidates.may_curve:
-            flat = gap_n + self._approach(self._on_the_way, pairs)
+            flat = gap_n + self._approach(self._intermediate, pairs)
             # Where nodes cannot give way one by one, only such gaps can be held.
             gap = np.where(pairs.fixed, gap, np.maximum(gap, flat))
         return np.asarray(np.minimum(gap_n, gap))

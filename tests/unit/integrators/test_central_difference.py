@@ -368,7 +368,7 @@ def test_body_without_motion_stays_where_it_is(comm):
     stepper = nts.CentralDifference([box.body])
     rng = np.random.default_rng(1)
     noise = rng.normal(scale=1e-16, size=box.positions(stepper).shape)
-    for _ in range(3 * central_difference._WATCH):
+    for _ in range(3 * central_difference._CHECK_INTERVAL):
         stepper.u.x.array[:] += noise[input_ids(box.V)].ravel()
         stepper.advance()
     assert comm.allreduce(np.abs(stepper.u.x.array).max(initial=0.0), op=MPI.MAX) <= 1e-12

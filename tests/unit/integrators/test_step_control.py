@@ -26,7 +26,7 @@ def ends(control, t, dt, until):
 def test_equal_steps_gather_no_round_off():
     even, t, added = EvenSteps(), 0.0, 0.0
     for step in range(1, 11):
-        even.go_on(t, step - 1, 0.1)
+        even.resume(t, step - 1, 0.1)
         t = even.end(step, 0.1)
         added += 0.1
     assert t == 1.0 != added
@@ -34,19 +34,19 @@ def test_equal_steps_gather_no_round_off():
 
 def test_another_time_or_length_begins_a_new_count():
     even = EvenSteps()
-    even.go_on(0.7, 3, 0.1)
+    even.resume(0.7, 3, 0.1)
     assert even.end(5, 0.1) == 0.7 + 2 * 0.1
-    even.go_on(even.end(5, 0.1), 5, 0.25)
+    even.resume(even.end(5, 0.1), 5, 0.25)
     assert even.end(7, 0.25) == (0.7 + 2 * 0.1) + 2 * 0.25
 
 
 def test_equal_steps_go_on_alike_from_an_archive():
     even, archive = EvenSteps(), Snapshot()
-    even.go_on(0.7, 3, 0.1)
+    even.resume(0.7, 3, 0.1)
     even.serialize(archive)
     other = EvenSteps()
     other.serialize(archive.rewind())
-    other.go_on(even.end(9, 0.1), 9, 0.1)
+    other.resume(even.end(9, 0.1), 9, 0.1)
     assert other.end(12, 0.1) == even.end(12, 0.1)
 
 

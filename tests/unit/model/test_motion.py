@@ -158,7 +158,7 @@ def test_a_whole_turn_in_a_step_is_seen_half_way():
 def test_the_frame_carries_points_as_far_as_they_say(rng):
     _, x, _ = states(rng)
     way = np.linalg.norm(x - start(FRAME.at_end(x)), axis=1)
-    np.testing.assert_allclose(FRAME.drag(x), way, atol=ROUNDING)
+    np.testing.assert_allclose(FRAME.displacement(x), way, atol=ROUNDING)
 
 
 def test_an_obstacle_is_another_one_when_it_moves():

@@ -1,28 +1,32 @@
-r"""Rigid bodies in explicit steps: central differences of their nodes that keep them rigid.
+r"""Motion of nodes and of rigid bodies in explicit steps (leapfrog).
 
-Positions and velocities of the nodes are linear in the reference position, with coefficients Q and
-V, a mass matrix M that is constant, and rigid motions N(Q). A step is that of velocity Verlet with
-constraints (RATTLE; Hairer, Lubich and Wanner 2006, section VII.1.4), whose multipliers N removes:
+Positions and velocities of the nodes of a rigid body are linear in the reference position, with
+coefficients Q and V, a constant mass matrix M, and rigid motions N(Q). A step is velocity Verlet
+with constraints (RATTLE; Hairer, Lubich and Wanner 2006, section VII.1.4). Projection on N
+eliminates the multipliers:
 
 .. math:: N(Q_n)^T M \frac{Q_{n+1} - Q_n}{\Delta t}
       = N(Q_n)^T \left( M V_n + \frac{\Delta t}{2} f_n \right), \quad
    N(Q_{n+1})^T M V_{n+1} = N(Q_{n+1})^T \left( M \frac{Q_{n+1} - Q_n}{\Delta t}
       + \frac{\Delta t}{2} f_{n+1} \right),
 
-with :math:`Q_{n+1}` turned from :math:`Q_n` by a Cayley vector, the unknown of the first equation,
-and :math:`V_{n+1}` a rigid motion. As :math:`\Delta x \times \Delta x = 0`, both momenta change by
-the impulses of the forces alone. The step is symplectic, so that the error of the energy is
-bounded, and of second order. A guide leaves some motions free, and only their equations hold.
+where a Cayley vector, the unknown of the first equation, rotates :math:`Q_n` to :math:`Q_{n+1}`,
+and :math:`V_{n+1}` is a rigid motion. As :math:`\Delta x \times \Delta x = 0`, only the impulses of
+the forces change the momenta. The step is symplectic: the energy error is bounded and of second
+order. With a guide, only the equations of the free motions hold.
 """
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
-from dolfinx import fem
+from dolfinx import fem, la
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Array, Flags, Floats
-from dolfinx_nts.fem.components import in_space, nodal
+from dolfinx_nts.fem.components import dimension, in_space, nodal
 from dolfinx_nts.integrators.rates import ConsistentMass
+from dolfinx_nts.model.dirichlet import Supports
 from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.model.reaction import Reaction, reactions_of
 from dolfinx_nts.solvers.linear_fields import (
@@ -37,26 +41,26 @@ from dolfinx_nts.solvers.linear_fields import (
 from dolfinx_nts.solvers.rigid_fields import RigidFields
 from dolfinx_nts.solvers.rigid_states import RigidStates
 
-__all__ = ["RigidLeapfrog"]
+__all__ = ["Drift", "RigidLeapfrog"]
 
-# Most iterations of Newton's method for the turn of a step [-], and the change of it after which
-# it is exact to round-off, as it converges quadratically [rad].
+# Limit on the Newton iterations for the rotation of a step [-], and correction after which the
+# rotation is exact to round-off, since convergence is quadratic [rad].
 _MAX_ITERATIONS, _SMALL = 30, 1e-9
 
 
 class _Leap:
-    """Step of ``b`` bodies. Local.
+    """Step of ``b`` rigid bodies. Local.
 
     Args:
         fields: Linear fields over the bodies.
-        mass: Their products with the mass, shape ``(b, d + 1, d + 1)`` [kg].
+        mass: Their mass products, shape ``(b, d + 1, d + 1)`` [kg].
         q, v: Coefficients of positions [m] and velocities [m/s] at the start, ``(b, d + 1, d)``.
         f: Sums of the nodal forces there, ``(b, d + 1, d)`` [N, N m].
-        led: How guides lead the bodies in the step, ``(b, k)``.
+        prescribed: Motion prescribed by guides in the step, ``(b, k)``.
         dt: Length of the step [s].
 
     Attributes:
-        found: Whether the turn of a body was found, ``(b,)``.
+        found: Whether the rotation of a body converged, ``(b,)``.
         change: Coefficients of the displacements.
         v: Coefficients of the velocities at the end, after `kick`.
         reactions: Force, moment about the origin and work of guides, ``(b, k + 1)``, after `kick`.
@@ -69,15 +73,15 @@ class _Leap:
         q: Floats,
         v: Floats,
         f: Floats,
-        led: Floats,
+        prescribed: Floats,
         dt: float,
     ) -> None:
-        self._freedom, self._mass, self._dt, self._led = fields.freedom, mass, dt, led
+        self._freedom, self._mass, self._dt, self._prescribed = fields.freedom, mass, dt, prescribed
         self._q, self.v, self._f = q, v, f
         self._start = rigid_motions(q)
         self._rate = fields.nearest(self._start, fields.products @ v)
         impulse = amounts_of(self._start, mass @ v + dt / 2 * f)
-        amounts = led + self._freedom.part(self._rate) * dt
+        amounts = prescribed + self._freedom.part(self._rate) * dt
         self.found: Flags = np.zeros(len(q), dtype=bool)
         some = np.arange(len(q))
         for _ in range(_MAX_ITERATIONS):
@@ -93,11 +97,11 @@ class _Leap:
         self.change: Floats = turned(q, amounts)
 
     def _correction(self, some: Array, amounts: Floats, impulse: Floats) -> Floats:
-        """Excess of the amounts of motions of ``m`` bodies, by Newton's method, ``(m, k)``."""
+        """Newton correction to the motions of ``m`` bodies, ``(m, k)``."""
         start, mass, q = (part[some] for part in (self._start, self._mass, self._q))
         change, dim = turned(q, amounts), q.shape[2]
         rest: Floats = amounts_of(start, mass @ change) / self._dt - impulse
-        # The derivative of a turn about the mean state.
+        # Derivative of a rotation about the mean state.
         slopes = rigid_motions(q + change / 2)
         turn = np.linalg.inv(np.eye(dim) - spins(amounts) / 2)
         slopes[:, dim:] = slopes[:, dim:] @ turn.transpose(0, 2, 1)[:, None]
@@ -105,24 +109,24 @@ class _Leap:
         return self._freedom.at(some).solved(slope, rest)
 
     def kick(self, f: Floats) -> Floats:
-        """Complete the velocities by the sums f of the forces at the end [N, N m].
+        """Complete the velocities with the sums f of the forces at the end [N, N m].
 
         Returns:
-            Kinetic energies that forces and guides do not explain, shape ``(b,)`` [J].
+            Change of kinetic energy minus the work of forces and guides, shape ``(b,)`` [J].
         """
         change, mass, dt, freedom = self.change, self._mass, self._dt, self._freedom
         q = self._q + self.change
         end = rigid_motions(q)
         drive = mass @ change / dt + dt / 2 * f
-        led = 2 * self._led / dt - self._rate
-        led = led - freedom.part(led)
-        balance = amounts_of(end, drive - mass @ combined(led, end))
-        v = combined(led + freedom.solved(products_of(end, mass, end), balance), end)
-        # Means over the step of what the guides do at both ends.
+        prescribed = 2 * self._prescribed / dt - self._rate
+        prescribed = prescribed - freedom.part(prescribed)
+        balance = amounts_of(end, drive - mass @ combined(prescribed, end))
+        v = combined(prescribed + freedom.solved(products_of(end, mass, end), balance), end)
+        # Mean of the guide forces at both ends of the step.
         push: Array = mass @ (change / dt - self.v)
         first: Floats = amounts_of(self._start, push) / dt - amounts_of(self._start, self._f) / 2
         last = np.asarray(amounts_of(end, mass @ v - drive) / dt, dtype=np.float64)
-        work = ((first + last) * self._led).sum(axis=1)
+        work = ((first + last) * self._prescribed).sum(axis=1)
         moved = _sums_of_products(self._f + f, change) / 2
         kinetic = [_sums_of_products(w, mass @ w) / 2 for w in (self.v, v)]
         self.v = v
@@ -140,7 +144,7 @@ class RigidLeapfrog(RigidStates):
     Args:
         V: Space of the displacement.
         bodies: Linear fields over each rigid body.
-        masses: Their products with all mass at the nodes of each [kg].
+        masses: Mass products of the fields over all mass at the nodes of each body [kg].
         v: Velocity of all bodies.
     """
 
@@ -160,21 +164,24 @@ class RigidLeapfrog(RigidStates):
         self._leap: _Leap | None = None
 
     def drift(self, u_n: Floats, v: Floats, forces: Floats, dt: float, du: Floats) -> str:
-        """Set displacements du [m] of a step from the state at its start; say why not, or "".
+        """Set the displacement increments of rigid bodies in a step.
 
         Args:
-            u_n: Displacements [m].
-            v: Velocities [m/s].
-            forces: Forces [N].
+            u_n: Displacements at the start [m].
+            v: Velocities at the start [m/s].
+            forces: Forces at the start [N].
             dt: Length of the step [s].
-            du: Overwritten at rigid bodies.
+            du: Increments [m], overwritten at rigid bodies.
+
+        Returns:
+            Reason why the step is refused, or "".
         """
         if not self.exists:
             return ""
         of_u, of_v, f = self._fields.sums(u_n, v, forces)
-        fields, led = self._fields, self.guides.prescribed
+        fields, prescribed = self._fields, self.guides.prescribed
         state = fields.positions(of_u), fields.fit(of_v), f
-        leap = self._leap = _Leap(fields, self._masses, *state, led, dt)
+        leap = self._leap = _Leap(fields, self._masses, *state, prescribed, dt)
         for body, found in zip(self._bodies, leap.found, strict=True):
             if not found:
                 return f"the rigid {body.body.name} turns too far in it"
@@ -185,7 +192,7 @@ class RigidLeapfrog(RigidStates):
         """Set the velocities v [m/s] at the end of a step by the forces there [N].
 
         Returns:
-            Kinetic energy gained beside the work of all forces [J].
+            Change of kinetic energy minus the work of all forces [J].
         """
         if self._leap is None:
             return 0.0
@@ -194,14 +201,16 @@ class RigidLeapfrog(RigidStates):
         return float(gained.sum())
 
     def more_momentum(self) -> Floats:
-        """Momentum by the consistent mass of rigid bodies less that by the lumped one [kg m/s]."""
+        """Difference of momentum between consistent and lumped mass of rigid bodies [kg m/s]."""
         momentum: Floats = self._mass.momentum()
         return momentum - self._lumped[:, None] * nodal(self._v)[: len(momentum)]
 
     def more_energy(self, mass: Floats, v: Floats) -> float:
-        """Kinetic energy by velocities [m/s] beside that of lumped masses, on this rank [J].
+        """Difference of kinetic energy between exact and lumped mass on this rank [J].
 
-        ``mass`` are those of the owned nodes, shape ``(n,)`` [kg].
+        Args:
+            mass: Lumped mass of the owned nodes, shape ``(n,)`` [kg].
+            v: Velocities, shape ``(n, d)`` [m/s].
         """
         if not self.exists:
             return 0.0
@@ -216,18 +225,86 @@ class RigidLeapfrog(RigidStates):
             return ()
         guided = [body.body.guide is not None for body in self._bodies]
         rows = self._leap.reactions[guided]
-        # Of rings the force along y, and the work.
+        # Axisymmetric: axial force and work.
         return reactions_of(rows[:, 1::2], 1) if self._are_rings else reactions_of(rows, self.dim)
 
 
+class Drift:
+    """Displacement update of all nodes in an explicit step. Collective.
+
+    Args:
+        functions: Displacements at the start and at the end of a step, velocities at the start
+            and in the middle.
+        supports: Dirichlet conditions.
+        rigid: Motion of the rigid bodies.
+        ghosts: Vectors whose ghost values the forces need.
+
+    Attributes:
+        arrays: Values of the four functions and the displacement increment at the owned nodes,
+            each of shape ``(n, d)``.
+        given: Flags of the prescribed displacements at the owned nodes, shape ``(n, d)``.
+    """
+
+    def __init__(
+        self,
+        functions: tuple[fem.Function, fem.Function, fem.Function, fem.Function],
+        supports: Supports,
+        rigid: RigidLeapfrog,
+        ghosts: Sequence[la.Vector],
+    ) -> None:
+        u = functions[1]
+        V = u.function_space
+        self._u, self._ghosts = u.x.array, tuple(ghosts)
+        n = V.dofmap.index_map.size_local
+        u_n, end, v, rate = (nodal(f)[:n] for f in functions)
+        self.arrays: tuple[Floats, ...] = (u_n, end, v, rate, np.empty_like(end))
+        self._supports, self._rigid = supports, rigid
+        self.given = np.zeros((n, dimension(V)), dtype=bool)
+        self.given.ravel()[supports.fixed] = True
+
+    def move(self, dt: float, a: Floats, forces: Floats, about: Floats) -> tuple[float, float, str]:
+        """Set displacements at the end of a step and velocities in the middle.
+
+        Args:
+            dt: Length of the step [s].
+            a: Accelerations at its start, shape ``(n, d)`` [m/s^2].
+            forces: Forces at its start, shape ``(n, d)`` [N].
+            about: Reference velocity of relative motions, shape ``(d,)`` [m/s].
+
+        Returns:
+            Largest displacement increment of a node of this rank [m]; largest increment relative
+            to the reference velocity, or the first number again if supports or rigid bodies
+            exist [m]; reason why the step is refused, or "".
+        """
+        u_n, u, v, rate, du = self.arrays
+        moved, relative = _kernels.drift(dt, v, a, rate, u, du, about)
+        rigid, supports = self._rigid, self._supports
+        if rigid.exists:
+            if reason := rigid.drift(u_n, v, forces, dt, du):
+                return 0.0, 0.0, reason
+            nodes = rigid.nodes
+            u[nodes], rate[nodes] = (u_n + du)[nodes], du[nodes] / dt
+        if supports.exist:
+            self._u[:] = supports.applied(self._u)
+            np.subtract(u, u_n, out=du)
+            rate[self.given] = du[self.given] / dt
+        if rigid.exists or supports.exist:
+            longest = float(np.linalg.norm(du, axis=1).max(initial=0.0))
+            moved = relative = longest if math.isfinite(moved) else moved
+        for ghosts in self._ghosts:
+            ghosts.scatter_forward()
+        # A maximum over ranks may ignore NaN, but not infinity.
+        return (moved if math.isfinite(moved) else math.inf), relative, ""
+
+
 def _sums_of_products(left: Floats, right: Floats) -> Floats:
-    """Sums of the products of coefficients ``(b, d + 1, d)``, ``(b,)``. Local."""
+    """Inner products of coefficients ``(b, d + 1, d)``, shape ``(b,)``. Local."""
     sums: Floats = (left * right).sum(axis=(1, 2))
     return sums
 
 
 def _about_origin(wrenches: Floats, points: Floats) -> Floats:
-    """Forces, and moments about the origin, ``(b, k)``, of those at points ``(b, d)``. Local."""
+    """Forces, and moments about the origin, ``(b, k)``, of wrenches at points ``(b, d)``. Local."""
     d = points.shape[1]
     forces, moments = wrenches[:, :d], wrenches[:, d:]
     arms = np.cross(in_space(points), in_space(forces))
