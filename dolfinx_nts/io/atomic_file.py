@@ -1,8 +1,7 @@
-"""Files that are replaced as a whole, in one instant.
+"""Atomic replacement of files.
 
-The new content is written to a second file, which then takes the name of the first. A reader,
-and a program that is started again after it was killed, find either the former file or the new
-one, never a part of one.
+The new content is written to a second file, which is then renamed. Readers, also after the program
+was killed, find either the old or the new file, never a part of one.
 """
 
 import io
@@ -15,19 +14,19 @@ from typing import BinaryIO
 import h5py
 
 __all__ = [
-    "beside",
     "check_replaceable",
-    "created_beside",
+    "created_temporary",
     "hdf5_file_image",
     "replace",
     "sync",
     "take_name",
+    "temporary",
     "unchanged",
 ]
 
 
 def check_replaceable(*paths: Path) -> None:
-    """Refuse names under which no file can be written. Local.
+    """Check that files can be created or replaced. Local.
 
     Args:
         paths: Files, which need not exist.
@@ -41,10 +40,10 @@ def check_replaceable(*paths: Path) -> None:
 
 
 def hdf5_file_image(fill: Callable[[h5py.File], None]) -> memoryview:
-    """Content of an HDF5 file, which is made in memory. Local.
+    """Content of an HDF5 file that is created in memory. Local.
 
     Args:
-        fill: Writes into the file.
+        fill: Writes the datasets.
 
     Returns:
         The bytes of the file.
@@ -57,36 +56,35 @@ def hdf5_file_image(fill: Callable[[h5py.File], None]) -> memoryview:
 
 
 def replace(path: Path, image: bytes | memoryview, *, durable: bool = False) -> None:
-    """Give a file a new content in one instant, or create it. Local.
+    """Create a file or replace its content atomically. Local.
 
     Args:
         path: The file; ``.new`` is added to its name for the second file.
         image: The new content.
-        durable: Also wait until the disk has it, so that it survives a power failure.
+        durable: Whether to wait until the disk has it, so that it survives a power failure.
 
     Raises:
         OSError: The content cannot be written, for instance because the disk is full. A file
             that existed before is unchanged.
     """
     with unchanged(path):
-        with created_beside(path) as file:
+        with created_temporary(path) as file:
             file.write(image)
         take_name(path, durable=durable)
 
 
-def beside(path: Path) -> Path:
-    """File in which the new content of another one is made. Local."""
+def temporary(path: Path) -> Path:
+    """Temporary file with the new content of a file. Local."""
     return path.with_name(f"{path.name}.new")
 
 
-def created_beside(path: Path) -> BinaryIO:
-    """Create the file in which the new content of another one is made. Local.
+def created_temporary(path: Path) -> BinaryIO:
+    """Create the temporary file for the new content of a file. Local.
 
-    It takes the place of one that a killed run has left, and of a symbolic link, whose target
-    stays as it is.
+    It replaces one that a killed run has left, and a symbolic link, whose target is unchanged.
 
     Args:
-        path: The other file.
+        path: The file to be replaced.
 
     Returns:
         The open file.
@@ -94,46 +92,46 @@ def created_beside(path: Path) -> BinaryIO:
     Raises:
         OSError: It cannot be created, for instance because a folder has its name.
     """
-    beside(path).unlink(missing_ok=True)
-    return beside(path).open("xb")
+    temporary(path).unlink(missing_ok=True)
+    return temporary(path).open("xb")
 
 
 def take_name(path: Path, *, durable: bool = False) -> None:
-    """Give a file the content that lies beside it, in one instant. Local.
+    """Replace a file by its temporary file atomically. Local.
 
     Args:
         path: The file.
-        durable: Also wait until the disk has the new content and the name.
+        durable: Whether to wait until the disk has the new content and the name.
     """
     if durable:
-        sync(beside(path))
-    os.replace(beside(path), path)
+        sync(temporary(path))
+    os.replace(temporary(path), path)
     if durable:
         sync(path.parent)
 
 
 @contextmanager
 def unchanged(path: Path, removes: bool = True) -> Iterator[None]:
-    """Context after whose errors nothing lies beside a file. Local.
+    """Context that removes the temporary file of a file after an error. Local.
 
     Args:
         path: The file.
-        removes: Whether this rank removes what lies there.
+        removes: Whether this rank removes the temporary file.
 
     Raises:
-        OSError: That of the context. Where the file exists, it says that the file is unchanged.
+        OSError: The error of the context; it adds that an existing file is unchanged.
     """
     try:
         yield
     except OSError as error:
         if removes:
-            beside(path).unlink(missing_ok=True)
+            temporary(path).unlink(missing_ok=True)
         kept = "; a file of this name from before is unchanged" if path.exists() else ""
         raise OSError(error.errno, f"{error.strerror}{kept}", str(path)) from None
 
 
 def sync(*paths: Path) -> None:
-    """Wait until the disk has what was written. Local.
+    """Wait until the disk has all written data. Local.
 
     Args:
         paths: Files, and folders for the names of the files in them.

@@ -1,9 +1,8 @@
-"""Checkpoints: the state of a run in an HDF5 file, from which the run can go on.
+"""Checkpoints: the state of a run in an HDF5 file, from which the run can continue.
 
-Values of nodes are stored by the numbers of the nodes in the mesh as read, so that a run can
-continue on any number of ranks. All ranks write their part and read their part; none needs the
-memory for the whole state. A new checkpoint takes the place of the former one in one instant,
-so there is a whole one at any time.
+Nodal values are stored by the input numbers of the nodes, so that a run can continue on any number
+of ranks. All ranks write and read their part; none needs memory for the whole state. A new
+checkpoint replaces the old one atomically, so that there is a complete one at any time.
 """
 
 import hashlib
@@ -34,19 +33,19 @@ T = TypeVar("T", float, int, bool, Array)
 
 
 class HasState(Protocol):
-    """Object that has a state beside that of the stepper."""
+    """Object with a state in addition to that of the stepper."""
 
     def serialize(self, archive: Archive) -> None:
         """Serialize the state. Collective."""
 
 
 def save(path: Path, stepper: Stepper, *others: HasState) -> None:
-    """Write the present state to a checkpoint, or replace one. Collective.
+    """Write a checkpoint of the current state. Collective.
 
     Args:
         path: The file.
         stepper: Stepper whose state is written.
-        others: Objects whose state belongs to the run too.
+        others: Other objects whose state belongs to the run.
 
     Raises:
         OSError: The file cannot be written, for instance because the disk is full. A checkpoint
@@ -61,12 +60,12 @@ def save(path: Path, stepper: Stepper, *others: HasState) -> None:
 
 
 def load(path: Path, stepper: Stepper, *others: HasState) -> None:
-    """Bring a stepper into the state of a checkpoint. Collective.
+    """Restore the state of a checkpoint. Collective.
 
     Args:
         path: The file.
         stepper: Stepper of the same scene, on any number of ranks.
-        others: The objects that were given to `save`, in the same order.
+        others: The objects passed to `save`, in the same order.
 
     Raises:
         ValueError: The file is no checkpoint, is damaged, or belongs to another scene. Nothing
@@ -91,7 +90,7 @@ def load(path: Path, stepper: Stepper, *others: HasState) -> None:
 
 
 class _Writer(Archive):
-    """Archive that collects what this rank writes."""
+    """Archive that collects the data written by this rank."""
 
     def __init__(self, stepper: Stepper) -> None:
         self.comm: MPI.Intracomm = stepper.u.function_space.mesh.comm
@@ -131,10 +130,10 @@ class _Writer(Archive):
 
 
 class Reader(Archive):
-    """Archive that gives the values of a checkpoint. Collective.
+    """Archive that returns the values of a checkpoint. Collective.
 
     Args:
-        stepper: Stepper that gets them.
+        stepper: Stepper to be restored.
         file: The checkpoint.
     """
 
@@ -148,18 +147,18 @@ class Reader(Archive):
         self._is_same_partition = reductions.everywhere(file.comm, same)
 
     def same(self, name: str, value: T) -> T:
-        """Give a number or an array that is the same on all ranks."""
+        """Number or array that is the same on all ranks."""
         saved = on_root(self._file.comm, lambda: self._file.array(name))
         return saved if isinstance(value, np.ndarray) else type(value)(saved.item())
 
     def nodal(self, name: str, ids: GlobalInts, values: Array) -> Array:
-        """Give values of owned nodes."""
+        """Values of owned nodes."""
         known, rows = (self._file.block(f"{name}/{of}") for of in ("nodes", "values"))
         found = looked_up(self._file.comm, ids, known, rows)
         return found.astype(values.dtype, copy=False)
 
     def local(self, name: str, arrays: Sequence[Array] | None) -> Sequence[Array] | None:
-        """Give arrays of this rank."""
+        """Arrays of this rank; None if the partition has changed."""
         if not self._is_same_partition:
             return None
         found: list[Array] = []
@@ -169,7 +168,7 @@ class Reader(Archive):
 
 
 def _partition(stepper: Stepper) -> Array:
-    """Digest of the local numbering; it decides whether local arrays can be used again."""
+    """Digest of the local numbering, by which local arrays are reused."""
     V = stepper.u.function_space
     nodes = V.dofmap.index_map.local_to_global(
         np.arange(len(reference_positions(V)), dtype=np.int32)

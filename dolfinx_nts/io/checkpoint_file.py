@@ -1,4 +1,4 @@
-"""File of a checkpoint, which all ranks read together."""
+"""Checkpoint file, read by all ranks together."""
 
 import hashlib
 import json
@@ -20,7 +20,7 @@ from dolfinx_nts.parallel.errors import agreed
 __all__ = ["FORMAT", "CheckpointFile", "Kind", "digest"]
 
 FORMAT = "dolfinx_nts checkpoint 2"
-# Most that a rank reads at once to look whether the file is whole [bytes].
+# Largest block that a rank reads at once to verify checksums [bytes].
 _MOST = 2**22
 
 
@@ -43,7 +43,7 @@ class CheckpointFile:
         scene: The `fingerprint` of its scene.
 
     Raises:
-        ValueError: The file is not a whole checkpoint.
+        ValueError: The file is not a complete checkpoint.
     """
 
     def __init__(self, comm: MPI.Comm, path: Path) -> None:
@@ -62,7 +62,6 @@ class CheckpointFile:
         self._file = h5py.File(path, "r")
 
     def __enter__(self) -> "CheckpointFile":
-        """Return the file itself."""
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -140,7 +139,7 @@ def _row_size(kind: Kind) -> int:
 
 
 def _chunks(kinds: Mapping[str, Kind]) -> Iterator[tuple[int, str, GlobalInts]]:
-    """Parts of arrays that are read at once: number and name of the array, and the rows."""
+    """Blocks of arrays that are read at once: number and name of the array, and the rows."""
     for number, (name, kind) in enumerate(kinds.items()):
         rows, size = _rows(kind), max(1, _MOST // max(1, _row_size(kind)))
         for begin in rows[::size]:
@@ -148,7 +147,7 @@ def _chunks(kinds: Mapping[str, Kind]) -> Iterator[tuple[int, str, GlobalInts]]:
 
 
 def _sums(comm: MPI.Comm, file: h5py.File, kinds: Mapping[str, Kind]) -> Array:
-    """Checksums of what is this rank's turn to look at, one for each array. Local."""
+    """Checksums of the blocks that this rank verifies, one for each array. Local."""
     sums = np.zeros(len(kinds), dtype=np.uint64)
     for turn, (number, name, rows) in enumerate(_chunks(kinds)):
         if turn % comm.size == comm.rank:

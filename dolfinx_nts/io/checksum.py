@@ -1,4 +1,4 @@
-"""Sums of rows by which a change is noticed, the same on any number of ranks."""
+"""Checksums of rows that do not depend on the partition."""
 
 import numpy as np
 
@@ -8,10 +8,9 @@ __all__ = ["checksum"]
 
 
 def checksum(numbers: GlobalInts, values: Array) -> int:
-    """Sum of rows and their numbers, each scrambled, modulo 2^64. Local.
+    """Sum of hashes of rows and their numbers, modulo 2^64. Local.
 
-    The rows may come in any order and in any parts: the sums of parts add up. Two different
-    arrays hardly ever have the same sum by chance.
+    The rows may have any order and be distributed in any way: sums of parts add up.
 
     Args:
         numbers: Number of each row, shape ``(n,)``.
@@ -30,10 +29,7 @@ def checksum(numbers: GlobalInts, values: Array) -> int:
 
 
 def _scrambled(words: Array) -> Array:
-    """Words that look random, different ones for different words.
-
-    Finaliser of SplitMix64 (Steele, Lea and Flood, OOPSLA 2014, section 4).
-    """
+    """Hash of words: finaliser of SplitMix64 (Steele, Lea and Flood, OOPSLA 2014, section 4)."""
     words = words + np.uint64(0x9E3779B97F4A7C15)
     words = (words ^ (words >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     words = (words ^ (words >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)

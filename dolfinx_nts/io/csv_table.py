@@ -1,4 +1,4 @@
-"""Table of a run: a CSV file in which each row can be read as soon as it is written."""
+"""Table of a run: a CSV file whose rows can be read as soon as they are written."""
 
 import csv
 import hashlib
@@ -26,9 +26,9 @@ class Table:
 
     Attributes:
         path: The file.
-        size: Length of the table when `sync` was called last [bytes]. A resumed run cuts the
-            file to it.
-        digest: That of these bytes, by which a resumed run knows its table.
+        size: Length of the table at the last `sync` [bytes]. A resumed run truncates the file to
+            it.
+        digest: Digest of these bytes, by which a resumed run verifies its table.
     """
 
     def __init__(self, path: Path) -> None:
@@ -41,13 +41,13 @@ class Table:
         """Serialize `size` and `digest`. Collective.
 
         Args:
-            archive: Takes what rank 0 has, or gives it to all ranks.
+            archive: Archive that stores values of rank 0, or returns them on all ranks.
         """
         self.size = archive.same("table_size", self.size)
         self.digest = archive.same("table_digest", self.digest)
 
     def open(self, columns: Sequence[str], resume: bool) -> None:
-        """Begin a new file, or cut the existing one to `size` and continue it.
+        """Start a new file, or truncate the existing one to `size` and continue it.
 
         Args:
             columns: Names of the columns.
@@ -84,7 +84,7 @@ class Table:
         self._file = open(self.path, "ab")
 
     def write(self, row: Mapping[str, float]) -> None:
-        """Add a row; the first row of a new file comes after one with the names.
+        """Add a row; in a new file after a header with the names.
 
         Args:
             row: Values by name, with the same names in each row.
@@ -96,7 +96,7 @@ class Table:
         text = io.StringIO(newline="")
         if not self._written:
             csv.writer(text).writerow(row)
-        # Numbers need no quotes, which the writer looks for in each letter.
+        # Numbers need no quotes; the writer of the standard library is slower.
         text.write(f"{','.join(map(str, row.values()))}\r\n")
         data = text.getvalue().encode()
         self._file.write(data)
@@ -115,7 +115,7 @@ class Table:
             self._file.close()
 
     def _check(self, columns: Sequence[str], known: bytes) -> None:
-        """Raise unless the rows that are known, if any, have these columns."""
+        """Check the columns of the existing rows, if any."""
         lines = known.decode().splitlines()
         former = next(csv.reader(lines), list(columns))
         if former != list(columns):

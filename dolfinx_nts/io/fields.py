@@ -1,4 +1,4 @@
-"""Arrays of a run that are written to files: its mesh, and the fields of a state."""
+"""Arrays written to files: mesh, and fields of a state."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, TypeAlias
@@ -24,7 +24,7 @@ from dolfinx_nts.parallel.slabs import Slab, Slabs, Some
 
 __all__ = ["OwnField", "RunFields", "mesh_arrays"]
 
-# A Function, or what makes its values at the owned nodes of the stepper that it is given.
+# A Function, or a callable that returns values at the owned nodes of a stepper.
 OwnField: TypeAlias = "fem.Function | Callable[[Stepper], Any]"
 
 # Position of each vertex of VTK and XDMF among the vertices of DOLFINx.
@@ -37,10 +37,10 @@ _VTK_ORDER = {
 
 
 def mesh_arrays(stepper: Stepper) -> dict[str, Slab]:
-    """Arrays of the mesh, in the numbering of the file it was read from.
+    """Arrays of the mesh in its input numbering. Collective.
 
-    Collective. A cell of degree 2 becomes eight cells of degree 1 between its nodes, so that
-    every reader can show all nodes.
+    A cell of degree 2 is written as eight cells of degree 1 between its nodes, so that every reader
+    can show all nodes.
 
     Args:
         stepper: Stepper whose bodies fill the mesh.
@@ -54,8 +54,8 @@ def mesh_arrays(stepper: Stepper) -> dict[str, Slab]:
     V = stepper.u.function_space
     mesh, element = V.mesh, Element.of(V)
     comm: MPI.Comm = mesh.comm
-    # The nodes as they were read, and middles between these: tabulated coordinates have a
-    # round-off error that depends on the partition.
+    # Input coordinates, and midpoints between them: tabulated coordinates have a round-off error
+    # that depends on the partition.
     points, read = reference_positions(V).copy(), mesh.geometry.x[geometry_nodes(mesh)]
     if read.shape[1] < len(element.points):
         for node, pairs in enumerate(element.diagonals):
@@ -81,15 +81,15 @@ def mesh_arrays(stepper: Stepper) -> dict[str, Slab]:
 
 
 class RunFields:
-    """Collects the fields of a run that are written to files. Collective, as are its methods.
+    """Fields of a state that are written to files. Collective, as are its methods.
 
     Args:
-        stepper: Stepper whose present state is described.
-        stress: Whether there are fields of the stress.
-        own: Fields of the user by name, see `Recorder`.
+        stepper: The stepper.
+        stress: Whether to include the stress.
+        own: User-defined fields by name, see `Recorder`.
 
     Raises:
-        ValueError: The name of a field of the user has a letter that files do not take.
+        ValueError: The name of a user-defined field has an invalid character.
     """
 
     def __init__(
@@ -113,10 +113,10 @@ class RunFields:
         """Values at the owned nodes by name, shape ``(n,)`` or ``(n, 3)``, or of some of them.
 
         Args:
-            now: Present state of the stepper.
+            now: Current state of the stepper.
 
         Raises:
-            ValueError: A field of the user has another shape, or a name that is taken.
+            ValueError: A user-defined field has the wrong shape, or the name of another field.
         """
         fields = self._nodal.of(now)
         comm: MPI.Comm = self._stepper.u.function_space.mesh.comm
@@ -128,7 +128,7 @@ class RunFields:
         return fields
 
     def of_cells(self) -> dict[str, Array]:
-        """Values in the middles of the pieces of the owned cells by name, ``(c, p, ...)``."""
+        """Values at the midpoints of the sub-cells of owned cells by name, ``(c, p, ...)``."""
         if self._stress is None:
             return {}
         state, memory = self._stress.evaluate(), self._stepper.memory
@@ -144,7 +144,7 @@ class RunFields:
         return fields
 
     def _values(self, name: str, own: OwnField) -> Array:
-        """Values of a field of the user, checked. Local."""
+        """Checked values of a user-defined field. Local."""
         stepper = self._stepper
         V, value = stepper.u.function_space, own if isinstance(own, fem.Function) else own(stepper)
         if isinstance(value, fem.Function):

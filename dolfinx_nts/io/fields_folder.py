@@ -1,4 +1,4 @@
-"""Folder with the values of the fields of a run, beside the file that refers to them."""
+"""Folder with the values of the fields of a run."""
 
 import itertools
 import os
@@ -16,14 +16,13 @@ __all__ = ["FieldsFolder"]
 
 
 class FieldsFolder:
-    """The folder ``run_fields`` beside ``run.xdmf`` or ``run.vtkhdf``.
+    """Folder ``run_fields`` next to ``run.xdmf`` or ``run.vtkhdf``.
 
-    Each file in it appears as a whole in one instant. All methods but `write` are for
-    rank 0.
+    Files in it are created atomically. All methods except `write` are for rank 0.
 
     Args:
         index: The file that refers to the folder.
-        own: Names of files that belong to the run; others stay as they are.
+        own: Names of files of the run; other files are left unchanged.
 
     Attributes:
         path: The folder.
@@ -35,11 +34,10 @@ class FieldsFolder:
         self._unsynced: list[Path] = []
 
     def check(self) -> None:
-        """Refuse names under which nothing can be written.
+        """Check that the folder and its files can be written.
 
         Raises:
-            OSError: Something that cannot be replaced has the name of one of the files or of
-                the folder.
+            OSError: One of them cannot be replaced.
         """
         folder = self.path
         if folder.exists() and not (folder.is_dir() and os.access(folder, os.W_OK)):
@@ -47,12 +45,12 @@ class FieldsFolder:
         check_replaceable(self._index, *self.files(self._own))
 
     def files(self, names: re.Pattern[str]) -> list[Path]:
-        """Files with such names in the folder, if there is one."""
+        """Files of the folder with matching names."""
         files = self.path.iterdir() if self.path.is_dir() else ()
         return [path for path in files if names.fullmatch(path.name)]
 
     def begin(self, kept: Collection[str]) -> None:
-        """Make the folder, and remove own files but those with these names."""
+        """Create the folder, and remove own files except ``kept``."""
         self._unsynced = []
         for path in self.files(self._own):
             if path.name not in kept:
@@ -77,7 +75,7 @@ class FieldsFolder:
         self._unsynced = []
 
     def move_aside(self) -> str:
-        """Give the folder another name, and tell which."""
+        """Rename the folder; returns a text with the new name."""
         if not self.path.exists():
             return f"as there is no folder {self.path}"
         names = (f"{self.path.name}.damaged{n}" for n in itertools.count(1))

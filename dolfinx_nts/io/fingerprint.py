@@ -1,7 +1,7 @@
-"""Fingerprint of a scene: what must not change between the parts of a run.
+"""Fingerprint of a scene: data that must not change when a run is resumed.
 
-It has a text for each part of the scene, in which digests stand for long values. The texts do
-not depend on the partition of the mesh.
+It has a text for each part of the scene, with digests of long values. The texts do not depend on
+the partition of the mesh.
 """
 
 import hashlib
@@ -28,22 +28,22 @@ from dolfinx_nts.parallel import reductions
 
 __all__ = ["fingerprint"]
 
-# Material of a body, and digest of its energy: each checkpoint asks, and UFL takes long to answer.
+# Cached material of a body and digest of its energy, since UFL takes long to compute it.
 _known: WeakKeyDictionary[Body, tuple[Hyperelastic, str]] = WeakKeyDictionary()
 
 
 def fingerprint(stepper: Stepper) -> dict[str, str]:
     """Describe the scene of a stepper. Collective.
 
-    The description has the mesh, the bodies with their materials, the pairs with their laws,
-    the kinds of loads, the degrees of freedom that supports fix, and the integrator. It has
-    neither the state nor the values of loads and supports.
+    The description contains the mesh, bodies with materials, pairs with laws, kinds of loads,
+    supported degrees of freedom, and the integrator; neither the state nor the values of loads and
+    supports.
 
     Args:
         stepper: Stepper of the scene.
 
     Returns:
-        Texts by name, the same on all ranks. Those of two steppers agree where their scenes do.
+        Texts by name, the same on all ranks.
     """
     V = stepper.u.function_space
     mesh = V.mesh
@@ -57,8 +57,8 @@ def fingerprint(stepper: Stepper) -> dict[str, str]:
     owned = np.arange(mesh.topology.index_map(mesh.topology.dim).size_local)
     original = mesh.topology.original_cell_index
     n = mesh.geometry.index_map().size_local
-    # The coordinates of the mesh are those that were read. Those of the degrees of freedom are
-    # computed, with a round-off error that depends on the partition.
+    # Input coordinates of the mesh: coordinates of degrees of freedom are computed, with a
+    # round-off error that depends on the partition.
     nodes = rows(mesh.geometry.input_global_indices[:n], mesh.geometry.x[:n])
     cells = rows(original[owned], ids[V.dofmap.list[owned]])
     scene = {"integrator": type(stepper).__name__, "mesh": f"{nodes} {cells}"}
@@ -82,7 +82,7 @@ def fingerprint(stepper: Stepper) -> dict[str, str]:
 
 
 def _digest(*values: Any) -> str:
-    """Digest of texts and arrays: 12 digits, which hardly ever agree by chance."""
+    """Digest of texts and arrays: 12 digits."""
     digest = hashlib.sha256()
     for value in values:
         text = value.encode() if isinstance(value, str) else np.ascontiguousarray(value).tobytes()
@@ -107,7 +107,7 @@ def _material(stepper: Stepper, body: Body) -> str:
 
 
 def _energy(stepper: Stepper, body: Body) -> str:
-    """Digest of the energy of a body, without the numbers of its material."""
+    """Digest of the energy of a body, without its material parameters."""
     first = next(other for other in stepper.bodies if other.material is body.material)
     material, digest = _known.get(first, (None, ""))
     if material is not first.material:
@@ -133,7 +133,7 @@ def _pair(pair: ContactPair, ids: Array, rows: Callable[[Array, Array], str]) ->
 
 
 def _law(law: object) -> str:
-    """Class and numbers of a law or an obstacle."""
+    """Class and parameters of a law or an obstacle."""
     return "none" if law is None else f"{type(law).__name__}({_numbers(vars(law))})"
 
 

@@ -25,12 +25,12 @@ __all__ = ["load_state"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Numbers of laws that may change while what contact remembers keeps its meaning.
+# Parameters of laws that may change while the state of contact remains valid.
 _MAY_CHANGE = re.compile(r"(?<=impact=)\w+|(?<=mu=)[^,)]+")
 
 
 class _Kept(NamedTuple):
-    """What a pair takes over: its number in the checkpoint from 1, and whether slip too."""
+    """Source of the state of a pair: its number in the checkpoint from 1, and whether with slip."""
 
     number: int
     friction: bool
@@ -41,18 +41,18 @@ def load_state(path: str | Path, stepper: Stepper) -> tuple[str, ...]:
 
     Only the mesh and the degree must be the same. Loads, supports, materials, laws, pairs, the
     integrator and the number of ranks may differ. Time, number of the step, displacements and
-    velocities are taken over; the step ``dt`` is that of the stepper. A pair whose two sides
-    and method are those of a pair in the checkpoint takes over its contact, also with another
-    kind of impact or another coefficient of friction; springs must have the same numbers. What
-    is dropped is returned, and told in the log. `Recorder` writes checkpoints with
-    ``checkpoint_every``; to go on with the same scene, its ``resume`` is the exact way.
+    velocities are taken over; the step ``dt`` is that of the stepper. A pair with the same two
+    sides and method as a pair in the checkpoint takes over its contact, also with another kind of
+    impact or coefficient of friction; springs must have the same stiffness. Dropped data are
+    returned and logged. `Recorder` writes checkpoints with ``checkpoint_every``; to continue the
+    same scene exactly, use its ``resume``.
 
     Args:
         path: The checkpoint.
         stepper: Stepper of the new scene.
 
     Returns:
-        What the checkpoint has and the stepper does not take over, in words.
+        Descriptions of the data in the checkpoint that are not taken over.
 
     Raises:
         TypeError: The path is no path, or the stepper no stepper.
@@ -73,7 +73,7 @@ def load_state(path: str | Path, stepper: Stepper) -> tuple[str, ...]:
     if not (isinstance(path, str | Path) and isinstance(stepper, Stepper)):
         raise TypeError(
             "expected load_state(path, stepper), the name of a checkpoint and the stepper that "
-            f"begins with it, given {kind_of(path)} and {kind_of(stepper)}"
+            f"starts from it, given {kind_of(path)} and {kind_of(stepper)}"
         )
     path, comm = Path(path), stepper.u.function_space.mesh.comm
     now = fingerprint(stepper)
@@ -111,7 +111,7 @@ def load_state(path: str | Path, stepper: Stepper) -> tuple[str, ...]:
 
 
 def _without_motion(stepper: Stepper, comm: MPI.Comm) -> list[str]:
-    """Set the velocity to zero where the integrator has none; tell if there was any."""
+    """Set the velocity to zero for integrators without inertia; names it if it was not zero."""
     speed = reductions.largest(comm, float(np.abs(stepper.v.x.array).max(initial=0.0)))
     if not isinstance(stepper, QuasiStatic) or speed == 0.0:
         return []
@@ -131,7 +131,7 @@ def _pairs(scene: Mapping[str, str]) -> list[int]:
 
 
 def _kept(saved: Mapping[str, str], now: Mapping[str, str]) -> dict[int, _Kept]:
-    """Pairs of this scene, by their number from 0, whose contact has a meaning here."""
+    """Pairs of this scene that take over contact, by their number from 0."""
     kept = {}
     numbers = {saved[f"pair {n}"]: n for n in _pairs(saved)}
     for i in _pairs(now):

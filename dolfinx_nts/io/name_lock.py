@@ -1,8 +1,8 @@
-"""Lock by which a run keeps other runs from writing to files of the same name.
+"""Lock that keeps other runs from writing to files of the same name.
 
-The operating system holds the lock for the process that has taken it, and releases it when this
-process ends in whatever way. A file that a killed process has left locks nothing. A file that
-another program has made stays as it is, and no symbolic link is followed.
+The operating system releases the lock when the process ends for any reason. A file left by a killed
+process locks nothing. Files of other programs are left unchanged, and symbolic links are not
+followed.
 """
 
 import errno
@@ -19,7 +19,7 @@ __all__ = ["NameLock"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Longest text that tells who holds a lock [bytes].
+# Longest text that identifies the holder of a lock [bytes].
 _LONGEST = 500
 # Text of a file that is a lock of this package.
 _OWN = re.compile(r"process \d+ on \S+ since ")
@@ -29,7 +29,7 @@ class NameLock:
     """File that is locked during a run. Local, as all its methods; only rank 0 takes it.
 
     Args:
-        path: The file, which is there while the lock is held; it tells who holds it.
+        path: The file, which exists while the lock is held and names its holder.
     """
 
     def __init__(self, path: Path) -> None:
@@ -37,7 +37,7 @@ class NameLock:
         self._file: int | None = None
 
     def take(self) -> None:
-        """Take the lock. Where the file system has no locks, a warning tells so.
+        """Acquire the lock, or warn if the file system has no locks.
 
         Raises:
             OSError: Another run holds it, the file is no lock of this package, or it cannot be
@@ -51,7 +51,7 @@ class NameLock:
             except FileExistsError:
                 try:
                     file, is_new = self._existing(), False
-                except FileNotFoundError:  # A run that has just ended has removed it.
+                except FileNotFoundError:  # removed by a run that has just ended
                     continue
             try:
                 self._lock(file, is_new)
@@ -65,9 +65,9 @@ class NameLock:
                     os.close(file)
 
     def _existing(self) -> int:
-        """Open the file that is there."""
+        """Open the existing file."""
         try:
-            # Without waiting for the other end of a pipe.
+            # Non-blocking, in case the file is a pipe.
             file = os.open(self._path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
         except OSError as error:
             if error.errno == errno.ELOOP:
@@ -79,7 +79,7 @@ class NameLock:
         return file
 
     def _lock(self, file: int, is_new: bool) -> None:
-        """Lock an open file, unless it belongs to something else."""
+        """Lock an open file, unless it belongs to another program."""
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -115,7 +115,7 @@ class NameLock:
             self._file = None
 
     def _is_there(self, file: int) -> bool:
-        """Whether an open file still has its name."""
+        """Whether the path still refers to an open file."""
         try:
             return os.path.samestat(os.fstat(file), self._path.lstat())
         except FileNotFoundError:

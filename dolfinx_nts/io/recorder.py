@@ -1,6 +1,7 @@
-"""Recorder: writes the table, the fields and the checkpoints of a run, step by step."""
+"""Recorder: writes table, fields and checkpoints of a run."""
 
 import logging
+import time
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
@@ -19,85 +20,141 @@ from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io.fields import OwnField, RunFields
 from dolfinx_nts.io.run_files import RunFiles
-from dolfinx_nts.io.summary import Summary
 from dolfinx_nts.model.rigid_body import guided
 from dolfinx_nts.parallel.meeting import meet
 from dolfinx_nts.parallel.signals import Interrupts
 from dolfinx_nts.solvers.newton_report import ConvergenceError
 
-__all__ = ["Recorder"]
+__all__ = ["Recorder", "Summary"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
 FieldsKind = Literal["vtkhdf", "xdmf", "vtx"]
 
 
+class Summary:
+    """Wall time and summary of a run. Local.
+
+    Args:
+        name: Name of the run.
+        stepper: Stepper of the run.
+    """
+
+    def __init__(self, name: str, stepper: Stepper) -> None:
+        self._name, self._stepper = name, stepper
+        self._before = dict(stepper.timings.seconds)
+        self._start = time.perf_counter()
+        self._end: float | None = None
+
+    def stop(self) -> None:
+        """Stop the clock."""
+        self._end = time.perf_counter()
+
+    @property
+    def _duration(self) -> float:
+        """Wall time until the clock was stopped, or until now [s]."""
+        return (time.perf_counter() if self._end is None else self._end) - self._start
+
+    def text(self, ledger: EnergyLedger) -> str:
+        """Describe the run.
+
+        Args:
+            ledger: Steps and energies of the run.
+
+        Returns:
+            Lines with the number of steps, changes of conserved quantities, the unaccounted
+            energy, and overlaps; then, after a line ``solver``, Newton iterations, laws of the
+            pairs, work of the linear solver, and wall time by phase [s] on this rank.
+        """
+        phases = {
+            name: seconds - self._before.get(name, 0.0)
+            for name, seconds in self._stepper.timings.seconds.items()
+        }
+        duration = self._duration
+        phases["other"] = duration - sum(phases.values())
+        times = ", ".join(f"{name} {seconds:.1f}" for name, seconds in phases.items())
+        time_span = f"from t = {ledger.first.time:g} to {ledger.last.time:g} s"
+        return "\n".join(
+            [
+                f"{self._name}: {ledger.num_steps} steps {time_span}",
+                *ledger.drifts(),
+                *(
+                    f"{o.names[0]}: up to {o.depth:.3g} inside {o.names[1]}"
+                    for o in self._stepper.watch.overlaps.deepest.values()
+                ),
+                "solver",
+                *(
+                    f"  {line}"
+                    for line in (
+                        ledger.iterations(),
+                        *str(self._stepper.statistics).splitlines(),
+                        f"wall time: {duration:.1f} s ({times})",
+                    )
+                ),
+            ]
+        )
+
+
 class Recorder:
     """Writes a table, the fields and checkpoints of a run.
 
-    A recorder works in a ``with`` block. Entering the block creates the files, in the place of
-    those of the same name, and writes the present state. `write` adds a step. Leaving the
-    block, also by an exception, closes the files. All files can be read at any time, also after
-    the program has been killed. Collective, as all methods except `summary`.
+    A recorder works in a ``with`` block. Entering the block creates the files, replaces those of
+    the same name, and writes the initial state. `write` adds a step. Leaving the block, also by an
+    exception, closes the files. All files can be read at any time, also after the program has been
+    killed. Collective, as all methods except `summary`.
 
     The **table** ``name.csv`` has a row for each step. Its columns, in SI units, are ``step``,
     ``dt``, those of `Balance`, ``newton_iterations``, ``rejected``, and the change of the total
     energy since the first row by cause: ``energy_bulk``, ``energy_loads``, ``energy_supports``,
     ``energy_obstacles``, ``energy_damping``, ``energy_persistent_contact``,
     ``energy_activation``, ``energy_facet_change``, ``energy_friction``, ``energy_solver``,
-    ``energy_surface_equilibrium`` and ``energy_refund``. Each cause is summed on its own. What
-    they leave of the change is ``energy_unaccounted``: round-off, unless the script sets the
-    state between steps. ``external_work`` is the work of loads, supports and obstacles,
-    ``friction_dissipation`` the energy that friction has taken. Behind these come columns of
-    parts of the scene, by the rule ``kind_name_quantity``: for each pair those of
-    `PairBalance`, for each obstacle those of ``ObstacleBalance``, for each support those of
-    `Reaction` and its work since the first row, for each load its work since then, and for each
-    body those of `BodyBalance`.
+    ``energy_surface_equilibrium`` and ``energy_refund``. Each cause is summed separately. The rest
+    is ``energy_unaccounted``: round-off, unless the user sets the state between steps.
+    ``external_work`` is the work of loads, supports and obstacles, ``friction_dissipation`` the
+    energy dissipated by friction. Further columns describe parts of the scene, named
+    ``kind_name_quantity``: `PairBalance` of each pair, ``ObstacleBalance`` of each obstacle,
+    `Reaction` of each support and its work since the first row, the work of each load since then,
+    and `BodyBalance` of each body.
 
     The **fields** ``name.vtkhdf`` can be opened with ParaView 5.13 and VTK 9.4 or newer. Their
-    values lie in the folder ``name_fields``, in one HDF5 file for the mesh and one for several
-    states, which are held back for about a second so that writing them costs little: a kill
-    loses them, an error that all ranks have does not. With ``fields="xdmf"`` the file is
-    ``name.xdmf``, which older programs and meshio read too, and each state has a file of its
-    own, at once.
+    values are in the folder ``name_fields``, in one HDF5 file for the mesh and one for several
+    states. States are buffered for about a second: a kill loses them, an error on all ranks does
+    not. With ``fields="xdmf"`` the file is ``name.xdmf``, which older programs and meshio read
+    too, and each state is written immediately to its own file.
 
-    A **checkpoint** ``name.checkpoint.h5`` holds all that the run depends on. With
+    A **checkpoint** ``name.checkpoint.h5`` contains all data on which the run depends. With
     ``checkpoint_every`` it is replaced at these steps, at the end, and after Ctrl-C, SIGTERM or
-    output to a pipe that its reader has closed. Such a signal takes effect when the present
-    step is complete, a second one at once; the log tells which step the checkpoint holds.
-    Ignored signals stay ignored. With ``resume`` a script that is started again continues from
-    the checkpoint, on any number of ranks; rows and states after the step of the checkpoint are
-    removed. The length of steps is that of the checkpoint, unless the script now asks for
-    another one than when it began.
+    output to a closed pipe. Such a signal takes effect after the current step, a second one
+    immediately; the log names the step of the checkpoint. Ignored signals stay ignored. With
+    ``resume`` a restarted script continues from the checkpoint, on any number of ranks; rows and
+    states after the step of the checkpoint are removed. The length of steps is that of the
+    checkpoint, unless the script has changed ``dt``.
 
-    A warning in the log, once a run, says that bulk and inertia have added more than a tenth of
-    the total energy, except in statics.
+    The log warns once if bulk and inertia have added more than a tenth of the total energy, except
+    in statics.
 
-    While the block is open, ``name.lock`` tells host and process of the run, and another run
-    that would write to files of this name is refused. The lock ends with the process.
+    While the block is open, ``name.lock`` contains host and process of the run, and other runs
+    with the same files are refused. The lock ends with the process.
 
     Args:
         name: Path of the files without suffix, in an existing folder.
         stepper: Stepper of the run.
-        every: Number of steps from one state of the fields to the next. The first and the last
-            state are always written.
-        times: Times at which the fields are written instead [s], for instance those of a
+        every: Number of steps between states of the fields. The first and the last state are
+            always written.
+        times: Times at which the fields are written instead [s], such as those of a
             `StepControl`.
-        checkpoint_every: Number of steps from one checkpoint to the next; without it there are
-            no checkpoints.
-        resume: Whether to continue from the checkpoint if there is one.
-        columns_of: Parts of the scene that have columns in the table: ``"pairs"``,
-            ``"obstacles"``, ``"supports"``, ``"loads"`` and ``"bodies"``, the last only on
-            request.
-        stress: Whether the fields have the Cauchy stress, the von Mises stress and the strain
-            energy density of the cells, and the equivalent plastic strain where metal can flow.
+        checkpoint_every: Number of steps between checkpoints; None for no checkpoints.
+        resume: Whether to continue from an existing checkpoint.
+        columns_of: Parts of the scene with columns in the table: ``"pairs"``, ``"obstacles"``,
+            ``"supports"``, ``"loads"`` and ``"bodies"``, the last only on request.
+        stress: Whether to write Cauchy stress, von Mises stress and strain energy density of the
+            cells, and the equivalent plastic strain of plastic materials.
         own_columns: Functions by the name of a column, which return a number or a vector of
-            three for the stepper that they are given, the same on all ranks. All ranks call
-            them for each row.
-        own_fields: Functions by the name of a field, which return values at the owned nodes of
-            the stepper that they are given, shape ``(n,)`` or ``(n, 3)``, in the plane also
-            ``(n, 2)``, in the order of ``stepper.x``, or a DOLFINx Function with values at the
-            nodes. Also such a Function itself, which the script keeps up to date.
+            three for a stepper, the same on all ranks. All ranks call them for each row.
+        own_fields: Functions by the name of a field, which return for a stepper values at its
+            owned nodes, shape ``(n,)`` or ``(n, 3)``, in the plane also ``(n, 2)``, in the order
+            of ``stepper.x``, or a DOLFINx Function with values at the nodes. Also such a Function
+            itself, which the user updates.
         fields: Kind of the file of fields: ``"vtkhdf"``, ``"xdmf"`` or ``"vtx"``. The last is a
             folder ``name.bp``, which all ranks write and which cannot be resumed; it needs a
             DOLFINx with ADIOS2.
@@ -163,12 +220,12 @@ class Recorder:
         self._has_warned = False
 
     def __repr__(self) -> str:
-        """Return the call that makes such a recorder, with the class of the stepper."""
+        """Call that creates an equal recorder, with the class of the stepper."""
         options = asdict(self._options)
         return as_call(self, name=options.pop("name"), stepper=type(self._stepper), **options)
 
     def __enter__(self) -> "Recorder":
-        """Create the files and write the present state, or resume the run.
+        """Create the files and write the initial state, or resume the run.
 
         Raises:
             OSError: The folder does not exist, another run writes to these files, or one of
@@ -180,7 +237,7 @@ class Recorder:
         self._summary = Summary(self._options.name, self._stepper)
         stepper, one_state = self._stepper, self.diagnostics.one_state
         with stepper.timings.phase("output"), one_state() as now, ExitStack() as stack:
-            now.gaps()  # the first fields need all of them, and the row the least
+            now.gaps()  # for the first fields; the row needs the least gap
             num_supports = len(stepper.supports) + len(guided(stepper.bodies))
             self._ledger = EnergyLedger(
                 stepper.step, self.diagnostics.balance(), len(stepper.loads), num_supports
@@ -196,14 +253,14 @@ class Recorder:
         return self
 
     def write(self, step: StepReport) -> None:
-        """Add a step to the table and, when it is their turn, to the fields.
+        """Add a step to the table and, if due, to the fields.
 
         Args:
-            step: Report of the step that the stepper has just done.
+            step: Report of the last step of the stepper.
 
         Raises:
             OSError: A file cannot be written, for instance because the disk is full.
-            ValueError: The recorder is not open, or a step is left out.
+            ValueError: The recorder is not open, or a step was skipped.
         """
         meet(self._comm, f"write step {step.step} of {self._options.name}")
         if self._open is None:
@@ -231,14 +288,14 @@ class Recorder:
                 if signum or self._ledger.num_steps % self._options.checkpoint_every == 0:
                     self._files.save(self._ledger)
                 if signum:
-                    self._tell(f"interrupted after step {step.step}")
+                    self._log_end(f"interrupted after step {step.step}")
                     self._interrupts.take_effect(signum)
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         """Write the last state and close the files.
 
-        After an error other than `ConvergenceError` the ranks may be apart, so that nothing is
-        written any more.
+        After an error other than `ConvergenceError` the ranks may be out of step, and nothing is
+        written.
         """
         assert self._open is not None and self._summary is not None
         stack, self._open = self._open, None
@@ -252,7 +309,7 @@ class Recorder:
                     self._files.save(self._ledger)
                 self._files.fields.close()
         if isinstance(error, KeyboardInterrupt) and not self._interrupts.took_effect:
-            self._tell(f"interrupted at once, in the step after {self._ledger.step}")
+            self._log_end(f"interrupted at once, in the step after {self._ledger.step}")
         self._summary.stop()
         if self._comm.rank == 0:
             _logger.info("%s", self.summary())
@@ -276,7 +333,7 @@ class Recorder:
         return self._summary.text(self._ledger)
 
     def _warn_of_spurious_gain(self) -> None:
-        """Warn, once a run, if the scheme adds much energy. Local."""
+        """Warn once if the scheme adds much energy. Local."""
         gain, is_static = self._ledger.spurious_gain, isinstance(self._stepper, QuasiStatic)
         if gain == 0.0 or is_static or self._has_warned:
             return
@@ -293,8 +350,8 @@ class Recorder:
                 self._options.name,
             )
 
-    def _tell(self, what: str) -> None:
-        """Log on the first rank why the run ends, and how to go on. Local."""
+    def _log_end(self, what: str) -> None:
+        """Log on the first rank why the run ends, and how to continue. Local."""
         if self._comm.rank == 0:
             _logger.warning("%s; %s", what, self._files.how_to_go_on())
 
@@ -331,5 +388,5 @@ class _Options:
             whole("checkpoint_every", self.checkpoint_every)
 
     def has_fields(self, count: int, t: float) -> bool:
-        """Whether the fields are written after so many steps, at the time t."""
+        """Whether fields are due after ``count`` steps, at time t."""
         return count % self.every == 0 if self.times is None else t in self.times

@@ -1,26 +1,82 @@
 """Files of one run, which are opened, saved and resumed together."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Protocol
 
 from mpi4py import MPI
 
+from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.diagnostics.energy_ledger import EnergyLedger
+from dolfinx_nts.diagnostics.present import Present
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io import checkpoint
 from dolfinx_nts.io.atomic_file import check_replaceable
 from dolfinx_nts.io.checkpoint import HasState
 from dolfinx_nts.io.csv_table import Table
 from dolfinx_nts.io.fields import RunFields
-from dolfinx_nts.io.fields_file import FieldsFile
 from dolfinx_nts.io.name_lock import NameLock
-from dolfinx_nts.io.scripted_step import ScriptedStep
 from dolfinx_nts.io.vtkhdf import VtkHdfFile
 from dolfinx_nts.io.vtx import VtxFile
 from dolfinx_nts.io.xdmf import XdmfFile
 from dolfinx_nts.parallel.communication import on_root
 
-__all__ = ["RunFiles"]
+__all__ = ["FieldsFile", "RunFiles", "ScriptedStep"]
+
+# Relative difference of step lengths [-] that counts as round-off: the estimates of explicit
+# steppers depend slightly on the partition.
+_ROUND_OFF = 1e-9
+
+
+class ScriptedStep:
+    """Initial length of steps, which a resumed run compares with its own.
+
+    An unchanged script continues with the step length of the checkpoint. A script with another
+    ``dt`` continues with its new ``dt``.
+
+    Args:
+        stepper: Stepper of the run, before a checkpoint is restored.
+    """
+
+    def __init__(self, stepper: Stepper) -> None:
+        self._stepper, self._dt = stepper, stepper.dt
+
+    def serialize(self, archive: Archive) -> None:
+        """Serialize the length; restore that of the script if it has changed. Collective.
+
+        Raises:
+            ValueError: The step length is not stable.
+        """
+        before = archive.same("scripted_dt", self._dt)
+        if not math.isclose(self._dt, before, rel_tol=_ROUND_OFF):
+            self._stepper.dt = self._dt
+
+
+class FieldsFile(Protocol):
+    """File with the fields of a run. Collective, as all its methods except `check`."""
+
+    def check(self) -> None:
+        """Check that the files can be written. Local."""
+
+    def serialize(self, archive: Archive) -> None:
+        """Serialize which states have been written."""
+
+    def open(self, resume: bool) -> None:
+        """Create the files, or continue them."""
+
+    def write(self, now: Present) -> None:
+        """Write the current state, possibly buffered, unless it was written before."""
+
+    def flush(self) -> None:
+        """Wait until the disk has all states."""
+
+    def close(self) -> None:
+        """Complete the files."""
+
+    def leave(self) -> None:
+        """Write buffered states after an error, unless the ranks are out of step."""
+
 
 # Suffix and writer by the kind of the file of fields.
 _KINDS: dict[str, tuple[str, Callable[[Path, Stepper, RunFields], FieldsFile]]] = {
@@ -39,14 +95,13 @@ class RunFiles:
         name: Path of the files without suffix.
         stepper: Stepper of the run.
         kind: Kind of the file of fields, ``"vtkhdf"``, ``"xdmf"`` or ``"vtx"``.
-        fields: What is written of each state.
+        fields: Fields of each state.
 
     Attributes:
         fields: File of the fields.
 
     Raises:
-        ValueError: The name is that of a folder, or has characters that readers of XDMF do not
-            take as they are.
+        ValueError: The name is a folder, or has characters that are invalid in XDMF.
     """
 
     def __init__(self, name: str, stepper: Stepper, kind: str, fields: RunFields) -> None:
@@ -63,7 +118,7 @@ class RunFiles:
         self.fields: FieldsFile = file(Path(f"{name}.{suffix}"), stepper, fields)
 
     def open(self, ledger: EnergyLedger, columns: Sequence[str], resume: bool) -> bool:
-        """Create the files, or bring the run into the state of its checkpoint.
+        """Create the files, or resume the run from its checkpoint.
 
         Args:
             ledger: Ledger of the run, a part of the checkpoint.
@@ -113,9 +168,9 @@ class RunFiles:
         on_root(self._comm, lambda: self._table.write(row))
 
     def save(self, ledger: EnergyLedger) -> None:
-        """Replace the checkpoint by one of the present step, unless that has been done.
+        """Write a checkpoint of the current step, unless it was written before.
 
-        Before, the disk gets all rows and fields that a run which is resumed from it relies on.
+        All rows and fields up to this step are synchronised with the disk first.
 
         Args:
             ledger: Ledger of the run.
@@ -131,7 +186,7 @@ class RunFiles:
         self._saved = (ledger.step, ledger.last.time)
 
     def how_to_go_on(self) -> str:
-        """Tell which step the checkpoint holds, and what lets the run go on. Local."""
+        """Text with the step of the checkpoint, and how to continue the run. Local."""
         if not self._checkpoint.exists():
             return (
                 "there is no checkpoint: with Recorder(..., checkpoint_every=50, resume=True) a "
@@ -144,14 +199,14 @@ class RunFiles:
         )
 
     def _others(self, ledger: EnergyLedger) -> Sequence[HasState]:
-        """What a checkpoint holds beside the state of the stepper."""
+        """Objects whose state a checkpoint contains in addition to the stepper."""
         return ledger, self._table, self.fields, self._script
 
     def close(self) -> None:
-        """Close the files and release the name, also where ranks are apart after an error.
+        """Close the files and release the lock, also if ranks are out of step after an error.
 
         Raises:
-            OSError: States that were held back cannot be written.
+            OSError: Buffered states cannot be written.
         """
         self._table.close()
         try:
@@ -161,7 +216,7 @@ class RunFiles:
 
 
 def _check_name(name: str) -> None:
-    """Raise unless files whose names begin with this one can be written and read."""
+    """Check that files with this name can be written and read."""
     last = name.rpartition("/")[2]
     if last in ("", ".", ".."):
         raise ValueError(

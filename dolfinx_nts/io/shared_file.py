@@ -1,9 +1,8 @@
-"""HDF5 files that all ranks write together, each its slabs of the arrays.
+"""HDF5 files that all ranks write together.
 
-Rank 0 lays the file out: it lets HDF5 make a file whose arrays lie in one piece each and have no
-values yet, and tells the other ranks where they begin. Then each rank writes its rows there by
-MPI, without HDF5, so any build of h5py serves. Nothing is gathered. The file appears as a whole
-in one instant, as that of `atomic_file.replace`.
+Rank 0 creates the layout of the file with contiguous arrays without values, and broadcasts their
+offsets. Then each rank writes its rows by MPI, without HDF5, so that a parallel build of h5py is
+not needed. Nothing is gathered. The file is replaced atomically, see `atomic_file.replace`.
 """
 
 import errno
@@ -20,7 +19,7 @@ from mpi4py import MPI
 import h5py
 import numpy as np
 
-from dolfinx_nts.io.atomic_file import beside, created_beside, take_name, unchanged
+from dolfinx_nts.io.atomic_file import created_temporary, take_name, temporary, unchanged
 from dolfinx_nts.parallel.communication import on_root
 from dolfinx_nts.parallel.errors import agreed
 from dolfinx_nts.parallel.slabs import Slab
@@ -36,16 +35,15 @@ def write_hdf5(
     *,
     durable: bool = False,
 ) -> None:
-    """Give an HDF5 file a new content in one instant, or create it. Collective.
+    """Create an HDF5 file or replace it atomically. Collective.
 
     Args:
         comm: Communicator.
         path: The file; ``.new`` is added to its name until it is complete.
-        arrays: Datasets by name, in which the arrays of the slabs lie one behind the other. A
-            name may contain slashes for groups. A rank may leave out an array of which it has
-            no rows.
+        arrays: Datasets by name, each the concatenation of its slabs. A name may contain slashes
+            for groups. A rank may omit arrays of which it has no rows.
         attributes: Attributes of the file; those of rank 0 count.
-        durable: Also wait until the disk has it, so that it survives a power failure.
+        durable: Whether to wait until the disk has it, so that it survives a power failure.
 
     Raises:
         OSError: The content cannot be written, for instance because the disk is full. A file
@@ -58,19 +56,19 @@ def write_hdf5(
     def lay_out() -> dict[str, int]:
         shapes = {name: shape for part in every or () for name, shape in part.items()}
         offsets = _laid_out(image, shapes, attributes)
-        with created_beside(path) as file:
+        with created_temporary(path) as file:
             file.truncate(image.size)
         return offsets
 
     with unchanged(path, comm.rank == 0):
         offsets = on_root(comm, lay_out)
         pieces = chain(image.pieces, _pieces(arrays, offsets))
-        _write(comm, beside(path), pieces, durable)
+        _write(comm, temporary(path), pieces, durable)
         on_root(comm, lambda: take_name(path, durable=durable))
 
 
 def _shape(slabs: Sequence[Slab]) -> tuple[int, ...]:
-    """Shape of an array in which those of the slabs lie one behind the other."""
+    """Shape of the concatenation of slabs."""
     first = slabs[0].shape
     return (len(slabs) * first[0], *first[1:]) if first else ()
 
@@ -78,7 +76,7 @@ def _shape(slabs: Sequence[Slab]) -> tuple[int, ...]:
 def _laid_out(
     image: "_SparseImage", shapes: Mapping[str, tuple[tuple[int, ...], str]], attributes: Any
 ) -> dict[str, int]:
-    """Let HDF5 make a file whose arrays have no values yet; where they begin [bytes]."""
+    """Create the layout of an HDF5 file; returns the offsets of its arrays [bytes]."""
     offsets = {}
     parents = h5py.h5p.create(h5py.h5p.LINK_CREATE)
     parents.set_create_intermediate_group(True)
@@ -94,7 +92,7 @@ def _laid_out(
             dataset = h5py.h5d.create(
                 file.id, name.encode(), kind, space, dcpl=in_one_piece, lcpl=parents
             )
-            # An array without rows lies nowhere.
+            # An empty array has no offset.
             offsets[name] = dataset.get_offset() or 0
         file.attrs.update(attributes)
     return offsets
@@ -103,7 +101,7 @@ def _laid_out(
 def _pieces(
     arrays: Mapping[str, Sequence[Slab]], offsets: Mapping[str, int]
 ) -> Iterator[tuple[int, Any]]:
-    """What this rank writes: offsets in the file [bytes], and the bytes."""
+    """Blocks written by this rank: offsets in the file [bytes], and data."""
     for name, slabs in arrays.items():
         for number, slab in enumerate(slabs):
             values = np.ascontiguousarray(slab.values)
@@ -122,7 +120,7 @@ def _write(
             for offset, data in pieces:
                 _put(alone, offset, data)
         return
-    # MPI keeps ranks on several hosts apart also where their file systems do not.
+    # Opened by MPI, which also supports file systems that are not coherent between hosts.
     with agreed(comm, f"open {path}"), _as_os_error(path):
         file = MPI.File.Open(comm, path, MPI.MODE_WRONLY)
     try:
@@ -138,10 +136,9 @@ def _write(
 
 @contextmanager
 def _as_os_error(path: Path, offset: int = 0, data: Any = b"") -> Iterator[None]:
-    """Context in which errors of MPI become those of the operating system. Local.
+    """Context that converts errors of MPI to errors of the operating system. Local.
 
-    Many kinds of MPI say nothing of the reason, so the operating system is asked to write the
-    same.
+    Many MPI libraries do not report the reason. Repeating the write without MPI reveals it.
     """
     try:
         yield
@@ -166,10 +163,10 @@ def _put(file: BinaryIO, offset: int, data: Any) -> None:
 
 
 class _SparseImage(io.RawIOBase):
-    """File in memory for HDF5 that keeps only what is written. Local, as all its methods.
+    """Sparse file in memory for HDF5. Local, as all its methods.
 
     Attributes:
-        pieces: What has been written, by offset [bytes].
+        pieces: Written data by offset [bytes].
         size: Length of the file [bytes].
     """
 
@@ -179,23 +176,23 @@ class _SparseImage(io.RawIOBase):
         self.size, self._at = 0, 0
 
     def seek(self, offset: int, whence: int = 0) -> int:
-        """Go to an offset from the start, from here or from the end."""
+        """Set the position relative to start, current position or end."""
         self._at = offset + (0, self._at, self.size)[whence]
         return self._at
 
     def tell(self) -> int:
-        """Present offset."""
+        """Current position."""
         return self._at
 
     def write(self, data: Any) -> int:
-        """Keep bytes."""
+        """Store data."""
         self.pieces.append((self._at, bytes(data)))
         self._at += len(self.pieces[-1][1])
         self.size = max(self.size, self._at)
         return len(self.pieces[-1][1])
 
     def readinto(self, buffer: Any) -> int:
-        """Give bytes back; those that have not been written are zero."""
+        """Read data; unwritten bytes are zero."""
         view, first = memoryview(buffer).cast("B"), self._at
         view[:] = bytes(len(view))
         for offset, data in self.pieces:

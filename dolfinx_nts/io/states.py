@@ -12,16 +12,16 @@ from dolfinx_nts.parallel.slabs import Slab, Slabs
 
 __all__ = ["CELLS", "States"]
 
-# What the names of the fields of cells begin with.
+# Prefix of the names of cell fields.
 CELLS = "cells/"
 
 
 class States:
-    """Brings the fields of the present state into the order of the mesh as read.
+    """Fields of states in the input order of the mesh.
 
     Args:
         stepper: Stepper of the run.
-        fields: What is taken of each state.
+        fields: Fields of each state.
     """
 
     def __init__(self, stepper: Stepper, fields: RunFields) -> None:
@@ -33,15 +33,15 @@ class States:
         self._cells = Slabs(comm, mesh.topology.original_cell_index[:owned])
 
     def rows(self, now: Present, former: Mapping[str, Slab] | None = None) -> dict[str, Slab]:
-        """Rows of the present state for this rank. Collective.
+        """Rows of the current state for this rank. Collective.
 
         Args:
-            now: Present state of the stepper.
-            former: Rows of a state that are not needed any more, whose memory is used again.
+            now: Current state of the stepper.
+            former: Rows of a state that is not needed any more, whose memory is reused.
 
         Returns:
-            Values at the nodes by name, shape ``(n,)`` or ``(n, 3)``, and those of the pieces of
-            cells, also tensors ``(m, 9)``, by names that begin with ``cells/``.
+            Nodal values by name, shape ``(n,)`` or ``(n, 3)``, and values of sub-cells, also
+            tensors ``(m, 9)``, by names with the prefix ``cells/``.
         """
         of_nodes: dict[str, Array] = {}
         of_cells: dict[str, Array] = {}

@@ -1,13 +1,13 @@
 """VTKHDF file with the fields of a run, and the HDF5 files that hold their values.
 
-``run.vtkhdf`` is what ParaView and VTK open. The values lie in the folder ``run_fields``: the
-mesh in ``grid.h5``, and the states in files of several consecutive ones, those of steps 51 to 80
-in ``000000051-000000080.h5``. States are held back for a second at most, or until they need
-much memory, and then written together, which takes a tenth of the time. Each file appears
-as a whole in one instant, so a killed program leaves whole states.
+ParaView and VTK open ``run.vtkhdf``. The values are in the folder ``run_fields``: the mesh in
+``grid.h5``, and consecutive states together, such as steps 51 to 80 in
+``000000051-000000080.h5``. States are buffered for a second at most, or until they need much
+memory, and then written together, which takes a tenth of the time. Files are created atomically,
+so that a killed program leaves complete states.
 
-All ranks write their rows, in the numbering of the mesh as read. What readers find does not
-depend on the partition, and a run on another number of ranks can continue the files.
+All ranks write their rows, in the input numbering of the mesh. The content does not depend on the
+partition, and a run on another number of ranks can continue the files.
 """
 
 import logging
@@ -37,10 +37,10 @@ _logger = logging.getLogger("dolfinx_nts")
 
 _GRID = "grid.h5"
 _BLOCK = re.compile(r"\d{9}-\d{9}\.h5")
-# A killed program leaves ``.new`` of a file that it was about to replace.
+# A killed program leaves a temporary file with the suffix ``.new``.
 _OWN = re.compile(r"(\d{9}-\d{9}|grid)\.h5(\.new)?")
-# Longest time for which a state is held back [s], also relative to that of the last writing [-],
-# as the index grows, and most memory of a rank for states that are [bytes].
+# Longest time for which a state is buffered [s], also relative to the time of the last writing
+# [-], since the index grows, and largest memory of a rank for buffered states [bytes].
 _LATEST, _RARELY, _MOST = 1.0, 30.0, 2**26
 
 
@@ -51,10 +51,10 @@ class VtkHdfFile:
     all its methods except `check`.
 
     Args:
-        path: The VTKHDF file. The folder beside it has its name with ``_fields`` in the place
+        path: The VTKHDF file. The folder next to it has its name with ``_fields`` in the place
             of ``.vtkhdf``.
         stepper: Stepper whose states are written.
-        fields: What is written of each state.
+        fields: Fields of each state.
     """
 
     def __init__(self, path: Path, stepper: Stepper, fields: RunFields) -> None:
@@ -65,18 +65,17 @@ class VtkHdfFile:
         self._steps: set[int] = set()
         self._grid: dict[str, Field] = {}
         self._blocks: list[Block] = []
-        # States that are held back, with step and time, and when they must be written [s].
+        # Buffered states with step and time, and deadline for writing them [s].
         self._held: list[tuple[int, float, dict[str, Slab]]] = []
         self._due = 0.0
-        # Written states, whose memory is used again.
+        # Written states, whose memory is reused.
         self._former: list[dict[str, Slab]] = []
 
     def check(self) -> None:
-        """Refuse names under which nothing can be written. Local.
+        """Check that the files can be written. Local.
 
         Raises:
-            OSError: Something that cannot be replaced has the name of one of the files or of
-                the folder.
+            OSError: A file or the folder cannot be replaced.
         """
         self._folder.check()
 
@@ -84,7 +83,7 @@ class VtkHdfFile:
         """Serialize the steps whose states have been written.
 
         Args:
-            archive: Takes the steps, or gives those which `open` expects to find.
+            archive: Archive that stores the steps, or returns those which `open` expects.
         """
         steps = np.array(sorted(self._steps), dtype=np.int64)
         self._steps = set(map(int, archive.same("field_steps", steps)))
@@ -93,9 +92,9 @@ class VtkHdfFile:
         """Write the mesh, and remove the states that do not belong to the run.
 
         Args:
-            resume: Whether to continue the states up to the present step. Otherwise all states
-                of an earlier run are removed. If one of them is damaged or missing, a warning
-                tells so, and all are moved to another folder.
+            resume: Whether to continue the states up to the current step. Otherwise all states
+                of an earlier run are removed. If a state is damaged or missing, a warning is
+                logged, and all are moved to another folder.
 
         Raises:
             OSError: The files cannot be written.
@@ -108,10 +107,10 @@ class VtkHdfFile:
         self._folder.write(self._comm, _GRID, {name: [slab] for name, slab in arrays.items()}, {})
 
     def write(self, now: Present) -> None:
-        """Take the present state, unless that has been done, and write it sooner or later.
+        """Buffer the current state for writing, unless this was done before.
 
         Args:
-            now: Present state of the stepper.
+            now: Current state of the stepper.
 
         Raises:
             OSError: States cannot be written, for instance because the disk is full. The
@@ -132,11 +131,11 @@ class VtkHdfFile:
         on_root(self._comm, self._folder.sync)
 
     def close(self) -> None:
-        """Write the states that are held back."""
+        """Write the buffered states."""
         self._write_held()
 
     def leave(self) -> None:
-        """Write the states that are held back after an error, unless the ranks are apart."""
+        """Write buffered states after an error, unless the ranks are out of step."""
         if self._held and all_come(self._comm, f"write the last fields of {self._path}"):
             self._write_held()
 

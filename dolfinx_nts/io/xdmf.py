@@ -14,6 +14,7 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+from xml.sax.saxutils import escape
 
 from mpi4py import MPI
 
@@ -25,13 +26,12 @@ from dolfinx_nts.diagnostics.present import Present
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io.fields import RunFields, mesh_arrays
 from dolfinx_nts.io.fields_folder import FieldsFolder
-from dolfinx_nts.io.states import States
-from dolfinx_nts.io.xdmf_grid import mesh_xml, state_xml
+from dolfinx_nts.io.states import CELLS, States
 from dolfinx_nts.io.xml_series import XmlSeries
 from dolfinx_nts.parallel.communication import on_root
 from dolfinx_nts.parallel.slabs import Slab
 
-__all__ = ["XdmfFile"]
+__all__ = ["XdmfFile", "mesh_xml", "state_xml"]
 
 
 _logger = logging.getLogger("dolfinx_nts")
@@ -50,6 +50,81 @@ _STATE = re.compile(r"\d{9}\.h5")
 # A killed program leaves ``.new`` of a file that it was about to replace.
 _OWN = re.compile(r"(\d{9}|mesh)\.h5(\.new)?")
 
+# Names in XDMF by the kind of cells.
+_CELLS = {
+    "triangle": "Triangle",
+    "quadrilateral": "Quadrilateral",
+    "tetrahedron": "Tetrahedron",
+    "hexahedron": "Hexahedron",
+}
+
+
+def mesh_xml(file: str, mesh: Mapping[str, Any], cell: str) -> str:
+    """Describe a mesh. Local.
+
+    Args:
+        file: HDF5 file of the mesh, relative to the XDMF file.
+        mesh: The arrays of `fields.mesh_arrays`.
+        cell: Kind of the cells, as DOLFINx names it.
+
+    Returns:
+        XML, a part of that of each state.
+    """
+    number = mesh["cells"].shape[0]
+    return (
+        f'        <Topology TopologyType="{_CELLS[cell]}" NumberOfElements="{number}">\n'
+        f"{_item(file, 'cells', mesh['cells'])}        </Topology>\n"
+        '        <Geometry GeometryType="XYZ">\n'
+        f"{_item(file, 'points', mesh['points'])}        </Geometry>\n"
+        f"{_attribute('Cell', file, 'body', mesh['body'])}"
+    )
+
+
+def state_xml(file: str, mesh: str, time: float, fields: Mapping[str, Any]) -> str:
+    """Describe a state. Local.
+
+    Args:
+        file: HDF5 file of the state, relative to the XDMF file.
+        mesh: XML of the mesh.
+        time: Time of the state [s].
+        fields: Values at the nodes by name, shape ``(n,)`` or ``(n, 3)``; those of cells, also
+            tensors ``(m, 9)``, have names that begin with ``cells/``, or are in such a group.
+
+    Returns:
+        XML element, without the indentation of its first line.
+    """
+    cells = CELLS.rstrip("/")
+    group = fields.get(cells, {})
+    every = {name: fields[name] for name in fields if name != cells}
+    every |= {f"{CELLS}{name}": group[name] for name in group}
+    attributes = (_attribute(_centre(name), file, name, every[name]) for name in sorted(every))
+    return (
+        '<Grid Name="state" GridType="Uniform">\n'
+        f'{mesh}        <Time Value="{time!r}"/>\n{"".join(attributes)}      </Grid>\n'
+    )
+
+
+def _centre(name: str) -> str:
+    return "Cell" if name.startswith(CELLS) else "Node"
+
+
+def _attribute(centre: str, file: str, name: str, values: Any) -> str:
+    kind = {(): "Scalar", (3,): "Vector", (9,): "Tensor"}[values.shape[1:]]
+    label = name.removeprefix(CELLS)
+    return (
+        f'        <Attribute Name="{label}" AttributeType="{kind}" Center="{centre}">\n'
+        f"{_item(file, name, values)}        </Attribute>\n"
+    )
+
+
+def _item(file: str, name: str, values: Any) -> str:
+    dimensions = " ".join(str(n) for n in values.shape)
+    kind = "Float" if values.dtype.kind == "f" else "Int"
+    return (
+        f'          <DataItem Dimensions="{dimensions}" NumberType="{kind}" '
+        f'Precision="{values.dtype.itemsize}" Format="HDF">{escape(file)}:/{name}</DataItem>\n'
+    )
+
 
 class XdmfFile:
     """Writes the fields of a run and the number of the body of each cell.
@@ -58,7 +133,7 @@ class XdmfFile:
     all its methods except `check`.
 
     Args:
-        path: The XDMF file. The folder beside it has its name with ``_fields`` in the place of
+        path: The XDMF file. The folder next to it has its name with ``_fields`` in the place of
             ``.xdmf``.
         stepper: Stepper whose states are written.
         fields: What is written of each state.

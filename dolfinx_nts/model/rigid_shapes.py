@@ -4,6 +4,7 @@ Gap and normal are those of the exact surface. The contact force of the energy-m
 a discrete gradient, :math:`F \cdot (x_{n+1} - x_n) = g_{n+1} - g_n`, in closed form.
 """
 
+import copy
 from abc import abstractmethod
 from collections.abc import Sequence
 
@@ -17,28 +18,84 @@ from dolfinx_nts.model.frames import rotation_by
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.model.motion import vector
 from dolfinx_nts.model.obstacles import Obstacle
-from dolfinx_nts.model.surface_slip import SurfaceSlip, turned_tangents
 from dolfinx_nts.model.trajectories import Trajectories
 
-__all__ = ["RigidCylinder", "RigidPlane", "RigidSphere"]
+__all__ = ["RigidCylinder", "RigidPlane", "RigidSphere", "SurfaceSlip", "turned_tangents"]
 
-# By how much an obstacle may miss the axis of rings, relative to its size [-].
+# Distance of an obstacle from the axis relative to its size [-] that counts as round-off.
 _ROUND_OFF = 1e-10
+
+# Least 1 + cos of the rotation angle of normals [-]: for half a turn the rotation is not unique.
+_REVERSED = 1e-12
+
+
+class SurfaceSlip(Slip):
+    """Displacement of nodes in the tangent plane of an exact surface at t_n, see `Slip`.
+
+    Schemes with forces at t_{n+1} use the tangent plane at t_{n+1}.
+
+    Args:
+        value: Slip of the step, shape ``(m, 2)`` [m].
+        frame_n: Orthonormal tangents at t_n, shape ``(m, 2, 3)``.
+        frame: Tangents at t_{n+1}, see `turned_tangents`.
+        curvature: Derivative of the normal at t_{n+1} w.r.t. the position, ``(m, 3, 3)`` [1/m].
+    """
+
+    def __init__(self, value: Floats, frame_n: Floats, frame: Floats, curvature: Floats) -> None:
+        m = len(value)
+        frames = {"frame_n": frame_n, "frame": frame, "orientation": np.ones(m)}
+        second = np.ones((m, 1)), np.zeros((m, 2, 1))
+        super().__init__(value, frame_n, frame_n, *second, **frames)
+        self._curvature, self._is_at_end = curvature, False
+
+    def at_end(self) -> "SurfaceSlip":
+        end = copy.copy(self)
+        end.force, end._is_at_end = self.frame, True
+        return end
+
+    def tangent(self, t: Floats) -> Floats:
+
+        if not self._is_at_end:
+            return super().tangent(t)
+        n_n, n, D = self.normal_n, self.normal, self._curvature
+        along = np.einsum("mi,mij->mj", t, self.frame_n)
+        share = np.einsum("mi,mi->m", along, n)[:, None]
+        whole = np.maximum(1 + np.einsum("mi,mi->m", n_n, n), _REVERSED)[:, None]
+        turn = np.einsum("mi,mij->mj", along / whole - share / whole**2 * n_n, D)
+        tangent: Floats = -(n_n + n)[:, :, None] * turn[:, None] - (share / whole)[:, :, None] * D
+        return tangent
+
+
+def turned_tangents(frame_n: Floats, normal_n: Floats, normal: Floats) -> Floats:
+    """Rotate tangents with the normal (parallel transport). Local.
+
+    Args:
+        frame_n: Tangents, shape ``(m, 2, 3)``.
+        normal_n: Unit normals to them, shape ``(m, 3)``.
+        normal: Unit normals after the rotation, shape ``(m, 3)``.
+
+    Returns:
+        Tangents after the rotation, shape ``(m, 2, 3)``.
+    """
+    whole = np.maximum(1 + np.einsum("mi,mi->m", normal_n, normal), _REVERSED)
+    share = np.einsum("mki,mi->mk", frame_n, normal) / whole[:, None]
+    frame: Floats = frame_n - share[:, :, None] * (normal_n + normal)[:, None]
+    return frame
 
 
 class _Exact(Obstacle):
-    """Obstacle with an exact surface, given by the signed distance from it."""
+    """Obstacle with an exact surface, given by its signed distance."""
 
     @abstractmethod
     def distance(self, x: Floats) -> tuple[Floats, Floats]:
-        """Signed distance of points from the surface, and its normal. Local.
+        """Signed distance of points from the surface, and normal. Local.
 
         Args:
             x: Positions, shape ``(m, 3)`` [m].
 
         Returns:
-            Gap, shape ``(m,)`` [m], positive outside the obstacle, and unit normal out of the
-            obstacle, shape ``(m, 3)``.
+            Gap, positive outside the obstacle, shape ``(m,)`` [m], and outward unit normal, shape
+            ``(m, 3)``.
         """
 
     def _height(self, x: Floats) -> Floats:
@@ -47,7 +104,7 @@ class _Exact(Obstacle):
 
     @abstractmethod
     def _force(self, scheme: str, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
-        """Force per multiplier, (m, 3) [-], and its derivative by x, (m, 3, 3) [1/m]."""
+        """Force per multiplier, (m, 3) [-], and its derivative w.r.t. x, (m, 3, 3) [1/m]."""
 
     def contact(self, scheme: str, x_n: Floats, x: Floats, segment: Ints) -> ContactKinematics:
         gap_n, normal_n = self.distance(x_n)
@@ -63,13 +120,13 @@ class _Exact(Obstacle):
         return SurfaceSlip(value, frame_n, frame, self._curvature(x))
 
     def _curvature(self, x: Floats) -> Floats:
-        """Derivative of the normal by the position, shape ``(m, 3, 3)`` [1/m]."""
+        """Derivative of the normal w.r.t. the position, shape ``(m, 3, 3)`` [1/m]."""
         return self._force("static", x, x)[1]
 
     def frames(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
         """Orthonormal tangents at both ends of a step, each ``(m, 2, 3)``. Local.
 
-        Those at the end are those at t_n, turned with the normal on the shortest way.
+        Parallel transport with the normal gives the tangents at the end from those at t_n.
         """
         normal_n, normal = self.distance(x_n)[1], self.distance(x)[1]
         frame_n = _frame(normal_n)
@@ -102,23 +159,23 @@ class _Exact(Obstacle):
 
     @abstractmethod
     def _part_inside(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
-        """Times, ``(m,)`` from 0 to 1, between which straight ways are inside; equal if never."""
+        """Step fractions, ``(m,)``, between which straight paths are inside; equal if never."""
 
     def near(self, x: Floats, reach: float) -> Ints:
         return np.flatnonzero(self._height(x) <= reach).astype(np.int32)
 
 
 class RigidPlane(_Exact):
-    """A half space that bodies cannot enter, such as a floor or a wall. Local.
+    """Rigid half space, such as a floor or a wall. Local.
 
-    In an axisymmetric mesh it is normal to the axis; the surface of a `RigidCone` is not.
+    In an axisymmetric mesh it must be normal to the axis; see `RigidCone` for other lines.
 
     Args:
-        point: A point of the plane, shape ``(3,)``, or ``(2,)`` of a line in the plane [m].
-        normal: Direction out of the obstacle, of any length, of the same shape.
+        point: Point on the plane, shape ``(3,)``, or on the line in two dimensions, ``(2,)`` [m].
+        normal: Outward direction, of any length, of the same shape.
 
     Raises:
-        ValueError: An argument is not three finite numbers, or two, or the normal is zero.
+        ValueError: An argument is not three (or two) finite numbers, or the normal is zero.
 
     Example:
         >>> floor = nts.RigidPlane(point=(0, 0, -1), normal=(0, 0, 1))
@@ -156,7 +213,7 @@ class RigidPlane(_Exact):
         return ContactKinematics(gap_n, gap, force, force, tangent, turn)
 
     def unturned(self, x: Floats, turn: Floats) -> Floats:
-        """Positions as they are: what is in front of a plane at both ends does not pass it."""
+        # Unchanged: a point in front of the plane at both ends does not pass through it.
         return x
 
     def _part_inside(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
@@ -172,19 +229,19 @@ class RigidPlane(_Exact):
         return np.zeros((len(x), 3, 3))
 
     def frames(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
-        """Tangents, which are those of the plane."""
+
         frame = np.repeat(self._tangents, len(x), axis=0)
         return frame, frame
 
 
 class _Round(_Exact):
-    """Obstacle whose surface has one distance from a point or axis, a sphere or a cylinder.
+    """Sphere or cylinder.
 
     Args:
-        centre: The point, or a point of the axis, shape ``(3,)`` [m].
-        radius: The distance [m].
-        axes: Projection onto the axes about which turns leave it as it is, ``(3, 3)`` [-].
-        projector: Projection onto the directions in which it is measured, shape ``(3, 3)`` [-].
+        centre: Centre, or a point of the axis, shape ``(3,)`` [m].
+        radius: Radius [m].
+        axes: Projection onto the axes of symmetry, shape ``(3, 3)`` [-].
+        projector: Projection onto the directions of the radius, shape ``(3, 3)`` [-].
         hollow: Whether bodies are inside.
     """
 
@@ -204,7 +261,6 @@ class _Round(_Exact):
 
     @property
     def is_hollow(self) -> bool:
-        """Whether bodies are inside. Local."""
         return self._sign < 0
 
     def _radial(self, x: Floats) -> tuple[Floats, Floats]:
@@ -220,10 +276,7 @@ class _Round(_Exact):
     def find(
         self, x: Floats, current: Ints, slack: float, reach: float, facing: Facing
     ) -> tuple[Ints, Floats]:
-        """Give facet 0 to nodes within reach that could not come out on another side.
-
-        Deeper than half of the radius a node is not found, see `Obstacle.find`.
-        """
+        # Nodes deeper than half the radius are left out: they could leave on another side.
         found, gap = super().find(x, current, slack, reach, facing)
         return np.where(gap < -self.shortest_passage, -1, found).astype(np.int32), gap
 
@@ -235,7 +288,7 @@ class _Round(_Exact):
         return straight
 
     def _part_inside(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
-        # Zeros of |r_n + s way|^2 - radius^2.
+        # Zeros of |r_n + s (r - r_n)|^2 - radius^2.
         (r_n, length), (r, _) = self._radial(x_n), self._radial(x)
         way = r - r_n
         square, half = (np.einsum("mi,mi->m", way, y) for y in (way, r_n))
@@ -243,7 +296,7 @@ class _Round(_Exact):
         square = np.where(square > 0, square, np.inf)
         low, high = (np.clip((-half + side * root) / square, 0.0, 1.0) for side in (-1.0, 1.0))
         if self.is_hollow:
-            # Outside of the tube: a straight way between points of its inside stays there.
+            # Inside a tube, a straight path between two inner points stays inside.
             return high, np.where(high < 1, 1.0, high)
         return low, high
 
@@ -265,10 +318,10 @@ class _Round(_Exact):
 
 
 class RigidSphere(_Round):
-    """A ball that bodies cannot enter, or a sphere that they cannot leave. Local.
+    """Rigid ball, or hollow sphere around bodies. Local.
 
     Args:
-        centre: Centre, shape ``(3,)``, or ``(2,)`` of a circle in the plane [m].
+        centre: Centre, shape ``(3,)``, or ``(2,)`` for a circle in the plane [m].
         radius: Radius [m].
         hollow: Whether bodies are inside.
 
@@ -277,7 +330,7 @@ class RigidSphere(_Round):
         radius: The argument [m].
 
     Raises:
-        ValueError: ``centre`` is not three finite numbers, or two, or ``radius`` is not positive.
+        ValueError: ``centre`` is not three (or two) finite numbers, or ``radius`` not positive.
 
     Example:
         >>> nts.RigidSphere(centre=(0, 0, 5), radius=2.0, hollow=True)
@@ -297,7 +350,7 @@ class RigidSphere(_Round):
 
 
 class RigidCylinder(_Round):
-    """An infinite cylinder that bodies cannot enter, or a tube that they cannot leave. Local.
+    """Rigid infinite cylinder, or tube around bodies. Local.
 
     Args:
         point: A point of the axis, shape ``(3,)`` [m].
@@ -318,7 +371,7 @@ class RigidCylinder(_Round):
         self, point: Sequence[float], axis: Sequence[float], radius: float, *, hollow: bool = False
     ) -> None:
         self._axis = a = _direction("axis", axis)
-        vector("point", point, 3)  # there are none in the plane
+        vector("point", point, 3)  # not in the plane
         along: Floats = a[:, None] * a
         super().__init__(point, radius, along, np.eye(3) - along, hollow)
 
@@ -344,8 +397,8 @@ def _direction(name: str, value: Sequence[float], dim: int = 3) -> Floats:
 
 def _frame(normal: Floats) -> Floats:
     """Orthonormal tangents (m, 2, 3), right-handed with unit normals (m, 3)."""
-    # The coordinate axis that is farthest from the normal. For normals in the plane it is z, so
-    # that the first tangent is in the plane.
+    # The coordinate axis farthest from the normal. For normals in the plane it is z, so that the
+    # first tangent is in the plane.
     axis = np.eye(3)[2 - np.argmin(np.abs(normal[:, ::-1]), axis=1)]
     first = cross(axis, normal)
     first /= np.linalg.norm(first, axis=1)[:, None]

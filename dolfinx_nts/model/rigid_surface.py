@@ -1,4 +1,4 @@
-"""A rigid obstacle made of facets, for which the contact kernels are called."""
+"""Rigid obstacle made of facets, evaluated by the contact kernels."""
 
 from typing import Any
 
@@ -15,24 +15,24 @@ from dolfinx_nts.model.trajectories import Trajectories, passages
 
 __all__ = ["RigidSurface"]
 
-# Corners of a quadrilateral in Basix order on a walk around it, and the reverse.
+# Permutation between Basix order and counter-clockwise order of a quadrilateral.
 _AROUND = [0, 1, 3, 2]
-# Product of the normals at two corners, relative to the largest square [-], that is zero but for
-# round-off: a larger value takes corners that bend inwards for straight ones.
+# Product of the normals at two corners relative to the largest square [-] that counts as zero.
+# Larger values accept slightly concave facets.
 _ROUND_OFF = 1e-10
 
 
 class RigidSurface(Obstacle):
-    """A surface of triangles or quadrilaterals that bodies cannot pass through. Local.
+    """Rigid surface of triangles or quadrilaterals. Local.
 
     Args:
         points: Positions of the vertices, shape ``(n, 3)`` [m], the same on all ranks.
-        facets: Vertices of each facet, shape ``(s, 3)`` in either sense of rotation, or
-            ``(s, 4)``, all in Basix order (0,0), (1,0), (0,1), (1,1), or all around each facet,
-            as in gmsh, VTK and meshio. The order follows from the positions: sides of a convex
-            facet do not cross.
-        outside: A point to which all facets turn their outer side, shape ``(3,)`` [m]; for a
-            closed or strongly curved surface one point per facet, shape ``(s, 3)``.
+        facets: Vertices of each facet: shape ``(s, 3)`` in any orientation; or ``(s, 4)``, all in
+            Basix order (0,0), (1,0), (0,1), (1,1), or all around each facet, as in gmsh, VTK and
+            meshio. The order is detected from the positions, since sides of a convex facet do not
+            intersect.
+        outside: Point in front of all facets, shape ``(3,)`` [m]; for a closed or strongly curved
+            surface one point per facet, shape ``(s, 3)``.
 
     Attributes:
         key: Numbers of the facets, shape ``(s,)``.
@@ -81,14 +81,17 @@ class RigidSurface(Obstacle):
 
     @property
     def facets(self) -> tuple[Floats, Ints, Floats]:
-        """Vertices ``(n, 3)`` [m], those of each facet ``(s, k)``, and its sense ``(s,)``.
+        """Positions ``(n, 3)`` [m], vertices of each facet ``(s, k)``, and orientation ``(s,)``.
 
-        The sense is +1 where the first two edges turn about the outer normal, otherwise -1.
+        The orientation is +1 if the product of the first two edges points outward, otherwise -1.
         """
         return self._points, self._facets, self._orientation
 
     def _shortest_passage(self) -> float:
-        """Motion below which no node passes, by the thickness below the centres of facets [m]."""
+        """Displacement below which no node passes through the surface [m].
+
+        It depends on the thickness below the centres of facets.
+        """
         size, centre = diameters(self.corners), self.corners.mean(axis=1)
         inward = -area_vectors(self.corners, self._orientation)
         inward *= size[:, None] / np.linalg.norm(inward, axis=1)[:, None]
@@ -98,7 +101,7 @@ class RigidSurface(Obstacle):
         return float(through.min(initial=np.inf))
 
     def _pairs(self, x: Floats, segment: Ints) -> tuple[Floats, Floats]:
-        """Positions of nodes and vertices of their facets (m, 1 + k, 3), and orientations."""
+        """Positions of nodes and facet vertices, (m, 1 + k, 3), and orientations."""
         pairs = np.concatenate([x[:, None], self.corners[segment]], axis=1)
         return pairs, self._orientation[segment]
 
@@ -132,10 +135,7 @@ class RigidSurface(Obstacle):
         return Trajectories(*self._segments.follow(*ways, *facing.arguments))
 
     def depth(self, x: Floats) -> Floats:
-        """Tell how deep points are behind the facets they face, see `Obstacle.depth`.
-
-        As far as nodes touch them: not deeper than half a facet.
-        """
+        # Only to the depth to which nodes touch: half a facet.
         none = np.full(len(x), -1, dtype=np.int32)
         reach = float(diameters(self.corners).max(initial=0.0))
         found, gap = self.find(x, none, _kernels.HYSTERESIS, reach, Facing.everywhere(len(x)))
@@ -152,8 +152,7 @@ class RigidSurface(Obstacle):
 def _in_basix_order(points: Floats, facets: Ints) -> Ints:
     """Quadrilaterals with their corners in Basix order, shape ``(s, 4)``. Local.
 
-    Sides of a convex quadrilateral cross in all orders of its corners but one, which makes the
-    order certain.
+    The order is unique: sides of a convex quadrilateral intersect in all other orders.
 
     Raises:
         ValueError: Neither order makes all of them convex.
@@ -174,10 +173,10 @@ def _in_basix_order(points: Floats, facets: Ints) -> Ints:
 
 
 def _are_convex(loop: Floats) -> Flags:
-    """Whether all corners of quadrilaterals, in the order of a walk around, turn alike. Local.
+    """Whether quadrilaterals with corners ``(s, 4, 3)`` [m] in cyclic order are convex. Local.
 
-    Corners ``(s, 4, 3)`` [m] may be in one line with their neighbours. Facets may be warped, as
-    long as the planes of no two corners are at more than 90 degrees.
+    Corners may be collinear with their neighbours. Facets may be warped by up to 90 degrees
+    between the planes at two corners.
     """
     to_next, to_last = np.roll(loop, -1, axis=1) - loop, np.roll(loop, 1, axis=1) - loop
     normals = np.cross(to_next, to_last)

@@ -1,4 +1,4 @@
-"""Edges of facets: which are rims, that belong to one facet only, and which are sharp."""
+"""Edges of facets: free edges, which belong to one facet only, and sharp edges."""
 
 import numpy as np
 from basix import CellType, topology
@@ -7,10 +7,10 @@ from dolfinx_nts.common.arrays import Flags, Floats, Ints
 
 __all__ = ["FACET_EDGES", "SHARP", "is_nearest_a_rim"]
 
-# Cosine of the angle [-] from which on a surface that turns is sharp: 30 degrees.
+# Cosine of the angle between facets [-] from which on an edge is sharp: 30 degrees.
 SHARP = np.cos(np.pi / 6)
-# Vertices at the ends of each edge, by the number of vertices of a facet; those of an edge in the
-# plane are its ends.
+# Vertices at the ends of each edge, by the number of vertices of a facet. In the plane a facet has
+# two vertices.
 FACET_EDGES = {
     len(topology(cell)[0]): topology(cell)[1]
     for cell in (CellType.triangle, CellType.quadrilateral)
@@ -18,7 +18,7 @@ FACET_EDGES = {
 
 
 def is_nearest_a_rim(points: Floats, x: Floats, facets: Ints, facet: Ints) -> Flags:
-    """Whether the edge of a facet that is nearest to a point is a rim of the surface. Local.
+    """Whether the edge of a facet nearest to a point is a free edge of the surface. Local.
 
     Args:
         points: The points, shape ``(m, 3)`` [m].

@@ -1,4 +1,4 @@
-"""Segments by the positions of their vertices: area and normal, size, corners."""
+"""Geometry of segments: area, normal, diameter, corners."""
 
 import itertools
 
@@ -8,26 +8,26 @@ from dolfinx_nts.common.arrays import Floats
 
 __all__ = ["NEIGHBOURS", "area_vectors", "diameters"]
 
-# Vertices next to each corner of a segment, in Basix order, by its number of vertices.
+# Neighbours of each corner of a segment in Basix order, by its number of vertices.
 NEIGHBOURS = {3: [(1, 2), (2, 0), (0, 1)], 4: [(1, 2), (0, 3), (0, 3), (1, 2)]}
 
 
 def area_vectors(vertices: Floats, orientation: Floats) -> Floats:
-    """Compute the mean normal of each segment, scaled to its area. Local.
+    """Area vectors of segments: mean normal times area. Local.
 
     Args:
         vertices: Positions in Basix order, shape ``(s, k, 3)`` [m].
         orientation: Orientations of the segments as in `Surface`, ``(s,)``.
 
     Returns:
-        Vectors that point out of the body, shape ``(s, 3)`` [m^2], of edges in the plane [m].
+        Vectors that point out of the body, shape ``(s, 3)`` [m^2], for edges in the plane [m].
     """
     first = vertices[:, -1] - vertices[:, 0]
     if vertices.shape[1] == 2:
         along: Floats = orientation[:, None] * np.cross(first, [0.0, 0.0, 1.0])
         return along
     second = vertices[:, 2] - vertices[:, 1]
-    # Half of the product of the diagonals of a quadrilateral, or of two edges of a triangle.
+    # Half the cross product of the diagonals of a quadrilateral, or of two edges of a triangle.
     if vertices.shape[1] == 3:
         first, second = vertices[:, 1] - vertices[:, 0], first
     vectors: Floats = orientation[:, None] * np.cross(first, second) / 2
@@ -35,7 +35,7 @@ def area_vectors(vertices: Floats, orientation: Floats) -> Floats:
 
 
 def diameters(x: Floats) -> Floats:
-    """Compute the longest distance between two vertices of each segment. Local.
+    """Longest distance between two vertices of each segment. Local.
 
     Args:
         x: Positions of the vertices, shape ``(s, k, 3)`` [m].

@@ -1,4 +1,4 @@
-"""Bodies that are faster than the waves in them, which mostly have units that do not fit."""
+"""Check for velocities above the wave speed, mostly due to inconsistent units."""
 
 import logging
 import math
@@ -13,14 +13,14 @@ __all__ = ["warn_of_speed", "wave_speed"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Numbers of the strains 11, 22 and 33 among those of ``Hyperelastic.moduli``.
+# Indices of the strains 11, 22 and 33 in ``Hyperelastic.moduli``.
 _STRETCHES = [0, 3, 5]
 
 
 def wave_speed(body: Body) -> float:
-    """Speed of P-waves along an axis, the fastest, in the undeformed body [m/s]. Local.
+    """Largest speed of P-waves along an axis in the undeformed body [m/s]. Local.
 
-    It is infinite in a rigid body, and where the moduli vary in space.
+    It is infinite for rigid bodies and for moduli that vary in space.
     """
     if body.is_rigid or body.material.has_fields:
         return math.inf
@@ -29,7 +29,7 @@ def wave_speed(body: Body) -> float:
 
 
 def warn_of_speed(body: Body, v: Floats) -> None:
-    """Warn of a body that is given more speed than waves in it have. Collective.
+    """Warn of a body whose velocity exceeds its wave speed. Collective.
 
     Args:
         body: The body.

@@ -1,4 +1,4 @@
-"""Loads on surfaces: dead tractions, and pressures that follow the surface."""
+"""Loads on surfaces: dead tractions and follower pressures."""
 
 from typing import Any
 
@@ -19,10 +19,10 @@ __all__ = ["Pressure", "Traction"]
 
 
 class _SurfaceLoad(LoadWithValue):
-    """A load with a value on a surface.
+    """Load with a value on a surface.
 
     Args:
-        surface: Where it acts.
+        surface: The surface.
         value: As for `LoadWithValue`.
     """
 
@@ -32,29 +32,28 @@ class _SurfaceLoad(LoadWithValue):
 
     @property
     def name(self) -> str:
-        """Class and surface. Local."""
         return f"{type(self).__name__} {self._surface.name}"
 
     def __repr__(self) -> str:
-        """Surface and value [Pa] in one line. Local."""
+        """Surface and value [Pa]. Local."""
         return as_call(self, surface=self._surface, value=self._described())
 
     def acts_on(self, body: Body) -> bool:
-        """Whether the surface has a node of the body on any rank. Collective."""
+        # The surface has a node of the body on some rank.
         inside = bool(np.isin(self._surface.nodes, body.nodes).any())
         return reductions.anywhere(self.V.mesh.comm, inside)
 
     def _integral(self, work: Any) -> ufl.Form:
-        """Integral over the surface, by a rule that is exact for a constant pressure."""
+        """Integral over the surface by a rule that is exact for a constant pressure."""
         ds = self._surface.measure(Element.of(self.V).mass_degree)
         return of_rings(work, self.V.mesh) * ds
 
 
 class Traction(_SurfaceLoad):
-    """Dead load: a force per reference area that never changes its direction. Collective.
+    """Dead load: a force per reference area with a fixed direction. Collective.
 
     Args:
-        surface: Where it acts.
+        surface: The surface.
         value: Force, shape ``(3,)`` [Pa], a function of the time [s] that returns it, or a UFL
             expression, also of the reference position.
 
@@ -74,14 +73,14 @@ class Traction(_SurfaceLoad):
 class Pressure(_SurfaceLoad):
     r"""Follower load: a pressure on the current area along the current normal. Collective.
 
-    The force per reference area is that of the mean of cof F on the straight path of the step,
+    The force per reference area uses the mean of cof F along the straight path of the step,
     :math:`-p \int_0^1 \mathrm{cof} F\,ds\, N = -p\, (\mathrm{cof} F_m + \mathrm{cof} \Delta F /
     12)\, N`, which is exact because cof F is quadratic in s. A constant pressure on the closed
-    surface of a cavity does the work :math:`p\,\Delta V` of its volume and has no resultant;
-    its moment vanishes only to second order of the step.
+    surface of a cavity does the work :math:`p\,\Delta V` and has no resultant. Its moment vanishes
+    to second order in the step only.
 
     Args:
-        surface: Where it acts.
+        surface: The surface.
         value: Pressure [Pa], positive against the surface, a function of the time [s] that
             returns it, or a UFL expression.
 
@@ -101,13 +100,13 @@ class Pressure(_SurfaceLoad):
         F_mid, dF = deformation_gradient((u_n + u) / 2), gradient(u - u_n)
         N, eta = ufl.FacetNormal(self.V.mesh), ufl.TestFunction(self.V)
         cofactor = _cofactor(F_mid) + _cofactor(dF) / 12
-        # In the plane the normal has two components, and the cofactor of F33 is not needed.
+        # In the plane the normal has two components.
         area = [sum(cofactor[i, j] * N[j] for j in range(len(N))) for i in range(len(N))]
         return self._integral(-self._value * ufl.inner(ufl.as_vector(area), eta))
 
 
 def _cofactor(A: Any) -> Any:
-    """Cofactor of a (3, 3) tensor, also where it is singular."""
+    """Cofactor of a (3, 3) tensor, also of a singular one."""
     a, b, c = (A[:, i] for i in range(3))
     columns = ufl.cross(b, c), ufl.cross(c, a), ufl.cross(a, b)
     return ufl.as_matrix([[column[i] for column in columns] for i in range(3)])

@@ -1,9 +1,8 @@
-"""Surfaces, which are tagged facets seen as nodes and as segments of contact.
+"""Surfaces: tagged facets as nodes and segments of contact.
 
 A *node* (in the literature: slave, secondary, source) may touch a *segment* (master, primary,
-target). A surface offers both, and a contact pair decides which it uses. A facet of degree 1 is
-one segment, a facet of degree 2 four on its nodes. Positions are x = X + u; no step
-moves the mesh.
+target). A surface has both, and a contact pair decides which it uses. A facet of degree 1 is one
+segment, a facet of degree 2 is divided into four. Positions are x = X + u; the mesh never moves.
 """
 
 from collections.abc import Callable
@@ -33,33 +32,33 @@ from dolfinx_nts.parallel.errors import agreed
 
 __all__ = ["Smooth", "Surface", "boundary_facets", "sharpest_corner"]
 
-# Length of an edge, relative to the largest segment [-], that is 0 but for round-off.
+# Length of an edge relative to the largest segment [-] that counts as zero.
 _NO_LENGTH = 1e-12
-# Part [-] of the force and area of a node in the middle that is moved to each vertex around it:
-# a uniform pressure has no force at the vertices of triangles of degree 2.
+# Part [-] of the force and area of a mid-node that is moved to each adjacent vertex: a uniform
+# pressure has no force at the vertices of triangles of degree 2.
 _TO_END = 1 / 8
-# How far vertices of a surface may be off the sphere that is its shape, relative to the radius [-].
+# Largest distance of vertices from the sphere of a surface, relative to the radius [-].
 _ON_SPHERE = 1e-3
 
-# What segments look like to nodes, see `Surface`.
+# Shape of the segments, see `Surface`.
 Smooth = bool | RigidSphere
 
 
 class Surface(Declaration):
-    """A part of the boundary: facets with one tag, as nodes and as segments of contact.
+    """Part of the boundary: facets with one tag, as nodes and segments of contact. Collective.
 
-    Collective. `where` and `of` make surfaces without tags.
+    `where` and `of` create surfaces without tags.
 
     Args:
         V: Vector space of the displacement, ``("Lagrange", 1, (3,))`` or of degree 2.
         facets: Facet tags of the mesh.
         tag: Value of the tag.
-        smooth: Whether contact sees curved patches through the nodes of the surface instead of
-            its flat facets (``search/smooth_patches.py``): nodes that touch its segments and, in
-            surface-to-surface contact, the surface itself. Edges at which facets turn by more
-            than 30 degrees stay sharp. Needs degree 1. With a `RigidSphere`, contact sees that
-            sphere exactly; the surface must be that of a `RigidBody`, which carries the sphere
-            along, with all its vertices on the sphere.
+        smooth: Whether contact uses curved patches through the nodes of the surface instead of
+            flat facets (``search/smooth_patches.py``), for its segments and, in
+            surface-to-surface contact, for the surface itself. Edges at which facets turn by more
+            than 30 degrees stay sharp. Needs degree 1. With a `RigidSphere`, contact uses that
+            sphere exactly; the surface must belong to a `RigidBody`, which moves the sphere, with
+            all its vertices on the sphere.
 
     Attributes:
         V, smooth: The arguments.
@@ -68,10 +67,9 @@ class Surface(Declaration):
             ``(n,)``.
         segments: Vertices of the segments on facets that this rank owns, local block indices of
             V, owned or ghost, in Basix order, shape ``(s, k)``, ``k`` 3 or 4.
-        orientation: +1 where the product a_1 x a_2 of the tangents of a segment points out of
-            its body, otherwise -1, shape ``(s,)``.
-        key: Number of each segment in an order of all segments that does not depend on the
-            partition, shape ``(s,)``.
+        orientation: +1 if the product a_1 x a_2 of the tangents of a segment points out of its
+            body, otherwise -1, shape ``(s,)``.
+        key: Partition-independent number of each segment, shape ``(s,)``.
         thickness: Height of the cell behind each segment in the reference configuration, shape
             ``(s,)`` [m].
         size: Longest diameter of a segment on any rank in the reference configuration [m].
@@ -125,7 +123,7 @@ class Surface(Declaration):
         self.size = float(reductions.largest(mesh.comm, diameters(x).max(initial=0.0)))
 
     def _check_sphere(self, sphere: RigidSphere, x: Floats) -> None:
-        """Raise unless the vertices of the segments, ``(s, k, 3)`` [m], are on a sphere."""
+        """Check that the vertices of the segments, ``(s, k, 3)`` [m], are on a sphere."""
         if sphere.is_hollow or sphere.dim != dimension(self.V) or not sphere.motion.is_rest:
             raise ValueError(
                 f"expected a RigidSphere of {dimension(self.V)} coordinates that is neither hollow "
@@ -140,7 +138,7 @@ class Surface(Declaration):
             )
 
     def __repr__(self) -> str:
-        """Tag, and numbers of nodes and segments on this rank, in one line. Local."""
+        """Tag, and numbers of nodes and segments on this rank. Local."""
         sizes = {"owned_nodes": len(self.nodes), "owned_segments": len(self.segments)}
         kind = {"smooth": self.smooth} if self.smooth else {}
         return as_call(self, tag=int(self._tag), **kind, **sizes)
@@ -149,21 +147,21 @@ class Surface(Declaration):
     def where(
         cls, V: fem.FunctionSpace, predicate: Callable[[Any], Any], *, smooth: Smooth = False
     ) -> "Surface":
-        """Make a surface of the facets of the boundary at given places. Collective.
+        """Create a surface from the boundary facets selected by a predicate. Collective.
 
         Args:
             V: Vector space of the displacement.
             predicate: Function of reference positions, shape ``(3, n)`` [m], that returns
-                ``(n,)`` booleans; a facet is taken if they are true at all its vertices.
-            smooth: As of the class.
+                ``(n,)`` booleans; a facet is selected if they are true at all its vertices.
+            smooth: See the class.
 
         Returns:
             The surface.
 
         Raises:
-            TypeError: The predicate is no function, or returns something else than booleans.
+            TypeError: The predicate is no function, or does not return booleans.
             ValueError: The space does not fit, the function returns another shape, or no facet
-                is taken.
+                is selected.
         """
         return cls.of(V, boundary_facets(V, predicate), smooth=smooth)
 
@@ -176,20 +174,20 @@ class Surface(Declaration):
         *,
         smooth: Smooth = False,
     ) -> "Surface":
-        """Make a surface of given facets. Collective.
+        """Create a surface from given facets. Collective.
 
         Args:
             V: Vector space of the displacement.
             facets: Local indices of facets on the boundary, each on the rank that owns it,
                 shape ``(s,)``.
-            name: What messages call the surface.
-            smooth: As of the class.
+            name: Name of the surface in messages.
+            smooth: See the class.
 
         Returns:
             The surface.
 
         Raises:
-            ValueError: No rank gives a facet, or one is not on the boundary.
+            ValueError: There is no facet on any rank, or one is not on the boundary.
         """
         if not reductions.total(V.mesh.comm, len(facets)):
             raise ValueError(
@@ -202,20 +200,19 @@ class Surface(Declaration):
 
     @cached_property
     def node_ids(self) -> GlobalInts:
-        """Numbers of the nodes that do not depend on the partition, shape ``(n,)``.
+        """Partition-independent numbers of the nodes, shape ``(n,)``.
 
-        Those of vertices are the numbers in the mesh as read.
+        Vertices have their input numbers.
         """
         return input_ids(self.V)[self.nodes]
 
     def measure(self, degree: int | None = None) -> ufl.Measure:
-        """Make a measure for integrals over the reference surface. Local.
+        """Measure for integrals over the reference surface. Local.
 
-        In an axisymmetric mesh it is that of the half section, without 2 pi r.
+        In an axisymmetric mesh the factor 2 pi r is not included.
 
         Args:
-            degree: Degree to which the quadrature is exact; None for that which UFL estimates
-                of the integrand.
+            degree: Degree of the quadrature; None for the estimate of UFL.
 
         Returns:
             UFL measure.
@@ -230,10 +227,10 @@ class Surface(Declaration):
 
     @cached_property
     def area(self) -> Floats:
-        """Reference area that belongs to each node, shape ``(n,)`` [m^2].
+        """Reference area of each node, shape ``(n,)`` [m^2].
 
-        It is the integral of the node's shape function, of rings around their whole
-        circumference. Collective at the first use.
+        It is the integral of the shape function, in axisymmetric meshes over the circumference.
+        Collective at the first use.
         """
         eta = ufl.TestFunction(self.V)
         form = compile_quickly(of_rings(eta[0], self.V.mesh) * self.measure())
@@ -242,15 +239,15 @@ class Surface(Declaration):
         return area
 
     def per_area(self, force: Floats, area: Floats | None = None) -> Floats:
-        """Convert forces of the nodes into tractions. Collective.
+        """Convert nodal forces to tractions. Collective.
 
-        Uniform tractions are exact. At degree 2 forces and areas are averaged over neighbouring
-        nodes first.
+        Uniform tractions are exact. At degree 2 forces and areas are first averaged over
+        neighbouring nodes.
 
         Args:
             force: Forces, shape ``(n,)`` or ``(n, 3)`` [N].
-            area: Areas on which they act, shape ``(n,)`` [m^2], 0 only where there is no force;
-                None for those of the nodes.
+            area: Areas on which they act, shape ``(n,)`` [m^2], 0 only at nodes without force;
+                None for `area`.
 
         Returns:
             Forces per reference area, of the same shape [Pa].
@@ -270,12 +267,11 @@ class Surface(Declaration):
 
     @cached_property
     def _degree(self) -> int:
-        """Degree of the displacement. Local."""
         return Element.of(self.V).degree
 
     @cached_property
     def _middles(self) -> Ints:
-        """Owned nodes that are no vertices, with each vertex around; local nodes ``(m, 2)``."""
+        """Pairs of an owned mid-node and an adjacent vertex, local nodes, shape ``(m, 2)``."""
         dofs, element = self.V.dofmap.list, Element.of(self.V)
         rows = [np.empty((0, 2), dtype=np.int32)]
         for node, pairs in enumerate(element.diagonals):
@@ -287,20 +283,19 @@ class Surface(Declaration):
 
 
 def _ratios(values: Floats) -> Floats:
-    """Forces in the other columns divided by the areas in the first, 0 without area."""
+    """Other columns (forces) divided by the first column (areas), 0 without area."""
     ratios: Floats = values[:, 1:] / np.where(values[:, :1] > 0, values[:, :1], np.inf)
     return ratios
 
 
 def sharpest_corner(surface: Surface) -> float:
-    """Find the least sine of an angle between two edges of a segment. Collective.
+    """Least sine of an angle between two edges of a segment. Collective.
 
     Args:
         surface: The surface.
 
     Returns:
-        The sine in the reference configuration [-], 0 if an edge has no length but for
-        round-off.
+        The sine in the reference configuration [-], 0 if an edge has no length.
     """
     x = reference_positions(surface.V)[surface.segments]
     if x.shape[1] == 2:  # no corner within an edge
@@ -316,7 +311,7 @@ def sharpest_corner(surface: Surface) -> float:
 
 
 def boundary_facets(V: fem.FunctionSpace, predicate: Callable[[Any], Any]) -> Ints:
-    """Find the facets of the boundary at given places. Collective.
+    """Boundary facets selected by a predicate. Collective.
 
     Args:
         V: Vector space of the displacement.
@@ -326,7 +321,7 @@ def boundary_facets(V: fem.FunctionSpace, predicate: Callable[[Any], Any]) -> In
         Local indices, sorted, shape ``(s,)``.
 
     Raises:
-        TypeError: The predicate is no function, or returns something else than booleans.
+        TypeError: The predicate is no function, or does not return booleans.
         ValueError: The space does not fit, or the function returns another shape.
     """
     check_space(V)
@@ -357,7 +352,7 @@ def boundary_facets(V: fem.FunctionSpace, predicate: Callable[[Any], Any]) -> In
 
 
 def _extent(V: fem.FunctionSpace) -> str:
-    """Text with the least and the largest coordinates of the nodes. Collective."""
+    """Text with the least and largest coordinates of the nodes. Collective."""
     X = reference_positions(V)[:, : dimension(V)]
     low = reductions.least(V.mesh.comm, X.min(axis=0, initial=np.inf))
     high = reductions.largest(V.mesh.comm, X.max(axis=0, initial=-np.inf))

@@ -1,4 +1,4 @@
-"""Where points pass through a surface within a step."""
+"""Trajectories of points below a surface within a step (pass-through check)."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -10,36 +10,36 @@ from dolfinx_nts.common.arrays import Flags, Floats, Ints
 
 __all__ = ["Trajectories", "passages"]
 
-# Depth, relative to a segment [-], to which a point may cut off a corner of a body.
+# Depth relative to a segment [-] to which a path may cut off a corner of a body.
 _CORNER = 0.1
-# Motion relative to the size of a segment and to the thickness behind it [-] below which the
+# Displacement relative to the size of a segment and to the thickness behind it [-] below which the
 # local search finds a point again.
 _SHORT, _THIN = 0.25, 0.5
 
 
 def passages(size: Floats, thickness: Floats) -> Floats:
-    """Relative motion below which no point passes each segment, shape ``(s,)`` [m]. Local.
+    """Relative displacement below which no point passes through a segment, ``(s,)`` [m]. Local.
 
     Args:
         size: Diameters of the segments, shape ``(s,)`` [m].
-        thickness: Of the body behind each segment, shape ``(s,)`` [m].
+        thickness: Thickness of the body behind each segment, shape ``(s,)`` [m].
     """
     return np.minimum(_SHORT * size, _THIN * thickness)
 
 
 class Trajectories(NamedTuple):
-    """Longest way of each of ``m`` points below a surface that it enters.
+    """Longest part of the path of each of ``m`` points that is below a surface.
 
-    Points and vertices move straight from one state to the other. Times are parts of the step.
-    See `cpp/nts/search/trajectory.h`.
+    Points and vertices move straight in the step. Times are step fractions. See
+    `cpp/nts/search/trajectory.h`.
 
     Attributes:
-        entered: Segment that is entered, -1 without, shape ``(m,)``.
-        leaves: Whether the point comes out again, shape ``(m,)``.
-        begin: Time when it enters, -1 if it starts inside, shape ``(m,)`` [-].
-        way: Its way below the surface, shape ``(m,)`` [m].
-        cosine: Between the normals where it enters and where it leaves or ends, ``(m,)`` [-].
-        gap: Gap at the end to the plane in which it enters, shape ``(m,)`` [m].
+        entered: Segment through which the point enters, or -1, shape ``(m,)``.
+        leaves: Whether the point leaves the body again, shape ``(m,)``.
+        begin: Time of entry, -1 if it starts inside, shape ``(m,)`` [-].
+        way: Length of the path below the surface, shape ``(m,)`` [m].
+        cosine: Cosine between the normals at entry and at exit or end, shape ``(m,)`` [-].
+        gap: Gap at the end to the plane of entry, shape ``(m,)`` [m].
     """
 
     entered: Ints
@@ -50,7 +50,7 @@ class Trajectories(NamedTuple):
     gap: Floats
 
     def take(self, points: Ints) -> "Trajectories":
-        """Select some of the points, by their numbers."""
+        """Select points by their indices."""
         return Trajectories(*(values[points] for values in self))  # type: ignore[arg-type]
 
     @classmethod
@@ -60,17 +60,17 @@ class Trajectories(NamedTuple):
         follow: Callable[[Floats, Floats, Ints], "Trajectories"],
         inside: Ints,
     ) -> "Trajectories":
-        """Follow points from place to place. Local.
+        """Trajectories along polygonal paths. Local.
 
         Args:
-            ends: Positions at which ``s`` straight parts of ways end, which take equal times, and
-                at the start, ``s + 1`` of shape ``(m, 3)`` [m].
-            follow: Follows straight ways from one of them to the next, given segments behind
-                which points are there or -1, shape ``(m,)``.
-            inside: Those at the start.
+            ends: Positions at the ends of ``s`` straight parts of equal duration, ``s + 1`` arrays
+                of shape ``(m, 3)`` [m].
+            follow: Returns the trajectories of one straight part from its ends and the segments
+                behind which points are at its start, or -1, shape ``(m,)``.
+            inside: These segments at the start of the path.
 
         Returns:
-            The ways; gaps are those at the end of the part in which a way ends.
+            The trajectories; gaps are at the end of the part in which a trajectory ends.
         """
         num_parts = len(ends) - 1
         longest = last = follow(ends[0], ends[1], inside)
@@ -88,13 +88,16 @@ class Trajectories(NamedTuple):
         return longest._replace(begin=begin)
 
     def passes(self, sizes: Floats) -> Flags:
-        """Whether points come out on another side, or would be pushed out there, ``(m,)``.
+        """Whether points leave the body on another side, or contact would push them there.
 
-        ``sizes`` are those of the segments, shape ``(s,)`` [m]. Points that cut off a corner of
-        a body do not pass.
+        Args:
+            sizes: Diameters of the segments, shape ``(s,)`` [m].
+
+        Returns:
+            Flags, shape ``(m,)``; false for points that only cut off a corner.
         """
         size = np.append(sizes, np.inf)[self.entered]
-        # Depth of the edge in which the planes of entry and exit meet, in the middle of the way.
+        # Depth of the edge between the planes of entry and exit, in the middle of the path.
         depth = (
             self.way / 2 * np.sqrt(np.fmax(1 - self.cosine, 0.0) / np.fmax(1 + self.cosine, 1e-9))
         )

@@ -1,1 +1,1 @@
-"""What ranks do together by MPI: reductions, communication, errors and signals."""
+"""MPI: reductions, communication, errors and signals."""

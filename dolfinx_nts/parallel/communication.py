@@ -53,19 +53,16 @@ def on_root(comm: MPI.Comm, action: Callable[[], T]) -> T:
 def exchanged(comm: MPI.Comm, parts: Mapping[int, T]) -> dict[int, T]:
     """Send an object to each of some ranks, and receive what others send. Collective.
 
-    Nobody knows beforehand who sends. There are messages to the given ranks alone, and a barrier
-    that a rank enters when all it has sent has arrived, and in which it still receives (T. Hoefler,
-    C. Siebert, A. Lumsdaine, PPoPP 2010): what a rank does is the same however many ranks there
-    are.
+    Receivers do not know their senders beforehand. The algorithm uses messages to the given ranks
+    and a nonblocking barrier that a rank enters when all its messages have arrived (T. Hoefler, C.
+    Siebert, A. Lumsdaine, PPoPP 2010). The work of a rank does not grow with the number of ranks.
 
     Args:
         comm: Communicator.
-        parts: Objects by the ranks that get them. What a rank has for itself is not sent, as that
-            would take as long as a message to another rank.
+        parts: Objects by receiving rank. An object for this rank itself is not sent.
 
     Returns:
-        Objects by the ranks that have sent them, in the order of the ranks; that of this rank is
-        the very object.
+        Objects by sending rank, in the order of the ranks; the object of this rank is not copied.
     """
     if comm.size == 1:
         return dict(parts)
@@ -85,14 +82,14 @@ def exchanged(comm: MPI.Comm, parts: Mapping[int, T]) -> dict[int, T]:
 
 
 def rows_by_rank(comm: MPI.Comm, ranks: Array) -> dict[int, Array]:
-    """Which rows go to each rank that gets any, and to this one in any case. Local.
+    """Group rows by the rank that receives them. Local.
 
     Args:
         comm: Communicator.
-        ranks: Rank that gets each row, shape ``(n,)``.
+        ranks: Rank that receives each row, shape ``(n,)``.
 
     Returns:
-        Numbers of rows by rank, ascending.
+        Sorted numbers of rows by rank, with an entry for this rank in any case.
     """
     order = np.argsort(ranks, kind="stable")
     some, first = np.unique(ranks[order], return_index=True)
@@ -101,7 +98,7 @@ def rows_by_rank(comm: MPI.Comm, ranks: Array) -> dict[int, Array]:
 
 
 def _next_tag(comm: MPI.Comm) -> int:
-    """Tag of the next exchange: while some ranks still end one, others may begin the next."""
+    """Tag of the next exchange; alternates, since exchanges of ranks may overlap."""
     number = comm.Get_attr(_NUM_EXCHANGES) or 0
     comm.Set_attr(_NUM_EXCHANGES, number + 1)
     return _TAGS[number % len(_TAGS)]
@@ -115,20 +112,20 @@ def joined(comm: MPI.Comm, values: Array) -> Array:
         values: Rows of this rank, shape ``(n, ...)``.
 
     Returns:
-        All rows; on one rank the very array.
+        All rows; on one rank the array itself.
     """
     return np.concatenate(comm.allgather(values)) if comm.size > 1 else values
 
 
 def places_among_all(comm: MPI.Comm, rows: GlobalInts) -> GlobalInts:
-    """Places of rows when those of all ranks are sorted by their columns. Collective.
+    """Positions of rows in the sorted rows of all ranks. Collective.
 
     Args:
         comm: Communicator.
-        rows: Rows of this rank, of which no two ranks have the same, shape ``(n, k)``.
+        rows: Rows of this rank, unique over all ranks, shape ``(n, k)``.
 
     Returns:
-        Places from 0 on, the same on any partition, shape ``(n,)``.
+        Positions from 0, independent of the partition, shape ``(n,)``.
     """
     parts = comm.allgather(rows)
     order = np.lexsort(np.concatenate(parts).T[::-1])

@@ -1,8 +1,8 @@
-"""Errors on one rank, which the other ranks learn of so that none waits for ever.
+"""Propagation of errors on one rank to all ranks, to avoid deadlocks.
 
-`agreed` raises the error of one rank on all ranks, if all of them reach the end of its context.
-If they do not, because they wait inside it for the rank that failed, the error leaves the
-program on that rank, and `end_together` ends the others.
+`agreed` raises the error of one rank on all ranks if all of them reach the end of its context. If
+they wait inside the context for the rank that failed, the error ends the program on that rank, and
+`end_together` ends the other ranks.
 """
 
 import math
@@ -21,16 +21,16 @@ from dolfinx_nts.parallel.meeting import Meeting, different, leave_with_notes
 
 __all__ = ["agreed", "all_come", "end_together", "portable"]
 
-# Time [s] that a rank which failed waits for the others to reach the end of a context: ranks
-# with little more to do get there, and nobody waits much longer for the error.
+# Time [s] that a failed rank waits for the others at the end of a context. Shorter times end the
+# program although others were about to arrive, longer ones delay the error.
 _PATIENCE = 0.5
-# Time [s] that a rank waits, before it ends the program, for notes of others that fail.
+# Time [s] that a rank waits for error messages of others before it ends the program.
 _GRACE = 0.25
-# Time [s] between two looks at a request, so that a waiting rank leaves its core to others.
+# Time [s] between two tests of a request, to leave the core to other processes.
 _PAUSE = 1e-3
-# Tag of the notes that ranks send when they fail, a number that no other message has.
+# Unique tag of error messages.
 _TAG = 20110
-# Longest note [characters], so short that MPI sends it before anybody receives it.
+# Longest error message [characters], short enough for an eager send of MPI.
 _LONGEST = 1000
 # Requests of messages that may never be received, whose memory is needed to the end.
 _pending: list[MPI.Request] = []
@@ -40,19 +40,19 @@ _pending: list[MPI.Request] = []
 def agreed(comm: MPI.Comm, call: str) -> Iterator[list[str]]:
     """Context that raises an error of one rank on all ranks. Collective.
 
-    If several ranks fail, all raise the error of the lowest of them. A rank that waits for the
-    others in vain, because they wait for it inside the context, raises its own error alone.
+    If several ranks fail, all raise the error of the lowest one. If the others wait inside the
+    context, the failed rank raises its own error alone.
 
     Args:
         comm: Communicator.
-        call: What the ranks do in the context, as in `meet`.
+        call: Description of the call, as in `meet`.
 
     Returns:
-        Context of a list, to which the ranks may add what must also be the same on all of them.
+        Context of a list of texts that must also be the same on all ranks.
 
     Raises:
-        Exception: What was raised in the context on a rank.
-        ValueError: Ranks make different calls, or add different things.
+        Exception: The error raised in the context on a rank.
+        ValueError: Ranks make different calls, or add different texts.
     """
     error: Exception | None = None
     more: list[str] = []
@@ -84,18 +84,18 @@ def agreed(comm: MPI.Comm, call: str) -> Iterator[list[str]]:
 
 
 def all_come(comm: MPI.Comm, call: str) -> bool:
-    """Whether all ranks make this call soon, after an error that may have parted them.
+    """Whether all ranks make this call within `_PATIENCE`, after an error on some of them.
 
     Args:
         comm: Communicator.
-        call: What the ranks are about to do, as in `meet`.
+        call: Description of the call, as in `meet`.
     """
     if comm.size == 1:
         return True
     meeting = Meeting(comm, call)
     try:
         return meeting.wait(_PATIENCE) and meeting.largest() == []
-    except ValueError:  # Others do something else.
+    except ValueError:  # other ranks make a different call
         return False
 
 
@@ -118,9 +118,9 @@ def portable(error: Exception) -> Exception:
 def end_together() -> None:
     """Let an error, or ``sys.exit``, on one rank end the program on all. Local.
 
-    Of an exception that leaves the program one rank prints the traceback, and `MPI.Comm.Abort`
-    ends the ranks that did not fail. A rank that leaves the program in another way tells those
-    that wait for it. On one rank and in an interactive session nothing is changed.
+    After an uncaught exception one rank prints the traceback, and `MPI.Comm.Abort` ends the ranks
+    that did not fail. A rank that exits in another way notifies waiting ranks. On one rank and in
+    an interactive session nothing is changed.
     """
     interactive = hasattr(sys, "ps1") or sys.flags.interactive
     if MPI.COMM_WORLD.size > 1 and not interactive and not isinstance(sys.excepthook, _Hook):
@@ -162,7 +162,7 @@ class _Hook:
 
 
 def _exchanged(comm: MPI.Comm, note: str) -> dict[int, str]:
-    """Tell the other ranks of an error; notes of those that fail as well, by rank."""
+    """Exchange error messages with other failed ranks; returns them by rank."""
     others = (rank for rank in range(comm.size) if rank != comm.rank)
     _pending.extend(comm.isend(note, rank, _TAG) for rank in others)
     notes, start = {comm.rank: note}, time.monotonic()

@@ -1,8 +1,7 @@
-"""Calls that all ranks make together, and ranks that do not come.
+"""Check that all ranks make the same collective call, to avoid deadlocks.
 
-A collective call waits until every rank has made it. Without more it would wait for ever where
-ranks make different calls, or where one of them has left the program. `meet` finds the former;
-of the latter it learns by notes that ranks send when they leave.
+`meet` detects that ranks make different calls. It also detects that a rank has left the program,
+by messages that ranks send when they exit.
 """
 
 import atexit
@@ -26,22 +25,22 @@ __all__ = ["Meeting", "collective", "different", "leave_with_notes", "meet"]
 
 _Class = TypeVar("_Class", bound=type[Any])
 
-# Most numbers that ranks bring to a meeting; all meetings have messages of one length, so that
-# different calls meet as well.
+# Largest number of values in a meeting. All messages have one length, so that different calls are
+# detected.
 _MOST = 3
-# Times [s] after which a waiting rank yields its core between two looks, and sleeps as well.
+# Times [s] after which a waiting rank yields its core between two tests, and after which it sleeps;
+# length of a sleep [s].
 _AT_ONCE, _SHORT, _PAUSE = 5e-5, 2e-2, 1e-4
-# Time [s] after which the second rank that learns of one that has left ends the program, if the
-# first has not.
+# Time [s] after which the second notified rank ends the program if the first one has not.
 _GRACE = 0.5
-# Time [s] for which a rank that leaves waits, so that those which wait for it hear of that before
-# PETSc makes calls of its own.
+# Time [s] for which an exiting rank waits, so that waiting ranks are notified before PETSc makes
+# its own collective calls.
 _FAREWELL = 0.1
-# Tag of the notes, a number that no other message has.
+# Unique tag of the messages.
 _TAG = 20111
 # Requests of messages that may never be received, whose memory is needed to the end.
 _pending: list[Any] = []
-# Collective methods of classes that this rank is in.
+# Collective methods that this rank is currently in.
 _calls: list[str] = []
 
 
@@ -50,11 +49,11 @@ def meet(comm: MPI.Comm, call: str, *numbers: float) -> list[float]:
 
     Args:
         comm: Communicator.
-        call: What this rank does, with all arguments that must be the same.
+        call: Description of the call, with all arguments that must be the same.
         numbers: At most three numbers of this rank.
 
     Returns:
-        The largest of each number on all ranks.
+        Maximum of each number over all ranks.
 
     Raises:
         ValueError: Ranks make different calls.
@@ -67,7 +66,7 @@ def meet(comm: MPI.Comm, call: str, *numbers: float) -> list[float]:
 
 
 class Meeting:
-    """A call of this rank that waits for the same call of the others. Local.
+    """Pending check of a collective call. Local.
 
     Arguments are those of `meet`.
     """
@@ -87,7 +86,7 @@ class Meeting:
             patience: Longest time to wait [s].
 
         Returns:
-            Whether all have come.
+            Whether all ranks have made the call.
         """
         start = time.monotonic()
         while not self._request.Test():
@@ -103,7 +102,7 @@ class Meeting:
         return True
 
     def largest(self) -> list[float]:
-        """Largest of each number on all ranks, after all have come. Collective.
+        """Maximum of each number over all ranks, after a successful `wait`. Collective.
 
         Raises:
             ValueError: Ranks make different calls.
@@ -114,15 +113,15 @@ class Meeting:
 
 
 def different(calls: Iterable[str]) -> str:
-    """Message of an error about calls of ranks that are not the same. Local."""
+    """Error message for different calls of ranks. Local."""
     each = " on some and ".join(dict.fromkeys(calls))
     return f"expected all ranks to do the same, given {each} on others"
 
 
 def collective(cls: _Class) -> _Class:
-    """Class decorator: all ranks call each public method together, or all raise. Local.
+    """Class decorator that checks collective calls of public methods with `meet`. Local.
 
-    A method that another one calls is not checked again. Instances have ``_comm``.
+    Nested calls are not checked again. Instances need an attribute ``_comm``.
 
     Args:
         cls: The class.
@@ -155,12 +154,12 @@ def _checked(method: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def leave_with_notes() -> None:
-    """Let this rank send notes when it leaves the program, in whatever way. Local."""
+    """Notify waiting ranks when this rank exits for any reason. Local."""
     atexit.register(_send_notes)
 
 
 def _readers(rank: int) -> list[int]:
-    """Ranks to which one that leaves sends a note: two, as the first may have left too."""
+    """Ranks notified by an exiting rank: two, since the first may have exited too."""
     return [r for r in range(min(MPI.COMM_WORLD.size, 3)) if r != rank][:2]
 
 

@@ -1,7 +1,7 @@
-"""Numbered rows in the order of their numbers, in one slab for each rank.
+"""Redistribution of numbered rows to one sorted, contiguous slab for each rank.
 
-The order does not depend on the partition, and no rank has the rows of all. So all ranks can
-write an array to a file, each its slab, and the file is the same on any number of ranks.
+The order does not depend on the partition, and no rank needs all rows. All ranks can write their
+slabs to a file, which is the same on any number of ranks.
 """
 
 import math
@@ -19,16 +19,16 @@ from dolfinx_nts.parallel.communication import exchanged, joined, rows_by_rank
 
 __all__ = ["Slab", "Slabs", "Some", "looked_up"]
 
-# Numbers by which each rank describes where its own lie, if it has as many as the others [-].
+# Number of samples by which each rank describes the distribution of its numbers [-].
 _SAMPLES = 64
 
 
 class Slab(NamedTuple):
-    """Rows of an array of which each rank has some, one rank behind the other.
+    """Contiguous rows of a distributed array.
 
     Attributes:
-        values: Rows of this rank, or an array without rows that one rank has.
-        begin: Place of the first of them among all rows.
+        values: Rows of this rank, or a scalar array on one rank.
+        begin: Position of the first row among all rows.
         length: Number of all rows.
     """
 
@@ -38,7 +38,7 @@ class Slab(NamedTuple):
 
     @classmethod
     def whole(cls, values: Array) -> "Slab":
-        """Slab of an array that one rank has alone."""
+        """Slab of an array that exists on one rank only."""
         return cls(values, 0, len(values) if values.ndim else 1)
 
     @property
@@ -52,12 +52,12 @@ class Slab(NamedTuple):
         return self.values.dtype
 
     def split(self, number: int, *shape: int) -> "Slab":
-        """Slab of the same values with so many rows, of another shape, for each row."""
+        """Slab in which each row is divided into ``number`` rows of a given shape."""
         return Slab(self.values.reshape(-1, *shape), number * self.begin, number * self.length)
 
 
 class Some(NamedTuple):
-    """Rows of an array; all others have one value.
+    """Sparse rows of an array; all others have one value.
 
     Attributes:
         rows: Numbers of the rows, shape ``(r,)``.
@@ -72,26 +72,24 @@ class Some(NamedTuple):
     def whole(self, n: int) -> Array:
         """All ``n`` rows."""
         shape = n, *self.values.shape[1:]
-        # Zeros take no time where nobody writes.
+        # `np.zeros` is fast, since untouched pages are not allocated.
         rows: Array = np.full(shape, self.elsewhere) if self.elsewhere else np.zeros(shape)
         rows[self.rows] = self.values
         return rows
 
 
 class Slabs:
-    """Brings numbered rows of all ranks into slabs. Collective, as are its methods.
-
-    Slabs have about the same number of rows, whatever the numbers are.
+    """Redistribution of numbered rows into slabs of similar size. Collective, as its methods.
 
     Args:
         comm: Communicator.
-        ids: Numbers of this rank's rows, of which no two ranks have the same, shape ``(n,)``.
+        ids: Numbers of the rows of this rank, unique over all ranks, shape ``(n,)``.
     """
 
     def __init__(self, comm: MPI.Comm, ids: GlobalInts) -> None:
         self._comm = comm
         self._order = np.argsort(ids)
-        # On one rank, the place of each row in the slab.
+        # On one rank, the position of each row in the slab.
         self._place = np.argsort(self._order)
         ids = ids[self._order]
         bounds = _bounds(comm, ids)
@@ -105,14 +103,13 @@ class Slabs:
         self._begin, self._length = int(last[comm.rank]) - len(numbers), int(last[-1])
 
     def slab(self, rows: Array | Some, room: Array | None = None) -> Slab:
-        """Bring rows into slabs.
+        """Redistribute rows.
 
         Args:
             rows: Rows of this rank in the order of its numbers, shape ``(n, ...)``, of the same
-                kind on all ranks.
-            room: Contiguous array that is not needed any more, in which the rows of the slab are
-                put if they fit: new memory takes longer than the rows. That of some rows has been
-                their slab before, with the same others.
+                type on all ranks.
+            room: Contiguous array whose memory is reused for the slab if it fits. For `Some` rows
+                it must be an earlier slab with the same other rows.
         """
         n = len(self._order)
         if isinstance(rows, Some):
@@ -132,7 +129,7 @@ class Slabs:
     def together(
         self, fields: Mapping[str, Floats | Some], room: Mapping[str, Array] | None = None
     ) -> dict[str, Slab]:
-        """Bring rows of several fields into slabs, by one message between any two ranks.
+        """Redistribute rows of several fields, with one message between any two ranks.
 
         Args:
             fields: Rows of this rank by name, see `slab`.
@@ -157,10 +154,10 @@ class Slabs:
         return Slab(self._numbers, self._begin, self._length)
 
     def places(self, ids: GlobalInts) -> GlobalInts:
-        """Places of numbers among all numbers.
+        """Positions of numbers among all numbers.
 
         Args:
-            ids: Any of the numbers, those of other ranks too, shape ``(k,)``.
+            ids: Numbers of any rank, shape ``(k,)``.
 
         Raises:
             ValueError: A rank asks for a number that no rank has.
@@ -173,7 +170,7 @@ class Slabs:
         if self._comm.size == 1:
             return rows
         received = np.empty((int(self._received.sum()), *rows.shape[1:]), dtype=rows.dtype)
-        # Rows as units, since counts of bytes may need more than 32 bits.
+        # Rows as MPI units, since counts of bytes may exceed 32 bits.
         size = rows.dtype.itemsize * int(np.prod(rows.shape[1:], dtype=int))
         row = MPI.BYTE.Create_contiguous(size).Commit()
         self._comm.Alltoallv(
@@ -184,7 +181,7 @@ class Slabs:
 
 
 def _taken(rows: Array, order: GlobalInts, room: Array | None = None) -> Array:
-    """Rows in another order, put in an array of as many numbers of their type if there is one."""
+    """Rows in another order, in the memory of ``room`` if it fits."""
     shape = len(order), *rows.shape[1:]
     width = math.prod(shape[1:])
     fits = room is not None and room.dtype == rows.dtype and room.size == len(order) * width
@@ -197,7 +194,7 @@ def _taken(rows: Array, order: GlobalInts, room: Array | None = None) -> Array:
 
 
 def _bounds(comm: MPI.Comm, ids: GlobalInts) -> GlobalInts:
-    """Least number of each slab but the first, from sorted numbers."""
+    """Least number of each slab except the first, from sorted numbers."""
     step = max(1, reductions.total(comm, len(ids)) // (_SAMPLES * comm.size))
     samples = np.sort(joined(comm, ids[step // 2 :: step]))
     cuts = [len(samples) * rank // comm.size for rank in range(1, comm.size)]
@@ -205,17 +202,17 @@ def _bounds(comm: MPI.Comm, ids: GlobalInts) -> GlobalInts:
 
 
 def looked_up(comm: MPI.Comm, ids: GlobalInts, known: GlobalInts, rows: Array) -> Array:
-    """Get numbered rows from the ranks that have them. Collective.
+    """Fetch numbered rows from the ranks that own them. Collective.
 
     Args:
         comm: Communicator.
-        ids: Numbers of the rows that this rank wants, shape ``(n,)``.
-        known: Sorted numbers of the rows that this rank has, larger than those of the ranks
-            before, shape ``(m,)``.
-        rows: These rows, shape ``(m, ...)``.
+        ids: Numbers of the requested rows, shape ``(n,)``.
+        known: Sorted numbers of the rows of this rank, larger than those of lower ranks, shape
+            ``(m,)``.
+        rows: Rows of this rank, shape ``(m, ...)``.
 
     Returns:
-        Rows that this rank wants, shape ``(n, ...)``.
+        The requested rows, shape ``(n, ...)``.
 
     Raises:
         ValueError: A rank asks for a number that no rank has.

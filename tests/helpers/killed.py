@@ -28,7 +28,7 @@ def kill_at(monkeypatch, count):
 
         monkeypatch.setattr(owner, name, call)
 
-    create = atomic_file.created_beside
+    create = atomic_file.created_temporary
 
     def half_written(path):
         nonlocal calls
@@ -41,7 +41,7 @@ def kill_at(monkeypatch, count):
             raise Killed
         return file
 
-    monkeypatch.setattr(atomic_file, "created_beside", half_written)
+    monkeypatch.setattr(atomic_file, "created_temporary", half_written)
     counted(xml_series, "_put", True)
     counted(shared_file, "_put", True)
     for name in ("replace", "rename", "unlink", "mkdir"):

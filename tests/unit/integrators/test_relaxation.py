@@ -54,10 +54,10 @@ def test_the_equilibrium_beyond_a_limit_point_is_that_of_the_closed_form(beyond)
     assert model.last == pytest.approx(exact, rel=1e-12)
 
 
-def test_what_goes_on_for_ever_is_told():
+def test_bodies_that_move_for_ever_are_reported():
     model = Model(lambda x: -1.0, lambda x: 0.0, 0.0)
     report = model.find()
-    assert "go on by more than their size of 10 m" in report.reason
+    assert "move by more than their size of 10 m" in report.reason
     assert model.last > 10.0
 
 
