@@ -76,12 +76,15 @@ class Start:
         u: Admissible displacements of the local dofs, shape ``(d l,)`` [m].
         guess: Displacements before supports and rigid bodies were applied.
         begins_sticking: Whether all nodes with friction stick at first, see `StickSlip`.
+        most_long: Number of increments longer than half of the smallest cell after which the
+            attempt fails; None if there is no limit.
     """
 
     name: str
     u: Floats
     guess: Floats
     begins_sticking: bool = False
+    most_long: int | None = None
 
 
 @dataclass(frozen=True)

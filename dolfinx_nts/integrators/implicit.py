@@ -66,6 +66,9 @@ _logger = logging.getLogger("dolfinx_nts")
 # Largest number of solutions of a step [-]. Each one searches contact along the motion of the one
 # before. Two nearly always suffice; more cost time in steps that are refused in the end.
 _MOST_SEARCHES = 4
+# Number of increments beyond the trust radius after which an attempt with inertia fails [-]. Its
+# starts are close to the solution, so more iterations hardly ever help.
+_MOST_LONG = 12
 
 
 class ImplicitStepper(Stepper):
@@ -225,7 +228,7 @@ class ImplicitStepper(Stepper):
             forces, self._step_solver.free, self._bulk.rigid, is_unchanged, prescribed
         )
         starts = [
-            Start(name, self._motion.displacements(u), u)
+            Start(name, self._motion.displacements(u), u, most_long=self._most_long(name))
             for name, u in self._rates.starts().items()
         ]
         problem = self._problem(starts, load)
@@ -252,6 +255,13 @@ class ImplicitStepper(Stepper):
             advice += f"; {IF_IT_MOVES}"
         self._u[:] = self._u_n
         raise self._failure(reports, steps, solution.end.states, advice)
+
+    def _most_long(self, start: str) -> int | None:
+        """Number of long increments after which an attempt from a start fails, see `Start`. Local.
+
+        With inertia all starts are close to the solution.
+        """
+        return _MOST_LONG
 
     def _solve(
         self, start: Start, problem: StepProblem, **options: Any

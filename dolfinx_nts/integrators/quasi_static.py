@@ -166,6 +166,14 @@ class QuasiStatic(ImplicitStepper):
             yield replace(last, name="sticking", begins_sticking=True)
         yield from others
 
+    def _most_long(self, start: str) -> int | None:
+        """One from the extrapolated start: the last state with the motion in substeps is better.
+
+        Near incompressibility an extrapolated displacement has changes of volume, whose pressures
+        move nodes by many cells in the first increment.
+        """
+        return 1 if start == "extrapolated" else None
+
     def _relaxed(
         self, start: Start, problem: StepProblem
     ) -> tuple[list[ContactStep], newton.Solution]:

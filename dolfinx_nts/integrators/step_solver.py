@@ -94,18 +94,15 @@ class StepSolver:
             tangent.num_free = self.relief.num_motions
             tangent.forget()
         self.linear = LinearSolver(bulk, tangent, partial(rates.inertia_share, mass), petsc_options)
-        nonlinear_elimination: NonlinearElimination | None = None
+        elimination: NonlinearElimination | None = None
         if not (self._is_static or bulk.rigid.exists or flows):
-            nonlinear_elimination = NonlinearElimination(bulk, self.linear, self.sizes)
-        # Arguments of `newton.solve` that all attempts share.
-        self._common: dict[str, Any] = {
-            "X": X,
-            "relief": self.relief,
-            "sizes": self.sizes,
-            "inertia": not self._is_static,
-            "jumps": flows,
-            "nonlinear_elimination": nonlinear_elimination,
-        }
+            elimination = NonlinearElimination(bulk, self.linear, self.sizes)
+        self._system = newton.NewtonSystem(
+            *(bulk, self.linear, X, self.relief, self.sizes),
+            inertia=not self._is_static,
+            jumps=flows,
+            elimination=elimination,
+        )
         states = joint_states(contacts)
         self.sleeping = SleepingBodies(bulk, tangent, self.sizes, bodies, states, loads)
         self.free: Floats | None = None
@@ -149,18 +146,14 @@ class StepSolver:
         if not (all_awake or self.relief.bodies):
             self.sleeping.find(rates.v.x.array, rates.u_n.x.array, steps)
         motion = motion_from(start, steps)
-        solution = newton.solve(
-            self._bulk,
-            self.linear,
-            steps,
-            motion=motion,
+        attempt = newton.Attempt(
+            *(steps, motion, problem.force_scale, timings),
             is_unchanged=rates.is_unchanged and drag is None,
-            force_scale=problem.force_scale,
-            timings=timings,
             drag=drag,
             begins_sticking=start.begins_sticking,
-            **self._common,
+            most_long=None if drag is not None else start.most_long,
         )
+        solution = newton.solve(self._system, attempt)
         motion.finish()
         return steps, solution
 

@@ -37,9 +37,6 @@ _GAP_ROUNDING = 16 * _EPS
 # Resolution of increments and constraints, relative to the positions [-]. Far from the origin it
 # exceeds the tolerances above.
 _LAST_DIGITS = 4 * _EPS
-# Number of increments beyond the trust radius after which a step with inertia fails. Its starting
-# guesses are close to the solution, so more iterations hardly ever help.
-_MOST_LONG = 12
 # Reduction of the residual by an iteration [-] that counts as slow.
 _LITTLE_REDUCTION = 0.1
 # Number of initial iterations in which the cone problem may be solved, and its period later. In the
@@ -266,13 +263,16 @@ class Convergence:
             return True
         return not seen.is_small and seen.norm > _LITTLE_REDUCTION * self.norms[-2]
 
-    def failure(self, seen: Measures, most: int, *, is_solution: bool) -> str:
+    def failure(
+        self, seen: Measures, most: int, *, is_solution: bool, most_long: int | None = None
+    ) -> str:
         """Reason to stop without a solution, or "". Local.
 
         Args:
             seen: Measures of the last iterate.
             most: Largest number of iterations.
             is_solution: Whether the iterate is accepted.
+            most_long: Largest number of increments beyond the trust radius, if there is a limit.
         """
         if not np.isfinite(seen.norm):
             return "the residual is not finite"
@@ -284,7 +284,7 @@ class Convergence:
             return "the linear system is singular"
         if is_solution:
             return ""
-        if self._num_long == _MOST_LONG and self._inertia:
+        if self._num_long == most_long:
             return f"{self._num_long} increments were longer than half of the smallest cell"
         if self.iteration == most:
             return f"no convergence in {self.iteration} iterations"

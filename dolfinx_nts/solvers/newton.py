@@ -1,4 +1,8 @@
-"""Newton's method for one step, with an update of the active set in each iteration."""
+"""Newton's method for one step, with an update of the active set in each iteration.
+
+An iteration evaluates the residual with the states of contact, measures it, and adds the solution
+of the linear system, shortened to the trust radius. `_Iteration` has one method for each of these.
+"""
 
 import logging
 from collections.abc import Sequence
@@ -10,12 +14,13 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual
+from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.decided_step import predict
 from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.cell_sizes import CellSizes
-from dolfinx_nts.solvers.convergence import Convergence, Iterate
+from dolfinx_nts.solvers.convergence import Convergence, Iterate, Measures
 from dolfinx_nts.solvers.drag import Drag
 from dolfinx_nts.solvers.inertia_relief import InertiaRelief
 from dolfinx_nts.solvers.krylov import LinearSolver
@@ -25,12 +30,11 @@ from dolfinx_nts.solvers.nonlinear_elimination import NonlinearElimination
 from dolfinx_nts.solvers.prescribed_motion import PrescribedMotion
 from dolfinx_nts.solvers.segment_choice import SegmentChoice
 
-__all__ = ["Solution", "solve"]
-
+__all__ = ["Attempt", "NewtonSystem", "Solution", "solve"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Largest numbers of iterations, in addition to those with a prescribed increment.
+# Largest numbers of iterations.
 _MAX_ITERATIONS = 50  # before another starting guess
 _MAX_STICKING = 100  # if all nodes with friction stick at first
 _MAX_RESISTED = 20  # before a larger viscous resistance
@@ -60,6 +64,66 @@ _AIM, _NEAR = 0.3, 1e3
 
 
 @dataclass(frozen=True)
+class NewtonSystem:
+    """Nonlinear system that all steps of a stepper have in common.
+
+    Attributes:
+        bulk: Forms; ``bulk.u`` is the unknown and holds the starting guess.
+        linear: Solver of the linear systems.
+        X: Reference positions of the owned nodes, shape ``(n, 3)`` [m].
+        relief: Inertia relief of bodies that only contact supports.
+        sizes: Sizes of the cells.
+        inertia: Whether there is inertia; in statics, forces may be as small as the round-off of
+            strains.
+        jumps: Whether stresses have discontinuous tangents, which need a line search.
+        elimination: Solver for the nodes around contacts, applied to the first iterate, if any.
+    """
+
+    bulk: Bulk
+    linear: LinearSolver
+    X: Floats
+    relief: InertiaRelief
+    sizes: CellSizes
+    inertia: bool
+    jumps: bool
+    elimination: NonlinearElimination | None
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """Attempt at a step from one starting guess.
+
+    Attributes:
+        steps: Contact of the pairs.
+        motion: Prescribed motion of supports, guides and obstacles.
+        force_scale: Norm of the forces known before the step [N].
+        timings: Receives the wall time of the phases.
+        is_unchanged: Whether nothing has changed since a solution, which is then accepted.
+        drag: Viscous resistance, if any.
+        begins_sticking: Whether nodes with friction stick at first and slide only near an
+            equilibrium, which takes more iterations.
+        most_long: Number of increments longer than the trust radius after which the attempt fails;
+            None if there is no limit.
+    """
+
+    steps: Sequence[ContactStep]
+    motion: PrescribedMotion
+    force_scale: float
+    timings: Timings
+    is_unchanged: bool = False
+    drag: Drag | None = None
+    begins_sticking: bool = False
+    most_long: int | None = None
+
+    @property
+    def most_iterations(self) -> int:
+        """Largest number of iterations, in addition to those with a prescribed increment. Local."""
+        if self.begins_sticking:
+            return _MAX_STICKING
+        return _MAX_RESISTED if self.drag is not None else _MAX_ITERATIONS
+
+
+@dataclass(frozen=True)
 class Solution:
     """Last iterate of the iteration, and its report.
 
@@ -72,159 +136,199 @@ class Solution:
     report: NewtonReport
 
 
-def solve(
-    bulk: Bulk,
-    solver: LinearSolver,
-    steps: Sequence[ContactStep],
-    X: Floats,
-    *,
-    motion: PrescribedMotion,
-    relief: InertiaRelief,
-    is_unchanged: bool,
-    sizes: CellSizes,
-    force_scale: float,
-    inertia: bool,
-    jumps: bool,
-    timings: Timings,
-    drag: Drag | None = None,
-    begins_sticking: bool = False,
-    nonlinear_elimination: NonlinearElimination | None = None,
-) -> Solution:
+def solve(system: NewtonSystem, attempt: Attempt) -> Solution:
     """Iterate from the current u. Collective.
-
-    Args:
-        bulk: Forms; ``bulk.u`` is the unknown and holds the starting guess.
-        solver: Solver of the linear systems.
-        steps: Contact attempts.
-        X: Reference positions of the owned nodes, shape ``(n, 3)`` [m].
-        motion: Prescribed motion of supports, guides and obstacles.
-        relief: Inertia relief of bodies that only contact supports.
-        is_unchanged: Whether nothing has changed since a solution, which is then accepted.
-        sizes: Sizes of the cells.
-        force_scale: Norm of the forces known before the step [N].
-        inertia: Whether there is inertia; in statics, forces may be as small as the round-off of
-            strains.
-        jumps: Whether stresses have discontinuous tangents, which need a line search.
-        timings: Receives the wall time of the phases.
-        drag: Viscous resistance, if any.
-        begins_sticking: Whether nodes with friction stick at first and slide only near an
-            equilibrium, which takes more iterations.
-        nonlinear_elimination: Solver for the nodes around contacts, applied to the first iterate.
 
     Returns:
         The solution; ``report.reason`` is not empty if there is none.
     """
-    most = _MAX_RESISTED if drag is not None else _MAX_ITERATIONS
-    if begins_sticking:
-        most = _MAX_STICKING
-    dim = bulk.rigid.dim
-    nodes = bulk.u.x.array[: bulk.num_owned].reshape(-1, dim)
-    balanced = True  # whether multipliers follow from the nodal balance
-    segments = SegmentChoice(bulk.comm, steps, not inertia)
-    target = 0.0  # target of the last residual
-    relief.begin()
-    search = LineSearch(bulk) if jumps else None
-    # In statics the cone problem uses factors of the elastic tangent, wrong in plastic flow.
-    may_decide = (inertia or not jumps) and not begins_sticking
-    num_local = 0  # contact evaluations of the nonlinear elimination
-    farthest = _kernels.largest_size(X + in_space(nodes))
-    convergence = Convergence(
-        bulk,
-        steps,
-        sizes,
-        solver.nodal_resistance(),
-        force_scale=force_scale,
-        farthest=reductions.largest(bulk.comm, farthest),
-        inertia=inertia,
-    )
+    iteration = _Iteration(system, attempt)
     while True:
-        x, iteration = X + in_space(nodes), convergence.iteration
-        with timings.phase("assembly"):
+        iterate = iteration.evaluate()
+        if iterate is None:
+            continue
+        seen = iteration.measure(iterate)
+        converged = iteration.is_converged(seen)
+        if converged is None:
+            continue
+        reason = iteration.failure(seen, is_solution=converged)
+        if converged or reason:
+            return Solution(iterate, iteration.convergence.report(reason))
+        if not iteration.eliminates(iterate):
+            iteration.update(iterate, seen)
+
+
+class _Iteration:
+    """State of the iteration of an attempt. Methods are collective unless noted."""
+
+    def __init__(self, system: NewtonSystem, attempt: Attempt) -> None:
+        self._system, self._attempt = system, attempt
+        bulk, dim = system.bulk, system.bulk.rigid.dim
+        self._nodes = bulk.u.x.array[: bulk.num_owned].reshape(-1, dim)
+        self._balanced = True  # whether multipliers follow from the nodal balance
+        self._segments = SegmentChoice(bulk.comm, attempt.steps, not system.inertia)
+        self._target = 0.0  # target of the last residual
+        system.relief.begin()
+        self._search = LineSearch(bulk) if system.jumps else None
+        # In statics the cone problem uses factors of the elastic tangent, wrong in plastic flow.
+        may_decide = system.inertia or not system.jumps
+        self._may_decide = may_decide and not attempt.begins_sticking
+        self._num_local = 0  # contact evaluations of the nonlinear elimination
+        farthest = _kernels.largest_size(self._x)
+        self.convergence = Convergence(
+            bulk,
+            attempt.steps,
+            system.sizes,
+            system.linear.nodal_resistance(),
+            force_scale=attempt.force_scale,
+            farthest=reductions.largest(bulk.comm, farthest),
+            inertia=system.inertia,
+        )
+
+    @property
+    def _x(self) -> Floats:
+        """Current positions of the owned nodes, ``(n, 3)`` [m]. Local."""
+        return self._system.X + in_space(self._nodes)
+
+    @property
+    def _is_first(self) -> bool:
+        """Whether neither a linear system nor the nonlinear elimination was solved yet. Local."""
+        return self.convergence.iteration == self._num_local == 0
+
+    def evaluate(self) -> Iterate | None:
+        """Forces and contact of the current u; None if the line search has shortened it."""
+        system, attempt, x = self._system, self._attempt, self._x
+        bulk, relief, motion, steps = system.bulk, system.relief, attempt.motion, attempt.steps
+        with attempt.timings.phase("assembly"):
             forces = bulk.forces()
             R_bulk = forces.copy()
             R_bulk[bulk.given] = 0
-            if drag is not None:
-                R_bulk += drag.force()
-            if search is not None:
-                if search.cuts(R_bulk):
-                    continue
-                search.forget()
+            if attempt.drag is not None:
+                R_bulk += attempt.drag.force()
+            if self._search is not None:
+                if self._search.cuts(R_bulk):
+                    return None
+                self._search.forget()
         R_free = R_bulk - relief.force.ravel()
-        R_nodes = R_free.reshape(-1, dim) if balanced else None
-        with timings.phase("contact"):
-            number = iteration + num_local
+        R_nodes = R_free.reshape(self._nodes.shape) if self._balanced else None
+        with attempt.timings.phase("contact"):
+            number = self.convergence.iteration + self._num_local
             states = tuple(step.evaluate(x, R_nodes, number) for step in steps)
-            R_contact = contact_residual(steps, states, (len(X), dim))
-        R = relief.relieve(R_free + R_contact, x, force_scale, steps, states)
-        R = motion.add_forces(bulk.rigid.balance(nodes, R.reshape(-1, dim)).ravel(), states, target)
-        iterate = Iterate(x, states, R, R_bulk, R_contact, forces)
-        seen = convergence.measure(iterate, is_complete=motion.is_complete)
-        target = seen.target
+            R_contact = contact_residual(steps, states, self._nodes.shape)
+        R = relief.relieve(R_free + R_contact, x, attempt.force_scale, steps, states)
+        R = bulk.rigid.balance(self._nodes, R.reshape(self._nodes.shape)).ravel()
+        R = motion.add_forces(R, states, self._target)
+        return Iterate(x, states, R, R_bulk, R_contact, forces)
 
-        converged = seen.solves
-        if is_unchanged and iteration == 0 and seen.is_small:
-            converged = not seen.is_open
-        elif converged and not relief.accept():
-            continue
-        elif steps:
+    def measure(self, iterate: Iterate) -> Measures:
+        """Norms and counts of an iterate."""
+        seen = self.convergence.measure(iterate, is_complete=self._attempt.motion.is_complete)
+        self._target = seen.target
+        return seen
+
+    def is_converged(self, seen: Measures) -> bool | None:
+        """Whether an iterate is a solution; None if it changed and has to be evaluated again."""
+        iteration = self.convergence.iteration
+        if self._attempt.is_unchanged and iteration == 0 and seen.is_small:
+            return not seen.is_open
+        if seen.solves and not self._system.relief.accept():
+            return None
+        if self._attempt.steps:
             is_near = iteration > 0 and seen.is_near
-            moved = segments.renew(seen.norm, is_near=is_near, converged=converged)
+            moved = self._segments.renew(seen.norm, is_near=is_near, converged=seen.solves)
             if moved:  # (nearly) in equilibrium, but on segments that nodes have left
-                convergence.discard_last(moved)
-                continue
+                self.convergence.discard_last(moved)
+                return None
+        return seen.solves
 
-        reason = convergence.failure(seen, most + motion.duration, is_solution=converged)
-        _logger.debug("iteration %d: |R| = %.3e N", iteration, seen.norm)
-        if converged or reason:
-            return Solution(iterate, convergence.report(reason))
-        if iteration == num_local == 0 and nonlinear_elimination is not None:
-            num_local = nonlinear_elimination.eliminate(steps, iterate, X)
-            if num_local:
-                convergence.discard_last(0)
-                continue
+    def failure(self, seen: Measures, *, is_solution: bool) -> str:
+        """Reason to stop without a solution, or "". Local."""
+        attempt, number = self._attempt, self.convergence.iteration
+        most = attempt.most_iterations + attempt.motion.duration
+        reason = self.convergence.failure(
+            seen, most, is_solution=is_solution, most_long=attempt.most_long
+        )
+        _logger.debug("iteration %d: |R| = %.3e N", number, seen.norm)
+        return reason
 
-        states = motion.predict(states)
-        if may_decide and convergence.needs_cone_problem(seen, is_supported=not relief.bodies):
-            with timings.phase("solve"):
-                decided = solver.consistent_states(R, steps, states, inertia, relief)
-            if decided is not None:
-                states = decided
-                R_contact = contact_residual(steps, states, (len(X), dim))
-                R = R_bulk - relief.force.ravel() + R_contact
-                R = motion.add_forces(bulk.rigid.balance(nodes, R.reshape(-1, dim)).ravel(), states)
-        with timings.phase("solve"):
-            rtol = _forcing(convergence.norms, seen.target)
-            begins_in_contact = iteration == num_local == 0 and seen.changed > 0
-            if begins_in_contact and solver.one_application_reduction <= _ROUGH_REDUCTION:
-                rtol = max(rtol, _ROUGH_REDUCTION)
-            if not inertia:
-                rtol = min(rtol, _STATIC_REDUCTION)
-            du, dlambda = solver.solve(R, steps, states, rtol)
-        du = motion.limit(relief.restrain(du))
-        balanced = dlambda is None
+    def eliminates(self, iterate: Iterate) -> bool:
+        """Whether the nonlinear elimination has changed the first iterate."""
+        system = self._system
+        if not self._is_first or system.elimination is None:
+            return False
+        self._num_local = system.elimination.eliminate(self._attempt.steps, iterate, system.X)
+        if self._num_local:
+            self.convergence.discard_last(0)
+        return self._num_local > 0
+
+    def update(self, iterate: Iterate, seen: Measures) -> None:
+        """Solve the linear system of an iterate and add its solution to u."""
+        R, states = self._decide(iterate, seen)
+        du, du_norm, longest = self._increment(R, states, seen)
+        system, attempt, motion = self._system, self._attempt, self._attempt.motion
+        part = longest / du_norm if du_norm > longest else 1.0
+        if self._search is not None and not motion.advances:
+            if seen.norm > _NEARLY_SOLVED * seen.target:
+                self._search.begin(du, part, R, iterate.R_bulk)
+        if part < 1:
+            with np.errstate(invalid="ignore"):  # a singular system is reported by `failure`
+                du = part * du
+        self._nodes[:] = motion.advance(self._nodes, du.reshape(self._nodes.shape), part)
+        if du_norm <= longest:
+            with attempt.timings.phase("contact"):
+                for step, state in zip(attempt.steps, states, strict=True):
+                    step.close_gaps(state, self._x, self._nodes)
+        system.bulk.u.x.scatter_forward()
+        self.convergence.count_increment(du_norm, is_long=du_norm > longest)
+
+    def _decide(
+        self, iterate: Iterate, seen: Measures
+    ) -> tuple[Floats, tuple[ContactContribution, ...]]:
+        """Residual and states of the linear system, by the cone problem where it is due."""
+        system, attempt, R = self._system, self._attempt, iterate.R
+        steps, relief, motion = attempt.steps, system.relief, attempt.motion
+        states = motion.predict(iterate.states)
+        is_supported = not relief.bodies
+        if not self._may_decide:
+            return R, states
+        if not self.convergence.needs_cone_problem(seen, is_supported=is_supported):
+            return R, states
+        with attempt.timings.phase("solve"):
+            decided = system.linear.consistent_states(R, steps, states, system.inertia, relief)
+        if decided is None:
+            return R, states
+        R_contact = contact_residual(steps, decided, self._nodes.shape)
+        R = iterate.R_bulk - relief.force.ravel() + R_contact
+        R = system.bulk.rigid.balance(self._nodes, R.reshape(self._nodes.shape)).ravel()
+        return motion.add_forces(R, decided), decided
+
+    def _increment(
+        self, R: Floats, states: tuple[ContactContribution, ...], seen: Measures
+    ) -> tuple[Floats, float, float]:
+        """Solution of the linear system [m], its largest component and the trust radius [m]."""
+        system, attempt, dim = self._system, self._attempt, self._nodes.shape[1]
+        with attempt.timings.phase("solve"):
+            rtol = self._reduction(seen)
+            du, dlambda = system.linear.solve(R, attempt.steps, states, rtol)
+        du = attempt.motion.limit(system.relief.restrain(du))
+        self._balanced = dlambda is None
         if dlambda is not None:
-            for step, state, d in zip(steps, states, dlambda, strict=True):
+            for step, state, d in zip(attempt.steps, states, dlambda, strict=True):
                 step.add_multipliers(state, d)
                 predict(step, state, du.reshape(-1, dim))
-        du_norm = reductions.largest(bulk.comm, _kernels.largest_size(du))
-        longest = _LONGEST_FALL if bulk.rigid.has_no_inertia else _LONGEST_INCREMENT
-        longest *= sizes.smallest
-        if not bulk.rigid.has_no_inertia:
-            longest = max(longest, _ALONG * motion.length)
-        part = longest / du_norm if du_norm > longest else 1.0
-        if search is not None and not motion.advances and seen.norm > _NEARLY_SOLVED * seen.target:
-            search.begin(du, part, R, R_bulk)
-        if part < 1:
-            with np.errstate(invalid="ignore"):  # a singular system is reported below
-                du = part * du
-        nodes[:] = motion.advance(nodes, du.reshape(-1, dim), part)
-        if du_norm <= longest:
-            x = X + in_space(nodes)
-            with timings.phase("contact"):
-                for step, state in zip(steps, states, strict=True):
-                    step.close_gaps(state, x, nodes)
-        bulk.u.x.scatter_forward()
-        convergence.count_increment(du_norm, is_long=du_norm > longest)
+        du_norm = reductions.largest(system.bulk.comm, _kernels.largest_size(du))
+        if system.bulk.rigid.has_no_inertia:
+            return du, du_norm, _LONGEST_FALL * system.sizes.smallest
+        longest = max(_LONGEST_INCREMENT * system.sizes.smallest, _ALONG * attempt.motion.length)
+        return du, du_norm, longest
+
+    def _reduction(self, seen: Measures) -> float:
+        """Reduction of the residual asked of the linear solver [-]. Local."""
+        rtol = _forcing(self.convergence.norms, seen.target)
+        if self._is_first and seen.changed > 0:
+            if self._system.linear.one_application_reduction <= _ROUGH_REDUCTION:
+                rtol = max(rtol, _ROUGH_REDUCTION)
+        return rtol if self._system.inertia else min(rtol, _STATIC_REDUCTION)
 
 
 def _forcing(norms: Sequence[float], target: float) -> float:

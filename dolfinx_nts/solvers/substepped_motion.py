@@ -33,7 +33,7 @@ __all__ = ["SubsteppedMotion", "boundary_increment", "largest_strain"]
 _LARGEST_STRAIN = 0.05
 # Residual, relative to the forces of the remaining increment [-], below which the next substep
 # begins.
-_FOLLOWED = 1e-4
+_FOLLOWED = 1e-3
 # Remaining fractions of the motion [-]: one whose forces are round-off of the residual, so that it
 # is applied without waiting; and one that counts as zero.
 _REST, _ROUND_OFF = 1e-6, 1e-12

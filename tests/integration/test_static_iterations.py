@@ -122,6 +122,33 @@ def test_springs_hold_a_belt_with_few_iterations():
 
 
 @pytest.mark.serial
+def test_a_disc_indents_a_nearly_incompressible_block_with_few_iterations(comm):
+    """The extrapolated start is left after one long increment, before it wanders for 57 others."""
+
+    def build(model):
+        size = {"corner": (-0.03, -0.02), "size": (0.06, 0.02), "cells": (48, 16)}
+        nts.parts.add_rectangle(model, "block", **size)
+
+    mesh, cells, facets, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+    rubber = nts.NeoHookean(7.0e6, 0.4995, 1e3)
+    disc = nts.RigidSphere(centre=(0.0, 0.01), radius=0.01)
+    down = nts.Motion(translation=lambda t: (0.0, -0.005 * t))
+    low = fem.locate_dofs_topological(V, 1, facets.find(tag["block_bottom"]))
+    stepper = nts.QuasiStatic(
+        [nts.Body(V, cells, tag["block"], rubber)],
+        [nts.ContactPair(nts.Surface(V, facets, tag["block_top"]), disc.moving(down))],
+        dt=0.1,
+        bcs=[fem.dirichletbc(np.zeros(2), low, V)],
+    )
+    iterations = [step.newton_iterations for step in stepper.run(until=0.5)]
+    assert max(iterations) <= 16
+    assert sum(iterations) <= 70
+    solver = stepper.statistics.solver
+    assert solver.num_builds + solver.num_direct <= 25
+
+
+@pytest.mark.serial
 def test_a_strip_of_metal_bends_around_a_circle_with_few_iterations(comm):
     """Few points cease to flow, late on the way of increments that chords cut to a twentieth."""
 
