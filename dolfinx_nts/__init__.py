@@ -19,6 +19,7 @@ from dolfinx_nts.diagnostics.contact import PairBalance
 from dolfinx_nts.diagnostics.fields import Fields
 from dolfinx_nts.fem.axisymmetry import axisymmetric
 from dolfinx_nts.integrators.central_difference import CentralDifference
+from dolfinx_nts.integrators.conditions import ContactForce
 from dolfinx_nts.integrators.generalized_alpha import GeneralizedAlpha
 from dolfinx_nts.integrators.quasi_static import QuasiStatic
 from dolfinx_nts.integrators.report import StepReport
@@ -68,6 +69,7 @@ __all__ = [
     "BodyBalance",
     "BodyForce",
     "CentralDifference",
+    "ContactForce",
     "ContactPair",
     "ConvergenceError",
     "Coulomb",

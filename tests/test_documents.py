@@ -117,13 +117,13 @@ def test_the_columns_of_a_table_are_those_that_are_explained(comm, tmp_path):
     floor = nts.ContactPair(old.pairs[0].nodes, nts.RigidPlane((0, 0, -9), (0, 0, 1)))
     pairs = [*old.pairs, floor]
     stepper = nts.EnergyMomentum(old.bodies, pairs, dt=0.1, bcs=bcs, loads=loads)
-    parts = ("pairs", "obstacles", "supports", "loads", "bodies")
+    parts = ("pairs", "between", "obstacles", "supports", "loads", "bodies")
     with nts.Recorder(tmp_path / "run", stepper, columns_of=parts):
         pass
     with (tmp_path / "run.csv").open(newline="") as file:
         columns = next(csv.reader(file))
     names = "pair_surface_3_(?:surface_2|rigid_plane)|obstacle_rigid_plane|support_1|load_gravity"
-    names += "|body_[01]"
+    names += "|body_[01]|between_body_0_body_1|between_0_1"
     plain = [re.sub(f"^(?:{names})_", lambda m: f"{m[0].split('_')[0]}_name_", c) for c in columns]
     assert sorted(set(plain)) == sorted(explained)
 

@@ -32,7 +32,14 @@ PARTS = {
     ],
     "Steps in time": [
         *("EnergyMomentum", "Midpoint", "GeneralizedAlpha", "CentralDifference", "QuasiStatic"),
-        *("StepControl", "StepReport", "Reaction", "StepperStatistics", "ConvergenceError"),
+        *(
+            "ContactForce",
+            "StepControl",
+            "StepReport",
+            "Reaction",
+            "StepperStatistics",
+            "ConvergenceError",
+        ),
         "load_state",
     ],
     "Results": [

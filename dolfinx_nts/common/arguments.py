@@ -3,6 +3,7 @@
 import math
 import reprlib
 from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
 from inspect import signature
 from numbers import Integral, Real
 from typing import Any
@@ -15,10 +16,12 @@ __all__ = [
     "as_call",
     "check_call",
     "chosen_times",
+    "did_you_mean",
     "finite",
     "functions_by_name",
     "instances",
     "kind_of",
+    "label",
     "nonnegative",
     "positive",
     "real",
@@ -52,6 +55,31 @@ def _text(value: Any) -> str:
     if callable(value):
         return getattr(value, "__name__", type(value).__name__)
     return repr(value)
+
+
+def label(value: Any) -> str:
+    """Check that a name is a text, empty for an automatic one. Local.
+
+    Raises:
+        TypeError: The name is no text.
+    """
+    if not isinstance(value, str):
+        raise TypeError(f"expected a text as name, such as 'floor', given {value!r}")
+    return value
+
+
+def did_you_mean(name: Any, known: Iterable[str]) -> str:
+    """Suggest the known names closest to an unknown one, as the end of a message. Local.
+
+    Args:
+        name: The unknown name.
+        known: The names that exist.
+
+    Returns:
+        ``": did you mean 'ball'?"``, or nothing where no name is close.
+    """
+    close = get_close_matches(str(name), list(known), n=3)
+    return f": did you mean {' or '.join(map(repr, close))}?" if close else ""
 
 
 def kind_of(item: object) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from dolfinx.mesh import exterior_facet_indices
 
-from dolfinx_nts.common.arguments import instances
+from dolfinx_nts.common.arguments import instances, label
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.contact.friction import Coulomb
 from dolfinx_nts.contact.method import EDGES, MORTAR, NODES, Method
@@ -33,7 +33,10 @@ _BY_STIFFNESS, _SIMILAR = 0.15, 1.5
 
 
 def boundary_of(
-    *bodies: Body, where: Callable[[Any], Any] | None = None, smooth: Smooth = False
+    *bodies: Body,
+    where: Callable[[Any], Any] | None = None,
+    smooth: Smooth = False,
+    name: str = "",
 ) -> Surface:
     """Make a surface of the boundary of one or several bodies, or of a part of it. Collective.
 
@@ -43,6 +46,7 @@ def boundary_of(
         where: Function of the reference positions, shape ``(3, n)`` [m], that returns booleans,
             shape ``(n,)``. Facets belong to the surface if it holds at all their vertices.
         smooth: As of `Surface`.
+        name: Name in messages, columns and legends; empty for "the boundary of" the bodies.
 
     Returns:
         The surface.
@@ -64,11 +68,11 @@ def boundary_of(
     to_cell = topology.connectivity(tdim - 1, tdim)
     cells = to_cell.array[to_cell.offsets[facets]]
     facets = facets[np.isin(cells, np.concatenate([body.cells for body in bodies]))]
-    name = f"the boundary of {' and '.join(body.name for body in bodies)}"
+    automatic = f"the boundary of {' and '.join(body.name for body in bodies)}"
     if where is not None:
         facets = np.intersect1d(facets, boundary_facets(V, where))
-        name = f"a part of {name}"
-    return Surface.of(V, facets, name, smooth=smooth)
+        automatic = f"a part of {automatic}"
+    return Surface.of(V, facets, label(name) or automatic, smooth=smooth)
 
 
 def all_pairs(
@@ -90,8 +94,10 @@ def all_pairs(
     that of a body fifteen times as stiff counts as the coarser one: the vertices of the stiffer
     one would sink in between the nodes of the softer one. Bodies that share nodes count as
     one; a warning names those that share nodes but no facet. Each obstacle makes a pair with all
-    bodies, each body that may touch itself one with its own boundary. The log tells what
-    was built.
+    bodies, each body that may touch itself one with its own boundary. The pair of
+    two bodies has their names, pairs of more bodies have numbers: names depend neither on
+    stiffness nor on sizes of facets. The log lists the pairs, and `Diagnostics.between` has the
+    forces between each two bodies.
 
     Args:
         bodies: Bodies of one space.
@@ -164,7 +170,13 @@ def all_pairs(
         # Both surfaces of surface-to-surface contact may be smooth.
         are_both = smooth and by == MORTAR and isinstance(segments, Sequence)
         from_nodes = surface(*nodes, smooth=True) if are_both else surface(*nodes)
-        pairs.append(ContactPair(from_nodes, target, enforcement, friction, by))
+        name = ""
+        if not isinstance(segments, Obstacle) and segments is not nodes:
+            # Which of more than two bodies are in a pair depends on their stiffness and size.
+            two = len(bodies) == 2
+            name = " and ".join(b.name for b in bodies) if two else f"{len(pairs) + 1}"
+            name += " edges" if by == EDGES else ""
+        pairs.append(ContactPair(from_nodes, target, enforcement, friction, by, name=name))
         if bodies[0].V.mesh.comm.rank == 0:
             own = "edges" if by == EDGES else "nodes"
             _logger.info("pair %d: %s of %s against %s", len(pairs), own, names(nodes), text)

@@ -10,7 +10,7 @@ from weakref import WeakSet
 
 import numpy as np
 
-from dolfinx_nts.common.arguments import as_call, kind_of
+from dolfinx_nts.common.arguments import as_call, kind_of, label
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
@@ -81,9 +81,10 @@ class ContactPair(Declaration):
             surface are kept from crossing edges of the second one, or of a `RigidSurface`, if
             both edges are convex and turn by more than 30 degrees. Use it in addition to a pair
             of the same surfaces by one of the other methods, which do not see such edges.
+        name: Name in columns and legends; empty for the names of the two sides.
 
     Attributes:
-        nodes, segments, enforcement, method: The arguments.
+        nodes, segments, enforcement, method, name: The arguments.
         friction: Law of friction; None if its coefficient is 0.
         touches_itself: Whether nodes and segments are the same surface.
 
@@ -107,6 +108,8 @@ class ContactPair(Declaration):
         enforcement: LagrangeMultiplier | Penalty | None = None,
         friction: Coulomb | None = None,
         method: Method = "node-to-segment",
+        *,
+        name: str = "",
     ) -> None:
         if not isinstance(nodes, Surface):
             raise TypeError(
@@ -135,7 +138,7 @@ class ContactPair(Declaration):
         # With mu = 0 there is no slip to follow.
         self.friction = friction if friction is not None and friction.mu > 0 else None
         self.touches_itself = isinstance(segments, Surface) and _check_surfaces(nodes, segments)
-        self.method = method
+        self.method, self.name = method, label(name)
         check_method(self)
         check_tie(self)
         check_dimension(self)
@@ -198,9 +201,12 @@ class ContactPair(Declaration):
 
     @property
     def between(self) -> str:
-        """Names of the two sides, for messages. Local."""
+        """Names of the two sides and of the pair, for messages. Local."""
         other = "itself" if self.touches_itself else self.segments.name
-        return f"{self.nodes.name} and {other}"
+        sides = f"{self.nodes.name} and {other}"
+        # A name that only repeats words of the sides would say nothing.
+        says_more = not set(self.name.split()) <= set(sides.split())
+        return f"{sides} (pair {self.name!r})" if says_more else sides
 
     @property
     def has_slip_spring(self) -> bool:
@@ -217,7 +223,8 @@ class ContactPair(Declaration):
     def __repr__(self) -> str:
         """Arguments in one line. Local."""
         names = ("nodes", "segments", "enforcement", "friction", "method")
-        return as_call(self, **{name: getattr(self, name) for name in names})
+        named = {"name": self.name} if self.name else {}
+        return as_call(self, **{name: getattr(self, name) for name in names}, **named)
 
     def __str__(self) -> str:
         """Laws and, while one stepper has the pair, the stiffness of springs. Local."""

@@ -7,7 +7,7 @@ from mpi4py import MPI
 
 import numpy as np
 
-from dolfinx_nts.common.arguments import functions_by_name, real_array
+from dolfinx_nts.common.arguments import did_you_mean, functions_by_name, real_array
 from dolfinx_nts.diagnostics.balance import Diagnostics
 from dolfinx_nts.diagnostics.energy_ledger import EnergyLedger
 from dolfinx_nts.diagnostics.names import flat, part_names
@@ -20,7 +20,7 @@ from dolfinx_nts.parallel.errors import agreed
 
 __all__ = ["OwnColumn", "Parts", "RunColumns"]
 
-Parts = Literal["pairs", "obstacles", "supports", "loads", "bodies"]
+Parts = Literal["pairs", "between", "obstacles", "supports", "loads", "bodies"]
 # Returns a number or a vector for the current state of a stepper.
 OwnColumn = Callable[[Stepper], Any]
 
@@ -45,17 +45,24 @@ class RunColumns:
     ) -> None:
         if unknown := sorted(set(parts) - set(get_args(Parts))):
             names = ", ".join(map(repr, get_args(Parts)))
-            raise ValueError(f"expected columns_of some of {names}, given {unknown}")
+            raise ValueError(
+                f"expected columns_of some of {names}, given {unknown}"
+                f"{did_you_mean(unknown[0], get_args(Parts))}"
+            )
         self._diagnostics, self._own = diagnostics, functions_by_name("own_columns", own or {})
         stepper = diagnostics.stepper
         self._V = stepper.u.function_space
         self._dim, self._zero = dimension(self._V), np.zeros(3)
-        guides = part_names("body", (body.name for body in guided(stepper.bodies)))
+        guides = part_names(
+            "body",
+            ((body.guide and body.guide.name) or body.name for body in guided(stepper.bodies)),
+        )
         of_bcs = (f"support_{i}" for i in range(1, len(stepper.supports) + 1))
         self._supports = [*of_bcs, *(f"guide_{name}" for name in guides)]
         self._loads = part_names("load", (load.name for load in stepper.loads))
         groups: dict[str, Callable[[StepReport | None, EnergyLedger], dict[str, float]]] = {
             "pairs": self._of_pairs,
+            "between": self._between_bodies,
             "obstacles": self._of_obstacles,
             "supports": self._of_supports,
             "loads": self._of_loads,
@@ -104,6 +111,10 @@ class RunColumns:
         for name, pair in self._diagnostics.pairs().items():
             columns |= pair.columns(f"pair_{name}_")
         return columns
+
+    def _between_bodies(self, step: StepReport | None, ledger: EnergyLedger) -> dict[str, float]:
+        forces = self._diagnostics.between()
+        return flat("", {f"between_{name}_force": force for name, force in forces.items()})
 
     def _of_obstacles(self, step: StepReport | None, ledger: EnergyLedger) -> dict[str, float]:
         columns: dict[str, float] = {}

@@ -11,6 +11,7 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.history import contact_sums
+from dolfinx_nts.diagnostics.body_forces import BodyForces
 from dolfinx_nts.diagnostics.names import flat, pair_names, part_names
 from dolfinx_nts.diagnostics.present import Present
 from dolfinx_nts.fem.components import bounds, existing, in_space, nodal
@@ -102,6 +103,9 @@ class ContactDiagnostics:
         self._comm: MPI.Comm = self._V.mesh.comm
         self._pair_names = pair_names(stepper.pairs)
         self._has_obstacles = any(isinstance(pair.segments, Obstacle) for pair in stepper.pairs)
+        self._body_forces = BodyForces(stepper)
+        names = part_names("body", (body.name for body in stepper.bodies))
+        self._between = [f"{names[a]}_{names[b]}" for a, b in self._body_forces.pairs]
         self._shared: Present | None = None
 
     @contextmanager
@@ -175,6 +179,18 @@ class ContactDiagnostics:
             name: ObstacleBalance(*self._parts(total))
             for name, total in zip(names, totals.values(), strict=True)
         }
+
+    def between(self) -> dict[str, Floats]:
+        """Contact forces between each two bodies in the last step, by their names [N].
+
+        The key ``left_ball`` has the force on ``left`` by ``ball``, summed over all pairs of
+        surfaces. Bodies are in the order in which the stepper has them, so that neither key nor
+        sign depends on how pairs divide them into nodes and segments. Vectors have the components
+        that exist in the space. A force is NaN where edge-to-edge contact of several bodies on
+        one side does not tell which of them touch.
+        """
+        forces = self._body_forces.of_last_step()[:, self._axes[0]]
+        return dict(zip(self._between, forces, strict=True))
 
     def active_nodes(self) -> int:
         """Number of nodes that transmit force, on all ranks."""

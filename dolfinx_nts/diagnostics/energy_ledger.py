@@ -148,6 +148,16 @@ class EnergyLedger:
             f"Newton iterations: {self.num_iterations}, mean {mean:.2f}, max {self.most_iterations}"
         )
 
+    def energies(self) -> list[str]:
+        """Summary lines of the energies of statics, without zeros."""
+        values = {
+            "strain energy": self.last.strain_energy,
+            "energy of contact springs": self.last.contact_energy,
+            "dissipation by friction": -self.energy["friction"],
+            "dissipation in the material": -self.energy["damping"],
+        }
+        return [f"{name}: {value:.6g} J" for name, value in values.items() if value]
+
     def drifts(self) -> list[str]:
         """Summary lines of conserved quantities and of the ledger."""
         return [

@@ -50,8 +50,9 @@ def part_names(kind: str, names: Iterable[str]) -> list[str]:
 
 
 def pair_names(pairs: Iterable[ContactPair]) -> list[str]:
-    """Names of contact pairs from the names of their two sides. Local."""
-    return part_names("pair", (pair.between.replace(" and ", ", ") for pair in pairs))
+    """Names of contact pairs, or of their two sides where a pair has none. Local."""
+    names = (pair.name or pair.between for pair in pairs)
+    return part_names("pair", (name.replace(" and ", ", ") for name in names))
 
 
 def flat(prefix: str, values: Mapping[str, Any]) -> dict[str, float]:

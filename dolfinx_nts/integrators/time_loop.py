@@ -13,12 +13,13 @@ from dolfinx import fem
 from tqdm import tqdm
 
 from dolfinx_nts.common.archive import Archive, Snapshot
-from dolfinx_nts.common.arguments import finite, kind_of
+from dolfinx_nts.common.arguments import kind_of
 from dolfinx_nts.common.arrays import Flags
 from dolfinx_nts.common.declaration import SetOnce
 from dolfinx_nts.contact.held_apart import held_apart
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.node_numbering import listed
+from dolfinx_nts.integrators.conditions import Conditions, Until, split
 from dolfinx_nts.integrators.memory import Memory
 from dolfinx_nts.integrators.relaxation import IF_IT_MOVES
 from dolfinx_nts.integrators.report import StepReport
@@ -115,11 +116,14 @@ class TimeLoop(State):
         self._even.serialize(archive)
         self._length.serialize(archive)
 
-    def run(self, until: float, control: StepControl | None = None) -> Iterator[StepReport]:
-        """Advance step by step; the last step ends exactly at ``until``.
+    def run(self, until: Until, control: StepControl | None = None) -> Iterator[StepReport]:
+        """Advance step by step; the last step ends exactly at the time ``until``.
 
         Args:
-            until: Time at the end [s].
+            until: Time at the end [s]; a `ContactForce`; or a function of the `StepReport` that
+                returns whether the run ends. The run ends with the first step for which a
+                condition holds. Of several in a list, the first one ends the run: give a time,
+                too, where a condition may never hold.
             control: Halves steps that fail. With None every step has the length ``dt``, except
                 the last one.
 
@@ -128,28 +132,36 @@ class TimeLoop(State):
             may be set between two steps.
 
         Raises:
-            TypeError: ``until`` is no number, or ``control`` no `StepControl`.
-            ValueError: ``until`` is negative or not finite.
+            TypeError: ``until`` is neither a number nor a condition, or ``control`` no
+                `StepControl`.
+            ValueError: ``until`` is negative or not finite, or the force of a pair that this
+                stepper does not have.
             ConvergenceError: A step failed; with a control, at its smallest length. The state is
                 that of the last accepted step.
         """
-        if finite("until", until) < 0:
-            raise ValueError(f"expected a time until >= 0 for the end of a run, given {until}")
+        end, conditions = split(until, self._comm)
         if not (control is None or isinstance(control, StepControl)):
             raise TypeError(f"expected a StepControl() as control, given {kind_of(control)}")
-        if until < self.t - ROUND_OFF * self.dt and self._comm.rank == 0:
+        if end < self.t - ROUND_OFF * self.dt and self._comm.rank == 0:
             _logger.warning(
                 "run(until=%g) has no steps to take, as the time is %g: harmless where a resumed "
                 "run has been there before; otherwise note that until is a time, not a duration",
-                until,
+                end,
                 self.t,
             )
-        return StepLoop(self._steps(until, control), self._comm)
+        return StepLoop(self._steps(end, conditions, control), self._comm)
 
-    def _steps(self, until: float, control: StepControl | None) -> Iterator[StepReport]:
+    def _steps(
+        self, until: float, conditions: Conditions, control: StepControl | None
+    ) -> Iterator[StepReport]:
         meet(self._comm, f"run from t = {self.t!r} s until {until!r} s")
+        steps = self._run_evenly(until) if control is None else self._run(until, control)
         try:
-            yield from self._run_evenly(until) if control is None else self._run(until, control)
+            for report in steps:
+                ends = conditions.hold(report, self.contacts)
+                yield report
+                if ends:
+                    break
         except ConvergenceError:
             self.look_for_overlaps()  # a possible cause
             raise
@@ -272,7 +284,11 @@ class TimeLoop(State):
     def _progress(self, total: float, **options: Any) -> Any:
         """Progress bar on rank 0, if a terminal exists and the run lasts over a second."""
         silent = None if self._comm.rank == 0 else True  # None: silent without a terminal
-        return tqdm(total=total, delay=1, leave=False, disable=silent, **options)
+        # Without a time for the end, the bar only counts.
+        end = total if math.isfinite(total) else None
+        if end is None:
+            options.pop("bar_format", None)
+        return tqdm(total=end, delay=1, leave=False, disable=silent, **options)
 
 
 def _in_vain(given_up: ConvergenceError, error: ConvergenceError) -> ConvergenceError:

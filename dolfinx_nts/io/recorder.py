@@ -1,7 +1,6 @@
 """Recorder: writes table, fields and checkpoints of a run."""
 
 import logging
-import time
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
@@ -20,79 +19,17 @@ from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io.fields import OwnField, RunFields
 from dolfinx_nts.io.run_files import RunFiles
+from dolfinx_nts.io.summary import Summary
 from dolfinx_nts.model.rigid_body import guided
 from dolfinx_nts.parallel.meeting import meet
 from dolfinx_nts.parallel.signals import Interrupts
 from dolfinx_nts.solvers.newton_report import ConvergenceError
 
-__all__ = ["Recorder", "Summary"]
+__all__ = ["Recorder"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
 FieldsKind = Literal["vtkhdf", "xdmf", "vtx"]
-
-
-class Summary:
-    """Wall time and summary of a run. Local.
-
-    Args:
-        name: Name of the run.
-        stepper: Stepper of the run.
-    """
-
-    def __init__(self, name: str, stepper: Stepper) -> None:
-        self._name, self._stepper = name, stepper
-        self._before = dict(stepper.timings.seconds)
-        self._start = time.perf_counter()
-        self._end: float | None = None
-
-    def stop(self) -> None:
-        """Stop the clock."""
-        self._end = time.perf_counter()
-
-    @property
-    def _duration(self) -> float:
-        """Wall time until the clock was stopped, or until now [s]."""
-        return (time.perf_counter() if self._end is None else self._end) - self._start
-
-    def text(self, ledger: EnergyLedger) -> str:
-        """Describe the run.
-
-        Args:
-            ledger: Steps and energies of the run.
-
-        Returns:
-            Lines with the number of steps, changes of conserved quantities, the unaccounted
-            energy, and overlaps; then, after a line ``solver``, Newton iterations, laws of the
-            pairs, work of the linear solver, and wall time by phase [s] on this rank.
-        """
-        phases = {
-            name: seconds - self._before.get(name, 0.0)
-            for name, seconds in self._stepper.timings.seconds.items()
-        }
-        duration = self._duration
-        phases["other"] = duration - sum(phases.values())
-        times = ", ".join(f"{name} {seconds:.1f}" for name, seconds in phases.items())
-        time_span = f"from t = {ledger.first.time:g} to {ledger.last.time:g} s"
-        return "\n".join(
-            [
-                f"{self._name}: {ledger.num_steps} steps {time_span}",
-                *ledger.drifts(),
-                *(
-                    f"{o.names[0]}: up to {o.depth:.3g} inside {o.names[1]}"
-                    for o in self._stepper.watch.overlaps.deepest.values()
-                ),
-                "solver",
-                *(
-                    f"  {line}"
-                    for line in (
-                        ledger.iterations(),
-                        *str(self._stepper.statistics).splitlines(),
-                        f"wall time: {duration:.1f} s ({times})",
-                    )
-                ),
-            ]
-        )
 
 
 class Recorder:
@@ -145,8 +82,9 @@ class Recorder:
             `StepControl`.
         checkpoint_every: Number of steps between checkpoints; None for no checkpoints.
         resume: Whether to continue from an existing checkpoint.
-        columns_of: Parts of the scene with columns in the table: ``"pairs"``, ``"obstacles"``,
-            ``"supports"``, ``"loads"`` and ``"bodies"``, the last only on request.
+        columns_of: Parts of the scene with columns in the table: ``"pairs"``,
+            ``"between"`` (forces between each two bodies), ``"obstacles"``, ``"supports"``,
+            ``"loads"`` and ``"bodies"``, the last only on request.
         stress: Whether to write Cauchy stress, von Mises stress and strain energy density of the
             cells, and the equivalent plastic strain of plastic materials.
         own_columns: Functions by the name of a column, which return a number or a vector of
@@ -188,7 +126,7 @@ class Recorder:
         times: Sequence[float] | None = None,
         checkpoint_every: int | None = None,
         resume: bool = False,
-        columns_of: Collection[Parts] = ("pairs", "obstacles", "supports", "loads"),
+        columns_of: Collection[Parts] = ("pairs", "between", "obstacles", "supports", "loads"),
         stress: bool = False,
         own_columns: Mapping[str, OwnColumn] | None = None,
         own_fields: Mapping[str, OwnField] | None = None,
@@ -217,6 +155,7 @@ class Recorder:
         self._interrupts = Interrupts(comm)
         self._open: ExitStack | None = None
         self._summary: Summary | None = None
+        self._last: StepReport | None = None
         self._has_warned = False
 
     def __repr__(self) -> str:
@@ -281,6 +220,7 @@ class Recorder:
             self._ledger.add(step, *self.diagnostics.after_step())
             self._warn_of_spurious_gain()
             self._files.write_row(self._columns.row(step, self._ledger))
+            self._last = step
             if has_fields:
                 self._files.fields.write(now)
             if self._options.checkpoint_every is not None:
@@ -304,6 +244,8 @@ class Recorder:
             if together:
                 meet(self._comm, f"close {self._options.name} after step {self._ledger.step}")
                 self._stepper.look_for_overlaps()
+                if isinstance(self._stepper, QuasiStatic):
+                    self._summary.describe_equilibrium(self.diagnostics, self._last)
                 self._files.fields.write(Present(self._stepper))
                 if self._options.checkpoint_every is not None:
                     self._files.save(self._ledger)

@@ -19,7 +19,7 @@ import numpy as np
 from dolfinx.mesh import Mesh, MeshTags
 
 from dolfinx_nts import compat
-from dolfinx_nts.common.arguments import kind_of
+from dolfinx_nts.common.arguments import did_you_mean, kind_of
 from dolfinx_nts.common.named_tag import NamedTag
 from dolfinx_nts.meshing.bodies import Bodies, bodies_of, find_dimension
 from dolfinx_nts.meshing.elements import ENTITIES, Block, Elements
@@ -82,7 +82,10 @@ class _Tags(dict[str, int]):
     """Tags by name, with a message for names that do not exist."""
 
     def __missing__(self, name: str) -> NoReturn:
-        raise ValueError(f"expected a physical group out of {sorted(self)}, given {name!r}")
+        raise ValueError(
+            f"expected a physical group out of {sorted(self)}, given {name!r}"
+            f"{did_you_mean(name, self)}"
+        )
 
 
 def read_mesh(source: Any, comm: MPI.Comm, *, rank: int = 0) -> MeshData:

@@ -13,7 +13,7 @@ import ufl
 from dolfinx import fem, la
 from dolfinx.mesh import MeshTags
 
-from dolfinx_nts.common.arguments import as_call, instances, kind_of
+from dolfinx_nts.common.arguments import as_call, instances, kind_of, label
 from dolfinx_nts.common.arrays import Ints
 from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.common.named_tag import NamedTag
@@ -36,11 +36,13 @@ class Body(Declaration):
         cells: Cell tags of the mesh.
         tag: Value of the tag.
         material: Strain energy and density.
+        name: Name in messages, columns and legends; empty for the name of the region, or
+            ``body`` with the tag.
 
     Attributes:
         V: The space.
         is_rigid: Whether it does not deform, see `RigidBody`.
-        name: Name of the region, or ``body`` with the tag, for messages.
+        name: The argument, or the automatic name.
         material: The material.
         cells: Cells of the body that this rank owns, local indices, shape ``(c,)``.
         nodes: Nodes of the body, owned and ghost, local block indices of V, sorted, shape ``(n,)``.
@@ -61,7 +63,13 @@ class Body(Declaration):
     is_rigid: ClassVar[bool] = False
 
     def __init__(
-        self, V: fem.FunctionSpace, cells: MeshTags, tag: int, material: Hyperelastic
+        self,
+        V: fem.FunctionSpace,
+        cells: MeshTags,
+        tag: int,
+        material: Hyperelastic,
+        *,
+        name: str = "",
     ) -> None:
         check_space(V)
         tdim = V.mesh.topology.dim
@@ -87,7 +95,7 @@ class Body(Declaration):
                 f"{'an axisymmetric one' if is_axisymmetric(V.mesh) else 'one in space'}"
             )
         self.V, self.material, self._tag = V, material, tag
-        self.name = NamedTag.name_of(tag, "body")
+        self.name = label(name) or NamedTag.name_of(tag, "body")
         local = cells.find(tag)
         self.cells: Ints = local[local < V.mesh.topology.index_map(tdim).size_local]
         # This rank may own a node of the body although it has no cell of it.
@@ -98,10 +106,9 @@ class Body(Declaration):
         self.nodes: Ints = np.flatnonzero(marker.array).astype(np.int32)
 
     def __repr__(self) -> str:
-        """Tag, material, and number of cells on this rank. Local."""
-        return as_call(
-            self, tag=int(self._tag), material=self.material, owned_cells=len(self.cells)
-        )
+        """Tag, name, material, and number of cells on this rank. Local."""
+        given = {"tag": int(self._tag), "name": self.name, "material": self.material}
+        return as_call(self, **given, owned_cells=len(self.cells))
 
 
 def bulk_form(

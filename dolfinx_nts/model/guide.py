@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_nts.common.arguments import as_call, real_array
+from dolfinx_nts.common.arguments import as_call, label, real_array
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.model.motion import Motion, vector
@@ -30,9 +30,10 @@ class Guide(Declaration):
             rotates freely.
         point: Guided point in the reference configuration, on the axes, shape ``(3,)``, in the
             plane ``(2,)`` [m]; None for the centre of mass.
+        name: Name in columns and messages; empty for the name of the body.
 
     Raises:
-        TypeError: ``motion`` is no Motion.
+        TypeError: ``motion`` is no Motion, or ``name`` no text.
         ValueError: Axes are no letters or directions as described, or both ``turns`` and
             ``motion`` have a rotation.
 
@@ -51,6 +52,7 @@ class Guide(Declaration):
         turns: str | Sequence[float] = "",
         motion: Motion | None = None,
         point: Sequence[float] | None = None,
+        name: str = "",
     ) -> None:
         if not (motion is None or isinstance(motion, Motion)):
             raise TypeError(f"expected a Motion of a guide, given {type(motion).__name__}")
@@ -65,6 +67,7 @@ class Guide(Declaration):
                 f"expected a motion without rotation together with turns={turns!r}: a body that "
                 "rotates freely is driven by a Moment"
             )
+        self.name = label(name)
         self.motion = Motion() if motion is None else motion
         self.point = None if point is None else real_array("point", point)
         self._given = {
@@ -76,7 +79,7 @@ class Guide(Declaration):
 
     def __repr__(self) -> str:
         """Call that creates an equal guide. Local."""
-        return as_call(self, **self._given)
+        return as_call(self, **self._given, **({"name": self.name} if self.name else {}))
 
     def check(self, dim: int) -> None:
         """Check axes, point and motion for a space dimension.

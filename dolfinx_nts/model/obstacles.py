@@ -11,7 +11,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from dolfinx_nts.common.arguments import as_call
+from dolfinx_nts.common.arguments import as_call, label
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.model.facing import Facing
@@ -47,6 +47,7 @@ class Obstacle(Declaration):
     key: GlobalInts = np.zeros(1, dtype=np.int64)
     shortest_passage = np.inf
     dim = 3
+    _label = ""
 
     def moving(self: Self, motion: Motion) -> Self:
         """Copy of the obstacle with a prescribed motion. Local.
@@ -84,8 +85,8 @@ class Obstacle(Declaration):
 
     @property
     def name(self) -> str:
-        """Name of the obstacle in messages."""
-        return f"a {'' if self.motion.is_rest else 'moving '}{type(self).__name__}"
+        """Name in messages and columns: the given one, or the kind of the obstacle."""
+        return self._label or f"a {'' if self.motion.is_rest else 'moving '}{type(self).__name__}"
 
     def __repr__(self) -> str:
         """Arguments that define the surface, and its motion. Local."""
@@ -94,7 +95,15 @@ class Obstacle(Declaration):
 
     def _declaration(self) -> str:
         """Arguments that define the surface, or its number of facets."""
-        return as_call(self, num_facets=len(self.key))
+        return as_call(self, num_facets=len(self.key), **self._named())
+
+    def _named(self) -> dict[str, str]:
+        """The name as an argument, if one was given."""
+        return {"name": self._label} if self._label else {}
+
+    def _call_it(self, name: str) -> None:
+        """Set the name, empty for the automatic one."""
+        self._label = label(name)
 
     @abstractmethod
     def contact(self, scheme: str, x_n: Floats, x: Floats, segment: Ints) -> ContactKinematics:

@@ -29,6 +29,7 @@ class RigidBody(Body):
         tag: Value of the tag.
         rho: Reference density [kg/m^3].
         guide: Free and prescribed motions; None for a free body.
+        name: Name in messages, columns and legends, see `Body`.
 
     Attributes:
         material: Inertia without strain energy.
@@ -58,8 +59,10 @@ class RigidBody(Body):
         tag: int,
         rho: float,
         guide: Guide | None = None,
+        *,
+        name: str = "",
     ) -> None:
-        super().__init__(V, cells, tag, Rigid(rho))
+        super().__init__(V, cells, tag, Rigid(rho), name=name)
         if not (guide is None or isinstance(guide, Guide)):
             raise TypeError(f"expected a Guide of a rigid body, given {type(guide).__name__}")
         if guide is not None:

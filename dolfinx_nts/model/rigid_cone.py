@@ -20,6 +20,7 @@ class RigidCone(RigidPlane):
         half_angle: Angle between the axis and the surface [rad].
         opens: Direction in which the cone opens along the axis: 1 for up, as the indenter of a
             body below, or -1 for down.
+        name: Name in messages, columns and legends; empty for the kind of the obstacle.
 
     Raises:
         ValueError: The tip is not on the axis, the angle is not between 0 and pi/2, or the
@@ -30,7 +31,9 @@ class RigidCone(RigidPlane):
         RigidCone(tip=(0, 1), half_angle=1.2, opens=1)
     """
 
-    def __init__(self, tip: Sequence[float], half_angle: float, *, opens: int = 1) -> None:
+    def __init__(
+        self, tip: Sequence[float], half_angle: float, *, opens: int = 1, name: str = ""
+    ) -> None:
         if vector("tip", tip, 2)[0] != 0:
             raise ValueError(f"expected a tip on the axis x = 0, given {tip!r}")
         if not 0 < real("a half_angle [rad]", half_angle) < np.pi / 2:
@@ -41,7 +44,7 @@ class RigidCone(RigidPlane):
         if opens not in (1, -1):
             raise ValueError(f"expected opens 1 or -1, given {opens!r}")
         self._half_angle, self._opens = float(half_angle), int(opens)
-        super().__init__(tip, (np.cos(half_angle), -opens * np.sin(half_angle)))
+        super().__init__(tip, (np.cos(half_angle), -opens * np.sin(half_angle)), name=name)
 
     @property
     def is_of_revolution(self) -> bool:
@@ -49,7 +52,7 @@ class RigidCone(RigidPlane):
 
     def _declaration(self) -> str:
         tip, angle = self._point[: self.dim], self._half_angle
-        return as_call(self, tip=tip, half_angle=angle, opens=self._opens)
+        return as_call(self, tip=tip, half_angle=angle, opens=self._opens, **self._named())
 
     def depth(self, x: Floats) -> Floats:
         return super().depth(np.column_stack([np.abs(x[:, :1]), x[:, 1:]]))

@@ -173,6 +173,7 @@ class RigidPlane(_Exact):
     Args:
         point: Point on the plane, shape ``(3,)``, or on the line in two dimensions, ``(2,)`` [m].
         normal: Outward direction, of any length, of the same shape.
+        name: Name in messages, columns and legends; empty for the kind of the obstacle.
 
     Raises:
         ValueError: An argument is not three (or two) finite numbers, or the normal is zero.
@@ -184,7 +185,8 @@ class RigidPlane(_Exact):
         array([2.])
     """
 
-    def __init__(self, point: Sequence[float], normal: Sequence[float]) -> None:
+    def __init__(self, point: Sequence[float], normal: Sequence[float], *, name: str = "") -> None:
+        self._call_it(name)
         self.dim = _dimension("point", point)
         self._point = vector("point", point, self.dim)
         self._normal = _direction("normal", normal, self.dim)
@@ -195,7 +197,8 @@ class RigidPlane(_Exact):
         return self.dim == 2 and bool(abs(self._normal[0]) < _ROUND_OFF)
 
     def _declaration(self) -> str:
-        return as_call(self, point=self._point[: self.dim], normal=self._normal[: self.dim])
+        given = {"point": self._point[: self.dim], "normal": self._normal[: self.dim]}
+        return as_call(self, **given, **self._named())
 
     def distance(self, x: Floats) -> tuple[Floats, Floats]:
         """Signed distance of points and normal, positive on the free side."""
@@ -324,6 +327,7 @@ class RigidSphere(_Round):
         centre: Centre, shape ``(3,)``, or ``(2,)`` for a circle in the plane [m].
         radius: Radius [m].
         hollow: Whether bodies are inside.
+        name: Name in messages, columns and legends; empty for the kind of the obstacle.
 
     Attributes:
         centre: The argument, shape ``(3,)``, in the plane with a last coordinate of zero [m].
@@ -337,7 +341,10 @@ class RigidSphere(_Round):
         RigidSphere(centre=(0, 0, 5), radius=2, hollow=True)
     """
 
-    def __init__(self, centre: Sequence[float], radius: float, *, hollow: bool = False) -> None:
+    def __init__(
+        self, centre: Sequence[float], radius: float, *, hollow: bool = False, name: str = ""
+    ) -> None:
+        self._call_it(name)
         super().__init__(centre, radius, np.eye(3), np.eye(3), hollow)
 
     @property
@@ -346,7 +353,8 @@ class RigidSphere(_Round):
 
     def _declaration(self) -> str:
         centre = self.centre[: self.dim]
-        return as_call(self, centre=centre, radius=self.radius, hollow=self.is_hollow)
+        given = {"centre": centre, "radius": self.radius, "hollow": self.is_hollow}
+        return as_call(self, **given, **self._named())
 
 
 class RigidCylinder(_Round):
@@ -357,6 +365,7 @@ class RigidCylinder(_Round):
         axis: Direction of the axis, of any length, shape ``(3,)``.
         radius: Radius [m].
         hollow: Whether bodies are inside.
+        name: Name in messages, columns and legends; empty for the kind of the obstacle.
 
     Raises:
         ValueError: ``point`` or ``axis`` is not three finite numbers, the axis is zero, or
@@ -368,17 +377,23 @@ class RigidCylinder(_Round):
     """
 
     def __init__(
-        self, point: Sequence[float], axis: Sequence[float], radius: float, *, hollow: bool = False
+        self,
+        point: Sequence[float],
+        axis: Sequence[float],
+        radius: float,
+        *,
+        hollow: bool = False,
+        name: str = "",
     ) -> None:
+        self._call_it(name)
         self._axis = a = _direction("axis", axis)
         vector("point", point, 3)  # not in the plane
         along: Floats = a[:, None] * a
         super().__init__(point, radius, along, np.eye(3) - along, hollow)
 
     def _declaration(self) -> str:
-        return as_call(
-            self, point=self.centre, axis=self._axis, radius=self.radius, hollow=self.is_hollow
-        )
+        given = {"point": self.centre, "axis": self._axis, "radius": self.radius}
+        return as_call(self, **given, hollow=self.is_hollow, **self._named())
 
 
 def _dimension(name: str, value: Sequence[float]) -> int:

@@ -33,6 +33,7 @@ class RigidSurface(Obstacle):
             intersect.
         outside: Point in front of all facets, shape ``(3,)`` [m]; for a closed or strongly curved
             surface one point per facet, shape ``(s, 3)``.
+        name: Name in messages, columns and legends; empty for the kind of the obstacle.
 
     Attributes:
         key: Numbers of the facets, shape ``(s,)``.
@@ -48,7 +49,8 @@ class RigidSurface(Obstacle):
         RigidSurface(num_facets=1)
     """
 
-    def __init__(self, points: Any, facets: Any, outside: Any) -> None:
+    def __init__(self, points: Any, facets: Any, outside: Any, *, name: str = "") -> None:
+        self._call_it(name)
         points, facets = np.array(points, dtype=np.float64, order="C"), np.asarray(facets)
         if points.ndim != 2 or points.shape[1] != 3:
             raise ValueError(f"expected points of shape (n, 3), given {points.shape}")

@@ -14,7 +14,7 @@ import ufl
 from dolfinx import fem, la
 from dolfinx.mesh import MeshTags, locate_entities_boundary, meshtags
 
-from dolfinx_nts.common.arguments import as_call
+from dolfinx_nts.common.arguments import as_call, label
 from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
 from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.common.named_tag import NamedTag
@@ -59,10 +59,12 @@ class Surface(Declaration):
             than 30 degrees stay sharp. Needs degree 1. With a `RigidSphere`, contact uses that
             sphere exactly; the surface must belong to a `RigidBody`, which moves the sphere, with
             all its vertices on the sphere.
+        name: Name in messages, columns and legends; empty for the name of the region, or
+            ``surface`` with the tag.
 
     Attributes:
         V, smooth: The arguments.
-        name: Name of the region, or ``surface`` with the tag, for messages.
+        name: The argument, or the automatic name.
         nodes: Nodes of the surface that this rank owns, local block indices of V, sorted, shape
             ``(n,)``.
         segments: Vertices of the segments on facets that this rank owns, local block indices of
@@ -90,7 +92,13 @@ class Surface(Declaration):
     """
 
     def __init__(
-        self, V: fem.FunctionSpace, facets: MeshTags, tag: int, *, smooth: Smooth = False
+        self,
+        V: fem.FunctionSpace,
+        facets: MeshTags,
+        tag: int,
+        *,
+        smooth: Smooth = False,
+        name: str = "",
     ) -> None:
         check_space(V)
         if smooth and (degree := Element.of(V).degree) > 1:
@@ -103,7 +111,7 @@ class Surface(Declaration):
         if not isinstance(smooth, bool | RigidSphere):
             raise TypeError(f"expected smooth=True, False or a RigidSphere, given {smooth!r}")
         self.V, self._facets, self._tag, self.smooth = V, facets, tag, smooth
-        self.name = NamedTag.name_of(tag, "surface")
+        self.name = label(name) or NamedTag.name_of(tag, "surface")
 
         found = facet_segments(V, facets, tag)
         # All local facets mark nodes, but only owned facets become segments.
@@ -141,11 +149,16 @@ class Surface(Declaration):
         """Tag, and numbers of nodes and segments on this rank. Local."""
         sizes = {"owned_nodes": len(self.nodes), "owned_segments": len(self.segments)}
         kind = {"smooth": self.smooth} if self.smooth else {}
-        return as_call(self, tag=int(self._tag), **kind, **sizes)
+        return as_call(self, tag=int(self._tag), name=self.name, **kind, **sizes)
 
     @classmethod
     def where(
-        cls, V: fem.FunctionSpace, predicate: Callable[[Any], Any], *, smooth: Smooth = False
+        cls,
+        V: fem.FunctionSpace,
+        predicate: Callable[[Any], Any],
+        *,
+        smooth: Smooth = False,
+        name: str = "",
     ) -> "Surface":
         """Create a surface from the boundary facets selected by a predicate. Collective.
 
@@ -154,6 +167,7 @@ class Surface(Declaration):
             predicate: Function of reference positions, shape ``(3, n)`` [m], that returns
                 ``(n,)`` booleans; a facet is selected if they are true at all its vertices.
             smooth: See the class.
+            name: See the class; empty for "a part of the boundary".
 
         Returns:
             The surface.
@@ -163,7 +177,8 @@ class Surface(Declaration):
             ValueError: The space does not fit, the function returns another shape, or no facet
                 is selected.
         """
-        return cls.of(V, boundary_facets(V, predicate), smooth=smooth)
+        facets = boundary_facets(V, predicate)
+        return cls.of(V, facets, label(name) or "a part of the boundary", smooth=smooth)
 
     @classmethod
     def of(

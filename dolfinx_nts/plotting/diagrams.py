@@ -13,6 +13,7 @@ from mpi4py import MPI
 
 import numpy as np
 
+from dolfinx_nts.common.arguments import did_you_mean
 from dolfinx_nts.plotting.arguments import columns
 from dolfinx_nts.plotting.picture import Picture
 from dolfinx_nts.plotting.scales import prefixed
@@ -229,8 +230,9 @@ def force_displacement(
     names = [forces] if isinstance(forces, str) else list(forces)
     if missing := {displacement, *names} - set(rows.dtype.names):
         raise ValueError(
-            f"expected columns out of {list(rows.dtype.names)}, given {sorted(missing)}: "
-            "Recorder(own_columns=) adds columns of yours"
+            f"expected columns out of {list(rows.dtype.names)}, given {sorted(missing)}"
+            f"{did_you_mean(min(missing), rows.dtype.names)}; Recorder(own_columns=) adds columns "
+            "of yours"
         )
     metre, across = prefixed(np.abs(rows[displacement]).max())
     newton, upwards = prefixed(max(np.abs(rows[name]).max() for name in names))

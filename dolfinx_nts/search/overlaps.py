@@ -295,8 +295,8 @@ def _is_rigid(boundary: ClosedBoundary) -> bool:
 
 
 def _names(obstacles: Sequence[Obstacle]) -> list[str]:
-    """Classes of obstacles, with a number where there are several."""
-    kinds = [type(obstacle).__name__ for obstacle in obstacles]
+    """Names of obstacles or their classes, with a number where there are several."""
+    kinds = [obstacle.name.removeprefix("a ").removeprefix("moving ") for obstacle in obstacles]
     return [
         kind if kinds.count(kind) == 1 else f"{kind} {kinds[: i + 1].count(kind)}"
         for i, kind in enumerate(kinds)

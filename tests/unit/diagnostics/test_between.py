@@ -1,0 +1,96 @@
+"""Forces between each two bodies: against changes of momentum, and their names."""
+
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from dolfinx import fem
+
+import dolfinx_nts as nts
+
+NAMES = ("left", "ball", "right")
+
+
+def scene(comm: MPI.Comm, stiff: float = 1e5, **options: Any) -> nts.EnergyMomentum:
+    """Three blocks in a row along x; the outer ones move towards the middle one."""
+
+    def build(model: Any) -> None:
+        for name, x, cells in zip(NAMES, (-1.01, 0.0, 1.02), ((1, 2), (2, 3), (1, 2)), strict=True):
+            size = {"corner": (x, -0.5 * (name != "ball") * 0.2), "size": (1, 1 - 0.1 * len(name))}
+            nts.parts.add_rectangle(model, name, **size, cells=cells)
+
+    mesh, cells, _, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+    soft, hard = (nts.NeoHookean(E=E, nu=0.3, rho=1e3) for E in (1e5, stiff))
+    bodies = [nts.Body(V, cells, tag[n], soft if n == "ball" else hard) for n in NAMES]
+    stepper = nts.EnergyMomentum(bodies, nts.all_pairs(bodies, **options), dt=0.01)
+    stepper.set_velocity(bodies[0], (1.0, 0.1))
+    stepper.set_velocity(bodies[2], (-1.2, 0.0))
+    return stepper
+
+
+@pytest.mark.parametrize("method", ["node-to-segment", "mortar"])
+@pytest.mark.parametrize("friction", [None, nts.Coulomb(mu=0.4)])
+def test_forces_between_bodies_are_their_changes_of_momentum(comm, method, friction):
+    stepper = scene(comm, method=method, friction=friction)
+    diagnostics = nts.Diagnostics(stepper)
+    touched = set()
+    for _ in range(8):
+        before = {k: b.linear_momentum for k, b in diagnostics.bodies().items()}
+        step = stepper.advance()
+        between, after = diagnostics.between(), diagnostics.bodies()
+        assert list(between) == ["left_ball", "left_right", "ball_right"]
+        expected = {
+            "left": between["left_ball"] + between["left_right"],
+            "ball": between["ball_right"] - between["left_ball"],
+            "right": -between["ball_right"] - between["left_right"],
+        }
+        touched |= {name for name, force in between.items() if np.any(force)}
+        for name, force in expected.items():
+            rate = (after[name].linear_momentum - before[name]) / step.dt
+            np.testing.assert_allclose(rate, force, atol=1e-5 * 1e3)
+    assert touched == {"left_ball", "ball_right"}
+    assert between["left_ball"][0] < 0 < between["ball_right"][0] or step.num_active
+
+
+@pytest.mark.at_most_two_ranks
+def test_names_of_columns_do_not_depend_on_stiffness(comm, tmp_path):
+    columns = []
+    for stiff in (1e4, 1e5, 2e6, 5e6, 1e9):
+        stepper = scene(comm, stiff)
+        row = nts.Recorder(comm.bcast(tmp_path / "run"), stepper)
+        columns.append([*row.diagnostics.pairs(), *row.diagnostics.between()])
+    assert all(names == columns[0] for names in columns)
+    assert columns[0][:2] == ["1", "2"]
+
+
+@pytest.mark.at_most_two_ranks
+def test_names_of_two_bodies_are_in_the_order_of_the_scene(comm):
+    stepper = scene(comm)
+    left, ball, _ = stepper.bodies
+    for stiff in (left, ball), (ball, left):
+        (pair,) = nts.all_pairs(stiff)
+        assert pair.name == " and ".join(body.name for body in stiff)
+        assert f"name='{pair.name}'" in repr(pair)
+
+
+@pytest.mark.at_most_two_ranks
+def test_own_names_are_in_texts_and_columns(comm, tmp_path):
+    mesh_bodies = scene(comm).bodies
+    V, tag = mesh_bodies[0].V, {body.name: body for body in mesh_bodies}
+    surface = nts.boundary_of(tag["ball"], name="skin")
+    floor = nts.RigidPlane((0, -1), (0, 1), name="floor")
+    pair = nts.ContactPair(surface, floor, name="grip")
+    assert "name='skin'" in repr(surface) and "name='floor'" in repr(floor)
+    assert floor.moving(nts.Motion(translation=lambda t: (0, t))).name == "floor"
+    assert pair.between == "skin and floor (pair 'grip')"
+    stepper = nts.EnergyMomentum(mesh_bodies, [pair], dt=0.1)
+    diagnostics = nts.Diagnostics(stepper)
+    assert list(diagnostics.pairs()) == ["grip"] and list(diagnostics.obstacles()) == ["floor"]
+    assert diagnostics.between() == {}
+    for name in (3, None):
+        with pytest.raises(TypeError, match="expected a text as name"):
+            nts.RigidPlane((0, -1), (0, 1), name=name)
+    assert nts.Guide(slides="x", name="rail").name == "rail" and V is not None
