@@ -33,7 +33,7 @@ class ContactForce(Declaration):
         ValueError: ``at_least`` is not positive.
 
     Example:
-        >>> until = nts.ContactForce(pair, at_least=1.0e-3)  # N
+        >>> until = nts.ContactForce(stepper.pairs[0], at_least=1.0e-3)  # N
         >>> steps = list(stepper.run(until=[1.0, until]))  # at most 1 s
         >>> float(np.linalg.norm(nts.Diagnostics(stepper).contact_force())) >= 1.0e-3
         True
