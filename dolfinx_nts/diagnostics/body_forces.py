@@ -40,7 +40,7 @@ class BodyForces:
         # Body of each node, and of each segment by its key, for each pair.
         self._nodes = [of_node[contact.nodes.nodes] for contact in self._contacts]
         self._segments = [self._of_segments(c, [b.nodes for b in bodies]) for c in self._contacts]
-        found = np.zeros((len(bodies), len(bodies)))
+        found: Array = np.zeros((len(bodies), len(bodies)))
         for nodes, (_, segments) in zip(self._nodes, self._segments, strict=True):
             found[np.ix_(np.unique(nodes), np.unique(segments))] = 1
         found = np.triu(found + found.T, k=1)
@@ -72,7 +72,7 @@ class BodyForces:
         ):
             history = contact.history
             if np.all(bodies == bodies[0]):
-                other = np.full(len(nodes), bodies[0])
+                other: Array = np.full(len(nodes), bodies[0])
             else:
                 place = np.clip(np.searchsorted(keys, history.key), 0, len(keys) - 1)
                 other = np.where(keys[place] == history.key, bodies[place], -1)

@@ -86,8 +86,7 @@ class Summary:
         }
         duration = self._duration
         phases["other"] = duration - sum(phases.values())
-        # Phases that a line with one decimal would call zero are left out.
-        times = ", ".join(f"{name} {s:.1f}" for name, s in phases.items() if s >= 0.05)
+        times = ", ".join(f"{name} {_seconds(s)}" for name, s in phases.items() if s)
         time_span = f"from t = {ledger.first.time:g} to {ledger.last.time:g} s"
         return "\n".join(
             [
@@ -117,3 +116,8 @@ def _vector(values: Iterable[float]) -> str:
     least = _ROUND_OFF * max((abs(number) for number in numbers), default=0.0)
     texts = [f"{number:.4g}" if abs(number) > least else "0" for number in numbers]
     return f"({', '.join(texts)})" if len(texts) != 1 else texts[0]
+
+
+def _seconds(value: float) -> str:
+    """Seconds with one decimal, or with one digit where that would be zero."""
+    return f"{value:.1f}" if abs(value) >= 0.05 else f"{value:.1g}"

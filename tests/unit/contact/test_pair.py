@@ -386,7 +386,7 @@ def test_printed_pair_tells_its_surfaces_and_laws_in_one_line(comm, agree):
     printed = []
     for surface in (old.nodes, old.segments):
         nodes, segments = len(surface.nodes), len(surface.segments)
-        tail = f", owned_nodes={nodes}, owned_segments={segments})"
+        tail = f", name={surface.name!r}, owned_nodes={nodes}, owned_segments={segments})"
         assert agree(re.fullmatch(rf"Surface\(tag=\d+{re.escape(tail)}", repr(surface)))
         printed.append(repr(surface))
     pair = nts.ContactPair(old.nodes, old.segments, nts.Penalty(50), nts.Coulomb(0.3))

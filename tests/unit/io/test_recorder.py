@@ -354,7 +354,7 @@ def test_it_tells_its_arguments(comm, folder, monkeypatch):
     assert repr(recorder) == (
         "Recorder(name='run', stepper=EnergyMomentum, every=1, times=(0.1, 0.25), "
         "checkpoint_every=None, resume=True, "
-        "columns_of=('pairs', 'obstacles', 'supports', 'loads'), stress=False, "
+        "columns_of=('pairs', 'between', 'obstacles', 'supports', 'loads'), stress=False, "
         "own_columns=(), own_fields=(), fields='vtkhdf')"
     )
 

@@ -218,8 +218,8 @@ def test_printed_load_and_body_tell_their_arguments_in_one_line(comm):
     box = Box(comm)
     body, top = box.body, box.surface("top 0")
     material = "SaintVenantKirchhoff(E=1000, nu=0.3, rho=10)"
-    assert repr(body) == f"Body(tag=0, material={material}, owned_cells=8)"
-    surface = "Surface(tag=2, owned_nodes=9, owned_segments=4)"
+    assert repr(body) == f"Body(tag=0, name={body.name!r}, material={material}, owned_cells=8)"
+    surface = f"Surface(tag=2, name={top.name!r}, owned_nodes=9, owned_segments=4)"
     X = ufl.SpatialCoordinate(box.mesh)
     eta = ufl.TestFunction(box.V)
     printed = {
