@@ -167,6 +167,50 @@ class OverlapWatch:
         self.travel(self._step)
         return self._room < self._step
 
+    def meeting(
+        self, ends: tuple[Floats, Floats], times: tuple[float, float], way: float
+    ) -> Overlap | None:
+        """Find bodies of a pair that a step brings into each other, on straight paths. Collective.
+
+        Only a step that is longer than what the last look allows for is looked at, at its end and
+        so often on the path that no body goes through a cell of another one in between.
+
+        Args:
+            ends: Positions of the local nodes at both ends of the step, ``(l, 3)`` [m].
+            times: Times of these [s].
+            way: Bound on the way of any node or obstacle in the step, the same on all ranks [m].
+
+        Returns:
+            The deepest overlap that reaches the centres of cells and was not there before, at the
+            first such position; None without.
+        """
+        if self._seen is None or 2 * way <= self._room:
+            return None
+        (x_n, x), (t_n, t) = ends, times
+        nearer = self.search.approach(x, t, *self._seen)
+        np.fill_diagonal(nearer, 0.0)
+        if not np.any(nearer > self._ways):
+            return None
+        number = int(np.ceil((nearer / self._unseen).max()))
+        for part in (1.0, *(np.arange(1, number) / number)):
+            at = x if part == 1 else x_n + part * (x - x_n)
+            overlaps, _ = self.search.find(at, 0.0, t_n + part * (t - t_n), ())
+            new = [each for each in overlaps if self._is_new_between_bodies(each)]
+            if new:
+                return max(new, key=_part)
+        return None
+
+    def _is_new_between_bodies(self, overlap: Overlap) -> bool:
+        """Whether two bodies of a pair now reach the centres of each other's cells. Local."""
+        known = self.deepest.get(frozenset(overlap.names))
+        is_new = overlap.cells > 0 and (known is None or known.cells == 0)
+        return is_new and self._between_bodies(overlap) and not self._forgotten(overlap)
+
+    def is_pressed(self, overlap: Overlap, pressing: Collection[PairState]) -> bool:
+        """Whether one of the pairs that transmit force is between the two bodies. Local."""
+        both = set(overlap.names)
+        return any(c in pressing and both <= nodes | segments for c, nodes, segments in self._roles)
+
     def follow(self, x: Floats, t: float) -> None:
         # The sum of steps is a crude bound, as most nodes move the same way. A run that is resumed
         # has not looked yet.

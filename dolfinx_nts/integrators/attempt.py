@@ -1,11 +1,12 @@
 """Starting guesses, prescribed data and admissible displacements of a step."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from dolfinx import fem
 
-from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.common.arrays import Flags, Floats
+from dolfinx_nts.contact.joint_state import JointState
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.solvers.bulk import Bulk
 
@@ -99,6 +100,7 @@ class StepProblem:
             `ContactStep`.
         load: Norm of the loads [N].
         force_scale: Norm of all forces, to which the residual is relative [N].
+        admitted: Nodes that earlier solutions of the step let touch, by their state, ``(n,)``.
     """
 
     x_n: Floats
@@ -106,3 +108,4 @@ class StepProblem:
     intermediate: Mapping[float, Floats]
     load: float
     force_scale: float
+    admitted: Mapping[PairState | JointState, Flags] = field(default_factory=dict)

@@ -25,9 +25,10 @@ from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.implicit.accepted_contact import contact_history, contact_work
-from dolfinx_nts.contact.implicit.certificate import check_penetration
+from dolfinx_nts.contact.implicit.certificate import check_boundaries, check_penetration
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
+from dolfinx_nts.contact.implicit.normal_contact import known_nodes
 from dolfinx_nts.contact.massless import is_resolved, massless_nodes
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.components import in_space
@@ -285,7 +286,8 @@ class ImplicitStepper(Stepper):
             solution = replace(solution, report=report)
             if not missed:
                 break
-            problem = replace(problem, x_trial=self.x)
+            admitted = {step.state: known_nodes(step.normal) for step in steps}
+            problem = replace(problem, x_trial=self.x, admitted=admitted)
         return steps, solution
 
     def _problem(self, starts: Iterable[Start], load: float) -> StepProblem:
@@ -343,6 +345,11 @@ class ImplicitStepper(Stepper):
                 next(filter(None, reasons), "")
                 or self.watch.springs.sunk(self.x)
                 or self.watch.vertices.check(x_n, self.x, self._increment)
+                or check_boundaries(
+                    *(self.watch.overlaps, steps, (x_n, self.x)),
+                    (self.t, self.t + self.dt),
+                    self._increment,
+                )
             )
 
     def _forces_at_start(self) -> Floats:

@@ -177,7 +177,11 @@ class StepSolver:
         if not self._is_static:
             farthest = reductions.largest(self._bulk.comm, _kernels.farthest(x_n, x_trial))
             states = [state for state in states if may_face(state, x_n, farthest)]
-        return [self._contact_step(problem, begins_sticking, state) for state in states]
+        steps = [self._contact_step(problem, begins_sticking, state) for state in states]
+        for step in steps:
+            if step.state in problem.admitted:
+                step.normal.admit(problem.admitted[step.state])
+        return steps
 
     def _contact_step(
         self, problem: StepProblem, begins_sticking: bool, state: PairState | JointState

@@ -15,15 +15,15 @@ STRETCH = 1 + GAP / HEIGHT
 FORCE = LOAD - MODULUS / 2 * (STRETCH - 1 / STRETCH)
 
 
-def column(pairing, scheme=nts.QuasiStatic, **options):
+def column(pairing, scheme=nts.QuasiStatic, gap=GAP, **options):
     """A column that hangs above a floor, pulled down by a load at its lower end.
 
-    ``pairing`` makes the pairs of column, its bottom, and floor, whose top is at -GAP.
+    ``pairing`` makes the pairs of column, its bottom, and floor, whose top is at -gap.
     """
 
     def build(model):
         parts.add_rectangle(model, "column", corner=(0, 0), size=(1, HEIGHT), cells=(5, 20))
-        parts.add_rectangle(model, "floor", corner=(-1, -GAP - 1), size=(3, 1), cells=(15, 2))
+        parts.add_rectangle(model, "floor", corner=(-1, -gap - 1), size=(3, 1), cells=(15, 2))
 
     mesh, tags, facets, tag = nts.read_mesh(build, MPI.COMM_WORLD)
     V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
@@ -33,7 +33,7 @@ def column(pairing, scheme=nts.QuasiStatic, **options):
     floor = nts.Surface(V, facets, tag["floor_top"])
     pairs = pairing(bottom, floor, bodies)
     held = fem.locate_dofs_topological(V, 1, facets.find(tag["column_top"]))
-    base = fem.locate_dofs_geometrical(V, lambda x: x[1] < -GAP / 2)
+    base = fem.locate_dofs_geometrical(V, lambda x: x[1] < -gap / 2)
     bcs = [fem.dirichletbc(np.zeros(2), dofs, V) for dofs in (held, base)]
     is_static = scheme is nts.QuasiStatic
     load = nts.Traction(bottom, lambda t: (0.0, -LOAD * (min(t, 1.0) if is_static else 1.0)))
@@ -105,6 +105,20 @@ def test_heavy_load_from_rest_does_not_pass_the_floor(pairing):
     approach = -lowest(free, bottom)
     assert approach > 2 * GAP
     assert abs(lowest(stepper, bottom) + GAP) <= approach / 2
+
+
+@pytest.mark.parametrize("pairing", ["nodes", "roles exchanged", "mortar", "all pairs"])
+def test_impact_from_rest_within_the_search_obeys_the_law(pairing):
+    """The ballistic motion is zero, so that only the motion made tells which nodes to hold."""
+    gap, dt = 0.02, 0.008  # a tenth of a facet, which is in reach of any search
+    stepper, _, bottom = column(PAIRINGS[pairing], nts.EnergyMomentum, gap, dt=dt)
+    free, _, _ = column(lambda *_: [], nts.EnergyMomentum, gap, dt=dt)
+    for each in (stepper, free):
+        each.advance()
+    approach = -lowest(free, bottom)
+    assert 2 * gap < approach < 0.1
+    assert -gap - lowest(stepper, bottom) < approach / 2
+    assert lowest(stepper, bottom) == pytest.approx(0.0, abs=1e-9)  # gap of the start of the step
 
 
 def test_refusal_names_bodies_place_depth_and_remedy(monkeypatch):

@@ -119,6 +119,8 @@ class LocalSearch:
         self.last = candidates.find(last)
         self.start = segment_n, gap = candidates.pair(points, self.x_n, self.last, self.reach)
         met, gap_trial = candidates.pair(points, trial, segment_n, self.reach)
+        # Nodes that would be too deep to be found: they face what they enter.
+        self._caught: Flags = np.zeros(len(met), dtype=bool)
         self._catch(trial, met, gap_trial)
         # The gap at t_n counts on the segment that the ballistic state meets.
         gap_n = gap.copy()
@@ -139,6 +141,7 @@ class LocalSearch:
         ways = self.candidates.follow(self.points.take(node), self.x_n, trial, none)
         caught = ways.passes(self.candidates.size) | ((ways.entered >= 0) & (met[node] < 0))
         met[node[caught]], gap_trial[node[caught]] = ways.entered[caught], ways.gap[caught]
+        self._caught[node[caught]] = True
 
     @staticmethod
     def _beyond(pair: ContactPair) -> float:
@@ -210,6 +213,10 @@ class LocalSearch:
             free = node[~stays]
             current = self.segment[free]
         found, gap = self.candidates.pair(self.points.take(free), x, current, self.reach, slack)
+        lost = ((found < 0) & self._caught[free]).nonzero()[0]
+        if len(lost):
+            found[lost] = self.approach.segment[free[lost]]
+            gap[lost] = self.candidates.gap(self.points.take(free[lost]), x, found[lost])
         self.segment[free], self.gap[free] = found, gap
         segment = found if free is node else self.segment[node]
         return segment, segment != before

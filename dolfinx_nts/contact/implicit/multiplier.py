@@ -77,7 +77,8 @@ class MultiplierContact(NormalContact):
             # Gaps that are held stay the same, so that what they are compared with must not
             # change either, lest nodes are let go under load where segments are shorter.
             size = self._state.segment_sizes
-            eligible &= self._law.eligible(approach.gap_n, approach.gap, size, history.active)
+            passes = self._law.eligible(approach.gap_n, approach.gap, size, history.active)
+            eligible &= passes | self._admitted
         if isinstance(self._state, JointState):  # with segments of other bodies
             return eligible
         urgency = 2 * history.active + (np.fmin(approach.gap_n, approach.gap) < 0)
@@ -103,6 +104,13 @@ class MultiplierContact(NormalContact):
         approach.segment[faces] = search.segment[faces]
         self._begin(self.active, self.lambda_N)
         return len(node)
+
+    def may_hold(self, node: Ints, gap_n: Floats, gap: Floats) -> Flags | bool:
+        """Whether the law lets nodes touch by gaps at both ends, see `NormalContact.may_hold`."""
+        if not self._holds:
+            return True
+        size, active = self._state.segment_sizes[node], self._state.history.active[node]
+        return self._law.eligible(gap_n, gap, size, active)
 
     @property
     def may_touch(self) -> Flags:

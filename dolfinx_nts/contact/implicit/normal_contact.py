@@ -39,6 +39,7 @@ class NormalContact(ABC):
         self.flips: Ints = np.zeros(len(history.active), dtype=np.int32)
         # Nodes that would be eligible if others next to them were not.
         self._barred: Flags = np.zeros(len(history.active), dtype=bool)
+        self._admitted: Flags = np.zeros_like(self._barred)
         self._begin(history.active, history.lambda_N)
 
     def _begin(self, active: Flags, lambda_N: Floats) -> None:
@@ -60,6 +61,24 @@ class NormalContact(ABC):
     def choose(self) -> Flags:
         """Choose the nodes that may transmit force, shape ``(n,)``. Collective."""
         return self._search.approach.segment >= 0
+
+    def may_hold(self, node: Ints, gap_n: Floats, gap: Floats) -> Flags | bool:
+        """Whether the law lets nodes touch that go from one gap to another in the step. Local.
+
+        Args:
+            node: Positions among the surface's nodes, shape ``(m,)``.
+            gap_n: Gaps at t_n, shape ``(m,)`` [m].
+            gap: Gaps at the end of the step, shape ``(m,)`` [m].
+        """
+        return True
+
+    def admit(self, nodes: Flags) -> None:
+        """Let nodes touch that an earlier solution of the step let touch. Collective.
+
+        ``nodes`` are flags, shape ``(n,)``.
+        """
+        self._admitted = nodes
+        self._begin(self.active, self.lambda_N)
 
     def _begin_in_touch(self) -> None:
         """Let nodes that lie on their segments be active until forces say otherwise. Local."""
