@@ -15,6 +15,7 @@ import logging
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import chain
 from typing import Any, cast
 
 import numpy as np
@@ -25,7 +26,11 @@ from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.implicit.accepted_contact import contact_history, contact_work
-from dolfinx_nts.contact.implicit.certificate import check_boundaries, check_penetration
+from dolfinx_nts.contact.implicit.certificate import (
+    check_boundaries,
+    check_forces,
+    check_penetration,
+)
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.normal_contact import known_nodes
@@ -238,7 +243,7 @@ class ImplicitStepper(Stepper):
             steps, solution = self._solve(start, problem)
             if self._sleeping.must_wake(steps):
                 steps, solution = self._solve(start, problem, all_awake=True)
-            reports[start.name] = self._checked_report(steps, solution.report, problem)
+            reports[start.name] = self._checked_report(steps, solution, problem)
             if reports[start.name].converged:
                 self.watch.vertices.accept()
                 return self._accepted(steps, solution, reports.values(), load)
@@ -310,14 +315,15 @@ class ImplicitStepper(Stepper):
         yield from starts
 
     def _checked_report(
-        self, steps: Sequence[ContactStep], report: NewtonReport, problem: StepProblem
+        self, steps: Sequence[ContactStep], solution: newton.Solution, problem: StepProblem
     ) -> NewtonReport:
         """Report of an attempt, with the reason why its solution is rejected, if any."""
+        report = solution.report
         if not report.converged:
             return report
         largest = _kernels.farthest(self.x, problem.x_n)
         self._increment = reductions.largest(self._comm, largest)
-        return replace(report, reason=self._rejection(steps, problem.x_n))
+        return replace(report, reason=self._rejection(steps, solution, problem.x_n))
 
     def _warn_if_unstable(self, steps: Sequence[ContactStep], solution: newton.Solution) -> None:
         """Warn of an unstable equilibrium; with inertia nothing is checked."""
@@ -335,11 +341,20 @@ class ImplicitStepper(Stepper):
         """
         return PrescribedMotion(self._bulk, steps)
 
-    def _rejection(self, steps: Sequence[ContactStep], x_n: Floats) -> str:
+    def _rejection(
+        self, steps: Sequence[ContactStep], solution: newton.Solution, x_n: Floats
+    ) -> str:
         """Reason why a solution is rejected, or ""; ``x_n`` are the positions at t_n [m]."""
         if inverted := self._volume_ratio.inverted():
             return inverted
-        reasons = (check_penetration(step, self.dt) for step in steps)
+        residual = min(solution.report.residual_norms[-1:], default=0.0)
+        reasons = chain(
+            (check_penetration(step, self.dt) for step in steps),
+            (
+                check_forces(step, last, residual)
+                for step, last in zip(steps, solution.end.states, strict=True)
+            ),
+        )
         with self.timings.phase("passage"):
             return (
                 next(filter(None, reasons), "")

@@ -197,7 +197,9 @@ class QuasiStatic(ImplicitStepper):
                 for there in (last, x_n)
             )
             if report.converged:
-                wrong = self._volume_ratio.inverted() if part else self._rejection(steps, x_n)
+                wrong = (
+                    self._volume_ratio.inverted() if part else self._rejection(steps, solution, x_n)
+                )
                 report = replace(report, reason=wrong)
             return PseudoStep(report, increment, self._increment)
 

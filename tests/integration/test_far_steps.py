@@ -134,3 +134,24 @@ def test_refusal_names_bodies_place_depth_and_remedy(monkeypatch):
         assert text in message
     assert stepper.t == 0
     assert np.abs(stepper.u.x.array).max() == 0
+
+
+@pytest.mark.parametrize("fault", ["open gap", "pulled"])
+def test_step_with_a_wrong_contact_force_is_refused(monkeypatch, fault):
+    """A force is falsified after Newton's method has converged."""
+    from dolfinx_nts.integrators import implicit
+
+    right = implicit.check_forces
+
+    def falsified(step, last, residual):
+        if fault == "pulled":
+            step.normal.lambda_N *= -1
+        else:
+            last.pairs.contact.gap[:] += 0.1
+        return right(step, last, residual)
+
+    monkeypatch.setattr(implicit, "check_forces", falsified)
+    stepper, *_ = column(PAIRINGS["plane"], dt=1.0)
+    with pytest.raises(nts.ConvergenceError, match=f"column_bottom and a RigidPlane.*{fault}"):
+        stepper.advance()
+    assert stepper.t == 0

@@ -14,8 +14,9 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
-from dolfinx_nts.contact.enforcement import TOUCHES, Penalty
+from dolfinx_nts.contact.enforcement import TOUCHES, Penalty, Tied
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
+from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.local_search import may_face
 from dolfinx_nts.contact.implicit.normal_contact import known_nodes
 from dolfinx_nts.contact.joint_state import JointState, members
@@ -29,7 +30,7 @@ from dolfinx_nts.search.candidates import sunk_from
 from dolfinx_nts.search.joint_search import JointSearch
 from dolfinx_nts.search.points import ContactPoints
 
-__all__ = ["check_boundaries", "check_penetration", "missed_contact"]
+__all__ = ["check_boundaries", "check_forces", "check_penetration", "missed_contact"]
 
 # Depth that another segment may give to a pressing node, and by how much it may make it deeper,
 # relative to the size of a segment [-].
@@ -39,6 +40,17 @@ _DEEP, _DEEPER = 0.1, 0.05
 # nodes that chatter are inexact (12 of 170 at 1e-9, 5 at 0.02 in a ring that folds onto itself).
 # Larger: impacts from rest end deeper than half of their approach.
 _LATE = 0.02
+# Opening beyond which a multiplier may not press, relative to the longest segment [-]. Smaller: the
+# tolerance of constraints in Newton's method counts. Larger: forces without contact are accepted.
+_OPEN = 1e-3
+# Error of the length of tractions, relative to the largest pressing force [-], and of the direction
+# of sliding [rad]. Smaller: the tolerance of the residual in Newton's method counts.
+_CONE, _PARALLEL = 1e-3, 0.05
+# Error of a multiplier relative to the residual norm [-], as some nodes share it.
+_NOISE = 10
+# Slip below which there is no direction, relative to the longest segment [-], as differences of
+# positions have too few digits.
+_SLIPS = 1e-6
 
 
 def missed_contact(
@@ -150,20 +162,9 @@ def _message(step: ContactStep, node: Ints, gap: Floats, x: Floats) -> str:
         gap: Their gaps, shape ``(m,)`` [m].
         x: Positions of the local nodes of the space, shape ``(l, 3)`` [m].
     """
-    nodes, pair = step.state.nodes, np.searchsorted(step.state.ends, node, side="right") - 1
-    columns = pair, nodes.node_ids[node], -gap, x[nodes.nodes[node]]
-    rows = joined(nodes.V.mesh.comm, np.column_stack(columns))
-    if not len(rows):
-        return ""
-    number, _, depth, *place = rows[rows[:, 2].argmax()]
-    between = members(step.state)[int(number)].pair.between
-    point = ", ".join(f"{value:.4g}" for value in place)
-    ids = np.unique(rows[:, 1].astype(np.int64))
-    return (
-        f"{len(ids)} nodes are inside the other surface without contact force between {between}, "
-        f"up to {depth:.3g} m deep at ({point}), as they moved farther than the search expected: "
-        f"{listed(ids)}"
-    )
+    text = "are inside the other surface without contact force, up to {:.3g} m deep,"
+    message = _wrong_nodes(step, text, node, -gap, x[step.state.nodes.nodes[node]])
+    return message and f"{message}; they moved farther than the search expected"
 
 
 def check_penetration(step: ContactStep, dt: float) -> str:
@@ -282,3 +283,62 @@ def _between_segments(step: ContactStep) -> int:
     after, gap_after = search.candidates.pair(points, step.x, now, search.reach)
     deeper = (gap_after < -_DEEP * size[now]) & (gap_after < gap - _DEEPER * size[now])
     return int(np.count_nonzero(deeper & (after != now)))
+
+
+def check_forces(step: ContactStep, last: ContactContribution, residual: float) -> str:
+    """Name nodes whose contact force contradicts its laws at the end of a step, or "". Collective.
+
+    Multipliers push; they act at the gap that they hold, which elastic impact takes from the
+    start of the step, and springs where the gap is below their begin at one end of the step.
+    Tractions of friction are within the cone, and parallel to the slip where a node slides.
+
+    Args:
+        step: The solved step.
+        last: Its last evaluation.
+        residual: Norm of the residual of the solution, to which forces are known [N].
+    """
+    pairs, state, normal = last.pairs, step.state, step.normal
+    loaded = _numbers(last.active & (normal.lambda_N[pairs.node] != 0))
+    node = pairs.node[loaded]
+    size, pressure = state.segment_sizes[node], -normal.lambda_N[node]
+    floor = _CONE * pressure.max(initial=0.0) + _NOISE * residual
+    law, friction = state.pair.enforcement, state.pair.friction
+    # Measure of each error, and from where on it is one.
+    errors: list[tuple[str, Floats, Floats | float]] = []
+    if not isinstance(law, Tied):
+        gap_n, gap = pairs.contact.gap_n[loaded], pairs.contact.gap[loaded]
+        opening = np.minimum(gap_n, gap) if isinstance(law, Penalty) else gap
+        opening = opening - normal.held(pairs)[loaded]
+        errors.append(("press across an open gap, by {:.3g} m", opening, _OPEN * size))
+        errors.append(("are pulled, by {:.3g} N", -pressure, floor))
+    if friction is not None and friction.law == "objective" and not state.pair.has_slip_spring:
+        t, slip = step.friction.traction[node], pairs.slip.value[loaded]
+        length, slid = np.linalg.norm(t, axis=1), np.linalg.norm(slip, axis=1)
+        limit = friction.mu * pressure
+        excess = length - limit
+        errors.append(("exceed the limit of friction, by {:.3g} N", excess, _CONE * limit + floor))
+        moves = step.friction.sliding[node] & (slid > _SLIPS * size) & (length > floor)
+        turned = np.arctan2(t[:, 0] * slip[:, 1] - t[:, 1] * slip[:, 0], (t * slip).sum(axis=1))
+        turned = np.where(moves, np.abs(turned), 0.0)
+        errors.append(("slide {:.3g} rad away from their traction", turned, _PARALLEL))
+    for text, value, most in errors:
+        wrong = _numbers(value > most)
+        columns = node[wrong], value[wrong], step.x[state.nodes.nodes[node[wrong]]]
+        if message := _wrong_nodes(step, text, *columns):
+            return message
+    return ""
+
+
+def _wrong_nodes(step: ContactStep, text: str, node: Ints, value: Floats, x: Floats) -> str:
+    """Name nodes of a step, how wrong they are, and where the worst one is, or "". Collective."""
+    nodes, pair = step.state.nodes, np.searchsorted(step.state.ends, node, side="right") - 1
+    rows = joined(nodes.V.mesh.comm, np.column_stack((pair, nodes.node_ids[node], value, x)))
+    if not len(rows):
+        return ""
+    number, _, most, *place = rows[rows[:, 2].argmax()]
+    point = ", ".join(f"{value:.4g}" for value in place)
+    ids = np.unique(rows[:, 1].astype(np.int64))
+    return (
+        f"{len(ids)} nodes between {members(step.state)[int(number)].pair.between} "
+        f"{text.format(most)} at ({point}): {listed(ids)}"
+    )

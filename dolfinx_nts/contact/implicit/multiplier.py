@@ -112,6 +112,10 @@ class MultiplierContact(NormalContact):
         size, active = self._state.segment_sizes[node], self._state.history.active[node]
         return self._law.eligible(gap_n, gap, size, active)
 
+    def held(self, pairs: PairKinematics) -> Floats:
+        holds = self._stays[pairs.node] | self._holds
+        return np.where(holds, np.maximum(pairs.contact.gap_n, 0.0), 0.0)
+
     @property
     def may_touch(self) -> Flags:
         """Whether a node may touch: where gaps are held, only those that may be held."""

@@ -72,6 +72,10 @@ class NormalContact(ABC):
         """
         return True
 
+    def held(self, pairs: PairKinematics) -> Floats:
+        """Largest gaps at which the law lets pairs transmit force, shape ``(m,)`` [m]. Local."""
+        return np.zeros(len(pairs.node))
+
     def admit(self, nodes: Flags) -> None:
         """Let nodes touch that an earlier solution of the step let touch. Collective.
 

@@ -1,4 +1,4 @@
-"""A step fails if a node sinks into a surface, but not if it is beside the surface."""
+"""A step fails if nodes sink into a surface, or if forces contradict their laws."""
 
 from types import SimpleNamespace
 
@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from dolfinx_nts import compat
-from dolfinx_nts.contact.implicit.certificate import check_penetration
+from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty, Tied
+from dolfinx_nts.contact.friction import Coulomb
+from dolfinx_nts.contact.implicit.certificate import check_forces, check_penetration
 from dolfinx_nts.search.points import NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter
 from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidates
@@ -119,3 +121,57 @@ def test_node_must_not_sink_between_two_segments(facets, flat, after, held, mess
     assert check_penetration(step, dt=0.1) == message
     step.search.gap[:] = -0.1  # not much deeper than now
     assert check_penetration(step, dt=0.1) == ""
+
+
+def loaded(enforcement=None, **fault):
+    """A node in sliding contact, right unless a fault changes it, and its last evaluation."""
+    at = {"held": 0.0, "gap_n": 0.0, "gap": 0.0, "force": -2.0, "t": (0.6, 0.0), "slip": (0.1, 0.0)}
+    at |= fault
+    surface = SimpleNamespace(
+        V=SimpleNamespace(mesh=SimpleNamespace(comm=MPI.COMM_SELF)),
+        nodes=np.array([1]),
+        node_ids=np.array([7]),
+    )
+    pair = SimpleNamespace(
+        enforcement=enforcement or LagrangeMultiplier(),
+        friction=None if isinstance(enforcement, Tied) else Coulomb(0.3),
+        has_slip_spring=False,
+        between="cube and plate",
+    )
+    state = SimpleNamespace(pair=pair, nodes=surface, segment_sizes=np.ones(1), ends=[0, 1])
+    normal = SimpleNamespace(
+        lambda_N=np.array([at["force"]]),
+        held=lambda pairs: np.full(len(pairs.node), at["held"]),
+    )
+    friction = SimpleNamespace(traction=np.array([at["t"]]), sliding=np.ones(1, dtype=bool))
+    x = np.array([[9.0, 9, 9], [1, 2, 3]])
+    contact = SimpleNamespace(gap_n=np.array([at["gap_n"]]), gap=np.array([at["gap"]]))
+    slip = SimpleNamespace(value=np.array([at["slip"]]))
+    pairs = SimpleNamespace(node=np.zeros(1, dtype=np.int32), contact=contact, slip=slip)
+    step = SimpleNamespace(state=state, normal=normal, friction=friction, x=x)
+    return step, SimpleNamespace(active=np.ones(1, dtype=bool), pairs=pairs)
+
+
+@pytest.mark.parametrize(
+    ("fault", "text"),
+    [
+        ({}, ""),
+        ({"gap_n": 0.2, "gap": 0.2, "held": 0.2}, ""),  # elastic impact holds the gap
+        ({"gap_n": 0.2, "gap": 0.2}, "press across an open gap, by 0.2 m"),
+        ({"enforcement": Penalty(1.0), "gap_n": -0.1, "gap": 0.2}, ""),
+        ({"enforcement": Penalty(1.0), "gap_n": 0.3, "gap": 0.2}, "open gap, by 0.2 m"),
+        ({"force": 2.0, "t": (0.0, 0.0)}, "are pulled, by 2 N"),
+        ({"enforcement": Tied(), "force": 2.0, "gap": 0.2, "t": (0.0, 0.0)}, ""),
+        ({"t": (0.9, 0.0)}, "exceed the limit of friction, by 0.3 N"),
+        ({"t": (0.0, 0.6)}, "slide 1.57 rad away from their traction"),
+        ({"t": (-0.6, 0.0)}, "slide 3.14 rad away from their traction"),
+        ({"t": (-0.6, 0.0), "slip": (1e-9, 0.0)}, ""),  # no slip that has a direction
+    ],
+)
+def test_forces_that_contradict_their_law_are_named_with_the_place(fault, text):
+    message = check_forces(*loaded(**fault), residual=1e-9)
+    if text:
+        assert message.startswith("1 nodes between cube and plate ")
+        assert message.endswith(" at (1, 2, 3): 7")
+    assert text in message
+    assert bool(message) == bool(text)
