@@ -92,7 +92,7 @@ class OverlapWatch:
 
         It is infinite where no pair names the two.
         """
-        names, walls = self.search.names, self.search.walls
+        names, walls = self.search.names, self.search.thickness
         of = {name: [i for i, other in enumerate(names) if other == name] for name in names}
         ways = np.full((len(names), len(names)), np.inf)
         for _, nodes, segments in self._roles:

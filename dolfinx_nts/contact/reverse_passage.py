@@ -23,7 +23,7 @@ from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.global_search import GlobalSearch
 from dolfinx_nts.search.nodal_facets import NodalFacets
-from dolfinx_nts.search.walls import thinnest_wall
+from dolfinx_nts.search.thickness import least_thickness
 
 __all__ = ["ReversePassages"]
 
@@ -150,7 +150,7 @@ class _Sweep:
         length = diameters(X[facets.segments])
         shortest = min(length.min(initial=np.inf), facets.thickness.min(initial=np.inf))
         triangles = outward_triangles(facets.segments, facets.orientation)
-        wall = thinnest_wall(self._comm, triangles_at(self._comm, X, triangles))
+        wall = least_thickness(self._comm, triangles_at(self._comm, X, triangles))
         cell = float(reductions.least(self._comm, float(shortest)))
         self.shortest = max(cell, _STRAIGHT * wall)
 

@@ -1,1 +1,1 @@
-"""Which segments are near which nodes, also across ranks."""
+"""Search of candidate segments for contact points, across ranks."""

@@ -1,8 +1,8 @@
-"""Candidates of contact: what contact points may touch, and the search for it.
+"""Interface of contact candidates and of the global search.
 
-The global search finds the segments, or facets of a rigid obstacle, that the points of a
-rank can reach within a step. The local search chooses one of these candidates for each
-point. Contact asks candidates for gap, force and slip of the pairs, and never what they are.
+The global search finds the segments, or facets of a rigid obstacle, that the points of a rank can
+reach within a step. The local search chooses one of these candidates for each point. Candidates
+evaluate gap, force and slip of the pairs.
 """
 
 from abc import ABC, abstractmethod
@@ -26,26 +26,28 @@ from dolfinx_nts.search.scatter import NodalScatter
 
 __all__ = ["Candidates", "Search", "sunk_from"]
 
-# Depth relative to the size of a candidate [-] with which points may leave it.
+# Depth relative to the size of a candidate [-] up to which points may leave it.
 _DEEP = 0.1
 
 
 class Candidates(ABC):
-    """Base of what the contact points of a rank may touch: segments or rigid facets.
+    """Base class of the segments or rigid facets that the contact points of a rank may touch.
 
-    Methods are local unless they say otherwise. In their arguments ``x`` stands for current
-    positions of the nodes of the scatter's map, owned and ghost, shape ``(l, 3)`` [m], in the
-    frame of the search, and ``segment`` for the number of a candidate for each of ``m`` points,
-    shape ``(m,)``. Forces, gradients and tangents that they return are in space.
+    Methods are local unless they say otherwise. Common arguments: ``x`` are current positions of
+    the nodes of the map of the scatter, owned and ghost, in the frame of the search, shape
+    ``(l, 3)`` [m]; ``segment`` is the candidate of each of ``m`` points, shape ``(m,)``. Returned
+    forces, gradients and tangents are in space.
 
     Attributes:
-        scatter: Brings values to the vertices of the candidates, and forces back.
+        scatter: Scatter of values to the vertices of the candidates, and of forces back.
         segments: Vertices of each candidate, nodes of the map, shape ``(s, k)``; a rigid
             facet has none.
-        key: Number of each candidate, the same on any partition of the mesh, ``(s,)``.
-        size: Length to which gaps are compared, shape ``(s,)`` [m].
-        passage: Relative motion below which no point passes a candidate, shape ``(s,)`` [m].
-        may_curve: Whether candidates may be curved, so that straight ways along them leave them.
+        key: Partition-independent number of each candidate, shape ``(s,)``.
+        size: Reference length of gaps, shape ``(s,)`` [m].
+        passage: Relative displacement below which no point passes through a candidate, shape
+            ``(s,)`` [m].
+        may_curve: Whether candidates may be curved, so that a straight path along them leaves
+            them.
     """
 
     scatter: NodalScatter
@@ -73,10 +75,10 @@ class Candidates(ABC):
         Args:
             points: The ``p`` points.
             x: Positions.
-            current: Candidates of the last choice or -1, shape ``(p,)``.
+            current: Current candidates or -1, shape ``(p,)``.
             reach: Largest gap of interest [m].
-            slack: How far beside its current candidate a point may be and still stays with
-                it, in coordinates of the reference segment.
+            slack: Distance outside the current candidate within which a point keeps it, in
+                coordinates of the reference segment.
 
         Returns:
             Candidate or -1, shape ``(p,)``, and gap, NaN without one, ``(p,)`` [m].
@@ -91,14 +93,14 @@ class Candidates(ABC):
         numbers: Ints,
         stiffness: Floats,
     ) -> tuple[Ints, Floats, _kernels.Springs]:
-        """Pair nodes and load the springs of those inside, see `cpp/nts/contact/springs.h`.
+        """Pair nodes and evaluate the springs of penetrating ones, see `cpp/nts/contact/springs.h`.
 
         Args:
             points: The ``c`` nodes.
             x: Positions.
-            current: Candidates of the last choice or -1, shape ``(c,)``.
+            current: Current candidates or -1, shape ``(c,)``.
             reach: Largest gap of interest [m].
-            numbers: Numbers of the nodes by which the springs name them, shape ``(c,)``.
+            numbers: Numbers of the nodes in the returned springs, shape ``(c,)``.
             stiffness: Stiffness of each spring, shape ``(c,)`` [N/m].
 
         Returns:
@@ -122,17 +124,17 @@ class Candidates(ABC):
 
     @abstractmethod
     def near(self, points: ContactPoints, x: Floats, reach: float) -> Ints:
-        """Find the points within reach [m] of a candidate, and perhaps some others."""
+        """Points that include all within reach [m] of a candidate, as indices."""
 
     @abstractmethod
     def gap(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
-        """Compute the gap of points to given candidates, shape ``(m,)`` [m]."""
+        """Gap of points to given candidates, shape ``(m,)`` [m]."""
 
     @abstractmethod
     def contact(
         self, scheme: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints
     ) -> ContactKinematics:
-        """Evaluate gap and force of pairs in a step.
+        """Gap and force of pairs in a step.
 
         Args:
             scheme: Kernel: ``"conserving"``, ``"midpoint"`` or ``"static"``.
@@ -144,66 +146,62 @@ class Candidates(ABC):
 
     @abstractmethod
     def slip(self, law: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints) -> Slip:
-        """Evaluate the slip of pairs in a step; arguments as of `contact`.
-
-        ``law`` is the measure of slip: ``"objective"`` or ``"convective"``.
-        """
+        """Slip of pairs in a step; ``law`` is ``"objective"`` or ``"convective"``."""
 
     @abstractmethod
     def follow(self, points: ContactPoints, x_n: Floats, x: Floats, inside: Ints) -> Trajectories:
-        """Find where points go through what they face on straight ways from x_n to x.
+        """Find intersections of straight paths of points from x_n to x with candidates.
 
         ``inside`` is the candidate behind which each point starts, or -1, shape ``(m,)``.
         """
 
     @abstractmethod
     def is_at_rim(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:
-        """Whether points are nearest to an edge that belongs to one candidate only."""
+        """Whether points are nearest to a free edge of the surface."""
 
     def too_deep(self, segment: Ints) -> Floats:
-        """Depth below which points belong to another side of the body, ``(m,)`` [m]."""
+        """Depth beyond which points belong to another side of the body, ``(m,)`` [m]."""
         return _kernels.DEEPEST * self.size[segment]
 
     def independent(
         self, surface: Surface, segment: Ints, eligible: Flags, urgency: GlobalInts
     ) -> Flags:
-        """Choose the nodes that may have multipliers at the same time. Collective.
+        """Choose nodes that may have multipliers simultaneously. Collective.
 
         Args:
             surface: The surface of the nodes.
             segment: Candidate of each node or -1, shape ``(n,)``.
-            eligible: Nodes that have a candidate and might be held, shape ``(n,)``.
-            urgency: Nodes with a greater one are taken first, shape ``(n,)``.
+            eligible: Flags of nodes with a candidate that may become active, shape ``(n,)``.
+            urgency: Priority of each node, shape ``(n,)``.
 
         Returns:
-            Flags, shape ``(n,)``: all eligible nodes, unless nodes are also vertices of the
-            segments of others.
+            Flags, shape ``(n,)``: all eligible nodes, except in self contact.
         """
         return eligible
 
 
 def sunk_from(candidates: Candidates, segment: Ints) -> Floats:
-    """Depth from which on points that have no candidate any more did not merely leave it. Local.
+    """Depth beyond which points that lost their candidate have penetrated it. Local.
 
-    A node is not seen deeper than the cell below a segment is thick. Arguments are those of
-    `Candidates`; shape ``(m,)`` [m].
+    It is limited by the thickness of the cell below a segment. Shape ``(m,)`` [m].
     """
     return np.minimum(_DEEP * candidates.size[segment], candidates.passage[segment])
 
 
 class Search(ABC):
-    """Base of the searches that find the candidates of a pair. Collective.
+    """Base class of global searches for the candidates of a pair. Collective.
 
     Args:
-        nodes: Surface whose nodes look for candidates.
-        vertices: Vertices of the candidates that this rank offers, local nodes of the space.
+        nodes: Surface of the nodes.
+        vertices: Vertices of the candidates on this rank, local nodes of the space.
 
     Attributes:
         candidates: The candidates of the last update.
-        frame: Frame of the candidates in the present step, in which all positions are given.
-        may_move: Whether the frame may be another one than space.
-        num_searches: How often candidates were sent between ranks.
-        sunk: Depth up to which nodes that started inside still face segments [m], see `start.py`.
+        frame: Frame of the candidates in the current step, in which all positions are given.
+        may_move: Whether the frame may differ from space.
+        num_searches: Number of exchanges of candidates between ranks.
+        sunk: Depth up to which initially penetrating nodes still find segments [m], see
+            `start.py`.
     """
 
     candidates: Candidates
@@ -217,39 +215,36 @@ class Search(ABC):
         self._comm: MPI.Comm = nodes.V.mesh.comm
 
     def begin(self, t_n: float, t: float) -> None:  # noqa: B027 (segments move by unknowns)
-        """Go to the frame of a step from t_n to t [s]. Local."""
+        """Set the frame for a step from t_n to t [s]. Local."""
 
     @abstractmethod
     def update(self, x: Floats, reach: float) -> tuple[Candidates, bool]:
-        """Find candidates among which is everything within reach of a node. Collective.
+        """Find candidates that include all segments within reach of a node. Collective.
 
         Args:
             x: Positions of the local nodes of the space, owned and ghost, ``(l, 3)`` [m].
-            reach: Distance from a node that is covered [m].
+            reach: Largest distance from a node [m].
 
         Returns:
-            The candidates, and whether they are others than last time.
+            The candidates, and whether they have changed.
         """
 
     @property
     def rows(self) -> tuple[Ints, Ints]:
-        """Local nodes of the space that are this rank's nodes and vertices. Local."""
+        """Nodes and vertices of this rank, as local nodes of the space. Local."""
         return self._nodes.nodes, self._vertices
 
     def is_near(self, x: Floats, reach: float) -> bool:
-        """Whether a node of this rank may be within reach of a candidate. Local.
-
-        Arguments are those of `update`, x in space.
-        """
+        """Whether a node of this rank may be within reach of a candidate; x in space. Local."""
         return True
 
     def positions(self, x: Floats) -> tuple[Floats, Floats]:
-        """Positions of this rank's nodes and vertices, for `approach`; x as of `update`. Local."""
+        """Positions of nodes and vertices of this rank, for `approach`. Local."""
         nodes, vertices = self.rows
         return x[nodes], x[vertices]
 
     def per_area(self, force: Floats, area: Floats) -> Floats:
-        """Convert forces of multipliers into tractions at the nodes of the surface. Collective.
+        """Convert multiplier forces to tractions at the nodes of the surface. Collective.
 
         Args:
             force: Forces, shape ``(n,)`` or ``(n, 3)`` [N].
@@ -261,9 +256,9 @@ class Search(ABC):
         return self._nodes.per_area(force, area)
 
     def approach(self, x: Floats, before: Sequence[Floats]) -> float:
-        """Bound on how much any node has come nearer to a candidate [m]. Collective.
+        """Bound on the approach of any node and candidate since ``before`` [m]. Collective.
 
-        ``before`` are the `positions` from which the motion counts, ``x`` is as of `update`.
+        ``before`` are earlier `positions`.
         """
         ways = zip(self.rows, before, strict=True)
         moved = [_kernels.farthest(x.take(rows, axis=0), there) for rows, there in ways]
@@ -271,11 +266,11 @@ class Search(ABC):
         return sum(reductions.largest(self._comm, moved))
 
     def way(self, x: Floats, way: float) -> float:
-        """Bound on the ways of nodes and of the frame where they are in a step [m]. Collective.
+        """Bound on the displacement of nodes and frame in a step [m]. Collective.
 
         Args:
             x: Positions of the local nodes at its end in space, shape ``(l, 3)`` [m].
-            way: Bound on the ways of the nodes, the same on all ranks [m].
+            way: Bound on the displacement of the nodes, the same on all ranks [m].
         """
         if not self.frame.moves:
             return way
@@ -285,4 +280,4 @@ class Search(ABC):
 
     @abstractmethod
     def serialize(self, archive: Archive, name: str) -> None:
-        """Serialize where the candidates were found, under a name. Collective."""
+        """Serialize the positions of the last search under a name. Collective."""

@@ -1,13 +1,13 @@
-"""How two edges cross, and the point and the triangle that stand for them.
+"""Crossing edges, and the equivalent pair of a point and a triangle.
 
-Two edges are as far apart as the lines on which they lie. That distance is the one of a point
-from the plane of a triangle: with ends a_1, a_2 and b_1, b_2
+The gap of two edges is the distance of their lines. It equals the distance of a point from the
+plane of a triangle: with ends a_1, a_2 and b_1, b_2
 
     g = (a_1 - b_1) . n,  n along (a_2 - a_1) x (b_2 - b_1)
 
-is that of a_1 from the triangle of b_1, b_1 + a_2 - a_1 and b_2. All of these are linear in the
-nodes, with weights of sum one, so that whatever the kernels of triangles conserve they conserve
-here: work, forces and moments carry over with the transposed weights.
+is the distance of a_1 from the triangle b_1, b_1 + a_2 - a_1, b_2. These positions are linear in
+the nodes, with weights of sum one. The conservation properties of the kernels for triangles
+therefore carry over: forces are distributed with the transposed weights.
 """
 
 from typing import NamedTuple
@@ -19,20 +19,20 @@ from dolfinx_nts.common.vectors import cross
 
 __all__ = ["WEIGHTS", "Crossing"]
 
-# The point and the corners of the triangle (rows), by the nodes a_1, a_2, b_1, b_2 of a pair.
+# Weights of the nodes a_1, a_2, b_1, b_2 in the point and the corners of the triangle (rows).
 WEIGHTS = np.array(
     [[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [-1.0, 1.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 )
 
 
 class Crossing(NamedTuple):
-    """How edges cross: gap for the normal along their product, places, and angles.
+    """Gap, normal and nearest points of pairs of edges.
 
     Attributes:
-        gap: Shape ``(m,)`` [m].
-        normal: Unit vectors, shape ``(m, 3)``.
-        places: Where the nearest points are on both edges, from 0 to 1, ``(m, 2)``.
-        sine: Of the angle between the edges, shape ``(m,)``.
+        gap: Gap with the normal along the product of both edges, shape ``(m,)`` [m].
+        normal: Unit normals, shape ``(m, 3)``.
+        places: Coordinates of the nearest points on both edges, from 0 to 1, ``(m, 2)``.
+        sine: Sine of the angle between the edges, shape ``(m,)``.
     """
 
     gap: Floats
@@ -42,7 +42,7 @@ class Crossing(NamedTuple):
 
     @classmethod
     def of(cls, a: Floats, b: Floats) -> "Crossing":
-        """Cross edges by their ends, both ``(m, 2, 3)`` [m]."""
+        """Crossings of edges with ends a and b, both ``(m, 2, 3)`` [m]."""
         first, second, between = a[:, 1] - a[:, 0], b[:, 1] - b[:, 0], b[:, 0] - a[:, 0]
         product = cross(first, second)
         area = np.linalg.norm(product, axis=1)

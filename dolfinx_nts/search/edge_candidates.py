@@ -1,4 +1,4 @@
-"""Sharp edges that cross: an edge of the nodes' surface with an edge of another."""
+"""Pairs of crossing sharp edges as candidates of edge-to-edge contact."""
 
 from typing import NamedTuple
 
@@ -16,26 +16,27 @@ from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidat
 
 __all__ = ["EdgeCandidates"]
 
-# Sines of angles [-] above which edges that meet anew count as crossing: between the edges, and
-# between the normal of the crossing and the facets at the edges, which it must lie between. A pair
-# that is held stays until they are below the second ones, and so far an edge may also lie on a
-# facet at the other one from the start, unless facets lie on each other. What edges of length l
-# sink in unseen is about l times these, before a node meets a facet.
+# Least sines of angles [-] for new and for active pairs: between the edges, and between the normal
+# and the facets at the edges. With larger values edges of length l penetrate by about l times
+# the value before a node touches a facet; with smaller ones nearly parallel edges become active.
+# The second values also allow edges that initially lie on a facet at the other edge, unless facets
+# lie on each other.
 _CROSSING, _BETWEEN = (0.01, 0.005), (1e-3, -0.05)
-# Part of an edge [-] by which a crossing is beyond its end but for round-off.
+# Distance of a crossing beyond the end of an edge relative to its length [-] that counts as
+# round-off.
 _ROUNDING = 1e-9
-# By how much deeper another edge must be than the present one, in edges [-], to be taken for it.
+# Additional depth relative to the edge length [-] at which another edge replaces the current one.
 _DEEPER = 0.01
 
 
 class _Found(NamedTuple):
-    """Candidates that carriers may choose.
+    """Admissible candidates of carriers.
 
     Attributes:
-        candidate: Shape ``(m,)``.
-        gap: Shape ``(m,)`` [m].
-        beyond: Whether they cross beyond an end of the other edge, ``(m,)``.
-        depth: Gap by which they are compared, ``(m,)`` [m].
+        candidate: Candidates, shape ``(m,)``.
+        gap: Gaps, shape ``(m,)`` [m].
+        beyond: Whether edges cross beyond an end of the other edge, ``(m,)``.
+        depth: Gap by which candidates are compared, ``(m,)`` [m].
     """
 
     candidate: Ints
@@ -44,29 +45,28 @@ class _Found(NamedTuple):
     depth: Floats
 
     def with_others(self, other: "_Found") -> "_Found":
-        """These and others."""
         return _Found(*map(np.concatenate, zip(self, other, strict=True)))  # type: ignore[arg-type]
 
 
 class EdgeCandidates(SegmentCandidates):
     """Pairs of edges near each other, see `Candidates`.
 
-    A candidate is an edge of the nodes' surface with an edge of the other and a sense of the
-    normal; only its carrier, the first end, can choose it. Its *vertices* are the second end of
-    the carrier's own edge and both ends of the other one.
+    A candidate consists of an edge of the nodal surface, an edge of the other surface, and an
+    orientation of the normal. Only its carrier, the first end of the own edge, can choose it. Its
+    *vertices* are the second end of the own edge and both ends of the other one.
 
     Args:
         scatter: Map of the nodes.
-        own: Edges of the nodes' surface.
-        other: Those of the other one.
-        pairs: Which of them make pairs, ordered by their keys, shape ``(c, 2)``.
-        key: Number of each pair, the same on any partition, ascending, ``(c,)``.
+        own: Edges of the nodal surface.
+        other: Edges of the other surface.
+        pairs: Indices of paired edges, ordered by key, shape ``(c, 2)``.
+        key: Partition-independent number of each pair, ascending, ``(c,)``.
         x: Positions of the nodes of the map, shape ``(l, 3)`` [m].
     """
 
-    # Those of the nodes that have unknowns.
+    # Weights of the nodes with unknowns.
     _weights = WEIGHTS
-    # Springs of facets would see facets.
+    # Not the kernel of facets.
     penalty_forces = Candidates.penalty_forces
 
     def __init__(
@@ -91,7 +91,7 @@ class EdgeCandidates(SegmentCandidates):
         twice = (np.repeat(values, 2, axis=0) for values in (vertices, size, thickness))
         vertices, size, thickness = twice
         super().__init__(FoundSegments(scatter, vertices, senses, keys, size, thickness))
-        # Edges are not followed on their ways.
+        # There is no pass-through check for edges.
         self.passage = np.full(len(size), np.inf)
 
     @classmethod
@@ -104,7 +104,7 @@ class EdgeCandidates(SegmentCandidates):
         x: Floats,
         reach: float,
     ) -> "EdgeCandidates":
-        """Pair the edges whose boxes are within reach [m]; ``num_others`` are on all ranks."""
+        """Pair edges whose boxes are within reach [m]; ``num_others`` counts edges of all ranks."""
         return cls(scatter, own, other, *pairs_within(own, other, num_others, x, reach), x)
 
     def pair(
@@ -115,10 +115,10 @@ class EdgeCandidates(SegmentCandidates):
         reach: float,
         slack: float = HYSTERESIS,
     ) -> tuple[Ints, Floats]:
-        """Choose an edge that crosses one of each carrier, see `Candidates.pair`.
+        """Choose the deepest crossing edge of each carrier, see `Candidates.pair`.
 
-        It is the deepest; the present one stays if it is hardly less deep, and within the
-        iterations of a step (``slack`` is infinite) in any case.
+        The current candidate is kept if it is nearly as deep, and always within the iterations of
+        a step (infinite ``slack``).
         """
         segment, gap = np.full(len(current), -1, dtype=np.int32), np.full(len(current), np.nan)
         if not len(self._pairs) or not len(current):
@@ -137,7 +137,7 @@ class EdgeCandidates(SegmentCandidates):
             return segment, gap
         fits = np.flatnonzero((gaps <= reach) & (gaps >= -self._deepest[candidate // 2]))
         point = row[self._carrier[candidate // 2]]
-        # Those beyond an end last, then the deepest first, then that with the lowest key.
+        # Order: crossings beyond an end last, then by depth, then by key.
         keys = candidate, depth, beyond, point
         order = fits[np.lexsort([values[fits] for values in keys])]
         where, first = np.unique(point[order], return_index=True)
@@ -151,20 +151,17 @@ class EdgeCandidates(SegmentCandidates):
         return np.flatnonzero(carries[points.nodes]).astype(np.int32)
 
     def _within(self, x: Floats, pair: Ints, reach: float, overhang: float = 0.0) -> Ints:
-        """Those of pairs whose boxes are within reach [m].
-
-        The other edge goes on beyond both of its ends, by ``overhang`` times its length.
-        """
+        """Pairs whose boxes are within reach [m]; the other edge is extended by ``overhang``."""
         (lower, upper), (least, greatest) = (edges.boxes(x) for edges in self._edges)
         beyond = overhang * (greatest - least) + reach
         least, greatest = least - beyond, greatest + beyond
-        for i in range(3):  # the first direction leaves out most of them
+        for i in range(3):  # the first direction excludes most pairs
             own, other = self._pairs[pair].T
             pair = pair[(lower[own, i] <= greatest[other, i]) & (least[other, i] <= upper[own, i])]
         return pair
 
     def _held(self, x: Floats, candidate: Ints, slack: float) -> "_Found":
-        """Those of present candidates that may stay."""
+        """Current candidates that may be kept."""
         sense, crossing = self.orientation[candidate], self._crossing(x, candidate // 2)
         if np.isfinite(slack):
             stays = crossing.sine > _CROSSING[1]
@@ -178,13 +175,13 @@ class EdgeCandidates(SegmentCandidates):
         return _Found(candidate, gap, none, gap - _DEEPER * self.size[candidate])
 
     def _met(self, x: Floats, pair: Ints, reach: float) -> "_Found":
-        """Those of pairs that cross, in the sense in which their edges face each other."""
+        """Pairs that cross, with the orientation in which their edges face each other."""
         reach = max(reach, self._deepest.max())
         pair = self._within(x, pair, reach, OVERHANG)
         crossing = self._crossing(x, pair)
         own, other = crossing.places.T
-        # What crosses where two own edges meet crosses the one that begins there. Of the other
-        # edges the carrier chooses one, if need be beyond an end, where these make an angle.
+        # At a common vertex of two own edges the crossing belongs to the edge that starts there.
+        # Among the other edges, crossings beyond an end are admissible at corners.
         beyond = np.abs(other - 0.5) - 0.5
         some = np.flatnonzero(
             (np.abs(crossing.gap) <= reach)
@@ -202,23 +199,23 @@ class EdgeCandidates(SegmentCandidates):
         lies_on_facet = np.maximum(first, second) > -_BETWEEN[1]
         least = np.where(lies_on_facet, _BETWEEN[1], _BETWEEN[0])
         faces: Flags = np.minimum(first, second) > least
-        # Beyond a convex corner there is nothing to be inside of; outside of it the nearest
-        # points of lines are beyond ends by as much as the lines are apart.
+        # Beyond a convex corner there is no body. In front of it, the nearest points are beyond
+        # the ends by about the gap.
         faces &= ~is_beyond | (beyond * self._lengths[pair] <= gap)
         faces &= self._depth(x, pair) >= -gap - _DEEPER * self.size[2 * pair]
         candidate = (2 * pair + (sense > 0)).astype(np.int32)[faces]
         return _Found(candidate, gap[faces], is_beyond[faces], gap[faces])
 
     def _crossing(self, x: Floats, pair: Ints) -> Crossing:
-        """How the edges of some pairs cross."""
+        """Crossings of some pairs of edges."""
         ends = (edges.ends[self._pairs[pair, i]] for i, edges in enumerate(self._edges))
         return Crossing.of(*(x[rows] for rows in ends))
 
     def _between(self, x: Floats, pair: Ints, normal: Floats) -> Floats:
-        """Sines of the angles between normals, ``(m, 3)``, and those of facets, ``(m, 4)``.
+        """Sines of the angles between normals, ``(m, 3)``, and the facets, ``(m, 4)``.
 
-        All are positive where a normal points away from the other surface and into the own one,
-        all negative where its reverse does so.
+        All are positive if the normal points away from the other surface and into the own one, and
+        negative for the reverse normal.
         """
         own, other = (self._pairs[pair, i] for i in range(2))
         return np.hstack(
@@ -229,10 +226,10 @@ class EdgeCandidates(SegmentCandidates):
         )
 
     def _depth(self, x: Floats, pair: Ints) -> Floats:
-        """Shortest way of a whole edge out of a facet at the other one, shape ``(m,)`` [m].
+        """Depth of a whole edge below a facet at the other edge, shape ``(m,)`` [m].
 
-        Where it is less than that out of the crossing, an end is inside of the facet, which holds
-        its node. Turning past that end, edges would come to cross from the side, deep inside.
+        If it is less than the depth of the crossing, an end penetrates the facet, and node contact
+        acts. Otherwise edges rotating past that end would start to cross deep inside.
         """
         own, other = (self._pairs[pair, i] for i in range(2))
         (a, b), (ends_a, ends_b) = (
@@ -242,7 +239,7 @@ class EdgeCandidates(SegmentCandidates):
         return np.minimum(a.depth(x, own, ends_b), b.depth(x, other, ends_a))
 
     def pairs(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
-        """Positions of the points and triangles that stand for edges, ``(m, 4, 3)`` [m]."""
+        """Positions of the equivalent points and triangles, ``(m, 4, 3)`` [m]."""
         return WEIGHTS @ super().pairs(points, x, segment)
 
     def contact(
@@ -260,5 +257,5 @@ class EdgeCandidates(SegmentCandidates):
         return super().slip(law, points, x_n, x, segment).combined(self._weights)
 
     def is_at_rim(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:
-        """All may leave: beyond an end another edge or a facet goes on."""
+        # Always true: beyond an end another edge or facet continues.
         return np.ones(len(segment), dtype=bool)

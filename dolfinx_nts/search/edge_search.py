@@ -1,4 +1,4 @@
-"""Global search of edge-to-edge contact: edges of one surface near those of another."""
+"""Global search of edge-to-edge contact."""
 
 import numpy as np
 
@@ -12,13 +12,12 @@ from dolfinx_nts.search.sharp_edges import SharpEdges
 
 __all__ = ["EdgeSearch"]
 
-# Distance, in longest facets of both surfaces [-], up to which edges are looked for where any
-# distance is asked for: crossings further away have no meaning.
+# Largest distance of edges, in longest facets of both surfaces [-], if the reach is infinite.
 _FARTHEST = 4.0
 
 
 class EdgeSearch(GlobalSearch):
-    """Finds sharp edges that those of another surface can reach, see `GlobalSearch`. Collective.
+    """Search for sharp edges within reach of the edges of another surface. Collective.
 
     Args:
         nodes: Surface whose nodes carry the multipliers.
@@ -26,12 +25,12 @@ class EdgeSearch(GlobalSearch):
     """
 
     candidates: EdgeCandidates
-    # Each pair within reach is looked at in each step.
+    # Small, since each pair within reach is evaluated in each step.
     _margin = 1.5
 
     def __init__(self, nodes: Surface, segments: Surface) -> None:
         super().__init__(nodes, segments)
-        # All owned nodes, also those whose facets belong to other ranks.
+        # All owned nodes, including nodes whose facets belong to other ranks.
         self._vertices = np.union1d(self._vertices, segments.nodes).astype(np.int32)
         self._own, self._offers = map(SharpEdges.of, (nodes, segments))
         ids, owners = self._offers.offer

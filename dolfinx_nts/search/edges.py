@@ -1,4 +1,4 @@
-"""Sharp edges of two surfaces where they are now, and which are near each other."""
+"""Sharp edges at current positions, and pairs of edges near each other."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from dolfinx_nts.search.sharp_edges import unit_normals
 
 __all__ = ["Edges", "pairs_within"]
 
-# Most boxes of edges that are compared at once.
+# Number of boxes that are compared at once [-], to save memory.
 _AT_ONCE = 1 << 20
 
 # Least and greatest coordinates, both ``(e, 3)`` [m].
@@ -19,13 +19,13 @@ Boxes = tuple[Floats, Floats]
 
 @dataclass(frozen=True)
 class Edges:
-    """Sharp edges, see `SharpEdges`, by the nodes of a scatter's map.
+    """Sharp edges, see `SharpEdges`, in terms of the nodes of a scatter map.
 
     Attributes:
         ends: Both ends, shape ``(e, 2)``.
-        facets: Vertices of both facets, in outward sense, shape ``(e, 2, k)``.
+        facets: Vertices of both facets, oriented outward, shape ``(e, 2, k)``.
         key: Number of each edge, shape ``(e,)``.
-        thickness: Heights of the cells behind, ``(e,)`` [m].
+        thickness: Heights of the cells behind the edges, ``(e,)`` [m].
     """
 
     ends: Ints
@@ -35,7 +35,7 @@ class Edges:
 
     @classmethod
     def of(cls, rows: Ints, key: GlobalInts, thickness: Floats) -> "Edges":
-        """Take rows of the ends and the vertices of both facets, shape ``(e, 2 + 2 k)``."""
+        """Edges from rows of ends and vertices of both facets, shape ``(e, 2 + 2 k)``."""
         ends, facets = np.ascontiguousarray(rows[:, :2]), rows[:, 2:]
         return cls(ends, facets.reshape(-1, 2, facets.shape[1] // 2), key, thickness)
 
@@ -45,9 +45,9 @@ class Edges:
         return ends.min(axis=1), ends.max(axis=1)
 
     def between(self, x: Floats, edge: Ints, n: Floats) -> Floats:
-        """Sines of the angles of directions n, ``(m, 3)``, from both facets inward, ``(m, 2)``.
+        """Sines of the angles of directions n, ``(m, 3)``, to both facets, ``(m, 2)``.
 
-        Both are positive where n lies between the normals of the facets at an edge.
+        Both are positive if n lies between the normals of the facets at an edge.
         """
         normals = unit_normals(x[self.facets[edge]])
         first, second = normals[:, 0], normals[:, 1]
@@ -57,9 +57,9 @@ class Edges:
         return np.column_stack([np.einsum("mi,mi->m", side, axis) for side in sides])
 
     def depth(self, x: Floats, edge: Ints, points: Floats) -> Floats:
-        """How deep some points, ``(m, k, 3)``, are below one facet at an edge at most [m].
+        """Largest depth of points, ``(m, k, 3)``, below the facets at an edge, ``(m,)`` [m].
 
-        It is the facet for which this is less, shape ``(m,)``.
+        Of both facets the one with the smaller depth counts.
         """
         normals = unit_normals(x[self.facets[edge]])
         ways = points - x[self.ends[edge, :1]]
@@ -70,7 +70,7 @@ class Edges:
 def pairs_within(
     own: Edges, other: Edges, num_others: int, x: Floats, reach: float
 ) -> tuple[Ints, GlobalInts]:
-    """Pairs of edges whose boxes are within reach [m], ``(c, 2)``, by their keys, ``(c,)``. Local.
+    """Pairs of edges with boxes within reach [m], ``(c, 2)``, and sorted keys, ``(c,)``. Local.
 
     ``num_others`` is the number of the other edges on all ranks.
     """
@@ -81,10 +81,10 @@ def pairs_within(
 
 
 def _boxes_within(first: Boxes, second: Boxes, reach: float) -> Ints:
-    """Boxes of two groups that are within reach [m] of each other, shape ``(c, 2)``."""
+    """Pairs of boxes of two groups within reach [m] of each other, shape ``(c, 2)``."""
     found: list[Ints] = [np.empty((0, 2), dtype=np.int32)]
     (lower, upper), (least, greatest) = first, second
-    # Only what comes near the box around all of the other group.
+    # Preselection by the box around the whole other group.
     some = _near((lower, upper), (least, greatest), reach)
     others = _near((least, greatest), (lower, upper), reach)
     step = max(1, _AT_ONCE // max(1, len(others)))
@@ -100,7 +100,7 @@ def _boxes_within(first: Boxes, second: Boxes, reach: float) -> Ints:
 
 
 def _near(boxes: Boxes, others: Boxes, reach: float) -> Ints:
-    """Numbers of the boxes within reach of the box around all others."""
+    """Indices of boxes within reach of the box around all others."""
     lower, upper = boxes
     least = others[0].min(axis=0, initial=np.inf) - reach
     greatest = others[1].max(axis=0, initial=-np.inf) + reach

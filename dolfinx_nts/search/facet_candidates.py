@@ -1,4 +1,4 @@
-"""Segments as parts of facets, which mortar contact touches as a whole."""
+"""Whole facets as candidates of mortar contact."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -16,7 +16,8 @@ from dolfinx_nts.search.whole_facets import linear_functions
 
 __all__ = ["FacetCandidates", "rises"]
 
-# How far beside a curved facet [-], in its coordinates, it still stands for the surface.
+# Distance outside a curved facet in reference coordinates [-] within which it is extrapolated.
+# Larger values extrapolate strongly curved facets; smaller ones use flat facets more often.
 _BESIDE = 0.5
 # Kernels of flat facets, and of curved ones and patches, see `Candidates.contact`.
 _FLAT: dict[str, Callable[..., Any]] = {
@@ -36,30 +37,30 @@ _CURVED: dict[str, Callable[..., Any]] = {
 
 
 class FacetCandidates(SegmentCandidates):
-    """Segments with the facets that they are parts of, see `SegmentCandidates`.
+    """Segments with the facets to which they belong, see `SegmentCandidates`.
 
-    Segments say which points face which facet. Gap, force and slip are those of the facet: at
-    degree 2 of the curved one, see `cpp/nts/geometry/facet.h`, and of a smooth surface of the
-    patch on it, shifted to the mean of the facet: a uniform pressure then is the load of the
-    facet at its vertices. Points know what the shifts take from their gaps, see `MortarPoints`.
+    Segments select the facet of each point. Gap, force and slip are evaluated on the whole facet:
+    at degree 2 on the curved one, see `cpp/nts/geometry/facet.h`, and for smooth surfaces on the
+    patch, shifted to the mean of the flat facet, so that the consistent load of a uniform pressure
+    is that of the facet. Points store the effect of the shifts on gaps, see `MortarPoints`.
 
-    Far beside it a curved facet does not stand for the surface. In the methods that evaluate
-    pairs the number of a segment plus the number of all segments stands for the flat facet
-    through the vertices, which goes on as a plane, see `of_points`.
+    Far outside a curved facet its extrapolation is not used. In the methods that evaluate pairs,
+    the number of a segment plus the number of all segments denotes the plane through the vertices
+    instead, see `of_points`.
 
     Args:
-        found: The segments; with weights those of a smooth surface.
-        wholes: Nodes on which the facet of each segment depends, shape ``(s, n)``: those of it,
-            at degree 1 the vertices, and those of a patch.
+        found: The segments; with weights for a smooth surface.
+        wholes: Nodes on which the facet of each segment depends, shape ``(s, n)``: vertices,
+            mid-nodes, and nodes of a patch.
 
     Attributes:
         wholes: The argument.
         whole: Number of the facet of each segment, shape ``(s,)``.
-        weights: Those of the nodes in the control points of shifted patches, ``(s, c, n)``;
-            None without.
-        rise: Weights of the nodes in the way from the shifted patches to where the patches are,
-            ``(s, n)``; None without.
-        has_middles: Whether facets have nodes between their vertices.
+        weights: Weights of the nodes in the control points of shifted patches, ``(s, c, n)``, or
+            None.
+        rise: Weights of the nodes in the displacement from the shifted to the actual patches,
+            ``(s, n)``, or None.
+        has_middles: Whether facets have mid-nodes.
     """
 
     def __init__(self, found: FoundSegments, wholes: Ints) -> None:
@@ -68,7 +69,7 @@ class FacetCandidates(SegmentCandidates):
         (s, k), n = self.segments.shape, wholes.shape[1]
         self.has_middles = found.weights is None and n > k
         self.whole: Ints = np.arange(s, dtype=np.int32)
-        # Weights of point and nodes in point and control points: of all facets, and of flat ones.
+        # Weights of point and nodes in point and control points, of all and of flat facets.
         self._of_pairs: Floats | None = None
         self._of_flat: Floats | None = None
         self.weights: Floats | None = None
@@ -85,9 +86,9 @@ class FacetCandidates(SegmentCandidates):
         self._kernels = _CURVED if self.may_curve else _FLAT
 
     def of_points(self, points: ContactPoints, segment: Ints, states: Sequence[Floats]) -> Ints:
-        """Facet of each point, or the flat one where it is far beside it in a state. Local.
+        """Facet of each point, or its plane if the point is far outside in any state. Local.
 
-        Returns numbers as of the class, shape ``(m,)``.
+        Returns numbers as described for the class, shape ``(m,)``.
         """
         if self._of_flat is None:
             return segment
@@ -97,7 +98,7 @@ class FacetCandidates(SegmentCandidates):
             outside = np.fmax(-xi.min(axis=1), xi.max(axis=1) - 1)
             if self.segments.shape[1] == 3:
                 outside = np.fmax(outside, xi.sum(axis=1) - 1)
-            # Nor where there is no projection.
+            # Negated, to include NaN where there is no projection.
             beside |= ~(outside <= _BESIDE)
         return np.where(beside, segment + len(self.segments), segment).astype(np.int32)
 
@@ -109,9 +110,10 @@ class FacetCandidates(SegmentCandidates):
         return self._projections(points, x, segment)[0]
 
     def shortened(self, points: ContactPoints, x: Floats, segment: Ints, rise: Floats) -> Floats:
-        """What the shifts of patches take from the gaps of points, shape ``(m,)`` [m].
+        """Reduction of the gaps of points by the shifts of patches, shape ``(m,)`` [m].
 
-        ``rise`` is the way of the points back to where the patches of their facets are, ``(m, 3)``.
+        ``rise`` is the displacement of the points from the shifted to the actual patches of their
+        own facets, ``(m, 3)`` [m].
         """
         pairs, orientation = self.pairs(points, x, segment), self._sense(segment)
         before = self._kernels["project"](pairs, orientation)[1]
@@ -163,7 +165,7 @@ class FacetCandidates(SegmentCandidates):
         return self.orientation.take(segment, mode="wrap")
 
     def _weights(self, segment: Ints) -> Floats | None:
-        """Weights of points and nodes in pairs of the kernels; None where these are the pairs."""
+        """Weights of points and nodes in the pairs of the kernels; None for identity."""
         if self._of_flat is None:
             return None
         s = len(self.segments)
@@ -179,7 +181,7 @@ class FacetCandidates(SegmentCandidates):
 
 
 def _among(weights: Floats, n: int) -> Floats:
-    """Weights of vertices in control points, ``(c, k)``, as those of ``n`` nodes in pairs."""
+    """Weights of vertices in control points, ``(c, k)``, extended to ``n`` nodes and the point."""
     of_nodes = np.zeros((1, len(weights), n))
     of_nodes[0, :, : weights.shape[1]] = weights
     of_pairs: Floats = weights_of_pairs(of_nodes)[0]
@@ -187,9 +189,9 @@ def _among(weights: Floats, n: int) -> Floats:
 
 
 def rises(weights: Floats, nodes: Ints, facet: Ints, x: Floats) -> Floats:
-    """Ways from the means of facets to those of their patches, shape ``(m, 3)`` [m].
+    """Displacements from the means of facets to those of their patches, shape ``(m, 3)`` [m].
 
-    ``weights`` and ``nodes`` are those of all facets, ``(s, n)``, ``facet`` the numbers of some.
+    ``weights`` and ``nodes`` are of all facets, ``(s, n)``; ``facet`` selects m of them.
     """
     way: Floats = np.einsum("mn,mni->mi", weights[facet], x[nodes[facet]])
     return way

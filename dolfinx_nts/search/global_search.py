@@ -1,9 +1,8 @@
 """Global search: the segments that the nodes of this rank can reach.
 
 Every rank owns some nodes of one surface and some segments of the other. Before a step, ranks
-send each other the segments that come near the bounding box of their nodes. The vertices of
-what arrived become ghosts of an index map, which then carries positions to the contacts and
-forces back.
+send each other the segments near the bounding boxes of their nodes. The vertices of received
+segments become ghosts of an index map, which scatters positions and gathers forces.
 """
 
 import numpy as np
@@ -27,19 +26,18 @@ class GlobalSearch(Search):
     """Finds the segments that nodes of another surface can reach, see `Search`. Collective.
 
     Args:
-        nodes: Surface whose nodes look for segments.
-        segments: Surface that offers segments.
+        nodes: Surface of the nodes.
+        segments: Surface of the segments.
 
     Attributes:
-        covered: Where nodes and vertices were at the last search, see `positions`, and the reach
-            that it covered [m]; None before the first.
+        covered: `positions` at the last search, and its reach [m]; None before the first.
     """
 
     candidates: SegmentCandidates
-    # Reach of a search relative to the one asked for [-]: the margin saves exchanges between
-    # ranks and costs a few segments.
+    # Reach of a search relative to the requested one [-]. Larger margins save exchanges between
+    # ranks and give more candidates.
     _margin = 3.0
-    # Global numbers and owners of nodes whose values are needed beside those of the segments.
+    # Global numbers and owners of nodes whose values are needed in addition to the segments.
     _others: tuple[GlobalInts, Ints] = np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int32)
     # Weights of the nodes of smooth segments in their control points.
     _weights: tuple[Floats, ...] = ()
@@ -50,20 +48,20 @@ class GlobalSearch(Search):
         space, vertices = segments.V.dofmap.index_map, segments.segments
         ids = space.local_to_global(vertices.ravel()).reshape(vertices.shape)
         owners = owners_of(space)[vertices]
-        # What is sent of a segment, but for its size.
+        # Data of a segment that are sent, except its size.
         self._offer = (ids, owners, segments.orientation, segments.key, segments.thickness)
         self.covered: tuple[Floats, Floats, float] | None = None
 
     @property
     def num_vertices(self) -> int:
-        """Vertices of a segment. Local."""
+        """Number of vertices of a segment. Local."""
         return int(self._segments.segments.shape[1])
 
     def update(self, x: Floats, reach: float) -> tuple[SegmentCandidates, bool]:
         """Find every segment within reach of a node, see `Search.update`. Collective.
 
-        The last candidates stay while nothing has moved by more than the margin with which
-        they were found, and forever if they reach everywhere.
+        The last candidates are kept while no motion exceeds the margin of the last search, and
+        forever if its reach was infinite.
         """
         if self.covered is not None:
             *before, covered = self.covered
@@ -73,7 +71,7 @@ class GlobalSearch(Search):
         return self.candidates, True
 
     def renew(self, x: Floats, reach: float) -> None:
-        """Find candidates, whatever the last ones cover; arguments as of `update`. Collective."""
+        """Search again, with the arguments of `update`. Collective."""
         reach *= self._margin
         self.candidates = self._find(x, reach)
         self.candidates.sunk = np.array([self.sunk])
@@ -81,7 +79,7 @@ class GlobalSearch(Search):
         self.num_searches += 1
 
     def sink(self, depth: float) -> None:
-        """Take the depth up to which nodes that started inside face segments [m]. Local."""
+        """Set the depth up to which initially penetrating nodes find segments [m]. Local."""
         if depth != self.sunk:
             self.sunk, self.covered = depth, None
 
@@ -105,7 +103,7 @@ class GlobalSearch(Search):
         comm = self._comm
 
         box = _box(x[self._nodes.nodes], reach)
-        # One rank has nobody to ask, and asking itself would take half of the time.
+        # A single rank needs no communication.
         boxes = np.array(comm.allgather(box) if comm.size > 1 else [box])
         x_vertex = self._offered(x)  # reduced along the first axis, which is faster
         near = _near(x_vertex.min(axis=0), x_vertex.max(axis=0), boxes, comm.rank)
@@ -136,17 +134,16 @@ class GlobalSearch(Search):
         return self._make(found, others, x, reach)
 
     def _offered(self, x: Floats) -> Floats:
-        """Positions of what this rank offers, vertex by vertex, ``(k, s, 3)`` [m]. Collective."""
+        """Positions of the vertices of the segments of this rank, ``(k, s, 3)`` [m]. Collective."""
         vertices: Floats = x[self._segments.segments.T]
         return vertices
 
     def _make(
         self, found: FoundSegments, others: Ints, x: Floats, reach: float
     ) -> SegmentCandidates:
-        """Make the candidates of the segments that were found. Collective.
+        """Create the candidates from segments found at positions x within reach [m]. Collective.
 
-        ``others`` are local numbers of the nodes whose values are needed too; the segments were
-        found at positions x, as of `update`, within a reach [m].
+        ``others`` are local numbers of additional nodes whose values are needed.
         """
         return SegmentCandidates(found)
 
@@ -159,11 +156,11 @@ def _box(x: Floats, reach: float) -> Floats:
 
 
 def _near(lower: Floats, upper: Floats, boxes: Floats, own: int) -> dict[int, Flags]:
-    """Segments within the box of each rank that has any near it, and in any case of this one.
+    """Segments within the box of each rank, with an entry for this rank in any case.
 
     Args:
         lower: Least coordinates of ``s`` segments, shape ``(s, 3)`` [m].
-        upper: Greatest ones.
+        upper: Greatest coordinates, shape ``(s, 3)`` [m].
         boxes: Box of each rank, shape ``(ranks, 2, 3)`` [m].
         own: Number of this rank.
 

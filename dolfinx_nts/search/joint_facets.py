@@ -1,4 +1,4 @@
-"""Facets around the nodes of several surfaces, each of which faces segments of its own."""
+"""Facets around the nodes of several surfaces that are evaluated together."""
 
 from collections.abc import Sequence
 
@@ -13,8 +13,8 @@ __all__ = ["JointFacets"]
 class JointFacets(NodalFacets):
     """Facets around the nodes of several surfaces, see `NodalFacets`. Collective.
 
-    Points are the nodes of all surfaces, surface by surface; each faces a group of segments of
-    `JointCandidates`.
+    Points are the nodes of all surfaces, surface by surface. Each surface may touch one group of
+    segments of `JointCandidates`.
 
     Args:
         parts: Facets of each surface, of one shape.

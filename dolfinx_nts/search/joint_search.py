@@ -1,4 +1,4 @@
-"""Search of several pairs at once: the nodes of each look among its own segments only."""
+"""Joint search of several pairs, each with its own segments."""
 
 from collections.abc import Sequence
 from operator import is_not
@@ -21,14 +21,14 @@ __all__ = ["JointCandidates", "JointSearch"]
 
 
 class JointSearch:
-    """Finds the segments of several searches, of one space and one shape. Collective.
+    """Joint search with segments of one space and one shape. Collective.
 
-    Whether they have to search anew is found out for all of them at once.
+    One reduction decides which searches must be renewed.
 
     Args:
         comm: Communicator.
         searches: The ``c`` searches.
-        shorter: By how much less than others each has to reach, shape ``(c,)`` [m].
+        shorter: Reduction of the reach of each search, shape ``(c,)`` [m].
 
     Attributes:
         frame: Space.
@@ -40,17 +40,17 @@ class JointSearch:
 
     def __init__(self, comm: MPI.Comm, searches: Sequence[GlobalSearch], shorter: Floats) -> None:
         self._comm, self._searches, self._shorter = comm, tuple(searches), shorter
-        # Nodes of all searches, then vertices of all, and where those of each begin.
+        # Nodes of all searches, then vertices of all, and offsets of each.
         rows = [rows for side in zip(*(s.rows for s in searches), strict=True) for rows in side]
         self._rows, self._ends = np.concatenate(rows), np.cumsum([0, *map(len, rows)])
-        # What each search covers, see `GlobalSearch`, and the same in joint arrays.
+        # Coverage of each search, see `GlobalSearch`, also in joint arrays.
         self._known: list[tuple[Floats, Floats, float] | None] = []
         self._before: Floats = np.zeros((len(self._rows), 3))
         self._covered: Floats = np.empty(0)
 
     @property
     def sunk(self) -> float:
-        """Depth up to which nodes that started inside still face segments [m]. Local."""
+        """Depth up to which initially penetrating nodes find segments [m]. Local."""
         return max(search.sunk for search in self._searches)
 
     def update(self, x: Floats, reach: float) -> tuple["JointCandidates", bool]:
@@ -68,7 +68,7 @@ class JointSearch:
         return self.candidates, is_new
 
     def _recall(self) -> bool:
-        """Note what the searches cover; tell whether it was not known. Local."""
+        """Store the coverage of the searches; returns whether it has changed. Local."""
         covered = [search.covered for search in self._searches]
         if len(self._known) == len(covered) and not any(map(is_not, covered, self._known)):
             return False
@@ -81,7 +81,7 @@ class JointSearch:
         return True
 
     def _approach(self, x: Floats) -> Floats:
-        """Bounds as of `Search.approach` since each search, shape ``(c,)`` [m]."""
+        """Bounds of `Search.approach` since each search, shape ``(c,)`` [m]."""
         moved = x.take(self._rows, axis=0) - self._before
         ways = np.sqrt(np.einsum("ij,ij->i", moved, moved))
         farthest = reductions.largest(self._comm, largest_of_parts(ways, self._ends))
@@ -96,8 +96,8 @@ class JointCandidates(SegmentCandidates):
 
     Args:
         parts: Candidates of each of ``c`` searches.
-        num_nodes: Number of nodes of each.
-        shorter: By how much less than others each has to reach, shape ``(c,)`` [m].
+        num_nodes: Number of nodes of each search.
+        shorter: Reduction of the reach of each search, shape ``(c,)`` [m].
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Facets of a rank and those around them, in the reference configuration."""
+"""Facets of a rank and their neighbours in the reference configuration."""
 
 from typing import Any, NamedTuple
 
@@ -20,18 +20,17 @@ __all__ = ["NearFacets", "local_edges"]
 class NearFacets(NamedTuple):
     """Facets of a surface that share a vertex with one of this rank. Local.
 
-    At vertices of facets of this rank all is as on one rank that has the whole surface, in the
-    same order.
+    At vertices of facets of this rank, facets and their order are as on a single rank.
 
     Attributes:
-        X: Reference positions of the ``n`` nodes, ordered by their numbers in the mesh, shape
+        X: Reference positions of the ``n`` nodes in the order of their input numbers, shape
             ``(n, 3)`` [m].
-        facets: Vertices of the facets in Basix order, ordered by their keys, shape ``(f, k)``.
-        orientation: +1 where a_1 x a_2 points outward, otherwise -1, shape ``(f,)``.
-        edges: Both ends of each edge, those of the plane are the facets, shape ``(e, 2)``.
-        facet_edges: Edges of each facet, as `local_edges` has them, shape ``(f, c)``.
-        is_feature: Edges where the surface turns by more than 30 degrees or ends, and all of the
-            plane, shape ``(e,)``.
+        facets: Vertices of the facets in Basix order, ordered by key, shape ``(f, k)``.
+        orientation: +1 if a_1 x a_2 points outward, otherwise -1, shape ``(f,)``.
+        edges: Both ends of each edge; in the plane these are the facets, shape ``(e, 2)``.
+        facet_edges: Edges of each facet in the order of `local_edges`, shape ``(f, c)``.
+        is_feature: Flags of edges at which the surface turns by more than 30 degrees or ends; all
+            edges in the plane, shape ``(e,)``.
         own: Facets of this rank, in the order of the segments of the surface, shape ``(s,)``.
         dofs: Global numbers of the nodes in the space, shape ``(n,)``.
         owners: Their ranks, shape ``(n,)``.
@@ -49,7 +48,7 @@ class NearFacets(NamedTuple):
 
     @classmethod
     def of(cls, surface: Surface) -> "NearFacets":
-        """Ask other ranks for facets around those of this rank. Collective."""
+        """Collect the facets of this rank and their neighbours. Collective."""
         space, comm = surface.V.dofmap.index_map, surface.V.mesh.comm
         vertices = surface.segments
         rows: tuple[Any, ...] = (
@@ -74,7 +73,7 @@ class NearFacets(NamedTuple):
 
     @property
     def normals(self) -> Floats:
-        """Outward normals of the facets, as long as their areas, shape ``(f, 3)`` [m^2]."""
+        """Outward area vectors of the facets, shape ``(f, 3)`` [m^2]."""
         return area_vectors(self.X[self.facets], self.orientation)
 
 
@@ -84,10 +83,10 @@ def local_edges(k: int) -> list[tuple[int, int]]:
 
 
 def _around(comm: MPI.Comm, rows: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Facets that share vertices with those of this rank, these too, often twice. Collective.
+    """Facets of this rank and their neighbours, with duplicates. Collective.
 
-    Owners of nodes learn of all facets around these, and tell the ranks of these facets. The last
-    two columns are the nodes and their owners.
+    Owners of nodes collect all adjacent facets and send them to the ranks of these facets. The
+    last two columns are the nodes and their owners.
     """
     owners = rows[-1]
     parts = {rank: (owners == rank).any(axis=1) for rank in {comm.rank, *owners.flat}}
@@ -103,7 +102,7 @@ def _around(comm: MPI.Comm, rows: tuple[Any, ...]) -> tuple[Any, ...]:
 
 
 def _edges(facets: Ints) -> tuple[Ints, Ints]:
-    """Edges of facets, lower number first, and those of each facet."""
+    """Edges of facets, lower number first, and edges of each facet."""
     ends = np.sort(facets[:, local_edges(facets.shape[1])], axis=2)
     edges, number = np.unique(ends.reshape(-1, 2), axis=0, return_inverse=True)
     return edges, number.reshape(ends.shape[:2]).astype(np.int32)
@@ -112,7 +111,7 @@ def _edges(facets: Ints) -> tuple[Ints, Ints]:
 def _features(
     X: Floats, facets: Ints, orientation: Floats, num_edges: int, facet_edges: Ints
 ) -> Flags:
-    """Which edges do not have two facets that turn by less than some angle."""
+    """Flags of edges without two facets that turn by less than the sharp angle."""
     if facets.shape[1] == 2:
         return np.ones(num_edges, dtype=bool)
     normals = area_vectors(X[facets], orientation)

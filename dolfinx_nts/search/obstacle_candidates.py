@@ -1,4 +1,4 @@
-"""Facets of a rigid obstacle as candidates, which need no search."""
+"""Facets of a rigid obstacle as candidates, without a global search."""
 
 import numpy as np
 
@@ -27,10 +27,10 @@ class ObstacleCandidates(Candidates):
 
     Args:
         obstacle: The obstacle.
-        nodes: Surface whose nodes meet it. Gaps are compared to the longest facet of it.
+        nodes: Surface of the nodes. Its longest facet is the reference length of gaps.
 
     Attributes:
-        frame: Frame of the obstacle in the present step.
+        frame: Frame of the obstacle in the current step.
     """
 
     may_curve = True
@@ -94,11 +94,11 @@ class ObstacleCandidates(Candidates):
 
 
 class ObstacleSearch(Search):
-    """Offers all facets of an obstacle, wherever the nodes are, see `Search`.
+    """Search that always returns all facets of an obstacle, see `Search`.
 
     Args:
         obstacle: The obstacle.
-        nodes: Surface whose nodes meet it.
+        nodes: Surface of the nodes.
     """
 
     candidates: ObstacleCandidates | RigidEdgeCandidates
@@ -125,4 +125,4 @@ class ObstacleSearch(Search):
         return self.candidates, False
 
     def serialize(self, archive: Archive, name: str) -> None:
-        """Do nothing, as an obstacle has no state."""
+        """Do nothing: an obstacle has no state."""

@@ -1,7 +1,7 @@
-"""Overlaps: bodies inside each other, themselves, or obstacles, whatever contact finds.
+"""Overlap check: bodies inside each other, themselves, or obstacles, independent of contact.
 
-Contact looks at nodes and segments of its pairs. This looks at whole closed boundaries: at the
-nodes on one that are inside another, and at the edges of one that cross another.
+It uses whole closed boundaries: nodes of one boundary inside another, and edges of one that
+intersect another.
 """
 
 from collections.abc import Collection, Sequence
@@ -26,29 +26,29 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined
 from dolfinx_nts.search.inside import Insides
 from dolfinx_nts.search.self_overlaps import self_overlap
-from dolfinx_nts.search.walls import thinnest_wall
+from dolfinx_nts.search.thickness import least_thickness
 
 __all__ = ["Overlap", "OverlapSearch"]
 
-# Depth relative to the size of a facet [-] up to which bodies touch and do not overlap.
+# Depth relative to the size of a facet [-] that counts as touching.
 _TOUCHING = 1e-6
 
 
 @dataclass(frozen=True)
 class Overlap:
-    """Two bodies that are inside each other, or a body in an obstacle or in itself.
+    """Overlap of two bodies, of a body with an obstacle, or of a body with itself.
 
     Attributes:
-        names: The two, as ``"cube"`` by the name of the `Body`, or ``"cube and plate"`` that
-            share nodes, and ``"RigidPlane"``; the first is the one of which a point lies deepest
-            inside the second. Twice the same name where a body is inside itself.
-        depth: Distance of that point from the boundary of the second [m]; in a body itself that
-            of a node or of the middle of a facet, in one of six directions.
+        names: Names of both: of a `Body` such as ``"cube"``, of bodies that share nodes such as
+            ``"cube and plate"``, or of an obstacle such as ``"RigidPlane"``. The first one has the
+            deepest point inside the other. Twice the same name for a self-overlap.
+        depth: Distance of that point from the boundary of the second [m]; in a self-overlap of a
+            node or a facet midpoint, in one of six directions.
         reverse_depth: Depth of the deepest point of the second inside the first [m].
-        nodes: Number of nodes on the boundary of either that are inside the other; 0 where only
-            edges cross.
+        nodes: Number of boundary nodes of either that are inside the other; 0 if only edges
+            intersect.
         cells: Number of cells of either whose centres are inside the other.
-        size: Longest facet of the one with the smaller facets [m].
+        size: Longest facet of the body with the smaller facets [m].
 
     Example:
         >>> stepper.set_displacement(other, (0.0, 0.0, -0.06))  # m, and the gap was 0.01 m
@@ -66,18 +66,18 @@ class Overlap:
 
 
 class OverlapSearch:
-    """Finds overlaps of bodies that share no nodes, with themselves, and with obstacles.
+    """Search for overlaps between bodies, with obstacles, and self-overlaps. Collective.
 
-    Collective.
+    Bodies that share nodes count as one.
 
     Args:
         bodies: All bodies of the mesh.
         obstacles: Rigid obstacles.
 
     Attributes:
-        names: Names of the boundaries, as in an `Overlap`.
-        cells: Length of the smallest cell within each boundary at rest, shape ``(g,)`` [m].
-        smallest_cell: The least of them [m].
+        names: Names of the boundaries, as in `Overlap`.
+        cells: Undeformed length of the smallest cell within each boundary, shape ``(g,)`` [m].
+        smallest_cell: The least of these lengths [m].
     """
 
     def __init__(self, bodies: Sequence[Body], obstacles: Sequence[Obstacle]) -> None:
@@ -93,7 +93,7 @@ class OverlapSearch:
         self._edges = [boundary.edges for boundary in self._boundaries]
         self._sizes = np.array([boundary.size for boundary in self._boundaries])
         X = reference_positions(V)[:, : dimension(V)]
-        # Number of the boundary of each owned node, -1 of nodes on no boundary.
+        # Boundary of each owned node, -1 for interior nodes.
         self._boundary_of = np.full(V.dofmap.index_map.size_local, -1)
         for number, nodes in enumerate(self._nodes):
             self._boundary_of[nodes] = number
@@ -104,10 +104,10 @@ class OverlapSearch:
 
     @cached_property
     def walls(self) -> Floats:
-        """Thickness of the thinnest part of each boundary at rest, ``(g,)`` [m]. Collective."""
+        """Least undeformed thickness within each boundary, ``(g,)`` [m]. Collective."""
         X = reference_positions(self._boundaries[0].bodies[0].V)
         comm, surfaces = self._comm, (b.triangles for b in self._boundaries)
-        return np.array([thinnest_wall(comm, triangles_at(comm, X, each)) for each in surfaces])
+        return np.array([least_thickness(comm, triangles_at(comm, X, each)) for each in surfaces])
 
     @property
     def obstacles(self) -> frozenset[str]:
@@ -124,7 +124,7 @@ class OverlapSearch:
         return frozenset(name for name, yes in zip(self.names, belongs, strict=True) if yes)
 
     def below(self, points: Floats, inward: Floats, name: str) -> tuple[Flags, Floats]:
-        """Find which points are inside a body where `find` has seen it. Collective.
+        """Whether points are inside a body at the positions of the last `find`. Collective.
 
         Args:
             points: Positions, the same on all ranks, shape ``(m, 3)`` [m].
@@ -144,17 +144,17 @@ class OverlapSearch:
         return inside, far * self._insides.way_out(ways, where, 0, 0.0)
 
     def approach(self, x: Floats, t: float, before: Floats, t_before: float) -> Floats:
-        """Bound on how much boundaries have come nearer to each other. Collective.
+        """Bounds on the approach of boundaries between two states. Collective.
 
         Args:
-            x: Positions as of `find`.
+            x: Positions as for `find`.
             t: Time [s].
-            before: Positions from which the motion counts.
-            t_before: Time at which these were [s].
+            before: Earlier positions.
+            t_before: Time of the earlier positions [s].
 
         Returns:
-            The bound for each two of the ``g`` boundaries, shape ``(g, g)`` [m], and on the
-            diagonal how much each has come nearer to an obstacle. The same on all ranks.
+            Bounds for each two of the ``g`` boundaries, shape ``(g, g)`` [m], on the diagonal for
+            obstacles. The same on all ranks.
         """
         displacements = self._insides.displacements
         nearer = _kernels.approach(displacements(x, before))
@@ -172,17 +172,17 @@ class OverlapSearch:
         t: float = 0.0,
         selves: Collection[str] | None = None,
     ) -> tuple[list[Overlap], Floats]:
-        """Find all overlaps that are more than a touch. Collective.
+        """Find all overlaps that exceed touching. Collective.
 
         Args:
             x: Positions of the local nodes of the space, owned and ghost, ``(l, 3)`` [m].
-            least: Depth that an overlap must have to be of interest [m].
-            t: Time, at which moving obstacles are where they are [s].
-            selves: Names of the boundaries that may be inside themselves; None: all.
+            least: Least depth of an overlap of interest [m].
+            t: Time, for the positions of moving obstacles [s].
+            selves: Names of the boundaries to be checked for self-overlap; None for all.
 
         Returns:
-            The overlaps; and how far each two of the ``g`` boundaries are apart at least, shape
-            ``(g, g)`` [m], on the diagonal all of them from obstacles. The same on all ranks.
+            The overlaps; and least distances of each two of the ``g`` boundaries, shape
+            ``(g, g)`` [m], on the diagonal of all of them from obstacles. The same on all ranks.
         """
         touching = np.maximum(_TOUCHING * self._sizes, least)
         in_obstacles, clearance = self._with_obstacles(x, t, touching)
@@ -218,8 +218,8 @@ class OverlapSearch:
         Args:
             x: Positions [m].
             pairs: Boundaries in both orders, shape ``(p, 2)``.
-            touching: Depth of a touch, shape ``(p,)`` [m].
-            regions: Least and greatest coordinates of places of the first boundary that may be
+            touching: Depth that counts as touching, shape ``(p,)`` [m].
+            regions: Least and greatest coordinates of the points of the first boundary that may be
                 deeper in the second one, shape ``(p, 2, 3)`` [m].
         """
         inner, outer = np.ascontiguousarray(pairs.T)
@@ -228,13 +228,13 @@ class OverlapSearch:
         points, pair = self._insides.points_on(ways, outer[number], number)
         deep = self._insides.depth(points, outer[pair], touching[pair])
         if not deep.any():
-            return []  # everywhere, as all ranks have the same
+            return []  # on all ranks
         deepest = np.zeros(len(pairs))
         np.maximum.at(deepest, pair, deep)
         at_nodes = np.count_nonzero((ways[:, :3] == ways[:, 3:]).all(axis=1))
         deep_nodes = pair[:at_nodes][deep[:at_nodes] > 0]
         num_nodes = np.bincount(deep_nodes, minlength=len(pairs))
-        # Both orders of two boundaries between which there is an overlap.
+        # Both orders of pairs with an overlap.
         turned = np.lexsort((pairs[:, 0], pairs[:, 1]))
         both = np.column_stack([np.arange(len(pairs)), turned])
         both = both[(both[:, 0] < turned) & (np.maximum(deepest, deepest[turned]) > 0)]
@@ -259,7 +259,7 @@ class OverlapSearch:
         return overlaps
 
     def _centres(self, x: Floats, boundary: int, region: Floats) -> Floats:
-        """Centres in a region of the cells of this rank within a boundary, ``(c, 3)`` [m]."""
+        """Centres of the cells of this rank within a boundary and a region, ``(c, 3)`` [m]."""
         centres = _centres(x, self._boundaries[boundary].cells)
         is_in: Flags = ((centres >= region[0]) & (centres <= region[1])).all(axis=1)
         return centres[is_in]
@@ -290,7 +290,7 @@ class OverlapSearch:
 
 
 def _is_rigid(boundary: ClosedBoundary) -> bool:
-    """Whether no part of a boundary can move against another one."""
+    """Whether all bodies of a boundary are rigid."""
     return all(isinstance(body, RigidBody) for body in boundary.bodies)
 
 
@@ -305,6 +305,6 @@ def _names(obstacles: Sequence[Obstacle]) -> list[str]:
 
 def _centres(x: Floats, cells: Ints) -> Floats:
     """Centres of the nodes of cells, shape ``(c, 3)`` [m]."""
-    # Node by node, which is faster than to gather all of them.
+    # Node by node, which is faster than gathering all nodes at once.
     centres: Floats = sum(x.take(nodes, axis=0) for nodes in cells.T) / cells.shape[1]
     return centres

@@ -1,9 +1,9 @@
-"""Contact points: the material points of a surface that look for segments.
+"""Contact points: material points of a surface that are projected on segments.
 
 The position of a contact point is a constant linear combination of nodal positions.
-Node-to-segment contact has one point at each node, with weight one. Kernels see points and
-segments only; what they return is then summed up for the nodes that carry the multipliers.
-Mortar contact has points of its own, see `mortar_points`.
+Node-to-segment contact has one point at each node, with weight one; for mortar contact see
+`mortar_points`. Kernels work on points and segments. Their results are then summed for the nodes
+that carry the multipliers.
 """
 
 from typing import Protocol
@@ -17,24 +17,24 @@ __all__ = ["ContactPoints", "NodalPoints"]
 
 
 class ContactPoints(Protocol):
-    """Material points whose positions are linear in those of the nodes. Local.
+    """Material points whose positions are linear in the nodal positions. Local.
 
     ``p`` is the number of points.
     """
 
     @property
     def facing(self) -> Facing:
-        """What the points may touch."""
+        """Admissible directions of contact of the points."""
 
     @property
     def nodes(self) -> Ints:
-        """Local node that each point is, -1 within a facet, shape ``(p,)``."""
+        """Local node of each point, -1 for points within a facet, shape ``(p,)``."""
 
     def of(self, values: Floats) -> Floats:
         """Evaluate a nodal field, shape ``(l, 3)``, at the points, shape ``(p, 3)``."""
 
     def take(self, nodes: Ints) -> "ContactPoints":
-        """Select the points of some nodes, by their positions among those with multipliers."""
+        """Select the points of nodes, by their indices among nodes with multipliers."""
 
 
 class NodalPoints:
@@ -42,7 +42,7 @@ class NodalPoints:
 
     Args:
         nodes: Local nodes, shape ``(n,)``.
-        facing: What they may touch; None: anything.
+        facing: Admissible directions of contact; None for any.
 
     Attributes:
         nodes, facing: The arguments.
@@ -51,7 +51,7 @@ class NodalPoints:
     def __init__(self, nodes: Ints, facing: Facing | None = None) -> None:
         self.nodes: Ints = nodes
         self.facing: Facing = Facing.everywhere(len(nodes)) if facing is None else facing
-        # The last selection: an iterate asks for the same nodes again and again.
+        # Cache of the last selection, which an iterate needs repeatedly.
         self._taken: tuple[Ints, NodalPoints] | None = None
 
     def of(self, values: Floats) -> Floats:
@@ -63,7 +63,7 @@ class NodalPoints:
         return self._taken[1]
 
     def dofs(self, vertices: Ints) -> Ints:
-        """Each node and the vertices of its segment, ``(n, k)``, as nodes of pairs ``(n, 1+k)``."""
+        """Nodes of pairs, ``(n, 1+k)``: each node and the vertices of its segment, ``(n, k)``."""
         dofs = np.empty((len(vertices), 1 + vertices.shape[1]), dtype=np.int32)
         dofs[:, 0], dofs[:, 1:] = self.nodes, vertices
         return dofs

@@ -1,4 +1,4 @@
-"""Sharp edges that cross those of a rigid obstacle."""
+"""Sharp edges that cross edges of a rigid obstacle."""
 
 from typing import Any
 
@@ -16,15 +16,15 @@ __all__ = ["RigidEdgeCandidates"]
 
 
 class RigidEdgeCandidates(EdgeCandidates):
-    """Edges that cross those of a rigid obstacle, see `EdgeCandidates`; pairs are an own edge.
+    """Edges that cross edges of a rigid obstacle, see `EdgeCandidates`.
 
-    Positions are those in the frame of the obstacle, and both ends of the other edges are rows
-    behind those of the map.
+    The nodes of a pair are those of the own edge. Positions are in the frame of the obstacle, with
+    the vertices of the obstacle as additional rows.
 
     Args:
         corners: Vertices of the obstacle, shape ``(n, 3)`` [m].
-        frame: Frame of the obstacle in the present step.
-        *edges: As of `EdgeCandidates`.
+        frame: Frame of the obstacle in the current step.
+        *edges: Arguments of `EdgeCandidates`.
 
     Attributes:
         frame: The argument.
@@ -38,7 +38,7 @@ class RigidEdgeCandidates(EdgeCandidates):
         self._triangles, self.segments = self.segments, self.segments[:, :1]
 
     def _with_corners(self, x: Floats) -> Floats:
-        """Positions of the nodes of the map and of the obstacle's vertices [m]."""
+        """Positions of the nodes of the map, then of the vertices of the obstacle [m]."""
         return np.concatenate([x[: self.scatter.num_local], self._corners])
 
     def pair(
@@ -55,7 +55,7 @@ class RigidEdgeCandidates(EdgeCandidates):
         return super().near(points, self._with_corners(x), reach)
 
     def pairs(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
-        """Positions of the points and triangles that stand for edges, ``(m, 4, 3)`` [m]."""
+        """Positions of the equivalent points and triangles, ``(m, 4, 3)`` [m]."""
         pairs = np.empty((len(segment), len(WEIGHTS), 3))
         pairs[:, 0] = points.of(x)
         pairs[:, 1:] = self._with_corners(x)[self._triangles[segment]]

@@ -1,4 +1,4 @@
-"""Search of edges that cross those of a rigid obstacle made of facets, which all ranks know."""
+"""Search for crossings with edges of a faceted rigid obstacle, which all ranks know."""
 
 from weakref import WeakKeyDictionary
 
@@ -18,15 +18,14 @@ from dolfinx_nts.search.sharp_edges import SharpEdges, sharp_between
 
 __all__ = ["RigidEdgeSearch", "num_sharp_edges"]
 
-# Reach of a search relative to the one asked for [-].
+# Reach of a search relative to the requested one [-].
 _MARGIN = 1.5
-# Distance, in longest facets of the nodes' surface [-], up to which edges are looked for where any
-# distance is asked for.
+# Largest distance of edges, in longest facets of the nodal surface [-], if the reach is infinite.
 _FARTHEST = 4.0
 
 
 class RigidEdgeSearch(ObstacleSearch):
-    """Finds edges of an obstacle that those of a surface can reach, see `Search`. Collective.
+    """Search for edges of an obstacle within reach of the edges of a surface. Collective.
 
     Args:
         obstacle: The obstacle.
@@ -45,7 +44,7 @@ class RigidEdgeSearch(ObstacleSearch):
             Edges(other.ends + first, other.facets + first, other.key, other.thickness),
         )
         self._farthest = _FARTHEST * nodes.size
-        # Where nodes were at the last search, and the reach that it covered [m].
+        # Positions of nodes at the last search, and its reach [m].
         self._covered: tuple[Floats, float] | None = None
 
     def is_near(self, x: Floats, reach: float) -> bool:
@@ -96,9 +95,9 @@ _KNOWN: WeakKeyDictionary[RigidSurface, tuple[Floats, Edges]] = WeakKeyDictionar
 
 
 def _rigid_edges(obstacle: RigidSurface) -> tuple[Floats, Edges]:
-    """Vertices of an obstacle, of which none is there twice, ``(n, 3)`` [m], and its edges. Local.
+    """Unique vertices of an obstacle, ``(n, 3)`` [m], and its edges. Local.
 
-    Facets of files are often given with vertices of their own.
+    Facets from files often do not share vertices.
     """
     if obstacle not in _KNOWN:
         points, facets, orientation = obstacle.facets

@@ -1,4 +1,4 @@
-"""Carries values of nodes between the ranks, for the candidates of one search."""
+"""Exchange of nodal values between ranks for the candidates of one search."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -14,18 +14,17 @@ __all__ = ["NodalScatter", "joint_scatter"]
 
 
 class NodalScatter:
-    """Sends values of nodes from owners to ghosts and back.
+    """Exchange of nodal values between owners and ghosts.
 
     All methods are collective, and local if `is_local`. Values have the shape ``(..., d)`` with d
-    up to 3. Only those of nodes that other ranks need are touched: a contact has few of them, and a
-    copy of all takes longer than the exchange.
+    up to 3. Only values of shared nodes are copied, since a contact has few of them.
 
     Args:
         index_map: Owned nodes of the space, then the ghosts that segments on this rank need.
 
     Attributes:
         index_map: The argument.
-        is_local: Whether no rank needs anything of another.
+        is_local: Whether no rank has ghosts.
         shared: Owned nodes that are ghosts of other ranks.
     """
 
@@ -35,7 +34,7 @@ class NodalScatter:
         self.is_local = not reductions.anywhere(index_map.comm, index_map.num_ghosts > 0)
         self.shared: Ints = compat.shared(index_map)
         self._vector: Any = la.vector(index_map, 3)
-        # DOLFINx takes 2 us each time that it is asked for the array.
+        # Cached, since access to the array of a DOLFINx vector is slow.
         self._values: Floats = self._vector.array.reshape(-1, 3)
 
     @property
@@ -52,13 +51,13 @@ class NodalScatter:
     def forward(self, values: Floats) -> Floats:
         """Values at all nodes of the map, shape ``(l, 3)``; a view if `is_local`.
 
-        Those of the owned nodes are the first rows of ``values``.
+        The first rows of ``values`` are the values of the owned nodes.
         """
         owned = values[: self._num_owned]
         return owned if self.is_local else np.concatenate([owned, self.at_ghosts(owned)])
 
     def reverse(self, values: Floats) -> Floats:
-        """Sum at owned nodes, ``(n, 3)``, what all ranks have at nodes of the map, ``(l, 3)``."""
+        """Sums at owned nodes, ``(n, 3)``, of values of all ranks at local nodes, ``(l, 3)``."""
         if self.is_local:
             return values
         sums = values[: self._num_owned].copy()
@@ -66,21 +65,23 @@ class NodalScatter:
         return sums
 
     def add(self, total: Floats, nodes: Ints, values: Floats) -> None:
-        """Add values of some nodes, also of other ranks, to those of the owned nodes.
+        """Add values at nodes of the map on all ranks to the values of owned nodes.
 
-        ``total`` are the values at the owned nodes, shape ``(n, 3)``, changed; ``nodes`` are
-        nodes of the map, of any shape, and values have the shape ``(*nodes.shape, 3)``.
+        Args:
+            total: Values of the owned nodes, shape ``(n, 3)``, changed in place.
+            nodes: Nodes of the map, of any shape.
+            values: Values, shape ``(*nodes.shape, 3)``.
         """
         ghosts = self.no_values(3)
         _kernels.add_rows(total, ghosts, nodes, values)
         self.add_of_ghosts(total, ghosts)
 
     def no_values(self, d: int) -> Floats:
-        """Zeros at the ghosts, shape ``(g, d)``. Local."""
+        """Zeros for the ghosts, shape ``(g, d)``. Local."""
         return np.zeros((self._num_ghosts, d))
 
     def at_ghosts(self, values: Floats) -> Floats:
-        """Values at the ghosts, shape ``(g, d)``, of those at the owned nodes, ``(n, d)``."""
+        """Values at the ghosts, shape ``(g, d)``, from values at the owned nodes, ``(n, d)``."""
         d = values.shape[1]
         if self.is_local:
             return self.no_values(d)
@@ -89,10 +90,7 @@ class NodalScatter:
         return self._values[self._num_owned :, :d].copy()
 
     def add_of_ghosts(self, total: Floats, ghosts: Floats) -> None:
-        """Add to values at the owned nodes, ``(n, d)``, what all ranks have at ghosts, ``(g, d)``.
-
-        The former are changed.
-        """
+        """Add values at ghosts of all ranks, ``(g, d)``, to ``total`` of owned nodes, (n, d)."""
         if self.is_local:
             return
         d = total.shape[1]
@@ -103,13 +101,14 @@ class NodalScatter:
 
 
 def joint_scatter(scatters: Sequence[NodalScatter]) -> tuple[NodalScatter, list[Ints | None]]:
-    """Map with the ghosts of several, and the nodes of each in it. Collective.
+    """Scatter with the ghosts of several scatters. Collective.
 
     Args:
-        scatters: They have the same owned nodes.
+        scatters: Scatters with the same owned nodes.
 
     Returns:
-        The map, and the numbers in it of the nodes of each, None where they are the same.
+        The joint scatter, and for each given one the numbers of its nodes in the joint map, None
+        if they are the same.
     """
     first = scatters[0]
     if all(scatter.is_local for scatter in scatters):

@@ -1,12 +1,12 @@
-"""Contact of a surface with itself: candidates without neighbours on the mesh.
+"""Self contact: candidates of a surface without neighbours on the mesh.
 
-What a node may touch is decided by normals, by the thickness of the cells and by the reference
-positions, see `cpp/nts/search/self_contact.h`.
+Normals, thickness of the cells and reference positions decide which segments a node may touch, see
+`cpp/nts/search/self_contact.h`.
 
-Where both sides touch with their nodes there would be twice as many constraints as there is
-room for, and a node that gives up its displacement would be asked for it by another. So no node
-that may have a multiplier is a vertex of the segment of another one. These hold all other
-nodes: the segment that such a node touches, or one around it, has a vertex with a multiplier.
+Multipliers at nodes of both sides would be twice as many as independent constraints, and a node
+with an eliminated displacement would be a vertex of another constraint. Therefore no node with a
+multiplier is a vertex of the segment of another such node. All other nodes are held indirectly:
+the segment that such a node touches, or a neighbour of it, has a vertex with a multiplier.
 """
 
 from collections import defaultdict
@@ -31,7 +31,7 @@ class SelfContactCandidates(SegmentCandidates):
     """Segments of a surface within reach of its own nodes, see `Candidates`. Collective.
 
     Args:
-        found: The segments; all around the nodes of this rank are among them.
+        found: The segments, including all around the nodes of this rank.
         X: Reference positions of the owned nodes, shape ``(n, 3)`` [m].
     """
 
@@ -45,11 +45,9 @@ class SelfContactCandidates(SegmentCandidates):
     ) -> Flags:
         """Choose nodes of which none is a vertex of the segment of another. Collective.
 
-        Each node in turn is taken unless one of those before forbids it: the most urgent first.
-        Among these come first neighbours of taken ones: where two walls lie flat on each other
-        the nodes of one of them hold both, as no node can be held where it would be the turn of
-        the other wall. Then the lowest number in the mesh decides, so that the choice does not
-        depend on the partition. See `Candidates.independent`.
+        Greedy selection by urgency. For equal urgency, neighbours of chosen nodes come first, so
+        that one of two flat walls gets all multipliers; then the input number decides, so that the
+        choice does not depend on the partition. See `Candidates.independent`.
         """
         node = np.flatnonzero(eligible)
         vertices = self.segments.take(segment[node], axis=0)
@@ -75,11 +73,11 @@ class SelfContactCandidates(SegmentCandidates):
         return self._kernel.pair_own(points.of(x), current, slack, reach, x, *own, self._thickness)
 
     def _own_rows(self, points: ContactPoints) -> Ints:
-        """The nodes themselves, as they are vertices of the surface."""
+        # Nodes are vertices of the surface.
         return points.nodes
 
     def _normals(self, x: Floats) -> Floats:
-        """Normals of the surface, of any length; right at owned nodes only, shape ``(l, 3)``."""
+        """Normals of the surface, of any length, shape ``(l, 3)``; valid at owned nodes only."""
         normals = np.zeros_like(x)
         areas = area_vectors(x[self.segments], self.orientation)
         for vertex in self.segments.T:
@@ -90,9 +88,10 @@ class SelfContactCandidates(SegmentCandidates):
 def _taken(rows: Iterable[list[int]], edges: Iterable[list[int]]) -> set[int]:
     """Choose nodes, see `SelfContactCandidates.independent`. Local.
 
-    A row has the urgency of a node, less for the more urgent, its number in the mesh, its dof and
-    those of the vertices of its segment. Edges lead from the dof of a node to that of another on
-    the same facet.
+    Args:
+        rows: Negative urgency, input number and dof of each node, and dofs of the vertices of its
+            segment.
+        edges: Pairs of dofs of nodes on the same facet.
     """
     turn: dict[int, tuple[int, int]] = {}
     segment: dict[int, list[int]] = {}
@@ -106,7 +105,7 @@ def _taken(rows: Iterable[list[int]], edges: Iterable[list[int]]) -> set[int]:
     for node, (urgency, number) in turn.items():
         heappush(turns, (urgency, True, number, node))
     taken: set[int] = set()
-    covered: set[int] = set()  # vertices of the segments of taken nodes
+    covered: set[int] = set()  # vertices of the segments of chosen nodes
     while turns:
         node = heappop(turns)[-1]
         if node in taken or node in covered or not taken.isdisjoint(segment[node]):
@@ -120,7 +119,7 @@ def _taken(rows: Iterable[list[int]], edges: Iterable[list[int]]) -> set[int]:
 
 
 class SelfContactSearch(GlobalSearch):
-    """Finds segments that nodes of the same surface can reach, see `GlobalSearch`. Collective."""
+    """Search for segments that nodes of the same surface can reach. Collective."""
 
     def _make(
         self, found: FoundSegments, others: Ints, x: Floats, reach: float

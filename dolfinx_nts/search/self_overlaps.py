@@ -1,7 +1,7 @@
-"""Bodies that are inside themselves, as where walls of one have passed each other.
+"""Self-overlaps of bodies.
 
-The boundary of a body whose cells have kept their sense goes round a point as often as the body
-is there. Just below the boundary that is once, and twice where another part of the body is.
+If no cell is inverted, the winding number of the boundary counts how often the body covers a
+point: once just below the boundary, and twice inside another part of the body.
 """
 
 from itertools import product
@@ -19,19 +19,18 @@ from dolfinx_nts.search.inside import Insides
 
 __all__ = ["SelfOverlap", "self_overlap"]
 
-# Where it is looked for near the vertex of a facet, relative to the facet [-]: towards its middle,
-# so that no other facet is as near, and below it.
+# Position of test points near the vertex of a facet, relative to the facet [-]: distance towards
+# the midpoint, so that no other facet is as near, and depth below the facet.
 _ASIDE, _BELOW = 1e-3, 1e-4
-# Depth, relative to the longest facet [-], up to which parts of a body only touch.
+# Depth relative to the longest facet [-] that counts as touching.
 _TOUCHING = 1e-3
 
 
 class SelfOverlap(NamedTuple):
-    """How a body is inside itself.
+    """Self-overlap of a body.
 
     Attributes:
-        depth: Shortest way of the deepest node or middle of a facet, of six, out of the part that
-            it is in [m].
+        depth: Depth of the deepest node or facet midpoint, in one of six directions [m].
         nodes: Number of nodes on the boundary that are inside.
         cells: Number of cells whose centres are inside another part.
     """
@@ -49,15 +48,15 @@ def self_overlap(
     centres: Floats,
     touch: float,
 ) -> SelfOverlap | None:
-    """Find how a body is inside itself, None if by no more than a touch. Collective.
+    """Self-overlap of a body, or None if it does not exceed touching. Collective.
 
     Args:
-        insides: The boundaries, at these positions.
+        insides: The boundaries at the current positions.
         number: Number of the boundary among them.
         boundary: The boundary.
         x: Positions of the local nodes of the space, owned and ghost, shape ``(l, 3)`` [m].
         centres: Centres of the cells of this rank, shape ``(c, 3)`` [m].
-        touch: Depth of a touch [m].
+        touch: Depth that counts as touching [m].
     """
     V = boundary.bodies[0].V
     comm: MPI.Comm = V.mesh.comm
@@ -68,20 +67,20 @@ def self_overlap(
     within = insides.times(points, _all(number, points)) > 1
     ids, points, frames = ids[within], points[within], frames[within]
     if not len(ids):
-        return None  # everywhere, as all ranks have the same
+        return None  # on all ranks
     depth = _depth(insides, number, points, frames, boundary.size)
     deep = depth > max(touch, _TOUCHING * boundary.size)
     if not deep.any():
         return None
     centres = joined(comm, centres)
     num_cells = int(np.count_nonzero(insides.times(centres, _all(number, centres)) > 1))
-    # Ranks that share a node have looked at it in different triangles.
+    # Ranks may have found a shared node in different triangles.
     num_nodes = len(np.unique(ids[deep & (ids >= 0)]))
     return SelfOverlap(float(depth.max()), num_nodes, num_cells)
 
 
 def _depth(insides: Insides, number: int, points: Floats, frames: Floats, size: float) -> Floats:
-    """Shortest of six ways out of the other part, ``(m,)`` [m]. Collective.
+    """Least distance to the boundary of the other part in six directions, ``(m,)`` [m]. Collective.
 
     Arguments are those of `self_overlap` and the results of `_below`.
     """
@@ -89,8 +88,8 @@ def _depth(insides: Insides, number: int, points: Floats, frames: Floats, size: 
     parts = []
     for i, sign in product(range(3), (1.0, -1.0)):
         ways = np.hstack([points, points + sign * longest * frames[:, i]])
-        # Outward a way leaves the own facet first, or two where parts lie on each other. To the
-        # sides it may leave the own part at an edge nearby.
+        # Outward rays first leave the own facet, or two facets in contact. Lateral rays may leave
+        # the own part at a nearby edge.
         is_outward, is_aside = i == 0 and sign < 0, i > 0
         least = 2 * _ASIDE * size / longest if is_aside else 0.0
         parts.append(insides.way_out(ways, _all(number, ways), int(is_outward), least))
@@ -106,12 +105,12 @@ def _below(triangles: Ints, x: Floats) -> tuple[Ints, Floats, Floats]:
     """Points just below the nodes of triangles, and below the middle of each.
 
     Args:
-        triangles: As of a `ClosedBoundary`.
+        triangles: Triangles of a `ClosedBoundary`.
         x: Positions of the local nodes [m].
 
     Returns:
-        The nodes, ``(n,)``; the points, those of nodes first, ``(m, 3)`` [m]; and the inward
-        normals and two tangents there, ``(m, 3, 3)``. Local.
+        The nodes, ``(n,)``; the points, first those of nodes, ``(m, 3)`` [m]; and inward normals
+        and two tangents, ``(m, 3, 3)``. Local.
     """
     node, first = np.unique(triangles, return_index=True)
     vertex = np.concatenate([node, triangles[:, 0]])

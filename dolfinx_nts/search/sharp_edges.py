@@ -1,4 +1,4 @@
-"""Sharp edges of a surface: convex ones between two facets, which can cross those of others."""
+"""Sharp convex edges of a surface, for edge-to-edge contact."""
 
 from weakref import WeakKeyDictionary
 
@@ -18,10 +18,10 @@ from dolfinx_nts.search.segment_candidates import SegmentCandidates
 
 __all__ = ["SharpEdges", "sharp_between", "unit_normals"]
 
-# Reach of the search for the facets around a node, relative to the longest facet [-]: they are
-# at no distance but for round-off.
+# Reach of the search for the facets around a node relative to the longest facet [-]: above
+# round-off.
 _AROUND = 1e-6
-# A number of a node, of up to 62 bits, in two parts that floating-point numbers hold exactly.
+# Node numbers of up to 62 bits are sent in two parts, which are exact as floating-point numbers.
 _HALF = 1 << 31
 # Order of the vertices of a facet that reverses its normal, by their number.
 _REVERSED = {3: [0, 2, 1], 4: [0, 2, 1, 3]}
@@ -30,9 +30,9 @@ _REVERSED = {3: [0, 2, 1], 4: [0, 2, 1, 3]}
 class SharpEdges:
     """Convex edges at which the normal of a surface turns by more than 30 degrees. Collective.
 
-    What is sharp is decided in the reference configuration. Each edge belongs to the rank that
-    owns its *carrier*, the end with the lower number in the mesh. Edges on the rim of a surface,
-    which belong to one of its facets only, are none: nothing is known of what is beyond.
+    The reference configuration decides which edges are sharp. Each edge belongs to the rank that
+    owns its *carrier*, the end with the lower input number. Free edges of a surface are left out,
+    since the geometry beyond them is unknown.
 
     Args:
         surface: The surface, of a mesh in space.
@@ -41,9 +41,9 @@ class SharpEdges:
         scatter: Map of the facets around the nodes of this rank.
         nodes: Carrier and other end of the ``e`` edges of this rank, in that map,
             shape ``(e, 2)``.
-        facets: Vertices of both facets at each edge, those in outward sense, shape ``(e, 2, k)``.
-        key: Number of each edge, the same on any partition, shape ``(e,)``.
-        thickness: Height of the lower one of the cells behind an edge, ``(e,)`` [m, reference].
+        facets: Vertices of both facets at each edge, oriented outward, shape ``(e, 2, k)``.
+        key: Partition-independent number of each edge, shape ``(e,)``.
+        thickness: Smaller height of both cells behind an edge, ``(e,)`` [m, reference].
         total: Number of edges on all ranks.
     """
 
@@ -66,7 +66,7 @@ class SharpEdges:
 
     @classmethod
     def of(cls, surface: Surface) -> "SharpEdges":
-        """Find the edges of a surface once for all its pairs. Collective."""
+        """Cached edges of a surface. Collective."""
         if surface not in _KNOWN:
             _KNOWN[surface] = cls(surface)
         return _KNOWN[surface]
@@ -80,20 +80,20 @@ class SharpEdges:
         return ids, owners_of(self.scatter.index_map)[rows]
 
     def ends(self, x: Floats) -> Floats:
-        """Positions of the ends, shape ``(2, e, 3)`` [m]. Collective.
+        """Positions of the ends, ``(2, e, 3)``, for positions of local nodes, ``(l, 3)`` [m].
 
-        ``x`` are positions of the local nodes of the space, owned and ghost, shape ``(l, 3)``.
+        Collective.
         """
         ends: Floats = self.scatter.forward(x)[self.nodes.T]
         return ends
 
 
-# Edges of surfaces that still exist.
+# Cache of the edges of surfaces.
 _KNOWN: WeakKeyDictionary[Surface, SharpEdges] = WeakKeyDictionary()
 
 
 def unit_normals(corners: Floats) -> Floats:
-    """Outward unit normals of facets with outward sense, ``(..., k, 3)``; 0 without one. Local."""
+    """Unit normals of facets oriented outward, ``(..., k, 3)``; 0 if degenerate. Local."""
     vectors = area_vectors(corners.reshape(-1, *corners.shape[-2:]), np.ones(1))
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     unit: Floats = vectors / np.where(length > 0, length, 1.0)
@@ -101,7 +101,7 @@ def unit_normals(corners: Floats) -> Floats:
 
 
 def _numbers(local: GlobalInts, near: SegmentCandidates) -> GlobalInts:
-    """Numbers in the mesh of all nodes of the candidates' map. Collective."""
+    """Input numbers of all nodes of the map of the candidates. Collective."""
     halves = np.zeros((len(local), 3))
     halves[:, 0], halves[:, 1] = np.divmod(local, _HALF)
     first, second, _ = near.scatter.forward(halves).astype(np.int64).T
@@ -110,7 +110,7 @@ def _numbers(local: GlobalInts, near: SegmentCandidates) -> GlobalInts:
 
 
 def _edges_with_two_facets(segments: Ints, ids: GlobalInts) -> tuple[Ints, Ints]:
-    """Edges that belong to two segments, the end with the lower number first, and these."""
+    """Edges that belong to two segments, lower number first, and both segments."""
     k = segments.shape[1]
     ends: Ints = segments[:, FACET_EDGES[k]].reshape(-1, 2)
     ends = np.take_along_axis(ends, np.argsort(ids[ends], axis=1), axis=1)
@@ -118,7 +118,7 @@ def _edges_with_two_facets(segments: Ints, ids: GlobalInts) -> tuple[Ints, Ints]
     order = np.lexsort((facet, *ids[ends].T[::-1]))
     ends, facet = ends[order], facet[order]
     follows = np.concatenate([[False], (ends[1:] == ends[:-1]).all(axis=1), [False]])
-    # The first of exactly two equal ones.
+    # The first of exactly two equal edges.
     first = np.flatnonzero(~follows[:-2] & follows[1:-1] & ~follows[2:])
     return ends[first], np.column_stack([facet[first], facet[first + 1]])
 
@@ -131,12 +131,12 @@ def sharp_between(
     Args:
         X: Positions of all vertices in the reference configuration, shape ``(n, 3)`` [m].
         segments: Vertices of the facets, shape ``(s, k)``.
-        orientation: +1 where their sense is the outward one, otherwise -1, ``(s,)``.
+        orientation: +1 if they are oriented outward, otherwise -1, ``(s,)``.
         ids: Numbers of the vertices, by which ends are ordered, shape ``(n,)``.
 
     Returns:
-        Ends of each edge ``(e, 2)``, both facets ``(e, 2)``, and the vertices of these in outward
-        sense, ``(e, 2, k)``.
+        Ends of each edge ``(e, 2)``, both facets ``(e, 2)``, and vertices of these facets oriented
+        outward, ``(e, 2, k)``.
     """
     edges, facets = _edges_with_two_facets(segments, ids)
     outward, k = segments.copy(), segments.shape[1]
@@ -148,7 +148,7 @@ def sharp_between(
 
 
 def _is_sharp(X: Floats, outward: Ints, edges: Ints, facets: Ints) -> Flags:
-    """Whether the surface is convex at edges, and turns there by more than some angle."""
+    """Whether edges are convex and sharp."""
     corners = X[outward[facets]]  # (e, 2, k, 3)
     normals = unit_normals(corners)
     cosine = np.einsum("ei,ei->e", normals[:, 0], normals[:, 1])

@@ -1,4 +1,4 @@
-"""Smooth segments as candidates: cubic patches on facets, by the nodes around these."""
+"""Smooth segments as candidates: cubic patches on facets."""
 
 import numpy as np
 
@@ -14,20 +14,20 @@ from dolfinx_nts.search.smooth_patches import flat_patch
 
 __all__ = ["SmoothCandidates", "weights_of_pairs"]
 
-# How far beside the middle of a patch [-], in its coordinates, it still stands for the surface:
-# half of it, and as much beyond an edge.
+# Largest distance from the centre of a patch in its coordinates [-] at which it is used: half of
+# the patch, and as much beyond an edge.
 _BESIDE = 1.0
 
 
 class SmoothCandidates(SegmentCandidates):
     """Smooth segments within reach of this rank's points, see `Candidates`.
 
-    Facets say which segment a point faces, as they do without patches. Gap, force and slip are
-    those of the patch; its *vertices* are all nodes on which it depends.
+    Flat facets select the segment of a point. Gap, force and slip are evaluated on the patch. Its
+    *vertices* are all nodes on which it depends.
 
     Args:
         found: The facets, with the nodes of the patches and their weights.
-        k: Number of vertices of a facet, which come first among the nodes.
+        k: Number of vertices of a facet, the first of the nodes.
     """
 
     may_curve = True
@@ -72,9 +72,9 @@ class SmoothCandidates(SegmentCandidates):
         return is_nearest_a_rim(points.of(x), x, self._vertices, segment)
 
     def beneath(self, x: Floats) -> float:
-        """How far patches lie below their facets, at most [m], as in a hollow. Local.
+        """Largest depth of patches below their facets, as on concave surfaces [m]. Local.
 
-        It is the depth of their control points, by up to a third more than that of the patches.
+        The depth of the control points is used, which exceeds it by up to a third.
         """
         facets = x[self._vertices]
         normals = area_vectors(facets, self.orientation)
@@ -91,12 +91,12 @@ class SmoothCandidates(SegmentCandidates):
     def _kinematics(
         self, scheme: str, x_n: Floats, x: Floats, orientation: Floats
     ) -> ContactKinematics:
-        """Gap and force by positions of points and control points, ``(m, 1+c, 3)`` [m]."""
+        """Gap and force for positions of points and control points, ``(m, 1+c, 3)`` [m]."""
         kernel = getattr(_kernels, f"patch_{scheme}")
         return ContactKinematics(*kernel(x_n, x, orientation))
 
     def _slip(self, x_n: Floats, x: Floats, orientation: Floats) -> Slip:
-        """Slip by the same."""
+        """Slip for positions of points and control points, ``(m, 1+c, 3)`` [m]."""
         *values, frame_n, frame = _kernels.patch_slip(x_n, x, orientation)
         return Slip(*values, frame_n=frame_n, frame=frame, orientation=orientation)
 
@@ -106,10 +106,10 @@ class SmoothCandidates(SegmentCandidates):
 
 
 def weights_of_pairs(weights: Floats) -> Floats:
-    """Weights of points and nodes in points and control points, which kernels see as pairs.
+    """Extend weights of nodes in control points, ``(s, c, m)``, by the point of a pair.
 
-    ``weights`` are those of nodes in control points, shape ``(s, c, m)``; returns shape
-    ``(s, 1 + c, 1 + m)``.
+    Returns:
+        Weights of point and nodes in point and control points, shape ``(s, 1 + c, 1 + m)``.
     """
     s, c, m = weights.shape
     of_pairs: Floats = np.zeros((s, 1 + c, 1 + m))

@@ -1,11 +1,11 @@
 """Smooth surfaces: a cubic patch on each facet, linear in the positions of nodes around it.
 
-The edges of a facet become cubic curves through its vertices with the tangents of
-`Tangents`; neighbours share them, so that there are no gaps. Within them a quadrilateral
-is Coons' patch of its four curves, and a triangle the cubic one that contains all quadratic
-surfaces: both are exact where the surface is quadratic in their coordinates. A patch is given
-by the control points of Bezier's form, see `cpp/nts/geometry/patch.h`, each a sum of nodes with
-constant weights of sum one: rigid motions carry it along, and planes stay planes.
+The edges of a facet become cubic curves through its vertices with the tangents of `Tangents`.
+Neighbours share these curves, so that the surface is continuous. A quadrilateral is the Coons patch
+of its four curves, a triangle the cubic patch that reproduces quadratic surfaces. Both are exact
+for surfaces that are quadratic in their coordinates. A patch is given by its Bezier control points,
+see `cpp/nts/geometry/patch.h`, which are linear in the nodes with constant weights of sum one.
+Patches are therefore invariant under rigid motions, and planes stay plane.
 """
 
 from functools import cached_property
@@ -27,15 +27,14 @@ __all__ = ["SmoothPatches", "flat_patch"]
 
 
 class SmoothPatches:
-    """Patches on the facets of a rank, by nodes around them. Collective.
+    """Patches on the facets of a rank. Collective.
 
     Args:
         surface: The surface, of degree 1.
 
     Attributes:
-        ids: Global numbers of the nodes of each facet, its vertices in Basix order first, then
-            those around; where a facet has fewer than others, the first vertex comes again.
-            Shape ``(s, m)``.
+        ids: Global numbers of the nodes of each facet: vertices in Basix order, then neighbours,
+            padded with the first vertex, shape ``(s, m)``.
         owners: Their ranks, shape ``(s, m)``.
         weights: Weights of these nodes in the ``c`` control points, shape ``(s, c, m)``.
     """
@@ -52,7 +51,7 @@ class SmoothPatches:
         number = number.reshape(facet_edges.shape)
         tangents = Tangents.of(near, edges)
         nodes, weights = tangents.nodes[number], tangents.weights[number]
-        # Edges of facets begin where they do in Basix.
+        # First vertices of the edges of facets, as in Basix.
         begins = [begin for begin, _ in local_edges(vertices.shape[1])]
         turned = near.edges[edges[number], 0] != vertices[:, begins]
         nodes[turned], weights[turned] = nodes[turned][:, ::-1], -weights[turned][:, ::-1]
@@ -62,13 +61,13 @@ class SmoothPatches:
 
     @cached_property
     def rise(self) -> Floats:
-        """Weights of the nodes in the way from the mean of each facet to that of its patch.
+        """Weights of the nodes in the vector from the mean of each facet to that of its patch.
 
-        Shape ``(s, m)``; means are those over the undeformed facet.
+        Shape ``(s, m)``; means are over the undeformed facet.
         """
         k, c = self._X.shape[1], self.weights.shape[1]
         cell = {2: "interval", 3: "triangle", 4: "quadrilateral"}[k]
-        # Patches on quadrilaterals are of degree 4 at most, areas of degree 1.
+        # Patches on quadrilaterals have degree 4 at most, areas degree 1.
         xi, weight = basix.make_quadrature(basix.CellType[cell], 5)
         linear = basix.create_element(basix.ElementFamily.P, basix.CellType[cell], 1)
         phi, *slopes = linear.tabulate(1, xi)[:, :, :, 0]
@@ -84,27 +83,27 @@ class SmoothPatches:
 
     @classmethod
     def of(cls, surface: Surface) -> "SmoothPatches":
-        """Compute the patches of a surface once for all its pairs. Collective."""
+        """Cached patches of a surface. Collective."""
         if surface not in _KNOWN:
             _KNOWN[surface] = cls(surface)
         return _KNOWN[surface]
 
 
-# Patches of surfaces that still exist.
+# Cache of the patches of surfaces.
 _KNOWN: WeakKeyDictionary[Surface, SmoothPatches] = WeakKeyDictionary()
 
 
 def _gathered(comm: MPI.Comm, vertices: Ints, nodes: Ints, weights: Floats) -> tuple[Ints, Floats]:
     """Nodes of each facet, see `SmoothPatches`, and their weights in the control points.
 
-    ``nodes`` and ``weights`` of tangents have shape ``(s, c, 2, m)``, as of `Tangents`.
+    ``nodes`` and ``weights`` of tangents have shape ``(s, c, 2, m)``, see `Tangents`.
     """
     s, k = vertices.shape
     rows, length = k + 2 * nodes.shape[1], nodes.shape[3]
     nodes = np.column_stack([vertices, nodes.reshape(s, (rows - k) * length)])
     weights = np.column_stack([np.ones(vertices.shape), weights.reshape(s, (rows - k) * length)])
     row = np.concatenate([np.arange(k), np.repeat(np.arange(k, rows), length)])
-    # Vertices first, then others as they are numbered.
+    # Vertices first, then other nodes by their numbers.
     rank = nodes.copy()
     for vertex in range(k):
         rank[nodes == vertices[:, [vertex]]] = vertex - k
@@ -122,12 +121,12 @@ def _gathered(comm: MPI.Comm, vertices: Ints, nodes: Ints, weights: Floats) -> t
 
 
 def _edge() -> Floats:
-    """Control points, by both ends and both tangents: those of a cubic curve."""
+    """Weights of both ends and both tangents in the control points of a cubic curve."""
     return np.array([[1, 0, 0, 0], [1, 0, 1 / 3, 0], [0, 1, 0, -1 / 3], [0, 1, 0, 0]])
 
 
 def _curves(k: int) -> list[Floats]:
-    """Control points of each edge, ``(4, 3 k)``, by the vertices and tangents of a facet."""
+    """Weights of vertices and tangents in the control points of each edge, ``(4, 3 k)``."""
     curves: list[Floats] = []
     for number, ends in enumerate(local_edges(k)):
         curve = np.zeros((4, 3 * k))
@@ -137,7 +136,7 @@ def _curves(k: int) -> list[Floats]:
 
 
 def _quadrilateral() -> Floats:
-    """Control points of Coons' patch, ``(16, 12)``, number i + 4 j, by vertices and tangents."""
+    """Weights of vertices and tangents in the control points i + 4 j of a Coons patch, (16, 12)."""
     bottom, left, right, top = _curves(4)
     points = np.zeros((4, 4, 12))  # j, i
     points[0], points[3], points[:, 0], points[:, 3] = bottom, top, left, right
@@ -152,7 +151,7 @@ def _quadrilateral() -> Floats:
 
 
 def _triangle() -> Floats:
-    """Control points of a triangle, ``(10, 9)``, numbered as in `patch.h`, by the same."""
+    """Weights of vertices and tangents in the control points of a triangle, see `patch.h`."""
     far, left, bottom = _curves(3)  # from vertex 1 to 2, 0 to 2, 0 to 1
     points = np.array([*bottom, left[1], np.zeros(9), far[1], left[2], far[2], left[3]])
     inner = [bottom[1], bottom[2], left[1], left[2], far[1], far[2]]
@@ -161,12 +160,13 @@ def _triangle() -> Floats:
     return points
 
 
-# Control points by the vertices of a facet and the tangents at both ends of its edges.
+# Weights of the vertices of a facet, and of the tangents at both ends of its edges, in control
+# points, by the number of vertices.
 _CONTROL = {2: _edge(), 3: _triangle(), 4: _quadrilateral()}
 
 
 def flat_patch(k: int) -> Floats:
-    """Control points of a patch that is its facet, by the ``k`` vertices of this, ``(c, k)``."""
+    """Weights of the ``k`` vertices in the control points of a flat patch, ``(c, k)``."""
     chords = [np.eye(k)[b] - np.eye(k)[a] for a, b in local_edges(k) for _ in range(2)]
     points: Floats = _CONTROL[k] @ np.array([*np.eye(k), *chords])
     return points

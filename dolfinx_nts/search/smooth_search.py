@@ -1,4 +1,4 @@
-"""Global search of smooth segments, which need nodes around their facets, too."""
+"""Global search of smooth segments, which depend on nodes around their facets."""
 
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.model.surfaces import Surface
@@ -13,12 +13,12 @@ __all__ = ["SmoothSearch", "depth_beneath_facets"]
 
 
 class SmoothSearch(GlobalSearch):
-    """Finds smooth segments that nodes of another surface can reach, see `GlobalSearch`.
+    """Search for smooth segments that nodes of another surface can reach, see `GlobalSearch`.
 
     Args:
-        nodes: Surface whose nodes look for segments.
-        segments: Surface that offers segments.
-        patches: Those on its facets, or the sphere that they are.
+        nodes: Surface of the nodes.
+        segments: Surface of the segments.
+        patches: Patches on its facets, or the frame of its sphere.
     """
 
     candidates: SmoothCandidates
@@ -37,13 +37,13 @@ class SmoothSearch(GlobalSearch):
 
 
 def depth_beneath_facets(nodes: Surface, segments: Surface, x: Floats, reach: float) -> float:
-    """How far smooth segments near nodes lie below their facets, at most [m]. Collective.
+    """Largest depth of smooth segments near nodes below their facets [m]. Collective.
 
     Args:
         nodes: Surface of the nodes.
         segments: The smooth surface.
         x: Positions of the local nodes of the space, shape ``(l, 3)`` [m].
-        reach: Distance from nodes up to which segments count [m].
+        reach: Largest distance of segments from nodes [m].
     """
     search = SmoothSearch(nodes, segments, SmoothPatches.of(segments))
     search.renew(x, reach)

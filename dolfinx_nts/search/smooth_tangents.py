@@ -1,17 +1,16 @@
-r"""Tangents of a smooth surface at its nodes, linear in the positions of nodes around.
+r"""Tangents of a smooth surface at its nodes, linear in the positions of neighbouring nodes.
 
-Weights belong to the reference configuration. At a node within a smooth part of the surface
-the derivatives x_u and x_v along two directions of its tangent plane are those of the quadratic
-surface through the node that fits the nodes of the facets around it best: they are exact where
-positions are linear in u and v, whatever the mesh, so that planes stay planes, and where they
-are quadratic, where there are enough nodes. Where an edge is a feature, as at rims, or in the
-plane, the tangent is that of the parabola through the node and the two next ones along the
-feature,
+Weights are computed in the reference configuration. At a node within a smooth part of the surface
+the derivatives x_u and x_v along two directions of its tangent plane come from a least-squares fit
+of a quadratic surface through the node to the nodes of adjacent facets. They are exact for linear
+positions on any mesh, so that planes stay plane, and for quadratic ones if there are enough nodes.
+At feature edges, such as free edges, and in the plane, the tangent is that of the parabola through
+the node and its two neighbours along the feature,
 
 .. math:: (h_-^2 (x_+ - x) + h_+^2 (x - x_-)) / (h_- h_+ (h_- + h_+)),
 
-which on a circle is the tangent of the circle. An edge that has no such tangent at one end has
-that of the other end, reflected: it is an arc of a parabola; and one that has none at both ends
+which is the tangent of a circle through equidistant nodes. An edge without a tangent at one end
+gets the reflected tangent of the other end, and is an arc of a parabola. An edge without tangents
 is straight.
 """
 
@@ -25,19 +24,19 @@ from dolfinx_nts.search.near_facets import NearFacets
 
 __all__ = ["Tangents"]
 
-# What curvature counts in a fit, relative to the misfit, where nodes do not tell it [-].
+# Weight of the curvature relative to the misfit in the fit [-], for nodes with too few neighbours.
 _SLIGHTLY = 1e-4
 
 
 class Tangents(NamedTuple):
-    """Tangents at both ends of edges, sums of nodes with weights. Local.
+    """Tangents at both ends of edges, as weighted sums of nodes. Local.
 
-    They are derivatives by a parameter from 0 to 1 along the edge, as long as on a circle, in the
-    sense from its first end to the second.
+    They are derivatives with respect to a parameter from 0 to 1 along the edge, from its first end
+    to the second, with the length of the tangents of a circular arc.
 
     Attributes:
-        nodes: Shape ``(e, 2, m)``, each node possibly several times.
-        weights: Shape ``(e, 2, m)``.
+        nodes: Nodes, shape ``(e, 2, m)``, with possible repetitions.
+        weights: Their weights, shape ``(e, 2, m)``.
     """
 
     nodes: Ints
@@ -45,18 +44,18 @@ class Tangents(NamedTuple):
 
     @classmethod
     def of(cls, near: NearFacets, edges: Ints) -> "Tangents":
-        """Find the tangents of edges, which are some of those at facets of this rank."""
+        """Tangents of edges of facets of this rank."""
         ends = near.edges[edges]
         node, other = ends.ravel(), ends[:, ::-1].ravel()
         nodes, weights, has_own = _own(near, np.repeat(edges, 2), node, other)
-        # As long as on a circle through both ends.
+        # Length as on a circular arc through both ends.
         sense = np.tile([1.0, -1.0], len(edges))
         tangent, chord = _vectors(near.X, nodes, weights), near.X[other] - near.X[node]
         length, distance = np.linalg.norm(tangent, axis=1), np.linalg.norm(chord, axis=1)
         length[~has_own] = 1.0
         cosine = np.einsum("hi,hi->h", tangent, chord) / (length * distance)
         weights *= (sense * 2 * distance / ((1 + cosine) * length))[:, None]
-        # Those that have none, from those of the other end.
+        # Missing tangents from the other end.
         shape = len(edges), 2, nodes.shape[1]
         nodes, weights = nodes.reshape(shape), weights.reshape(shape)
         has_own = has_own.reshape(-1, 2)
@@ -72,11 +71,11 @@ class Tangents(NamedTuple):
 
 
 def _own(near: NearFacets, edge: Ints, node: Ints, other: Ints) -> tuple[Ints, Floats, Flags]:
-    """Derivatives at nodes in the direction of others, where the surface is smooth there.
+    """Derivatives at nodes in the direction of other nodes, if the surface is smooth there.
 
     Returns:
-        Nodes and their weights, of any length, shape ``(h, m)``, zero where it is not; and where
-        it is, shape ``(h,)``.
+        Nodes and their weights, of any length, shape ``(h, m)``, zero if it is not smooth; and
+        flags, shape ``(h,)``.
     """
     features = near.edges[near.is_feature]
     count = np.bincount(features.ravel(), minlength=len(near.X))
@@ -108,18 +107,18 @@ def _own(near: NearFacets, edge: Ints, node: Ints, other: Ints) -> tuple[Ints, F
 
 
 def _fits(near: NearFacets, inside: Ints) -> tuple[Ints, Floats, Floats]:
-    """Derivatives x_u and x_v at nodes by those around.
+    """Derivatives x_u and x_v at nodes by a fit to neighbouring nodes.
 
     Returns:
-        The nodes around and the node itself, possibly several times, shape ``(w, m)``; their
-        weights, ``(w, 2, m)``; and the directions of u and v, ``(w, 2, 3)``.
+        The neighbours and the node itself, with repetitions, shape ``(w, m)``; their weights,
+        ``(w, 2, m)``; and the directions of u and v, ``(w, 2, 3)``.
     """
     X, facets = near.X, near.facets
     normals = np.zeros(X.shape)
     np.add.at(normals, facets, near.normals[:, None])
     frames = np.linalg.svd(normals[inside, None])[2][:, 1:]
     k = facets.shape[1]
-    # Each node of a facet with each other one, once.
+    # Unique pairs of nodes of a facet.
     pairs = np.stack([np.repeat(facets, k, axis=1), np.tile(facets, k)], axis=2).reshape(-1, 2)
     pairs = np.unique(pairs[pairs[:, 0] != pairs[:, 1]], axis=0)
     count = np.bincount(pairs[:, 0], minlength=len(X))
@@ -142,6 +141,6 @@ def _fits(near: NearFacets, inside: Ints) -> tuple[Ints, Floats, Floats]:
 
 
 def _vectors(X: Floats, nodes: Ints, weights: Floats) -> Floats:
-    """Sums of positions with weights, shape ``(..., 3)`` [m]."""
+    """Weighted sums of positions, shape ``(..., 3)`` [m]."""
     vectors: Floats = np.einsum("...m,...mi->...i", weights, X[nodes])
     return vectors

@@ -1,4 +1,6 @@
-"""Segments of a rigid body that stand for the sphere that it is."""
+"""Facets of a rigid body with an exact spherical surface as candidates."""
+
+import copy
 
 import numpy as np
 
@@ -10,28 +12,86 @@ from dolfinx_nts.search.candidates import Candidates
 from dolfinx_nts.search.points import ContactPoints
 from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidates
 from dolfinx_nts.search.smooth_candidates import SmoothCandidates
-from dolfinx_nts.search.sphere_slip import SphereSlip
 
-__all__ = ["SphereCandidates"]
+__all__ = ["SphereCandidates", "SphereSlip"]
+
+# Least cosine of the angle between the carried normal and that at the node [-].
+_SIDEWAYS = 1e-6
+
+
+class SphereSlip(Slip):
+    r"""Slip along tangents :math:`e_i` that a sphere carries along, see `Slip`.
+
+    At t_{n+1} a node has left the point at which it was, so that :math:`e_i` leave the surface
+    by :math:`s_i = e_i \cdot n`. Forces of a scheme that has them there act along
+
+    .. math:: e'_i = e_i + \frac{s_i}{c (1 + c)} s_j e_j - \frac{s_i}{c} n, \quad
+       c^2 = 1 - s_j s_j,
+
+    which are the tangents turned with the normal on the shortest way.
+
+    Args:
+        slip: The slip, with the tangents of t_{n+1} carried along.
+        e: These tangents, zero across the plane in two dimensions, shape ``(m, 2, 3)``.
+        contact: Gap and force of the scheme ``"static"`` of the same pairs.
+    """
+
+    def __init__(self, slip: Slip, e: Floats, contact: ContactKinematics) -> None:
+        frames = {"frame_n": slip.frame_n, "frame": slip.frame, "orientation": slip.orientation}
+        super().__init__(slip.value, slip.force, slip.gradient, *slip.second, **frames)
+        self._e, self._contact, self._is_at_end = e, contact, False
+        self._s = np.einsum("mki,mi->mk", e, contact.force[:, :3])
+        self._c = np.sqrt(np.maximum(1 - np.einsum("mk,mk->m", self._s, self._s), _SIDEWAYS**2))
+
+    def at_end(self) -> "SphereSlip":
+        end = copy.copy(self)
+        s, c = self._s, self._c[:, None]
+        along = np.einsum("mk,mkd->md", s, self.gradient) / (c * (1 + c))
+        along -= self._contact.force / c
+        end.force, end._is_at_end = self.gradient + s[:, :, None] * along[:, None], True
+        return end
+
+    def tangent(self, t: Floats) -> Floats:
+        """Derivative of t . force by the coordinates, see `Slip.tangent`."""
+        if not self._is_at_end:
+            return super().tangent(t)
+        s, c, force = self._s, self._c[:, None], self._contact.force
+        m, d = force.shape
+        _, b = self.second
+        n, dn = force[:, :3], self._contact.tangent[:, :3]
+        ds = (b[..., None] * n[:, None, None]).reshape(m, 2, d)
+        ds += np.einsum("mki,mid->mkd", self._e, dn)
+        dc = -np.einsum("mk,mkd->md", s, ds) / c
+        part = 1 / (c * (1 + c))
+        d_part = -(part**2) * (1 + 2 * c) * dc
+        p, dp = np.einsum("mk,mk->m", s, t)[:, None], np.einsum("mk,mkd->md", t, ds)
+        of_tangents = t + s * p * part
+        d_tangents = (p * part)[:, None] * ds + s[:, :, None] * (part * dp + p * d_part)[:, None]
+        d_normal = p / c**2 * dc - dp / c
+        tangent: Floats = self.hessian(of_tangents)
+        tangent = tangent - (p / c)[:, None] * self._contact.tangent
+        tangent += np.einsum("mkd,mke->mde", self.gradient, d_tangents)
+        tangent += force[:, :, None] * d_normal[:, None]
+        return tangent
 
 
 class SphereCandidates(SmoothCandidates):
     r"""Facets of a sphere within reach of this rank's points, see `Candidates`.
 
-    Facets tell which points are near; gap, force and slip are those of the sphere, whose control
-    points are the centre :math:`c` and points :math:`p_i` that turn with it, see `SphereFrame`.
-    The force of a gap acts on the centre. Friction acts on the point of the body at which contact
-    was at t_n, :math:`x_c = c + \nu_i (p_i - c)`, along tangents :math:`e = \tau_i (p_i - c)/R` of
-    the body: the slip is the change of :math:`(x - x_c) \cdot e`, as of facets.
+    Facets select nearby points. Gap, force and slip are evaluated on the sphere, whose control
+    points are the centre :math:`c` and points :math:`p_i` that rotate with it, see `SphereFrame`.
+    Normal forces act on the centre. Friction acts on the material point of the contact at t_n,
+    :math:`x_c = c + \nu_i (p_i - c)`, along tangents :math:`e = \tau_i (p_i - c)/R` of the body:
+    the slip is the change of :math:`(x - x_c) \cdot e`, as for facets.
 
     Args:
-        found: The facets, with the nodes that carry the sphere and their weights.
+        found: The facets, with the nodes that define the sphere and their weights.
         k: Number of vertices of a facet.
         sphere: The sphere in the reference configuration.
-        bulge: How far it is outside of the facets at most [m].
+        bulge: Largest distance of the sphere from the facets [m].
     """
 
-    # Springs of facets would see facets.
+    # Not the kernel of facets.
     penalty_forces = Candidates.penalty_forces
 
     def __init__(self, found: FoundSegments, k: int, sphere: RigidSphere, bulge: float) -> None:
@@ -66,7 +126,7 @@ class SphereCandidates(SmoothCandidates):
         none = np.zeros(len(x), dtype=np.int32)
         of_point = self._sphere.contact(scheme, self._at_rest(x_n), self._at_rest(x), none)
         part = np.zeros(x.shape[1])
-        part[:2] = 1.0, -1.0  # of the point and the centre
+        part[:2] = 1.0, -1.0  # point and centre
         m, d = len(x), 3 * len(part)
         return of_point._replace(
             force=np.einsum("a,mi->mai", part, of_point.force).reshape(m, d),
@@ -90,16 +150,16 @@ class SphereCandidates(SmoothCandidates):
             (w[:, None, :, None] * e_[:, :, None] + b[..., None] * r_[:, None, None]).reshape(shape)
             for r_, e_ in (((r_n + r) / 2, (e_n + e) / 2), (r, e))
         )
-        frame = frame_n.copy()  # in the plane the second tangent is normal to it
+        frame = frame_n.copy()  # in the plane the second tangent is along z
         frame[:, : num_axes - 1] = e[:, : num_axes - 1]
         right = np.ones(len(x))
         return Slip(value, force, gradient, w, b, frame_n=frame_n, frame=frame, orientation=right)
 
     def _tangents(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats, Floats]:
-        """Tangents at t_n, by which control points, and what has become of them at t_{n+1}.
+        """Tangents at t_n, their weights in the control points, and tangents at t_{n+1}.
 
-        Shapes ``(m, 2, 3)``, ``(m, 2, 1+c)`` and ``(m, 2, 3)``; in the plane the second is
-        normal to it at t_n and zero otherwise.
+        Shapes ``(m, 2, 3)``, ``(m, 2, 1+c)`` and ``(m, 2, 3)``; in the plane the second tangent is
+        along z at t_n and zero otherwise.
         """
         frame_n, _ = self._sphere.frames(*(self._at_rest(y) for y in (x_n, x)))
         axes = (x_n[:, 2:] - x_n[:, 1:2]) / self._sphere.radius
@@ -118,6 +178,6 @@ class SphereCandidates(SmoothCandidates):
         )
 
     def _at_rest(self, pairs: Floats) -> Floats:
-        """Points relative to where the sphere is declared, by those of pairs, ``(m, 3)`` [m]."""
+        """Points of pairs in the frame of the declared sphere, ``(m, 3)`` [m]."""
         relative: Floats = pairs[:, 0] - pairs[:, 1] + self._sphere.centre
         return relative

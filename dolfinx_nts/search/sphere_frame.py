@@ -1,4 +1,4 @@
-"""Spheres that rigid bodies carry along: exact surfaces in the place of meshed ones."""
+"""Exact spherical surfaces of meshed rigid bodies."""
 
 import numpy as np
 
@@ -15,28 +15,27 @@ from dolfinx_nts.search.global_search import owners_of
 __all__ = ["SphereFrame"]
 
 
-# Distance of vertices from a plane, relative to the radius [-], that is none.
+# Distance of vertices from a plane relative to the radius [-] that counts as zero.
 _FLAT = 1e-6
 
 
 class SphereFrame:
-    """Centre of a sphere and points that turn with it, linear in a few nodes. Collective.
+    """Centre of a sphere and points that rotate with it, linear in a few nodes. Collective.
 
     Args:
         surface: Surface of a rigid body with the sphere as its shape.
 
     Raises:
-        ValueError: All vertices of its facets lie in a plane, and cannot carry the sphere.
+        ValueError: All vertices of the facets lie in a plane, and cannot define the sphere.
 
     Attributes:
-        sphere: The sphere, where the body is in the reference configuration.
-        bulge: How far the sphere is outside of the facets at most [m].
-        ids: Global numbers of the vertices of each facet, then of the d + 1 nodes that carry the
+        sphere: The sphere in the reference configuration.
+        bulge: Largest distance of the sphere from the facets [m].
+        ids: Global numbers of the vertices of each facet, then of the d + 1 nodes that define the
             sphere, the same for all facets, shape ``(s, k + d + 1)``.
         owners: Their ranks, of the same shape.
-        weights: Weights of these nodes in the control points, which are the centre and the d
-            points at the radius along the axes in the reference configuration, shape
-            ``(s, d + 1, k + d + 1)``.
+        weights: Weights of these nodes in the control points: the centre, and d points at the
+            radius along the reference axes, shape ``(s, d + 1, k + d + 1)``.
     """
 
     def __init__(self, surface: Surface) -> None:
@@ -54,8 +53,8 @@ class SphereFrame:
         arms = (X[carriers[1:], :d] - X[carriers[0], :d]) / sphere.radius
         if np.linalg.matrix_rank(arms, tol=_FLAT) < d:
             raise ValueError(
-                f"expected facets of {surface.name} that are more than one plane cut of "
-                f"{sphere!r}, which their vertices carry along: take more of its surface"
+                f"expected facets of {surface.name} with vertices in more than one plane, which "
+                f"define {sphere!r}: use a larger part of the surface"
             )
         rows = [
             np.hstack([of_facets, np.tile(values[carriers], (len(own), 1))])
@@ -78,7 +77,7 @@ class SphereFrame:
 
 
 def _far_apart(X: Floats, number: int) -> Ints:
-    """Points of which each is farthest from what those before it span, ``(number,)``."""
+    """Indices of points, each farthest from the span of those before, ``(number,)``."""
     chosen, rest = [0], X - X[0]
     while len(chosen) < number:
         chosen.append(int(np.linalg.norm(rest, axis=1).argmax()))

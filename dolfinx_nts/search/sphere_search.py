@@ -1,4 +1,4 @@
-"""Global search of the facets that stand for a sphere."""
+"""Global search of facets with an exact spherical surface."""
 
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.model.surfaces import Surface
@@ -11,10 +11,10 @@ __all__ = ["SphereSearch"]
 
 
 class SphereSearch(SmoothSearch):
-    """Finds the facets of a sphere that nodes of another surface can reach, see `GlobalSearch`.
+    """Search for facets of a sphere that nodes of another surface can reach, see `GlobalSearch`.
 
     Args:
-        nodes: Surface whose nodes look for segments.
+        nodes: Surface of the nodes.
         segments: Surface of a rigid body with a sphere as its shape.
     """
 

@@ -378,7 +378,7 @@ def test_bodies_inside_each_other_are_found():
     (overlap,) = nts.Diagnostics(stepper).overlaps()
     assert abs(overlap.depth - 0.05) < 1e-9
     assert overlap.nodes == 8  # four of either
-    walls = stepper.watch.overlaps.search.walls
+    walls = stepper.watch.overlaps.search.thickness
     assert np.abs(walls - [0.5, 1.0]).max() < 1e-3
 
 

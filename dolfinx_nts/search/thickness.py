@@ -1,4 +1,4 @@
-"""How thick bodies are: the ways straight through them from a surface to its other side."""
+"""Thickness of bodies: distances straight through them."""
 
 from mpi4py import MPI
 
@@ -10,24 +10,24 @@ from dolfinx_nts.model.segments import area_vectors
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined
 
-__all__ = ["thinnest_wall"]
+__all__ = ["least_thickness"]
 
-# Depth below a triangle in which its way begins, relative to the triangle [-].
+# Depth of the start of a ray below its triangle, relative to the triangle [-].
 _BELOW = 1e-6
 
 
-def thinnest_wall(comm: MPI.Comm, triangles: Floats) -> float:
-    """Length of the shortest way straight into a body and out of the same surface again.
+def least_thickness(comm: MPI.Comm, triangles: Floats) -> float:
+    """Least thickness of a body, along inward normals of its surface. Collective.
 
-    The ways begin in the middle of each triangle. Where they do not come out, as the surface
-    has no other side there, they are as long as the whole surface. Collective.
+    Rays start at the midpoint of each triangle. For rays without an exit the size of the surface
+    is used.
 
     Args:
         comm: Communicator.
-        triangles: Vertices of the triangles of this rank in outward sense, ``(t, 3, 3)`` [m].
+        triangles: Vertices of the triangles of this rank, oriented outward, ``(t, 3, 3)`` [m].
 
     Returns:
-        The length, the same on all ranks [m].
+        The thickness, the same on all ranks [m].
     """
     corners = triangles.reshape(-1, 3).T
     least = np.stack([corners.min(axis=1, initial=np.inf), -corners.max(axis=1, initial=-np.inf)])

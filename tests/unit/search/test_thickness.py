@@ -5,7 +5,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 
-from dolfinx_nts.search.walls import thinnest_wall
+from dolfinx_nts.search.thickness import least_thickness
 
 pytestmark = pytest.mark.at_most_two_ranks
 
@@ -22,7 +22,7 @@ def box(corner, size):
 
 def wall(comm, triangles):
     """The thinnest wall, of triangles that the ranks share."""
-    return thinnest_wall(comm, triangles[comm.rank :: comm.size])
+    return least_thickness(comm, triangles[comm.rank :: comm.size])
 
 
 @pytest.mark.parametrize("size", [(1.0, 2.0, 3.0), (2.0, 0.1, 5.0)])
@@ -42,4 +42,4 @@ def test_a_surface_without_another_side_is_as_thick_as_it_is_wide(comm):
 
 
 def test_without_triangles_nothing_is_thin():
-    assert thinnest_wall(MPI.COMM_SELF, np.empty((0, 3, 3))) == np.inf
+    assert least_thickness(MPI.COMM_SELF, np.empty((0, 3, 3))) == np.inf
