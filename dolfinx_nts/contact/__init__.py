@@ -1,1 +1,1 @@
-"""Contact pairs: what is declared, what is remembered, and the forces of a step."""
+"""Contact pairs: declarations, state, and forces of a step."""

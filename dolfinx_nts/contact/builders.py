@@ -1,4 +1,4 @@
-"""Surfaces and contact pairs of whole bodies: scenes without named surfaces."""
+"""Surfaces and contact pairs of whole bodies, for scenes without named surfaces."""
 
 import logging
 import math
@@ -26,9 +26,8 @@ __all__ = ["all_pairs", "boundary_of", "two_half_passes"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Power of the stiffness by which the coarseness of bodies is multiplied [-], and the greatest
-# such factor: size comes first, as what is finer than the facets of the nodes passes between
-# them.
+# Power of the stiffness in the coarseness of bodies [-], and largest such factor. Size has
+# priority, since small segments pass between the nodes of larger facets.
 _BY_STIFFNESS, _SIMILAR = 0.15, 1.5
 
 
@@ -38,23 +37,23 @@ def boundary_of(
     smooth: Smooth = False,
     name: str = "",
 ) -> Surface:
-    """Make a surface of the boundary of one or several bodies, or of a part of it. Collective.
+    """Surface of the boundary of one or several bodies, or of a part of it. Collective.
 
     Args:
         *bodies: Bodies of one space. Facets between two bodies that share nodes are not on the
             boundary.
         where: Function of the reference positions, shape ``(3, n)`` [m], that returns booleans,
-            shape ``(n,)``. Facets belong to the surface if it holds at all their vertices.
-        smooth: As of `Surface`.
+            shape ``(n,)``. A facet is selected if it is true at all its vertices.
+        smooth: See `Surface`.
         name: Name in messages, columns and legends; empty for "the boundary of" the bodies.
 
     Returns:
         The surface.
 
     Raises:
-        TypeError: Something is no body, or the function returns something else than booleans.
-        ValueError: No bodies, several spaces, the function returns another shape, or no facet
-            is left.
+        TypeError: An argument is no body, or the function does not return booleans.
+        ValueError: No bodies, several spaces, a wrong shape of the result, or no facet is
+            selected.
 
     Example:
         >>> top = nts.boundary_of(body, where=lambda x: x[2] > 0.49)
@@ -86,41 +85,38 @@ def all_pairs(
     edges: bool = False,
     smooth: bool = False,
 ) -> list[ContactPair]:
-    """Make the contact pairs that let any body touch any other. Collective.
+    """Contact pairs between all bodies, and with obstacles. Collective.
 
-    n bodies need n - 1 pairs. They are sorted by their longest facets. The first pair is that
-    of the nodes of the finer half with the segments of the coarser half; the next ones are
-    found in the same way within each half. Of two meshes whose facets differ by less than half,
-    that of a body fifteen times as stiff counts as the coarser one: the vertices of the stiffer
-    one would sink in between the nodes of the softer one. Bodies that share nodes count as
-    one; a warning names those that share nodes but no facet. Each obstacle makes a pair with all
-    bodies, each body that may touch itself one with its own boundary. The pair of
-    two bodies has their names, pairs of more bodies have numbers: names depend neither on
-    stiffness nor on sizes of facets. The log lists the pairs, and `Diagnostics.between` has the
+    n bodies need n - 1 pairs. Bodies are sorted by their longest facets. The first pair has the
+    nodes of the finer half and the segments of the coarser half; further pairs divide each half in
+    the same way. Of two meshes whose facets differ by less than half, that of a body fifteen times
+    as stiff counts as coarser, since its vertices would penetrate between the nodes of the softer
+    body. Bodies that share nodes count as one; a warning names bodies that share nodes but no
+    facet. There is one pair for each obstacle, and one for each self contact.
+    The pair of two bodies has their names, pairs of more bodies have numbers: names depend neither
+    on stiffness nor on sizes of facets. The pairs are logged, and `Diagnostics.between` has the
     forces between each two bodies.
 
     Args:
         bodies: Bodies of one space.
         obstacles: Rigid obstacles.
-        self_contact: Those of the bodies that may touch themselves.
-        enforcement: How contact is enforced, as in `ContactPair`.
-        friction: Law of friction; None: none.
+        self_contact: Bodies with self contact.
+        enforcement: Enforcement, as in `ContactPair`.
+        friction: Law of friction; None for none.
         method: Method of contact between bodies, as in `ContactPair`. Pairs with obstacles and
-            of self contact are node-to-segment in any case.
-        edges: Whether bodies also touch where their sharp edges cross, by a second pair of
-            method ``"edge-to-edge"`` for each two groups of bodies that have such edges, and for
-            each `RigidSurface` that has some.
-        smooth: Whether segments between bodies are those of a smooth surface, as in `Surface`;
-            with method "mortar" both surfaces are smooth.
-            Self contact and edges see facets in any case.
+            self contact are always node-to-segment.
+        edges: Whether to add pairs of method ``"edge-to-edge"`` for groups of bodies with sharp
+            edges, and for each `RigidSurface` with sharp edges.
+        smooth: Whether segments between bodies are smooth, as in `Surface`; with method "mortar"
+            both surfaces are smooth. Self contact and edges always use facets.
 
     Returns:
         The pairs.
 
     Raises:
-        TypeError: Something is no body, or no obstacle.
+        TypeError: An argument is no body or no obstacle.
         ValueError: No bodies, several spaces, or self contact of a body that is not among them;
-            edges in the plane, or as of `ContactPair`.
+            edges in the plane; or as in `ContactPair`.
 
     Example:
         >>> floor = nts.RigidPlane(point=(0, 0, -1), normal=(0, 0, 1))
@@ -145,12 +141,12 @@ def all_pairs(
     rigid = {body for body in bodies if body.is_rigid}
 
     def coarseness(group: Sequence[Body]) -> float:
-        # The nodes of others know better where they touch a rigid surface.
+        # Rigid bodies provide segments, as their nodes say less about the contact area.
         if rigid.intersection(group):
             return math.inf
         ratio = max(stiffness[body] for body in group) / softest if softest > 0 else 1.0
         weight = min(ratio**power, _SIMILAR)
-        # Rounded, so that equal bodies stay in the order in which they are given.
+        # Rounded, so that equal bodies keep their order.
         return float(f"{surface(*group).size * weight:.6g}")
 
     groups = sorted(connected(bodies), key=coarseness)
@@ -208,24 +204,23 @@ def two_half_passes(
     enforcement: Penalty | None = None,
     friction: Coulomb | None = None,
 ) -> list[ContactPair]:
-    """Make two contact pairs, so that the nodes of both surfaces are checked. Collective.
+    """Two contact pairs with exchanged roles (two half passes). Collective.
 
-    Each pair has springs of half the stiffness. No side is preferred, and nodes of neither sink
-    into the other: for surfaces of similar meshes, or where it is unknown which is finer.
+    Each pair has springs of half the stiffness. No side is preferred, and nodes of both surfaces
+    are kept out: for similar meshes, or if it is unknown which one is finer.
 
     Args:
         first: Surface of one body.
         second: Surface of another one.
-        enforcement: Springs; half of their stiffness, given or derived, goes to each pair. With
-            multipliers each side would hold the nodes of the other: more constraints than there
-            is room for.
-        friction: Law of friction; None: none.
+        enforcement: Springs; each pair gets half of their given or default stiffness.
+            Multipliers on both sides would be linearly dependent constraints.
+        friction: Law of friction; None for none.
 
     Returns:
         Nodes of the first against segments of the second, and the reverse.
 
     Raises:
-        TypeError: Enforcement by something else than `Penalty`, or as in `ContactPair`.
+        TypeError: The enforcement is not `Penalty`, or as in `ContactPair`.
         ValueError: As in `ContactPair`.
 
     Example:
@@ -245,7 +240,7 @@ def two_half_passes(
 
 
 def _halves(items: Sequence[Any]) -> Iterator[tuple[Sequence[Any], Sequence[Any]]]:
-    """Halves of a list, halves of its halves, and so on: each two items are apart once."""
+    """Recursive bisections of a list: each two items are separated exactly once."""
     if len(items) > 1:
         middle = len(items) // 2
         yield items[:middle], items[middle:]

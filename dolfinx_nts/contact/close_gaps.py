@@ -1,7 +1,7 @@
-"""Initial adjustment: nodes that should touch are moved onto the segments that they face.
+"""Initial adjustment: nodes are moved onto adjacent segments without stress.
 
-Meshes of two bodies that touch seldom agree to the last digit. The mesh itself is moved, so that
-the new position is the undeformed one, without stress.
+Meshes of touching bodies seldom agree exactly. The mesh itself is moved, so that the new position
+is the undeformed one.
 """
 
 import logging
@@ -31,35 +31,34 @@ __all__ = ["close_gaps"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Part of the least height of the cells behind the nodes [-] by which a mesh may be adjusted: what
-# is farther away is another shape, not another rounding of the same.
+# Largest adjustment relative to the least height of the cells behind the nodes [-]. Larger values
+# would change the shape of bodies.
 _SHARE = 0.25
-# Part of a cell [-] that is round-off.
+# Part of a cell [-] that counts as round-off.
 _ROUND_OFF = 1e-14
 
 
 def close_gaps(pair: ContactPair, within: float) -> tuple[int, float]:
-    """Move nodes of a pair onto the segments that they face, without stress. Collective.
+    """Move nodes of a pair onto the adjacent segments, without stress. Collective.
 
-    Nodes whose gap is at most ``within``, open or inside, are moved along the normal of the
-    segment, in the mesh itself (``mesh.geometry.x``), so that the undeformed bodies touch there
-    from the first step on. Segments stay. Call it after the pair is made and before steppers are:
-    what knows positions already, as areas of surfaces that were asked for, does not follow. Heights
-    of cells that surfaces have found stay too. The log tells what is returned.
+    Nodes with a gap of at most ``within`` in magnitude are moved along the normal of the segment,
+    in the mesh itself (``mesh.geometry.x``), so that the undeformed bodies touch there. Segments
+    are not moved. Call it after the pair and before steppers are created: areas and cell heights
+    that surfaces have already computed are not updated. The result is logged.
 
     Args:
-        pair: Pair of two surfaces, which no stepper has yet, by either method.
-        within: Greatest gap that is closed [m], at most a quarter of the height of any cell
+        pair: Pair of two surfaces that no stepper uses yet.
+        within: Largest gap that is closed [m], at most a quarter of the height of any cell
             behind the nodes.
 
     Returns:
-        Number of nodes that were moved; greatest distance [m].
+        Number of moved nodes, and largest distance [m].
 
     Raises:
         TypeError: ``pair`` is no pair, or ``within`` no number.
         ValueError: ``within`` is not positive or too large; ``segments`` are an obstacle or the
-            surface of the nodes; the pair is in use; the space has degree 2, the mesh curved cells
-            or rings; or a cell would turn inside out. The mesh is then as it was.
+            surface of the nodes; the pair is in use; the space has degree 2, the mesh has curved
+            cells or is axisymmetric; or a cell would be inverted. The mesh is then unchanged.
 
     Example:
         >>> pair = nts.ContactPair(nodes=bottom, segments=top)
@@ -96,7 +95,7 @@ def close_gaps(pair: ContactPair, within: float) -> tuple[int, float]:
 
 
 def _checked(pair: ContactPair, within: float) -> float:
-    """The distance, if the pair can be adjusted by it. Collective."""
+    """Check the pair and the distance [m]; returns the distance. Collective."""
     if not isinstance(pair, ContactPair):
         raise TypeError(f"expected a ContactPair, given {kind_of(pair)}")
     positive("the distance within which gaps are closed", within)
@@ -132,13 +131,13 @@ def _checked(pair: ContactPair, within: float) -> float:
 
 
 def _shifts(pair: ContactPair, X: Floats, reach: float) -> tuple[Ints, Floats]:
-    """Owned nodes within reach of what they face, ``(m,)``, and their shifts [m]. Collective.
+    """Owned nodes within reach of their segments, ``(m,)``, and their shifts, ``(m, 3)`` [m].
 
-    ``X`` are positions of the local nodes, shape ``(l, 3)`` [m]; shifts have shape ``(m, 3)``.
+    ``X`` are positions of the local nodes, shape ``(l, 3)`` [m]. Collective.
     """
     nodes, segments = pair.nodes, pair.segments
     assert isinstance(segments, Surface)
-    # Patches of the present mesh, which is about to change, are not those that pairs will have.
+    # Flat facets, since patches would change with the mesh.
     search = (
         SmoothSearch(nodes, segments, SmoothPatches(segments))
         if segments.smooth
@@ -152,13 +151,13 @@ def _shifts(pair: ContactPair, X: Floats, reach: float) -> tuple[Ints, Floats]:
     node, segment = nodes.nodes[found], segment[found]
     points = NodalPoints(node)
     gradient = candidates.contact("static", points, x, x, segment).gradient
-    # The gradient of the gap by the position of the node is the normal.
+    # The gradient of the gap with respect to the position of the node is the normal.
     normal = gradient.reshape(len(node), 1 + candidates.segments.shape[1], 3)[:, 0]
     return node, -gap[found, None] * normal
 
 
 def _check_cells(pair: ContactPair, x: Floats) -> None:
-    """Raise if a cell would have no volume at one of its corners, for positions ``(g, 3)``."""
+    """Check that no cell is inverted at one of its corners, for positions ``(g, 3)`` [m]."""
     V = pair.nodes.V
     mesh, element = V.mesh, Element.of(V)
     cells = compat.geometry_nodes(mesh)
@@ -167,7 +166,7 @@ def _check_cells(pair: ContactPair, x: Floats) -> None:
         np.linalg.det(np.einsum("jqv,cvi->cqij", slopes, at[cells][:, :, : len(slopes)]))
         for at in (mesh.geometry.x, x)
     )
-    # What has no volume before is refused elsewhere.
+    # Cells without volume before are refused elsewhere.
     turned = np.flatnonzero(np.any((after * before <= 0) & (before != 0), axis=1))
     if len(turned):
         number = mesh.topology.original_cell_index[turned[0]]

@@ -1,4 +1,4 @@
-"""Energy that contact makes: a step in which bodies get much of their motion out of nothing."""
+"""Warning of spurious energy gains by contact."""
 
 import logging
 from collections.abc import Mapping
@@ -13,17 +13,16 @@ __all__ = ["EnergyGain"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Part of the kinetic energy after a step, most of which loads may have given [-].
+# Gain relative to the kinetic energy after a step [-] that is reported.
 _PART = 0.25
-# Part of the largest kinetic energy so far below which nothing is told [-]: bodies have come to
-# rest but for round-off.
+# Kinetic energy relative to the largest one so far [-] below which bodies count as at rest.
 _REST = 1e-6
 
 
 class EnergyGain:
-    """Work of constraints that no spring and no obstacle gave, as by nodes that are pushed out.
+    """Check of the work of constraints, as when penetrating nodes are pushed out. Local.
 
-    A warning tells of it, and again where a step gains twice as much. Local: all ranks know all.
+    A warning is repeated only if a step gains twice as much. Arguments are the same on all ranks.
 
     Args:
         comm: Communicator.
@@ -39,14 +38,13 @@ class EnergyGain:
         t: float,
         negligible: float,
     ) -> None:
-        """Look at an accepted step.
+        """Check an accepted step.
 
         Args:
-            works: Energy that contact gave in the step.
-            kinetic: Kinetic energy of all bodies before it and after it [J].
+            works: Energy that contact gave to the bodies in the step.
+            kinetic: Kinetic energy of all bodies before and after the step [J].
             t: Time at its end [s].
-            negligible: Work that the tolerance of gaps leaves to constraints [J]; bodies at rest
-                that press against each other have no kinetic energy to compare with.
+            negligible: Work of constraints within the tolerance of gaps [J], for bodies at rest.
         """
         before, after = kinetic
         self._largest = max(self._largest, before)

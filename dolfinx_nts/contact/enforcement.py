@@ -1,8 +1,8 @@
-"""Enforcement of normal contact: which nodes may touch, and gap and force of those that do.
+"""Enforcement of normal contact: Lagrange multipliers and penalty springs.
 
 Methods of the laws are pure functions of arrays over nodes. The gap is positive when open, and
-the multiplier lambda_N is not positive in contact, as in Wriggers' book; Laursen uses the
-opposite signs.
+the multiplier lambda_N is negative in contact, as in Wriggers' book; Laursen uses the opposite
+signs.
 """
 
 from typing import Literal
@@ -15,11 +15,11 @@ from dolfinx_nts.common.declaration import Declaration
 
 __all__ = ["TOUCHES", "LagrangeMultiplier", "Penalty", "Tied"]
 
-# Gap, relative to the size of the longest segment [-], below which an active node stays
-# eligible, as elastic impact holds it at the gap with which it came.
+# Gap relative to the longest segment [-] below which an active node stays eligible: elastic impact
+# keeps it at the gap at which it became active.
 _NEAR = 1e-2
-# Gap, relative to the size of segments [-], that counts as none: round-off of positions must
-# not decide whether a node that lies on a segment may be held.
+# Gap relative to the size of segments [-] that counts as zero, so that round-off does not decide
+# whether a node on a segment may become active.
 TOUCHES = 1e-9
 
 
@@ -31,31 +31,30 @@ class LagrangeMultiplier(Declaration):
     .. math:: 0 \le -\lambda_N \perp g_{n+1} - g_{ref} \ge 0.
 
     Args:
-        impact: What happens when a node meets a segment. ``"elastic"``: the node keeps the gap
-            that it had at the start of the step, g_ref = g_n, so that contact does no work in
-            any step (persistency, after Laursen and Chawla 1997) and the energy-momentum scheme
-            conserves the total energy exactly. Only nodes that touch, or would pass through
-            within the step, can become active. ``"plastic"``: the gap is closed, g_ref = 0
-            (Franke, Hesch, Betsch 2011, eq. 58), which dissipates the impact energy of the node.
-            ``"resolved"``: elastic impact of surface nodes without mass; the nodes below the
-            surface carry their mass, so that the force follows the waves in the body. It is of
-            second order in time if a step is shorter than the time in which a wave crosses a
-            cell, or half of one of degree 2, and is available in `EnergyMomentum`, without
-            tangential springs.
-            ``"restitution"``: the node leaves with ``e`` times the speed with which it arrived,
-            wherever in the step it arrives: g_ref = g_n + (1 - e)/2 min(h dg_n/dt, 0). The
+        impact: Law of impact of a node. ``"elastic"``: the node keeps its gap at the start of the
+            step, g_ref = g_n, so that contact does no work (persistency, after Laursen and Chawla
+            1997) and the energy-momentum scheme conserves the total energy exactly. Only nodes
+            that touch, or would pass through within the step, can become active.
+            ``"plastic"``: the gap is closed, g_ref = 0 (Franke, Hesch, Betsch 2011, eq. 58), which
+            dissipates the impact energy of the node.
+            ``"resolved"``: elastic impact of massless surface nodes; the nodes below the surface
+            carry their mass, so that the force follows the waves in the body. It is of second
+            order in time for Courant numbers below one (for degree 2 with respect to half a
+            cell), and needs `EnergyMomentum` without tangential springs.
+            ``"restitution"``: the node leaves with ``e`` times its arrival speed, independent of
+            the time of impact in the step: g_ref = g_n + (1 - e)/2 min(h dg_n/dt, 0). The
             energy-momentum scheme never gains energy by it; e = 1 is elastic impact. It is
             available in all methods of contact.
         e: Coefficient of restitution of ``"restitution"``, from 0 to 1 [-]. It applies to nodes.
-            A soft body also rebounds by its waves, all the more the finer its mesh is, so that
-            ``e`` is the coefficient of restitution of the whole body only if it is stiff.
+            A soft body also rebounds by its waves, the more the finer its mesh is, so that ``e``
+            is the coefficient of restitution of the whole body only if it is stiff.
 
     Attributes:
         impact: The argument.
-        e: The argument; 1 without.
+        e: The argument; 1 if not given.
 
     Raises:
-        ValueError: Another ``impact``; ``e`` is not from 0 to 1, missing, or given to another
+        ValueError: Unknown ``impact``; ``e`` is not in [0, 1], missing, or given for another
             kind of impact.
 
     Example:
@@ -86,21 +85,21 @@ class LagrangeMultiplier(Declaration):
 
     @property
     def holds_gaps(self) -> bool:
-        """Whether the gap with which an active node came decides where it is held. Local."""
+        """Whether the reference gap depends on the gap at the start of the step. Local."""
         return self.impact != "plastic"
 
     def __repr__(self) -> str:
-        """Kind of impact in one line. Local."""
+        """Kind of impact. Local."""
         e = {"e": self.e} if self.impact == "restitution" else {}
         return as_call(self, impact=self.impact, **e)
 
     @property
     def part(self) -> float:
-        """Part of its way in a step that an active node goes nearer, (1 - e)/2 [-]. Local."""
+        """Fraction of its approach in the step that an active node makes, (1 - e)/2 [-]. Local."""
         return (1 - self.e) / 2
 
     def eligible(self, gap_n: Floats, gap_trial: Floats, size: Floats, active: Flags) -> Flags:
-        """Decide once per step which nodes may be held, unless gaps close. Local.
+        """Decide once per step which nodes may become active. Local.
 
         Args:
             gap_n: Gap at t_n, NaN without a segment, shape ``(n,)`` [m].
@@ -111,18 +110,18 @@ class LagrangeMultiplier(Declaration):
         Returns:
             Flags, shape ``(n,)``.
         """
-        # Such a node is held nearer to the surface in this step than in the next one: with
-        # e = 1, where it stops at once, if it is nearer before the step than after it.
-        # Points that arrive together do so but for round-off, also where it would tell them apart.
+        # Each node is caught in the step that brings it closest to the surface: for e = 1, if its
+        # gap is smaller before the step than after it. The tolerance keeps round-off from
+        # separating simultaneous contacts.
         near = (2 * gap_n - (2 - self.e) * (gap_n - gap_trial)) < TOUCHES * size
         passes = (gap_n > 0) & (gap_trial < gap_n) & near
-        # Nodes without mass have no velocity of their own that would tell if they are released.
+        # Massless nodes have no velocity that would indicate a release.
         stays = active if self.impact == "resolved" else active & (gap_n < _NEAR * size)
         flags: Flags = (gap_n <= TOUCHES * size) | passes | stays
         return flags
 
     def active(self, lambda_N: Floats, excess: Floats, stiffness: Floats) -> Flags:
-        """Decide by the primal-dual test which nodes are active, shape ``(n,)``. Local.
+        """Active nodes by the primal-dual test, shape ``(n,)``. Local.
 
         Args:
             lambda_N: Multiplier, shape ``(n,)`` [N].
@@ -135,16 +134,16 @@ class LagrangeMultiplier(Declaration):
 
 
 class Tied(LagrangeMultiplier):
-    """Ties nodes permanently to the surface on which they lie.
+    """Permanent tie of nodes to a surface. Local.
 
-    Multipliers hold the gap and the slip of each tied node in every step, and pull as well as
-    push. Nodes are tied where they are in the first step: those within reach of a segment, whose
-    gap stays as it is, so that surfaces which do not match exactly stay without stress. All other
-    nodes of the surface are free. Energy and both momenta are as exact as with contact.
-    ``method="mortar"`` transmits uniform stresses exactly, whatever the meshes. Local.
+    Multipliers of either sign keep the gap and the slip of each tied node in every step. The first
+    step ties the nodes within reach of a segment at their current gap, so that surfaces that do
+    not match exactly remain without stress. All other nodes of the surface are free. Energy and
+    both momenta are conserved as in contact. ``method="mortar"`` transmits uniform stresses exactly
+    on any meshes.
 
     Args:
-        reach: Gap up to which a node is tied, relative to the size of its segment [-].
+        reach: Largest gap of tied nodes relative to the size of the segment [-].
 
     Attributes:
         reach: The argument.
@@ -164,33 +163,32 @@ class Tied(LagrangeMultiplier):
         self.reach = float(reach)
 
     def __repr__(self) -> str:
-        """Reach in one line. Local."""
+        """Reach. Local."""
         return as_call(self, reach=self.reach)
 
 
 class Penalty(Declaration):
-    r"""Contact by nodal springs, whose force in a step is consistent with their energy.
+    r"""Contact by nodal springs whose force in a step is consistent with their energy.
 
     The energy of a spring is :math:`U = \varepsilon_N \langle -g \rangle^2/2`, its force in a
     step the difference quotient :math:`\lambda_N = (U_{n+1} - U_n)/(g_{n+1} - g_n)`, so that
     the energy-momentum scheme conserves the energy of bodies and springs.
 
     Args:
-        eps_N: Stiffness of the spring at a node [N/m]. None: the static stiffness of the node
-            itself, or that of the stiffest vertex of the segments if that is less; in statics,
-            ten times that. It does not depend on the length of the steps, so that steps which
-            resolve a cell are of second order in time. A node then penetrates about as far as
-            its cell is compressed: in an impact by v/c of the height of the cell, where v is
-            the speed of the impact and c the speed of waves. Between bodies that do not deform,
-            None means half the mass of the lighter one divided by the square of the first step,
-            so that a body which strikes at one point penetrates about as far as it moves in one
-            or two steps; in statics, ten times the stiffness of the stiffest node that deforms.
-            A surface whose displacements are all prescribed counts as rigid.
+        eps_N: Stiffness of the spring at a node [N/m]. None for the smaller one of the static
+            stiffness of the node and that of the stiffest vertex of the segments; in statics, ten
+            times that. It does not depend on the length of the steps, so that steps that resolve
+            a cell are of second order in time. The penetration is then about the compression of a
+            cell: v/c of its height for an impact speed v and a wave speed c. Between bodies that
+            do not deform, None means half the mass of the lighter one divided by the square of
+            the first step, so that a body striking at one point penetrates by about its motion in
+            one or two steps; in statics, ten times the stiffness of the stiffest deformable node.
+            A surface with all displacements prescribed counts as rigid.
 
     Attributes:
         eps_N: The argument.
-        share: Factor on the stiffness of the springs, normal and tangential [-]: 1, or less
-            after `halved`.
+        share: Factor on the stiffness of normal and tangential springs [-]: 1, or less after
+            `halved`.
 
     Raises:
         ValueError: ``eps_N`` is not positive.
@@ -208,42 +206,42 @@ class Penalty(Declaration):
         self.share = 1.0
 
     def __repr__(self) -> str:
-        """Stiffness as given [N/m] and, unless it is 1, the share. Local."""
+        """Stiffness [N/m] and, unless it is 1, the share. Local."""
         share = {} if self.share == 1 else {"share": self.share}
         return as_call(self, eps_N=self.eps_N, **share)
 
     def halved(self) -> "Penalty":
-        """Make the same law with springs of half the stiffness. Local."""
+        """Law with springs of half the stiffness. Local."""
         half = Penalty(self.eps_N)
-        vars(half)["share"] = self.share / 2  # before anybody has it
+        vars(half)["share"] = self.share / 2  # allowed before the declaration is in use
         return half
 
     def energy(self, gap: Floats, eps_N: Floats) -> Floats:
-        """Energy of springs, ``(m,)`` [J], loaded where the gap, ``(m,)`` [m], is negative."""
+        """Energy of springs, ``(m,)`` [J], for gaps ``(m,)`` [m]."""
         energy: Floats = 0.5 * eps_N * np.minimum(gap, 0.0) ** 2
         return energy
 
     def force(
         self, gap_n: Floats, gap: Floats, eps_N: Floats, share: float = 0.5
     ) -> tuple[Floats, Floats]:
-        """Compute the multiplier of a step and its derivative by the gap at the end. Local.
+        """Multiplier of a step and its derivative with respect to the gap at the end. Local.
 
-        With a share s > 1/2 of the end it has (s - 1/2) of the change of the force besides,
-        which takes energy, as the stress of a scheme does that has this share.
+        A weight s > 1/2 of the end adds (s - 1/2) times the change of the force, which dissipates
+        energy as does the stress of a scheme with this weight.
 
         Args:
             gap_n: Gap at t_n, shape ``(m,)`` [m].
             gap: Gap at t_{n+1}, shape ``(m,)`` [m].
             eps_N: Stiffness, shape ``(m,)`` [N/m].
-            share: Share that the end of the step has in the force of a loaded spring [-].
+            share: Weight of the end of the step in the force of a loaded spring [-].
 
         Returns:
             lambda_N [N, <= 0] and d lambda_N / d gap [N/m], both of shape ``(m,)``.
         """
         below_n, below = np.minimum(gap_n, 0.0), np.minimum(gap, 0.0)
         both = (gap_n < 0) & (gap < 0)
-        # With both ends in the spring the quotient is its mean force; the quotient is formed
-        # only where one end is outside, so that it is never 0/0.
+        # If the spring is loaded at both ends, the quotient is its mean force. It is evaluated only
+        # if one end is open, so that it is never 0/0.
         rise = np.where(both | (gap == gap_n), 1.0, gap - gap_n)
         quotient = 0.5 * eps_N * (below**2 - below_n**2) / rise
         slope = (eps_N * below - quotient) / rise
@@ -254,6 +252,6 @@ class Penalty(Declaration):
             return lambda_N, slope
         lambda_N += (share - 0.5) * eps_N * (below - below_n)
         slope += (share - 0.5) * np.where(gap < 0, eps_N, 0.0)
-        # A node that parts fast would be pulled back.
+        # No tension, as for nodes that separate fast.
         pushes = lambda_N < 0
         return np.where(pushes, lambda_N, 0.0), np.where(pushes, slope, 0.0)

@@ -1,4 +1,4 @@
-"""Nodes that elastic impact holds at a distance from what they touch, or inside."""
+"""Active nodes that elastic impact keeps at a distance from the surface, or inside."""
 
 import numpy as np
 
@@ -11,12 +11,12 @@ __all__ = ["held_apart"]
 
 
 def held_apart(state: PairState, x: Floats, gap_tol: float) -> Flags:
-    """Find nodes that elastic impact holds at a distance, or inside, ``(n,)``. Collective.
+    """Flags of active nodes with a gap above ``gap_tol`` in magnitude, ``(n,)``. Collective.
 
     Args:
         state: State of their contact pair.
         x: Positions of the local nodes of the space, owned and ghost, shape ``(l, 3)`` [m].
-        gap_tol: Distance from which on a node counts [m].
+        gap_tol: Tolerance of the gap [m].
     """
     law = state.pair.enforcement
     if not (isinstance(law, LagrangeMultiplier) and law.holds_gaps):
@@ -24,7 +24,7 @@ def held_apart(state: PairState, x: Floats, gap_tol: float) -> Flags:
     gap, history = state.gap(x), state.history
     if state.pair.method == "mortar":  # multipliers hold mean gaps
         gap = np.where(history.active, history.gap, gap)
-    # A node deeper than that belongs to another side of the body.
+    # Deeper nodes belong to another side of the body.
     deepest = max(_kernels.DEEPEST * state.pair.segment_size, state.search.sunk)
     inside = (gap < 0) & (gap > -deepest)
     flags: Flags = (np.abs(gap) > gap_tol) & (inside | history.active)

@@ -1,8 +1,7 @@
 """Contact of several pairs with the same laws, in joint arrays.
 
-A scene of many bodies has many pairs with few nodes each. What is done with arrays is done for
-all of them at once. What is remembered from step to step stays with each pair: what its search
-covers, and its history.
+A scene of many bodies has many pairs with few nodes each. Array operations treat all pairs at once.
+The coverage of the search and the history remain with each pair.
 """
 
 from collections.abc import Callable, Hashable, Sequence
@@ -30,12 +29,12 @@ __all__ = ["JointNodes", "JointState", "joint_states", "members"]
 
 
 class JointNodes(NamedTuple):
-    """Nodes of several pairs, pair by pair; a node may come several times, see `Surface`.
+    """Nodes of several pairs, pair by pair, with possible repetitions, see `Surface`.
 
     Attributes:
         V: Their space.
         nodes: Owned nodes, shape ``(n,)``.
-        node_ids: Their numbers in the mesh, shape ``(n,)``.
+        node_ids: Their input numbers, shape ``(n,)``.
         area: Their tributary areas, shape ``(n,)`` [m^2].
     """
 
@@ -49,14 +48,14 @@ class JointState(NodesOfPairs):
     """Pairs whose contact is evaluated together, see `PairState`. Collective.
 
     Args:
-        states: Those of the ``c`` pairs, with the same laws and the same shape of segments.
+        states: States of the ``c`` pairs, with the same laws and the same shape of segments.
 
     Attributes:
         members: The argument.
         nodes: Nodes of all pairs.
         pair: One of the pairs, for the laws.
-        search: Finds the candidates of all pairs.
-        facets: Facets around the nodes, which make contact points of these.
+        search: Joint search of all pairs.
+        facets: Facets around the nodes.
     """
 
     def __init__(self, states: Sequence[PairState]) -> None:
@@ -72,7 +71,7 @@ class JointState(NodesOfPairs):
         searches = [cast(GlobalSearch, state.search) for state in states]
         self.search = JointSearch(self.nodes.V.mesh.comm, searches, shorter)
         self.facets = JointFacets([state.facets for state in states])
-        # What the pairs have accepted, and the same in joint arrays.
+        # Accepted histories of the pairs, also in joint arrays.
         self._accepted: list[ContactHistory | Callable[[], ContactHistory]] = []
         self._history: ContactHistory
 
@@ -97,7 +96,7 @@ class JointState(NodesOfPairs):
         return self._history
 
     def accept(self, history: ContactHistory) -> None:
-        """Let each pair remember its part of the contact of a step. Local."""
+        """Accept the contact of a step, with its part for each pair. Local."""
         self._history, self._accepted = history, []
         for state, (start, end) in zip(self.members, pairwise(self.ends), strict=True):
             state.accept(partial(_part, history, slice(start, end)))
@@ -105,15 +104,15 @@ class JointState(NodesOfPairs):
 
 
 def joint_states(states: Sequence[PairState]) -> list[PairState | JointState]:
-    """Join the pairs that can be evaluated together; others stay as they are. Collective.
+    """Join pairs that can be evaluated together. Collective.
 
-    These are pairs of nodes with the segments of other bodies, with equal laws.
+    These are node-to-segment pairs between bodies with equal laws.
 
     Args:
-        states: Those of all pairs.
+        states: States of all pairs.
 
     Returns:
-        Those of all pairs, in the order of the first pair of each.
+        Joint and single states, in the order of the first pair of each.
     """
     groups: dict[Hashable, list[PairState]] = {}
     for number, state in enumerate(states):
@@ -127,9 +126,9 @@ def members(state: PairState | JointState) -> tuple[PairState, ...]:
 
 
 def _kind(state: PairState) -> Hashable:
-    """What pairs have in common that can be evaluated together; None for a pair on its own."""
+    """Key that is equal for pairs that can be joined; None for single pairs."""
     pair, search = state.pair, state.search
-    # Others find their segments or balance their nodes in ways of their own.
+    # Other pairs have a special search or elimination.
     alone = is_resolved(pair) or isinstance(pair.enforcement, Tied)
     if type(search) is not GlobalSearch or alone:
         return None
@@ -141,7 +140,7 @@ def _kind(state: PairState) -> Hashable:
 
 
 def _joint_springs(values: Sequence[Floats | None]) -> Floats | None:
-    """Stiffness of the springs of all pairs, None without."""
+    """Stiffness of the springs of all pairs, or None."""
     present = [value for value in values if value is not None]
     return np.concatenate(present) if present else None
 

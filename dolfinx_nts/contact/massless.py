@@ -1,4 +1,4 @@
-"""Nodes whose impact is resolved: they have no mass, so that they follow the body below them."""
+"""Massless nodes of pairs with impact "resolved"."""
 
 from collections.abc import Sequence
 
@@ -15,13 +15,13 @@ __all__ = ["is_resolved", "massless_nodes"]
 
 
 def is_resolved(pair: ContactPair) -> bool:
-    """Whether the nodes of a pair have no mass. Local."""
+    """Whether the nodes of a pair are massless. Local."""
     law = pair.enforcement
     return isinstance(law, LagrangeMultiplier) and law.impact == "resolved"
 
 
 def massless_nodes(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> Ints:
-    """Find the owned nodes without mass. Collective.
+    """Owned massless nodes. Collective.
 
     Args:
         bodies: Bodies of a stepper.
@@ -31,7 +31,8 @@ def massless_nodes(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> Ints
         Nodes of all pairs with impact ``"resolved"``, sorted.
 
     Raises:
-        ValueError: Impact cannot be resolved in such a pair, or not beside the other pairs.
+        ValueError: A pair, or its combination with other pairs, does not support impact
+            "resolved".
     """
     resolved = [pair for pair in pairs if is_resolved(pair)]
     nodes: Ints = np.empty(0, dtype=np.int32)
@@ -56,7 +57,7 @@ def massless_nodes(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> Ints
 
 
 def _check(pair: ContactPair) -> None:
-    """Raise unless the impact of a pair can be resolved. Local."""
+    """Check that a pair supports impact "resolved". Local."""
     wrong = ""
     if pair.touches_itself:
         wrong = "two surfaces, given one that touches itself"

@@ -1,4 +1,4 @@
-"""Methods of contact: where multipliers act, and what each method can do."""
+"""Methods of contact and their supported combinations."""
 
 from typing import Any, Literal
 
@@ -23,18 +23,18 @@ NODES: Method = "node-to-segment"
 MORTAR: Method = "mortar"
 EDGES: Method = "edge-to-edge"
 
-# What texts call contact by each method.
+# Name of each method in texts.
 KINDS = {
     NODES: "contact",
     MORTAR: "surface-to-surface contact",
     EDGES: "edge-to-edge contact",
 }
-# Laws of impact of edges; springs have none.
+# Supported laws of impact of edges; "" for springs.
 _OF_EDGES = ("", "elastic", "plastic", "restitution")
 
 
 def check_method(pair: Any) -> None:
-    """Raise ValueError unless the method of a contact pair suits its other arguments. Local.
+    """Raise ValueError unless the method of a contact pair fits its other arguments. Local.
 
     ``pair`` is a `ContactPair` with all attributes set.
     """
@@ -63,9 +63,9 @@ def check_method(pair: Any) -> None:
 
 
 def check_tie(pair: Any) -> None:
-    """Raise ValueError unless nodes can be tied, where the law of a pair says so. Local.
+    """Raise ValueError if a pair with `Tied` does not support it. Local.
 
-    ``pair`` is as of `check_method`.
+    ``pair`` is as for `check_method`.
     """
     if not isinstance(pair.enforcement, Tied):
         return
@@ -86,10 +86,7 @@ def has_patches(pair: Any) -> bool:
 
 
 def may_be_smooth(pair: Any) -> bool:
-    """Whether the segments of a `ContactPair` are flat and could be those of a smooth surface.
-
-    Local.
-    """
+    """Whether the segments of a `ContactPair` are flat and could be smooth. Local."""
     segments = pair.segments
     if not isinstance(segments, Surface) or segments.smooth:
         return False
@@ -97,9 +94,9 @@ def may_be_smooth(pair: Any) -> bool:
 
 
 def check_smooth(pair: Any) -> None:
-    """Raise ValueError unless a pair can have smooth segments, where it has them. Local.
+    """Raise ValueError if a pair with smooth segments does not support them. Local.
 
-    ``pair`` is as of `check_method`.
+    ``pair`` is as for `check_method`.
     """
     surfaces = [pair.segments, pair.nodes] if pair.method == MORTAR else [pair.segments]
     is_smooth = any(isinstance(each, Surface) and each.smooth for each in surfaces)
@@ -110,7 +107,7 @@ def check_smooth(pair: Any) -> None:
 
 
 def _wrong_with_smooth(pair: Any) -> str:
-    """What a pair with smooth segments would have to be, and is not, or "". Local."""
+    """Unmet requirement of a pair with smooth segments, or "". Local."""
     wrong = ""
     if pair.method == EDGES:
         wrong = f"method {NODES!r} or {MORTAR!r}, given {pair.method!r}"
@@ -128,15 +125,15 @@ def _wrong_with_smooth(pair: Any) -> str:
 
 
 def _spheres(pair: Any) -> list[RigidSphere]:
-    """Spheres that the surfaces of a pair are. Local."""
+    """Spheres of the surfaces of a pair. Local."""
     kinds = (pair.segments.smooth, pair.nodes.smooth)
     return [kind for kind in kinds if isinstance(kind, RigidSphere)]
 
 
 def check_dimension(pair: Any) -> None:
-    """Raise ValueError unless contact in the dimension of a pair can be what is asked for. Local.
+    """Raise ValueError if the arguments of a pair do not fit its space dimension. Local.
 
-    ``pair`` is as of `check_method`.
+    ``pair`` is as for `check_method`.
     """
     dim, segments = dimension(pair.nodes.V), pair.segments
     if not isinstance(segments, Surface) and segments.dim != dim:
@@ -157,7 +154,7 @@ def check_dimension(pair: Any) -> None:
 
 
 def _check_rings(pair: Any) -> None:
-    """Raise ValueError if rings, or the plane, cannot have the contact of a pair. Local."""
+    """Raise ValueError if an obstacle does not fit an axisymmetric or plane mesh. Local."""
     has_rings, segments = is_axisymmetric(pair.nodes.V.mesh), pair.segments
     if isinstance(segments, RigidCone) and not has_rings:
         raise ValueError(f"expected an axisymmetric mesh with a RigidCone, given {segments!r}")

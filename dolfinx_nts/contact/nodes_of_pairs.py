@@ -1,4 +1,4 @@
-"""Nodes of contact pairs in arrays that several pairs may share."""
+"""Nodes of contact pairs in joint arrays."""
 
 from collections.abc import Sequence
 
@@ -11,14 +11,14 @@ __all__ = ["NodesOfPairs"]
 
 
 class NodesOfPairs:
-    """Base of states in arrays over the nodes of ``c`` pairs, pair by pair. Local.
+    """Base class of states with arrays over the nodes of ``c`` pairs, pair by pair. Local.
 
     Args:
         pairs: The pairs.
 
     Attributes:
-        ends: Where the nodes of each pair begin, and the end, shape ``(c + 1,)``.
-        longest_segment: That of all pairs [m].
+        ends: Offsets of the nodes of each pair, shape ``(c + 1,)``.
+        longest_segment: Longest segment of all pairs [m].
         segment_sizes: Longest segment of the pair of each node, shape ``(n,)`` [m].
     """
 

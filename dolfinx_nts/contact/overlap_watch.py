@@ -1,4 +1,4 @@
-"""Watch over overlaps in a run, which contact should prevent, whatever its pairs are."""
+"""Overlap checks of a run, independent of its contact pairs."""
 
 import logging
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -22,34 +22,32 @@ __all__ = ["OverlapWatch"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Depths that are told, relative to the longest facet [-]: at the start, where meshes of curved
-# surfaces overlap by less, and by which a run makes overlaps deeper.
+# Reporting thresholds of overlap depth relative to the longest facet [-]: initial depth (meshes of
+# curved surfaces overlap by less), and increase of the depth in a run.
 _AT_START, _IN_RUN = 0.02, 0.1
-# Part of a cell of each [-] by which two bodies that touch may come nearer until there is a look,
-# and part of such motion after which there is one, as the motion of all nodes would have to be
-# measured in each of the next steps.
+# Approach of two touching bodies between checks relative to a cell of each [-], and part of it
+# after which a check is due: closer to 1, all motions have to be measured in many steps.
 _UNSEEN, _USED = 0.7, 0.85
-# Part of an overlap [-] of which contact has to see more at the start to be at work there.
+# Part of an initial overlap [-] above which contact counts as acting there.
 _SEEN = 0.1
 
 
 class OverlapWatch:
-    """Looks for overlaps when bodies have moved, and tells of each kind the deepest.
+    """Overlap checks after motion, with one warning for the deepest overlap of each cause.
 
-    A kind is what is wrong. A run tells it when it is new, and again when it is deeper by a tenth
-    of a facet or reaches the centres of cells; of others it tells the number. What it has told of
-    two bodies it tells again only when it is more than twice as deep or reaches the centres of
-    cells. Collective, as are all its methods.
+    A cause is reported when it is new, and again when it is deeper by a tenth of a facet or reaches
+    the centres of cells; further overlaps are counted. An overlap that has been reported is
+    reported again only when its depth has doubled or it reaches the centres of cells. Collective,
+    as are all its methods.
 
     Args:
         bodies: The bodies.
         contacts: The contact pairs.
-        clear: Is told the positions, shape ``(l, 3)`` [m], at a look that finds no overlap of
-            bodies, and how far those of any pair have to come nearer from there to pass through
-            each other [m].
+        clear: Called after a check without overlaps, with the positions, shape ``(l, 3)`` [m], and
+            the least approach from there by which bodies of a pair pass through each other [m].
 
     Attributes:
-        deepest: The deepest overlap of any two that was found so far, by their names.
+        deepest: The deepest overlap of any two bodies so far, by their names.
     """
 
     def __init__(
@@ -60,67 +58,66 @@ class OverlapWatch:
     ) -> None:
         self._bodies, self._contacts, self._clear = tuple(bodies), tuple(contacts), clear
         self.deepest: dict[frozenset[str], Overlap] = {}
-        # Depth and number of cells that are known of two, twice the depth where a run has told it.
+        # Known depth (doubled if reported) and number of cells of two bodies.
         self._known: dict[frozenset[str], tuple[float, float]] = {}
-        # The deepest overlap of each kind that a run has told, and those that it has not told.
-        self._told: dict[str, Overlap] = {}
+        # The deepest reported overlap of each cause, and overlaps that are not reported yet.
+        self._reported: dict[str, Overlap] = {}
         self._waiting: dict[str, list[Overlap]] = {}
-        # Where and when the last look was, and by how much each two may come nearer until another
-        # is due, see `OverlapSearch.approach`; whether anything has moved since the last look at
-        # all bodies.
+        # Positions and time of the last check, allowed approach of each two bodies until the next
+        # one, see `OverlapSearch.approach`, and whether anything has moved since.
         self._seen: tuple[Floats, float] | None = None
         self._moved = False
         self._ways: Floats = np.zeros((1, 1))
-        # By how much any two may still come nearer, and may have done so in the last step.
+        # Remaining allowed approach of any two bodies, and bound on it in the last step.
         self._room, self._step = 0.0, 0.0
 
     @cached_property
     def search(self) -> OverlapSearch:
-        """Finds the overlaps."""
+        """Overlap search, created at its first use."""
         segments = dict.fromkeys(contact.segments for contact in self._contacts)
         return OverlapSearch(self._bodies, [s for s in segments if isinstance(s, Obstacle)])
 
     @cached_property
     def _roles(self) -> list[tuple[PairState, frozenset[str], frozenset[str]]]:
-        """Contacts, and whom their nodes and their segments belong to."""
+        """Contacts with the names of the bodies of their nodes and segments."""
         names = self.search.names_of
         return [(each, names(each.nodes), names(each.segments)) for each in self._contacts]
 
     @cached_property
     def _way_through(self) -> Floats:
-        """Motion that two boundaries need to pass through each other, shape ``(g, g)`` [m].
+        """Approach by which two boundaries pass through each other, shape ``(g, g)`` [m].
 
-        It is infinite where no pair names the two.
+        It is infinite for boundaries without a common pair.
         """
-        names, walls = self.search.names, self.search.thickness
+        names, thickness = self.search.names, self.search.thickness
         of = {name: [i for i, other in enumerate(names) if other == name] for name in names}
         ways = np.full((len(names), len(names)), np.inf)
         for _, nodes, segments in self._roles:
             for one, other in product(nodes, segments):
                 for i, j in product(of.get(one, []), of.get(other, [])):
                     if i != j:
-                        ways[i, j] = walls[i] + walls[j]
+                        ways[i, j] = thickness[i] + thickness[j]
         return ways
 
     @cached_property
     def _has_parts(self) -> bool:
-        """Whether a pair is between two parts of one body, which looks do not tell apart."""
+        """Whether a pair is between two parts of one body, which checks cannot distinguish."""
         return any(a & b for pair, a, b in self._roles if pair.nodes != pair.segments)
 
     @cached_property
     def _selves(self) -> frozenset[str]:
-        """Names of boundaries of which parts touch each other."""
+        """Names of boundaries with self contact."""
         return frozenset().union(*(a & b for _, a, b in self._roles))
 
     @cached_property
     def _unseen(self) -> Floats:
-        """By how much any two that touch may come nearer until there is a look, ``(g, g)`` [m]."""
-        # Two bodies need more to pass through each other, even if each is one cell thick.
+        """Allowed approach of two touching boundaries until a check, ``(g, g)`` [m]."""
+        # Less than the approach to pass through each other, even for bodies of one cell.
         cells = self.search.cells
         return _UNSEEN * (cells[:, None] + cells)
 
     def start(self, x: Floats, t: float) -> None:
-        """Look at a state that was set, and tell what overlaps.
+        """Check a state that was set, and report overlaps.
 
         Args:
             x: Positions of the local nodes, shape ``(l, 3)`` [m].
@@ -135,7 +132,7 @@ class OverlapWatch:
             self._warn("", "starts", kind, overlaps)
 
     def _sink(self, new: list[tuple[Overlap, frozenset[str]]], x: Floats) -> None:
-        """Let pairs see how deep their bodies start inside each other."""
+        """Set the initial penetration depths of pairs."""
         starts = set().union(*(names for _, names in new)) - self.search.obstacles
         for contact in self._contacts:
             contact.sink(0.0)
@@ -149,19 +146,20 @@ class OverlapWatch:
 
     @property
     def room(self) -> float:
-        """By how much any two may come nearer to each other until there should be a look [m]."""
+        """Remaining allowed approach of any two bodies until a check is due [m]."""
         return self._room
 
     def travel(self, way: float) -> None:
-        """Count by how much any two may have come nearer to each other [m]. Local."""
+        """Reduce the allowed approach by a bound on the motion [m]. Local."""
         self._room -= way
         self._moved = self._moved or way > 0
 
     def moved_far(self, way: float) -> bool:
-        """Count an accepted step; tell whether there should be a look before the next one. Local.
+        """Register an accepted step; returns whether a check is due. Local.
 
         Args:
-            way: Bound on the way of any node or obstacle in the step, the same on all ranks [m].
+            way: Bound on the displacement of any node or obstacle in the step, the same on all
+                ranks [m].
         """
         self._step = 2 * way
         self.travel(self._step)
@@ -212,23 +210,23 @@ class OverlapWatch:
         return any(c in pressing and both <= nodes | segments for c, nodes, segments in self._roles)
 
     def follow(self, x: Floats, t: float) -> None:
-        # The sum of steps is a crude bound, as most nodes move the same way. A run that is resumed
-        # has not looked yet.
         """Check for overlaps if bodies have moved far since the last check."""
+        # The sum of steps is a crude bound, since most nodes move in the same direction. A resumed
+        # run has no earlier check.
         nearer = self._ways if self._seen is None else self.search.approach(x, t, *self._seen)
         if np.any(nearer + self._step > _USED * self._ways):
-            # Walls of one body that no pair names are not worth the time within a run.
+            # Within a run, self-overlaps are checked for bodies with self contact only.
             self.look(x, t, self._selves)
         else:
             self._room = float((self._ways - nearer).min())
 
     def look(self, x: Floats, t: float, selves: Collection[str] | None = None) -> None:
-        """Look at the state at the time t [s] if anything has moved, and tell what is new.
+        """Check the state if anything has moved, and report new overlaps.
 
         Args:
             x: Positions of the local nodes, shape ``(l, 3)`` [m].
             t: Time [s].
-            selves: Names of the boundaries that may be inside themselves; None: all.
+            selves: Names of the boundaries to be checked for self-overlap; None for all.
         """
         if self._moved:
             new = self._new(x, t, _IN_RUN, selves)
@@ -236,16 +234,16 @@ class OverlapWatch:
             self._known |= {names: (2 * overlap.depth, overlap.cells) for overlap, names in new}
             kinds = _by_kind({overlap: self._in_run(overlap) for overlap, _ in new})
             for kind, overlaps in kinds.items():
-                self._tell(kind, overlaps, t)
+                self._report(kind, overlaps, t)
         if selves is None:
             for kind, overlaps in self._waiting.items():
                 grown = [self._grown(overlap) for overlap in overlaps]
                 self._warn(f"until t = {t:g} ", "was", kind, grown)
             self._waiting.clear()
 
-    def _tell(self, kind: str, overlaps: list[Overlap], t: float) -> None:
-        """Tell new overlaps of one kind, or let them wait."""
-        deepest, last = max(overlaps, key=_part), self._told.get(kind)
+    def _report(self, kind: str, overlaps: list[Overlap], t: float) -> None:
+        """Report new overlaps of one cause, or postpone the report."""
+        deepest, last = max(overlaps, key=_part), self._reported.get(kind)
         self._waiting.setdefault(kind, []).extend(overlaps)
         reaches_cells = any(overlap.cells for overlap in overlaps)
         if (
@@ -253,18 +251,18 @@ class OverlapWatch:
             or _part(deepest) > _part(last) + _IN_RUN
             or (reaches_cells and not last.cells)
         ):
-            self._told[kind] = deepest
+            self._reported[kind] = deepest
             self._warn(f"at t = {t:g} ", "is", kind, self._waiting.pop(kind))
 
     def _grown(self, overlap: Overlap) -> Overlap:
-        """What an overlap was at its deepest, with the same body inside the other one."""
+        """Maximum of an overlap so far, with the same inner body."""
         deepest = self.deepest[frozenset(overlap.names)]
         return deepest if deepest.names == overlap.names else overlap
 
     def _new(
         self, x: Floats, t: float, part: float, selves: Collection[str] | None = None
     ) -> list[tuple[Overlap, frozenset[str]]]:
-        """Overlaps that are deeper than known by a part of the facets, or reach cells first."""
+        """Overlaps that are deeper than known by a fraction of the facets, or newly reach cells."""
         new = []
         least = part * self.search.smallest_cell
         overlaps, apart = self.search.find(x, least, t, selves)
@@ -284,7 +282,7 @@ class OverlapWatch:
         return new
 
     def _beneath(self, overlap: Overlap, x: Floats) -> float:
-        """How deep what touches smooth segments of the two may be inside facets [m]."""
+        """Largest depth of contact on smooth segments below their facets [m]."""
         inner, outer = overlap.names
         depths = [
             depth_beneath_facets(contact.nodes, contact.segments, x, overlap.depth)
@@ -299,9 +297,9 @@ class OverlapWatch:
         return one != other and not self.search.obstacles.intersection(overlap.names)
 
     def _warn(self, when: str, verb: str, kind: str, overlaps: Sequence[Overlap]) -> None:
-        """Tell the deepest of some overlaps of one kind, and how many there are.
+        """Warn of the deepest overlap of one cause, with the number of the others.
 
-        A kind may have ``{inner}`` and ``{outer}`` in the places of the two names.
+        The text of a cause may contain ``{inner}`` and ``{outer}`` for both names.
         """
         if self._bodies[0].V.mesh.comm.rank:
             return
@@ -341,7 +339,7 @@ class OverlapWatch:
         )
 
     def _in_run(self, overlap: Overlap) -> str:
-        """What is wrong, and what to do."""
+        """Cause and remedy."""
         if verdict := self._forgotten(overlap):
             return verdict
         inner, outer = overlap.names
@@ -349,7 +347,7 @@ class OverlapWatch:
             contact
             for contact, nodes, segments in self._roles
             if (inner in nodes and outer in segments)
-            # What lies deepest is no contact node, but contact nodes may be as deep.
+            # The deepest point is no contact node, but contact nodes may be equally deep.
             or (
                 outer in nodes
                 and inner in segments
@@ -375,7 +373,7 @@ class OverlapWatch:
         )
 
     def _forgotten(self, overlap: Overlap) -> str:
-        """What to do if no pair names the two, or ""."""
+        """Remedy for bodies without a common pair, or ""."""
         one, other = overlap.names
         sides = [side for _, a, b in self._roles for side in ((a, b), (b, a))]
         if any(one in nodes and other in segments for nodes, segments in sides):
@@ -392,7 +390,7 @@ class OverlapWatch:
 
 
 def _by_kind(verdicts: Mapping[Overlap, str]) -> dict[str, list[Overlap]]:
-    """Overlaps by what is wrong with them."""
+    """Overlaps by cause."""
     kinds: dict[str, list[Overlap]] = {}
     for overlap, kind in verdicts.items():
         kinds.setdefault(kind, []).append(overlap)
@@ -400,12 +398,12 @@ def _by_kind(verdicts: Mapping[Overlap, str]) -> dict[str, list[Overlap]]:
 
 
 def _part(overlap: Overlap) -> float:
-    """Depth relative to the longest facet, the same on any partition [-]."""
+    """Depth relative to the longest facet, rounded so that it is partition-independent [-]."""
     return round(overlap.depth / overlap.size, 6)
 
 
 def _described(overlap: Overlap) -> str:
-    """How far which body is inside whom."""
+    """Description of an overlap."""
     inner, outer = overlap.names
     outer = "itself" if outer == inner else outer
     return (
@@ -416,6 +414,6 @@ def _described(overlap: Overlap) -> str:
 
 
 def _deepest(contact: PairState, gap: Floats) -> float:
-    """How deep a node of a pair is behind its segment, at most [m]. Collective."""
+    """Largest penetration of a node of a pair [m]. Collective."""
     depth = -np.nan_to_num(gap).min(initial=0.0)
     return reductions.largest(contact.nodes.V.mesh.comm, float(depth))

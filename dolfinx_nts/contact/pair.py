@@ -1,7 +1,7 @@
-"""Contact pairs: which nodes may touch what, and by which laws.
+"""Contact pairs: declaration of nodes, segments and laws.
 
-A `ContactPair` is a declaration and never changes. Each stepper makes a `PairState` of it,
-which holds all that contact remembers from step to step.
+A `ContactPair` is a declaration and never changes. Each stepper creates a `PairState` from it,
+which contains the state of contact.
 """
 
 import logging
@@ -34,12 +34,12 @@ __all__ = ["AcceptedContact", "ContactPair", "is_in_use"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Sine of the angle at a corner of a segment [-] below which round-off decides its normal.
+# Sine of the angle at a corner of a segment [-] below which its normal is dominated by round-off.
 _SHARP = 1e-8
 
 
 class AcceptedContact(Protocol):
-    """What a stepper knows of a pair and tells in the name of the pair, see `PairState`."""
+    """Results of a stepper that are accessible through the pair, see `PairState`."""
 
     @property
     def history(self) -> ContactHistory:
@@ -54,33 +54,32 @@ class AcceptedContact(Protocol):
 
 
 class ContactPair(Declaration):
-    """Declares that nodes of a surface may touch segments of another, or a rigid obstacle.
+    """Contact between nodes of a surface and segments of another, or a rigid obstacle. Collective.
 
-    Collective. For self contact, give the same surface twice; if it is a surface of several
-    bodies, nodes of each of them touch the others, too. A node then touches the segments that
-    face it, but neither its neighbours on the mesh nor the other side of its own wall
-    (``cpp/nts/search/self_contact.h``), and it must not move by more than one cell of the wall
-    in a step. Springs act from both sides. Multipliers act at some of the nodes only, so that
-    none of these is a vertex of a segment that another one touches.
+    For self contact, give the same surface twice; in a surface of several bodies, nodes of each of
+    them touch the others, too. A node then touches neither its neighbours on the mesh nor the
+    other side of its own wall (``cpp/nts/search/self_contact.h``), and it must not move by more
+    than one cell of the wall in a step. Springs act from both sides. Multipliers act at a subset
+    of the nodes of which none is a vertex of a segment that another one touches.
 
-    Several steppers may use the same pair without disturbing each other: each of them keeps what
-    it remembers of the pair in ``stepper.contacts``. While only one stepper uses the pair, its
-    `history`, `pressure`, `gap` and ``str`` are those of that stepper. ``str`` gives the laws
-    and, after the first step, the smallest and the largest stiffness of the springs.
+    Several steppers may use the same pair independently: each of them keeps its state of the pair
+    in ``stepper.contacts``. While only one stepper uses the pair, `history`, `pressure`, `gap` and
+    ``str`` of the pair refer to that stepper. ``str`` gives the laws and, after the first step,
+    the range of the stiffness of springs.
 
     Args:
         nodes: Surface whose nodes may touch.
         segments: Surface whose segments they may touch, or a rigid obstacle.
-        enforcement: Law of normal contact. None means Lagrange multipliers with elastic impact.
-        friction: Law of friction. None means contact without friction.
-        method: ``"node-to-segment"``: each node is kept from entering the segment that it faces.
-            ``"mortar"``: surface-to-surface contact. Each node constrains the mean gap of the
-            facets around it, weighted with a dual shape function (Wohlmuth 2000); a uniform
-            pressure is transmitted exactly, wherever the nodes of the two surfaces lie. At
-            degree 2 only vertices carry multipliers. ``"edge-to-edge"``: edges of the first
-            surface are kept from crossing edges of the second one, or of a `RigidSurface`, if
-            both edges are convex and turn by more than 30 degrees. Use it in addition to a pair
-            of the same surfaces by one of the other methods, which do not see such edges.
+        enforcement: Law of normal contact. None for Lagrange multipliers with elastic impact.
+        friction: Law of friction. None for contact without friction.
+        method: ``"node-to-segment"``: nodes must not penetrate segments. ``"mortar"``:
+            surface-to-surface contact. Each node constrains the mean gap of the facets around it,
+            weighted with a dual shape function (Wohlmuth 2000); a uniform pressure is transmitted
+            exactly on any meshes. At degree 2 only vertices carry multipliers.
+            ``"edge-to-edge"``: edges of the first surface must not cross edges of the second one,
+            or of a `RigidSurface`, if both edges are convex and turn by more than 30 degrees. Use
+            it in addition to a pair of the same surfaces with one of the other methods, which do
+            not detect crossing edges.
         name: Name in columns and legends; empty for the names of the two sides.
 
     Attributes:
@@ -91,8 +90,8 @@ class ContactPair(Declaration):
     Raises:
         TypeError: An argument has the wrong type.
         ValueError: The surfaces belong to different spaces, or share some of their nodes;
-            convective friction without what it needs; another ``method``, or one that does not
-            suit the other arguments, as edge-to-edge contact of a surface without sharp edges.
+            convective friction does not fit the other arguments; ``method`` is unknown or does not
+            fit the other arguments, such as edge-to-edge contact without sharp edges.
 
     Example:
         >>> pair = nts.ContactPair(nodes=bottom, segments=top)
@@ -135,7 +134,7 @@ class ContactPair(Declaration):
                 f"{type(enforcement).__name__} and {type(segments).__name__}"
             )
         self.nodes, self.segments, self.enforcement = nodes, segments, enforcement
-        # With mu = 0 there is no slip to follow.
+        # Friction with mu = 0 is omitted.
         self.friction = friction if friction is not None and friction.mu > 0 else None
         self.touches_itself = isinstance(segments, Surface) and _check_surfaces(nodes, segments)
         self.method, self.name = method, label(name)
@@ -148,15 +147,15 @@ class ContactPair(Declaration):
         self._states: WeakSet[AcceptedContact] = WeakSet()
 
     def attach(self, state: AcceptedContact) -> None:
-        """Let the contact of a stepper answer for the pair, as long as it lives. Local."""
+        """Attach the state of a stepper, as long as it exists. Local."""
         self._states.add(state)
 
     @property
     def history(self) -> ContactHistory:
-        """Contact of the last step in the one stepper that has the pair. Local.
+        """Contact of the last step of the stepper that uses the pair. Local.
 
         Raises:
-            ValueError: No stepper has the pair, or several have it; so do `pressure` and `gap`.
+            ValueError: No stepper uses the pair, or several do; also for `pressure` and `gap`.
         """
         return self._only().history
 
@@ -164,28 +163,28 @@ class ContactPair(Declaration):
     def pressure(self) -> Floats:
         """Contact pressure of the last step at the nodes, shape ``(n,)`` [Pa, >= 0].
 
-        Where the stepper has the opposite pair too, as with `two_half_passes`, it is that of
+        If the stepper has the opposite pair too, as with `two_half_passes`, it is the sum of
         both. Collective, see `history` and `Surface.per_area`.
         """
         return self._only().pressure
 
     def gap(self, x: Floats, reach: float = np.inf) -> Floats:
-        """Compute the gap of every node, NaN where it faces no segment. Collective.
+        """Gap of every node, NaN without a segment. Collective.
 
         Args:
             x: Positions of the local nodes of the space, owned and ghost, shape ``(l, 3)`` [m].
-            reach: Distance up to which a node looks for segments [m].
+            reach: Largest distance of segments [m].
 
         Returns:
             Gap, shape ``(n,)`` [m], > 0 open.
 
         Raises:
-            ValueError: As of `history`.
+            ValueError: See `history`.
         """
         return self._only().gap(x, reach)
 
     def _only(self) -> AcceptedContact:
-        """Contact in the one stepper that has the pair."""
+        """State of the only stepper that uses the pair."""
         if len(self._states) != 1:
             raise ValueError(
                 f"expected a contact pair of one stepper, given one of {len(self._states)}: "
@@ -196,7 +195,7 @@ class ContactPair(Declaration):
 
     @property
     def segment_size(self) -> float:
-        """Longest segment [m]; with an obstacle, longest facet of the nodes' surface. Local."""
+        """Longest segment [m]; with an obstacle, longest facet of the nodal surface. Local."""
         return (self.segments if isinstance(self.segments, Surface) else self.nodes).size
 
     @property
@@ -217,17 +216,17 @@ class ContactPair(Declaration):
 
     @property
     def is_convective(self) -> bool:
-        """Whether slip is measured by convective coordinates. Local."""
+        """Whether slip is measured in convective coordinates. Local."""
         return self.friction is not None and self.friction.law == "convective"
 
     def __repr__(self) -> str:
-        """Arguments in one line. Local."""
+        """Arguments. Local."""
         names = ("nodes", "segments", "enforcement", "friction", "method")
         named = {"name": self.name} if self.name else {}
         return as_call(self, **{name: getattr(self, name) for name in names}, **named)
 
     def __str__(self) -> str:
-        """Laws and, while one stepper has the pair, the stiffness of springs. Local."""
+        """Laws and, while one stepper uses the pair, the stiffness of springs. Local."""
         if len(self._states) == 1:
             return str(self._only())
         return self.describe()
@@ -241,12 +240,12 @@ class ContactPair(Declaration):
 
 
 def is_in_use(pair: ContactPair) -> bool:
-    """Whether a stepper has a pair. Local."""
+    """Whether a stepper uses a pair. Local."""
     return len(pair._states) > 0
 
 
 def _check_edges(*surfaces: Surface | Obstacle) -> None:
-    """Raise unless both surfaces have sharp edges. Collective."""
+    """Check that both surfaces have sharp edges. Collective."""
     for surface in surfaces:
         if not num_sharp_edges(surface):
             raise ValueError(
@@ -257,9 +256,9 @@ def _check_edges(*surfaces: Surface | Obstacle) -> None:
 
 
 def _check_surfaces(nodes: Surface, segments: Surface) -> bool:
-    """Whether they are the same; raises unless they can make a pair. Collective.
+    """Check the surfaces of a pair; returns whether they are the same. Collective.
 
-    Segments with corners that have no reliable normal are logged.
+    Segments with degenerate corners are logged.
     """
     if nodes.V != segments.V:
         raise ValueError("expected nodes and segments in one function space, given two")

@@ -1,4 +1,4 @@
-"""The contact that one stepper remembers of a pair, from step to step."""
+"""State of a contact pair in one stepper."""
 
 import logging
 from collections.abc import Callable
@@ -50,15 +50,15 @@ class PairState(Tractions, NodesOfPairs):
 
     Args:
         pair: The pair.
-        passes: Those of the stepper, which this pair joins; None for a pair on its own.
+        passes: Passes of the stepper, which this pair joins; None for a single pair.
 
     Attributes:
         pair: The argument.
-        search: Finds the candidates of steps.
-        accepted: What was accepted last, see `accept`.
-        eps_N: Stiffness of the penalty springs from the first step on, shape ``(n,)`` [N/m];
-            None without.
-        eps_T: The same of the tangential springs.
+        search: Global search of the candidates.
+        accepted: Last accepted contact, see `accept`.
+        eps_N: Stiffness of the penalty springs from the first step on, shape ``(n,)`` [N/m], or
+            None.
+        eps_T: Stiffness of the tangential springs, shape ``(n,)`` [N/m], or None.
     """
 
     def __init__(self, pair: ContactPair, passes: Passes | None = None) -> None:
@@ -66,22 +66,22 @@ class PairState(Tractions, NodesOfPairs):
         at_rest = Passes(partial(reference_positions, pair.nodes.V), lambda: 0.0)
         Tractions.__init__(self, pair, _search(pair), at_rest if passes is None else passes)
         self._passes.join(pair, self._forces_on_segments)
-        # Users ask for gaps at any distance, which must not change the candidates of steps.
+        # A separate search for gaps at any distance, which must not change the candidates of steps.
         self._far_search = _search(pair)
         self.eps_N: Floats | None = None
         self.eps_T: Floats | None = None
-        # Least and greatest stiffness by name, once it has been chosen.
+        # Least and greatest stiffness by name, after the choice.
         self._ranges: dict[str, tuple[float, float]] | None = None
-        self._told = ""
+        self._logged = ""
         self.accepted: ContactHistory | Callable[[], ContactHistory]
         self.accepted = begun_anew(ContactHistory.none(len(pair.nodes.nodes)))
-        # The contact that an accepted function has computed, with the function: once is enough.
+        # Cache of the contact computed by an accepted function, with the function.
         self._made: tuple[Any, ContactHistory] | None = None
         pair.attach(self)
 
     @property
     def segments(self) -> Surface | Obstacle:
-        """Surface whose segments are touched, or a rigid obstacle. Local."""
+        """Surface of the segments, or a rigid obstacle. Local."""
         return self.pair.segments
 
     @property
@@ -96,19 +96,19 @@ class PairState(Tractions, NodesOfPairs):
 
     @property
     def may_sink(self) -> bool:
-        """Whether nodes may start deep inside: those of meshed bodies in others. Local."""
+        """Whether nodes may initially be deep inside: only between meshed bodies. Local."""
         pair = self.pair
         others = pair.touches_itself or pair.method == EDGES or isinstance(pair.enforcement, Tied)
         return isinstance(self.search, GlobalSearch) and not others
 
     def sink(self, depth: float) -> None:
-        """Let nodes that start inside face segments down to a depth [m]. Local."""
+        """Set the depth up to which initially penetrating nodes find segments [m]. Local."""
         for search in (self.search, self._far_search):
             if self.may_sink and isinstance(search, GlobalSearch):
                 search.sink(depth)
 
     def rise(self) -> None:
-        """Forget the part of the depth at the start that nodes have left. Collective."""
+        """Reduce the initial depth to the current penetration. Collective."""
         if not self.search.sunk:
             return
         comm: MPI.Comm = self.pair.nodes.V.mesh.comm
@@ -120,21 +120,19 @@ class PairState(Tractions, NodesOfPairs):
         self.sink(min(self.search.sunk, held + usual) if held > usual / 2 else 0.0)
 
     def accept(self, history: ContactHistory | Callable[[], ContactHistory]) -> None:
-        """Remember the contact of a step, or a function that gives it if it is asked for. Local."""
+        """Accept the contact of a step, or a function that computes it on demand. Local."""
         self.accepted = history
 
     def derive_penalty(
         self, stiffness: Callable[[], tuple[Floats, Floats]], stiffer: float
     ) -> None:
-        """Choose the stiffness of springs that the user left open, once. Collective.
-
-        It is that of the softer side: a stiff node cannot press harder than soft segments.
+        """Choose the default stiffness of springs once, from the softer side. Collective.
 
         Args:
             stiffness: Returns the static stiffness of all owned nodes of the space, infinite at
-                rigid bodies and NaN where displacements are prescribed, and the stiffness of
-                springs between nodes and segments that both do not deform, shapes ``(n,)``
-                [N/m]; called only if a spring is open.
+                rigid bodies and NaN at prescribed displacements, and the stiffness of springs
+                between nodes and segments that both do not deform, shapes ``(n,)`` [N/m]; called
+                only if a default is needed.
             stiffer: Stiffness of normal springs relative to that of their nodes [-].
         """
         if self._ranges is not None:
@@ -147,10 +145,10 @@ class PairState(Tractions, NodesOfPairs):
         self.choose_penalty(stiffer * softer, softer)
 
     def _softer_side(self, of_all: Floats) -> Floats:
-        """Stiffness of each node, or of the stiffest vertex if less, ``(m,)``. Collective.
+        """Smaller stiffness of each node and of the stiffest vertex, ``(m,)`` [N/m]. Collective.
 
         ``of_all`` has the stiffness of all owned nodes of the space, shape ``(n,)`` [N/m]. A
-        prescribed node, NaN, is as stiff as the stiffest other node of its surface, or rigid.
+        prescribed node (NaN) gets the largest stiffness of its surface, or is rigid.
         """
         sides = (self.pair.nodes, self.pair.segments)
         values = [of_all[side.nodes] for side in sides if isinstance(side, Surface)]
@@ -162,10 +160,10 @@ class PairState(Tractions, NodesOfPairs):
         return np.minimum(of_nodes, stiffest[1]) if len(values) > 1 else of_nodes
 
     def choose_penalty(self, normal: Floats, tangential: Floats) -> None:
-        """Choose and log the stiffness of springs, once. Collective.
+        """Set and log the stiffness of springs once. Collective.
 
-        ``normal`` and ``tangential`` are those of springs that the user left open, before they
-        are shared, shape ``(n,)`` [N/m].
+        ``normal`` and ``tangential`` are the default values before the factor ``share``, shape
+        ``(n,)`` [N/m].
         """
         if self._ranges is not None:
             return
@@ -178,16 +176,16 @@ class PairState(Tractions, NodesOfPairs):
             given = pair.friction.eps_T
             self.eps_T = share * (tangential if given is None else np.full_like(normal, given))
             self._ranges["eps_T"] = self._range(self.eps_T)
-        # A first step that is cut chooses anew.
-        if pair.nodes.V.mesh.comm.rank == 0 and (text := str(self)) != self._told:
-            self._told = text
+        # A first step that is cut chooses again.
+        if pair.nodes.V.mesh.comm.rank == 0 and (text := str(self)) != self._logged:
+            self._logged = text
             _logger.info("%s", text)
 
     def gap(self, x: Floats, reach: float = np.inf) -> Floats:
         return self._faced(x, reach)[2]
 
     def _faced(self, x: Floats, reach: float) -> tuple[Candidates, Ints, Floats]:
-        """Candidates at any distance, and which of them the nodes face, with the gap. Collective.
+        """Candidates within reach, candidate of each node, and gap. Collective.
 
         Arguments are those of `gap`.
         """
@@ -200,13 +198,13 @@ class PairState(Tractions, NodesOfPairs):
         return candidates, *candidates.pair(points, x, current, reach)
 
     def nodes_inside(self, x: Floats) -> tuple[Ints, Floats, Floats]:
-        """Find nodes that segments would have deeper below them than in a run. Collective.
+        """Find initially penetrating nodes, also at larger depths than in a run. Collective.
 
         Args:
             x: Positions of the local nodes of the space, owned and ghost, shape ``(l, 3)`` [m].
 
         Returns:
-            Positions among the surface's nodes, shape ``(m,)``, depths, ``(m,)`` [m], and unit
+            Indices among the nodes of the surface, shape ``(m,)``, depths, ``(m,)`` [m], and unit
             normals of the segments, ``(m, 3)``.
         """
         before = self.search.sunk
@@ -220,10 +218,10 @@ class PairState(Tractions, NodesOfPairs):
         return node, -gap[node], gradient[:, :3]
 
     def _forces_on_segments(self, of_nodes: ForcesOfNodes) -> Floats:
-        """Forces on the vertices of the segments, against those on the nodes. Collective.
+        """Reactions on the vertices of the segments. Collective.
 
         Args:
-            of_nodes: Tells the forces of the nodes, shape ``(n, 3)`` [N].
+            of_nodes: Returns the forces on the nodes, shape ``(n, 3)`` [N].
 
         Returns:
             Values at the owned nodes of the space, shape ``(n, 3)`` [N].
@@ -234,7 +232,7 @@ class PairState(Tractions, NodesOfPairs):
         points, segment = NodalPoints(self.pair.nodes.nodes[node]), segment[node]
         gradient = candidates.contact("static", points, x, x, segment).gradient
         gradient = gradient.reshape(len(node), 1 + candidates.segments.shape[1], 3)
-        # The gradient of the gap is the normal at the node, and -phi times it at a vertex.
+        # The gradient of the gap is the normal at the node, and -phi times the normal at a vertex.
         phi = -np.einsum("mki,mi->mk", gradient[:, 1:], gradient[:, 0])
         forces = -phi[..., None] * of_nodes(self.history)[node, None]
         total = np.zeros((self.pair.nodes.V.dofmap.index_map.size_local, 3))
@@ -245,8 +243,8 @@ class PairState(Tractions, NodesOfPairs):
         """Serialize the accepted contact and springs, but not the search. Collective.
 
         Args:
-            archive: Takes the values or gives them.
-            name: First part of the names of the values.
+            archive: Archive that stores or returns the values.
+            name: Prefix of the names of the values.
         """
         ids = self.pair.nodes.node_ids
         stored: dict[str, Any] = {
@@ -275,7 +273,7 @@ class PairState(Tractions, NodesOfPairs):
         return least, reductions.largest(comm, float(stiffness.max(initial=0.0)))
 
     def __str__(self) -> str:
-        """Laws, and the stiffness of springs as used from the first step on. Local."""
+        """Laws, and the stiffness of springs after the first step. Local."""
         text = self.pair.describe()
         for name, (least, greatest) in (self._ranges or {}).items():
             values = f"{least:.3g}" + (f" to {greatest:.3g}" if greatest > least else "")
@@ -284,14 +282,14 @@ class PairState(Tractions, NodesOfPairs):
 
 
 def _leaves_springs_open(pair: ContactPair) -> bool:
-    """Whether the stiffness of a spring is left to the first step. Local."""
+    """Whether a pair needs a default stiffness. Local."""
     normal = isinstance(pair.enforcement, Penalty) and pair.enforcement.eps_N is None
     slip = pair.friction is not None and pair.has_slip_spring and pair.friction.eps_T is None
     return normal or slip
 
 
 def _search(pair: ContactPair) -> Search:
-    """Make the search for what the nodes of a pair may touch. Collective."""
+    """Global search of a pair. Collective."""
     if isinstance(pair.segments, RigidSurface) and pair.method == EDGES:
         return RigidEdgeSearch(pair.segments, pair.nodes)
     if isinstance(pair.segments, Obstacle):

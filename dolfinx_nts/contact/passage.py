@@ -1,7 +1,7 @@
-"""Points that pass through a surface within a step, or too deep into it to be found again.
+"""Pass-through check of contact points within a step.
 
-A point may enter a surface within a step, as it is caught there in the next one. It must not
-leave on another side.
+A point may penetrate a surface within a step, and is caught there in the next one. It must not
+leave the body on another side, nor penetrate so deep that it is not found again.
 """
 
 from typing import NamedTuple
@@ -33,17 +33,17 @@ __all__ = [
     "through_to_another_side",
 ]
 
-# Ways relative to a segment [-]: below the surface to a place from which a point must be found
-# again, and past a place where another segment is found for it.
+# Displacements relative to a segment [-]: depth below the surface at which a point must be found
+# again, and displacement beyond a position at which another segment is found.
 _DEEP, _PAST = 0.1, 0.25
 
 
 class Passage(NamedTuple):
-    """Points that pass what they face, on straight ways. Local.
+    """Points that pass through a surface on straight paths. Local.
 
     Attributes:
-        points: Their numbers, shape ``(m,)``.
-        part: Part of the step that could be made, after which all could still be caught [-].
+        points: Their indices, shape ``(m,)``.
+        part: Largest fraction of the step after which all points could still be caught [-].
     """
 
     points: Ints
@@ -51,7 +51,7 @@ class Passage(NamedTuple):
 
     @classmethod
     def none(cls) -> "Passage":
-        """No point passes."""
+        """Result without any point."""
         return cls(np.empty(0, dtype=np.int32), 1.0)
 
     @classmethod
@@ -67,15 +67,15 @@ class Passage(NamedTuple):
         """Find the points that pass, or are too deep at the end to be found again.
 
         Args:
-            candidates: What they may pass.
+            candidates: Candidates of the points.
             points: The ``p`` points.
             ends: Positions at both ends of the step, see `Candidates`.
             start: Candidate of each point at t_n or -1, and gap to it, ``(p,)`` [m].
             reach: Largest gap of interest [m].
-            free: Which points contact does not hold, shape ``(p,)``; None: all.
+            free: Flags of inactive points, shape ``(p,)``; None for all.
         """
         shortest = candidates.passage.min(initial=np.inf)
-        # No way relative to the mean vertex is longer than two of the longest.
+        # No displacement relative to the mean vertex exceeds twice the largest displacement.
         if 4 * _kernels.farthest(*ends) <= shortest:
             return cls.none()
         way, longest = _relative_ways(candidates, points, *ends)
@@ -96,17 +96,17 @@ class Passage(NamedTuple):
 def through_to_another_side(
     candidates: Candidates, points: ContactPoints, ends: tuple[Floats, Floats], reach: float
 ) -> tuple[Ints, bool]:
-    """Find the points that come out on another side, wherever they have been inside. Local.
+    """Find the points that leave on another side of a body. Local.
 
     Args:
-        candidates: What they may pass.
+        candidates: Candidates of the points.
         points: The points.
-        ends: Positions at both ends of straight ways, see `Candidates`.
-        reach: Bound on how much any point comes nearer to a candidate [m].
+        ends: Positions at both ends of straight paths, see `Candidates`.
+        reach: Bound on the approach of any point and candidate [m].
 
     Returns:
-        Their numbers, shape ``(m,)``, and whether any other point ends so deep inside that it
-        could not be seen there without its way.
+        Their indices, shape ``(m,)``, and whether any other point ends so deep inside that it
+        would not be found without its path.
     """
     number = candidates.near(points, ends[0], reach)
     if not len(number):
@@ -122,9 +122,9 @@ def through_to_another_side(
 
 
 def shortest_passage_of(pair: ContactPair) -> float:
-    """Relative motion below which no node of a pair passes [m]. Collective."""
+    """Relative displacement below which no node of a pair passes [m]. Collective."""
     segments = pair.segments
-    if pair.method == EDGES:  # which are not followed on their ways
+    if pair.method == EDGES:  # without a pass-through check
         return np.inf
     if isinstance(segments, Obstacle):
         return segments.shortest_passage
@@ -134,13 +134,13 @@ def shortest_passage_of(pair: ContactPair) -> float:
 
 
 def passing_message(comm: MPI.Comm, what: str, ids: GlobalInts, advice: str) -> str:
-    """Name points that pass on any rank, and what would help. Collective.
+    """Message naming points that pass on any rank, with advice. Collective.
 
     Args:
         comm: Communicator.
-        what: What they are, in plural.
+        what: Kind of the points, in plural.
         ids: Their numbers on this rank, shape ``(m,)``.
-        advice: What would help.
+        advice: Remedy.
 
     Returns:
         The message, "" if no point passes.
@@ -153,11 +153,11 @@ def passing_message(comm: MPI.Comm, what: str, ids: GlobalInts, advice: str) -> 
 
 
 def passing_nodes_message(nodes: Surface | JointNodes, passage: Passage, dt: float) -> str:
-    """Name nodes that pass on any rank, and a step with which they would not. Collective.
+    """Message naming nodes that pass on any rank, with a step that avoids it. Collective.
 
     Args:
         nodes: Their surface.
-        passage: Those of this rank.
+        passage: Result for this rank.
         dt: Length of the step [s].
 
     Returns:
@@ -178,7 +178,7 @@ def _numbers(flags: Flags) -> Ints:
 def _relative_ways(
     candidates: Candidates, points: ContactPoints, x_n: Floats, x: Floats
 ) -> tuple[Floats, float]:
-    """Ways of points, ``(p,)``, and the longest of a vertex, relative to the mean vertex [m]."""
+    """Displacements of points, ``(p,)``, and largest one of a vertex, about the mean vertex [m]."""
     moved = x - x_n
     vertices = moved[candidates.segments.ravel()]
     mean = vertices.mean(axis=0) if len(vertices) else np.zeros(3)
@@ -189,7 +189,7 @@ def _relative_ways(
 def _is_lost(
     candidates: Candidates, points: ContactPoints, x: Floats, ways: Trajectories, reach: float
 ) -> Flags:
-    """Whether points that stay below a surface would not be found there."""
+    """Flags of points that remain below a surface and would not be found there."""
     entered, size = ways.entered, candidates.size[ways.entered]
     after, gap = candidates.pair(points, x, ways.entered, reach)
     came = ways.begin >= 0
@@ -200,7 +200,7 @@ def _is_lost(
 
 
 def _possible_part(candidates: Candidates, ways: Trajectories, way: Floats, passes: Flags) -> float:
-    """Part of a step of relative ways, ``(m,)`` [m], after which points are still caught."""
+    """Fraction of a step with relative displacements ``(m,)`` after which points are caught."""
     shortest = candidates.passage.min(initial=np.inf)
     parts = np.fmax(ways.begin, 0.0)[passes] + shortest / way[passes]
     return float(parts.min(initial=1.0))

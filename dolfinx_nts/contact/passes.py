@@ -1,7 +1,7 @@
-"""Passes of contact: pairs of a stepper, of which some are opposite to others.
+"""Passes of contact: pairs of a stepper, some with exchanged roles.
 
-Where nodes of both sides of a contact have springs, as with `two_half_passes`, each pair has a
-part of the force only.
+With springs at nodes of both sides, as with `two_half_passes`, each pair has a part of the force
+only.
 """
 
 import weakref
@@ -14,7 +14,7 @@ from dolfinx_nts.contact.pair import ContactPair
 
 __all__ = ["ForcesOfNodes", "Passes"]
 
-# Tells forces of the nodes of a pass from its accepted contact, shape ``(n, 3)`` [N].
+# Returns forces on the nodes of a pass from its accepted contact, shape ``(n, 3)`` [N].
 ForcesOfNodes = Callable[[ContactHistory], Floats]
 _ForcesOnSegments = Callable[[ForcesOfNodes], Floats]
 
@@ -23,8 +23,8 @@ class Passes:
     """All passes of a stepper in the order of its pairs. Local.
 
     Args:
-        positions: Returns the positions of the local nodes of the last step, ``(l, 3)`` [m].
-        time: Returns the time at its end [s].
+        positions: Returns the positions of the local nodes after the last step, ``(l, 3)`` [m].
+        time: Returns the time after the last step [s].
 
     Attributes:
         positions, time: The arguments.
@@ -32,24 +32,24 @@ class Passes:
 
     def __init__(self, positions: Callable[[], Floats], time: Callable[[], float]) -> None:
         self.positions, self.time = positions, time
-        # Weak, as those in a circle would be removed at another time on each rank.
+        # Weak references: cycles would be collected at different times on each rank.
         self._all: list[tuple[ContactPair, weakref.WeakMethod[_ForcesOnSegments]]] = []
 
     def join(self, pair: ContactPair, forces_on_segments: _ForcesOnSegments) -> None:
-        """Add a pass, with the method that tells its forces.
+        """Add a pass.
 
         Args:
             pair: The pair.
-            forces_on_segments: Returns the forces on the vertices of its segments that go with
-                forces of its nodes, values at the owned nodes of the space, shape ``(n, 3)`` [N].
+            forces_on_segments: Returns the reactions on the vertices of its segments to forces on
+                its nodes, as values at the owned nodes of the space, shape ``(n, 3)`` [N].
                 Collective.
         """
         self._all.append((pair, weakref.WeakMethod(forces_on_segments)))
 
     def forces_on_nodes_of(self, pair: ContactPair, of_nodes: ForcesOfNodes) -> list[Floats]:
-        """Forces of all passes whose segments are the nodes of a pair, and the reverse. Collective.
+        """Forces of all passes opposite to a pair, on the nodes of the pair. Collective.
 
-        ``of_nodes`` tells the forces of the nodes of these passes. Each item has values at the
+        ``of_nodes`` returns the forces on the nodes of these passes. Each item has values at the
         owned nodes of the space, shape ``(n, 3)`` [N].
         """
         passes = [(other, method) for other, ref in self._all if (method := ref()) is not None]

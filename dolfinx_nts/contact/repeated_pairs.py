@@ -1,4 +1,4 @@
-"""Pairs that are given twice, whose constraints contradict or repeat each other."""
+"""Check for repeated pairs, whose constraints are linearly dependent."""
 
 from collections.abc import Sequence
 from itertools import combinations
@@ -16,7 +16,7 @@ __all__ = ["check_repeated"]
 
 
 def check_repeated(pairs: Sequence[ContactPair]) -> None:
-    """Raise if multipliers of two pairs would hold the same nodes on the same segments. Collective.
+    """Check that no two pairs have multipliers for the same nodes and segments. Collective.
 
     Args:
         pairs: All pairs of a stepper.
@@ -28,7 +28,7 @@ def check_repeated(pairs: Sequence[ContactPair]) -> None:
     for i, j in combinations(exact, 2):
         first, second = pairs[i], pairs[j]
         if EDGES in (first.method, second.method) and first.method != second.method:
-            continue  # edges are held beside nodes
+            continue  # edges are constrained in addition to nodes
         if _same(first.nodes, second.nodes) and _same(first.segments, second.segments):
             raise ValueError(
                 "expected each pair once, as multipliers hold a node on a segment only once, "
@@ -37,7 +37,7 @@ def check_repeated(pairs: Sequence[ContactPair]) -> None:
 
 
 def _same(first: Surface | Obstacle, second: Surface | Obstacle) -> bool:
-    """Whether two sides of pairs are one. Collective."""
+    """Whether two sides of pairs are the same. Collective."""
     if isinstance(first, Obstacle) or isinstance(second, Obstacle):
         return first is second
     same = first is second or np.array_equal(first.nodes, second.nodes)

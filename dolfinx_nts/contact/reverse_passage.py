@@ -1,7 +1,7 @@
-"""Vertices of segments that go through the facets of the nodes: a pair seen in reverse.
+"""Pass-through check of the vertices of segments.
 
-Contact of a pair holds nodes only. Vertices may sink in between the nodes, but no vertex may
-come out of the other body on another side.
+Contact of a pair constrains its nodes only. Vertices may penetrate between the nodes, but must not
+leave the other body on another side.
 """
 
 from collections.abc import Sequence
@@ -32,18 +32,17 @@ _ADVICE = (
     "(two_half_passes, or one surface of both bodies that touches itself)"
 )
 
-# Part of the shortest passage [-] from which vertices are looked at, as the motion of all nodes
-# would have to be measured in each of the next steps. It is more than that of `OverlapWatch`,
-# which may come first.
+# Part of the shortest passage [-] after which vertices are checked: closer to 1, the motion of all
+# nodes has to be measured in many steps. It exceeds the value of `OverlapWatch`, whose check may
+# come first.
 _USED = 0.95
-# Part of the thickness of a body [-] to which the motion between two looks is limited, so that
-# ways between them are nearly straight, and how many such parts the ways may have that are
-# followed to the end.
+# Largest motion between two checks relative to the thickness of a body [-], so that paths are
+# nearly straight, and largest number of such parts in a path that is followed [-].
 _STRAIGHT, _WHOLE = 0.5, 2.0
 
 
 class _Look(NamedTuple):
-    """Positions ``(l, 3)`` at a look, the way since then, and how long it may be [m]."""
+    """Positions ``(l, 3)`` at a check, motion since then, and its limit [m]."""
 
     x: Floats | None
     way: float
@@ -51,17 +50,17 @@ class _Look(NamedTuple):
 
 
 class ReversePassages:
-    """Watches the vertices of the segments of pairs from look to look. Collective.
+    """Pass-through checks of the vertices of the segments of pairs. Collective.
 
-    Several steps may lie between two looks, as long as no vertex can get through a
-    body within them: whoever sees that bodies do not overlap may `clear` what was before.
+    Several steps may lie between two checks, as long as no vertex can pass through a body within
+    them. A check without overlaps allows to `clear` the earlier motion.
 
     Args:
         pairs: The pairs of a stepper.
     """
 
     def __init__(self, pairs: Sequence[ContactPair]) -> None:
-        pairs = [pair for pair in pairs if pair.method != EDGES]  # of nodes and vertices
+        pairs = [pair for pair in pairs if pair.method != EDGES]  # pairs with nodes and vertices
         both = {(pair.nodes, pair.segments) for pair in pairs}
         self._sweeps = [
             _Sweep(pair.segments, pair.nodes)
@@ -72,64 +71,62 @@ class ReversePassages:
         self.forget()
 
     def forget(self) -> None:
-        """Begin anew, as the state was set. Local."""
-        # Positions at the last look, a bound on the relative motion since then, and up to which
-        # no vertex can have passed [m]; and the same if the step that was checked is accepted.
+        """Discard earlier motion, after the state was set. Local."""
+        # Data of the last check, and data after acceptance of the checked step.
         self._last = self._checked = _Look(None, 0.0, self._shortest)
 
     def clear(self, x: Floats, room: float) -> None:
-        """Go on from positions in which bodies do not overlap. Local.
+        """Restart from positions without overlaps. Local.
 
         Args:
             x: The positions, shape ``(l, 3)`` [m].
-            room: How far those of any pair have to come nearer from there to pass through each
-                other [m].
+            room: Least approach from there by which bodies of a pair pass through each other [m].
         """
         self._last = _Look(x, 0.0, max(room, self._shortest))
 
     def check(self, x_n: Floats, x: Floats, moved: float) -> str:
-        """Say which vertices come out on another side in a step, or "".
+        """Message naming vertices that leave on another side in a step, or "".
 
         Args:
             x_n: Positions of the local nodes of the space at its start, ``(l, 3)`` [m].
-            x: The same at its end.
-            moved: Largest motion of any node in the step, the same on all ranks [m].
+            x: Positions at its end, shape ``(l, 3)`` [m].
+            moved: Largest displacement increment of any node, the same on all ranks [m].
         """
         before, way, room = self._last
         before = x_n.copy() if before is None else before
         self._checked = _Look(before, way + 2 * moved, room)
         if self._checked.way <= room:
             return ""
-        # The sum of steps is a crude bound, as most nodes move the same way.
+        # The sum of steps is a crude bound, since most nodes move in the same direction.
         ways = [sweep.approach(before, x) for sweep in self._sweeps]
         farthest = max(ways, default=0.0)
         self._checked = _Look(before, farthest, room)
         if farthest <= _USED * room:
             return ""
         found = [sweep.passing(before, x, w) for sweep, w in zip(self._sweeps, ways, strict=True)]
-        # What is deep inside is followed on its whole way, but not beyond the other side.
+        # Deep vertices are followed on their whole path, up to the other side.
         stays = any(is_deep for _, is_deep in found) and farthest <= _WHOLE * self._shortest
         self._checked = _Look(before if stays else x.copy(), 0.0, self._shortest)
         return next(filter(None, (text for text, _ in found)), "")
 
     def accept(self) -> None:
-        """Go on from the step that was checked. Local."""
+        """Accept the checked step. Local."""
         self._last = self._checked
 
     @property
     def room(self) -> float:
-        """By how much vertices and facets may come nearer until a step has to be checked [m]."""
+        """Allowed approach of vertices and facets until the next check [m]."""
         x, way, room = self._last
         if not self._sweeps:
             return np.inf
         return 0.0 if x is None else room - way
 
     def travel(self, way: float) -> None:
-        """Count by how much vertices and facets may have come nearer, which the room has. Local."""
+        """Add a bound on the approach of vertices and facets within `room` [m]. Local."""
         self._last = self._last._replace(way=self._last.way + way)
 
     def serialize(self, archive: Archive) -> None:
-        """Serialize the last look."""
+        """Serialize the last check."""
         x, *bounds = self._last
         stored = archive.local("reverse_passages", None if x is None else [x, np.array(bounds)])
         if archive.giving:
@@ -145,7 +142,7 @@ class _Sweep:
         self._vertices = vertices
         self._comm: MPI.Comm = vertices.V.mesh.comm
         self._search, self._facets = GlobalSearch(vertices, facets), NodalFacets(vertices)
-        # A vertex is followed on its whole way between two looks, and has to go through the body.
+        # A vertex is followed on its path between two checks, and has to pass through the body.
         X = reference_positions(facets.V)
         length = diameters(X[facets.segments])
         shortest = min(length.min(initial=np.inf), facets.thickness.min(initial=np.inf))
@@ -155,11 +152,11 @@ class _Sweep:
         self.shortest = max(cell, _STRAIGHT * wall)
 
     def approach(self, x_n: Floats, x: Floats) -> float:
-        """Bound on how much any vertex has come nearer to a facet between two states [m]."""
+        """Bound on the approach of any vertex and facet between two states [m]."""
         return self._search.approach(x, self._search.positions(x_n))
 
     def passing(self, x_n: Floats, x: Floats, reach: float) -> tuple[str, bool]:
-        """Say which vertices pass between two states, or "", and whether others are deep inside."""
+        """Message naming vertices that pass, or "", and whether others are deep inside."""
         candidates, _ = self._search.update(x_n, reach)
         points, forward = self._facets.points(x_n), candidates.scatter.forward
         ends = forward(x_n), forward(x)

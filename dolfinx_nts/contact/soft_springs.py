@@ -1,4 +1,4 @@
-"""Springs that are too soft: nodes sink so deep into a surface that the bodies overlap."""
+"""Check for penalty springs that are too soft."""
 
 import logging
 from collections.abc import Sequence
@@ -17,13 +17,13 @@ __all__ = ["SoftSprings", "deep_from"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Depth, relative to the longest segment [-], from which on shapes are wrong to the eye: half of
-# that at which a node loses its segment. Relative to that at which a node is lost in an obstacle.
+# Depth relative to the longest segment [-] that is reported: half the depth at which a node loses
+# its segment. The same relative to the depth at which a node is lost in an obstacle [-].
 _DEEP, _HALF = 0.25, 0.5
 
 
 def deep_from(pair: ContactPair) -> float:
-    """Depth from which on nodes of a pair are deep inside [m]. Local."""
+    """Penetration of nodes of a pair that is reported [m]. Local."""
     limit, segments = _DEEP * pair.segment_size, pair.segments
     if isinstance(segments, Obstacle):
         return min(limit, _HALF * segments.shortest_passage)
@@ -31,9 +31,9 @@ def deep_from(pair: ContactPair) -> float:
 
 
 class SoftSprings:
-    """Springs that let nodes sink deep into a surface, and whole bodies through an obstacle.
+    """Check for springs with deep penetration, and for bodies pushed through an obstacle.
 
-    A warning tells of each pair once. Collective, as are its methods.
+    Each pair is reported once. Collective, as are its methods.
 
     Args:
         bodies: The bodies of a stepper.
@@ -46,24 +46,24 @@ class SoftSprings:
         self._watched = self._contacts
 
     def yielding(self) -> list[PairState]:
-        """Contact of the pairs whose nodes are deep inside now."""
+        """States of the pairs with deep nodes."""
         return [contact for contact, _ in _deep(self._contacts)]
 
     def watches(self, contact: PairState) -> bool:
-        """Whether a pair has springs and was not told yet. Local."""
+        """Whether a pair has springs and was not reported yet. Local."""
         return contact in self._watched
 
     def sunk(self, x: Floats) -> str:
-        """Say what has sunk through an obstacle whose springs have yielded, or "".
+        """Message naming bodies that were pushed through an obstacle, or "".
 
-        ``x`` are positions of the local nodes, shape ``(l, 3)`` [m]. Springs of a plane know no
-        depth from which on they let a node go, as those of round obstacles and of facets do.
+        ``x`` are positions of the local nodes, shape ``(l, 3)`` [m]. Unlike other obstacles, a
+        plane has no depth at which nodes are lost.
         """
         told = [contact for contact in self._contacts if contact not in self._watched]
         return next(filter(None, (self._sunk_through(contact, x) for contact in told)), "")
 
     def _sunk_through(self, contact: PairState, x: Floats) -> str:
-        """Who is on the other side of the obstacle of a pair, or ""."""
+        """Names of bodies on the other side of the obstacle of a pair, or ""."""
         obstacle, nodes = contact.segments, contact.nodes.nodes
         if not isinstance(obstacle, Obstacle):
             return ""
@@ -77,7 +77,7 @@ class SoftSprings:
         return ""
 
     def look(self) -> None:
-        """Look at the accepted contact of the pairs that were not told."""
+        """Check the accepted contact of pairs that were not reported."""
         told = _deep(self._watched)
         for contact, depth in told:
             pair = contact.pair
@@ -97,7 +97,7 @@ class SoftSprings:
 
 
 def _deep(contacts: Sequence[PairState]) -> list[tuple[PairState, float]]:
-    """Contact whose active nodes are deep inside, and the greatest depth [m]. Collective."""
+    """States with deep active nodes, and their largest depth [m]. Collective."""
     if not contacts:
         return []
     deepest = [-c.history.gap[c.history.active].min(initial=0.0) for c in contacts]

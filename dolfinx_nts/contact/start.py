@@ -1,4 +1,4 @@
-"""The start of a run: bodies inside rigid obstacles, and bodies that were forgotten."""
+"""Checks of an initial state: penetration of obstacles and bodies, bodies without a pair."""
 
 import logging
 from collections.abc import Sequence
@@ -22,24 +22,24 @@ __all__ = ["check_start", "sink_nodes_inside", "warn_of_bodies_without_pair"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Depth, relative to the size of a facet [-], that is more than round-off.
+# Depth relative to the size of a facet [-] that exceeds round-off.
 _DEEP = 1e-6
-# Distance from a node, relative to its facets [-], at which they are inside a body or not: more
-# than the round-off with which boundaries are known, much less than any shape.
+# Distance of test points from a node relative to its facets [-]: above round-off of boundaries, far
+# below any detail of the shape.
 _NEAR = 1e-3
 
 
 def check_start(state: PairState, t: float, x: Floats, x_before: Floats | None = None) -> None:
-    """Raise on all ranks if nodes of a pair lie inside its rigid obstacle. Collective.
+    """Check that no node of a pair is initially inside its rigid obstacle. Collective.
 
-    Inside another deformable body they may start, see `OverlapWatch`.
+    Initial penetration of another deformable body is allowed, see `OverlapWatch`.
 
     Args:
         state: State of the contact pair.
-        t: Time, at which moving obstacles are where they start [s].
+        t: Time, for the positions of moving obstacles [s].
         x: Positions of the local nodes of the space, shape ``(l, 3)`` [m].
-        x_before: Those from which the user has displaced bodies; nodes that were as deep there
-            may stay. None at the first step.
+        x_before: Positions before the user displaced bodies; nodes that were as deep before are
+            allowed. None at the first step.
 
     Raises:
         ValueError: Nodes are deeper than a millionth of the size of the surface's facets.
@@ -64,16 +64,16 @@ def check_start(state: PairState, t: float, x: Floats, x_before: Floats | None =
 
 
 def sink_nodes_inside(state: PairState, inside: OverlapSearch, body: str, x: Floats) -> None:
-    """Let nodes that start inside a body face the segments that they came through. Collective.
+    """Let initially penetrating nodes find their segments. Collective.
 
     In a run a node more than half a facet below a segment belongs to another side of the body. At
-    the start geometry decides: a node inside the closed boundary of the body faces the segment
-    above it if this is nearer than the other side of the body, straight below the node.
+    the start a node inside the closed boundary of the body belongs to the segment above it if this
+    is nearer than the other side of the body straight below the node.
 
     Args:
         state: State of a contact pair, the segments of which belong to the body.
-        inside: Search that has just seen the overlap.
-        body: Name of the body, as in an `Overlap`.
+        inside: Overlap search at the same positions.
+        body: Name of the body, as in `Overlap`.
         x: Positions of the local nodes of the space, shape ``(l, 3)`` [m].
 
     Raises:
@@ -86,7 +86,7 @@ def sink_nodes_inside(state: PairState, inside: OverlapSearch, body: str, x: Flo
     deep, depth, normal, ids = (joined(comm, part) for part in own)
     if not len(deep):
         return
-    # Ends of both bodies may lie in one plane: inside is what surrounds a node on its facets.
+    # Both bodies may end in one plane: a node is inside if points around it on its facets are.
     corners = x[surface.segments]
     near = corners + _NEAR * (corners.mean(axis=1, keepdims=True) - corners)
     at, points = number(surface.segments.ravel()), near.reshape(-1, 3)
@@ -111,7 +111,7 @@ def sink_nodes_inside(state: PairState, inside: OverlapSearch, body: str, x: Flo
 
 
 def warn_of_bodies_without_pair(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> None:
-    """Warn of bodies that have a contact pair with none of the others. Collective.
+    """Warn of bodies without a contact pair with another body. Collective.
 
     Bodies that share nodes count as one.
 

@@ -18,12 +18,12 @@ __all__ = ["Tractions"]
 
 
 class Tractions(ABC):
-    """Tells forces per area of accepted contact, also where nodes are segments of a reverse pass.
+    """Forces per area of accepted contact, including opposite passes.
 
     Args:
         pair: The pair.
-        search: Knows the areas on which multipliers act.
-        passes: Those of the stepper.
+        search: Search with the areas of multipliers.
+        passes: Passes of the stepper.
 
     Attributes:
         pair, search: The arguments.
@@ -48,9 +48,8 @@ class Tractions(ABC):
     def area(self) -> Floats:
         """Reference areas on which the nodes transmit force, shape ``(n,)`` [m^2]. Collective.
 
-        Node-to-segment contact presses on the facets around a node that are opposed to the
-        contact normal: where a surface goes round a corner, the facets beyond have no part.
-        Where nothing presses, it is the area of all facets.
+        In node-to-segment contact only the facets around a node that are opposed to the contact
+        normal count, not those beyond a corner. Without contact all facets count.
         """
         return self._area(_normal_forces(self.history))
 
@@ -69,7 +68,7 @@ class Tractions(ABC):
 
     @property
     def friction_traction(self) -> Floats:
-        """The part of the traction that is friction, ``(n, 3)`` [Pa]. Collective."""
+        """Friction part of the traction, ``(n, 3)`` [Pa]. Collective."""
         area, reverse = self._area_of_passes(), self._by_reverse(_friction)
         own = self.search.per_area(_friction(self.history), area)
         return own + self._on_facets(reverse, area)
@@ -89,16 +88,16 @@ class Tractions(ABC):
         return area
 
     def _on_facets(self, force: Floats, area: Floats) -> Floats:
-        """Divide forces on the nodes by areas, those of all facets in mortar contact. Collective.
+        """Divide forces on the nodes by areas, in mortar contact of all facets. Collective.
 
         Arguments are those of `Surface.per_area`.
         """
         return self.nodes.per_area(force, None if self.pair.method == MORTAR else area)
 
     def _by_reverse(self, of_nodes: ForcesOfNodes) -> Floats:
-        """Forces of all passes in which the nodes are segments, ``(n, 3)`` [N]. Collective.
+        """Forces of all opposite passes on the nodes, ``(n, 3)`` [N]. Collective.
 
-        ``of_nodes`` tells the forces of the nodes of a pass.
+        ``of_nodes`` returns the forces on the nodes of a pass.
         """
         total = np.zeros((len(self.nodes.nodes), 3))
         for each in self._passes.forces_on_nodes_of(self.pair, of_nodes):
@@ -107,7 +106,7 @@ class Tractions(ABC):
 
 
 def _normal_forces(history: ContactHistory) -> Floats:
-    """Normal forces on the nodes as if all pressed, shape ``(n, 3)`` [N]. Local."""
+    """Normal forces on the nodes, shape ``(n, 3)`` [N]. Local."""
     forces: Floats = np.abs(history.lambda_N)[:, None] * history.normal
     return forces
 

@@ -1,4 +1,4 @@
-"""What a stepper watches over in contact, beside solving for it."""
+"""Checks of contact in a stepper."""
 
 import math
 from collections.abc import Sequence
@@ -22,19 +22,19 @@ __all__ = ["ContactWatch"]
 
 
 class ContactWatch:
-    """Watches over overlaps, vertices that pass, springs that yield, and energy. Collective.
+    """Checks of overlaps, passing vertices, soft springs, and energy gains. Collective.
 
     Args:
         bodies: The bodies of a stepper.
         contacts: Its contact pairs.
 
     Attributes:
-        overlaps: Bodies that are inside each other, whatever the pairs are.
-        vertices: Vertices of segments that go through the facets of the nodes.
-        springs: Springs that are too soft.
-        gains: Steps in which contact makes energy.
-        velocity: About which the motions of nodes are measured, shape ``(d,)`` [m/s]. Any will
-            do; bounds on the motion of nodes to each other are closest about the middle one.
+        overlaps: Overlap check of bodies.
+        vertices: Pass-through check of the vertices of segments.
+        springs: Check of soft springs.
+        gains: Check of spurious energy gains.
+        velocity: Reference velocity of relative motions, shape ``(d,)`` [m/s]. Any value is valid;
+            the midrange of the velocities gives the sharpest bounds.
     """
 
     def __init__(self, bodies: Sequence[Body], contacts: Sequence[PairState]) -> None:
@@ -45,19 +45,19 @@ class ContactWatch:
         self._comm = bodies[0].V.mesh.comm
         self.gains = EnergyGain(self._comm)
         self.velocity: Floats = np.zeros(dimension(bodies[0].V))
-        # By how much any two may come nearer until something has to be looked at, and what of it
-        # was left when vertices and overlaps were told last [m].
-        self._room = self._told = 0.0
+        # Allowed approach of any two nodes until the next check, and its value when vertices and
+        # overlaps were updated last [m].
+        self._room = self._settled = 0.0
 
     @cached_property
     def _passage(self) -> float:
-        """Motion of two from which on a node may pass a surface, 0 where obstacles move [m]."""
+        """Approach by which a node may pass through a surface, 0 if obstacles move [m]."""
         if any(contact.search.may_move for contact in self._contacts):
             return 0.0
         return min((shortest_passage_of(each.pair) for each in self._contacts), default=math.inf)
 
     def measure_about(self, velocities: Floats) -> None:
-        """Choose the middle of the velocities of all nodes, ``(n, d)`` [m/s]. Collective."""
+        """Set the reference velocity to the midrange of nodal velocities, ``(n, d)`` [m/s]."""
         extremes = [
             -velocities.min(axis=0, initial=np.inf),
             velocities.max(axis=0, initial=-np.inf),
@@ -66,16 +66,16 @@ class ContactWatch:
         self.velocity = (greatest - negative_least) / 2
 
     def free(self, moved: float) -> bool:
-        """Count a step if no node moves so far that anything has to be looked at. Collective.
+        """Register a step if no check is due. Collective.
 
-        What would tell vertices and overlaps of each step would take longer than all looks.
+        Vertices and overlaps are not updated in each step, which would take longer than the checks.
 
         Args:
-            moved: Half of what any two nodes come nearer to each other in the step, or one to
-                what is at rest, at most; the same on all ranks [m].
+            moved: Half the bound on the approach of any two nodes, or of a node and a fixed point,
+                in the step; the same on all ranks [m].
 
         Returns:
-            Whether that is so; otherwise the step is not counted.
+            Whether no check is due; otherwise the step is not registered.
         """
         way = 2 * moved
         if way >= self._passage:
@@ -88,17 +88,17 @@ class ContactWatch:
             left = room - way
             if left < way:
                 return False
-            self._told = room
+            self._settled = room
         self._room = left
         return True
 
     def settle(self) -> None:
-        """Tell vertices and overlaps how far nodes have moved in steps that were free. Local."""
-        way = self._told - self._room if math.isfinite(self._told) else 0.0
+        """Update vertices and overlaps for the motion of steps without checks. Local."""
+        way = self._settled - self._room if math.isfinite(self._settled) else 0.0
         if way > 0:
             self.vertices.travel(way)
             self.overlaps.travel(way)
-        self._room = self._told = 0.0
+        self._room = self._settled = 0.0
 
     def look(self, x: Floats, t: float) -> None:
         """Check for overlaps now."""
@@ -106,12 +106,12 @@ class ContactWatch:
         self.overlaps.look(x, t)
 
     def forget(self) -> None:
-        """Begin anew, as the state was set. Local."""
+        """Discard earlier motion, after the state was set. Local."""
         self.settle()
         self.vertices.forget()
 
     def serialize(self, archive: Archive) -> None:
-        """Serialize what is known of vertices, and the velocity."""
+        """Serialize the check of vertices, and the reference velocity."""
         self.settle()
         self.velocity = np.asarray(archive.same("velocity_of_watch", self.velocity))
         self.vertices.serialize(archive)

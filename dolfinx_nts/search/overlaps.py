@@ -103,7 +103,7 @@ class OverlapSearch:
         self.smallest_cell = float(self.cells.min())
 
     @cached_property
-    def walls(self) -> Floats:
+    def thickness(self) -> Floats:
         """Least undeformed thickness within each boundary, ``(g,)`` [m]. Collective."""
         X = reference_positions(self._boundaries[0].bodies[0].V)
         comm, surfaces = self._comm, (b.triangles for b in self._boundaries)

@@ -1,4 +1,4 @@
-"""Contact of all pairs by springs, in explicit steps."""
+"""Contact springs of all pairs in explicit steps."""
 
 from collections.abc import Callable, Sequence
 
@@ -18,7 +18,7 @@ _NUM_COUNTED = 10
 
 
 class AllSprings:
-    """Springs of all contact pairs, and their forces at the present state. Collective.
+    """Springs of all contact pairs, and their forces at the current state. Collective.
 
     Args:
         contacts: State of each contact pair.
@@ -38,7 +38,7 @@ class AllSprings:
 
     @property
     def obstacles_move(self) -> bool:
-        """Whether obstacles move in this step. Local."""
+        """Whether obstacles move in the current step. Local."""
         return any(contact.search.frame.moves for contact in self._contacts)
 
     @property
@@ -47,7 +47,7 @@ class AllSprings:
         return sum(force.stored for force in self._forces)
 
     def forget(self) -> None:
-        """Look at all nodes again, as the state was set. Local."""
+        """Discard the neighbour lists after the state was set. Local."""
         for springs in self.pairs:
             springs.forget()
 
@@ -60,27 +60,27 @@ class AllSprings:
         )
 
     def ways(self, x: Floats, moved: float) -> list[float]:
-        """Bounds on the motion of each pair, half of that of its sides to each other [m]. Local.
+        """Half the bounds on the approach of both sides of each pair [m]. Local.
 
         Args:
             x: Positions of the local nodes, shape ``(l, 3)`` [m].
-            moved: Largest motion of any node [m].
+            moved: Largest displacement increment of any node [m].
         """
         return [contact.search.way(x, moved) for contact in self._contacts]
 
     def fast(self, ways: Sequence[float]) -> list[tuple[ContactSprings, float]]:
-        """Pairs whose nodes may pass a surface in a step, with these `ways`. Local."""
+        """Pairs whose nodes may pass through a surface in a step, with their `ways`. Local."""
         both = zip(self.pairs, ways, strict=True)
         return [(springs, way) for springs, way in both if 2 * way > springs.shortest_passage]
 
     def evaluate(self, x_n: Floats, x: Floats, ways: Sequence[float], total: Floats) -> None:
-        """Add the forces at x to those of the owned nodes.
+        """Add the contact forces at x to the forces on the owned nodes.
 
         Args:
             x_n: See `ContactSprings.evaluate`.
             x: See `ContactSprings.evaluate`.
-            ways: What nodes of each pair have moved since the last evaluation, see `ways` [m].
-            total: Sum of forces, shape ``(n, d)`` [N].
+            ways: Bounds since the last evaluation, see `ways` [m].
+            total: Sum of forces, shape ``(n, d)`` [N], changed in place.
         """
         self._before = self._forces
         self._forces = tuple(
@@ -95,7 +95,7 @@ class AllSprings:
         Args:
             x: See `ContactSprings.work`.
             du: See `ContactSprings.work`.
-            watches: Says whether deep nodes of a pair count.
+            watches: Returns whether deep nodes of a pair count.
 
         Returns:
             Numbers of lost and of deep nodes, of segments and of active nodes, and the parts of a
@@ -111,7 +111,7 @@ class AllSprings:
         return sums
 
     def lost(self) -> str:
-        """Say between what nodes sank too deep to be found in the last evaluation."""
+        """Message naming pairs with nodes that the last evaluation lost, or ""."""
         comm = self._contacts[0].nodes.V.mesh.comm
         lost = np.array([springs.num_lost for springs in self.pairs], dtype=float)
         both = zip(self._contacts, reductions.total(comm, lost), strict=True)
@@ -119,6 +119,6 @@ class AllSprings:
         return f"nodes sank too deep into a surface, stiffer springs help: {'; '.join(parts)}"
 
     def accept(self) -> None:
-        """Make the contact of the last evaluation the accepted one. Local."""
+        """Accept the contact of the last evaluation. Local."""
         for contact, force in zip(self._contacts, self._forces, strict=True):
             contact.accept(force.history)

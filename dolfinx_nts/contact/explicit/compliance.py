@@ -1,4 +1,4 @@
-"""Compliance of the masses that contact springs move in explicit steps."""
+"""Inverse effective masses of contact springs in explicit steps."""
 
 import numpy as np
 
@@ -10,14 +10,14 @@ from dolfinx_nts.parallel import reductions
 
 __all__ = ["compliance"]
 
-# Springs of edges that may meet at a node: edges on both sides of it cross others beside it.
+# Number of edge springs that may act on one node [-]: those of both adjacent edges.
 _MEETING = 2.0
 
 
 def compliance(pair: ContactPair, mass: Floats) -> Floats:
-    """Inverse masses that springs of a pair move, of both sides. Collective.
+    """Inverse effective masses of the springs of a pair, of both sides. Collective.
 
-    The springs of edges share what they move: the force of each acts on both ends of an edge.
+    The force of an edge spring acts on both ends of an edge.
 
     Args:
         pair: The pair.

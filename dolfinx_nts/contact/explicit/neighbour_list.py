@@ -22,11 +22,12 @@ __all__ = ["NeighbourList"]
 
 # Gap, relative to the size of a segment [-], up to which a node is paired with it.
 _REACH = 0.5
-# By how much a node may come nearer before the list is rebuilt, relative to the size of a
-# segment [-]. It is no less than the reach, or nodes deep inside would not be in the list.
+# Approach of nodes and segments after which the list is rebuilt, relative to the size of a segment
+# [-]. It must not be less than the reach, or deep nodes would be missing. Larger values give longer
+# lists, smaller ones more searches.
 _MARGIN = 0.5
-# Part of the margin [-] after which the list is rebuilt, as the motion of all nodes would have
-# to be measured in each of the next steps.
+# Part of the margin [-] after which the list is rebuilt. Closer to 1, the motion of all nodes has
+# to be measured in many steps.
 _USED = 0.75
 
 
@@ -38,10 +39,10 @@ class NeighbourList:
 
     Attributes:
         candidates: Candidates in reach.
-        number: Listed nodes by their positions in the surface's nodes, shape ``(c,)``.
-        points: The same as contact points, which face what they did when the list was built.
+        number: Indices of listed nodes among the nodes of the surface, shape ``(c,)``.
+        points: Their contact points, with the normals of the last search.
         stiffness: Stiffness of their springs, shape ``(c,)`` [N/m].
-        current: Their last segments or -1, shape ``(c,)``; set by whoever pairs them.
+        current: Their current segments or -1, shape ``(c,)``; set by the caller after pairing.
         is_idle: Whether no node is listed on any rank.
     """
 
@@ -55,12 +56,12 @@ class NeighbourList:
     def __init__(self, state: PairState) -> None:
         self._state = state
         self._comm: MPI.Comm = state.nodes.V.mesh.comm
-        # Positions of nodes and vertices when the list was built.
+        # Positions of nodes and vertices at the last search.
         self._positions: tuple[Floats, Floats]
         self.forget()
 
     def forget(self) -> None:
-        """Rebuild the list at the next update, as the state was set. Local."""
+        """Rebuild the list at the next update, after the state was set. Local."""
         self._travelled = np.inf
 
     @property
@@ -69,17 +70,17 @@ class NeighbourList:
         return _REACH * self._state.pair.segment_size + self._state.search.sunk
 
     def update(self, x: Floats, step: float) -> None:
-        """Rebuild the list if nodes outside of it may touch.
+        """Rebuild the list if nodes that are not listed may touch.
 
-        ``x`` are positions of the local nodes in the frame of the search, shape ``(l, 3)`` [m],
-        ``step`` is half of what nodes and segments have come nearer since the last update, at
-        most [m].
+        Args:
+            x: Positions of the local nodes in the frame of the search, shape ``(l, 3)`` [m].
+            step: Half the bound on the approach of nodes and segments since the last update [m].
         """
         self._travelled += 2 * step
         margin = _MARGIN * self._state.pair.segment_size
         if self._travelled <= margin:
             return
-        # The sum of steps is a crude bound, as most nodes move the same way.
+        # The sum of steps is a crude bound, since most nodes move in the same direction.
         if np.isfinite(self._travelled):
             self._travelled = self._state.search.approach(x, self._positions)
         if self._travelled > _USED * margin:
@@ -128,7 +129,7 @@ class NeighbourList:
     def _choose(
         self, candidates: Candidates, points: NodalPoints, number: Ints, current: Ints
     ) -> None:
-        """Put nodes of the surface on the list, by ``number``, with their last segments or -1."""
+        """List nodes of the surface by ``number``, with their last segments or -1."""
         state = self._state
         assert state.eps_N is not None
         self.candidates, self.number, self.current = candidates, number, current[number]

@@ -1,7 +1,7 @@
-"""Contact by springs, evaluated at one state: for explicit steps.
+"""Penalty contact of explicit steps.
 
-The force is minus the gradient of the springs' energy at that state, so that every evaluation
-conserves both momenta. Nothing is iterated.
+The force is minus the gradient of the spring energy at the current state, which conserves both
+momenta. There is no iteration.
 """
 
 from collections.abc import Callable
@@ -32,7 +32,7 @@ from dolfinx_nts.search.scatter import NodalScatter
 
 __all__ = ["ContactSprings", "SpringForces"]
 
-# Stiffness of a tangential spring that is left open, relative to the normal one [-].
+# Default stiffness of tangential springs relative to normal ones [-].
 _SOFTER = 0.1
 
 _NO_DISSIPATION: Floats = np.empty(0)
@@ -50,12 +50,11 @@ class SpringForces(NamedTuple):
     """Forces of the springs of a pair at one state.
 
     Attributes:
-        scatter: Brings the forces to their owners; None where no rank has a node near a
-            segment.
-        springs: Springs of the active nodes, by their positions in the surface's nodes.
+        scatter: Scatter of the forces to their owners; None if no rank has a node near a segment.
+        springs: Springs of the active nodes, by indices among the nodes of the surface.
         dissipation: Energy dissipated by friction in the step at all nodes of the surface,
             shape ``(n,)`` [J]; empty without friction.
-        history: Makes what is remembered of the state.
+        history: Returns the contact history of the state.
     """
 
     scatter: NodalScatter | None
@@ -85,9 +84,10 @@ class ContactSprings:
         mass: Lumped mass of the owned nodes, shape ``(n,)`` [kg].
 
     Attributes:
-        num_lost: Nodes of this rank that sank too deep to be found in the last evaluation.
-        num_deep: Nodes of this rank that were deep inside in it, see `SoftSprings`.
-        shortest_passage: Relative motion in a step below which no node passes a surface [m].
+        num_lost: Number of nodes of this rank that the last evaluation lost, too deep inside.
+        num_deep: Number of nodes of this rank that were deep inside, see `SoftSprings`.
+        shortest_passage: Relative displacement in a step below which no node passes through a
+            surface [m].
 
     Raises:
         ValueError: The pair is enforced by multipliers.
@@ -105,7 +105,7 @@ class ContactSprings:
         self._share, given = float(pair.enforcement.share), pair.enforcement.eps_N
         self._penalty = None if given is None else self._share * given
         self._comm: MPI.Comm = pair.nodes.V.mesh.comm
-        # Where nodes of both sides have springs, each spring moves half of the mass.
+        # If nodes of both sides have springs, each spring moves half of the mass.
         sides = (2 if pair.touches_itself else 1) / self._share
         self._reduced_mass: Floats = 1 / (sides * compliance(pair, mass))
         self._no_contact = ContactHistory.none(len(self._reduced_mass))
@@ -116,22 +116,21 @@ class ContactSprings:
 
     @property
     def _num_own(self) -> int:
-        """Nodes of the surface in each pair: an edge has two."""
+        """Number of nodes of the surface in each pair: two for an edge."""
         return 2 if self._state.pair.method == EDGES else 1
 
     def forget(self) -> None:
-        """Look at all nodes again, as the state was set. Local."""
+        """Discard the neighbour list after the state was set. Local."""
         self._neighbours.forget()
 
     def serialize(
         self, archive: Archive, name: str, forces: SpringForces | None, x: Floats
     ) -> SpringForces:
-        """Serialize the last evaluation and the nodes that are looked at. Collective.
+        """Serialize the last evaluation and the neighbour list. Collective.
 
-        Call it after the state of the pair has been serialized, see `PairState.serialize`.
-        ``forces`` is the last evaluation, if there is one, not needed while the archive gives;
-        ``x`` are the positions of the local nodes in it, shape ``(l, 3)`` [m]. Returns the
-        evaluation.
+        Call it after `PairState.serialize`. ``forces`` is the last evaluation, if any, not needed
+        for reading; ``x`` are the positions of the local nodes in it, shape ``(l, 3)`` [m]. Returns
+        the evaluation.
         """
         state, neighbours = self._state, self._neighbours
         neighbours.serialize(archive, f"{name}/neighbours", state.search.frame.at_end(x))
@@ -155,7 +154,7 @@ class ContactSprings:
 
     @property
     def is_open(self) -> bool:
-        """Whether the penalty is still to be chosen. Local."""
+        """Whether the default penalty is not chosen yet. Local."""
         return self._state.eps_N is None and self._penalty is None
 
     @property
@@ -172,29 +171,29 @@ class ContactSprings:
         return float(reductions.largest(self._comm, highest))
 
     def choose_penalty(self, squared_frequency: float) -> None:
-        """Choose the stiffness of springs that the user left open. Collective.
+        """Choose the default stiffness of springs. Collective.
 
-        ``squared_frequency`` is that of the normal springs with the reduced mass of a node and
-        a vertex of a segment, if the penalty is open [1/s^2].
+        ``squared_frequency`` is the target for normal springs with the reduced mass of a node and
+        a vertex of a segment [1/s^2].
         """
         penalty: Floats = squared_frequency * self._reduced_mass
         if self._penalty is not None:
             penalty = np.full_like(penalty, self._penalty)
-        penalty /= self._share  # which the state takes
+        penalty /= self._share  # the state multiplies by it
         self._state.choose_penalty(penalty, _SOFTER * penalty)
 
     @property
     def num_segments(self) -> int:
-        """Number of segments that this rank looks at. Local."""
+        """Number of candidate segments of this rank. Local."""
         return len(self._neighbours.candidates.size)
 
     def passing(self, x_n: Floats, x: Floats, moved: float, dt: float) -> str:
-        """Say which nodes pass a surface in a step, or "".
+        """Message naming nodes that pass through a surface in a step, or "".
 
         Args:
             x_n: Positions of the local nodes of the space at its start, ``(l, 3)`` [m].
-            x: The same at its end.
-            moved: Half of what nodes and segments come nearer to each other, at most [m].
+            x: Positions at its end, shape ``(l, 3)`` [m].
+            moved: Half the bound on the approach of nodes and segments [m].
             dt: Length of the step [s].
         """
         state, reach = self._state, 2 * moved + self._neighbours.reach
@@ -208,7 +207,7 @@ class ContactSprings:
         return passing_nodes_message(state.nodes, passage, dt)
 
     def _count_lost(self, x: Floats, before: Ints, after: Ints) -> int:
-        """Number of listed nodes that have sunk too deep below their last segments. Local."""
+        """Number of listed nodes that are too deep below their last segments. Local."""
         lost = _kernels.lost(before, after)
         if not len(lost):
             return 0
@@ -221,16 +220,16 @@ class ContactSprings:
         return int(np.count_nonzero(~candidates.is_at_rim(points, x, segment[deep])))
 
     def evaluate(self, x_n: Floats, x: Floats, step: float) -> SpringForces:
-        """Compute the forces at x; the accepted contact does not change. Collective.
+        """Forces at x, without a change of the accepted contact. Collective.
 
         Args:
             x_n: Accepted positions of the local nodes, owned and ghost, shape ``(l, 3)`` [m];
                 only used with friction.
             x: Positions at the end of the step, shape ``(l, 3)`` [m].
-            step: Half of what nodes and segments have come nearer to each other since the last
-                evaluation, at most [m].
+            step: Half the bound on the approach of nodes and segments since the last evaluation
+                [m].
         """
-        # What is remembered of the state must not keep the springs alive.
+        # Local copies, so that the history does not keep the springs alive.
         seen, nothing, num_own = self._neighbours, self._no_contact, self._num_own
         frame = self._state.search.frame
         x_n, x = frame.at_start(x_n), frame.at_end(x)
@@ -256,7 +255,7 @@ class ContactSprings:
         on_nodes = self._on_own_side(springs, candidates)
 
         def history() -> ContactHistory:
-            # Without friction, which brings the normal itself, the force is along it.
+            # Without friction the force is along the normal.
             key, active, multiplier, force, gaps, normal, energy = _kernels.contact_of_springs(
                 springs, num_own, len(nothing.key), number, segment, gap, candidates.key, stiffness
             )
@@ -275,7 +274,7 @@ class ContactSprings:
         return SpringForces(candidates.scatter, springs, dissipation, history)
 
     def _on_own_side(self, springs: _kernels.Springs, candidates: Candidates) -> Floats | None:
-        """Forces on the nodes of the surface, ``(n, 3)`` [N]; None where each has its spring alone.
+        """Forces on the nodes of the surface, ``(n, 3)`` [N]; None if springs act on single nodes.
 
         Collective.
         """
@@ -289,10 +288,10 @@ class ContactSprings:
     def work(
         self, old: SpringForces, new: SpringForces, x: Floats, du: Floats
     ) -> tuple[float, ...]:
-        """Work of the mean of two forces on this rank, as of `ContactWork` [J]. Collective.
+        """Work of the mean of two forces on this rank, as in `ContactWork` [J]. Collective.
 
-        ``du`` is the displacement of the owned nodes between both, shape ``(n, d)`` [m], and
-        ``x`` are their positions at its end, shape ``(n, 3)`` [m].
+        ``du`` is the displacement increment of the owned nodes, shape ``(n, d)`` [m], and ``x`` are
+        their final positions, shape ``(n, 3)`` [m].
         """
         if old.scatter is None and new.scatter is None:
             return _NO_WORK

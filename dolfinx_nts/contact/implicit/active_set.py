@@ -1,8 +1,4 @@
-"""Which nodes are in contact: the active set of multipliers, and block pivoting.
-
-Contact or none, and stick or slip, are decided node by node, but each decision changes what all
-other nodes see.
-"""
+"""Active set of the normal contact constraints, and block pivoting."""
 
 from mpi4py import MPI
 
@@ -17,46 +13,42 @@ from dolfinx_nts.parallel import reductions
 
 __all__ = ["ROUNDING", "ActiveSet", "BlockPivoting"]
 
-# Force, or gap times the stiffness k of its node, that counts as none, relative to k h, where
-# h is the size of a segment [-]: it is the round-off of the residual.
+# Force, or gap times the nodal stiffness k, relative to k h with the size h of a segment [-] that
+# counts as round-off.
 ROUNDING = 16 * np.finfo(np.float64).eps
-# Number of iterations without fewer violators, after which only one node changes at a time.
+# Number of iterations [-] without a decrease of the violated conditions after which only one node
+# changes at a time.
 _PATIENCE = 3
-# Number of iterations from one such change to the next, so that Newton's method comes near to
-# equilibrium in between.
+# Number of iterations [-] between two such changes, so that Newton's method approaches equilibrium.
 _PERIOD = 3
-# Number of iterations without fewer violators, while one node at a time changes, after which the
-# fewest are counted anew.
+# Number of iterations [-] without a decrease, while one node changes at a time, after which the
+# smallest count is reset.
 _RENEWAL = 4
 
 
 class BlockPivoting:
     """Block pivoting within Newton's method, after Judice and Pires (1994).
 
-    All violators change while they become fewer. Murty's rule, by which only the lowest
-    changes, ends cycles. It is made for linear problems: between its changes an iteration
-    without any brings the iterate near to equilibrium, where decisions can be trusted. How few
-    there have been is forgotten from time to time, and not counted in the guess from which a
-    step begins: few violate while nodes hardly move, which says nothing of later, and one
-    change at a time would use up the iterations of a step where contact or slip spreads along
-    a surface, as on a belt.
+    All violated conditions change as long as their number decreases. Murty's rule, by which only
+    the one with the lowest number changes, ends cycles. It holds for linear problems, so that
+    iterations without changes lie in between. The smallest count is reset periodically, and
+    starting guesses are not counted: few conditions are violated while nodes hardly move. Otherwise
+    single changes would exhaust the iterations where contact or slip spreads along a surface.
 
-    Several contact pairs are decided on at once, but each by itself: nodes of one that change
-    again and again must not hold up those of another.
+    Several contact pairs are treated together but independently.
 
     Args:
         comm: Communicator.
-        ids: Numbers of the nodes on any partition, pair by pair, shape ``(n,)``.
-        ends: Where the nodes of each of ``c`` pairs begin, and the end, shape ``(c + 1,)``.
-        waits: Most violators of a pair of which a node that has changed in the last iteration
-            keeps its state where they have not become fewer. It was judged with the old states
-            of those that changed with it, and would change to and fro with them, as do stick and
-            slip; or, alone, before Newton's method came near to the equilibrium of its state.
-        is_patient: Whether nodes change only in iterations before which Newton's method came near
-            to equilibrium, also those that change together.
+        ids: Partition-independent numbers of the nodes, pair by pair, shape ``(n,)``.
+        ends: Offsets of the nodes of each of ``c`` pairs, shape ``(c + 1,)``.
+        waits: Number of violated conditions of a pair up to which a node that has just changed
+            keeps its state if their number has not decreased. It prevents oscillation between
+            nodes that changed together, such as stick and slip.
+        is_patient: Whether changes wait until Newton's method has approached equilibrium, also
+            simultaneous ones.
 
     Attributes:
-        num_violators: Those of all ranks when they were last counted.
+        num_violators: Number of violated conditions of all ranks at the last count.
     """
 
     def __init__(
@@ -73,15 +65,19 @@ class BlockPivoting:
         self._fewest, self._last = np.full((2, num_pairs), np.inf)
         self._patience = np.full(num_pairs, _PATIENCE)
         self._changed: Flags = np.zeros(len(ids), dtype=bool)
-        self._is_quiet = False  # none violated at last, fewer cannot be
+        self._is_quiet = False  # no condition was violated at last
         self.num_violators = 0
 
     def select(self, violates: Flags, node: Ints, iteration: int) -> tuple[Flags, int]:
-        """Choose the nodes that change their state, shape ``(m,)``. Collective.
+        """Choose the nodes that change their state. Collective.
 
-        ``violates`` tells whose state contradicts its condition, ``node`` are positions among
-        all nodes, ascending, both of shape ``(m,)``. Returns flags, and the violators on this
-        rank.
+        Args:
+            violates: Flags of violated conditions, shape ``(m,)``.
+            node: Indices among all nodes, ascending, shape ``(m,)``.
+            iteration: Number of the Newton iteration.
+
+        Returns:
+            Flags, shape ``(m,)``, and number of violated conditions on this rank.
         """
         if self._is_patient and iteration % _PERIOD:
             return np.zeros(len(node), dtype=bool), int(np.count_nonzero(violates))
@@ -115,10 +111,7 @@ class BlockPivoting:
         return changes, int(own.sum())
 
     def changes_singly(self, node: Ints) -> Flags | None:
-        """Whether nodes are of pairs in which one changes at a time, shape ``(m,)``. Local.
-
-        As the last call of `select` left it, with violators. None if there is no such pair.
-        """
+        """Flags of nodes of pairs in single-change mode, shape ``(m,)``, or None. Local."""
         if self._is_quiet:
             return None
         single = (self._patience < 0) & (self._last > 0)
@@ -128,7 +121,7 @@ class BlockPivoting:
         return flags
 
     def _lowest(self, violates: Flags, node: Ints, pair: Array) -> Flags:
-        """Whether nodes have the lowest number of the violators of their pair, ``(m,)``."""
+        """Flags of the violated condition with the lowest number of each pair, ``(m,)``."""
         ids = self._ids[node]
         lowest = np.full(len(self._last), np.iinfo(np.int64).max)
         np.minimum.at(lowest, pair[violates], ids[violates])
@@ -137,15 +130,15 @@ class BlockPivoting:
 
 
 class ActiveSet:
-    """Decides node by node between contact and none.
+    """Active set of the normal contact constraints.
 
     Args:
         state: State of the contact pair, or of several.
         law: Their enforcement.
         stiffness: Stiffness of the nodes, shape ``(n,)`` [N/m].
-        is_static: Whether there is no inertia. What a node moves then may be far softer than the
-            node, as a belt is across its length, so that gaps that are left where surfaces curve
-            say nothing of held nodes: their forces alone decide.
+        is_static: Whether there is no inertia. Then only multipliers decide on active nodes: a
+            structure such as a belt may be far softer than its nodes, so that remaining gaps on
+            curved surfaces have no meaning.
     """
 
     def __init__(
@@ -162,7 +155,7 @@ class ActiveSet:
 
     @property
     def num_violators(self) -> int:
-        """Nodes of all ranks that contradicted their state in the last update. Local."""
+        """Number of violated conditions of all ranks in the last update. Local."""
         return self._pivoting.num_violators
 
     def update(
@@ -171,14 +164,14 @@ class ActiveSet:
         """Decide which nodes are active. Collective.
 
         Args:
-            node: Positions among the nodes, ascending, shape ``(m,)``.
-            excess: Gaps less those that multipliers hold, shape ``(m,)`` [m].
+            node: Indices among the nodes, ascending, shape ``(m,)``.
+            excess: Gaps minus reference gaps, shape ``(m,)`` [m].
             before: Whether the nodes were active, shape ``(m,)``.
             lambda_N: Their multipliers, shape ``(m,)`` [N].
             iteration: Number of the Newton iteration of the step, from 0.
 
         Returns:
-            Whether they are active now, and how many of this rank contradict their state.
+            Flags of active nodes, and number of violated conditions on this rank.
         """
         if iteration == 0:
             wrong = (excess < 0) & ~before
@@ -187,8 +180,8 @@ class ActiveSet:
             gap = np.where(before, 0.0, excess) if self._is_static else excess
             wrong = self._law.active(lambda_N, gap, stiffness) != before
             if wrong.any():
-                # Vertices of triangles of degree 2 carry nothing under a uniform pressure:
-                # round-off must not decide on them again and again.
+                # Vertices of triangles of degree 2 carry no force under a uniform pressure, and
+                # round-off must not toggle them.
                 force = np.maximum(np.abs(lambda_N), stiffness * np.abs(excess))
                 wrong &= ~(force <= ROUNDING * stiffness * self._size[node])
         changes, violators = self._pivoting.select(wrong, node, iteration)

@@ -1,4 +1,4 @@
-"""How contact changes on ways that nodes and obstacles are given."""
+"""Changes of contact by prescribed increments of nodes and obstacles."""
 
 import numpy as np
 
@@ -12,16 +12,16 @@ __all__ = ["changes_ahead"]
 
 
 def changes_ahead(step: ContactStep, pairs: PairKinematics, way: Floats) -> tuple[Floats, Floats]:
-    """How gaps, slips and forces change by ways that nodes and obstacles are given. Collective.
+    """Changes of gap, slip and force by prescribed increments, to first order. Collective.
 
     Args:
-        step: An attempt, whose obstacle knows its own way.
-        pairs: Those of its last evaluation.
-        way: Ways of the owned nodes to first order, shape ``(n, d)`` [m].
+        step: Contact of the step, with the remaining motion of its obstacle.
+        pairs: Pairs of its last evaluation.
+        way: Prescribed increments of the owned nodes, shape ``(n, d)`` [m].
 
     Returns:
-        Changes of gaps and slips, shape ``(m, 3)`` [m], and of forces on the owned nodes at
-        multipliers that stay, shape ``(n, 3)`` [N].
+        Changes of gaps and slips, shape ``(m, 3)`` [m], and of forces on the owned nodes for
+        constant multipliers, shape ``(n, 3)`` [N].
     """
     frame, scatter = step.state.search.frame, step.candidates.scatter
     change: Floats = np.zeros((len(way), 3))

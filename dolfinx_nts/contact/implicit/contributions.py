@@ -1,9 +1,8 @@
-"""Pairs that may transmit force: kinematics, residual and tangent.
+"""Kinematics, residual and tangent of pairs that may transmit force.
 
-Arrays are over the ``m`` pairs of one contact pair on one rank; ``d`` stands for the
-coordinates of a pair, three a node also in the plane, those of its node first: 3 (1+k) with
-segments of k vertices, three times the nodes of the longest list with mortar contact. Everything
-is local.
+Arrays are over the ``m`` pairs of one contact pair on one rank; ``d`` are the coordinates of a
+pair, three per node also in the plane, the node first: 3 (1+k) for segments of k vertices, three
+times the nodes of the longest list in mortar contact. All functions are local.
 """
 
 from copy import copy
@@ -20,7 +19,7 @@ __all__ = ["ContactContribution", "PairKinematics", "changed", "changes_by"]
 
 # Length of the free part of a unit normal [-] above which a node can move along it.
 _FREE_NORMAL = 0.5
-# Part of a gradient of the gap, of a force, or of the square of a direction [-] that is round-off.
+# Relative size of a gap gradient, a force, or the square of a direction [-] that is round-off.
 _NO_FREEDOM = 1e-8
 
 
@@ -28,21 +27,20 @@ class PairKinematics:
     """Kinematics of pairs, before multipliers are known.
 
     Args:
-        node: Position of the node among those of the surface, shape ``(m,)``.
-        segment: Candidate that the node faces, shape ``(m,)``.
-        free: 1 where the displacement is unknown, otherwise 0, shape ``(m, d)``; None if all
-            are unknown.
+        node: Index of the node among the nodes of the surface, shape ``(m,)``.
+        segment: Candidate of the node, shape ``(m,)``.
+        free: 1 at unknown displacements, otherwise 0, shape ``(m, d)``; None if all are unknown.
         contact: Gap and force of the pairs.
-        blocks: How they enter linear systems.
+        blocks: Blocks of the pairs in linear systems.
 
     Attributes:
         node, segment, contact, blocks: The arguments.
         force: Normal and tangential force per multiplier, shape ``(m, 3, d)``.
-        columns: The same, 0 where the displacement is given.
-        gradients: Gradients of gap and slip at x, 0 where it is given, shape ``(m, 3, d)``.
-        excess: What constraints make zero, shape ``(m, 3)`` [m].
-        normal: Free part of the node's normal, of unit length, shape ``(m, 3)``.
-        fixed: Whether the node cannot give up what constraints determine, shape ``(m,)``.
+        columns: The same, 0 at prescribed displacements.
+        gradients: Gradients of gap and slip at x, 0 at prescribed displacements, ``(m, 3, d)``.
+        excess: Constraint residuals: gap minus reference gap, and slip, shape ``(m, 3)`` [m].
+        normal: Free part of the normal of the node, of unit length, shape ``(m, 3)``.
+        fixed: Flags of nodes whose displacement cannot be eliminated, shape ``(m,)``.
         slip: Slip of the pairs, with friction only.
     """
 
@@ -75,10 +73,10 @@ class PairKinematics:
         """Fill the tangential parts.
 
         Args:
-            slip: Slips of the pairs. Those to round-off become 0 in directions that are given.
-            never_sticks: Pairs without friction, shape ``(m,)``.
-            still: Lengths of slips that are none where constraints hold them, shape ``(m,)``
-                [m]; None where springs do.
+            slip: Slips of the pairs. In prescribed directions, round-off is set to 0.
+            never_sticks: Flags of pairs without friction, shape ``(m,)``.
+            still: Lengths of slip that count as zero under constraints, shape ``(m,)`` [m]; None
+                for springs.
         """
         self.slip = slip
         self.force[:, 1:] = slip.force
@@ -86,17 +84,17 @@ class PairKinematics:
         if self._free is not None:
             self.columns[:, 1:] = slip.force * self._free[:, None]
             self.gradients[:, 1:] *= self._free[:, None]
-            # A sticking node gives up all its displacements.
+            # All displacements of a sticking node are eliminated.
             self.fixed |= np.any(self._free[:, :3] != 1, axis=1) & ~never_sticks
             if still is not None and self.fixed.any():
                 self._leave_out_given(self._free, still)
         self.excess[:, 1:] = slip.value
 
     def _leave_out_given(self, free: Floats, still: Floats) -> None:
-        """Leave directions of slip out in which all displacements are given, and of no length.
+        """Remove directions of slip with prescribed displacements only, or of zero length.
 
-        Across a plane of symmetry nothing but small levers and the last digits would decide on
-        multipliers. Arguments are those of the class and of `add_slip`.
+        Across a plane of symmetry multipliers would be determined by round-off. Arguments are those
+        of the class and of `add_slip`.
         """
         m, slip = len(self.node), self.slip.value
         size = np.abs(self.force).reshape(m, 3, -1, 3).max(axis=(1, 3))
@@ -119,7 +117,7 @@ class PairKinematics:
 
     @property
     def is_given(self) -> Flags:
-        """Whether given displacements alone decide the gap, shape ``(m,)``."""
+        """Whether the gap depends on prescribed displacements only, shape ``(m,)``."""
         if self._free is None:
             return np.zeros(len(self.node), dtype=bool)
         free, whole = (
@@ -130,8 +128,8 @@ class PairKinematics:
         return given
 
     def failures(self, active: Flags) -> int:
-        """Number of pairs without a gap, and of ``active`` ones turned by more than 90 degrees."""
-        valid = self.contact.turn >= 0  # false where it is NaN
+        """Number of degenerate pairs, and of active ones rotated by more than 90 degrees."""
+        valid = self.contact.turn >= 0  # false for NaN
         if valid.all():
             return 0
         return int(np.count_nonzero(~valid & (active | np.isnan(self.contact.gap))))
@@ -140,26 +138,24 @@ class PairKinematics:
 class ContactContribution(NamedTuple):
     """Force and tangent of the pairs that may transmit force, between x_n and x.
 
-    Rows and columns of given displacements are 0 unless noted otherwise.
+    Rows and columns of prescribed displacements are 0 unless noted otherwise.
 
     Attributes:
         pairs: The pairs and their kinematics.
         active: Whether a pair transmits force, shape ``(m,)``.
         rank: Number of constraints, shape ``(m,)``: 0 inactive or penalty, 1 normal, all
             components of the space normal and stick.
-        columns: Force per multiplier, shape ``(m, 3, d)``; that of the normal includes the
-            friction which scales with it.
-        slopes: Derivative of multipliers and tractions by gap and slip, in springs and where
-            nodes slide, shape ``(m, 3, 3)`` [N/m]: columns^T slopes gradients is a part of the
-            derivative of the forces.
+        columns: Force per multiplier, shape ``(m, 3, d)``; the normal one includes the friction
+            proportional to it.
+        slopes: Derivative of multipliers and tractions with respect to gap and slip, for springs
+            and sliding nodes, shape ``(m, 3, 3)`` [N/m]. columns^T slopes gradients is a part of
+            the derivative of the forces.
         residual: Contact forces of the pair, shape ``(m, d)`` [N].
         tangent: The other part, at fixed multipliers and tractions, by `PairBlocks`, shape
             ``(p, 3 k, 3 k)`` [N/m].
-        force: The forces without regard to given displacements, shape ``(m, d)`` [N].
-        changed: Pairs that changed their segment, became active or inactive, began to stick or
-            to slide, or should.
-        failed: Pairs that could not be evaluated, active or not, and active ones whose normal
-            has turned by more than 90 degrees.
+        force: The forces including prescribed displacements, shape ``(m, d)`` [N].
+        changed: Number of pairs that changed segment or state, or violate a condition.
+        failed: Number of degenerate pairs, and of active ones rotated by more than 90 degrees.
     """
 
     pairs: PairKinematics
@@ -187,9 +183,9 @@ class ContactContribution(NamedTuple):
 
 
 def changes_by(pairs: PairKinematics, ways: Floats) -> Floats:
-    """Changes of gaps and slips by ways of all nodes, also given ones, ``(m, 3)`` [m]. Local.
+    """Changes of gaps and slips, ``(m, 3)`` [m], by increments of all nodes. Local.
 
-    ``ways`` are those of the nodes of the pairs, shape ``(m, d)`` [m].
+    ``ways`` are the increments of the nodes of the pairs, shape ``(m, d)`` [m].
     """
     changes = np.zeros((len(ways), 3))
     changes[:, 0] = np.einsum("md,md->m", pairs.contact.gradient, ways)
@@ -199,7 +195,7 @@ def changes_by(pairs: PairKinematics, ways: Floats) -> Floats:
 
 
 def changed(pairs: PairKinematics, changes: Floats) -> PairKinematics:
-    """Copy in which constraints see gaps and slips after changes, ``(m, 3)`` [m]. Local."""
+    """Copy with gaps and slips after changes ``(m, 3)`` [m]. Local."""
     after = copy(pairs)
     after.excess = pairs.excess + changes
     return after

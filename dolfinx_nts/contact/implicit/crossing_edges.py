@@ -1,4 +1,4 @@
-"""Edges that cross in one attempt at a step: where they are looked for, and their forces."""
+"""Local search and forces of crossing edges in a step."""
 
 import numpy as np
 
@@ -11,16 +11,15 @@ from dolfinx_nts.contact.pair_state import PairState
 
 __all__ = ["CrossingEdges"]
 
-# Share of a carrier in the place of a crossing [-] below which it cannot give up a displacement
-# for it.
+# Weight of a carrier at a crossing [-] below which its displacement cannot be eliminated.
 _LEAST_SHARE = 0.25
 
 
 class EdgePairing(NodePairing):
-    """Carriers and the edges that theirs cross, see `NodePairing`.
+    """Carriers of edges and the edges that they cross, see `NodePairing`.
 
-    The force of a pair acts on both ends of the edge; the carrier gives up its displacement
-    only where its share of the force is not small.
+    The force of a pair acts on both ends of the edge. The displacement of the carrier is eliminated
+    only if its weight is not small.
     """
 
     def kinematics(
@@ -39,7 +38,7 @@ class EdgePairing(NodePairing):
 
 
 class CrossingEdges(LocalSearch):
-    """Edges of the nodes of a pair and those that they cross, see `LocalSearch`."""
+    """Local search of crossing edges, see `LocalSearch`."""
 
     def __init__(self, state: PairState | JointState, x_n: Floats, x_trial: Floats) -> None:
         super().__init__(state, x_n, x_trial)

@@ -1,4 +1,4 @@
-"""An attempt at a step takes over what was decided on its pairs beside those of others."""
+"""Application of the coupled contact solution to one contact pair."""
 
 import numpy as np
 
@@ -15,15 +15,15 @@ __all__ = ["decide", "predict"]
 def decide(
     step: ContactStep, contribution: ContactContribution, found: Decision
 ) -> ContactContribution:
-    """Take over contact, stick and slip, with the forces of the next iterate. Collective.
+    """Apply contact, stick and slip of the coupled solution, with its forces. Collective.
 
     Args:
-        step: An attempt of pairs by multipliers that push, without springs of friction.
+        step: Contact with multipliers, without tie and without tangential springs.
         contribution: Its last evaluation.
-        found: What was decided on its pairs.
+        found: Coupled solution for its pairs.
 
     Returns:
-        The same with these states.
+        The contribution with these states.
     """
     pairs, active = contribution.pairs, found.presses
     node, d = pairs.node, found.force.shape[1]
@@ -38,7 +38,7 @@ def decide(
 
 
 def predict(step: ContactStep, contribution: ContactContribution, du: Floats) -> None:
-    """Know how slips change with increments ``(n, d)`` [m] of the owned nodes. Collective."""
+    """Update the predicted slips for increments ``(n, d)`` [m] of the owned nodes. Collective."""
     decided = step.friction.decided
     if decided is not None and step.state.pair.friction is not None and step.num_active:
         pairs = contribution.pairs

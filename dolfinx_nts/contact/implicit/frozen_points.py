@@ -1,8 +1,8 @@
-"""Contact points of surface-to-surface contact (mortar) in one attempt at a step.
+"""Quadrature points of mortar contact, fixed within a step.
 
-The points and their segments are chosen where the surfaces would be without contact, and stay
-as they are in the step: then the force of each multiplier is a sum with constant weights of
-discrete gradients, and does no work while the mean gap stays.
+The points and their segments are chosen at the trial positions without contact, and are kept in
+the step. The force of each multiplier is then a sum of discrete gradients with constant weights,
+and does no work while the mean gap is constant.
 """
 
 from mpi4py import MPI
@@ -22,24 +22,24 @@ from dolfinx_nts.search.mortar_search import MortarCandidates
 
 __all__ = ["FrozenPoints", "SettlingPoints", "TiedPoints"]
 
-# Way between equilibrium and where the points were chosen, in coordinates of the reference
-# segment, that is none without inertia.
+# Displacement of points between choice and equilibrium in coordinates of the reference segment [-]
+# that counts as zero in statics.
 _SETTLED = 1e-6
 
 
 class FrozenPoints(LocalSearch):
-    """Contact points of a pair, see `LocalSearch`, which still says what nodes face.
+    """Quadrature points of a mortar pair, see `LocalSearch`.
 
-    Args and attributes are those of `LocalSearch`; gaps and segments are those of the contact
-    points: mean gaps of nodes, and a segment that stands for those of the points.
+    Arguments and attributes are those of `LocalSearch`, with mean gaps of nodes and one
+    representative segment of the points of each node.
     """
 
     candidates: MortarCandidates
     pairing: MortarPairing
-    # How often points are chosen anew.
+    # Largest number of renewals of the points in a step [-].
     _most_renewals = 2
-    # Gap, relative to the size of a segment [-], above which it does not matter where points
-    # are: what transmits force is hardly open.
+    # Gap relative to the size of a segment [-] above which the position of points is irrelevant,
+    # since active nodes are nearly closed.
     _nearby = 0.01
 
     def __init__(self, state: PairState | JointState, x_n: Floats, x_trial: Floats) -> None:
@@ -52,7 +52,7 @@ class FrozenPoints(LocalSearch):
 
     @staticmethod
     def _beyond(pair: ContactPair) -> float:
-        # Facets reach beyond their owned nodes, also when they are stretched.
+        # Facets extend beyond their owned nodes, also when they are stretched.
         return 2 * pair.nodes.size
 
     def _choose(self, x: Floats) -> None:
@@ -63,7 +63,7 @@ class FrozenPoints(LocalSearch):
         ends = x_n, x
         points = MortarPoints.choose(self.candidates.facets, self.candidates, *ends, self.reach)
         self.pairing = MortarPairing(self.candidates, points, self.x_n, x.copy())
-        # The segment with the lowest number stands for those of the points of a node.
+        # The segment with the lowest number represents the segments of the points of a node.
         self.segment = points.shares.first(points.segment % len(self.candidates.segments))
         every, trial = self._every, self.approach.x
         gap_n, gap_trial = (
@@ -73,7 +73,7 @@ class FrozenPoints(LocalSearch):
         self.gap = gap_n.copy()
 
     def find(self, x: Floats, node: Ints, iteration: int) -> tuple[Ints, Flags]:
-        """The points stay; their gaps are not computed here, see `LocalSearch.find`."""
+        # The points are kept; their gaps are not computed here.
         return self.segment[node], np.zeros(len(node), dtype=bool)
 
     def reproject(self, x: Floats, node: Ints, held: Flags) -> tuple[int, bool]:
@@ -86,11 +86,11 @@ class FrozenPoints(LocalSearch):
         return len(node), True
 
     def _has_left(self, x: Floats, node: Ints) -> bool:
-        """Whether points of nodes, ``(m,)``, are not where they should be on this rank."""
+        """Whether points of nodes ``(m,)`` on this rank have left their segments."""
         return self.pairing.num_beyond(x, self._near(node)) > 0
 
     def _near(self, node: Ints) -> Ints:
-        """Those of nodes, ``(m,)``, that are so near that it matters where their points are."""
+        """Nodes among ``(m,)`` with a small gap, for which the position of points matters."""
         size = self.candidates.size
         size = size.take(self.segment[node], mode="wrap") if len(size) else np.ones(len(node))
         near: Ints = node[self.gap[node] < self._nearby * size]
@@ -98,18 +98,18 @@ class FrozenPoints(LocalSearch):
 
 
 class TiedPoints(FrozenPoints):
-    """Contact points that stay where they are on the mesh, in all steps."""
+    """Quadrature points of tied contact, fixed in the reference configuration."""
 
     _most_renewals = 0
 
     def _choose(self, x: Floats) -> None:
-        """Choose the points by the reference positions, whatever the others are."""
+        # At the reference positions.
         X = self.candidates.scatter.forward(reference_positions(self._V))
         self._take(X, X)
 
 
 class SettlingPoints(FrozenPoints):
-    """Contact points that are chosen anew until they belong to the equilibrium."""
+    """Quadrature points of statics, renewed until they belong to the equilibrium."""
 
     _most_renewals = 6
     _nearby = 0.1

@@ -1,4 +1,4 @@
-"""What nodes with multipliers give up: the displacements that their constraints determine."""
+"""Displacements eliminated by active mortar constraints."""
 
 import numpy as np
 
@@ -12,31 +12,30 @@ __all__ = ["GivenUp"]
 
 
 class GivenUp:
-    """Displacements of nodes of pairs, and of the nodes that go with them, see `Hats`.
+    """Eliminated displacements of nodes and of their mid-nodes, see `Hats`.
 
     Args:
         candidates: Facets of the nodes, and segments.
-        free: 1 where the displacement of a node is unknown, otherwise 0, shape ``(l, 3)``; None
-            if all are.
-        dofs: Nodes of the pairs, that with the multiplier first, shape ``(m, d)``.
+        free: 1 at unknown displacements, otherwise 0, shape ``(l, 3)``; None if all are unknown.
+        dofs: Nodes of the pairs, the one with the multiplier first, shape ``(m, d)``.
     """
 
     def __init__(self, candidates: MortarCandidates, free: Floats | None, dofs: Ints) -> None:
         self._candidates, self._free, self._dofs = candidates, free, dofs
-        # The last system of either kind, with its ranks and rows.
+        # Cache of the last system and its transpose, with ranks and rows.
         self._last: dict[bool, tuple[Ints, Floats, NodalSystem]] = {}
 
     def take(self, dofs: Ints) -> "GivenUp":
-        """Make the same of other pairs, shape ``(m, d)``."""
+        """Eliminated displacements of other pairs, shape ``(m, d)``."""
         return self if dofs is self._dofs else GivenUp(self._candidates, self._free, dofs)
 
     def system(
         self, rank: Ints, rows: Floats, normal: Floats, *, transposed: bool = False
     ) -> NodalSystem:
-        """Make the system of rows of the pairs, see `NodalSystem`. Collective.
+        """System of rows of the pairs, see `NodalSystem`. Collective.
 
-        It is the last one where ranks are the same, and rows the very array: neither can be
-        changed from then on.
+        The last system is reused if ranks are equal and rows are the same array, which must not be
+        changed afterwards.
         """
         scatter, last = self._candidates.scatter, self._last.get(transposed)
         is_known = last is not None and rows is last[1] and same_numbers(rank, last[0])
@@ -50,9 +49,9 @@ class GivenUp:
         return last[2]
 
     def gather(self, force: Floats) -> Floats:
-        """Sum up what forces at the owned nodes, ``(n, b)``, do along it, ``(m, b)``. Collective.
+        """Project forces at the owned nodes, ``(n, b)``, on the pairs, ``(m, b)``. Collective.
 
-        ``b`` is 3, or the components of the space.
+        ``b`` is 3, or the number of components of the space.
         """
         if self._candidates.hats is not None:
             b = force.shape[1]
@@ -60,7 +59,7 @@ class GivenUp:
         return force[self._dofs[:, 0]]
 
     def move(self, way: Floats, x: Floats) -> None:
-        """Add ways of the nodes of pairs, ``(m, b)``, to those of owned nodes ``(n, b)``.
+        """Add increments of the nodes of pairs, ``(m, b)``, to displacements x of owned nodes.
 
         Collective.
         """
@@ -72,5 +71,5 @@ class GivenUp:
         x += self._masked(self._candidates.hats.spread(field))[:, : x.shape[1]]
 
     def _masked(self, field: Floats) -> Floats:
-        """Values at the owned nodes, ``(n, 3)``, 0 where displacements are given."""
+        """Values at the owned nodes, ``(n, 3)``, 0 at prescribed displacements."""
         return field if self._free is None else field * self._free[: len(field)]

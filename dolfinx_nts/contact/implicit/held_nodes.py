@@ -1,4 +1,4 @@
-"""Nodes that contact holds at the end of a step."""
+"""Active nodes at the end of a step."""
 
 from typing import NamedTuple
 
@@ -11,17 +11,17 @@ __all__ = ["HeldNodes"]
 
 
 class HeldNodes(NamedTuple):
-    """Nodes of a pair that transmit force, or are inside what they face.
+    """Nodes of a pair that transmit force or penetrate their segments.
 
     Attributes:
-        node: Positions among the nodes of the surface, shape ``(m,)``.
-        dofs: Nodes on which gaps depend, in the map of the candidates' scatter, ``(m, k)``.
-        gradients: Gradients of gap and slip by these, shape ``(m, 3, 3 k)``.
+        node: Indices among the nodes of the surface, shape ``(m,)``.
+        dofs: Nodes on which gaps depend, in the map of the scatter, shape ``(m, k)``.
+        gradients: Gradients of gap and slip with respect to these nodes, shape ``(m, 3, 3 k)``.
         gap: Gap, shape ``(m,)`` [m].
         force: Normal force in the step, shape ``(m,)`` [N, >= 0].
         traction: Traction in the step, in the directions of slip, shape ``(m, 2)`` [N].
-        sticks: Whether friction keeps a node from sliding, shape ``(m,)``.
-        pushes: Normal force of all of them on the nodes of the surface, shape ``(n, 3)`` [N].
+        sticks: Flags of sticking nodes, shape ``(m,)``.
+        pushes: Normal forces on all nodes of the surface, shape ``(n, 3)`` [N].
     """
 
     node: Ints
@@ -35,7 +35,7 @@ class HeldNodes(NamedTuple):
 
     @classmethod
     def of(cls, step: ContactStep) -> "HeldNodes":
-        """Find those of a solved step. Local."""
+        """Active nodes of a solved step. Local."""
         search, active = step.search, step.normal.active
         near = (search.segment >= 0) & (active | search.may_close)
         node = near.nonzero()[0].astype(np.int32)

@@ -1,4 +1,4 @@
-"""What was decided on the pairs of one contact pair beside those of others, and what takes it."""
+"""Interfaces between the coupled contact problem and the friction of one contact pair."""
 
 from typing import Protocol
 
@@ -11,7 +11,7 @@ __all__ = ["DecidedFriction", "Decision", "NoFriction"]
 
 
 class Decision(Protocol):
-    """What was decided on ``m`` pairs, see `friction_cones.ConeSolution`."""
+    """Coupled solution for ``m`` pairs, see `friction_cones.ConeSolution`."""
 
     @property
     def force(self) -> Floats:
@@ -27,37 +27,37 @@ class Decision(Protocol):
 
     @property
     def slides(self) -> Flags:
-        """Whether one that does slides, shape ``(m,)``."""
+        """Whether an active pair slides, shape ``(m,)``."""
 
 
 class DecidedFriction(Protocol):
-    """Friction of pairs on which is decided beside others. Local."""
+    """Friction that accepts states of the coupled problem. Local."""
 
     def coefficients(self, node: Ints) -> Floats:
-        """Coefficients of friction of nodes, shape ``(m,)`` [-], 0 where there is none."""
+        """Coefficients of friction of nodes, shape ``(m,)`` [-]."""
 
     def show_slips(self, pairs: PairKinematics) -> None:
-        """Let constraints of pairs see their slips, however small."""
+        """Use all slips of pairs in constraints, however small."""
 
     def decide(
         self, pairs: PairKinematics, slides: Flags, active: Flags, forces: Floats, slip: Floats
     ) -> None:
-        """Take over stick and slip, with forces and slips by which they were decided.
+        """Set stick and slip, with the forces and slips of the coupled solution.
 
         Args:
             pairs: The pairs.
-            slides: Whether they slide where they are active, shape ``(m,)``.
-            active: Which pairs transmit force, shape ``(m,)``.
+            slides: Flags of sliding pairs, shape ``(m,)``.
+            active: Flags of active pairs, shape ``(m,)``.
             forces: Multipliers, normal and tangential, shape ``(m, 3)`` [N].
             slip: Slips at the end of the iteration, shape ``(m, 2)`` [m].
         """
 
     def predict(self, pairs: PairKinematics, change: Floats) -> None:
-        """Know the change of slips in an iteration, ``(m, 2)`` [m], which positions round."""
+        """Add the change of slips in an iteration, ``(m, 2)`` [m], without round-off."""
 
 
 class NoFriction:
-    """No friction, see `DecidedFriction`."""
+    """Contact without friction, see `DecidedFriction`."""
 
     def coefficients(self, node: Ints) -> Floats:
         """Return 0 for all nodes."""

@@ -1,4 +1,4 @@
-"""Limits of friction that stay as they are while nodes change between stick and slip."""
+"""Lagged friction limits while nodes change between stick and slip."""
 
 import numpy as np
 
@@ -8,21 +8,19 @@ __all__ = ["LaggedLimit"]
 
 
 class LaggedLimit:
-    """Pressing forces by which friction is limited, of now or of an earlier iteration. Local.
+    """Normal forces of the current or of an earlier iteration that limit friction. Local.
 
-    With Coulomb's limit mu p, which changes as nodes slide, the choice between stick and slip is
-    no problem with a positive matrix: a node may contradict stick and both ways of slip while
-    another one slides, though there is a solution with that one sticking, and changing one node
-    at a time goes round in a circle. With a given limit (Tresca) it is the minimum of a convex
-    energy, and such changes end. So limits lag where nodes change one at a time, until none
-    contradicts its state; with the limits of then it begins anew (fixed point of J. Haslinger,
-    Math. Methods Appl. Sci. 5 (1983)). No solution is accepted with a limit that lags.
+    Coulomb's limit mu p depends on the solution, so that the stick-slip problem is not a convex
+    minimisation, and single changes may cycle. With a given limit (Tresca friction) it is convex,
+    and single changes terminate. Limits therefore lag while nodes change one at a time, until no
+    condition is violated, and are then updated (fixed point of J. Haslinger, Math. Methods Appl.
+    Sci. 5 (1983)). No solution with a lagged limit is accepted.
 
     Args:
         num_nodes: Number ``n`` of nodes.
 
     Attributes:
-        heading: Direction of the traction times mu, also where its limit lags, shape ``(n, 2)``.
+        heading: Direction of the traction times mu, also with a lagged limit, shape ``(n, 2)``.
     """
 
     def __init__(self, num_nodes: int) -> None:
@@ -30,14 +28,13 @@ class LaggedLimit:
         self.heading: Floats = np.zeros((num_nodes, 2))
 
     def pressing(self, node: Ints, p: Floats, lags: Flags | None) -> Floats:
-        """Forces that limit friction, shape ``(m,)`` [N].
+        """Normal forces that limit friction, shape ``(m,)`` [N].
 
         Args:
-            node: Positions of ``m`` nodes among all.
-            p: What presses them now, shape ``(m,)`` [N].
-            lags: Whose limits lag now, shape ``(m,)``: such a force is that of the last iteration
-                in which they did not, or of the first in which something pressed the node.
-                None if none does.
+            node: Indices of ``m`` nodes among all.
+            p: Current normal forces, shape ``(m,)`` [N].
+            lags: Flags of lagged limits, shape ``(m,)``, or None. A lagged limit uses the last
+                iteration without lag, or the first one with a normal force.
         """
         if lags is None:
             self._p[node] = np.maximum(p, 0.0)

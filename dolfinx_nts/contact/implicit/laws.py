@@ -1,4 +1,4 @@
-"""What acts on the nodes of a pair in an attempt at a step, by what the pair declares."""
+"""Search, normal contact and friction of a step, by the declaration of a pair."""
 
 from collections.abc import Mapping
 
@@ -18,7 +18,7 @@ from dolfinx_nts.contact.pair_state import PairState
 
 __all__ = ["make_friction", "make_normal_contact", "make_search"]
 
-# How contact points find their segments, by the method of the pair and absence of inertia.
+# Local search by the method of the pair and absence of inertia.
 _SEARCHES = {
     ("node-to-segment", False): LocalSearch,
     ("node-to-segment", True): StaticSearch,
@@ -34,7 +34,7 @@ _SEARCHES = {
 def make_search(
     state: PairState | JointState, x_n: Floats, x_trial: Floats, is_static: bool
 ) -> LocalSearch:
-    """Find what the nodes may face, see `ContactStep` for the arguments. Collective."""
+    """Local search of a step, see `ContactStep` for the arguments. Collective."""
     kind = "tied" if isinstance(state.pair.enforcement, Tied) else is_static
     return _SEARCHES[state.pair.method, kind](state, x_n, x_trial)
 
@@ -47,15 +47,15 @@ def make_normal_contact(
     intermediate: Mapping[float, Floats],
     share: float,
 ) -> NormalContact:
-    """Make the normal contact of a pair by its enforcement. Collective.
+    """Normal contact of a pair by its enforcement. Collective.
 
     Args:
-        state: See `ContactStep`, as ``is_static``, ``intermediate`` and ``share``.
+        state: State of the contact pair or of the pairs.
         is_static: Whether there is no inertia.
         search: Segments of the nodes.
-        stiffness: That of the nodes of the surface, shape ``(n,)`` [N/m].
-        intermediate: Positions by parts of the ballistic way [m].
-        share: Share of the end of the step in the forces of springs [-].
+        stiffness: Stiffness of the nodes of the surface, shape ``(n,)`` [N/m].
+        intermediate: Positions by fractions of the ballistic motion, see `ContactStep` [m].
+        share: Weight of the end of the step in the forces of springs [-].
     """
     law = state.pair.enforcement
     if isinstance(law, Tied):
@@ -73,14 +73,14 @@ def make_friction(
     acts_at_end: bool,
     begins_sticking: bool,
 ) -> Friction:
-    """Make the tangential forces of a pair by its laws. Local.
+    """Friction of a pair by its laws. Local.
 
     Args:
         state: State of the contact pair or of the pairs.
         is_static: Whether there is no inertia.
         search: Segments of the nodes.
-        stiffness: That of the nodes of the surface, shape ``(n,)`` [N/m].
-        acts_at_end: Whether forces are those at the end of the step.
+        stiffness: Stiffness of the nodes of the surface, shape ``(n,)`` [N/m].
+        acts_at_end: Whether forces act at the end of the step.
         begins_sticking: Whether all nodes with friction stick at first.
     """
     law = state.pair.friction

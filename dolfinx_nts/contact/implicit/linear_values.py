@@ -1,14 +1,12 @@
-r"""Gaps and slips of springs as the last linear system left them.
+r"""Gaps and slips of springs extrapolated by the linear system.
 
-Where bodies turn and surfaces curve, gaps and slips of an iterate differ from those of the linear
-system it comes from by what is of second order in the increment. Times the stiffness of a spring
-this may be far more than the force on it: a node that goes a way s along a circle of radius R is
-:math:`s^2/(2R)` away from it, and so lets go of it or stretches all it is connected with. The
-linear forces are those of a formulation in which they are unknowns of their own. What is decided by
-them, and the change of directions of force that goes with them, make Newton's method converge as it
-does with multipliers, while the residual has the forces of the measured gaps and slips; both are
-the same in equilibrium (D. Magisano, L. Leonetti, G. Garcea, Comput. Methods Appl. Mech. Engrg. 313
-(2017), who do so with stresses).
+With rotations and curved surfaces, gaps and slips of an iterate differ from those of the linear
+system by terms of second order in the increment. Times the stiffness of a spring these may far
+exceed its force: a node that moves by s along the tangent of a circle of radius R is
+:math:`s^2/(2R)` away from it. The linear forces are those of a mixed formulation. Using them for
+decisions and for the geometric tangent, Newton's method converges as with multipliers, while the
+residual has the forces of the measured gaps and slips. Both agree in equilibrium (D. Magisano, L.
+Leonetti, G. Garcea, Comput. Methods Appl. Mech. Engrg. 313 (2017), for stresses).
 """
 
 import numpy as np
@@ -21,12 +19,12 @@ __all__ = ["LinearValues"]
 
 
 class LinearValues:
-    """Values of ``n`` nodes in an iterate by the linear system. Local.
+    """Linearly extrapolated values of ``n`` nodes. Local.
 
     Args:
-        frame: That of what the nodes face, which may go on its way from one iterate to the next.
+        frame: Frame of the segments, which may move between iterates.
         num_nodes: Number of nodes.
-        shape: That of the value of a node: none, or ``2``.
+        shape: Shape of the value of a node: none, or ``2``.
     """
 
     def __init__(self, frame: Frame, num_nodes: int, *shape: int) -> None:
@@ -36,13 +34,13 @@ class LinearValues:
         self._last: tuple[PairKinematics, Floats, Placement, Floats, Floats] | None = None
 
     def of(self, pairs: PairKinematics, x: Floats, measured: Floats, gradients: Floats) -> Floats:
-        """Values of ``m`` pairs by those of the last call and their gradients there.
+        """Values of ``m`` pairs, extrapolated from the last iterate.
 
         Args:
             pairs: Pairs of this iterate.
             x: Positions with ghosts in the frame, shape ``(l, 3)`` [m].
-            measured: Values there, shape ``(m,)`` or ``(m, 2)``: the result where the last iterate
-                had no pair of the node with the same segment.
+            measured: Measured values, shape ``(m,)`` or ``(m, 2)``, used for pairs that did not
+                exist in the last iterate.
             gradients: Their gradients in space, shape ``(m, d)`` or ``(m, 2, d)``.
         """
         values, x = measured, self._frame.in_space(x)
@@ -60,5 +58,5 @@ class LinearValues:
         return values
 
     def forget(self) -> None:
-        """Forget the last iterate, as where contact points are other ones."""
+        """Discard the last iterate, after a change of the contact points."""
         self._last = None

@@ -1,4 +1,4 @@
-"""Where on a way nodes that were apart come to be inside of what they face."""
+"""Step fraction at first contact of separated nodes."""
 
 import numpy as np
 
@@ -9,21 +9,21 @@ from dolfinx_nts.fem.components import in_space
 __all__ = ["until_met"]
 
 
-# Depth to which an increment may bring nodes that were apart into what they meet, relative to the
-# smaller one of their cells and of what they meet [-].
+# Largest penetration of separated nodes in an increment, relative to the smaller one of their cells
+# and of the segment [-].
 _DEEPEST = 0.15
 
 
 def until_met(step: ContactStep, way: Floats, size: Floats) -> float:
-    """Part of a way, from 0 to 1, after which a node that was apart is deep inside.
+    """Fraction of an increment, from 0 to 1, at which a separated node penetrates deeply.
 
-    The obstacle goes all that is left of its own way, to first order. Collective, but the
-    part is that of this rank.
+    The obstacle makes all of its remaining motion, to first order. Collective; the result is for
+    this rank.
 
     Args:
-        step: An attempt, evaluated.
-        way: Ways of the owned nodes, shape ``(n, d)`` [m].
-        size: Sizes of the cells at these, shape ``(n,)`` [m].
+        step: Evaluated contact of the step.
+        way: Increments of the owned nodes, shape ``(n, d)`` [m].
+        size: Sizes of the cells at the nodes, shape ``(n,)`` [m].
     """
     search, frame, normal = step.search, step.state.search.frame, step.normal
     given, _ = frame.remaining(step.x)

@@ -1,4 +1,4 @@
-"""Normal contact by multipliers, in one attempt at a step."""
+"""Normal contact by Lagrange multipliers in a step."""
 
 from collections.abc import Mapping
 
@@ -17,18 +17,18 @@ from dolfinx_nts.parallel import reductions
 
 __all__ = ["MultiplierContact"]
 
-# Gap, relative to the size of a segment [-], up to which nodes are moved along their normals
-# between Newton iterations.
+# Gap relative to the size of a segment [-] up to which nodes are moved along their normals between
+# Newton iterations.
 _CLOSE = 0.01
-# Gap, relative to the size of a segment [-], up to which nodes may close it in an iteration.
+# Gap relative to the size of a segment [-] up to which nodes may close it in an iteration.
 _NEAR = 0.1
-# Depth, relative to the size of a segment [-], by which a step may make a node deeper that another
-# one keeps from being held, and how often nodes are chosen anew in a step because of that.
+# Additional penetration of an excluded node in a step relative to the size of a segment [-] from
+# which on it is activated, and largest number of such renewals in a step [-].
 _SUNK, _MOST_CHOICES = 0.05, 2
 
 
 class MultiplierContact(NormalContact):
-    """Decides which nodes are held, and balances forces at these, see `NormalContact`.
+    """Active set and multipliers of normal contact, see `NormalContact`.
 
     Args:
         state: State of the contact pair.
@@ -36,8 +36,8 @@ class MultiplierContact(NormalContact):
         is_static: Whether there is no inertia.
         search: Segments of the nodes.
         stiffness: Stiffness of the nodes, shape ``(n,)`` [N/m].
-        intermediate: Positions of the local nodes after some parts of their ballistic ways, by
-            the part, see `ContactStep`.
+        intermediate: Positions of the local nodes by fractions of the ballistic motion, see
+            `ContactStep`.
     """
 
     def __init__(
@@ -49,14 +49,14 @@ class MultiplierContact(NormalContact):
         stiffness: Floats,
         intermediate: Mapping[float, Floats],
     ) -> None:
-        # Elastic impact holds gaps; in statics there is no impact.
+        # With inertia, elastic impact keeps gaps; in statics gaps close.
         self._reach = _NEAR if is_static else 0.0
         self._holds, self._law = law.holds_gaps and not is_static, law
-        # Contact points are others in each step: the mean gap of a node that stays in contact
-        # would do work if it had to become 0 again.
+        # Quadrature points change in each step: closing the changed mean gap of an active node
+        # would do work.
         stays = not (search.pairing.follows or is_static)
         self._stays: Flags = state.history.active & stays
-        # Excluded nodes that have sunk in, and how often nodes may still be chosen anew.
+        # Excluded nodes that penetrated, and remaining number of renewals.
         self._sunk: Flags = np.zeros(len(state.history.active), dtype=bool)
         self._choices = _MOST_CHOICES
         super().__init__(state, search)
@@ -74,8 +74,8 @@ class MultiplierContact(NormalContact):
         approach, candidates = search.approach, search.candidates
         eligible = approach.segment >= 0
         if self._holds:
-            # Gaps that are held stay the same, so that what they are compared with must not
-            # change either, lest nodes are let go under load where segments are shorter.
+            # Kept gaps are compared with a constant length, lest loaded nodes are released on
+            # shorter segments.
             size = self._state.segment_sizes
             passes = self._law.eligible(approach.gap_n, approach.gap, size, history.active)
             eligible &= passes | self._admitted
@@ -118,39 +118,36 @@ class MultiplierContact(NormalContact):
 
     @property
     def may_touch(self) -> Flags:
-        """Whether a node may touch: where gaps are held, only those that may be held."""
         return self._eligible if self._holds else super().may_touch
 
     def needs(self, x: Floats, node: Ints) -> Flags | None:
-        """Whether the kinematics of nodes matter: all others are open and inactive.
-
-        In statics those of nodes that the next increment may close do, as is decided beside others.
-        """
+        # All other nodes are open and inactive. In statics nodes that may close in the next
+        # increment are needed by the coupled contact problem.
         if self._holds:
             return super().needs(x, node)
         near = self._gaps(x, node) < self._reach * self._state.segment_sizes[node]
         return self.active[node] | self._stays[node] | near
 
     def _target(self, pairs: PairKinematics) -> Floats:
-        """Gaps that multipliers hold, shape ``(m,)`` [m]."""
+        """Reference gaps of the multipliers, shape ``(m,)`` [m]."""
         gap_n = pairs.contact.gap_n
         if not self._holds:
             return np.where(self._stays[pairs.node], gap_n, 0.0)
         if self._intermediate is None:
             return gap_n
-        # All gaps are then those of one motion of a rigid body that turns and touches at many
-        # points, also relative to an obstacle that moves.
+        # These gaps belong to one motion of a rigid body with many contact points, also relative to
+        # a moving obstacle.
         gap = self._search.pairing.gaps(self._intermediate, pairs.node, pairs.segment)
         if self._search.candidates.may_curve:
             flat = gap_n + self._approach(self._intermediate, pairs)
-            # Where nodes cannot give way one by one, only such gaps can be held.
+            # Nodes without own displacements can keep such gaps only.
             gap = np.where(pairs.fixed, gap, np.maximum(gap, flat))
         return np.asarray(np.minimum(gap_n, gap))
 
     def _approach(self, x: Floats, pairs: PairKinematics) -> Floats:
-        """How much farther nodes are at x than at t_n from the planes that touch there, ``(m,)``.
+        """Increase of the distance of nodes from the tangent planes at t_n, shape ``(m,)`` [m].
 
-        A straight way along a hollow leaves it, but does not approach it at its begin.
+        It excludes the curvature of the surface along a straight path.
         """
         search, rotation = self._search, self._state.search.frame.end.rotation
         start = search.pairing.kinematics("static", search.x_n, pairs.node, pairs.segment, None)
@@ -162,7 +159,7 @@ class MultiplierContact(NormalContact):
     def update(
         self, pairs: PairKinematics, x: Floats, R: Floats | None, friction: Friction, iteration: int
     ) -> int:
-        """Decide which nodes are held, and compute multipliers from the balance at the nodes."""
+        # The multipliers follow from the balance at the nodes.
         gap = pairs.contact.gap
         pairs.excess[:, 0] = gap - self._target(pairs)
         R = None if R is None else pairs.blocks.gathered(R)
@@ -176,7 +173,7 @@ class MultiplierContact(NormalContact):
         friction.follow_contact(pairs, before, active)
         changes += friction.update(pairs, -lambda_N, active, iteration)
         self.active[node] = active
-        # Otherwise the same balance would follow from the same decisions.
+        # Only then the balance changes.
         has_friction = self._state.pair.friction is not None
         if has_friction or self._set.num_violators:
             lambda_N = self._balance(pairs, R, lambda_N, active, friction)
@@ -198,17 +195,17 @@ class MultiplierContact(NormalContact):
         return np.where(active, friction.balance(pairs, R, active), 0.0)
 
     def close_gaps(self, pairs: PairKinematics, x: Floats, u: Floats, friction: Friction) -> None:
-        """Move nodes that only a normal multiplier holds, see `NormalContact.close_gaps`.
+        """Move nodes without stick along the normals of the last evaluation.
 
-        They move along the normals of the last evaluation. Otherwise the linear system has to
-        do so, which takes an action of the tangent.
+        This saves an application of the tangent in the linear system. See
+        `NormalContact.close_gaps`.
         """
         held = self.active[pairs.node] & ~pairs.fixed
         held &= ~friction.sticks(pairs.node, held)
         x = self._search.candidates.scatter.forward(self._state.search.frame.at_end(x))
         gap = self._search.pairing.gaps(x, pairs.node, pairs.segment)
         gap -= self._target(pairs)
-        # Nodes far from where the normals were computed are left to the linear system.
+        # Large displacements are left to the linear system.
         farthest = self._farthest[pairs.node]
         pairs.blocks.close_gaps(pairs.normal, pairs.gradients, gap, held, farthest, u)
 

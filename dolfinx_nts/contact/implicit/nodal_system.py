@@ -1,4 +1,4 @@
-"""Systems between the multipliers of neighbouring nodes, which mortar contact couples."""
+"""Linear systems of the coupled multipliers of neighbouring nodes in mortar contact."""
 
 from mpi4py import MPI
 
@@ -15,27 +15,25 @@ __all__ = ["NodalSystem"]
 
 
 class NodalSystem:
-    """Products of rows of constrained nodes with the directions that these nodes give up.
+    """Matrix of constraints restricted to the eliminated displacements of the same nodes.
 
-    With rows G, one for each constraint, and the directions E it is G^T E, or its transpose. On
-    facets of degree 2 the nodes between vertices go with these, see `Hats`. The matrix is near to
-    a diagonal one, and so small that each rank solves all of it. Collective, as is `solve`.
+    With rows G, one for each constraint, and eliminated directions E it is G^T E, or its transpose.
+    On facets of degree 2 mid-nodes move with vertices, see `Hats`. The matrix is nearly diagonal,
+    and so small that each rank solves all of it. Collective, as is `solve`.
 
     Args:
-        scatter: Brings values of nodes to this rank.
-        hats: How nodes between vertices go with these; None at degree 1.
-        dofs: Nodes of the rows in its map, the constrained one first, shape ``(m, d)``.
-        rank: Number of constraints, 0, 1 or all components b, shape ``(m,)``; those with 0 are
-            left out.
-        rows: Their rows, with b = 2 or 3 components a node, the first of ``(m, 1 or b, b d)``.
-        normal: Unit normals, which nodes with one constraint give up, shape ``(m, b)``. Those
-            with b give up all, in the directions of their own parts of the rows, which
-            puts the largest entries on the diagonal.
+        scatter: Scatter of nodal values.
+        hats: Motion of mid-nodes with vertices; None at degree 1.
+        dofs: Nodes of the rows in the map of the scatter, the constrained one first, ``(m, d)``.
+        rank: Number of constraints, 0, 1 or all components b, shape ``(m,)``.
+        rows: Rows with b = 2 or 3 components per node, shape ``(m, 1 or b, b d)``.
+        normal: Unit normals, the eliminated directions of nodes with one constraint, shape
+            ``(m, b)``. Nodes with b constraints eliminate all directions, ordered by their own
+            part of the rows for a dominant diagonal.
         transposed: Whether the system is E^T G.
 
     Attributes:
-        directions: Directions that the nodes give up, shape ``(m, c, b)``, where c is the
-            largest rank.
+        directions: Eliminated directions, shape ``(m, c, b)``, where c is the largest rank.
     """
 
     def __init__(
@@ -79,9 +77,9 @@ class NodalSystem:
         self._system = _kernels.SmallSystem(number, row, column, value)
 
     def solve(self, b: Floats) -> Floats:
-        """Solve for a right-hand side and with a result of shape ``(m, c)``.
+        """Solve for a right-hand side; both have the shape ``(m, c)``.
 
-        There are zeros where there is no constraint, and NaN everywhere where it fails.
+        The result is 0 for rows without a constraint, and NaN everywhere if the matrix is singular.
         """
         right = b[self._held]
         if not self._is_local:

@@ -1,4 +1,4 @@
-"""Normal contact in one attempt at a step: what multipliers and springs share."""
+"""Interface of normal contact in a step."""
 
 from abc import ABC, abstractmethod
 
@@ -17,9 +17,9 @@ __all__ = ["NormalContact", "go_on", "known_nodes"]
 
 
 class NormalContact(ABC):
-    """Normal forces of the nodes of a pair: by multipliers or by springs.
+    """Base class of normal contact by multipliers or springs.
 
-    In the methods ``pairs`` are the ``m`` pairs, ``x`` positions with ghosts, shape ``(l, 3)``
+    Common arguments: ``pairs`` are the ``m`` pairs, ``x`` positions with ghosts, shape ``(l, 3)``
     [m], and ``friction`` is the friction of the pairs.
 
     Args:
@@ -27,32 +27,33 @@ class NormalContact(ABC):
         search: Segments of the nodes.
 
     Attributes:
-        nodes: The eligible nodes, positions among the surface's nodes, shape ``(e,)``.
+        nodes: Eligible nodes, as indices among the nodes of the surface, shape ``(e,)``.
         active: Whether a node transmits force, shape ``(n,)``.
         lambda_N: Normal multipliers, shape ``(n,)`` [N, <= 0].
-        flips: How often a node has changed between contact and none, shape ``(n,)``.
+        flips: Number of changes of the active state of each node, shape ``(n,)``.
     """
 
     def __init__(self, state: PairState | JointState, search: LocalSearch) -> None:
         self._state, self._search, history = state, search, state.history
         self._comm: MPI.Comm = state.nodes.V.mesh.comm
         self.flips: Ints = np.zeros(len(history.active), dtype=np.int32)
-        # Nodes that would be eligible if others next to them were not.
+        # Nodes excluded because of eligible neighbours.
         self._barred: Flags = np.zeros(len(history.active), dtype=bool)
         self._admitted: Flags = np.zeros_like(self._barred)
         self._begin(history.active, history.lambda_N)
 
     def _begin(self, active: Flags, lambda_N: Floats) -> None:
-        """Choose the eligible nodes; those of them that are active stay so. Collective."""
+        """Choose the eligible nodes; active ones stay active if eligible. Collective."""
         self._eligible = self.choose()
         self.nodes: Ints = self._eligible.nonzero()[0].astype(np.int32)
         self.active: Flags = active & self._eligible
         self.lambda_N: Floats = np.where(self.active, lambda_N, 0.0)
 
     def renew(self, x: Floats, *, moved: bool) -> int:
-        """Go on in an equilibrium x: with other contact points within the step, if they moved.
+        """Update eligible nodes in an equilibrium x. Collective.
 
-        Returns for how many nodes of this rank others are to transmit force instead. Collective.
+        ``moved`` tells whether contact points have changed. Returns the number of nodes of this
+        rank whose eligibility has changed.
         """
         if moved:
             self._begin(self.active, self.lambda_N)
@@ -85,7 +86,7 @@ class NormalContact(ABC):
         self._begin(self.active, self.lambda_N)
 
     def _begin_in_touch(self) -> None:
-        """Let nodes that lie on their segments be active until forces say otherwise. Local."""
+        """Initially activate nodes that lie on their segments. Local."""
         self.active |= self._eligible & self._search.touches
 
     @property
@@ -95,11 +96,11 @@ class NormalContact(ABC):
         return flags
 
     def needs(self, x: Floats, node: Ints) -> Flags | None:
-        """Whether the kinematics of nodes matter, shape ``(m,)``; None: all do. Local."""
+        """Flags of nodes whose kinematics are needed, shape ``(m,)``; None for all. Local."""
         return None
 
     def _gaps(self, x: Floats, node: Ints) -> Floats:
-        """Gaps of nodes to the segments just found at x, shape ``(m,)`` [m]. Local."""
+        """Gaps of nodes to their segments at x, shape ``(m,)`` [m]. Local."""
         search = self._search
         if not search.pairing.follows:  # points that stay are not projected to be found
             search.gap[node] = search.pairing.gaps(x, node, search.segment[node])
@@ -109,20 +110,20 @@ class NormalContact(ABC):
     def update(
         self, pairs: PairKinematics, x: Floats, R: Floats | None, friction: Friction, iteration: int
     ) -> int:
-        """Decide which pairs transmit force and compute it, with friction. Collective.
+        """Update active set and normal forces, with friction. Collective.
 
-        ``R`` is the residual without contact at the owned nodes, shape ``(n, 3)`` [N]; with
-        None multipliers stay as they are. ``iteration`` counts the Newton iterations of the
-        step from 0. Returns how many pairs of this rank contradict their state, or did.
+        ``R`` is the residual without contact at the owned nodes, shape ``(n, 3)`` [N]; None keeps
+        the multipliers. ``iteration`` is the number of the Newton iteration, from 0. Returns the
+        number of pairs of this rank that changed or violate a condition.
         """
 
     def close_gaps(  # noqa: B027 (springs want no gap)
         self, pairs: PairKinematics, x: Floats, u: Floats, friction: Friction
     ) -> None:
-        """Move nodes to where constraints want them. Collective.
+        """Move nodes to satisfy the constraints. Collective.
 
         ``x`` are the positions of the owned nodes only, shape ``(n, 3)`` [m], ``u`` their
-        displacements, which are changed, as they have more digits than positions.
+        displacements, changed in place, which have more digits than positions.
         """
 
     @abstractmethod
@@ -130,33 +131,32 @@ class NormalContact(ABC):
         """Number of normal constraints of each pair, shape ``(m,)``. Local."""
 
     def tangent(self, node: Ints) -> tuple[Floats, Floats | float]:
-        """Multipliers of the last pairs in linear systems. Local.
+        """Multipliers of the last pairs in the geometric tangent, ``(m,)`` [N], and slopes. Local.
 
-        Returns those with which the directions of their forces change, shape ``(m,)`` [N], and
-        their derivative by the gaps, ``(m,)`` [N/m].
+        The slopes are their derivatives with respect to the gaps, ``(m,)`` [N/m].
         """
         return self.lambda_N[node], 0.0
 
     def energy(self, pairs: PairKinematics) -> tuple[Floats, Floats]:
-        """Energy of springs [J], and gap at which they begin [m], both ``(m,)``. Local."""
+        """Energy of springs [J] and their initial gap [m], both ``(m,)``. Local."""
         zero = np.zeros(len(pairs.node))
         return zero, zero
 
     def stored(self, pairs: PairKinematics) -> Floats | float:
-        """Energy that went into the springs in the step, shape ``(m,)`` [J]. Local."""
+        """Energy stored in the springs in the step, shape ``(m,)`` [J]. Local."""
         return 0.0
 
     def released_energy(self, node: Ints) -> float:
-        """Energy at t_n of the normal springs of all nodes but the given ones [J]. Local."""
+        """Energy at t_n of the normal springs of all nodes except the given ones [J]. Local."""
         return 0.0
 
 
 def known_nodes(contact: NormalContact) -> Flags:
-    """Nodes that are eligible, or would be without others, shape ``(n,)``. Local."""
+    """Flags of eligible and of excluded nodes, shape ``(n,)``. Local."""
     return contact._eligible | contact._barred
 
 
 def go_on(contact: NormalContact, other: NormalContact) -> None:
-    """Begin with the active set and the multipliers of another attempt at the step. Local."""
+    """Start from the active set and multipliers of another attempt at the step. Local."""
     contact.active = other.active & contact._eligible
     contact.lambda_N = np.where(contact.active, other.lambda_N, 0.0)

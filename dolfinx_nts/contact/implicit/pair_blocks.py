@@ -1,4 +1,4 @@
-"""How pairs enter linear systems: blocks of the tangent, and systems for the multipliers."""
+"""Blocks of pairs in the tangent, and systems for the multipliers."""
 
 from abc import ABC, abstractmethod
 from typing import ClassVar
@@ -12,12 +12,12 @@ __all__ = ["OwnBlocks", "PairBlocks"]
 
 
 class PairBlocks(ABC):
-    """Blocks of the tangent of ``m`` pairs, and systems for what the constraints determine.
+    """Blocks of ``m`` pairs in the tangent, and elimination of constraints.
 
     Attributes:
-        dofs: Nodes of the pairs, that with the multiplier first, shape ``(m, d)``.
+        dofs: Nodes of the pairs, the one with the multiplier first, shape ``(m, d)``.
         nodes: Nodes of the blocks, shape ``(p, k)``.
-        may_overlap: Whether constraints may reach constrained nodes of other pairs.
+        may_overlap: Whether a constraint may contain constrained nodes of other pairs.
     """
 
     dofs: Ints
@@ -26,29 +26,29 @@ class PairBlocks(ABC):
 
     @abstractmethod
     def tangent(self, lambda_N: Floats) -> Floats:
-        """Derivative of forces of multipliers, ``(m,)`` [N], shape ``(p, 3 k, 3 k)`` [N/m]."""
+        """Geometric tangent for multipliers ``(m,)`` [N], shape ``(p, 3 k, 3 k)`` [N/m]."""
 
     @abstractmethod
     def of(self, active: Flags) -> Ints:
-        """Blocks in which ``active`` pairs, shape ``(m,)``, have a part. Local."""
+        """Indices of the blocks of ``active`` pairs, shape ``(m,)``. Local."""
 
     @abstractmethod
     def restrict(self, force: Floats, tangent: Floats) -> Floats:
-        """Force of the pairs, ``(m, 3 d)`` [N], without entries of given displacements. Local.
+        """Clear prescribed displacements in forces ``(m, 3 d)`` [N], which are returned. Local.
 
-        The tangent, shape ``(p, 3 k, 3 k)`` [N/m], loses its rows and columns of them in place.
+        Rows and columns of the tangent, ``(p, 3 k, 3 k)`` [N/m], are cleared in place.
         """
 
     @abstractmethod
     def gathered(self, force: Floats) -> Floats:
-        """Forces that balance what pairs do along what their nodes give up. Collective.
+        """Forces conjugate to the eliminated displacements of the pairs. Collective.
 
         Args:
             force: Forces at the owned nodes, shape ``(n, 3)`` [N].
 
         Returns:
-            Those at the nodes of the pairs, shape ``(m, 3)`` [N]: at degree 2 mortar contact
-            moves the nodes between vertices with these.
+            Forces at the nodes of the pairs, shape ``(m, 3)`` [N]; in mortar contact of degree 2
+            including those of mid-nodes.
         """
 
     @abstractmethod
@@ -63,15 +63,15 @@ class PairBlocks(ABC):
         """Multipliers of pairs that balance forces at their nodes. Collective.
 
         Args:
-            normal: Normals of the nodes, along which one multiplier acts, shape ``(m, 3)``.
-            force: What is to be balanced at the nodes, shape ``(m, 3)`` [N].
+            normal: Normals of the nodes, the directions of single multipliers, shape ``(m, 3)``.
+            force: Forces to be balanced at the nodes, shape ``(m, 3)`` [N].
             columns: Force per multiplier, shape ``(m, 3, 3 d)``.
             rank: Number of multipliers, 0, 1 or all components of the space, ``(m,)``.
-            friction: Tractions that the multipliers balance too, shape ``(m, 2)`` [N], and
-                direction of those per pressing force; None without any.
+            friction: Tractions to be balanced, shape ``(m, 2)`` [N], and tractions per normal
+                force; None without friction.
 
         Returns:
-            Shape ``(m, 3)`` [N]; others than these multipliers mean nothing.
+            Multipliers, shape ``(m, 3)`` [N]; entries beyond the rank are undefined.
         """
 
     @abstractmethod
@@ -84,25 +84,24 @@ class PairBlocks(ABC):
         farthest: Floats,
         u: Floats,
     ) -> None:
-        """Move nodes along their normals as far as closes gaps to first order. Collective.
+        """Move nodes along their normals to close gaps to first order. Collective.
 
         Args:
             normal: Normals of the nodes, shape ``(m, 3)``.
-            gradients: Of the gaps, the first of ``(m, c, 3 d)``.
+            gradients: Gradients, with those of gaps first, shape ``(m, c, 3 d)``.
             gap: Gaps, shape ``(m,)`` [m].
-            held: Pairs whose nodes move, shape ``(m,)``.
-            farthest: Longest ways, ``(m,)``; nodes that would go farther stay [m].
-            u: Displacements of the owned nodes, which are changed, shape ``(n, d)`` [m].
+            held: Flags of pairs whose nodes move, shape ``(m,)``.
+            farthest: Largest displacements, ``(m,)`` [m]; nodes beyond are not moved.
+            u: Displacements of the owned nodes, shape ``(n, d)`` [m], changed in place.
         """
 
 
 class OwnBlocks(PairBlocks):
-    """One block for each pair, and no constraint that reaches the node of another pair.
+    """One block for each pair, without constrained nodes of other pairs.
 
     Args:
         dofs: Nodes of the pairs, shape ``(m, k)``.
-        free: 1 where the displacement is unknown, otherwise 0, shape ``(m, 3 k)``; None if all
-            are unknown.
+        free: 1 at unknown displacements, otherwise 0, shape ``(m, 3 k)``; None if all are unknown.
         tangent: Derivative of the force of each multiplier, shape ``(m, 3 k, 3 k)`` [1/m].
     """
 

@@ -1,4 +1,4 @@
-"""Forces of pairs, and their derivative, from multipliers, springs and tractions."""
+"""Forces of pairs and their derivatives."""
 
 from typing import NamedTuple
 
@@ -11,13 +11,13 @@ __all__ = ["PairForces", "contribution_of"]
 
 
 class PairForces(NamedTuple):
-    """Forces of ``m`` pairs with their derivative, also at given displacements.
+    """Forces of ``m`` pairs and their derivatives, including prescribed displacements.
 
     Attributes:
         force: Forces of the pairs, shape ``(m, d)`` [N].
         tangent: Derivative at fixed multipliers and tractions, of `PairBlocks` [N/m].
         columns: Force per multiplier, see `ContactContribution`.
-        slopes: Derivative of multipliers by gap and slip, see `ContactContribution` [N/m].
+        slopes: Derivative of multipliers w.r.t. gap and slip, see `ContactContribution` [N/m].
     """
 
     force: Floats
@@ -27,7 +27,7 @@ class PairForces(NamedTuple):
 
     @classmethod
     def of(cls, pairs: PairKinematics, normal: NormalContact, friction: Friction) -> "PairForces":
-        """Forces as normal contact and friction are now. Local."""
+        """Forces for the current state of normal contact and friction. Local."""
         active, lambda_N = normal.active[pairs.node], normal.lambda_N[pairs.node]
         force = lambda_N[:, None] * pairs.contact.force
         turning, slope = normal.tangent(pairs.node)
@@ -40,10 +40,10 @@ class PairForces(NamedTuple):
 def contribution_of(
     pairs: PairKinematics, normal: NormalContact, friction: Friction, dim: int, changed: int
 ) -> ContactContribution:
-    """Residual and tangent of pairs, without given displacements. Local.
+    """Residual and tangent of pairs without prescribed displacements. Local.
 
-    ``dim`` is the number of components of a displacement, in all of which a node that sticks is
-    held; ``changed`` is the number of pairs that changed their state.
+    ``dim`` is the number of components of a displacement, and of constraints of a sticking node;
+    ``changed`` is the number of pairs that changed their state.
     """
     active = normal.active[pairs.node]
     force, tangent, columns, slopes = PairForces.of(pairs, normal, friction)

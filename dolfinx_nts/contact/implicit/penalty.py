@@ -1,4 +1,4 @@
-"""Normal contact by penalty springs, in one attempt at a step."""
+"""Normal contact by penalty springs in a step."""
 
 import numpy as np
 
@@ -26,7 +26,7 @@ class PenaltyContact(NormalContact):
         law: Enforcement of the pair.
         is_static: Whether there is no inertia.
         search: Segments of the nodes.
-        share: Share of the end of the step in forces, see `Scheme`.
+        share: Weight of the end of the step in forces, see `Scheme`.
     """
 
     def __init__(
@@ -41,8 +41,8 @@ class PenaltyContact(NormalContact):
         super().__init__(state, search)
         self._law, self._eps_N, self._is_static = law, state.eps_N, is_static
         self._share = share
-        self._slope: Floats = np.empty(0)  # derivative of lambda_N by the gap [N/m]
-        # Gaps and forces by the linear system, in statics.
+        self._slope: Floats = np.empty(0)  # derivative of lambda_N w.r.t. the gap [N/m]
+        # In statics, linearly extrapolated gaps and forces.
         n = len(self.active) if is_static else 0
         self._linear_gaps, self._linear_force = LinearValues(state.search.frame, n), np.zeros(n)
         self._rounding: Floats = np.empty(0)
@@ -53,10 +53,10 @@ class PenaltyContact(NormalContact):
     def update(
         self, pairs: PairKinematics, x: Floats, R: Floats | None, friction: Friction, iteration: int
     ) -> int:
-        """Compute the forces of the springs; with convective friction half-way."""
+        # With convective friction at the midpoint.
         node, eps_N = pairs.node, self._eps_N[pairs.node]
         if self._state.pair.is_convective:
-            # As everything else in eqs. (60)-(64) of Franke, Hesch and Betsch (2011).
+            # Eqs. (60)-(64) of Franke, Hesch and Betsch (2011).
             gap = self._search.pairing.gaps((self._search.x_n + x) / 2, node, pairs.segment)
             pairs.gradients[:, 0] = pairs.columns[:, 0]
             lambda_N, active = eps_N * np.minimum(gap, 0.0), gap < 0
@@ -82,10 +82,10 @@ class PenaltyContact(NormalContact):
         friction: Friction,
         iteration: int,
     ) -> int:
-        """Compute the forces of springs that the linear system loads, see `LinearValues`.
+        """Compute spring forces with extrapolated gaps, see `LinearValues`.
 
-        ``gap`` are those less the ``offset`` at which springs begin, both ``(m,)`` [m]. In the
-        first iteration forces are those of the last step.
+        ``gap`` are the gaps minus the ``offset`` of the springs, both ``(m,)`` [m]. The first
+        iteration uses the forces of the last step.
         """
         node, eps_N, before = pairs.node, self._eps_N[pairs.node], self.active[pairs.node]
         contact = pairs.contact
@@ -107,14 +107,14 @@ class PenaltyContact(NormalContact):
         return changes + int(np.count_nonzero(pulls))
 
     def renew(self, x: Floats, *, moved: bool) -> int:
-        """Go on with other contact points, whose gaps are not known."""
+        # Gaps of changed contact points are unknown.
         if moved:
             self._linear_gaps.forget()
         return super().renew(x, moved=moved)
 
     def needs(self, x: Floats, node: Ints) -> Flags | None:
         search, old = self._search, self._state.history
-        if search.pairing.follows:  # gaps on other segments may be other ones
+        if search.pairing.follows:  # gaps on other segments may differ
             return super().needs(x, node)
         inside = (self._gaps(x, node) < 0) | (search.approach.gap_n[node] < 0)
         flags: Flags = self.active[node] | old.active[node] | (old.offset[node] != 0) | inside
@@ -124,7 +124,7 @@ class PenaltyContact(NormalContact):
         return np.maximum(self._offset(pairs), 0.0)
 
     def rank(self, active: Flags) -> Ints:
-        """Springs are no constraints."""
+        # Springs are no constraints.
         return np.zeros(len(active), dtype=np.int32)
 
     def tangent(self, node: Ints) -> tuple[Floats, Floats | float]:
@@ -135,13 +135,13 @@ class PenaltyContact(NormalContact):
         offset = self._offset(pairs)
         gap = pairs.contact.gap - offset
         energy = self._law.energy(gap, self._eps_N[pairs.node])
-        # An open node forgets its offset; one that is still inside must not gain energy.
+        # The offset of open nodes is reset; penetrating nodes must not gain energy.
         return energy, np.where((gap >= 0) & (pairs.contact.gap >= 0), 0.0, offset)
 
     def stored(self, pairs: PairKinematics) -> Floats:
         offset, eps_N = self._offset(pairs), self._eps_N[pairs.node]
         at_n = self._law.energy(pairs.contact.gap_n - offset, eps_N)
-        # A node that starts inside its spring brings energy with it.
+        # An initially penetrating node has energy at t_n.
         before = np.where(self._state.history.active[pairs.node], at_n, 0.0)
         stored: Floats = self._law.energy(pairs.contact.gap - offset, eps_N) - before
         return stored
@@ -153,12 +153,11 @@ class PenaltyContact(NormalContact):
         return float(energy.sum())
 
     def _offset(self, pairs: PairKinematics) -> Floats:
-        """Gap at which springs begin on the present segments, shape ``(m,)`` [m].
+        """Initial gap of springs on the current segments, shape ``(m,)`` [m].
 
-        On a new segment it moves by the difference of the gaps at t_n, so that the energy of
-        the spring is continuous; that of a node which was open on the old segment, or faced
-        none, begins where the node is. So it does with new contact points, unless there is no
-        inertia: there are some in each step.
+        On a new segment it changes by the difference of the gaps at t_n, so that the energy is
+        continuous. For nodes that were open, had no segment, or (with inertia) have new contact
+        points, springs start at the current gap.
         """
         old, node, gap_n = self._state.history, pairs.node, pairs.contact.gap_n
         pairing = self._search.pairing

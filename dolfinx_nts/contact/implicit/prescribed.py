@@ -1,4 +1,4 @@
-"""Nodes that supports drive into a surface which supports hold: no force can stop them."""
+"""Violated constraints with prescribed displacements only, which no contact force can satisfy."""
 
 import numpy as np
 
@@ -8,24 +8,24 @@ from dolfinx_nts.contact.implicit.contributions import ContactContribution
 
 __all__ = ["prescribed_nodes"]
 
-# Distance from where a multiplier wants a node, relative to its segment [-], that is none.
+# Violation relative to the segment [-] that counts as zero.
 _CLOSED = 1e-9
 
 
 def prescribed_nodes(step: ContactStep, last: ContactContribution) -> Ints:
-    """Find this rank's nodes whose constraint given displacements alone violate. Local.
+    """Nodes of this rank with constraints violated by prescribed displacements alone. Local.
 
     Args:
-        step: Attempt at a step that failed.
+        step: Contact of a failed step.
         last: Its last evaluation.
 
     Returns:
-        Their positions among the nodes of the step.
+        Indices among the nodes of the step.
     """
     pairs = last.pairs
     found = pairs.is_given
     if found.any():
-        # Not what is closed, also where it is not a number.
+        # Negated, to include NaN.
         found &= ~(np.abs(pairs.excess[:, 0]) <= _CLOSED * step.candidates.size[pairs.segment])
         found &= last.rank > 0
     node: Ints = pairs.node[found]
