@@ -5,8 +5,8 @@
 
 namespace nts::bindings
 {
-/// @brief Least coordinates of n boxes, and negative greatest ones, (2, n, 3):
-/// the minimum over ranks is that of boxes around all.
+/// @brief Least and negated greatest coordinates of n boxes, (2, n, 3), so that
+/// one minimum over ranks gives the boxes around all.
 inline Out<double> extremes(const std::vector<Box>& boxes)
 {
   const std::size_t n = boxes.size();

@@ -126,7 +126,7 @@ Out<bool> essential_nodes_batch(const In<std::int64_t>& start,
   return keeps;
 }
 
-/// @brief What constraints have at some of the nodes of their lists.
+/// @brief Entries of constraints at selected nodes of their lists.
 auto at_nodes_batch(const In<std::int64_t>& start, const In<bool>& keeps,
                     const Doubles& gradients, const Doubles& columns,
                     std::size_t components)

@@ -67,8 +67,8 @@ private:
   std::optional<Ints> _group;
 };
 
-/// @brief Segments that move, by arrays that are not copied, in groups with a
-/// tree over each: a node looks among those of one group only.
+/// @brief Moving segments in groups, with a tree for each group and without
+/// copies of arrays: a node searches one group only.
 class SegmentsAndTrees
 {
 public:
@@ -146,7 +146,7 @@ public:
     {
       const SegmentSurface<S> segments = surface<S>(x_n, group);
       const NormalBounds<S> without(segments, nullptr);
-      // Where it enters a node is not below a segment yet.
+      // At the point of entry a node is not below a segment.
       const std::vector<double> thickness(segments.orientation.size(), 0.);
       const MovingSurface surface{view(x_n), view(x),
                                   part(_vertices, group, S::vertices),
@@ -253,7 +253,7 @@ public:
   }
 
 private:
-  /// @brief What an array has of the segments of a group, k entries of each.
+  /// @brief Part of an array for the segments of a group, k entries of each.
   template <class T>
   std::span<const T> part(const In<T>& array, std::size_t group,
                           std::size_t k = 1) const noexcept
@@ -323,8 +323,8 @@ private:
             (std::string(name) + ": expected -1 or a segment index").c_str());
   }
 
-  /// @brief Segment of its group, by its number in it, that a node has faced at
-  /// its last look at any distance, or -1.
+  /// @brief Result of the last search of a node at any distance, as the number
+  /// of a segment in its group, or -1.
   std::int32_t last_faced(std::size_t number, std::size_t group) const noexcept
   {
     if (number >= _faced.size() || _faced[number] < _first[group]
@@ -347,9 +347,9 @@ private:
     }
   }
 
-  /// @brief Find the segments of nodes that may touch what `get_may_touch`
-  /// returns, given their group, the first of them and the tree of looks at any
-  /// distance. Nodes with numbers begin such a look where the last one ended.
+  /// @brief Find the segments of nodes. `get_may_touch` returns the admissible
+  /// contact directions for a group, its first node and the tree of searches at
+  /// any distance. Numbered nodes start there at the result of the last search.
   template <class GroupOf, class GetMayTouch>
   Result pair_with(const Doubles& x_node, const Ints& current, double slack,
                    const Reach& reach, const Doubles& x,

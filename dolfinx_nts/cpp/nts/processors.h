@@ -1,8 +1,8 @@
 #pragma once
 
 /// @file
-/// Functions of which the library has several versions: it chooses at run time
-/// what the processor has. What they call must be inlined to be compiled so.
+/// Functions with several versions for different processors, selected at run
+/// time. Functions that they call must be inlined to be compiled likewise.
 
 #if defined(__x86_64__) && defined(__gnu_linux__) && !defined(__clang__)
 #define NTS_BY_PROCESSOR

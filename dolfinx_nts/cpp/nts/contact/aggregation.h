@@ -21,7 +21,7 @@ struct Aggregation
   /// (p, k) Weights of the nodes of the facet.
   std::span<const double> phi;
   std::size_t width;
-  /// (n + 1,) Where the shares of each node begin, and the end.
+  /// (n + 1,) Offsets of the shares of each node.
   std::span<const std::int64_t> start;
   /// (i,) Points of the shares.
   std::span<const std::int32_t> point;

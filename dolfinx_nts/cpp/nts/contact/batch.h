@@ -31,7 +31,7 @@ Pair<S> load(std::span<const double> x, std::size_t i,
   return pair;
 }
 
-/// @brief Where the contact batch writes, sizes as in `Contact` times m.
+/// @brief Output of the contact batch, sizes as in `Contact` times m.
 struct ContactArrays
 {
   std::span<double> gap_n, gap, force, gradient, tangent, turn;
@@ -80,7 +80,7 @@ void contact(std::span<const double> x_pair_n, std::span<const double> x_pair,
   }
 }
 
-/// @brief Where the slip batch writes, sizes as in `Slip` times m.
+/// @brief Output of the slip batch, sizes as in `Slip` times m.
 struct SlipArrays
 {
   std::span<double> value, force, gradient, w, b, frame_n, frame;
@@ -113,7 +113,7 @@ void slips(std::span<const double> x_pair_n, std::span<const double> x_pair,
   }
 }
 
-/// @brief Where the convective slip batch writes, sizes as in
+/// @brief Output of the convective slip batch, sizes as in
 /// `ConvectiveSlip` times m.
 struct ConvectiveSlipArrays
 {
@@ -152,8 +152,8 @@ void convective_slips(std::span<const double> x_pair_n,
 /// @param[in] reach Largest distance of interest [m].
 /// @param[in] surface The segments.
 /// @param[in] tree Returns the tree over the segments; called only if needed.
-/// @param[in] may_touch Returns what a node may touch, see `find_segment`.
-/// @param[in] first Returns where the look of a node begins, see
+/// @param[in] may_touch Returns admissible directions, see `find_segment`.
+/// @param[in] first Returns the first segment of the search of a node, see
 /// `find_segment`.
 /// @param[out] segment, xi, gap, normal See `Found`.
 template <class S, class GetTree, class MayTouch, class First>

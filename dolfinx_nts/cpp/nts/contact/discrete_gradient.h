@@ -9,7 +9,7 @@
 /// is lambda_N times `force`, the constraint acts on `gap`.
 namespace nts
 {
-/// @brief What a pair contributes to one step.
+/// @brief Contribution of a pair to one step.
 template <class S>
 struct Contact
 {
@@ -33,7 +33,7 @@ Pair<S> midpoint(const Pair<S>& a, const Pair<S>& b) noexcept
   return m;
 }
 
-/// @brief Set what every scheme tells of both ends: gaps, gradient, turn.
+/// @brief Set the results common to all schemes: gaps, gradient, turn.
 template <class S>
 void set_ends(const Projection<S>& p_n, const Projection<S>& p,
               Contact<S>& contact) noexcept

@@ -14,7 +14,7 @@ namespace nts
 /// @brief Shares of n nodes in points, as matrices between their frames.
 struct TurnedShares
 {
-  /// (n + 1,) Where the shares of each node begin, and the end.
+  /// (n + 1,) Offsets of the shares of each node.
   std::span<const std::int64_t> start;
   /// (i,) Points of the shares.
   std::span<const std::int32_t> point;

@@ -9,19 +9,19 @@
 /// As on edges and triangles (`simplex_gradient.h`) the force acts along the
 /// mean normal d = (n_n + n_{n+1})/2, and on the segment where the line along d
 /// through the mean node meets the mean segment, at beta, so that resultant and
-/// moment vanish. With h_i(xi) = n_i . (x_bar_i(xi_i) - x_bar_i(xi)), how far
-/// the surface at xi is below its tangent plane in the projection xi_i of state
+/// moment vanish. With h_i(xi) = n_i . (x_bar_i(xi_i) - x_bar_i(xi)), the depth
+/// of the surface at xi below its tangent plane at the projection xi_i of state
 /// i, its work is
 ///
 ///     sum_A w_A d . dx_A = g_{n+1} - g_n + e,  e = h_{n+1}(beta) - h_n(beta)
 ///
-/// On flat segments e = 0. Else what is too much is taken from the straining
-/// part v of the motion (`straining.h`), F_A = w_A d - e v_A / |v|^2, which
-/// changes neither momentum. As xi_n, xi_{n+1} and beta are equal where v = 0,
-/// e is of second order in v there, and F continuous.
+/// On flat segments e = 0. Otherwise e is removed along the straining part v of
+/// the motion (`straining.h`), F_A = w_A d - e v_A / |v|^2, which changes
+/// neither momentum. For v = 0, xi_n, xi_{n+1} and beta are equal, so that e is
+/// of second order in v there, and F is continuous.
 namespace nts
 {
-/// @brief Where the line through a node along d meets a patch.
+/// @brief Intersection of the line through a node along d with a patch.
 struct Foot
 {
   Vec2 xi = {};               ///< coordinates
@@ -65,11 +65,11 @@ Foot foot(const Pair<S>& pair, const Vec3& d, const Vec2& start) noexcept
   return {};
 }
 
-/// @brief How far a patch at xi is below its tangent plane in a projection [m].
+/// @brief Depth of a patch at xi below its tangent plane at a projection [m].
 ///
-/// It is the integral of the curvature on the way, which is as exact as round-
-/// off permits however short the way is: three of Gauss' points are exact for
-/// what is of degree 5 along it.
+/// It is the integral of the curvature along the path, which is accurate to
+/// round-off for any length of the path: three Gauss points are exact up to
+/// degree 5.
 template <IsPatch S>
 double below_tangent_plane(const std::array<Vec3, S::vertices>& x,
                            const Projection<S>& p, const Vec2& xi) noexcept

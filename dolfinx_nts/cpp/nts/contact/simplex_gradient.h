@@ -4,16 +4,16 @@
 
 /// @brief Closed form of the energy-momentum scheme for edges and triangles.
 ///
-/// Constraints are of degree two in the invariants, so that those of d alone
-/// decide on the force of `discrete_gradient.h`. With the mean normal d_m, mean
+/// Constraints are of degree two in the invariants, so that only those of d
+/// determine the force of `discrete_gradient.h`. With the mean normal d_m, mean
 /// edges E_i from the first vertex to the others, and mean position E_0 of the
 /// node relative to the first vertex, and the vectors c^i with c^i . E_j =
 /// delta_ij, c^i . d_m = 0,
 ///
 ///     beta_i = c^i . E_0,  F = d_m (x) w,  w = (1, -(1 - sum beta), -beta_i)
 ///
-/// is the same force: beta is where the line from the node along d_m meets the
-/// mean segment. The second direction of an edge in the plane is along z.
+/// is the same force: the line from the node along d_m intersects the mean
+/// segment at beta. The second direction of an edge in the plane is along z.
 namespace nts
 {
 /// @brief As the template for all segments; eight times as fast.

@@ -2,18 +2,18 @@
 
 #include "nts/geometry/small.h"
 
-/// @brief The part of a motion of points that no rigid motion makes.
+/// @brief Straining part of a motion of points: displacements without the
+/// rigid motion that fits them best.
 ///
-/// From q_n to q_{n+1} points move by dx_i, of which the rigid motion about
-/// their places y_i at the mean, relative to the mean point, takes as much as
-/// it can:
+/// With displacements dx_i from q_n to q_{n+1} and positions y_i in the mean
+/// state relative to the mean point,
 ///
 ///     v_i = dx_i - dx_bar - omega x y_i,  I omega = sum y_i x dx_i,
 ///     I = sum |y_i|^2 1 - y_i y_i^T
 ///
 /// So v has no resultant and no moment about the mean state, sum v_i . dx_i =
-/// sum |v_i|^2, and v = 0 where a rotation and a translation have carried the
-/// points from q_n to q_{n+1}.
+/// sum |v_i|^2, and v = 0 if a rotation and a translation map q_n to q_{n+1}.
+/// It is used by `patch_gradient.h`.
 namespace nts
 {
 /// @brief The straining part v of the motion of P points and its derivative.

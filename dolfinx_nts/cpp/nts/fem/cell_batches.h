@@ -70,8 +70,8 @@ private:
   std::size_t _size;
 };
 
-/// @brief Where the rows of node i of L cells begin in arrays with S numbers in
-/// a row.
+/// @brief Offsets of the rows of node i of L cells in arrays with S numbers per
+/// row.
 /// @param[in] nodes Rows of the k nodes of all cells, (c, k).
 template <std::size_t S, std::size_t L>
 std::array<std::size_t, L> rows_of(std::span<const std::int32_t> nodes,
@@ -156,11 +156,11 @@ void add_batches(std::span<const BatchKernel> kernels, const CellNodes& mesh,
 }
 
 /// @brief Add integrals over the same cells to a vector, batch by batch.
-/// @param[in] kernels Of the integrals, all alike in lanes and precision.
-/// @param[in] mesh Its cells.
-/// @param[in] cells Those to integrate over.
-/// @param[in] input What the kernel reads.
-/// @param[in] out Where the integrals are added.
+/// @param[in] kernels Kernels with the same number of lanes and precision.
+/// @param[in] mesh The mesh.
+/// @param[in] cells Cells of the integrals.
+/// @param[in] input Input of the kernels.
+/// @param[in] out Output to which the integrals are added.
 /// @param[in,out] rounded Memory.
 inline void add_cells(std::span<const BatchKernel> kernels,
                       const CellNodes& mesh,

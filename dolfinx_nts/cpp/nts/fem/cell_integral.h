@@ -50,7 +50,7 @@ private:
   bool _takes_data;
 };
 
-/// @brief Where a kernel finds the values of a function of the space.
+/// @brief Values of a function of the space, as the input of a kernel.
 struct Gathered
 {
   std::span<const double> values; ///< at the nodes, (l, d)
@@ -81,7 +81,7 @@ inline void gather(std::span<const double> x, std::size_t d,
     out = std::copy_n(x.data() + d * static_cast<std::size_t>(row), d, out);
 }
 
-/// @brief What a kernel reads, cell by cell.
+/// @brief Input of a kernel, cell by cell.
 struct KernelInput
 {
   std::span<const Gathered> functions;  ///< functions of the space
@@ -95,7 +95,7 @@ struct KernelInput
 struct CellRows
 {
   std::span<double> b;                ///< (l, d)
-  std::span<const std::int32_t> rows; ///< of b, those of the cells, (c, k)
+  std::span<const std::int32_t> rows; ///< rows of b for each cell, (c, k)
   std::size_t k;                      ///< rows of a cell
   std::size_t d;                      ///< values of a row
   std::span<double> sums; ///< of the numbers that cells have behind their rows
@@ -139,11 +139,11 @@ private:
 };
 
 /// @brief Add integrals over the same cells to a vector.
-/// @param[in] kernels Of the integrals.
-/// @param[in] mesh Its cells.
-/// @param[in] cells Those to integrate over.
-/// @param[in] input What the kernel reads.
-/// @param[in] out Where the integrals are added.
+/// @param[in] kernels Kernels of the integrals.
+/// @param[in] mesh The mesh.
+/// @param[in] cells Cells of the integrals.
+/// @param[in] input Input of the kernels.
+/// @param[in] out Output to which the integrals are added.
 inline void add_cells(std::span<const ElementKernel> kernels,
                       const CellNodes& mesh,
                       std::span<const std::int32_t> cells,

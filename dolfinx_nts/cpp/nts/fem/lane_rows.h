@@ -6,11 +6,11 @@
 #include <cstring>
 #include <utility>
 
-/// @brief Numbers of nodes on their way to lanes, where those of a batch of
-/// cells are side by side, and back.
+/// @brief Transposition of nodal values to SIMD lanes, in which the values of a
+/// batch of cells are contiguous, and back.
 ///
-/// One by one they take as long as kernels of small cells do. Here they go in
-/// pairs, as many at once as a register of any machine holds.
+/// Copies of single numbers would take as long as the kernels of small cells.
+/// Here two numbers are copied at once, as in a register of any machine.
 namespace nts
 {
 /// @brief W numbers in a register of 16 bytes, or of 8.
@@ -54,7 +54,7 @@ P every_second(const P& a, const P& b, std::index_sequence<I...>) noexcept
 
 /// @brief Copy D numbers of each lane side by side.
 /// @param[in] x Numbers.
-/// @param[in] begin Where those of each lane begin.
+/// @param[in] begin Offsets of the numbers of each lane.
 /// @param[out] out (D, L)
 template <std::size_t D, class T, std::size_t L>
 void rows_to_lanes(const T* x, const std::array<std::size_t, L>& begin,
@@ -76,10 +76,10 @@ void rows_to_lanes(const T* x, const std::array<std::size_t, L>& begin,
       out[2 * L + l] = x[begin[l] + 2];
 }
 
-/// @brief Add what lanes have side by side to D numbers of each.
+/// @brief Add the values of lanes to D numbers of each.
 /// @param[in] in (D, L)
-/// @param[in] begin Where those of each lane begin, of several at one place
-/// perhaps.
+/// @param[in] begin Offsets of the numbers of each lane, with possible
+/// repetitions.
 /// @param[in,out] x Numbers.
 template <std::size_t D, class T, std::size_t L>
 void add_lanes_to_rows(const T* in, const std::array<std::size_t, L>& begin,

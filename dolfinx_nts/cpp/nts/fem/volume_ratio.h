@@ -18,9 +18,9 @@ template <std::size_t D>
 class CellVolumes
 {
 public:
-  /// @param[in] values, gradients Of the shape functions, (q, k), (q, k, D).
-  /// @param[in] points, nodes Their numbers q and k.
-  /// @param[in] makes_rings Whether cells stand for rings.
+  /// @param[in] values, gradients Shape functions, (q, k), (q, k, D).
+  /// @param[in] points, nodes Numbers of points q and nodes k.
+  /// @param[in] makes_rings Whether the mesh is axisymmetric.
   CellVolumes(std::span<const double> values, std::span<const double> gradients,
               std::size_t points, std::size_t nodes, bool makes_rings)
       : _points(points), _nodes(nodes), _makes_rings(makes_rings)
@@ -48,8 +48,8 @@ public:
   /// @brief Number of nodes of a cell.
   std::size_t nodes() const noexcept { return _nodes; }
 
-  /// @brief Compute volumes per volume of the reference cell, of rings times
-  /// the radius.
+  /// @brief Volumes per volume of the reference cell, times the radius in
+  /// axisymmetric meshes.
   /// @param[in] x Positions of nodes, (n, 3) [m].
   /// @param[in] cell Rows of the nodes of a cell, (k,).
   /// @param[out] volumes At the points, (q,), and at one more of an odd number.

@@ -57,10 +57,10 @@ struct Box
     return static_cast<std::uint8_t>(sides);
   }
 
-  /// @brief Whether the way from one point to another meets the box.
+  /// @brief Whether a line segment between two points intersects the box.
   bool meets(const Vec3& begin, const Vec3& end) const noexcept
   {
-    // Some axis separates them, or some product of an axis and the way.
+    // Separating axes: coordinate axes, and their products with the line.
     const Vec3 half = 0.5 * (end - begin);
     const Vec3 apart = 0.5 * ((begin + end) - (lower + upper));
     const Vec3 extent = 0.5 * (upper - lower);

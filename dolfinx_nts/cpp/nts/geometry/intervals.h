@@ -2,8 +2,8 @@
 
 #include "nts/geometry/segment.h"
 
-/// @brief Intervals in the reference cell of an edge: what polygons are in
-/// those of facets in space, see `polygons.h`.
+/// @brief Intervals in the reference cell of an edge, the counterpart of the
+/// polygons of facets in space, see `polygons.h`.
 namespace nts
 {
 /// @brief Both ends of a part of [0, 1], or of the line on which it lies.

@@ -11,7 +11,7 @@ struct NodalValues
 {
   std::span<T> owned, ghosts;
 
-  /// @brief Where value i is: with B of them a node, B i are those of node i.
+  /// @brief Address of value i; the B values of node i start at B i.
   T* operator[](std::size_t i) const noexcept
   {
     return i < owned.size() ? owned.data() + i

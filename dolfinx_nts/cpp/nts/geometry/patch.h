@@ -5,11 +5,11 @@
 /// @brief Smooth segments: cubic patches, by their control points.
 ///
 /// A patch is a segment type like those of `segment.h` whose "vertices" are the
-/// control points of Bezier's form. These are linear in nodes of the surface
-/// with weights of sum one, so that what a kernel conserves for control points
-/// is conserved for nodes. A patch offers `phi`, `dphi` and all second
-/// derivatives, `d2phi` with the rows 11, 12 and 22; `tangents` at a place; and
-/// `is_plane`, which says that the third component of all positions is zero.
+/// Bezier control points. These are linear in nodes of the surface with weights
+/// of sum one, so that kernels conserve the same quantities for nodes as for
+/// control points. A patch has `phi`, `dphi` and all second derivatives,
+/// `d2phi` with the rows 11, 12 and 22; `tangents` at a point; and `is_plane`,
+/// which is true if the third component of all positions is zero.
 namespace nts
 {
 /// @brief A segment type of this file.

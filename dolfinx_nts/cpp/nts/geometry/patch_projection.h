@@ -36,7 +36,7 @@ Matrix<2, 2> along_second(const std::array<Vec3, S::vertices>& x,
 /// @brief Solve (x_s - x_bar(xi)) . a_alpha(xi) = 0 by Newton's method from
 /// the patch's centre; steps are no longer than half a patch.
 ///
-/// The patch goes on beyond its edges, as a polynomial does.
+/// Beyond its edges the patch is extrapolated as a polynomial.
 /// @param[in] pair Node and control points.
 /// @param[in] orientation +1 where a_1 x a_2 points outward, otherwise -1.
 template <IsPatch S>

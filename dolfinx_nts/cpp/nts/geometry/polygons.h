@@ -42,7 +42,7 @@ using Sides = std::array<std::array<double, 3>, m>;
 template <std::size_t m>
 Polygon clipped(Polygon polygon, const Sides<m>& sides)
 {
-  constexpr double round_off = 1e-12; // distance that is none
+  constexpr double round_off = 1e-12; // distance that counts as zero
   const auto cut = [&](const std::array<double, 3>& side)
   {
     const auto inside = [&](const Vec2& p)
@@ -156,12 +156,12 @@ inline Matrix<2, 2> root(const Matrix<2, 2>& A) noexcept
 /// @brief Call add(xi, weight) for the points of a rule on a convex polygon in
 /// the reference cell of a facet that is exact for polynomials of degree 2.
 ///
-/// Points of equal weights whose mean and covariance are those of the polygon:
-/// the symmetric root of the latter times vectors that the symmetries of the
-/// cell exchange, so that the rule does not depend on how vertices are
-/// numbered. In a square they point to its corners; a triangle is made regular
-/// first. A ball of this radius is inside of any convex polygon that has the
-/// covariance 1 (Kannan, Lovasz and Simonovits 1995).
+/// Points of equal weights with the mean and the covariance of the polygon: the
+/// symmetric root of the covariance times vectors that are permuted by the
+/// symmetries of the cell, so that the rule does not depend on the numbering of
+/// vertices. In a square they point to its corners; a triangle is first mapped
+/// to a regular one. A ball of this radius is inside any convex polygon with
+/// the covariance 1 (Kannan, Lovasz and Simonovits 1995).
 template <class S, class Add>
 void integrate(const Polygon& p, Add&& add)
 {

@@ -19,8 +19,8 @@ Vec3 in_space(std::span<const double> x, std::size_t i) noexcept
   return row;
 }
 
-/// @brief Copy rows of three numbers to rows of two, or the other way with
-/// zeros.
+/// @brief Copy rows of three numbers to rows of two, or rows of two to rows of
+/// three, padded with zeros.
 /// @param[in] x (n, 5 - D)
 /// @param[out] out (n, D)
 template <std::size_t D>
@@ -57,7 +57,7 @@ inline void take_rows(std::span<const double> x,
       std::copy_n(x.data() + w * rows[i], w, out.data() + w * i);
     }
   };
-  // Vectors are copied in one go by a loop that knows their length.
+  // A loop of known length copies vectors at once.
   if (width == 3)
     copy(std::integral_constant<std::size_t, 3>());
   else

@@ -54,7 +54,7 @@ inline double winding(const Vec3& point, const Triangle& t) noexcept
   return std::atan2(up, down) / two_pi;
 }
 
-/// @brief Where a line meets the plane of a triangle.
+/// @brief Intersection of a line with the plane of a triangle.
 struct Cut
 {
   double s;        ///< place on the line, 0 at its begin, 1 at its end
@@ -62,11 +62,11 @@ struct Cut
   bool at_an_edge; ///< whether round-off decides on which side of an edge
 };
 
-/// @brief Cut of the line through two points with a triangle, none if it
-/// passes the triangle or lies in its plane.
+/// @brief Intersection of the line through two points with a triangle, none if
+/// the line misses the triangle or lies in its plane.
 ///
-/// A line passes each edge on one side, which the volume of the tetrahedron of
-/// line and edge tells.
+/// The sign of the volume of the tetrahedron of line and edge gives the side on
+/// which the line passes the edge.
 inline std::optional<Cut> cut(const Vec3& begin, const Vec3& end,
                               const Triangle& t) noexcept
 {

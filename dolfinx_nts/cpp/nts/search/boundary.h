@@ -3,7 +3,7 @@
 #include "nts/geometry/triangle.h"
 #include "nts/search/tree.h"
 
-/// @brief Triangles of the boundary of a body: what is inside of it.
+/// @brief Triangles of the boundary of a body, for point-in-body tests.
 namespace nts
 {
 /// @brief Triangles of a closed boundary, or some of them.
@@ -39,9 +39,9 @@ public:
     _tree.refit([&](std::size_t i) { return around(bounds(x, _rows[i])); });
   }
 
-  /// @brief Crossings of a ray that begins at a point.
+  /// @brief Crossings of a ray that starts at a point.
   /// @param[in] point The point [m].
-  /// @param[in] whole Box of the whole boundary, of which this may be a part.
+  /// @param[in] whole Box of the whole boundary; this may be a part of it.
   Crossings crossings(const Vec3& point, const Box& whole) const noexcept
   {
     Crossings found;
@@ -88,8 +88,8 @@ public:
     return nearest;
   }
 
-  /// @brief Places from 0 to 1 at which a straight way meets triangles, and on
-  /// which side it goes on, see WayCut.
+  /// @brief Coordinates from 0 to 1 at which a straight path intersects
+  /// triangles, and the side on which it continues, see WayCut.
   template <class OnCut>
   void cuts(const Vec3& begin, const Vec3& end, OnCut&& found) const
   {

@@ -4,7 +4,7 @@
 
 #include <optional>
 
-/// @brief A tree over segments that is built anew only when they have moved.
+/// @brief A tree over segments that is rebuilt only after they have moved.
 namespace nts
 {
 /// @brief Tree over segments that move.
@@ -32,10 +32,10 @@ public:
     return *_tree;
   }
 
-  /// @brief A tree whose boxes are those of the segments at these positions.
+  /// @brief A tree with tight boxes around the segments at these positions.
   ///
-  /// It is refitted at each call, in O(s), which pays for many looks at any
-  /// distance: far from segments wide boxes hide much of what is nearest.
+  /// It is refitted at each call, in O(s), which pays for many searches at any
+  /// distance: with wide boxes, far nodes would visit many segments.
   const Tree& exactly_at(std::span<const double> x)
   {
     const Tree& wide = at(x);
@@ -46,8 +46,8 @@ public:
   }
 
   /// @brief Points within reach of the box of any segment.
-  /// @param[in] points Where to look from, (n, 3) [m].
-  /// @param[in] reach Largest distance that counts [m].
+  /// @param[in] points The points, (n, 3) [m].
+  /// @param[in] reach Largest distance [m].
   /// @param[in] x Positions, (l, 3) [m].
   /// @return Numbers of these points, ascending.
   std::vector<std::int32_t> near(std::span<const double> points, double reach,
@@ -77,8 +77,8 @@ public:
   std::size_t num_built() const noexcept { return _num_built; }
 
 private:
-  /// By how much the boxes are wider, relative to the mean extent of segments
-  /// [-]: wider ones are built less often, but hold more segments to look at.
+  /// Margin of the boxes relative to the mean extent of segments [-]: larger
+  /// ones are rebuilt less often, but give more segments to be tested.
   static constexpr double _part = 0.2;
 
   std::span<const std::int32_t> segment(std::size_t i) const noexcept

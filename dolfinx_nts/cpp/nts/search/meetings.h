@@ -7,7 +7,7 @@
 /// @brief Boundaries that may overlap, by boxes around them, and what of them.
 namespace nts
 {
-/// @brief A boundary of which something may be inside another one.
+/// @brief A boundary with points that may be inside another one.
 struct Meeting
 {
   std::int32_t inner, outer; ///< numbers of the boundaries
@@ -32,7 +32,7 @@ inline std::vector<Meeting> meetings(std::span<const Box> boxes,
       const double depth = std::min(touch[i], touch[j]);
       const double way = i == j ? INFINITY : distance(boxes[i], boxes[j]);
       apart[n * i + j] = std::max(way, 0.);
-      // What is deep in the outer boundary is as deep in its box.
+      // A point deep in the outer boundary is as deep in its box.
       if (way < -depth)
         found.push_back({static_cast<std::int32_t>(i),
                          static_cast<std::int32_t>(j), depth,

@@ -5,42 +5,42 @@
 #include <algorithm>
 #include <array>
 
-/// @brief Shape functions of the multipliers on a facet that may be covered in
-/// part.
+/// @brief Shape functions of the multipliers on a facet that may be partly
+/// covered.
 ///
 /// With linear functions N of the facet, M = int N N^T and D = diag(int N) on
 /// the covered part, the dual functions are D M^-1 N: the mean gap of a vertex
-/// is the gap there wherever it is linear. At a vertex outside of that part the
-/// gap would be extrapolated. The functions are
+/// is the gap at the vertex for a linear gap. At a vertex outside of that part
+/// the gap would be extrapolated. The functions are
 ///
 ///     psi = T D M^-1 N,   sum_A T_AB = 1,
 ///     T_AB D_B = (1 - s_A) (M_AB + t_B s_B M_AB^2 / M_AA)   (A != B),
 ///
-/// with s_A = 1 at vertices of the covered part, which have dual functions
-/// whatever the others are, and less outside: with s = 0 for all psi is N. The
-/// second term makes a vertex outside take so much from one inside that the
-/// ratio of the two is that of N, and nothing is extrapolated; t_B <= 1 leaves
-/// a part to the one inside. The sum of psi is 1, integrals are positive, and
-/// psi is continuous in the covered part, so that no mean gap jumps from step
-/// to step as facets slide over a rim.
+/// with s_A = 1 at vertices of the covered part, which have dual functions, and
+/// less outside; s = 0 for all gives psi = N. By the second term a vertex
+/// outside takes so much from one inside that the ratio of the two is that of
+/// N, and nothing is extrapolated; t_B <= 1 leaves a part to the one inside.
+/// The sum of psi is 1, integrals are positive, and psi depends continuously on
+/// the covered part, so that mean gaps do not jump between steps as facets
+/// slide over a free edge.
 ///
 /// s_A depends on the distance m_A of the vertex from the centroid of the
-/// covered part, relative to the covariance of this. In d dimensions
-/// m_A <= d (d + 2) for all points of a convex part, whatever its shape
-/// (Kannan, Lovasz and Simonovits 1995).
+/// covered part, relative to the covariance of this part. In d dimensions
+/// m_A <= d (d + 2) for all points of a convex part of any shape (Kannan,
+/// Lovasz and Simonovits 1995).
 namespace nts
 {
 /// @brief Numbers of the shape functions of multipliers.
 struct MultiplierRule
 {
-  /// Distances m, relative to d (d + 2), up to which a vertex is that of the
-  /// covered part, but for the rule of integration, and from which on it is
-  /// outside.
+  /// Distances m relative to d (d + 2) [-]: up to the first one a vertex counts
+  /// as one of the covered part (up to quadrature errors), from the second one
+  /// on as outside.
   static constexpr double inside = 1.2, outside = 2;
-  /// Covered part of a facet below which all vertices are outside, as slivers
-  /// have no accurate dual functions, and from which on their place tells.
+  /// Covered fractions of a facet [-]: below the first one all vertices are
+  /// outside, since slivers have no accurate dual functions.
   static constexpr double sliver = 1e-3, wide = 1e-2;
-  /// Largest part of what it has that a vertex inside gives to those outside.
+  /// Largest part that a vertex inside gives to vertices outside [-].
   static constexpr double given = 0.9;
 };
 

@@ -2,17 +2,17 @@
 
 #include "nts/search/facing.h"
 
-/// @brief Where nodes pass through a surface within a step.
+/// @brief Passage of nodes through a surface within a step.
 ///
-/// Nodes and vertices move straight from one state to the other, and
-/// quadrilaterals are two triangles, and edges in the plane sweep along z: a
-/// node crosses the plane of a moving triangle where a cubic polynomial of time
-/// is zero.
+/// Nodes and vertices move straight from one state to the other.
+/// Quadrilaterals are two triangles, and edges in the plane are extruded along
+/// z. A node crosses the plane of a moving triangle at the zeros of a cubic
+/// polynomial of time.
 namespace nts
 {
-/// @brief The longest way of a node below a surface that it enters.
+/// @brief The longest part of the path of a node below a surface.
 ///
-/// Times are parts of the step, from 0 to 1.
+/// Times are step fractions, from 0 to 1.
 struct Trajectory
 {
   std::int32_t entered = -1; ///< segment, -1 where it enters none
@@ -141,11 +141,11 @@ public:
       _crossings.push_back({-1, true, inside, _surface.plane(inside, 0)[1]});
     if (_crossings.empty())
       return {};
-    // Where two triangles are crossed at once, the node enters first.
+    // If two triangles are crossed simultaneously, the node enters first.
     std::ranges::sort(_crossings, {}, [](const Crossing& c)
                       { return std::pair(c.time, !c.inward); });
     Trajectory longest;
-    // What leaves ahead of its body has come in on another side long ago.
+    // An exit in front of the body belongs to an earlier entry elsewhere.
     if (!_crossings[0].inward && node.leads_along(_crossings[0].normal))
       longest = {.entered = _crossings[0].segment,
                  .leaves = true,
@@ -180,8 +180,8 @@ public:
   }
 
 private:
-  /// Distances from a plane that count as 0, relative to the triangle's size,
-  /// and by how much a node may be beside the triangle [-].
+  /// Distances relative to the size of a triangle [-]: from its plane, counted
+  /// as zero, and outside of its edges, counted as inside.
   static constexpr double on_plane = 1e-9, beside = 1e-6;
 
   struct Crossing

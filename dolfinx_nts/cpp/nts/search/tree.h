@@ -77,7 +77,7 @@ public:
            [&](std::int32_t b) -> Box& { return _branches[b].box; });
   }
 
-  /// @brief Boxes around those of the segments of each branch.
+  /// @brief Boxes around the segments of each branch.
   /// @param[in] box_of Called with a segment; returns a box.
   template <class BoxOf>
   std::vector<Box> around(BoxOf&& box_of) const
@@ -99,8 +99,8 @@ public:
   }
 
   /// @brief Visit the segments whose box is nearer than the bound.
-  /// @param[in] point Where to look from [m].
-  /// @param[in] bound Distance beyond which nothing is of interest [m].
+  /// @param[in] point The point [m].
+  /// @param[in] bound Largest distance of interest [m].
   /// @param[in] visit Called with a segment; returns the new bound, NaN to end.
   /// @param[in] enters Says whether to look into a branch, by its number.
   template <class Visit, class Enters = Always>
@@ -111,7 +111,7 @@ public:
       descend(0, point, bound, visit, enters);
   }
 
-  /// @brief Visit the segments whose box meets the way between two points.
+  /// @brief Visit the segments whose box intersects a line between two points.
   template <class Visit>
   void along(const Vec3& begin, const Vec3& end, Visit&& visit) const
   {

@@ -5,17 +5,17 @@
 #include <utility>
 #include <vector>
 
-/// @brief Straight ways, along edges or at nodes of one boundary, and the parts
-/// of them that may be inside another one.
+/// @brief Straight paths along edges, or points at nodes, of one boundary, and
+/// their parts that may be inside another one.
 namespace nts
 {
-/// @brief Visit nodes, and edges whose box meets a region, as ways.
+/// @brief Visit nodes, and edges whose box meets a region, as paths.
 /// @param[in] x Positions, (l, 3) [m].
 /// @param[in] nodes Rows of x, (n).
 /// @param[in] edges Rows of x, (e, 2).
 /// @param[in] region The region.
-/// @param[out] found Called with begin and end of each way, which are the same
-/// at nodes.
+/// @param[out] found Called with start and end of each path, which are equal
+/// for nodes.
 template <class OnWay>
 void ways_in(std::span<const double> x, std::span<const std::int32_t> nodes,
              std::span<const std::int32_t> edges, const Box& region,
@@ -39,22 +39,22 @@ void ways_in(std::span<const double> x, std::span<const std::int32_t> nodes,
       found(vector(x, a), vector(x, b));
 }
 
-/// @brief A point in which a way meets a boundary.
+/// @brief An intersection of a path with a boundary.
 struct WayCut
 {
-  std::int32_t way; ///< number of the way
+  std::int32_t way; ///< number of the path
   double s;         ///< place on it, from 0 to 1
-  /// 1 if the way leaves the boundary there, -1 if it enters it, 0 if it meets
-  /// an edge or a vertex of it
+  /// 1 if the path leaves the boundary, -1 if it enters, 0 if it intersects an
+  /// edge or a vertex
   std::int32_t side;
 };
 
-/// @brief Ways that are points, and middles of those parts, into which cuts
-/// divide the others, that are not known to be outside.
-/// @param[in] ways Begin and end of each way, (w, 6) [m].
-/// @param[in] cuts The cuts, in any order. Ways without any have no parts.
-/// @param[out] found Called with the number of the way and the point; ways that
-/// are points come first.
+/// @brief Paths of length zero, and midpoints of the parts of other paths
+/// between intersections that are not known to be outside.
+/// @param[in] ways Start and end of each path, (w, 6) [m].
+/// @param[in] cuts Intersections in any order. Paths without any have no parts.
+/// @param[out] found Called with the number of the path and the point; paths of
+/// length zero come first.
 template <class OnPoint>
 void points_of_ways(std::span<const double> ways, std::vector<WayCut> cuts,
                     OnPoint&& found)

@@ -344,8 +344,8 @@ private:
     return result;
   }
 
-  /// Number of entries by which memory is asked for in advance. Processors by
-  /// themselves look no farther than the end of a page.
+  /// Distance of software prefetching [entries]. Hardware prefetching stops at
+  /// the end of a page.
   static constexpr std::size_t ahead = 64 * B * B;
 
   std::vector<std::int32_t> _node;
@@ -368,9 +368,9 @@ inline double power_of_two(double size) noexcept
   return std::isnormal(size) ? std::exp2(-std::ilogb(size)) : 1;
 }
 
-/// @brief What is less than this is so much less than 1 that its products come
-/// near to denormal numbers, which are slow. Where waves have not got yet,
-/// solutions decay without end.
+/// @brief Magnitude below which numbers are set to zero, to avoid denormal
+/// numbers in products, which are slow. Solutions decay exponentially ahead of
+/// waves.
 inline constexpr float dust = std::numeric_limits<float>::min()
                               / (std::numeric_limits<float>::epsilon()
                                  * std::numeric_limits<float>::epsilon());

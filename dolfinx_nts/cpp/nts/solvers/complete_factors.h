@@ -343,7 +343,7 @@ private:
     load<K>(front);
     const std::size_t n = _dim * front.nodes(), own = _dim * front.own();
     const float* end = _entry.data() + front.first + size(front);
-    // The last panel has what is left of whole ones.
+    // The last panel has the remaining columns.
     for (std::size_t p = own % panel ? own % panel : panel, k = own; k > 0;
          p = panel)
     {

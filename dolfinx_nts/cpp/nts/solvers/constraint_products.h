@@ -16,8 +16,8 @@ struct Entries
   std::vector<double> value;
 };
 
-/// @brief How the displacements of nodes follow from those of vertices; each
-/// node is its own vertex where h is 0.
+/// @brief Interpolation of displacements of nodes from vertices; with h = 0
+/// each node is its own vertex.
 struct Parents
 {
   std::span<const std::int32_t> node; ///< (l, h) vertices of each node

@@ -70,9 +70,9 @@ void slopes_at_nodes(const ConstraintLists<B>& lists,
         }
 }
 
-/// @brief Number of m constraints that reach other nodes than before, or have
-/// gradients of which an entry has changed by more than a limit.
-/// @param[in] same Whether the nodes are those of before, (l,).
+/// @brief Number of m constraints whose nodes have changed, or an entry of
+/// whose gradients has changed by more than a limit.
+/// @param[in] same Whether the nodes are unchanged, (l,).
 /// @param[in] now, before Gradients.
 inline std::size_t num_moved(std::size_t m, std::span<const bool> same,
                              std::span<const double> now,

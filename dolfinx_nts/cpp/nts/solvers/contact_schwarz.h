@@ -5,22 +5,22 @@
 
 #include <numeric>
 
-/// @brief Correction around the contacts, after a preconditioner of the bulk
-/// that knows nothing of contact: an overlapping Schwarz method with one
+/// @brief Correction in the contact subdomain, after a preconditioner of the
+/// bulk without contact: an overlapping multiplicative Schwarz method with one
 /// subdomain.
 ///
-/// The subdomain has the nodes of the constraints and of the contact tangent
-/// and their neighbours in the matrix, and where it is wide the neighbours of
-/// these, too: a thin wall that is pushed at a node bends farther than to the
-/// next one. There a system is solved with the rows
+/// The subdomain has the nodes of the constraints and of the contact tangent,
+/// and their neighbours in the matrix. A wide one has the neighbours of these,
+/// too: a thin wall that is pushed at a node bends farther than to the next
+/// node. In the subdomain a system is solved with the rows
 /// of
 ///
 ///     A = Z~^T (K + C) Z + E E^T   (see elimination.h)
 ///
-/// for what the preconditioner of the bulk has left; E E^T, scaled, fills the
-/// directions that are given up, in which neither right-hand sides nor results
-/// have a part. Rows and factors are in single precision; those of K are taken
-/// when contacts first need them, and serve for all later ones.
+/// for the residual of the preconditioner of the bulk. The scaled E E^T fills
+/// the eliminated directions, in which right-hand sides and results vanish.
+/// Rows and factors are in single precision. Rows of K are copied when contacts
+/// first need them, and are reused for later contacts.
 ///
 /// Contact nodes are eliminated first. With friction or springs, C ties them
 /// to the nodes of their segments by stiffnesses far above those of the bulk,
@@ -433,7 +433,7 @@ private:
   std::vector<double> _stiffness;   // mean entry on the diagonal of each node
   double _scale;                    // of what is in single precision
   PackedRows<B> _rows;              // of K that contacts have needed, scaled
-  std::vector<std::int64_t> _taken; // where that of each node begins, or -1
+  std::vector<std::int64_t> _taken; // offset of the rows of each node, or -1
   std::vector<Constraint> _constraints;
   std::vector<Tangent> _tangents;
   PackedRows<B> _tangent_rows;       // theirs, scaled

@@ -6,19 +6,19 @@
 #include <cstdint>
 #include <span>
 
-/// @brief Elimination of the multipliers: a constrained node gives up the
-/// displacements that its constraints determine.
+/// @brief Elimination of the multipliers, and of the displacements of
+/// constrained nodes that are determined by their constraints.
 ///
 /// With B components a node, a node has 0 (no multiplier), 1 (normal) or B
 /// (normal and stick) constraints, with gradients G_a and forces F_a per
-/// multiplier, which reach any number of other nodes. E holds the directions
-/// that are given up: the normal, or all components. Where no constrained node
-/// is reached by constraints of another one, G^T E and E^T F are block diagonal
+/// multiplier, which contain any number of other nodes. E has the eliminated
+/// directions: the normal, or all components. If no constraint contains a
+/// constrained node of another one, G^T E and E^T F are block diagonal
 /// and
 ///
 ///     Z = 1 - E (G^T E)^-1 G^T,   Z~^T = 1 - F (E^T F)^-1 E^T
 ///
-/// act on the constraints of each node by themselves: Z x satisfies the
+/// act on the constraints of each node separately: Z x satisfies the
 /// constraints, and Z~^T y is free of multipliers.
 namespace nts
 {
@@ -27,7 +27,7 @@ namespace nts
 template <std::size_t B>
 struct Elimination
 {
-  /// (m + 1,) Where the nodes of each list begin, and the end.
+  /// (m + 1,) Offsets of the nodes of each list.
   std::span<const std::int64_t> start;
   /// (l,) Nodes that the constraints reach, list by list, in each the
   /// constrained one first.
@@ -73,14 +73,14 @@ struct Elimination
   }
 };
 
-/// @brief Move contact nodes along their normals, as far as closes their gaps
-/// to first order; those that would go farther than allowed stay.
+/// @brief Move contact nodes along their normals to close gaps to first order;
+/// nodes with larger displacements than allowed are not moved.
 /// @param[in] nodes Contact nodes, (m,).
 /// @param[in] moves Whether each moves, (m,).
-/// @param[in] gap What is to become zero, (m,).
+/// @param[in] gap Gaps to be closed, (m,).
 /// @param[in] normal Normals n, (m, B).
-/// @param[in] gradients Of the gaps, (m, stride): the first B.
-/// @param[in] farthest Longest way of each, (m,).
+/// @param[in] gradients Gradients of the gaps, (m, stride): the first B.
+/// @param[in] farthest Largest displacement of each node, (m,).
 /// @param[in,out] x Nodal vectors, (n, B).
 template <std::size_t B>
 void close_gaps(std::span<const std::int32_t> nodes,
@@ -101,8 +101,8 @@ void close_gaps(std::span<const std::int32_t> nodes,
   }
 }
 
-/// @brief What node i misses of wanted values of G^T x, 0 beyond its rank.
-/// @param[in] values Wanted G^T x, (m, B), or empty for none.
+/// @brief Residual of the constraints of node i, 0 beyond its rank.
+/// @param[in] values Required G^T x, (m, B), or empty for zero.
 template <std::size_t B, class T>
 std::array<double, B> missing(const Elimination<B>& e, std::size_t i,
                               std::span<const double> values,
@@ -243,7 +243,7 @@ void add_tangent(const Elimination<B>& e, const KnownValues& x,
 }
 
 /// @brief y <- Z~^T (y + C x).
-/// @param[out] multipliers What this removes from y, in forces F, (m, B).
+/// @param[out] multipliers Multipliers removed from y, for forces F, (m, B).
 template <std::size_t B>
 void act(const Elimination<B>& e, const KnownValues& x, const ChangedValues& y,
          std::span<double> multipliers) noexcept

@@ -17,7 +17,7 @@ namespace gmres
 /// Numbers that are read once for all vectors, so many that they stay in the
 /// cache.
 inline constexpr std::size_t block_size = 1024;
-/// Sums beside each other, as one sum waits for its last number.
+/// Number of independent partial sums, to hide the latency of additions.
 inline constexpr std::size_t lanes = 8;
 
 inline double inner(std::span<const double> a, const double* b) noexcept

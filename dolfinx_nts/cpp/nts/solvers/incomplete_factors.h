@@ -24,9 +24,9 @@ public:
 
   /// @param[in] A The matrix.
   /// @param[in] order Its rows in the order of elimination.
-  /// @param[in] fill Whether the pattern has, beside the entries of the matrix,
-  /// those between nodes that are neighbours of a node eliminated before,
-  /// ILU(1).
+  /// @param[in] fill Whether the pattern also has the entries between
+  /// neighbours of a node that was eliminated before: ILU(1) instead of
+  /// ILU(0).
   FactorPattern(const Rows& A, std::span<const std::int32_t> order, bool fill)
       : _A(A), _order(order), _place(order.size()), _last(order.size(), -1),
         _fill(fill)

@@ -23,11 +23,11 @@ public:
     std::int32_t parent; ///< the next set that they reach, -1 if there is none
   };
 
-  /// @param[in] start Where the neighbours of each node begin, and the end,
+  /// @param[in] start Offsets of the neighbours of each node,
   /// (n + 1).
-  /// @param[in] neighbour The neighbours, among which a node may be itself.
+  /// @param[in] neighbour The neighbours, which may include the node itself.
   /// @param[in] X Positions, (n, 3).
-  /// @param[in] smallest Number of nodes that are not cut any more.
+  /// @param[in] smallest Number of nodes that are not divided further.
   NestedDissection(std::span<const std::int64_t> start,
                    std::span<const std::int32_t> neighbour,
                    std::span<const double> X, std::size_t smallest)
@@ -131,8 +131,8 @@ private:
     return !best.empty();
   }
 
-  /// @brief Mark those of one half that are next to the other as between;
-  /// returns how many.
+  /// @brief Mark nodes of one half that are adjacent to the other as separator;
+  /// returns their number.
   std::size_t part(std::span<const std::int32_t> nodes)
   {
     std::array<std::vector<std::int32_t>, 2> rims;
@@ -163,7 +163,7 @@ private:
     return _X[3 * static_cast<std::size_t>(node) + axis];
   }
 
-  /// Distance of nodes in one plane, relative to that of all.
+  /// Extent of nodes in one plane relative to the extent of all [-].
   static constexpr double same = 1e-6;
 
   std::span<const std::int64_t> _start;

@@ -5,7 +5,7 @@
 #include <cmath>
 #include <numeric>
 
-/// @brief Small sparse systems near to a diagonal one, such as that of
+/// @brief Small sparse systems that are nearly diagonal, such as systems of
 /// multipliers with dual shape functions.
 namespace nts
 {
