@@ -382,7 +382,7 @@ def test_a_mesh_becomes_axisymmetric_before_all_else():
 
 
 @pytest.mark.serial
-def test_nothing_is_told_of_an_axis_that_rings_do_not_reach(caplog):
+def test_axis_without_nodes_gives_no_warning(caplog):
     domain = square(low=0.5)
     nts.axisymmetric(domain)
     V = fem.functionspace(domain, ("Lagrange", 1, (2,)))
@@ -420,7 +420,7 @@ def test_obstacles_that_are_not_of_revolution_are_refused(obstacle, message):
         nts.ContactPair(top, obstacle)
 
 
-def test_what_rings_cannot_do_is_refused():
+def test_unsupported_axisymmetric_features_are_refused():
     scene = ball_on_plate(size=0.15)
     stepper = nts.EnergyMomentum(scene.bodies, dt=0.01)
     with pytest.raises(ValueError, match="no radial velocity on the axis"):

@@ -25,7 +25,7 @@ def test_missing_file_is_named(comm, refused, tmp_path):
         nts.read_mesh("/nowhere/no such file.msh", comm)
 
 
-def test_unknown_name_of_a_region_lists_those_that_exist(comm, refused):
+def test_unknown_region_name_lists_existing_names(comm, refused):
     _, _, _, tag = nts.read_mesh(scenes.BALL_PLATE, comm)
     with refused(ValueError, r"out of \['ball', 'ball_inner', .*\], given 'bal'"):
         tag["bal"]
@@ -168,7 +168,7 @@ def test_empty_surface_of_a_file_is_no_tag(comm, refused):
 
 
 @pytest.mark.parametrize("sideways", [True, once(False)])
-def test_nodes_that_supports_drive_into_what_supports_hold_are_named(comm, refused, sideways):
+def test_prescribed_nodes_in_contact_with_supported_surfaces_are_named(comm, refused, sideways):
     def build(model):
         parts.add_box(model, "floor", corner=(-1, -1, -1), size=(2, 2, 1), cells=(2, 2, 1))
         parts.add_box(model, "block", corner=(-0.3, -0.4, 0.01), size=(0.5, 1, 1), cells=(1, 1, 1))
@@ -220,7 +220,7 @@ def test_unreachable_convergence_is_reported_on_all_ranks(comm, scheme, refused)
 @pytest.mark.parametrize(
     ("scheme", "extra"), [(nts.EnergyMomentum, {}), (nts.GeneralizedAlpha, {"rho_inf": 0.5})]
 )
-def test_a_stepper_without_dt_names_its_class_and_what_it_takes(comm, refused, scheme, extra):
+def test_a_stepper_without_dt_names_its_class_and_arguments(comm, refused, scheme, extra):
     bodies, name = three_boxes(comm), scheme.__name__
     text = (
         rf"expected {name}\(bodies, pairs, \*, dt, .*\), of which bodies and dt must be given, .*"

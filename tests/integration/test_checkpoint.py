@@ -90,7 +90,7 @@ def test_a_resumed_run_repeats_the_whole_one_bit_for_bit(
 
 @pytest.mark.several_ranks
 @pytest.mark.parametrize("scheme", SCHEMES.values(), ids=SCHEMES)
-def test_any_number_of_ranks_goes_on(comm, folder, agree, scheme):
+def test_any_number_of_ranks_continues(comm, folder, agree, scheme):
     whole = scene(comm, scheme)
     for step in range(NUM_STEPS):
         if step == BREAK:
@@ -121,7 +121,7 @@ def test_a_checkpoint_does_not_change_the_run(comm, folder, agree):
     assert agree(np.array_equal(plain.u.x.array, saved.u.x.array))
 
 
-def test_other_scenes_are_refused_with_what_differs(comm, folder, refused):
+def test_other_scenes_are_refused_with_the_differences(comm, folder, refused):
     path = folder / "run.h5"
     stepper = blocks(comm).stepper
     checkpoint.save(path, stepper)
@@ -277,7 +277,7 @@ def test_without_resume_an_old_checkpoint_goes(comm, folder):
 
 
 @pytest.mark.parametrize("step", [once(1), 3])
-def test_a_run_goes_on_without_fields_that_somebody_has_removed(comm, folder, agree, caplog, step):
+def test_a_run_continues_without_removed_fields(comm, folder, agree, caplog, step):
     record(blocks(comm).stepper, folder / "run", 3)
     if comm.rank == 0:
         (folder / "run_fields" / f"{step:09d}.h5").unlink()
@@ -361,9 +361,7 @@ def run_script(path, fields, when="never", signum=0, call=0):
         ("step", signal.SIGINT, 5, "vtkhdf"),
     ],
 )
-def test_a_script_that_was_killed_goes_on_when_started_again(
-    tmp_path, wholes, when, signum, call, fields
-):
+def test_a_killed_script_continues_after_restart(tmp_path, wholes, when, signum, call, fields):
     folder = shutil.copytree(wholes[fields], tmp_path / "runs")
     killed = run_script(folder / "parts", fields, when, signum, call)
     assert killed.returncode in (-signum, 128 + signum), killed.stderr

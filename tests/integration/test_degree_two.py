@@ -81,7 +81,7 @@ def test_every_scheme_accounts_for_its_energy(comm, cell, scheme, enforcement):
 
 @cells_
 @pytest.mark.parametrize("friction", [nts.Coulomb(0.3), once(nts.Coulomb(0.3, eps_T=1e3))])
-def test_friction_takes_what_the_ledger_says(comm, cell, friction):
+def test_friction_dissipates_the_energy_of_the_ledger(comm, cell, friction):
     scene = blocks(comm, cell=cell, friction=friction)
     ledger = Ledger(scene.stepper)
     ledger.run(12)
@@ -243,7 +243,7 @@ def test_energy_of_bending_is_exact(comm, cell):
         ("tetrahedron", SCHEMES["mortar"]),
     ],
 )
-def test_files_show_all_nodes_and_checkpoints_go_on(comm, tmp_path, cell, scheme):
+def test_files_show_all_nodes_and_checkpoints_continue(comm, tmp_path, cell, scheme):
     folder = comm.bcast(tmp_path)
 
     def record(num_steps, name):

@@ -159,7 +159,7 @@ def test_flush_bodies_bounce_the_same_by_their_whole_boundaries_and_by_their_fac
 
 
 @pytest.mark.serial
-def test_a_ball_between_closing_walls_is_told_and_a_hopeless_step_is_given_up_soon(comm, caplog):
+def test_a_ball_between_closing_walls_is_reported_and_an_infeasible_step_ends_early(comm, caplog):
     """The walls meet at t = 0.87, and nothing of the ball is lost before."""
     stepper = statics.squeezes(comm, way=0.6, h=0.1, cells=2).stepper
     with pytest.raises(nts.ConvergenceError, match="smallest cell") as raised:

@@ -196,7 +196,7 @@ def test_tumbling_cubes_do_not_enter_each_other_at_their_edges(comm):
 
 
 @pytest.mark.serial
-def test_an_edge_that_turns_past_a_corner_is_not_held_deep_inside(comm):
+def test_an_edge_rotating_past_a_corner_is_not_active_deep_inside(comm):
     """A corner has come into a face by 1.2 cm; beside it edges cross, 6.7 cm deep in each other."""
     places = np.array([[1.0045, 2.3308, 0.9978], [1.0628, 1.1682, 1.8426]])
     turns = np.array([[1.8565, -0.0354, 0.1804], [0.1393, -3.0984, -0.339]])

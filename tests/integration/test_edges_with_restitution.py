@@ -62,7 +62,7 @@ def test_central_blow_of_two_edges_returns_e_times_the_speed(comm, e, dt):
 
 @pytest.mark.serial
 @pytest.mark.parametrize("e", [0.3, 0.7, 1.0])
-def test_blow_beside_the_centres_is_that_of_newtons_law(comm, e):
+def test_eccentric_impact_obeys_newtons_law(comm, e):
     scene = with_e(comm, e, dt=0.002)
     first, last, given = strike(scene, 0.04)
     check(first, last, given)
@@ -87,7 +87,7 @@ def test_midpoint_and_friction_return_it_too(comm):
 
 
 @pytest.mark.at_most_two_ranks
-def test_deformable_cubes_lose_what_the_ledger_says(comm):
+def test_deformable_cubes_lose_the_energy_of_the_ledger(comm):
     enforcement = nts.LagrangeMultiplier("restitution", e=0.5)
     scene = crossed(comm, enforcement=enforcement, n=2, dt=0.004)
     first, last, given = strike(scene, 0.1)
@@ -96,7 +96,7 @@ def test_deformable_cubes_lose_what_the_ledger_says(comm):
 
 
 @pytest.mark.serial
-def test_friction_takes_energy_beside_it(comm):
+def test_friction_dissipates_in_addition_to_restitution(comm):
     given = []
     for friction in (None, nts.Coulomb(0.2)):
         scene = with_e(comm, 0.4, friction=friction, dt=0.004)

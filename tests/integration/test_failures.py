@@ -195,9 +195,7 @@ JOBS = [(2, 0), (2, 1), (3, 1)]
     [(*case, *JOBS[i % len(JOBS)]) for i, case in enumerate(CASES)],
     ids=[where for where, _ in CASES],
 )
-def test_what_goes_wrong_on_one_rank_ends_all_with_one_message(
-    tmp_path, where, text, num_ranks, rank
-):
+def test_a_failure_on_one_rank_ends_all_with_one_message(tmp_path, where, text, num_ranks, rank):
     if where.startswith("mesh"):
         rank = 0  # which alone reads it
     error = run(tmp_path, num_ranks, where, str(rank))
@@ -213,7 +211,7 @@ def test_ranks_that_put_off_signals_end_as_well(tmp_path):
 
 @pytest.mark.serial
 @pytest.mark.alone
-def test_the_same_error_on_all_ranks_is_told_once_and_nothing_is_aborted(tmp_path):
+def test_the_same_error_on_all_ranks_is_reported_once_without_abort(tmp_path):
     error = run(tmp_path, 3, "loop", "0,1,2")
     assert is_told_once(error, "KeyError: .*injected in loop") and "MPI_ABORT" not in error, error
 
@@ -338,7 +336,7 @@ def test_a_velocity_of_the_wrong_shape_on_one_rank_is_refused_on_all(comm, patie
         stepper.set_velocity(stepper.bodies[0], velocity)
 
 
-def test_an_error_that_cannot_be_sent_is_told_by_its_text(comm):
+def test_an_error_that_cannot_be_sent_is_reported_by_its_text(comm):
     class Unknown(Exception):
         pass
 

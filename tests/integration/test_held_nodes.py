@@ -12,7 +12,7 @@ pytestmark = pytest.mark.at_most_two_ranks
 GAP, DT, STEPS = 0.008, 0.01, 12  # m, s, -
 
 
-def test_nodes_that_press_are_not_let_go_where_segments_are_shorter(comm):
+def test_loaded_nodes_stay_active_on_shorter_segments(comm):
     def build(model):
         parts.add_rectangle(model, "long", corner=(-4, -1), size=(4, 1), cells=(4, 1))
         parts.add_rectangle(model, "short", corner=(0, -1), size=(4, 1), cells=(8, 1))

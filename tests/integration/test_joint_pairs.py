@@ -109,7 +109,7 @@ def compare(monkeypatch, make, *scene, moves):
 
 
 @pytest.mark.at_most_two_ranks
-def test_bodies_out_of_reach_sleep_beside_joint_pairs(comm):
+def test_bodies_out_of_reach_sleep_with_joint_pairs(comm):
     stepper = balls(comm, nts.EnergyMomentum, nts.LagrangeMultiplier(), far=(2, 3), obstacles=())
     stepper.set_velocity(stepper.bodies[0], (0.5, 0.0, 0.0))
     reports = [stepper.advance() for _ in range(4)]
@@ -118,7 +118,7 @@ def test_bodies_out_of_reach_sleep_beside_joint_pairs(comm):
 
 
 @pytest.mark.serial
-def test_pairs_with_other_laws_or_ways_to_find_segments_stay_alone(comm):
+def test_pairs_with_other_laws_or_searches_are_not_joined(comm):
     stepper = balls(comm, nts.EnergyMomentum, nts.LagrangeMultiplier(), nts.Coulomb(0.3))
     contacts = stepper.contacts
     (joint, floor) = joint_states(contacts)

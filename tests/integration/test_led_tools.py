@@ -189,7 +189,7 @@ def on_a_roller(comm, before):
     return [step.newton_iterations for step in stepper.run(until=4.0)]
 
 
-def test_springs_do_not_mind_how_far_a_tool_has_turned(comm):
+def test_springs_do_not_depend_on_the_rotation_of_a_tool(comm):
     """Gaps and slips follow the linear system in space, not in the frame of the tool."""
     straight, turned = (on_a_roller(comm, before)[4:] for before in (0.0, np.pi / 2))
     assert turned == straight

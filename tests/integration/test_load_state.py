@@ -71,7 +71,7 @@ def test_a_load_that_begins_in_a_second_scene_acts_as_in_one(comm, path, enforce
     assert np.abs(positions(second) - positions(whole)).max() < TOLERANCE
 
 
-def test_what_other_laws_and_integrators_do_not_take_over_is_told(comm, path, caplog):
+def test_data_dropped_by_other_laws_and_integrators_are_reported(comm, path, caplog):
     first = new(comm, friction=nts.Coulomb(0.3))
     for _ in range(BREAK):
         first.advance()
@@ -107,7 +107,7 @@ def test_what_other_laws_and_integrators_do_not_take_over_is_told(comm, path, ca
 
 
 @pytest.mark.parametrize("impact", ["plastic", once("elastic")])
-def test_energy_that_plastic_impact_makes_of_an_overlap_is_told(comm, path, caplog, impact):
+def test_energy_gain_of_plastic_impact_from_an_overlap_is_reported(comm, path, caplog, impact):
     first = new(comm, nts.Penalty(eps_N=1.0))
     for _ in range(BREAK + 1):
         first.advance()

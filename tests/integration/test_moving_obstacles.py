@@ -237,13 +237,13 @@ def pressed_and_turned(comm, tool, degrees):
     ],
     ids=["sphere", "cylinder"],
 )
-def test_a_round_tool_that_turns_far_in_a_step_presses_as_one_at_rest(comm, tool, degrees):
+def test_a_round_tool_with_a_large_rotation_presses_as_one_at_rest(comm, tool, degrees):
     ends = [pressed_and_turned(comm, tool, turn)[1].u.x.array for turn in (0, degrees)]
     assert abs(ends[1] - ends[0]).max(initial=0.0) < SAME
 
 
 @pytest.mark.at_most_two_ranks
-def test_a_drum_of_facets_that_turns_far_in_a_step_passes_no_node(comm):
+def test_a_faceted_drum_with_a_large_rotation_passes_no_node(comm):
     """Heights over the planes of all facets, which are where they were after turns by three."""
     block, stepper = pressed_and_turned(comm, drum(1.0, 24), 45)
     angle = 2 * np.pi * np.arange(24) / 24
@@ -305,7 +305,7 @@ def test_a_motion_that_fails_on_one_rank_fails_on_all_and_leaves_the_state(comm,
 
 
 @pytest.mark.at_most_two_ranks
-def test_a_tool_in_what_its_pair_does_not_name_is_told(comm, caplog):
+def test_overlap_of_a_tool_with_a_body_without_pair_is_reported(comm, caplog):
     block = Block(comm)
     below = nts.boundary_of(block.body, where=lambda x: x[2] < -0.49)
     ball = nts.RigidSphere((0, 0, 0.21), 0.2).moving(nts.Motion(lambda t: (0, 0, -t)))

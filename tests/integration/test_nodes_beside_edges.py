@@ -63,7 +63,7 @@ def gap_of(beside, *, height=-DEPTH, x=0.5, before=None):
 
 
 @pytest.mark.parametrize("x", [0.3, 0.5])
-def test_a_node_that_comes_from_beside_a_sharp_edge_has_no_segment(x):
+def test_a_node_coming_from_beyond_a_sharp_edge_has_no_segment(x):
     assert np.isnan(gap_of(BESIDE, x=x))
     # Through the plane of the top it comes into contact: bodies slide over their rims.
     assert gap_of(BESIDE, x=x, height=0.02) == pytest.approx(0.02)
@@ -73,7 +73,7 @@ def test_a_node_that_comes_from_beside_a_sharp_edge_has_no_segment(x):
 
 
 @pytest.mark.parametrize("scheme", [nts.CentralDifference, nts.EnergyMomentum])
-def test_a_corner_that_moves_beside_a_block_feels_nothing(scheme):
+def test_a_corner_next_to_a_block_has_no_contact(scheme):
     _, bodies, corner = scene(0.2)
     pairs = nts.all_pairs(bodies, enforcement=nts.Penalty(4.0e4), edges=True)
     pairs += [nts.ContactPair(p.segments, p.nodes, p.enforcement) for p in pairs[:1]]

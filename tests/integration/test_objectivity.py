@@ -79,9 +79,7 @@ class TurnedSlip(Slip):
 
 @pytest.mark.parametrize("method", ["node-to-segment", "mortar"])
 @pytest.mark.parametrize("eps_T", [None, 3e4])
-def test_friction_does_not_know_which_tangents_slips_are_told_in(
-    comm, monkeypatch, rng, method, eps_T
-):
+def test_friction_does_not_depend_on_the_choice_of_tangents(comm, monkeypatch, rng, method, eps_T):
     """Nodes that find other segments, or other points, find other tangents within a step."""
 
     def impact():

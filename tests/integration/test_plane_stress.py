@@ -135,7 +135,7 @@ def test_sheets_run_with_explicit_steps():
 
 
 @pytest.mark.serial
-def test_what_cannot_be_a_sheet_is_refused():
+def test_invalid_plane_stress_is_refused():
     for law in (
         nts.NeoHookean(**RUBBER),
         nts.MooneyRivlin(c10=1e4, c01=1e3, kappa=1e6, rho=1e3),

@@ -41,7 +41,7 @@ def stepper(comm):
     return make
 
 
-def test_plastic_impact_throws_apart_what_is_told_to_part_in_statics(stepper, comm, caplog):
+def test_plastic_impact_throws_overlapping_bodies_apart_with_a_warning(stepper, comm, caplog):
     caplog.set_level(logging.WARNING, "dolfinx_nts")
     thrown = stepper(nts.EnergyMomentum)
     thrown.advance()

@@ -113,7 +113,7 @@ def test_reactions_and_contact_change_the_momenta(comm, agree, method, mu, held,
 
 @pytest.mark.serial
 @pytest.mark.parametrize("method", ["node-to-segment", "mortar"])
-def test_motion_is_the_same_for_one_who_moves_with_the_supports(comm, method):
+def test_motion_is_galilei_invariant_with_moving_supports(comm, method):
     ends_of_runs = []
     for velocity in np.array([[0.0, 0.0], [3.0, -2.0]]):
         scene = plane.blocks(angle=0.3, width=6, comm=comm)

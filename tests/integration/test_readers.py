@@ -106,7 +106,7 @@ def mesh_of(stepper, cell):
 
 @readers
 @cells_
-def test_another_reader_finds_what_the_run_had(comm, tmp_path, agree, reader, fields, cell):
+def test_another_reader_finds_the_data_of_the_run(comm, tmp_path, agree, reader, fields, cell):
     folder = comm.bcast(tmp_path)
     old = blocks(comm, cell=cell).stepper
     pairs = [nts.ContactPair(p.nodes, p.segments, friction=nts.Coulomb(0.3)) for p in old.pairs]

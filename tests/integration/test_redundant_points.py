@@ -90,7 +90,7 @@ def test_a_box_that_slides_stops_where_the_closed_form_has_it(scheme):
 
 @pytest.mark.parametrize("part", [0.9, once(1.2)])
 @SCHEMES
-def test_a_box_on_a_slope_stays_or_slides_as_the_angle_of_friction_tells(comm, scheme, part):
+def test_a_box_on_a_slope_slides_above_the_friction_angle(comm, scheme, part):
     slope = np.arctan(part * MU)
     stepper, (box,) = boxes(scheme, slope=slope, comm=comm)
     diagnostics = nts.Diagnostics(stepper)

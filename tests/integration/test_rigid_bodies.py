@@ -200,7 +200,7 @@ def test_failures_tell_where_forces_are_not_unique(comm, enforcement, friction, 
 @pytest.mark.serial
 @pytest.mark.parametrize("dt", [0.01, 0.0025])
 @pytest.mark.parametrize("tilt", [0.3, 0.05], ids=["edge", "corner"])
-def test_springs_left_open_let_a_rigid_body_sink_in_by_its_way_in_a_step_or_two(comm, tilt, dt):
+def test_default_springs_limit_penetration_to_the_motion_in_two_steps(comm, tilt, dt):
     stepper = falling(comm, tilt, None, nts.Penalty(), dt)
     diagnostics, speeds, depth = nts.Diagnostics(stepper), [], 0.0
     for _ in stepper.run(until=0.5):
@@ -214,7 +214,7 @@ def test_springs_left_open_let_a_rigid_body_sink_in_by_its_way_in_a_step_or_two(
 
 @pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize("rigid_nodes", [False, True])
-def test_springs_left_open_follow_the_lighter_of_two_rigid_bodies(comm, agree, rigid_nodes):
+def test_default_springs_use_the_lighter_of_two_rigid_bodies(comm, agree, rigid_nodes):
     scene = impact(comm, enforcement=nts.Penalty(), rigid_nodes=rigid_nodes, both_rigid=True)
     first, last, _, active = run(scene)
     assert active > 0
@@ -226,7 +226,7 @@ def test_springs_left_open_follow_the_lighter_of_two_rigid_bodies(comm, agree, r
 
 
 @pytest.mark.at_most_two_ranks
-def test_springs_left_open_between_rigid_and_soft_bodies_follow_the_soft_one(comm, agree):
+def test_default_springs_between_rigid_and_soft_bodies_use_the_soft_side(comm, agree):
     stiffness = []
     for rigid_nodes in (False, True):
         scene = impact(comm, enforcement=nts.Penalty(), rigid_nodes=rigid_nodes)
@@ -277,7 +277,7 @@ def range_of_springs(comm, *scene, **arguments):
 @pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize("prescribed", ["bottom", "top", "all"])
 @pytest.mark.parametrize("reverse", [False, True])
-def test_springs_left_open_follow_the_side_that_deforms(comm, agree, prescribed, reverse):
+def test_default_springs_use_the_deformable_side(comm, agree, prescribed, reverse):
     soft = range_of_springs(comm, "soft", prescribed, reverse=reverse)
     free = range_of_springs(comm, "soft", "no", reverse=reverse)
     assert agree(soft == pytest.approx(free, rel=1e-12))
@@ -286,7 +286,7 @@ def test_springs_left_open_follow_the_side_that_deforms(comm, agree, prescribed,
 @pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize("prescribed", ["top", "all"])
 @pytest.mark.parametrize("reverse", [False, True])
-def test_springs_left_open_between_rigid_and_prescribed_nodes_follow_inertia(
+def test_default_springs_between_rigid_and_prescribed_nodes_scale_with_inertia(
     comm, agree, prescribed, reverse
 ):
     eps_N = range_of_springs(comm, "rigid", prescribed, reverse=reverse)
@@ -305,7 +305,7 @@ def test_statics_where_nothing_resists_is_refused(comm, refused):
 
 @pytest.mark.serial
 @pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.QuasiStatic])
-def test_springs_left_open_where_all_displacements_are_prescribed(comm, refused, scheme):
+def test_default_springs_with_all_displacements_prescribed(comm, refused, scheme):
     data = boxes([(2, 2, 2)], [(1.0, 1.0, 1.0)])
     mesh, cells, facets, tag = distribute(comm, data)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
@@ -424,7 +424,7 @@ def held(body):
 
 
 @pytest.mark.at_most_two_ranks
-def test_what_rigid_bodies_cannot_do_is_refused(comm, refused):
+def test_unsupported_rigid_bodies_are_refused(comm, refused):
     soft, rigid, facets, tag = bonded(comm)
     bodies = [soft, rigid]
     for scheme in (nts.EnergyMomentum, nts.CentralDifference):

@@ -362,7 +362,7 @@ def test_loads_that_turn_or_leave_the_axis_are_refused(comm, refused):
         nts.Moment(dome, 1.0)
 
 
-def test_a_dome_may_not_be_held_by_conditions(comm, refused):
+def test_dirichlet_conditions_on_a_rigid_dome_are_refused(comm, refused):
     scene = dome_on_block(comm)
     held = fem.dirichletbc(np.zeros(2), scene.dome.nodes, scene.V)
     with refused(

@@ -211,7 +211,7 @@ def test_estimate_of_the_stable_step_holds_for_springs_at_rigid_nodes(comm, both
     assert abs(of_scheme) < 0.5 and abs(rest) < 1e-9  # of 25 J
 
 
-def test_open_springs_of_rigid_bodies_hardly_depend_on_the_sizes_of_their_cells(comm):
+def test_default_springs_of_rigid_bodies_hardly_depend_on_cell_sizes(comm):
     def stiffness(power):
         data = boxes([(4, 4, 4), (4, 4, 4)], [(1.0, 1.0, 1.0), (1.0, 1.0, 1.0)])
         data.X[:] = data.X**power  # cells that are small at one corner
@@ -230,7 +230,7 @@ def test_open_springs_of_rigid_bodies_hardly_depend_on_the_sizes_of_their_cells(
 
 
 @pytest.mark.serial
-def test_what_cannot_be_done_is_refused(comm, refused):
+def test_unsupported_combinations_are_refused(comm, refused):
     with refused(ValueError, "expected a step dt where all bodies are rigid, given None"):
         brick(None, np.ones(3), scheme=nts.CentralDifference)
     plastic = nts.LagrangeMultiplier("plastic")

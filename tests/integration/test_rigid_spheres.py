@@ -244,7 +244,7 @@ def test_a_resumed_run_is_the_whole_one_and_needs_the_sphere(comm, tmp_path):
 
 
 @pytest.mark.at_most_two_ranks
-def test_what_is_no_sphere_of_a_rigid_body_is_refused(comm, refused):
+def test_invalid_spheres_of_rigid_bodies_are_refused(comm, refused):
     ball = scene(comm).bodies[1]
     for centre, radius, given in (
         (CENTRE, 0.31, {}),
@@ -273,7 +273,7 @@ def test_a_sphere_that_deforms_is_refused(comm, refused):
 
 
 @pytest.mark.serial
-def test_an_overlap_with_a_sphere_is_told_without_patches(monkeypatch, caplog):
+def test_an_overlap_with_a_sphere_is_reported_without_patches(monkeypatch, caplog):
     """A sphere is outside of its facets: nothing that touches it may be inside these."""
     monkeypatch.delattr(SmoothPatches, "of")
     *_, active = collide(scene(MPI.COMM_SELF, enforcement=nts.Penalty(20.0)), 15)

@@ -79,7 +79,7 @@ def scene(comm: MPI.Comm, numbers, motion=HERE) -> Setup:
         *map(drawn, range(5, 11)),
     ],
 )
-def test_random_scenes_conserve_what_they_must_or_stop(comm, numbers):
+def test_random_scenes_conserve_their_invariants_or_stop(comm, numbers):
     outcome = run(Case("random", "numbers", str(numbers), lambda c: scene(c, numbers)), comm)
     if outcome.row["outcome"] == "stopped":
         # Whatever it says, what was done until then is right.

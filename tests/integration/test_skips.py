@@ -56,7 +56,7 @@ def test_plate_is_left_out_until_the_ball_comes(comm, law, monkeypatch):
 
 
 @pytest.mark.parametrize("num_bodies", [2, 3])
-def test_one_message_tells_which_pairs_can_wake_which_body(comm, agree, monkeypatch, num_bodies):
+def test_one_message_distributes_pairs_that_can_wake_a_body(comm, agree, monkeypatch, num_bodies):
     stepper = scenes.blocks(comm, num_bodies=num_bodies).stepper
     messages, join = [], sleeping.joined
     for name in ("anywhere", "everywhere", "total"):
@@ -132,7 +132,7 @@ def test_obstacles_out_of_reach_cost_no_attempt(comm, monkeypatch):
 @pytest.mark.parametrize(
     "reason", once_except(["nothing", "gravity", "traction", "velocity", "support"], "support")
 )
-def test_what_moves_a_body_wakes_it(comm, reason):
+def test_any_action_on_a_body_wakes_it(comm, reason):
     scene = scenes.ball_plate(comm)
     stepper, plate = scene.stepper, scene.bodies["plate"]
     V = stepper.u.function_space

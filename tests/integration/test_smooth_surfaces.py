@@ -43,7 +43,7 @@ METHODS = pytest.mark.parametrize("method", ["node-to-segment", "mortar"])
 @pytest.mark.serial
 @METHODS
 @pytest.mark.parametrize("law", LAWS)
-def test_rings_bounce_with_exact_energy_and_momenta(comm, law, method):
+def test_axisymmetric_bodies_bounce_with_exact_energy_and_momenta(comm, law, method):
     first, last, given, active = run(rings(comm, angle=0.4, method=method, **LAWS[law]), 30)
     check_balances(first, last, given)
     assert active > 0
@@ -127,7 +127,7 @@ def warned(comm, caplog):
 
 
 @pytest.mark.at_most_two_ranks
-def test_what_rests_or_rolls_on_a_smooth_hollow_is_no_overlap(comm, warned):
+def test_contact_with_a_smooth_concave_surface_is_no_overlap(comm, warned):
     stepper = marble(comm)
     stepper.set_velocity(stepper.bodies[1], (1.0, -0.5))
     diagnostics = nts.Diagnostics(stepper)
@@ -147,14 +147,16 @@ def test_what_rests_or_rolls_on_a_smooth_hollow_is_no_overlap(comm, warned):
 @pytest.mark.parametrize(
     ("smooth", "depth", "warnings"), [once(True, 0.005, 0), (True, 0.03, 1), once(False, 0.005, 1)]
 )
-def test_overlaps_with_a_hollow_are_told_at_the_start(comm, warned, smooth, depth, warnings):
+def test_initial_overlaps_with_a_concave_surface_are_reported(
+    comm, warned, smooth, depth, warnings
+):
     marble(comm, smooth=smooth, depth=depth).advance()
     assert warned() == warnings
 
 
 @pytest.mark.serial
 @pytest.mark.parametrize(("depth", "warnings"), [(0.0, 0), (0.06, 1)])
-def test_overlaps_of_round_bodies_are_told_and_contact_is_none(comm, warned, depth, warnings):
+def test_overlaps_of_round_bodies_are_reported_but_not_contact(comm, warned, depth, warnings):
     stepper = rings(comm)
     # The circles are 0.01 m apart, and their facets up to 0.04 m further.
     stepper.set_displacement(stepper.bodies[1], (0.0, -0.01 - depth))

@@ -89,7 +89,7 @@ def check_snap(start, scene):
 
 @pytest.mark.serial
 @pytest.mark.parametrize("control", [None, nts.StepControl()])
-def test_an_arch_under_a_force_snaps_to_where_a_way_leads_it(control):
+def test_an_arch_snaps_under_a_force_to_the_state_of_prescribed_motion(control):
     """Beyond the limit load a force has one place left, to which a punch that is led comes too."""
     scene = pushed(0.05)
     start, _ = scene.place()
@@ -111,7 +111,7 @@ def test_steps_are_long_again_after_a_snap(caplog):
     assert next(stepper.run(0.45, nts.StepControl())).dt == pytest.approx(0.01)
 
 
-def test_a_snap_against_a_resistance_is_told_and_as_exact(caplog):
+def test_a_snap_with_resistance_is_reported_and_exact(caplog):
     """Without any other start the whole load in one step, too, leads to the same place."""
     scene = pushed(1.0)
     start, _ = scene.place()

@@ -29,7 +29,7 @@ def pressed_and_drawn(**laws) -> nts.QuasiStatic:
 
 
 @pytest.mark.parametrize(("mu", "most"), [once(0.0, 40), (0.3, 55)])
-def test_mortar_points_are_laid_anew_before_equilibrium(mu, most):
+def test_mortar_points_are_renewed_before_equilibrium(mu, most):
     """Equilibrium on points that will not stay need not be found to the last digit."""
     friction = nts.Coulomb(mu) if mu else None
     stepper = pressed_and_drawn(friction=friction, method="mortar")
@@ -186,7 +186,7 @@ def test_a_strip_of_metal_bends_around_a_circle_with_few_iterations(comm):
 
 
 @pytest.mark.serial
-def test_what_turns_or_comes_back_is_no_more_work_than_what_begins():
+def test_reversed_motion_takes_no_more_iterations_than_its_start():
     """Nodes do not go on as in the last step where the supports that lead them do not."""
     scene = blocks(width=12, material=nts.NeoHookean(1e5, 0.49, 1e3))
     u = fem.Function(scene.V)

@@ -167,7 +167,7 @@ def test_a_block_falls_onto_the_other_where_statics_has_no_other_equilibrium():
 
 
 @pytest.mark.parametrize("mu", [once(0.0), 0.3])
-def test_what_inertia_carries_is_told_with_the_reason(mu, caplog):
+def test_inertia_relief_is_reported_with_its_reason(mu, caplog):
     """The lower block sags away from the upper one, which a slight load pushes sideways.
 
     The load grows much in the second step, which is told, and by less in the third.
@@ -204,7 +204,7 @@ def test_a_body_that_nothing_holds_is_named_with_its_motions(g):
     assert stepper.step == 0 and not stepper.u.x.array.any()
 
 
-def test_motions_that_supports_leave_are_told():
+def test_unsupported_motions_are_reported():
     """A face that is held in its plane may move across it, and tilt about two axes in it."""
     blocks = Blocks()
     guided = []
@@ -222,7 +222,7 @@ def test_motions_that_supports_leave_are_told():
 
 
 @pytest.mark.serial
-def test_motions_in_which_all_nodes_are_held_are_not_free():
+def test_motions_with_all_nodes_supported_are_not_free():
     blocks = Blocks()
     Vz = blocks.V.sub(2)
     dofs = fem.locate_dofs_geometrical((Vz, Vz.collapse()[0]), lambda x: x[2] > -0.01)[0]

@@ -192,7 +192,7 @@ def test_nodes_that_keep_changing_are_named(comm, refused, monkeypatch):
 
 
 @pytest.mark.serial
-def test_a_first_step_that_is_cut_tells_pairs_once(comm, caplog, monkeypatch):
+def test_a_first_step_that_is_cut_logs_pairs_once(comm, caplog, monkeypatch):
     stepper = scene(comm, SCHEMES["stick"]).stepper
     with caplog.at_level(logging.INFO, logger="dolfinx_nts"):
         with monkeypatch.context() as patch:
@@ -230,7 +230,7 @@ def test_an_error_names_few_surfaces_of_many(comm, refused, monkeypatch):
 
 @pytest.mark.serial
 @pytest.mark.parametrize("nodes", ["stiff", "soft"])
-def test_an_error_tells_where_the_stiffer_side_gives_the_nodes(comm, monkeypatch, nodes):
+def test_an_error_names_pairs_with_nodes_on_the_stiffer_side(comm, monkeypatch, nodes):
     def build(model):
         for i, name in enumerate(("soft", "stiff")):
             place = {"corner": (0.0, 0.0, 1.01 * i), "size": (1.0, 1.0, 1.0), "cells": (2, 2, 2)}
@@ -260,7 +260,7 @@ def test_explicit_steps_stay_stable(comm, agree):
     assert agree(0.0031 in ends and ends[-1] == 0.013)
 
 
-def test_a_resumed_run_goes_on_with_the_same_steps(comm, folder, agree):
+def test_a_resumed_run_continues_with_the_same_steps(comm, folder, agree):
     control = nts.StepControl(gap_tol=0.005)
     whole = scene(comm, owner=layers).stepper
     list(whole.run(UNTIL, control))

@@ -112,7 +112,7 @@ def crossed(gap, law):
 
 
 @pytest.mark.parametrize("law", [nts.LagrangeMultiplier(), nts.Penalty()], ids=str)
-def test_edges_meet_on_the_way_wherever_it_begins(law):
+def test_edges_meet_within_the_increment_from_any_start(law):
     near, far = (crossed(gap, law).advance().reactions[0].force[2] for gap in (NEAR, 0.4))
     assert near > 100.0
     assert far == pytest.approx(near, rel=1e-8)

@@ -47,7 +47,7 @@ def pressed(comm):
     return World(comm, {"upper": upper, "lower": lower}).stepper([touch], 1e-4)
 
 
-def test_springs_of_nodes_that_faced_nothing_before_bring_no_energy(comm):
+def test_springs_of_nodes_without_earlier_segment_have_no_energy(comm):
     stepper = pressed(comm)
     # As of nodes that come around an edge: they begin inside, and the last step saw them nowhere.
     stepper.contacts[0].history.key[:] = -1
@@ -65,7 +65,7 @@ def test_springs_of_nodes_that_faced_nothing_before_bring_no_energy(comm):
     assert abs(energy() - start) < 1e-10 * start
 
 
-def test_springs_push_apart_what_was_set_to_overlap(comm):
+def test_springs_separate_bodies_that_were_set_to_overlap(comm):
     """At the start and between steps, as the log says."""
     for number in range(2):
         stepper = pressed(comm)

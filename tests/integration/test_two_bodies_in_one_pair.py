@@ -74,7 +74,7 @@ def test_a_cube_over_the_floor_is_struck_by_another_body_of_the_pair(comm, schem
 
 
 @pytest.mark.parametrize("scheme", [nts.CentralDifference, nts.EnergyMomentum])
-def test_a_surface_that_touches_itself_sees_what_comes_from_the_side(comm, scheme):
+def test_self_contact_detects_lateral_approach(comm, scheme):
     dt = 1e-3 if scheme is nts.CentralDifference else 0.02
     given = scheme, nts.Penalty(SPRING), dt
     stepper, cube, striker = struck(comm, *given, is_rigid=False, touches_itself=True)

@@ -351,7 +351,7 @@ def ring():
     ],
     ids=["elastic", "plastic, friction", "penalty, friction"],
 )
-def test_a_ring_that_touches_itself_keeps_what_it_should(enforcement, friction):
+def test_a_ring_in_self_contact_conserves_its_invariants(enforcement, friction):
     body = ring()
     pairs = nts.all_pairs([body], self_contact=[body], enforcement=enforcement, friction=friction)
     stepper = nts.EnergyMomentum([body], pairs, dt=0.005)
@@ -394,7 +394,7 @@ def test_bodies_inside_each_other_are_found():
     ],
     ids=["obstacle in space", "convective friction"],
 )
-def test_what_two_dimensions_cannot_do_is_refused(changes, message):
+def test_unsupported_plane_features_are_refused(changes, message):
     scene = blocks()
     arguments = {"nodes": scene.nodes, "segments": scene.segments} | changes
     with pytest.raises(ValueError, match=message):

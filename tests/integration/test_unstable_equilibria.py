@@ -79,7 +79,7 @@ def test_a_column_is_unstable_beyond_its_euler_load(caplog, dim, is_led, part):
     assert all("of column most near" in text for text in warnings)
 
 
-def test_a_strip_that_is_pressed_far_in_one_step_is_told_once(caplog):
+def test_a_strip_compressed_far_in_one_step_is_reported_once(caplog):
     stepper = column(2, 6.0, is_led=True)
     stepper.advance()
     stepper.advance()

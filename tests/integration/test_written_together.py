@@ -75,7 +75,7 @@ def test_files_of_several_ranks_are_those_of_one_bit_for_bit(comm, folder, agree
             assert agree(np.allclose(other[of], values, rtol=0, atol=atol, equal_nan=True)), of
 
 
-def test_an_error_that_all_ranks_have_leaves_the_states_held_back(comm, folder, agree):
+def test_an_error_on_all_ranks_writes_buffered_states(comm, folder, agree):
     stepper = blocks(comm).stepper
     with suppress(ZeroDivisionError), nts.Recorder(folder / "run", stepper) as record:
         for step in stepper.run(until=3 * stepper.dt):

@@ -405,7 +405,7 @@ BODIES = {
 
 
 @pytest.mark.parametrize("name", BODIES)
-def test_rigid_body_under_the_force_of_a_way_goes_this_way(name, told):
+def test_rigid_body_under_the_force_of_a_prescribed_motion_makes_this_motion(name, told):
     """A meshed tool: led by its guide it has the closed form's force, which takes it as deep."""
     profile, size, edge, depth, exact = BODIES[name]
     went, force = pressed_by_body(profile, size, edge, depth=depth)

@@ -189,7 +189,7 @@ def test_impulse_hardly_depends_on_which_side_has_the_nodes(told):
     )
 
 
-def test_facets_that_pass_through_a_surface_in_one_step_are_told():
+def test_facets_passing_through_a_surface_in_one_step_are_reported():
     scene = scenes.ball_plate(MPI.COMM_WORLD, method="mortar", dt=0.05)
     scene.stepper.set_velocity(scene.bodies["ball"], (0.0, 0.0, -200.0))
     with pytest.raises(nts.ConvergenceError):

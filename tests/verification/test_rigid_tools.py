@@ -97,7 +97,7 @@ def test_tool_in_space_has_the_force_of_the_closed_form(name, told):
 
 
 @pytest.mark.parametrize("name", TOOLS)
-def test_tool_under_the_force_of_a_way_goes_this_way(name, told):
+def test_tool_under_the_force_of_a_prescribed_motion_makes_this_motion(name, told):
     tool = TOOLS[name]
     force, _ = led(name, 1.0)
     depth, *_ = press(tool.profile, tool.size, force=force, **scene(tool))

@@ -11,7 +11,7 @@ pytestmark = pytest.mark.serial
 
 
 @pytest.mark.parametrize(("is_static", "stays"), [(True, True), (False, False)])
-def test_gaps_of_held_nodes_count_with_inertia_only(is_static, stays):
+def test_gaps_of_active_nodes_count_with_inertia_only(is_static, stays):
     """In statics a node that presses stays held whatever gap an iteration has left."""
     scene = blocks()
     pair = nts.ContactPair(scene.nodes, scene.segments)

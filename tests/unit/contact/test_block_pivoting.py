@@ -59,7 +59,7 @@ def test_fewer_violators_than_ever_change_together_again(comm):
 
 
 @pytest.mark.parametrize("waits", [0, np.inf])
-def test_violators_are_counted_anew_where_one_changes_at_a_time(comm, waits):
+def test_the_smallest_count_is_reset_with_single_changes(comm, waits):
     """None or few violated at first, as nodes hardly moved; that says nothing of later."""
     ids = ids_of(comm)
     pivoting, node = pivoting_of(comm, ids, waits), np.arange(4, dtype=np.int32)
@@ -86,7 +86,7 @@ def test_who_waits_does_not_change_back_at_once_unless_violators_become_fewer(co
     assert np.array_equal(pivoting.select(ids % 4 == 2, node, 5)[0], ids % 4 == 2)
 
 
-def test_a_node_that_alone_contradicts_what_it_has_just_become_waits(comm):
+def test_a_single_node_that_has_just_changed_waits(comm):
     """Its multiplier is that of a balance which Newton's method has not found yet."""
     ids = ids_of(comm)
     pivoting, node = pivoting_of(comm, ids, waits=1), np.arange(4, dtype=np.int32)

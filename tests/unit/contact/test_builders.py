@@ -174,7 +174,7 @@ def test_nodes_are_those_of_the_softer_of_similar_meshes(comm, cells, stiffness,
 
 
 @pytest.mark.at_most_two_ranks
-def test_pairs_with_obstacles_carry_the_laws_and_are_told(comm, caplog):
+def test_pairs_with_obstacles_have_the_laws_and_are_logged(comm, caplog):
     bodies, _, _ = row(comm)
     plane, friction = nts.RigidPlane((0, 0, -1), (0, 0, 1)), nts.Coulomb(0.3)
     penalty = nts.Penalty()
@@ -293,7 +293,7 @@ def test_stack_of_three_falls_and_keeps_its_balances(comm):
 
 
 @pytest.mark.at_most_two_ranks
-def test_what_makes_no_surface_or_pairs_is_refused(comm, refused):
+def test_invalid_surfaces_and_pairs_are_refused(comm, refused):
     bodies, facets, _ = row(comm)
     other, _, _ = row(comm)
     with refused(ValueError, "at least one body, given none"):

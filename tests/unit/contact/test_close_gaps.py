@@ -94,7 +94,7 @@ def test_gaps_in_the_plane_are_closed(cell):
 
 
 @pytest.mark.at_most_two_ranks
-def test_what_is_farther_away_stays():
+def test_nodes_with_larger_gaps_are_not_moved():
     scene = Blocks()
     before = scene.mesh.geometry.x.copy()
     moved, farthest = nts.close_gaps(scene.pair(), within=0.3 * GAP)
@@ -114,7 +114,7 @@ def test_ranks_agree_on_the_adjusted_mesh():
 
 
 @pytest.mark.at_most_two_ranks
-def test_what_cannot_be_adjusted_is_refused():
+def test_invalid_adjustments_are_refused():
     scene = Blocks(sharp=True)
     pair, before = scene.pair(), scene.mesh.geometry.x.copy()
     with pytest.raises(TypeError, match="expected a ContactPair, given Surface"):

@@ -242,7 +242,7 @@ def test_force_and_tangent_follow_the_vertex_numbering(implementation, k, orient
 @pytest.mark.untrapped
 @segments
 @schemes
-def test_turn_tells_what_cannot_be_evaluated(k, scheme):
+def test_turn_is_nan_for_degenerate_pairs(k, scheme):
     x_n, x, signs = steps(k, 1, 15, num=6)
     x_n[0, 1:] = 0.5  # a point
     x[1, 1:] = x[1, 1] + np.outer(np.arange(k), [1.0, 2, -1])  # a line

@@ -101,7 +101,7 @@ def test_spring_works_with_the_change_of_its_energy(gaps):
 
 @pytest.mark.parametrize("gaps", GAPS, ids=str)
 @pytest.mark.parametrize("share", [0.6, 1.0])
-def test_spring_with_a_greater_share_of_the_end_takes_energy_and_never_pulls(gaps, share):
+def test_spring_with_a_larger_weight_of_the_end_dissipates_and_never_pulls(gaps, share):
     spring, stiffness = Penalty(EPS_N), np.array([EPS_N])
     gap_n, gap = (np.array([g]) for g in gaps)
     lambda_N, _ = spring.force(gap_n, gap, stiffness, share)

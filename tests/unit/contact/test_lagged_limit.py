@@ -71,7 +71,7 @@ def iterate(comm, has_lag, start, count=200):
 
 @pytest.mark.serial
 @pytest.mark.parametrize("start", list(product((-1, 0, 1), repeat=2)))
-def test_limits_that_lag_lead_to_it(comm, start):
+def test_lagged_limits_converge_to_the_solution(comm, start):
     assert iterate(comm, True, start) == ((0, -1), True)
 
 

@@ -67,11 +67,11 @@ def test_node_that_iterates_have_lost_is_not_left_inside(scene, depth):
     assert segment >= 0
 
 
-def test_node_that_is_outside_in_equilibrium_stays_with_what_it_has(scene):
+def test_node_outside_in_equilibrium_keeps_its_segment(scene):
     assert equilibrium(scene, OVER) == (0, -1)
 
 
-def test_node_that_transmits_force_stays_with_what_it_has(scene):
+def test_active_node_keeps_its_segment(scene):
     assert equilibrium(scene, (0.8, -0.1), held=True) == (0, -1)
 
 

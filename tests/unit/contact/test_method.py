@@ -45,7 +45,7 @@ def test_explicit_integration_is_refused(surfaces):
         nts.CentralDifference(scene.stepper.bodies, [pair])
 
 
-def test_printed_pair_tells_its_method(surfaces):
+def test_text_of_a_pair_has_its_method(surfaces):
     pair = nts.ContactPair(*surfaces, method="mortar")
     assert "method='mortar'" in repr(pair)
     assert str(pair) == "surface-to-surface contact by LagrangeMultiplier"
@@ -75,7 +75,7 @@ def test_laws_that_edges_cannot_do_are_refused(boundaries, message):
         nts.ContactPair(*boundaries, LAWS[message], method="edge-to-edge")
 
 
-def test_what_has_no_edges_is_refused(surfaces, boundaries):
+def test_surfaces_without_sharp_edges_are_refused(surfaces, boundaries):
     with pytest.raises(ValueError, match="convex edges of more than 30 degrees with"):
         nts.ContactPair(*surfaces, method="edge-to-edge")
     floor = nts.RigidPlane((0, 0, 0), (0, 0, 1))
@@ -100,7 +100,7 @@ def test_what_has_no_edges_is_refused(surfaces, boundaries):
         nts.all_pairs([square.lower, square.upper], edges=True)
 
 
-def test_edges_are_a_pair_beside_that_of_the_nodes_but_only_once(boundaries):
+def test_edges_are_allowed_once_in_addition_to_nodes(boundaries):
     bodies = scenes.blocks(MPI.COMM_WORLD).stepper.bodies
     pairs = nts.all_pairs(bodies, edges=True)
     assert [pair.method for pair in pairs] == ["node-to-segment", "edge-to-edge"]

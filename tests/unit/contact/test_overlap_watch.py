@@ -62,7 +62,7 @@ def run(stepper, until):
         pass
 
 
-def test_a_pair_in_the_wrong_direction_is_told_once_with_names_and_advice(comm, told):
+def test_a_pair_with_wrong_roles_is_reported_once_with_names_and_advice(comm, told):
     scene = Scene(comm)
     # Nodes of the plate lie beside the cube, whose vertices sink in between them.
     stepper = scene.stepper(nts.ContactPair(scene.top, scene.bottom))
@@ -74,16 +74,14 @@ def test_a_pair_in_the_wrong_direction_is_told_once_with_names_and_advice(comm, 
     assert deepest.names == ("cube", "plate") and deepest.reverse_depth < deepest.depth
 
 
-def test_a_forgotten_pair_is_told_with_what_to_add(comm, told):
+def test_a_missing_pair_is_reported_with_the_remedy(comm, told):
     stepper = Scene(comm).stepper()
     run(stepper, 0.3)
     (text,) = told()
     assert "cube" in text and "plate" in text and FORGOTTEN in text and "all_pairs" in text
 
 
-def test_an_overlap_that_grows_is_told_again_when_twice_as_deep_or_at_the_centres_of_cells(
-    comm, told
-):
+def test_a_growing_overlap_is_reported_again_at_double_depth_or_at_cell_centres(comm, told):
     stepper = Scene(comm).stepper()
     for _ in stepper.run(until=0.26):
         stepper.watch.overlaps.look(stepper.x, stepper.t, ())
@@ -118,7 +116,7 @@ def watched_fall(bodies, num_steps):
     return stepper
 
 
-def test_of_overlaps_of_one_kind_the_deepest_is_told_and_the_others_are_counted(comm, told):
+def test_the_deepest_overlap_of_one_cause_is_reported_and_others_are_counted(comm, told):
     bodies = plate_and_cubes(comm, [-0.02, -0.05, -0.03, -0.06, -0.04])
     nts.EnergyMomentum(bodies, dt=0.02).advance()
     (text,) = told()
@@ -126,7 +124,7 @@ def test_of_overlaps_of_one_kind_the_deepest_is_told_and_the_others_are_counted(
     assert f", and 4 more by less: {FORGOTTEN}" in text and text.count("inside plate") == 1
 
 
-def test_a_run_tells_overlaps_of_one_kind_one_after_the_other_when_they_are_deeper(comm, told):
+def test_overlaps_of_one_cause_are_reported_as_they_become_deeper(comm, told):
     stepper = watched_fall(plate_and_cubes(comm, [0.015, 0.035, 0.034]), num_steps=4)
     # The others are hardly deeper when they are seen. Each of two bodies is as deep in the other.
     (first,) = told()
@@ -139,14 +137,14 @@ def test_a_run_tells_overlaps_of_one_kind_one_after_the_other_when_they_are_deep
     assert "cube 2" in last and f", and 1 more by less: {FORGOTTEN}" in last
 
 
-def test_contact_that_works_is_not_told(comm, told):
+def test_working_contact_is_not_reported(comm, told):
     scene = Scene(comm)
     stepper = scene.stepper(nts.ContactPair(scene.bottom, scene.top), dt=0.002)
     assert any(step.num_active for step in stepper.run(until=0.06))
     assert told() == []
 
 
-def test_soft_springs_are_told_as_such(comm, told):
+def test_soft_springs_are_reported_as_the_cause(comm, told):
     scene = Scene(comm)
     pair = nts.ContactPair(scene.bottom, scene.top, nts.Penalty(eps_N=1.0))
     run(scene.stepper(pair), 0.2)
@@ -161,7 +159,7 @@ def test_explicit_runs_are_watched(comm, told):
     assert FORGOTTEN in text
 
 
-def test_bodies_that_start_inside_each_other_are_told_before_the_first_step(comm, told):
+def test_initial_overlaps_are_reported_before_the_first_step(comm, told):
     scene = Scene(comm, height=-0.05)
     stepper = scene.stepper(nts.ContactPair(scene.bottom, scene.top))
     stepper.set_velocity(scene.cube, (0.0, 0.0, 0.0))
@@ -182,7 +180,7 @@ def test_bodies_that_start_deeper_than_half_of_their_thickness_are_refused(comm,
         stepper.advance()
 
 
-def test_bodies_that_start_where_contact_does_not_see_them_are_told_so(comm, told):
+def test_initial_overlaps_that_contact_does_not_detect_are_reported(comm, told):
     """Facets of the plate are 0.71 m long, and no node of it is inside the cube."""
     scene = Scene(comm, -0.05)
     pair = nts.ContactPair(scene.top, scene.bottom, nts.LagrangeMultiplier("plastic"))
@@ -192,7 +190,7 @@ def test_bodies_that_start_where_contact_does_not_see_them_are_told_so(comm, tol
     assert "does not see that" in text and "harmless" not in text
 
 
-def test_a_shrink_fit_that_contact_sees_is_not_told_as_unseen(comm, told):
+def test_a_shrink_fit_found_by_contact_is_not_reported_as_undetected(comm, told):
     """Chords of the coarse ring go deeper into the fine one than its nodes, which contact sees."""
     fit, radius = 2e-3, 0.5  # m, a chord of 16 lies 9.6e-3 m below its arc
 
@@ -220,7 +218,7 @@ def test_a_shrink_fit_that_contact_sees_is_not_told_as_unseen(comm, told):
     assert "shrink fit" in text and "does not see" not in text
 
 
-def test_what_sinks_in_around_nodes_that_hold_is_told_as_such(comm, told):
+def test_penetration_between_active_nodes_is_reported_as_the_cause(comm, told):
     """Edges of the plate go through the cube from the one node that touches it."""
     scene = Scene(comm, height=0.0, at=0.35, width=0.4)
     V, down = scene.top.V, fem.Constant(scene.top.V.mesh, (0.0, 0.0, 0.0))
@@ -242,7 +240,7 @@ def test_what_sinks_in_around_nodes_that_hold_is_told_as_such(comm, told):
     assert "holds the nodes of plate only" in text and "two_half_passes" in text
 
 
-def test_a_body_that_is_put_into_another_between_steps_is_told(comm, told):
+def test_a_body_placed_into_another_between_steps_is_reported(comm, told):
     scene = Scene(comm)
     stepper = scene.stepper(nts.ContactPair(scene.bottom, scene.top))
     stepper.set_velocity(scene.cube, (0.0, 0.0, 0.0))
@@ -254,7 +252,7 @@ def test_a_body_that_is_put_into_another_between_steps_is_told(comm, told):
     assert "starts up to 0.08 inside" in text
 
 
-def test_a_run_that_is_resumed_does_not_tell_what_elastic_impact_holds_as_a_start(comm, told):
+def test_a_resumed_run_does_not_report_gaps_of_elastic_impact_as_initial_overlap(comm, told):
     """It would tell a start of a fiftieth of a facet, and a run of a tenth."""
     scene, saved = Scene(comm, height=0.031), Snapshot()
     pair = nts.ContactPair(scene.bottom, scene.top)
@@ -269,7 +267,7 @@ def test_a_run_that_is_resumed_does_not_tell_what_elastic_impact_holds_as_a_star
     assert told() == []
 
 
-def test_the_end_of_a_run_tells_how_deep_an_overlap_was_in_between(comm, told):
+def test_the_end_of_a_run_reports_the_largest_depth_of_an_overlap(comm, told):
     stepper = watched_fall(plate_and_cubes(comm, [0.015, 0.035]), num_steps=5)
     stepper.look_for_overlaps()
     first, last = told()
@@ -277,7 +275,7 @@ def test_the_end_of_a_run_tells_how_deep_an_overlap_was_in_between(comm, told):
     assert "cube 1" in last and "was up to 0.065 inside" in last
 
 
-def test_a_small_overlap_at_the_end_of_a_run_is_told(comm, told):
+def test_a_small_overlap_at_the_end_of_a_run_is_reported(comm, told):
     scene = Scene(comm, height=0.01)
     stepper = scene.stepper(dt=0.05)
     run(stepper, 0.05)  # less than half of a cell
@@ -285,7 +283,7 @@ def test_a_small_overlap_at_the_end_of_a_run_is_told(comm, told):
     assert "at t = 0.05 cube is up to 0.04 inside plate" in text
 
 
-def test_a_recorder_looks_at_the_end_of_a_loop_of_the_user(comm, told, tmp_path):
+def test_a_recorder_checks_overlaps_at_the_end_of_a_user_loop(comm, told, tmp_path):
     stepper = Scene(comm, height=0.01).stepper(dt=0.05)
     name = comm.bcast(str(tmp_path / "run"))
     with nts.Recorder(name, stepper) as record:
@@ -295,7 +293,7 @@ def test_a_recorder_looks_at_the_end_of_a_loop_of_the_user(comm, told, tmp_path)
     assert "cube: up to 0.04 inside plate" in record.summary()
 
 
-def test_an_obstacle_that_no_pair_names_for_a_body_is_told(comm, told):
+def test_overlap_with_an_obstacle_without_pair_is_reported(comm, told):
     scene = Scene(comm)
     floor = nts.RigidPlane((0, 0, -0.5), (0, 0, 1))
     wall = nts.RigidPlane((0.5, 0, 0), (1, 0, 0))

@@ -348,7 +348,7 @@ def test_surfaces_that_share_an_edge_are_refused(comm, refused):
         nts.ContactPair(nts.Surface(V, facets, tag["left 0"]), nts.Surface(V, facets, tag["top 0"]))
 
 
-def test_the_contact_of_a_step_is_made_once_for_all_who_ask(comm):
+def test_the_contact_of_a_step_is_computed_once(comm):
     (old,) = scenes.blocks(comm).stepper.pairs
     contact, made = PairState(nts.ContactPair(old.nodes, old.segments)), []
 
@@ -362,7 +362,7 @@ def test_the_contact_of_a_step_is_made_once_for_all_who_ask(comm):
     assert len(made) == 1
 
 
-def test_pair_tells_the_springs_that_it_uses(comm, caplog):
+def test_text_of_a_pair_has_the_stiffness_of_its_springs(comm, caplog):
     (old,) = scenes.blocks(comm).stepper.pairs
     pair = nts.ContactPair(old.nodes, old.segments, nts.Penalty(), nts.Coulomb(0.3, eps_T=250.0))
     assert str(pair) == "contact by Penalty, Coulomb friction with mu = 0.3"
@@ -381,7 +381,7 @@ def test_pair_tells_the_springs_that_it_uses(comm, caplog):
 
 
 @pytest.mark.at_most_two_ranks
-def test_printed_pair_tells_its_surfaces_and_laws_in_one_line(comm, agree):
+def test_text_of_a_pair_has_its_surfaces_and_laws_in_one_line(comm, agree):
     (old,) = scenes.blocks(comm).stepper.pairs
     printed = []
     for surface in (old.nodes, old.segments):
@@ -429,9 +429,7 @@ def box_on_a_wall(comm, scheme, dt):
         (nts.QuasiStatic, 1.0, 10),
     ],
 )
-def test_springs_left_open_have_the_static_stiffness_of_their_nodes(
-    comm, agree, scheme, dt, factor
-):
+def test_default_springs_have_the_static_stiffness_of_their_nodes(comm, agree, scheme, dt, factor):
     (contact,) = box_on_a_wall(comm, scheme, dt).contacts
     # Integral of E (N,x^2 + N,y^2/2 + N,z^2/2) over the only cell at a node.
     assert agree(contact.eps_N == pytest.approx(factor * 9.0 * 0.2 * 2 / 9, rel=1e-9))

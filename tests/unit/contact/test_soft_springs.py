@@ -19,7 +19,7 @@ pytestmark = pytest.mark.at_most_two_ranks
     [(nts.EnergyMomentum, scenes.BLOCK_STEP), (nts.CentralDifference, scenes.BLOCK_STEP / 50)],
 )
 @pytest.mark.parametrize(("eps_N", "warns"), [once(None, False), (1e-9, True)])
-def test_springs_that_do_not_stop_nodes_are_told_once(comm, caplog, scheme, dt, eps_N, warns):
+def test_springs_that_do_not_stop_nodes_are_reported_once(comm, caplog, scheme, dt, eps_N, warns):
     old = scenes.blocks(comm).stepper
     pair = nts.ContactPair(old.pairs[0].nodes, old.pairs[0].segments, nts.Penalty(eps_N))
     stepper = scheme(old.bodies, [pair], dt=dt)

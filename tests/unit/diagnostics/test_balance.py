@@ -187,7 +187,7 @@ def test_min_gap_is_the_distance_of_parallel_faces(comm, angle):
     assert np.isclose(Diagnostics(stepper).min_gap(), gap, rtol=0, atol=TOLERANCE)
 
 
-def test_min_gap_is_the_least_of_all_gaps_and_far_pairs_are_not_looked_at(comm, monkeypatch):
+def test_min_gap_is_the_least_of_all_gaps_without_evaluating_far_pairs(comm, monkeypatch):
     def build(model):
         for i, x in enumerate((0.0, 1.3, 2.4, 6.0)):
             box = {"corner": (x, 0, 0), "size": (1, 1, 1), "cells": (2, 2, 2)}

@@ -112,7 +112,7 @@ def test_ledger_without_steps_has_a_mean_of_zero():
     )
 
 
-def test_ledger_that_is_given_back_goes_on_alike(ledger):
+def test_a_restored_ledger_continues_equally(ledger):
     archive = Snapshot()
     ledger.serialize(archive)
     other = EnergyLedger(0, balance(0.0, 0.0), num_loads=2, num_supports=1)

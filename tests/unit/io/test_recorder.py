@@ -378,7 +378,7 @@ def test_wrong_use_is_refused(comm, folder, refused):
 
 @pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize("checkpoint_every", [None, 2])
-def test_an_interrupt_at_once_tells_how_to_go_on(comm, folder, caplog, checkpoint_every):
+def test_an_immediate_interrupt_logs_how_to_continue(comm, folder, caplog, checkpoint_every):
     stepper = blocks(comm).stepper
     with (
         pytest.raises(KeyboardInterrupt),
