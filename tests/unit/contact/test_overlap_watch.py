@@ -290,7 +290,7 @@ def test_a_recorder_checks_overlaps_at_the_end_of_a_user_loop(comm, told, tmp_pa
         record.write(stepper.advance())
         assert told() == []
     assert len(told()) == 1
-    assert "cube: up to 0.04 inside plate" in record.summary()
+    assert "cube overlaps plate by up to 0.04 m" in record.summary()
 
 
 def test_overlap_with_an_obstacle_without_pair_is_reported(comm, told):
