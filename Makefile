@@ -61,6 +61,9 @@ docs: ## the documentation site with executed demos, in build/docs/html
 	$(RUN) python3 -m sphinx --fail-on-warning --keep-going --quiet -d build/docs/doctrees docs build/docs/html
 	@echo "The site begins with $(CURDIR)/build/docs/html/index.html"
 
+docs-quick: ## the site without running demos, in build/docs/quick
+	$(RUN) python3 -m sphinx --fail-on-warning --keep-going --quiet -D nb_execution_mode=off -D suppress_warnings=myst-nb.lexer -d build/docs/quick-doctrees docs build/docs/quick
+
 shell: ## a prompt in the environment
 	@$(RUN) env PS1='(dolfinx_nts) \w\$$ ' bash --norc
 
@@ -69,4 +72,4 @@ clean: ## remove what was built and say where the environment lies
 	find . -name __pycache__ -prune -exec rm -rf {} +
 	@echo "The environment stays in $${XDG_CACHE_HOME:-$$HOME/.cache}/dolfinx_nts"
 
-.PHONY: help demo docs bench bench-peers bench-publish verification test test-one-rank test-ranks test-latest stress sanitize traps lint shell clean
+.PHONY: help demo docs docs-quick bench bench-peers bench-publish verification test test-one-rank test-ranks test-latest stress sanitize traps lint shell clean

@@ -2,8 +2,8 @@
 
     python3 docs/figures.py [NAME...]
 
-runs the demos, or those with the names, and copies their pictures to ``docs/figures``; ``impact``
-is the animation of the README, ``paper`` the same impact after the figures of the paper,
+runs the demos, or those with the names, and copies their pictures to ``docs/figures``; ``peers``
+is the comparison on the first screen, ``paper`` the first impact after the figures of the paper,
 ``schemes`` what scheme and law of impact do to the energy, ``laws`` the force by all laws,
 ``methods`` the pressure by both methods of contact. Takes a few minutes.
 """
@@ -26,7 +26,6 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts import parts
-from dolfinx_nts.plotting.movie import Movie
 
 ROOT = Path(__file__).parents[1]
 FIGURES = ROOT / "docs" / "figures"
@@ -71,24 +70,27 @@ def demo(name: str) -> None:
         os.chdir(ROOT)
 
 
-def impact() -> None:
-    """Cut through the ball with both schemes, and below the energy that each has lost."""
-    steppers = [scene(scheme, law) for _, scheme, law, _ in RUNS]
-    diagnostics = [nts.Diagnostics(stepper) for stepper in steppers]
-    energies = [[d.balance().total_energy] for d in diagnostics]
-    bodies, times = [[half(s) for s in steppers]], [0.0]
-    for step in range(1, 101):
-        for stepper, d, energy in zip(steppers, diagnostics, energies, strict=True):
-            stepper.advance()
-            energy.append(d.balance().total_energy)
-        if step % 4 == 0:
-            bodies.append([half(s) for s in steppers])
-            times.append(steppers[0].t)
-    t = np.linspace(0.0, 1.0, 101)
-    lost = [np.array(energy) - energy[0] for energy in energies]
-    with Movie(FIGURES / "impact.gif", 10.0) as movie:
-        for now, pair in zip(times, bodies, strict=True):
-            movie.write(frame(pair, t[t <= now + 1e-9], lost))
+def peers() -> None:
+    """Computing time and change of energy of the first impact, from the table of the bench."""
+    lines = (ROOT / "docs" / "tables" / "peers.md").read_text(encoding="utf-8").splitlines()[2:]
+    cells = [[cell.strip() for cell in line.strip("| ").split(" | ")] for line in lines]
+    names = ("dolfinx_nts 0", "CalculiX", "GetFEM", "IPC")
+    shown = [next(row for row in cells if row[0].startswith(name)) for name in names]
+    labels = [row[0].removesuffix(" 0.2.0") for row in shown]
+    figure, axes = plt.subplots(1, 2, figsize=(10, 2.4), dpi=160, layout="constrained", sharey=True)
+    for axis, column, title in zip(
+        axes,
+        (4, 6),
+        ("CPU time of 200 steps [s]", "relative change of the energy [-]"),
+        strict=True,
+    ):
+        values = [abs(float(row[column])) for row in shown]
+        bars = axis.barh(labels, values, color=["tab:blue", *["0.7"] * 3], log=True)
+        axis.bar_label(bars, [f"{value:.3g}" for value in values], padding=3)
+        axis.set(title=title, xlim=(min(values) / 4, max(values) * 8))
+        axis.spines[["top", "right"]].set_visible(False)
+    axes[0].invert_yaxis()
+    figure.savefig(FIGURES / "peers.png")
 
 
 def rows(table: Path) -> dict[str, npt.NDArray[np.float64]]:
@@ -319,30 +321,7 @@ def drawn(body: Any) -> npt.NDArray[np.uint8]:
     return np.asarray(pixels)
 
 
-def frame(pair: list[Any], t: Any, lost: list[Any]) -> npt.NDArray[np.uint8]:
-    """Both bodies beside each other, above the curves until now."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(10.0, 6.0), dpi=100, layout="constrained")
-    axes = figure.subplot_mosaic([["left", "right"], ["energy", "energy"]], height_ratios=[1.6, 1])
-    for side, body, (title, _, _, colour) in zip(("left", "right"), pair, RUNS, strict=True):
-        image = axes[side].imshow(drawn(body), cmap="viridis", clim=RANGE)
-        axes[side].set_title(title, color=colour)
-        axes[side].axis("off")
-    bar = figure.colorbar(image, ax=axes["right"], shrink=0.8)
-    bar.set_label("von Mises stress [kPa]")
-    for (title, _, _, colour), change in zip(RUNS, lost, strict=True):
-        axes["energy"].plot(t, change[: len(t)], color=colour, label=title, linewidth=2)
-    axes["energy"].set(xlim=(0, 1), ylim=(-3, 0.5), xlabel="time [s]", ylabel="E(t) - E(0) [J]")
-    axes["energy"].grid(alpha=0.3)
-    axes["energy"].legend(loc="lower left")
-    drawing = FigureCanvasAgg(figure)
-    drawing.draw()
-    return np.asarray(drawing.buffer_rgba())[:, :, :3].copy()
-
-
 if __name__ == "__main__":
-    others = {f.__name__: f for f in (impact, paper, schemes, laws, methods)}
+    others = {f.__name__: f for f in (peers, paper, schemes, laws, methods)}
     for wanted in sys.argv[1:] or [*DEMOS, *others]:
         others.get(wanted, lambda name=wanted: demo(name))()

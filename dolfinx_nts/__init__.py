@@ -4,6 +4,9 @@ What users call is in ``__all__``: bodies, surfaces, loads and contact pairs tha
 they declare, integrators that advance them, and what records and draws a run.
 """
 
+from dolfinx_nts.common import installation  # noqa: F401, before all that imports DOLFINx
+
+# isort: split
 from dolfinx_nts.common import compiled  # noqa: F401, before all that uses the compiled module
 
 # isort: split

@@ -73,7 +73,7 @@ def test_readme_script_prints_what_the_readme_says_without_gmsh(tmp_path, monkey
 
 @pytest.mark.parametrize(("old", "new"), variants(), ids=lambda texts: " and ".join(texts))
 def test_variant_of_the_script_runs_until_bodies_touch(old, new, tmp_path, monkeypatch):
-    script = SCRIPT.replace("until=1.0", "until=0.08")
+    script = SCRIPT.replace("until=2.0", "until=0.08")
     for before, after in zip(old, new, strict=True):
         assert before in script, f"the script has no {before}"
         script = script.replace(before, after)
@@ -173,6 +173,16 @@ def test_per_cents_in_the_text_are_those_of_a_table():
             assert number in measured, f"{number} %"
         for number in re.findall(r"to (\d+(?:\.\d+)?) %", text):
             assert number in measured, f"{number} %"
+
+
+def test_numbers_of_other_codes_in_the_readme_are_those_of_their_table():
+    table = (DOCS / "tables" / "peers.md").read_text(encoding="utf-8")
+    rows = [line.strip("| ").split(" | ") for line in table.splitlines()[2:]]
+    by_code = {row[0].split()[0]: row for row in reversed(rows)}  # of ours the first row
+    order = [by_code[code] for code in ("dolfinx_nts", "CalculiX", "GetFEM", "IPC")]
+    (sentence,) = (line for line in README.splitlines() if "CPU s here" in line)
+    seconds, changes = ([abs(float(row[column])) for row in order] for column in (4, 6))
+    assert numbers(sentence) == [*seconds, *changes]
 
 
 def test_version_is_the_same_everywhere():

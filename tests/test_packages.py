@@ -48,7 +48,7 @@ def test_wheel_made_of_the_archive_runs_the_script_of_the_readme(tmp_path):
     for folder, package in ((clone, clone), (elsewhere, site)):
         (folder / "impact.py").write_text(script + origins)
         printed = run(sys.executable, "impact.py", folder=folder, path=site)
-        assert "100 steps from t = 0 to 1 s" in printed
+        assert "200 steps from t = 0 to 2 s" in printed
         python, compiled = printed.split()[-2:]
         assert python.startswith(str(package)) and compiled.startswith(str(site))
         assert (folder / "ball_plate.vtkhdf").exists()

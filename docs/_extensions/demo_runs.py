@@ -29,7 +29,9 @@ def setup(app: Sphinx) -> dict[str, bool]:
 
 
 def _run(app: Sphinx) -> None:
-    """Put results into the cache from which MyST-NB takes them."""
+    """Put results into the cache from which MyST-NB takes them, unless execution is off."""
+    if app.config.nb_execution_mode == "off":
+        return
     cache, new = get_cache(app.config.nb_execution_cache_path), {}
     _, options = app.config.nb_custom_formats[".py"]
     for path in sorted(Path(app.srcdir, "demos").glob("*.py")):
