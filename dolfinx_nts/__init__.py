@@ -14,7 +14,13 @@ from dolfinx_nts import plotting
 from dolfinx_nts.contact.builders import all_pairs, boundary_of, two_half_passes
 from dolfinx_nts.contact.close_gaps import close_gaps
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty, Tied
-from dolfinx_nts.contact.friction import Coulomb
+from dolfinx_nts.contact.friction_laws import (
+    Coulomb,
+    FrictionLaw,
+    SlipWeakening,
+    Stribeck,
+    Tresca,
+)
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.diagnostics.balance import Balance, Diagnostics
 from dolfinx_nts.diagnostics.bodies import BodyBalance
@@ -81,6 +87,7 @@ __all__ = [
     "Fields",
     "Force",
     "FormLoad",
+    "FrictionLaw",
     "GeneralizedAlpha",
     "Gravity",
     "Guide",
@@ -112,12 +119,15 @@ __all__ = [
     "RigidSphere",
     "RigidSurface",
     "SaintVenantKirchhoff",
+    "SlipWeakening",
     "StepControl",
     "StepReport",
     "StepperStatistics",
+    "Stribeck",
     "Surface",
     "Tied",
     "Traction",
+    "Tresca",
     "Yeoh",
     "all_pairs",
     "axisymmetric",

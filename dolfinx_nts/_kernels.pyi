@@ -56,17 +56,18 @@ def balance(
     direction: _Floats,
 ) -> _Floats: ...
 def slides(
-    mu: float,
+    limit: _Floats,
     trial: _Floats,
     way: _Floats,
-    p: _Floats,
     heading: _Floats,
     sliding: npt.NDArray[np.bool_],
 ) -> npt.NDArray[np.bool_]: ...
 def longest_in_cones(v: _Floats, way: _Floats) -> float: ...
 def with_friction(columns: _Floats, direction: _Floats) -> _Floats: ...
 def exact_friction(
-    mu: float,
+    limit: _Floats,
+    by_p: _Floats,
+    by_slip: _Floats,
     t: _Floats,
     slip: _Floats,
     p: _Floats,
@@ -416,7 +417,6 @@ def counts_of_parts(flags: _Flags, number: _Ints, ends: _Keys) -> _Keys: ...
 class NodalFriction:
     def __init__(
         self,
-        mu: float,
         has_springs: bool,
         on_axis: _Flags,
         rounding: _Floats,
@@ -438,7 +438,7 @@ class NodalFriction:
         node: _Ints,
         active: _Flags,
         p: _Floats,
-        limiting: _Floats,
+        limit: _Floats,
         trial: _Floats,
         way: _Floats,
     ) -> tuple[_Floats, _Flags]: ...

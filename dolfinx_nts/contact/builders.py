@@ -12,7 +12,7 @@ from dolfinx.mesh import exterior_facet_indices
 
 from dolfinx_nts.common.arguments import instances, label
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
-from dolfinx_nts.contact.friction import Coulomb
+from dolfinx_nts.contact.friction_laws import FrictionLaw
 from dolfinx_nts.contact.method import EDGES, MORTAR, NODES, Method
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.components import dimension
@@ -80,7 +80,7 @@ def all_pairs(
     obstacles: Sequence[Obstacle] = (),
     self_contact: Sequence[Body] = (),
     enforcement: LagrangeMultiplier | Penalty | None = None,
-    friction: Coulomb | None = None,
+    friction: FrictionLaw | float | None = None,
     method: Method = "node-to-segment",
     edges: bool = False,
     smooth: bool = False,
@@ -202,7 +202,7 @@ def two_half_passes(
     first: Surface,
     second: Surface,
     enforcement: Penalty | None = None,
-    friction: Coulomb | None = None,
+    friction: FrictionLaw | float | None = None,
 ) -> list[ContactPair]:
     """Two contact pairs with exchanged roles (two half passes). Collective.
 

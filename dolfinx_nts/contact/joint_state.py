@@ -15,6 +15,7 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Array, Floats, GlobalInts, Ints
+from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.contact.enforcement import Tied
 from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.massless import is_resolved
@@ -132,11 +133,23 @@ def _kind(state: PairState) -> Hashable:
     alone = is_resolved(pair) or isinstance(pair.enforcement, Tied)
     if type(search) is not GlobalSearch or alone:
         return None
-    laws = (
-        None if law is None else (type(law), *sorted(vars(law).items()))
-        for law in (pair.enforcement, pair.friction)
-    )
+    laws = map(_values, (pair.enforcement, pair.friction))
     return (search.num_vertices, pair.nodes.segments.shape[1], *laws)
+
+
+def _values(law: Declaration | None) -> Hashable:
+    """Class and arguments of a law; the law itself if these cannot be compared."""
+    if law is None:
+        return None
+    values = [
+        (name, _values(value) if isinstance(value, Declaration) else value)
+        for name, value in sorted(vars(law).items())
+    ]
+    try:
+        hash(tuple(values))
+    except TypeError:
+        return law
+    return (type(law), *values)
 
 
 def _joint_springs(values: Sequence[Floats | None]) -> Floats | None:

@@ -14,7 +14,7 @@ from dolfinx_nts.common.arguments import as_call, kind_of, label
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
-from dolfinx_nts.contact.friction import Coulomb
+from dolfinx_nts.contact.friction_laws import FrictionLaw, check_law, friction_law
 from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.method import (
     EDGES,
@@ -28,6 +28,7 @@ from dolfinx_nts.contact.method import (
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface, sharpest_corner
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.parallel.errors import agreed
 from dolfinx_nts.search.rigid_edge_search import num_sharp_edges
 
 __all__ = ["AcceptedContact", "ContactPair", "is_in_use"]
@@ -71,7 +72,9 @@ class ContactPair(Declaration):
         nodes: Surface whose nodes may touch.
         segments: Surface whose segments they may touch, or a rigid obstacle.
         enforcement: Law of normal contact. None for Lagrange multipliers with elastic impact.
-        friction: Law of friction. None for contact without friction.
+        friction: Law of friction, such as `Coulomb`, `Stribeck`, `SlipWeakening` or `Tresca`, or a
+            `FrictionLaw` of your own; a number is the coefficient of Coulomb's law. None for
+            contact without friction.
         method: ``"node-to-segment"``: nodes must not penetrate segments. ``"mortar"``:
             surface-to-surface contact. Each node constrains the mean gap of the facets around it,
             weighted with a dual shape function (Wohlmuth 2000); a uniform pressure is transmitted
@@ -90,8 +93,9 @@ class ContactPair(Declaration):
     Raises:
         TypeError: An argument has the wrong type.
         ValueError: The surfaces belong to different spaces, or share some of their nodes;
-            convective friction does not fit the other arguments; ``method`` is unknown or does not
-            fit the other arguments, such as edge-to-edge contact without sharp edges.
+            convective friction does not fit the other arguments; a law of friction has no finite
+            limits; ``method`` is unknown or does not fit the other arguments, such as
+            edge-to-edge contact without sharp edges.
 
     Example:
         >>> pair = nts.ContactPair(nodes=bottom, segments=top)
@@ -105,7 +109,7 @@ class ContactPair(Declaration):
         nodes: Surface,
         segments: Surface | Obstacle,
         enforcement: LagrangeMultiplier | Penalty | None = None,
-        friction: Coulomb | None = None,
+        friction: FrictionLaw | float | None = None,
         method: Method = "node-to-segment",
         *,
         name: str = "",
@@ -125,9 +129,8 @@ class ContactPair(Declaration):
                 "expected LagrangeMultiplier or Penalty as enforcement, "
                 f"given {kind_of(enforcement)}"
             )
-        if not (friction is None or isinstance(friction, Coulomb)):
-            raise TypeError(f"expected Coulomb(mu) as friction, given {kind_of(friction)}")
-        convective = friction is not None and friction.law == "convective"
+        rubs = None if friction is None else friction_law(friction)
+        convective = rubs is not None and rubs.law == "convective"
         if convective and not (isinstance(enforcement, Penalty) and isinstance(segments, Surface)):
             raise ValueError(
                 "expected Penalty and a Surface as segments with convective friction, given "
@@ -135,7 +138,7 @@ class ContactPair(Declaration):
             )
         self.nodes, self.segments, self.enforcement = nodes, segments, enforcement
         # Friction with mu = 0 is omitted.
-        self.friction = friction if friction is not None and friction.mu > 0 else None
+        self.friction = rubs if rubs is not None and rubs.acts else None
         self.touches_itself = isinstance(segments, Surface) and _check_surfaces(nodes, segments)
         self.method, self.name = method, label(name)
         check_method(self)
@@ -144,6 +147,9 @@ class ContactPair(Declaration):
         check_smooth(self)
         if method == EDGES:
             _check_edges(nodes, self.segments)
+        if self.friction is not None:
+            with agreed(nodes.V.mesh.comm, "evaluate friction"):
+                check_law(self.friction, nodes)
         self._states: WeakSet[AcceptedContact] = WeakSet()
 
     def attach(self, state: AcceptedContact) -> None:
@@ -235,7 +241,7 @@ class ContactPair(Declaration):
         """Laws of contact and friction in words. Local."""
         text = f"{KINDS[self.method]} by {type(self.enforcement).__name__}"
         if self.friction is not None:
-            text += f", Coulomb friction with mu = {self.friction.mu:g}"
+            text += f", {self.friction.describe()}"
         return text
 
 

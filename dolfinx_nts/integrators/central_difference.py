@@ -247,7 +247,7 @@ class CentralDifference(Stepper):
         with self.timings.phase("contact"):
             x = np.add(self._X, in_space(self._nodal_u), out=self._positions)
             x_n = self._X + in_space(nodal(self.u_n)) if self._springs.has_friction else x
-            self._springs.evaluate(x_n, x, bounds, self._bulk.total)
+            self._springs.evaluate(x_n, x, bounds, self._bulk.total, self.dt)
 
     def _start(self) -> None:
         """Evaluate the forces of a state that the user set."""

@@ -196,4 +196,5 @@ class StepSolver:
             problem.intermediate,
             scheme.stress_share,
             begins_sticking,
+            float(self._rates.dt.value),
         )

@@ -12,6 +12,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from dolfinx_nts.common.arrays import Array
+from dolfinx_nts.contact.friction_laws import FrictionLaw
 from dolfinx_nts.contact.method import MORTAR
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.components import deformation_gradient, dimension
@@ -144,5 +145,7 @@ def _numbers(values: dict[str, Any]) -> str:
 def _value(value: Any) -> str:
     if isinstance(value, np.ndarray):
         return _digest(value)
+    if isinstance(value, FrictionLaw):
+        return _law(value)
     plain = value is None or isinstance(value, bool | int | float | str | np.number)
     return str(value) if plain else type(value).__name__

@@ -73,7 +73,9 @@ class AllSprings:
         both = zip(self.pairs, ways, strict=True)
         return [(springs, way) for springs, way in both if 2 * way > springs.shortest_passage]
 
-    def evaluate(self, x_n: Floats, x: Floats, ways: Sequence[float], total: Floats) -> None:
+    def evaluate(
+        self, x_n: Floats, x: Floats, ways: Sequence[float], total: Floats, dt: float
+    ) -> None:
         """Add the contact forces at x to the forces on the owned nodes.
 
         Args:
@@ -81,10 +83,11 @@ class AllSprings:
             x: See `ContactSprings.evaluate`.
             ways: Bounds since the last evaluation, see `ways` [m].
             total: Sum of forces, shape ``(n, d)`` [N], changed in place.
+            dt: Length of the step [s].
         """
         self._before = self._forces
         self._forces = tuple(
-            springs.evaluate(x_n, x, way) for springs, way in zip(self.pairs, ways, strict=True)
+            springs.evaluate(x_n, x, way, dt) for springs, way in zip(self.pairs, ways, strict=True)
         )
         for force in self._forces:
             force.add_to(total)

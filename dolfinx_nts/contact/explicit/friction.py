@@ -6,7 +6,8 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats, Ints
-from dolfinx_nts.contact.friction import Coulomb, slip_energy, transport
+from dolfinx_nts.contact.friction import slip_energy, spring_model, transport
+from dolfinx_nts.contact.friction_laws import FrictionLaw, Limits
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.search.candidates import Candidates
 from dolfinx_nts.search.points import NodalPoints
@@ -25,6 +26,7 @@ class Friction:
         x: Floats,
         segment: Ints,
         lambda_N: Floats,
+        dt: float,
     ) -> dict[str, Any]:
         """Add friction to force and energy of normal springs; return what the history remembers.
 
@@ -36,6 +38,7 @@ class Friction:
             segment: Candidates of the nodes that were looked at, or -1, shape ``(c,)``.
             lambda_N: Stiffness times gap of these, below zero at the nodes that have springs,
                 in their order, shape ``(c,)`` [N].
+            dt: Length of the step [s].
         """
         return {}
 
@@ -45,14 +48,14 @@ class Friction:
 
 
 class SpringFriction(Friction):
-    """Coulomb friction with a spring at each node, see `Friction`.
+    """Friction with a spring at each node, see `Friction`.
 
     Args:
         state: State of the contact pair.
         law: Law of friction of the pair.
     """
 
-    def __init__(self, state: PairState, law: Coulomb) -> None:
+    def __init__(self, state: PairState, law: FrictionLaw) -> None:
         """Remember the state, whose springs are chosen later."""
         self._state, self._law = state, law
 
@@ -64,6 +67,7 @@ class SpringFriction(Friction):
         x: Floats,
         segment: Ints,
         lambda_N: Floats,
+        dt: float,
     ) -> dict[str, Any]:
         """Add friction, see `Friction.add_to`."""
         state, law, node, old = self._state, self._law, springs.node, self._state.history
@@ -74,8 +78,11 @@ class SpringFriction(Friction):
         slip = candidates.slip(law.law, points, candidates.scatter.forward(x_n), x, segment)
         t_n = transport(old.traction[node], old.normal[node], slip.frame_n, slip.normal_n)
         trial = t_n + eps_T[:, None] * slip.value
-        slides = law.slides(trial, trial, p, trial, np.zeros(len(node), dtype=bool))
-        model = law.spring(trial, p, eps_T, trial, slides)
+        limits = Limits(law, state.nodes, dt, lambda: state.nodes.area, old.slip)
+        size = np.linalg.norm(trial, axis=1)
+        judged, limit = limits.of_springs(node, p, size, eps_T, old.sliding[node])
+        slides = _kernels.slides(judged.force, trial, trial, trial, np.zeros(len(node), dtype=bool))
+        model = spring_model(limit, trial, p, eps_T, trial, slides)
         t = model.explicit + p[:, None] * model.direction
         force, energy = springs.force, springs.energy
         force -= np.einsum("mi,mij->mj", t, slip.gradient).reshape(force.shape)

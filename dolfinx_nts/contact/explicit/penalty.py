@@ -219,7 +219,7 @@ class ContactSprings:
         points = self._neighbours.points.take(lost[deep])
         return int(np.count_nonzero(~candidates.is_at_rim(points, x, segment[deep])))
 
-    def evaluate(self, x_n: Floats, x: Floats, step: float) -> SpringForces:
+    def evaluate(self, x_n: Floats, x: Floats, step: float, dt: float) -> SpringForces:
         """Forces at x, without a change of the accepted contact. Collective.
 
         Args:
@@ -228,6 +228,7 @@ class ContactSprings:
             x: Positions at the end of the step, shape ``(l, 3)`` [m].
             step: Half the bound on the approach of nodes and segments since the last evaluation
                 [m].
+            dt: Length of the step [s].
         """
         # Local copies, so that the history does not keep the springs alive.
         seen, nothing, num_own = self._neighbours, self._no_contact, self._num_own
@@ -251,7 +252,8 @@ class ContactSprings:
         self.num_lost = self._count_lost(x, seen.current, segment)
         seen.current = segment
         self.num_deep = int(np.count_nonzero(gap < -self._deep))
-        slip = self._friction.add_to(springs, candidates, x_n, x, segment, stiffness * gap)
+        lambda_N = stiffness * gap
+        slip = self._friction.add_to(springs, candidates, x_n, x, segment, lambda_N, dt)
         on_nodes = self._on_own_side(springs, candidates)
 
         def history() -> ContactHistory:

@@ -314,7 +314,7 @@ def check_forces(step: ContactStep, last: ContactContribution, residual: float) 
     if friction is not None and friction.law == "objective" and not state.pair.has_slip_spring:
         t, slip = step.friction.traction[node], pairs.slip.value[loaded]
         length, slid = np.linalg.norm(t, axis=1), np.linalg.norm(slip, axis=1)
-        limit = friction.mu * pressure
+        limit = step.friction.largest(node, pressure, slid)
         excess = length - limit
         errors.append(("exceed the limit of friction, by {:.3g} N", excess, _CONE * limit + floor))
         moves = step.friction.sliding[node] & (slid > _SLIPS * size) & (length > floor)

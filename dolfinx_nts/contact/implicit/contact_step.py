@@ -68,6 +68,7 @@ class ContactStep:
             from 0 to 1, in which rigid bodies have not stretched; None: of no part.
         share: Share of the end of the step in the forces of springs, see `Scheme` [-].
         begins_sticking: Whether all nodes with friction stick at first, see `StickSlip`.
+        dt: Length of the step [s], for the speed of slip.
 
     Attributes:
         state: The argument.
@@ -94,6 +95,7 @@ class ContactStep:
         intermediate: Mapping[float, Floats] | None = None,
         share: float = 0.5,
         begins_sticking: bool = False,
+        dt: float = 1.0,
     ) -> None:
         """Find the candidates in reach and the nodes that may touch."""
         self.state, self._scheme = state, scheme
@@ -110,7 +112,7 @@ class ContactStep:
             state, is_static, search, nodal_stiffness, intermediate or {}, share
         )
         self.friction = make_friction(
-            state, is_static, search, nodal_stiffness, scheme == "static", begins_sticking
+            state, is_static, search, nodal_stiffness, scheme == "static", begins_sticking, dt
         )
         self.may_touch = reductions.anywhere(self._comm, bool(self.normal.may_touch.any()))
         # What the first evaluation gave, where later ones cannot give anything else.

@@ -63,6 +63,13 @@ class Friction:
         """Active nodes held by multipliers in the tangent plane, shape ``(m,)``."""
         return np.zeros(len(node), dtype=bool)
 
+    def largest(self, node: Ints, p: Floats, slip: Floats) -> Floats:
+        """Limits of tractions of nodes, ``(m,)`` [N].
+
+        ``p`` are normal forces [N], ``slip`` lengths of slip [m], of nodes that slide.
+        """
+        return np.zeros(len(node))
+
     def update(
         self,
         pairs: PairKinematics,

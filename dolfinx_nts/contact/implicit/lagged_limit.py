@@ -20,11 +20,13 @@ class LaggedLimit:
         num_nodes: Number ``n`` of nodes.
 
     Attributes:
-        heading: Direction of the traction times mu, also with a lagged limit, shape ``(n, 2)``.
+        heading: Direction of the traction times the derivative of its limit by the pressing
+            force, also where the limit lags, shape ``(n, 2)``.
+        last: Forces that limited friction last, shape ``(n,)`` [N, >= 0].
     """
 
     def __init__(self, num_nodes: int) -> None:
-        self._p: Floats = np.zeros(num_nodes)
+        self.last: Floats = np.zeros(num_nodes)
         self.heading: Floats = np.zeros((num_nodes, 2))
 
     def pressing(self, node: Ints, p: Floats, lags: Flags | None) -> Floats:
@@ -37,9 +39,9 @@ class LaggedLimit:
                 iteration without lag, or the first one with a normal force.
         """
         if lags is None:
-            self._p[node] = np.maximum(p, 0.0)
+            self.last[node] = np.maximum(p, 0.0)
             return p
-        stays = lags & (self._p[node] > 0)
-        self._p[node] = np.where(stays, self._p[node], np.maximum(p, 0.0))
-        limiting: Floats = np.where(lags, self._p[node], p)
+        stays = lags & (self.last[node] > 0)
+        self.last[node] = np.where(stays, self.last[node], np.maximum(p, 0.0))
+        limiting: Floats = np.where(lags, self.last[node], p)
         return limiting

@@ -72,6 +72,7 @@ def make_friction(
     stiffness: Floats,
     acts_at_end: bool,
     begins_sticking: bool,
+    dt: float,
 ) -> Friction:
     """Friction of a pair by its laws. Local.
 
@@ -82,10 +83,11 @@ def make_friction(
         stiffness: Stiffness of the nodes of the surface, shape ``(n,)`` [N/m].
         acts_at_end: Whether forces act at the end of the step.
         begins_sticking: Whether all nodes with friction stick at first.
+        dt: Length of the step [s].
     """
     law = state.pair.friction
     if isinstance(state.pair.enforcement, Tied):
         return Bond(state, is_static, search, stiffness, acts_at_end)
     if law is None:
         return Friction(state)
-    return StickSlip(state, law, is_static, search, stiffness, acts_at_end, begins_sticking)
+    return StickSlip(state, law, is_static, search, stiffness, acts_at_end, begins_sticking, dt)

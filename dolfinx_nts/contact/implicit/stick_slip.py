@@ -1,4 +1,4 @@
-"""Coulomb friction of the nodes of a pair in one attempt at a step."""
+"""Friction of the nodes of a pair in one attempt at a step."""
 
 from typing import Any
 
@@ -7,14 +7,21 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.enforcement import Penalty
-from dolfinx_nts.contact.friction import Coulomb, TractionModel, slip_energy, transport
+from dolfinx_nts.contact.friction import (
+    TractionModel,
+    exact_model,
+    slip_energy,
+    spring_model,
+    transport,
+)
+from dolfinx_nts.contact.friction_laws import FrictionLaw, Limits, NodalLimit
 from dolfinx_nts.contact.implicit.active_set import ROUNDING, BlockPivoting
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.friction import Friction
 from dolfinx_nts.contact.implicit.joint_decision import NoFriction
 from dolfinx_nts.contact.implicit.lagged_limit import LaggedLimit
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
-from dolfinx_nts.contact.implicit.slips import Slips, with_length
+from dolfinx_nts.contact.implicit.slips import Slips, length_of, with_length
 from dolfinx_nts.contact.joint_state import JointState
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.axisymmetry import axis_nodes
@@ -30,7 +37,7 @@ _DIRECTION_WEIGHT = 1e7
 
 
 class StickSlip(Friction):
-    """Coulomb friction with exact stick or with springs, see `Friction`.
+    """Friction with exact stick or with springs, see `Friction`.
 
     Args:
         state: State of the contact pair.
@@ -40,21 +47,26 @@ class StickSlip(Friction):
         stiffness: Stiffness of the nodes, shape ``(n,)`` [N/m].
         acts_at_end: Whether the scheme has its contact forces at the end of a step.
         begins_sticking: Whether all nodes stick at first, and slide only near an equilibrium.
+        dt: Length of the step [s].
     """
 
     def __init__(
         self,
         state: PairState | JointState,
-        law: Coulomb,
+        law: FrictionLaw,
         is_static: bool,
         search: LocalSearch,
         stiffness: Floats,
         acts_at_end: bool,
         begins_sticking: bool = False,
+        dt: float = 1.0,
     ) -> None:
         super().__init__(state)
         history, n = state.history, len(stiffness)
-        self._law, self._search, self._stiffness = law, search, stiffness
+        self._search, self._stiffness, self._measure = search, stiffness, law.law
+        # The contact points of the search, and so the areas, may change within a step.
+        area = lambda: self._search.pairing.area  # noqa: E731
+        self._limits = Limits(law, state.nodes, dt, area, history.slip)
         self._acts_at_end = acts_at_end
         self._has_spring = state.pair.has_slip_spring
         nodes = state.nodes
@@ -78,9 +90,8 @@ class StickSlip(Friction):
         self.sliding |= self._on_axis
         # Model of the traction of the last iteration.
         self._model = TractionModel(np.zeros((n, 2)), np.zeros((n, 2)), np.zeros((n, 2, 2)))
-        self._limit = LaggedLimit(n)
+        self._lagged = LaggedLimit(n)
         self._nodal = _kernels.NodalFriction(
-            law.mu,
             self._has_spring,
             self._on_axis,
             ROUNDING * stiffness * state.segment_sizes,
@@ -88,14 +99,14 @@ class StickSlip(Friction):
             self.flips,
             self.traction,
             *self._model,
-            self._limit.heading,
+            self._lagged.heading,
             self._slips.present,
             self._slips.modelled,
             self._frame,
         )
 
     def measure(self, pairs: PairKinematics, x: Floats) -> None:
-        slip = self._search.pairing.slip(self._law.law, x, pairs.node, pairs.segment)
+        slip = self._search.pairing.slip(self._measure, x, pairs.node, pairs.segment)
         if self._acts_at_end:
             slip = slip.at_end()
         self._nodal.turn(pairs.node, slip.frame_n)
@@ -112,12 +123,17 @@ class StickSlip(Friction):
         self.release(pairs.node[changes & before])
         arrived = pairs.node[arrives]
         slip = np.linalg.norm(pairs.slip.value[arrives], axis=1)
-        slides = slip > self._law.mu * np.abs(pairs.excess[arrives, 0])
+        # What presses them is not known yet.
+        mu = self._limits.at(arrived, np.zeros(len(arrived))).by_p
+        slides = slip > mu * np.abs(pairs.excess[arrives, 0])
         self.sliding[arrived] = slides | self._on_axis[arrived]
-        self._limit.heading[arrived] = 0.0
+        self._lagged.heading[arrived] = 0.0
 
     def sticks(self, node: Ints, active: Flags) -> Flags:
         return self._nodal.sticks(node, active)
+
+    def largest(self, node: Ints, p: Floats, slip: Floats) -> Floats:
+        return self._limits.at(node, p, self.sliding[node] * slip).force
 
     def update(
         self,
@@ -127,7 +143,8 @@ class StickSlip(Friction):
         iteration: int,
         linear: Floats | None = None,
     ) -> int:
-        node, slip, law, eps_T = pairs.node, pairs.slip, self._law, self._state.eps_T
+        node, slip, eps_T = pairs.node, pairs.slip, self._state.eps_T
+        limits, before = self._limits, self.sliding[node]
         measured, p = p, p if linear is None else linear
         if eps_T is not None:
             old, c, value = self._state.history, eps_T[node], self._slips.linear[node]
@@ -137,24 +154,30 @@ class StickSlip(Friction):
             t, c, value = self.traction[node], self._stiffness[node], self._slips.of(node)
             way, trial = value, t + (_SLIP_WEIGHT * c)[:, None] * value
         lags = None if self._has_spring else self._pivoting.changes_singly(node)
-        limiting = self._limit.pressing(node, p, lags)
-        if iteration == 0:
-            heading, sliding, violators = self._first_heading(pairs, way), self.sliding[node], 0
+        limiting = self._lagged.pressing(node, p, lags)
+        known = float(iteration > 0)  # multipliers of the first guess mean nothing
+        if eps_T is not None:
+            judged, limit = limits.of_springs(node, p, length_of(trial), c, before)
         else:
-            given = p, limiting, trial, way
-            heading, sliding = self._nodal.judge(node, active, *given)
-            violates = active & (sliding != self.sliding[node])
+            length = length_of(value) if limits.depends_on_slip else np.zeros(len(node))
+            judged = limit = limits.at(node, known * limiting, before * length)
+        if iteration == 0:
+            heading, sliding, violators = self._first_heading(pairs, way), before, 0
+        else:
+            heading, sliding = self._nodal.judge(node, active, p, judged.force, trial, way)
+            violates = active & (sliding != before)
             changes, violators = self._pivoting.select(violates, node, iteration)
             sliding ^= violates ^ changes
         if eps_T is not None:
-            new = law.spring(trial, p, c, heading, sliding)
+            new = spring_model(limit, trial, p, c, heading, sliding)
             for part in new:
                 part[self._on_axis[node]] = 0.0
             of_slip = np.einsum("mij,mj->mi", new.stiffness, slip.value - value)
             new.explicit[:] += of_slip
         else:
-            known = float(iteration > 0)  # multipliers of the first guess mean nothing
-            new = self._exact(pairs, known * t, value, known * limiting, heading, sliding)
+            if limits.depends_on_slip:
+                limit = limits.at(node, known * limiting, length)
+            new = self._exact(pairs, limit, known * t, value, known * limiting, heading, sliding)
         self._nodal.accept(node, active, sliding, measured, value, *new, lags, limiting)
         if eps_T is not None:
             turning = self.traction[node] - of_slip + (p - measured)[:, None] * new.direction
@@ -176,29 +199,30 @@ class StickSlip(Friction):
     def _exact(
         self,
         pairs: PairKinematics,
+        limit: NodalLimit,
         t: Floats,
         slip: Floats,
         p: Floats,
         heading: Floats,
         sliding: Flags,
     ) -> TractionModel:
-        """Model stick and slip without springs, see `Coulomb.exact`.
+        """Model stick and slip without springs, see `exact_model`.
 
         Where the displacement of a node is not its own, a traction that slides has its length,
         and keeps its direction where there is no slip.
         """
         c = _SLIP_WEIGHT * self._stiffness[pairs.node]
         if not pairs.fixed.any():
-            return self._law.exact(t, slip, p, c, heading, sliding)
-        own, limit = ~pairs.fixed, self._law.mu * np.maximum(p, 0.0)
-        t = np.where((own | ~sliding)[:, None], t, with_length(t, limit))
+            return exact_model(limit, t, slip, p, c, heading, sliding)
+        own, largest = ~pairs.fixed, np.maximum(limit.force, 0.0)
+        t = np.where((own | ~sliding)[:, None], t, with_length(t, largest))
         c = np.where(own, c, _DIRECTION_WEIGHT * self._stiffness[pairs.node])
-        model = self._law.exact(t, slip, p, c, heading, sliding)
+        model = exact_model(limit, t, slip, p, c, heading, sliding)
         rests = sliding & ~own & ~slip.any(axis=1)
         model.explicit[rests] = model.stiffness[rests] = 0.0
         slides = sliding & ~own
         scaled = p[:, None] * model.direction
-        model.explicit[slides] = (with_length(model.explicit + scaled, limit) - scaled)[slides]
+        model.explicit[slides] = (with_length(model.explicit + scaled, largest) - scaled)[slides]
         return model
 
     def balance(self, pairs: PairKinematics, R: Floats, active: Flags) -> Floats:
@@ -259,8 +283,12 @@ class StickSlip(Friction):
             self._of = friction
 
         def coefficients(self, node: Ints) -> Floats:
-            """Those of the law, 0 on the axis of rings."""
-            return np.where(self._of._on_axis[node], 0.0, self._of._law.mu)
+            """Limits per normal force of the last iteration, 0 on the axis of rings."""
+            of, p = self._of, self._of._lagged.last[node]
+            limit = of._limits.at(node, p, of.sliding[node] * length_of(of._slips.of(node)))
+            is_cone = (limit.force == limit.by_p * p) | (p == 0)
+            secant = np.where(is_cone, limit.by_p, limit.force / np.where(is_cone, 1.0, p))
+            return np.where(of._on_axis[node], 0.0, secant)
 
         def show_slips(self, pairs: PairKinematics) -> None:
             """Show all slips."""
@@ -274,11 +302,12 @@ class StickSlip(Friction):
             of.sliding[node] = np.where(active, slides | of._on_axis[node], of.sliding[node])
             slip = of._slips.without_none(pairs, slip)
             moves = slides & slip.any(axis=1)
-            t = np.where(moves[:, None], with_length(slip, of._law.mu * p), t)
-            model = of._exact(pairs, t, slip, p, t, of.sliding[node])
+            limit = of._limits.at(node, p, length_of(slip))
+            t = np.where(moves[:, None], with_length(slip, limit.force), t)
+            model = of._exact(pairs, limit, t, slip, p, t, of.sliding[node])
             for part in model:
                 part[of._on_axis[node]] = 0.0
-            of._slips.modelled[node], of._limit.heading[node] = slip, model.direction
+            of._slips.modelled[node], of._lagged.heading[node] = slip, model.direction
             for values, part in zip(of._model, model, strict=True):
                 values[node] = part
             of.traction[node] = np.where(active[:, None], t, 0.0)

@@ -6,7 +6,7 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.enforcement import Tied
-from dolfinx_nts.contact.friction import Coulomb
+from dolfinx_nts.contact.friction_laws import Coulomb
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.friction import Friction
 from dolfinx_nts.contact.implicit.local_search import LocalSearch

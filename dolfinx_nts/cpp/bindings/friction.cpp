@@ -7,11 +7,15 @@ namespace nts::bindings
 {
 namespace
 {
-auto exact_batch(double mu, const Doubles& t, const Doubles& slip,
+auto exact_batch(const Doubles& limit, const Doubles& by_p,
+                 const Doubles& by_slip, const Doubles& t, const Doubles& slip,
                  const Doubles& p, const Doubles& c, const Doubles& heading,
                  const In<bool>& sliding)
 {
   const std::size_t m = p.size();
+  check("limit", limit, {m});
+  check("by_p", by_p, {m});
+  check("by_slip", by_slip, {m});
   check("p", p, {m});
   check("t", t, {m, 2});
   check("slip", slip, {m, 2});
@@ -24,8 +28,9 @@ auto exact_batch(double mu, const Doubles& t, const Doubles& slip,
   for (std::size_t i = 0; i < m; ++i)
   {
     const TractionModel model = exact_friction(
-        mu, vector2(view(t), i), vector2(view(slip), i), p.data()[i],
-        c.data()[i], vector2(view(heading), i), sliding.data()[i]);
+        {limit.data()[i], by_p.data()[i], by_slip.data()[i]},
+        vector2(view(t), i), vector2(view(slip), i), p.data()[i], c.data()[i],
+        vector2(view(heading), i), sliding.data()[i]);
     store(model.fixed, view(fixed), i);
     store(model.direction, view(direction), i);
     store(model.stiffness, view(stiffness), i);
@@ -62,21 +67,21 @@ auto balance_batch(const Doubles& normal, const Doubles& force,
   return multipliers;
 }
 
-auto slides_batch(double mu, const Doubles& trial, const Doubles& way,
-                  const Doubles& p, const Doubles& heading,
+auto slides_batch(const Doubles& limit, const Doubles& trial,
+                  const Doubles& way, const Doubles& heading,
                   const In<bool>& sliding)
 {
-  const std::size_t m = p.size();
-  check("p", p, {m});
+  const std::size_t m = limit.size();
+  check("limit", limit, {m});
   check("trial", trial, {m, 2});
   check("way", way, {m, 2});
   check("heading", heading, {m, 2});
   check("sliding", sliding, {m});
   auto flags = create<bool>({m});
   for (std::size_t i = 0; i < m; ++i)
-    flags.data()[i]
-        = slides(mu, vector2(view(trial), i), vector2(view(way), i),
-                 p.data()[i], vector2(view(heading), i), sliding.data()[i]);
+    flags.data()[i] = slides(limit.data()[i], vector2(view(trial), i),
+                             vector2(view(way), i), vector2(view(heading), i),
+                             sliding.data()[i]);
   return flags;
 }
 
@@ -115,18 +120,19 @@ void friction(nb::module_& m)
   m.def("longest_in_cones", &longest_in_cones, nb::arg("v"), nb::arg("way"),
         "(m, d), (m, d) -> how far all vectors stay in cones of right angles, "
         "in units of ways");
-  m.def("slides", &slides_batch, nb::arg("mu"), nb::arg("trial"),
-        nb::arg("way"), nb::arg("p"), nb::arg("heading"), nb::arg("sliding"),
-        "-, (m, 2), (m, 2), (m,), (m, 2), (m,) -> whether each slides (m,)");
+  m.def("slides", &slides_batch, nb::arg("limit"), nb::arg("trial"),
+        nb::arg("way"), nb::arg("heading"), nb::arg("sliding"),
+        "(m,), (m, 2), (m, 2), (m, 2), (m,) -> whether each slides (m,)");
   m.def("with_friction", &with_friction_batch, nb::arg("columns"),
         nb::arg("direction"),
         "(m, 3, d), (m, 2) -> columns, the first less those of the tangents "
         "times the direction (m, 3, d)");
-  m.def("exact_friction", &exact_batch, nb::arg("mu"), nb::arg("t"),
-        nb::arg("slip"), nb::arg("p"), nb::arg("c"), nb::arg("heading"),
-        nb::arg("sliding"),
-        "-, (m, 2), (m, 2), (m,), (m,), (m, 2), (m,) -> what does not scale "
-        "with p (m, 2), direction (m, 2), stiffness (m, 2, 2)");
+  m.def("exact_friction", &exact_batch, nb::arg("limit"), nb::arg("by_p"),
+        nb::arg("by_slip"), nb::arg("t"), nb::arg("slip"), nb::arg("p"),
+        nb::arg("c"), nb::arg("heading"), nb::arg("sliding"),
+        "limit and its derivatives (m,), (m, 2), (m, 2), (m,), (m,), (m, 2), "
+        "(m,) -> what does not scale with p (m, 2), direction (m, 2), "
+        "stiffness (m, 2, 2)");
   m.def("balance", &balance_batch, nb::arg("normal"), nb::arg("force"),
         nb::arg("columns"), nb::arg("rank"), nb::arg("known"),
         nb::arg("direction"),

@@ -15,13 +15,12 @@ using Nodes = In<std::int32_t>;
 class NodalFriction
 {
 public:
-  NodalFriction(double mu, bool has_springs, Flags on_axis, Doubles rounding,
+  NodalFriction(bool has_springs, Flags on_axis, Doubles rounding,
                 Out<bool> sliding, Out<std::int32_t> flips,
                 Out<double> traction, Out<double> fixed, Out<double> direction,
                 Out<double> stiffness, Out<double> heading, Doubles present,
                 Out<double> modelled, Out<double> frame)
-      : _n(on_axis.size()), _friction{mu,
-                                      has_springs,
+      : _n(on_axis.size()), _friction{has_springs,
                                       keep("on_axis", on_axis, {_n}),
                                       keep("rounding", rounding, {_n}),
                                       keep("sliding", sliding, {_n}),
@@ -55,12 +54,12 @@ public:
   }
 
   auto judge(const Nodes& node, const Flags& active, const Doubles& p,
-             const Doubles& limiting, const Doubles& trial,
+             const Doubles& limit, const Doubles& trial,
              const Doubles& way) const
   {
     const std::size_t m = check_pairs(node, active);
     check("p", p, {m});
-    check("limiting", limiting, {m});
+    check("limit", limit, {m});
     check("trial", trial, {m, 2});
     check("way", way, {m, 2});
     auto heading = create<double>({m, 2});
@@ -68,7 +67,7 @@ public:
     for (std::size_t i = 0; i < m; ++i)
     {
       const auto [slides, along] = _friction.judge(
-          row(node, i), active.data()[i], p.data()[i], limiting.data()[i],
+          row(node, i), active.data()[i], p.data()[i], limit.data()[i],
           vector2(view(trial), i), vector2(view(way), i));
       sliding.data()[i] = slides;
       store(along, view(heading), i);
@@ -207,17 +206,16 @@ void nodal_friction(nb::module_& m)
       "Friction of n nodes; the arrays are shared, not "
       "copied. Of m pairs node (m,) are the nodes, and active "
       "(m,) tells which transmit force")
-      .def(nb::init<double, bool, Flags, Doubles, Out<bool>, Out<std::int32_t>,
+      .def(nb::init<bool, Flags, Doubles, Out<bool>, Out<std::int32_t>,
                     Out<double>, Out<double>, Out<double>, Out<double>,
                     Out<double>, Doubles, Out<double>, Out<double>>(),
-           nb::arg("mu"), nb::arg("has_springs"), nb::arg("on_axis"),
-           nb::arg("rounding"), nb::arg("sliding").noconvert(),
-           nb::arg("flips").noconvert(), nb::arg("traction").noconvert(),
-           nb::arg("explicit").noconvert(), nb::arg("direction").noconvert(),
-           nb::arg("stiffness").noconvert(), nb::arg("heading").noconvert(),
-           nb::arg("present").noconvert(), nb::arg("modelled").noconvert(),
-           nb::arg("frame").noconvert(),
-           "-, -, (n,) nodes without friction, (n,) forces that are round-off, "
+           nb::arg("has_springs"), nb::arg("on_axis"), nb::arg("rounding"),
+           nb::arg("sliding").noconvert(), nb::arg("flips").noconvert(),
+           nb::arg("traction").noconvert(), nb::arg("explicit").noconvert(),
+           nb::arg("direction").noconvert(), nb::arg("stiffness").noconvert(),
+           nb::arg("heading").noconvert(), nb::arg("present").noconvert(),
+           nb::arg("modelled").noconvert(), nb::arg("frame").noconvert(),
+           "-, (n,) nodes without friction, (n,) forces that are round-off, "
            "(n,), (n,), (n, 2), and the model explicit + p direction + "
            "stiffness (present - modelled): (n, 2), (n, 2), (n, 2, 2); "
            "direction also where a limit lags, slips now and where it was "
@@ -227,8 +225,8 @@ void nodal_friction(nb::module_& m)
       .def("sticks", &NodalFriction::sticks, nb::arg("node"), nb::arg("active"),
            "-> whether multipliers hold pairs in the tangent plane (m,)")
       .def("judge", &NodalFriction::judge, nb::arg("node"), nb::arg("active"),
-           nb::arg("p"), nb::arg("limiting"), nb::arg("trial"), nb::arg("way"),
-           "pressing forces (m,), those of the limit (m,), (m, 2), (m, 2) -> "
+           nb::arg("p"), nb::arg("limit"), nb::arg("trial"), nb::arg("way"),
+           "pressing forces (m,), largest tractions (m,), (m, 2), (m, 2) -> "
            "directions of the tractions (m, 2), and whether nodes should slide "
            "(m,)")
       .def("accept", &NodalFriction::accept, nb::arg("node"), nb::arg("active"),

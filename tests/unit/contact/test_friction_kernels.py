@@ -28,7 +28,7 @@ class Friction:
         self.frame = np.zeros((N, 2, 3))
         names = "on_axis rounding sliding flips traction explicit direction stiffness heading"
         arrays = (getattr(self, name) for name in f"{names} present modelled frame".split())
-        self.kernel = _kernels.NodalFriction(MU, has_springs, *arrays)
+        self.kernel = _kernels.NodalFriction(has_springs, *arrays)
 
 
 def test_what_is_at_the_limit_or_on_the_axis_keeps_its_state(rng):
@@ -36,14 +36,14 @@ def test_what_is_at_the_limit_or_on_the_axis_keeps_its_state(rng):
     trial = np.array([[0.3, 0.0], [1.0, 0.0], [0.1, 0.0], [0.6, 0.0], [0.0, 0.0]])
     of.heading[of.node] = of.traction[of.node] = [1.0, 0.0]
     of.traction[of.node[0]] = 0.0
-    heading, sliding = of.kernel.judge(of.node, of.active, p, p, trial, trial)
+    heading, sliding = of.kernel.judge(of.node, of.active, p, MU * p, trial, trial)
     assert sliding.tolist() == [False, True, False, True, True]
     np.testing.assert_array_equal(heading[0], trial[0])
     # What presses is not known where nodes have just arrived.
-    _, unknown = of.kernel.judge(of.node, of.active, 0 * p, p, trial, trial)
+    _, unknown = of.kernel.judge(of.node, of.active, 0 * p, MU * p, trial, trial)
     assert unknown.tolist() == [False, True, False, True, True]
     # Nodes stick before they slide the other way.
-    assert not of.kernel.judge(of.node, of.active, p, p, -2 * trial, -trial)[1][1]
+    assert not of.kernel.judge(of.node, of.active, p, MU * p, -2 * trial, -trial)[1][1]
 
 
 @pytest.mark.parametrize("has_springs", [False, True])

@@ -5,7 +5,7 @@
 #include <limits>
 #include <span>
 
-/// @brief Coulomb friction of a node that sticks and slides without springs.
+/// @brief Friction of a node that sticks and slides without springs.
 namespace nts
 {
 /// @brief Linear model of a traction, t = fixed + p direction + stiffness dg.
@@ -14,6 +14,14 @@ struct TractionModel
   Vec2 fixed = {};             ///< what does not scale with p [N]
   Vec2 direction = {};         ///< factor of the pressing force p [-]
   Matrix<2, 2> stiffness = {}; ///< derivative by the slip [N/m]
+};
+
+/// @brief Largest traction of a node, and its derivatives.
+struct FrictionLimit
+{
+  double force;   ///< linear in p where p < 0 [N]
+  double by_p;    ///< derivative by the pressing force [-]
+  double by_slip; ///< derivative by the length of the slip [N/m]
 };
 
 /// @brief Components in a frame of vectors with components in another one: the
@@ -34,19 +42,18 @@ inline Matrix<2, 2> between_frames(const double* to,
 }
 
 /// @brief Whether a node slides by what is known now.
-/// @param[in] mu Coefficient of friction [-].
+/// @param[in] limit Largest traction [N].
 /// @param[in] trial Traction if it stuck [N].
 /// @param[in] way Where it goes: a traction or a slip.
-/// @param[in] p Pressing force [N].
 /// @param[in] heading Direction of the traction, of any length.
 /// @param[in] slid Whether it slid in the last iteration; such a node sticks
 /// before it slides the other way.
-inline bool slides(double mu, const Vec2& trial, const Vec2& way, double p,
+inline bool slides(double limit, const Vec2& trial, const Vec2& way,
                    const Vec2& heading, bool slid) noexcept
 {
   const double size = std::sqrt(trial[0] * trial[0] + trial[1] * trial[1]);
   const bool reverses = slid && heading[0] * way[0] + heading[1] * way[1] < 0;
-  return size > mu * std::max(p, 0.) && !reverses;
+  return size > std::max(limit, 0.) && !reverses;
 }
 
 /// @brief The first of two vectors that is not zero.
@@ -55,40 +62,39 @@ inline const Vec2& first_direction(const Vec2& a, const Vec2& b) noexcept
   return a[0] != 0 || a[1] != 0 ? a : b;
 }
 
-/// @brief Whether a trial traction is at Coulomb's limit, but for round-off.
-/// @param[in] mu Coefficient of friction [-].
+/// @brief Whether a trial traction is at its limit, but for round-off.
+/// @param[in] limit Largest traction [N].
 /// @param[in] trial Traction if the node stuck [N].
-/// @param[in] p Pressing force [N].
 /// @param[in] rounding Force that counts as none [N].
-inline bool is_at_limit(double mu, const Vec2& trial, double p,
+inline bool is_at_limit(double limit, const Vec2& trial,
                         double rounding) noexcept
 {
   const double size = std::sqrt(trial[0] * trial[0] + trial[1] * trial[1]);
-  return std::abs(size - mu * p) <= rounding;
+  return std::abs(size - limit) <= rounding;
 }
 
 /// @brief Model stick and slip for one semismooth Newton iteration.
 ///
-/// The condition t - min(1, mu p/|t + c g|) (t + c g) = 0 is linearised and
+/// The condition t - min(1, L/|t + c g|) (t + c g) = 0 is linearised and
 /// solved for t where the node slides along the traction.
-/// @param[in] mu Coefficient of friction [-].
+/// @param[in] limit Limit L of the traction at this slip.
 /// @param[in] t Traction of the last iteration [N].
 /// @param[in] slip Slip g of the step [m].
 /// @param[in] p Pressing force [N].
 /// @param[in] c Weight of the slip [N/m].
 /// @param[in] heading Direction of the traction, of any length.
 /// @param[in] slides Whether the node slides now.
-inline TractionModel exact_friction(double mu, const Vec2& t, const Vec2& slip,
-                                    double p, double c, const Vec2& heading,
-                                    bool slides) noexcept
+inline TractionModel exact_friction(const FrictionLimit& limit, const Vec2& t,
+                                    const Vec2& slip, double p, double c,
+                                    const Vec2& heading, bool slides) noexcept
 {
   // Bound on the stiffness against a change of the direction of slip, relative
   // to the weight [-]: a tighter one would slow Newton's method where slip is
   // small.
   constexpr double stiffest = 1e4;
-  const double limit = mu * std::max(p, 0.);
-  const bool turns
-      = slides && limit > 0 && heading[0] * slip[0] + heading[1] * slip[1] >= 0;
+  const double largest = std::max(limit.force, 0.);
+  const bool turns = slides && largest > 0
+                     && heading[0] * slip[0] + heading[1] * slip[1] >= 0;
   const Vec2 trial
       = turns ? Vec2{t[0] + c * slip[0], t[1] + c * slip[1]} : heading;
   double size = std::sqrt(trial[0] * trial[0] + trial[1] * trial[1]);
@@ -100,17 +106,19 @@ inline TractionModel exact_friction(double mu, const Vec2& t, const Vec2& slip,
   double turn = 0;
   if (turns)
   {
-    const double ratio = std::min(limit / size, 1.);
+    const double ratio = std::min(largest / size, 1.);
     turn = ratio == 1 ? stiffest : std::min(ratio / (1 - ratio), stiffest);
   }
   TractionModel model;
   const Vec2 turned = across * t;
+  const double rest = slides ? limit.force - limit.by_p * p : 0;
+  const double slope = turns ? limit.by_slip : 0;
   for (std::size_t i = 0; i < 2; ++i)
   {
-    model.fixed[i] = -turn * turned[i];
-    model.direction[i] = slides ? mu * s[i] : 0;
+    model.fixed[i] = rest * s[i] - turn * turned[i];
+    model.direction[i] = slides ? limit.by_p * s[i] : 0;
     for (std::size_t j = 0; j < 2; ++j)
-      model.stiffness[i][j] = turn * c * across[i][j];
+      model.stiffness[i][j] = turn * c * across[i][j] + slope * s[i] * s[j];
   }
   return model;
 }

@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <optional>
 
-/// @brief Coulomb friction of the nodes of a pair in one attempt at a step:
+/// @brief Friction of the nodes of a pair in one attempt at a step:
 /// which of them slide, and a linear model of their tractions.
 namespace nts
 {
@@ -23,7 +23,6 @@ inline void add_tangential(const Vec2& t, std::span<const double> rows,
 /// number j.
 struct NodalFriction
 {
-  double mu; ///< coefficient of friction [-]
   bool has_springs;
   std::span<const bool> on_axis;    ///< (n,) nodes without friction
   std::span<const double> rounding; ///< (n,) forces that are round-off [N]
@@ -65,10 +64,11 @@ struct NodalFriction
     Vec2 heading;
   };
 
-  /// @param[in] p, limiting Pressing force, and that of the limit [N].
+  /// @param[in] p Pressing force [N].
+  /// @param[in] limit Largest traction [N].
   /// @param[in] trial Traction if it stuck [N].
   /// @param[in] way Where it goes: a traction or a slip.
-  Judgement judge(std::size_t j, bool active, double p, double limiting,
+  Judgement judge(std::size_t j, bool active, double p, double limit,
                   const Vec2& trial, const Vec2& way) const noexcept
   {
     const bool slid = sliding[j];
@@ -79,9 +79,9 @@ struct NodalFriction
     // decide, nor where it is not known yet how much a node presses that has
     // just arrived.
     const bool is_open
-        = is_at_limit(mu, trial, limiting, rounding[j]) || (active && p == 0);
+        = is_at_limit(limit, trial, rounding[j]) || (active && p == 0);
     const bool leaves
-        = is_open ? slid : nts::slides(mu, trial, way, limiting, along, slid);
+        = is_open ? slid : nts::slides(limit, trial, way, along, slid);
     return {leaves || on_axis[j], along};
   }
 

@@ -1,0 +1,533 @@
+"""Laws of friction: the largest tangential force of a node, and its derivatives.
+
+All methods of contact are node by node: a law sees the normal force p of a node [N], and limits the
+tangential force of that node [N]. Mortar contact has multipliers at nodes too, which are forces.
+So Coulomb's law is the same everywhere; a law with a stress multiplies it by the area of the node.
+"""
+
+import weakref
+from abc import abstractmethod
+from collections.abc import Callable
+from numbers import Real
+from typing import Any, Literal, NamedTuple, TypeAlias
+
+import numpy as np
+from dolfinx import fem
+
+from dolfinx_nts.common.arguments import as_call, kind_of, nonnegative, positive
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.common.declaration import Declaration
+from dolfinx_nts.fem.node_numbering import reference_positions
+
+__all__ = [
+    *("Coefficient", "Coulomb", "FrictionLaw", "FrictionNodes", "Limits", "NodalLimit"),
+    *("SlipWeakening", "Stribeck", "Tresca", "check_law", "friction_law"),
+]
+
+# A coefficient of friction: a number, or a scalar Function of the mesh, read at the nodes.
+Coefficient: TypeAlias = float | fem.Function
+
+# Largest number of iterations for the slip of springs [-]; bisection alone needs 52.
+_MOST_ITERATIONS = 60
+# Force, relative to the trial traction [-], by which the slip of a spring may miss its limit: a few
+# digits above round-off. A larger one shows in the ledger of nothing, but in Newton's method.
+_ROUNDING = 1e-14
+# Least slope of spring and limit together, relative to the spring [-]: it bounds the derivative of
+# a traction where a limit falls as steeply as the spring is stiff, and the node snaps.
+_LEAST_SLOPE = 1e-3
+
+# A cell of each local node of a space, by its id.
+_CELLS: dict[int, Ints] = {}
+
+
+class FrictionNodes:
+    """Nodes at which a law of friction is evaluated, ``m`` in number. Local.
+
+    Args:
+        of_surface: Nodes of the contact pair, ``n`` in number.
+        node: Positions of the nodes among these, shape ``(m,)``.
+        area: Reference areas of the nodes of the pair, shape ``(n,)`` [m^2].
+        slipped: Accumulated slip of these at the start of the step, shape ``(n,)`` [m].
+        known: Values of Functions at the nodes of the pair, by Function.
+    """
+
+    def __init__(
+        self, of_surface: Any, node: Ints, area: Floats, slipped: Floats, known: dict[Any, Floats]
+    ) -> None:
+        self._of_surface, self._node, self._known = of_surface, node, known
+        self._area, self._slipped = area, slipped
+
+    @property
+    def area(self) -> Floats:
+        """Reference area on which each node transmits force, shape ``(m,)`` [m^2]."""
+        return self._area[self._node]
+
+    @property
+    def slipped(self) -> Floats:
+        """Accumulated slip of each node at the start of the step, shape ``(m,)`` [m]."""
+        return self._slipped[self._node]
+
+    def value(self, coefficient: Coefficient) -> Any:
+        """Value of a coefficient at each node: the number itself, or shape ``(m,)``.
+
+        A Function is read once in each attempt at a step, at the reference positions of the nodes.
+        """
+        if isinstance(coefficient, Real):
+            return coefficient
+        if coefficient not in self._known:
+            nodes = self._of_surface
+            self._known[coefficient] = _nodal_values(coefficient, nodes.V, nodes.nodes)
+        return self._known[coefficient][self._node]
+
+
+class FrictionLaw(Declaration):
+    """Base class of laws of friction. Local.
+
+    A node sticks up to the limit of its tangential force. A node that slides has a tangential force
+    of this size, opposite to its slip. A law is one method, `limit`.
+
+    Attributes:
+        eps_T: Stiffness of the tangential spring of a node [N/m], see `Coulomb`.
+        law: How slip is measured, see `Coulomb`.
+        depends_on_slip: Whether the limit depends on the slip of the step. False saves evaluations.
+
+    Example:
+        >>> class Viscous(nts.FrictionLaw):
+        ...     def limit(self, p, slip, dt, nodes):
+        ...         mu = 0.2 + 0.1 * slip / dt
+        ...         return mu * p, mu, 0.1 / dt * p
+        >>> pair = nts.ContactPair(bottom, top, friction=Viscous())
+        >>> print(pair)
+        contact by LagrangeMultiplier, friction by Viscous()
+    """
+
+    eps_T: float | None = None
+    law: Literal["objective", "convective"] = "objective"
+    depends_on_slip = True
+
+    @abstractmethod
+    def limit(
+        self, p: Floats, slip: Floats, dt: float, nodes: FrictionNodes
+    ) -> tuple[Floats, Floats, Floats]:
+        """Evaluate the limit of the tangential force at ``m`` nodes, and its derivatives. Local.
+
+        Args:
+            p: Normal force of each node, shape ``(m,)`` [N, >= 0], in all methods of contact.
+            slip: Length of the slip in the step, 0 of a node that sticks, shape ``(m,)`` [m].
+            dt: Length of the step [s]. The mean speed of slip is ``slip / dt``.
+            nodes: Areas, accumulated slip and values of Functions at the nodes.
+
+        Returns:
+            Limit, shape ``(m,)`` [N, >= 0], its derivative by p [-], and by slip [N/m].
+        """
+
+    @property
+    def acts(self) -> bool:
+        """Whether there is friction at all."""
+        return True
+
+    def describe(self) -> str:
+        """The law in words, for ``str`` of a pair."""
+        return f"friction by {self!r}"
+
+    def __repr__(self) -> str:
+        """Arguments in one line. Local."""
+        return as_call(self, **vars(self))
+
+
+class Coulomb(FrictionLaw):
+    """Coulomb's law of friction: a node sticks up to mu times the normal force.
+
+    Args:
+        mu: Coefficient of friction [-]: a number, or a scalar Function of the mesh, whose values at
+            the nodes count at the beginning of each step.
+        eps_T: Stiffness of the tangential spring at a node [N/m], whose elastic slip is stored
+            and given back. None: no spring, so that a sticking node does not move at all
+            (multipliers); but normal contact by penalty needs a spring, which then has the
+            static stiffness of the node itself, as `Penalty` has.
+        law: How slip is measured. ``"objective"``: by an increment that is quadratic in the
+            positions, so that dissipation is exact (``cpp/nts/contact/slip.h``).
+            ``"convective"``: by the convective coordinates on the segment (Franke, Hesch,
+            Betsch 2011, eqs. 60-64); for comparison, with `Midpoint`, `Penalty` and a
+            deformable counterpart only.
+
+    Attributes:
+        mu, eps_T, law: The arguments.
+
+    Raises:
+        TypeError: ``mu`` is neither a number nor a Function.
+        ValueError: ``mu`` is negative, ``eps_T`` not positive, or there is no such ``law``.
+
+    Example:
+        >>> print(nts.ContactPair(bottom, top, friction=nts.Coulomb(mu=0.3)))
+        contact by LagrangeMultiplier, Coulomb friction with mu = 0.3
+    """
+
+    depends_on_slip = False
+
+    def __init__(
+        self,
+        mu: Coefficient,
+        eps_T: float | None = None,
+        law: Literal["objective", "convective"] = "objective",
+    ) -> None:
+        """Check the coefficient, the stiffness and the name of the law."""
+        self.mu = _coefficient("a coefficient of friction mu", mu)
+        if law not in ("objective", "convective"):
+            raise ValueError(f"expected law 'objective' or 'convective', given {law!r}")
+        self.eps_T, self.law = _stiffness(eps_T), law
+
+    def limit(
+        self, p: Floats, slip: Floats, dt: float, nodes: FrictionNodes
+    ) -> tuple[Floats, Floats, Floats]:
+        mu = nodes.value(self.mu)
+        return mu * p, mu, np.zeros(1)
+
+    @property
+    def acts(self) -> bool:
+        return not (isinstance(self.mu, Real) and self.mu == 0)
+
+    def describe(self) -> str:
+        mu = f"{self.mu:g}" if isinstance(self.mu, Real) else "a Function"
+        return f"Coulomb friction with mu = {mu}"
+
+
+class Stribeck(FrictionLaw):
+    r"""Friction that depends on the speed of slip v, by a regularised Stribeck curve.
+
+    .. math:: \mu(v) = \mu_k + (\mu_s - \mu_k) \exp(-(v/v_s)^\delta) + c v
+
+    With ``power=1`` and ``viscous=0`` these are static and kinetic coefficients with an exponential
+    decay. Where the limit falls faster than a node can follow in a step, stick and slip are both
+    solutions: a node that slid goes on.
+
+    Args:
+        static: Static coefficient mu_s [-], a number or a Function, as of `Coulomb`.
+        kinetic: Kinetic coefficient mu_k [-], the same.
+        speed: Speed v_s over which the coefficient falls from one to the other [m/s]; 0: static
+            where a node sticks, kinetic where it slides.
+        viscous: Slope c of the coefficient at high speeds [s/m].
+        power: Exponent delta [-], at least 1.
+        eps_T: As of `Coulomb`.
+
+    Attributes:
+        static, kinetic, speed, viscous, power, eps_T: The arguments.
+
+    Raises:
+        TypeError: A coefficient is neither a number nor a Function.
+        ValueError: A number is negative, ``eps_T`` not positive, ``power`` below 1.
+
+    Example:
+        >>> brake = nts.Stribeck(static=0.4, kinetic=0.3, speed=0.1)
+        >>> print(nts.ContactPair(bottom, top, friction=brake).friction.describe())
+        Stribeck friction, mu from 0.4 to 0.3
+    """
+
+    def __init__(
+        self,
+        static: Coefficient,
+        kinetic: Coefficient,
+        speed: float,
+        viscous: float = 0.0,
+        power: float = 1.0,
+        eps_T: float | None = None,
+    ) -> None:
+        """Check the numbers."""
+        self.static = _coefficient("a static coefficient of friction", static)
+        self.kinetic = _coefficient("a kinetic coefficient of friction", kinetic)
+        self.speed = nonnegative("a speed of the decay of friction", speed)
+        self.viscous = nonnegative("a slope of viscous friction", viscous)
+        if not power >= 1:
+            raise ValueError(f"expected an exponent power >= 1 of the decay, given {power}")
+        self.power, self.eps_T = float(power), _stiffness(eps_T)
+
+    def limit(
+        self, p: Floats, slip: Floats, dt: float, nodes: FrictionNodes
+    ) -> tuple[Floats, Floats, Floats]:
+        static, kinetic = nodes.value(self.static), nodes.value(self.kinetic)
+        if self.speed == 0:
+            falls, slope = (static - kinetic) * (slip == 0), np.zeros(1)
+        else:
+            ratio = slip / (dt * self.speed)
+            falls = (static - kinetic) * np.exp(-(ratio**self.power))
+            slope = -falls * (self.power / self.speed) * ratio ** (self.power - 1)
+        mu = kinetic + falls + self.viscous * slip / dt
+        return mu * p, mu, (slope + self.viscous) / dt * p
+
+    def describe(self) -> str:
+        return f"Stribeck friction, mu from {_words(self.static)} to {_words(self.kinetic)}"
+
+
+class SlipWeakening(FrictionLaw):
+    r"""Static and kinetic coefficients of friction, with a decay length.
+
+    .. math:: \mu(s) = \mu_k + (\mu_s - \mu_k) \exp(-s/L)
+
+    s is the accumulated slip of a node, as in ``ContactPair.history.slip``: it does not heal.
+
+    Args:
+        static: Static coefficient mu_s [-], a number or a Function, as of `Coulomb`.
+        kinetic: Kinetic coefficient mu_k [-], the same.
+        length: Decay length L [m].
+        eps_T: As of `Coulomb`.
+
+    Attributes:
+        static, kinetic, length, eps_T: The arguments.
+
+    Raises:
+        TypeError: A coefficient is neither a number nor a Function.
+        ValueError: A number is negative, ``length`` or ``eps_T`` not positive.
+
+    Example:
+        >>> fault = nts.SlipWeakening(static=0.6, kinetic=0.5, length=0.01)
+        >>> print(nts.ContactPair(bottom, top, friction=fault).friction.describe())
+        slip-weakening friction, mu from 0.6 to 0.5
+    """
+
+    def __init__(
+        self,
+        static: Coefficient,
+        kinetic: Coefficient,
+        length: float,
+        eps_T: float | None = None,
+    ) -> None:
+        """Check the numbers."""
+        self.static = _coefficient("a static coefficient of friction", static)
+        self.kinetic = _coefficient("a kinetic coefficient of friction", kinetic)
+        self.length = positive("a length of the decay of friction", length)
+        self.eps_T = _stiffness(eps_T)
+
+    def limit(
+        self, p: Floats, slip: Floats, dt: float, nodes: FrictionNodes
+    ) -> tuple[Floats, Floats, Floats]:
+        static, kinetic = nodes.value(self.static), nodes.value(self.kinetic)
+        falls = (static - kinetic) * np.exp(-(nodes.slipped + slip) / self.length)
+        mu = kinetic + falls
+        return mu * p, mu, -falls / self.length * p
+
+    def describe(self) -> str:
+        return f"slip-weakening friction, mu from {_words(self.static)} to {_words(self.kinetic)}"
+
+
+class Tresca(FrictionLaw):
+    """Another law of friction, capped by a shear stress, as that of a material that flows.
+
+    Args:
+        law: The law below the cap; a number is the coefficient of `Coulomb`.
+        stress: Largest tangential force per reference area [Pa], a number or a Function. The area
+            is that of the facets around a node, or that covered by segments in mortar contact.
+
+    Attributes:
+        law_below, stress: The arguments.
+
+    Raises:
+        TypeError: An argument has the wrong type.
+        ValueError: The stress is negative.
+
+    Example:
+        >>> forging = nts.Tresca(nts.Coulomb(mu=0.3), stress=50.0e6)
+        >>> print(nts.ContactPair(bottom, top, friction=forging).friction.describe())
+        Coulomb friction with mu = 0.3, up to 5e+07 Pa
+    """
+
+    def __init__(self, law: FrictionLaw | float, stress: Coefficient) -> None:
+        """Check the arguments."""
+        self.law_below = friction_law(law)
+        self.stress = _coefficient("a shear stress", stress)
+
+    @property
+    def eps_T(self) -> float | None:  # type: ignore[override]
+        """Stiffness of tangential springs, that of the law below the cap [N/m]."""
+        return self.law_below.eps_T
+
+    @property
+    def depends_on_slip(self) -> bool:  # type: ignore[override]
+        """Whether the law below the cap depends on slip."""
+        return self.law_below.depends_on_slip
+
+    def limit(
+        self, p: Floats, slip: Floats, dt: float, nodes: FrictionNodes
+    ) -> tuple[Floats, Floats, Floats]:
+        force, by_p, by_slip = self.law_below.limit(p, slip, dt, nodes)
+        cap = nodes.value(self.stress) * nodes.area
+        below = force <= cap
+        return np.minimum(force, cap), np.where(below, by_p, 0.0), np.where(below, by_slip, 0.0)
+
+    @property
+    def acts(self) -> bool:
+        return self.law_below.acts
+
+    def describe(self) -> str:
+        return f"{self.law_below.describe()}, up to {_words(self.stress)} Pa"
+
+    def __repr__(self) -> str:
+        return as_call(self, law=self.law_below, stress=self.stress)
+
+
+def friction_law(law: FrictionLaw | float) -> FrictionLaw:
+    """Return a law as it is, and Coulomb's law for a number. Local.
+
+    Raises:
+        TypeError: It is neither.
+    """
+    if isinstance(law, Real) and not isinstance(law, bool):
+        return Coulomb(float(law))
+    if not isinstance(law, FrictionLaw):
+        raise TypeError(f"expected Coulomb(mu) or another law as friction, given {kind_of(law)}")
+    return law
+
+
+class NodalLimit(NamedTuple):
+    """Limits of tangential forces of ``m`` nodes.
+
+    Attributes:
+        force: Limit, shape ``(m,)`` [N]; where a node is pulled, its linear continuation.
+        by_p: Derivative by the normal force, shape ``(m,)`` [-].
+        by_slip: Derivative by the slip [N/m], or by the trial traction of a spring [-], ``(m,)``.
+    """
+
+    force: Floats
+    by_p: Floats
+    by_slip: Floats
+
+
+class Limits:
+    """Limits of tangential forces in one attempt at a step. Local.
+
+    Args:
+        law: The law.
+        nodes: Nodes of the contact pair, ``n`` in number.
+        dt: Length of the step [s].
+        area: Returns the reference areas of the nodes, shape ``(n,)`` [m^2].
+        slipped: Accumulated slip of the nodes at the start, shape ``(n,)`` [m].
+
+    Attributes:
+        depends_on_slip: That of the law.
+    """
+
+    def __init__(
+        self,
+        law: FrictionLaw,
+        nodes: Any,
+        dt: float,
+        area: Callable[[], Floats],
+        slipped: Floats,
+    ) -> None:
+        self._law, self._nodes, self._dt = law, nodes, dt
+        self._area, self._slipped = area, slipped
+        self._known: dict[Any, Floats] = {}
+        self.depends_on_slip = law.depends_on_slip
+
+    def at(self, node: Ints, p: Floats, slip: Floats | None = None) -> NodalLimit:
+        """Limits of nodes, ``(m,)``, that are pressed by p [N] and slip, None: stick [m]."""
+        pressed = np.maximum(p, 0.0)
+        slip = np.zeros(len(p)) if slip is None else slip
+        nodes = FrictionNodes(self._nodes, node, self._area(), self._slipped, self._known)
+        found = self._law.limit(pressed, slip, self._dt, nodes)
+        if len(found) != 3 or np.shape(found[0]) != p.shape:
+            raise ValueError(
+                "expected a limit of friction at each node and two derivatives, shape "
+                f"{p.shape}, from {self._law!r}, given {found}"
+            )
+        force, by_p, by_slip = found
+        if np.any(force < 0):
+            raise ValueError(
+                f"expected limits of friction >= 0 from {self._law!r}, given {np.min(force)} N"
+            )
+        force = force + by_p * np.minimum(p, 0.0)
+        return NodalLimit(
+            np.asarray(force), *(np.broadcast_to(each, p.shape) for each in (by_p, by_slip))
+        )
+
+    def of_springs(
+        self, node: Ints, p: Floats, trial: Floats, eps_T: Floats, slid: Flags
+    ) -> tuple[NodalLimit, NodalLimit]:
+        """Limits of nodes with springs: by which they slide, and if they do. Local.
+
+        The law sees the slip s that lasts, eps_T s + limit(p, s) = trial. Newton's method comes
+        from above, to the largest solution. If the limit falls with the slip, a node that sticks
+        may have such a solution, too. Only a node that slid takes it: it slides on.
+
+        Args:
+            node: Positions of the nodes, shape ``(m,)``.
+            p: Normal forces, shape ``(m,)`` [N].
+            trial: Length of the traction if they stuck, shape ``(m,)`` [N].
+            eps_T: Stiffness of the springs, shape ``(m,)`` [N/m].
+            slid: Whether a node slid last, shape ``(m,)``.
+
+        Returns:
+            Limits that decide on stick and slip, and those of nodes that slide.
+        """
+        sticks = self.at(node, p)
+        if not self.depends_on_slip:
+            return sticks, sticks
+        low: Floats = np.zeros(len(p))
+        high: Floats = trial / eps_T
+        slip, exists = high, np.ones(len(p), dtype=bool)
+        is_below = np.maximum(sticks.force, 0.0) < trial  # so that there is a solution
+        for _ in range(_MOST_ITERATIONS):
+            limit = self.at(node, p, slip)
+            error = np.where(exists, eps_T * slip + limit.force - trial, 0.0)
+            if not np.any(np.abs(error) > _ROUNDING * trial):
+                break
+            is_below |= error < 0
+            low, high = np.where(error < 0, slip, low), np.where(error > 0, slip, high)
+            slope = eps_T + limit.by_slip
+            newton = slip - error / np.where(slope > 0, slope, eps_T)
+            inside = (slope > 0) & (newton > low) & (newton < high)
+            exists &= inside | is_below | (error == 0)
+            slip = np.where(inside | (error == 0), newton, (low + high) / 2) * exists
+        slope = np.maximum(eps_T + limit.by_slip, _LEAST_SLOPE * eps_T)
+        slides = NodalLimit(limit.force, limit.by_p * eps_T / slope, limit.by_slip / slope)
+        exists &= slid & (slip > 0)
+        return sticks._replace(force=np.where(exists, limit.force, sticks.force)), slides
+
+
+def check_law(law: FrictionLaw, nodes: Any) -> None:
+    """Evaluate a law once at all owned nodes of a surface. Local, if the area is known.
+
+    Raises:
+        ValueError: Limits or their derivatives are not finite, of another shape or negative.
+    """
+    n = len(nodes.nodes)
+    node, one = np.arange(n, dtype=np.int32), np.ones(n)
+    found = Limits(law, nodes, 1.0, lambda: nodes.area, np.zeros(n)).at(node, one, one)
+    for name, values in zip(("limit", "derivative by p", "derivative by slip"), found, strict=True):
+        if not np.all(np.isfinite(values)):
+            raise ValueError(
+                f"expected a finite {name} from {law!r} at 1 N, 1 m and 1 s, given {values}"
+            )
+
+
+def _nodal_values(function: fem.Function, V: fem.FunctionSpace, nodes: Ints) -> Floats:
+    """Values of a scalar Function at owned nodes of a space, shape ``(n,)``. Local."""
+    if function.function_space.mesh != V.mesh:
+        raise ValueError(
+            "expected a Function of the mesh of the contact pair, given one of another"
+        )
+    if not len(nodes):
+        return np.zeros(0)
+    if id(V) not in _CELLS:
+        weakref.finalize(V, _CELLS.pop, id(V))
+        dofs = V.dofmap.list
+        _CELLS[id(V)] = cell = np.zeros(dofs.max() + 1, dtype=np.int32)
+        cell[dofs] = np.arange(len(dofs), dtype=np.int32)[:, None]
+    values: Floats = function.eval(reference_positions(V)[nodes], _CELLS[id(V)][nodes])
+    return values.reshape(len(nodes))
+
+
+def _coefficient(name: str, value: Coefficient) -> Coefficient:
+    """Check a coefficient: a number >= 0, or a scalar Function."""
+    if not isinstance(value, fem.Function):
+        return nonnegative(name, value)
+    if value.ufl_shape:
+        raise TypeError(f"expected {name} as a scalar Function, given shape {value.ufl_shape}")
+    return value
+
+
+def _stiffness(eps_T: float | None) -> float | None:
+    return None if eps_T is None else positive("a tangential stiffness eps_T", eps_T)
+
+
+def _words(coefficient: Coefficient) -> str:
+    return f"{coefficient:g}" if isinstance(coefficient, Real) else "a Function"
