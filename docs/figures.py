@@ -3,8 +3,7 @@
     python3 docs/figures.py [NAME...]
 
 runs the demos, or those with the names, and copies their pictures to ``docs/figures``; ``peers``
-is the comparison on the first screen, ``paper`` the first impact after the figures of the paper,
-``schemes`` what scheme and law of impact do to the energy, ``laws`` the force by all laws,
+is the comparison on the first screen, ``schemes`` what scheme and law of impact do to the energy, ``laws`` the force by all laws,
 ``methods`` the pressure by both methods of contact. Takes a few minutes.
 """
 
@@ -51,13 +50,6 @@ DEMOS = {
     "taylor_bar": ["taylor_bar.png"],
     "tori": ["tori.png"],
 }
-# Runs side by side: title, scheme, law of impact, colour of the curve.
-RUNS = (
-    ("midpoint rule, plastic impact", nts.Midpoint, "plastic", "tab:red"),
-    ("energy-momentum scheme, elastic impact", nts.EnergyMomentum, "elastic", "tab:blue"),
-)
-SIZE = (1000, 720)  # of each body picture [pixels]
-RANGE = (0.0, 10.0)  # of the stress [kPa]
 
 
 def demo(name: str) -> None:
@@ -100,46 +92,13 @@ def rows(table: Path) -> dict[str, npt.NDArray[np.float64]]:
     return {name: np.array([float(line[name]) for line in lines]) for name in lines[0]}
 
 
-def recorded(stepper: nts.EnergyMomentum, until: float) -> Any:
-    """Run; columns of the table, and the half of the bodies in the middle of the run."""
-    middle = None
+def recorded(stepper: nts.EnergyMomentum, until: float) -> dict[str, npt.NDArray[np.float64]]:
+    """Run; columns of the table."""
     with tempfile.TemporaryDirectory() as folder:
         with nts.Recorder(Path(folder) / "run", stepper, every=10**6) as record:
             for step in stepper.run(until):
                 record.write(step)
-                if middle is None and step.t >= until / 2 - 1e-9:
-                    middle = half(stepper)
-        return rows(Path(folder) / "run.csv"), middle
-
-
-def paper() -> None:
-    """The impact by both schemes side by side: state, energies, energy error, momenta."""
-    figure, axes = plt.subplots(4, 2, figsize=(10, 13), dpi=160, layout="constrained")
-    for column, (title, scheme, law, _) in zip(axes.T, RUNS, strict=True):
-        table, bodies = recorded(scene(scheme, law), 1.0)
-        t = table["time"]
-        image = column[0].imshow(drawn(bodies), cmap="viridis", clim=RANGE)
-        column[0].set_title(f"{title}, t = 0.5 s")
-        column[0].axis("off")
-        for name in ("total", "kinetic", "strain"):
-            column[1].plot(t, table[f"{name}_energy"], label=name)
-        column[1].set(ylabel="energy [J]", ylim=(0, 2300))
-        column[2].plot(t, table["total_energy"] - table["total_energy"][0], color="black")
-        column[2].set(ylabel="E(t) - E(0) [J]", ylim=(-3, 0.5))
-        for name, style in (("linear", "-"), ("angular", "--")):
-            for axis, colour in zip("xyz", ("tab:red", "tab:green", "tab:blue"), strict=True):
-                label = f"{name} {axis}"
-                column[3].plot(
-                    t, table[f"{name}_momentum_{axis}"], style, color=colour, label=label
-                )
-        column[3].set(xlabel="time [s]", ylabel="momentum [kg m/s], [kg m²/s]", ylim=(-2500, 4500))
-        for panel in column[1:]:
-            panel.grid(alpha=0.3)
-        column[1].legend(ncols=3, loc="upper center")
-        column[3].legend(ncols=2, loc="upper center", fontsize="small")
-    bar = figure.colorbar(image, ax=axes[0], shrink=0.8)
-    bar.set_label("von Mises stress [kPa]")
-    figure.savefig(FIGURES / "paper.png")
+        return rows(Path(folder) / "run.csv")
 
 
 def schemes() -> None:
@@ -155,7 +114,7 @@ def schemes() -> None:
     }
     for line, scheme in zip(grid, (nts.Midpoint, nts.EnergyMomentum), strict=True):
         for axes, law in zip(line, ("plastic", "elastic"), strict=True):
-            table, _ = recorded(scene(scheme, law), 1.0)
+            table = recorded(scene(scheme, law), 1.0)
             for name, label in causes.items():
                 axes.plot(table["time"], table[f"energy_{name}"], label=label)
             total = table["total_energy"] - table["total_energy"][0]
@@ -195,7 +154,7 @@ def laws() -> None:
         pair = nts.ContactPair(nts.Surface(V, facets, tag["bar_left"]), wall, law)
         stepper = nts.EnergyMomentum([bar], [pair], dt=0.5 / cells)
         stepper.set_velocity(bar, (-gap, 0, 0))
-        table, _ = recorded(stepper, 3.5)
+        table = recorded(stepper, 3.5)
         force = table["contact_force_x"] / (gap * 0.05**2)
         axes.plot([0, 1, 1, 3, 3, 3.5], [0, 0, 1, 1, 0, 0], "k", lw=1, label="wave theory")
         axes.plot(table["time"], force, label="computed")
@@ -284,44 +243,7 @@ def scene(scheme: Any, law: str) -> nts.EnergyMomentum:
     return stepper
 
 
-def half(stepper: nts.EnergyMomentum) -> Any:
-    """Deformed half x < 0 of the bodies with the von Mises stress [kPa]."""
-    from dolfinx_nts.plotting.canvas import grid_of
-    from dolfinx_nts.plotting.stress import von_mises
-
-    V = stepper.u.function_space
-    cells = V.dofmap.list[np.concatenate([body.cells for body in stepper.bodies])]
-    grid = grid_of(3, cells, stepper.x[cells], von_mises(stepper) / 1e3, "stress")
-    _, first = np.unique(cells, return_index=True)
-    reference = V.tabulate_dof_coordinates()[cells.ravel()[first]]
-    middle = reference[grid_connections(grid)].mean(axis=1)
-    return grid.extract_cells(np.flatnonzero(middle[:, 0] < 0))
-
-
-def grid_connections(grid: Any) -> npt.NDArray[np.int64]:
-    """Numbers of the points of each cell of a grid of hexahedra."""
-    return np.asarray(grid.cell_connectivity).reshape(grid.n_cells, -1)
-
-
-def drawn(body: Any) -> npt.NDArray[np.uint8]:
-    """Pixels of a picture of bodies, without text."""
-    import pyvista
-
-    plotter = pyvista.Plotter(off_screen=True, window_size=SIZE)
-    plotter.set_background("white")
-    style = {"cmap": "viridis", "clim": RANGE, "show_edges": True, "edge_color": "white"}
-    light = {"ambient": 0.35, "diffuse": 0.65, "edge_opacity": 0.3}
-    plotter.add_mesh(body, scalars="stress", show_scalar_bar=False, **light, **style)
-    plotter.camera_position = [(9.0, -2.6, 3.0), (0.0, 0.0, 0.55), (0.0, 0.0, 1.0)]
-    plotter.camera.parallel_projection = True
-    plotter.camera.parallel_scale = 1.9
-    plotter.enable_anti_aliasing("ssaa")
-    pixels = plotter.screenshot(return_img=True)
-    plotter.close()
-    return np.asarray(pixels)
-
-
 if __name__ == "__main__":
-    others = {f.__name__: f for f in (peers, paper, schemes, laws, methods)}
+    others = {f.__name__: f for f in (peers, schemes, laws, methods)}
     for wanted in sys.argv[1:] or [*DEMOS, *others]:
         others.get(wanted, lambda name=wanted: demo(name))()
