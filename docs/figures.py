@@ -3,8 +3,9 @@
     python3 docs/figures.py [NAME...]
 
 runs the demos, or those with the names, and copies their pictures to ``docs/figures``; ``peers``
-is the comparison on the first screen, ``schemes`` what scheme and law of impact do to the energy, ``laws`` the force by all laws,
-``methods`` the pressure by both methods of contact. Takes a few minutes.
+is the comparison on the first screen, ``schemes`` what scheme and law of impact do to the energy,
+``laws`` the force by all laws, ``methods`` the pressure by both methods of contact. Takes a few
+minutes.
 """
 
 import csv
