@@ -215,7 +215,7 @@ def tagged_mesh(
         vertices, own = distribute_entity_data(mesh, dim, entities, values.astype(np.int32))
         mesh.topology.create_connectivity(dim, 0)
         mesh.topology.create_connectivity(dim, tdim)
-        lists = cpp_object(adjacencylist(vertices))
+        lists = adjacencylist(vertices)
         found = meshtags_from_entities(mesh, dim, lists, own.astype(np.int32, copy=False))
         found.name = name
         return found
