@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 from dolfinx.mesh import MeshTags, compute_midpoints
 
-from dolfinx_nts.meshing.elements import KINDS
+from dolfinx_nts import compat
+from dolfinx_nts.meshing.elements import KINDS, Block, Elements
 from dolfinx_nts.meshing.gmsh import MeshData, read_mesh
 from dolfinx_nts.meshing.mixed_cells import only_one_kind
 from dolfinx_nts.meshing.msh_file import read_msh
@@ -74,7 +75,7 @@ def tagged(mesh: Any, tags: MeshTags) -> np.ndarray:
 def corners(data: MeshData) -> np.ndarray:
     """Nodes of all cells, each cell in its own order, cells sorted by their midpoints."""
     size = data.mesh.topology.index_map(data.mesh.topology.dim).size_local
-    x = data.mesh.geometry.x[data.mesh.geometry.dofmap[:size]]
+    x = data.mesh.geometry.x[compat.geometry_nodes(data.mesh)[:size]]
     x = np.concatenate(data.mesh.comm.allgather(x))
     return x[np.lexsort(x.mean(axis=1).round(9).T)]
 
@@ -167,8 +168,6 @@ def test_pieces_of_a_cell_have_its_orientation(model, kind):
     other = {2: 3, 3: 2, 4: 5, 5: 4, 6: 4}[kind]
     far = x[:1] + 9.0 + np.arange(3 * KINDS[other].num_nodes).reshape(-1, 3)
     cell = dict(dim=dim, entity=1, kind=kind, numbers=np.array([8]))
-    from dolfinx_nts.meshing.elements import Block, Elements
-
     blocks = (
         Block(**cell, nodes=np.arange(1, num_nodes + 1)[None]),
         Block(dim, 2, other, np.array([9]), num_nodes + 1 + np.arange(len(far))[None]),
