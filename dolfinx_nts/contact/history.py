@@ -29,6 +29,8 @@ class ContactHistory:
 
     Attributes:
         key: Key of the segment of each node, -1 without one, or `NEVER`, shape ``(n,)``.
+        shared: Sum of the keys of the segments of a node that is equally near to several, which
+            tells one set of segments from another; 0 with one segment or none, shape ``(n,)``.
         active: Whether the node transmits force, shape ``(n,)``.
         sliding: Whether an active node slides, shape ``(n,)``.
         lambda_N: Multiplier of the last step, shape ``(n,)`` [N, <= 0].
@@ -46,6 +48,7 @@ class ContactHistory:
     """
 
     key: GlobalInts
+    shared: GlobalInts
     active: Flags
     sliding: Flags
     lambda_N: Floats
@@ -76,6 +79,7 @@ class ContactHistory:
         """Make the history of n nodes without contact. Local."""
         return cls(
             key=np.full(n, -1, dtype=np.int64),
+            shared=np.zeros(n, dtype=np.int64),
             active=np.zeros(n, dtype=bool),
             sliding=np.zeros(n, dtype=bool),
             lambda_N=np.zeros(n),

@@ -34,6 +34,7 @@ from dolfinx_nts.search.obstacle_candidates import ObstacleSearch
 from dolfinx_nts.search.points import NodalPoints
 from dolfinx_nts.search.rigid_edge_search import RigidEdgeSearch
 from dolfinx_nts.search.self_contact import SelfContactSearch
+from dolfinx_nts.search.shared_segments import SharedSegments
 from dolfinx_nts.search.smooth_patches import SmoothPatches
 from dolfinx_nts.search.smooth_search import SmoothSearch
 from dolfinx_nts.search.sphere_search import SphereSearch
@@ -230,14 +231,32 @@ class PairState(Tractions, NodesOfPairs):
         x = candidates.scatter.forward(self._passes.positions())
         node = np.flatnonzero(self.history.active & (segment >= 0)).astype(np.int32)
         points, segment = NodalPoints(self.pair.nodes.nodes[node]), segment[node]
+        row, segment, parts = self._shares(points, x, node, segment, candidates)
+        points = points.take(row)
         gradient = candidates.contact("static", points, x, x, segment).gradient
-        gradient = gradient.reshape(len(node), 1 + candidates.segments.shape[1], 3)
+        gradient = gradient.reshape(len(row), 1 + candidates.segments.shape[1], 3)
         # The gradient of the gap is the normal at the node, and -phi times the normal at a vertex.
         phi = -np.einsum("mki,mi->mk", gradient[:, 1:], gradient[:, 0])
-        forces = -phi[..., None] * of_nodes(self.history)[node, None]
+        forces = -(parts[:, None] * phi)[..., None] * of_nodes(self.history)[node[row], None]
         total = np.zeros((self.pair.nodes.V.dofmap.index_map.size_local, 3))
         candidates.scatter.add(total, candidates.segments[segment], forces)
         return total
+
+    def _shares(
+        self, points: NodalPoints, x: Floats, node: Ints, segment: Ints, candidates: Candidates
+    ) -> tuple[Ints, Ints, Floats]:
+        """Segments among which some nodes share their forces, those of each node in turn. Local.
+
+        Returns places among the nodes, segments and parts of the force [-], all ``(i,)``.
+        """
+        shared = SharedSegments(len(node))
+        several = self.history.shared[node].nonzero()[0].astype(np.int32)
+        if len(several) and (around := candidates.adjacent(x)) is not None:
+            (adjacent, vertices), own = around, segment[several]
+            there, size = points.take(several).of(x), candidates.size[own]
+            shared.replace(several, *adjacent.as_near(there, vertices, own, size))
+        row, segment, start = shared.entries(np.arange(len(node), dtype=np.int32), segment)
+        return row, segment, (1 / np.diff(start))[row]
 
     def serialize(self, archive: Archive, name: str) -> None:
         """Serialize the accepted contact and springs, but not the search. Collective.

@@ -22,7 +22,7 @@ from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.model.trajectories import Trajectories, passages
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined
-from dolfinx_nts.search.candidates import Candidates
+from dolfinx_nts.search.candidates import Candidates, too_deep
 from dolfinx_nts.search.points import ContactPoints
 
 __all__ = [
@@ -193,7 +193,7 @@ def _is_lost(
     entered, size = ways.entered, candidates.size[ways.entered]
     after, gap = candidates.pair(points, x, ways.entered, reach)
     came = ways.begin >= 0
-    deep = came | (-candidates.gap(points, x, entered) > candidates.too_deep(entered))
+    deep = came | (-candidates.gap(points, x, entered) > too_deep(candidates, entered))
     lost = (after < 0) & deep & (ways.way > _DEEP * size)
     flags: Flags = lost | (came & (gap > 0) & (ways.way > _PAST * size))
     return flags

@@ -14,6 +14,7 @@ import numpy as np
 from dolfinx_nts.common.arguments import as_call, label
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.common.declaration import Declaration
+from dolfinx_nts.model.adjacent_facets import AdjacentFacets
 from dolfinx_nts.model.facing import Facing
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.model.motion import Motion
@@ -77,6 +78,11 @@ class Obstacle(Declaration):
         other = copy(self)
         vars(other)["motion"] = motion
         return other
+
+    @property
+    def adjacent(self) -> tuple[AdjacentFacets, Floats] | None:
+        """Facets and positions of their vertices, see `Candidates.adjacent`; None without."""
+        return None
 
     @property
     def is_of_revolution(self) -> bool:

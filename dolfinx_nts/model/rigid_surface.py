@@ -6,6 +6,7 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.model.adjacent_facets import AdjacentFacets
 from dolfinx_nts.model.facing import Facing
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.model.obstacles import Obstacle
@@ -79,6 +80,7 @@ class RigidSurface(Obstacle):
         self.key = np.arange(len(facets), dtype=np.int64)
         self._facets: Ints = np.ascontiguousarray(facets, dtype=np.int32)
         self._segments = _kernels.Segments(self._facets, self._orientation, self.key)
+        self._adjacent = AdjacentFacets(self._facets, self._orientation)
         self.shortest_passage = self._shortest_passage()
 
     @property
@@ -88,6 +90,11 @@ class RigidSurface(Obstacle):
         The orientation is +1 if the product of the first two edges points outward, otherwise -1.
         """
         return self._points, self._facets, self._orientation
+
+    @property
+    def adjacent(self) -> tuple[AdjacentFacets, Floats]:
+        """All facets, see `Obstacle.adjacent`."""
+        return self._adjacent, self._points
 
     def _shortest_passage(self) -> float:
         """Displacement below which no node passes through the surface [m].

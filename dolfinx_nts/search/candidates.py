@@ -16,6 +16,7 @@ from dolfinx_nts import _kernels
 from dolfinx_nts._kernels import HYSTERESIS
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
+from dolfinx_nts.model.adjacent_facets import AdjacentFacets
 from dolfinx_nts.model.frames import Frame
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.model.surfaces import Surface
@@ -24,7 +25,7 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.points import ContactPoints, NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter
 
-__all__ = ["Candidates", "Search", "sunk_from"]
+__all__ = ["Candidates", "Search", "sunk_from", "too_deep"]
 
 # Depth relative to the size of a candidate [-] up to which points may leave it.
 _DEEP = 0.1
@@ -56,6 +57,11 @@ class Candidates(ABC):
     size: Floats
     passage: Floats
     may_curve = False
+
+    @property
+    def sunk(self) -> Floats:
+        """Depth of points that started inside each group of candidates, shape ``(g,)`` [m]."""
+        return np.zeros(1)
 
     @abstractmethod
     def find(self, key: GlobalInts) -> Ints:
@@ -155,13 +161,16 @@ class Candidates(ABC):
         ``inside`` is the candidate behind which each point starts, or -1, shape ``(m,)``.
         """
 
+    def adjacent(self, x: Floats) -> tuple[AdjacentFacets, Floats] | None:
+        """Facets that may share nodes, and positions of their vertices, ``(v, 3)`` [m].
+
+        They are numbered as the candidates. None where each point has one candidate alone.
+        """
+        return None
+
     @abstractmethod
     def is_at_rim(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:
         """Whether points are nearest to a free edge of the surface."""
-
-    def too_deep(self, segment: Ints) -> Floats:
-        """Depth beyond which points belong to another side of the body, ``(m,)`` [m]."""
-        return _kernels.DEEPEST * self.size[segment]
 
     def independent(
         self, surface: Surface, segment: Ints, eligible: Flags, urgency: GlobalInts
@@ -178,6 +187,13 @@ class Candidates(ABC):
             Flags, shape ``(n,)``: all eligible nodes, except in self contact.
         """
         return eligible
+
+
+def too_deep(candidates: Candidates, segment: Ints) -> Floats:
+    """Depth below which points belong to another side of the body, ``(m,)`` [m]. Local."""
+    deepest = float(candidates.sunk.max(initial=0.0))
+    depth: Floats = np.maximum(_kernels.DEEPEST * candidates.size[segment], deepest)
+    return depth
 
 
 def sunk_from(candidates: Candidates, segment: Ints) -> Floats:

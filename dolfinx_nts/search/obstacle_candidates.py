@@ -7,6 +7,7 @@ from dolfinx_nts._kernels import HYSTERESIS
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.fem.axisymmetry import is_axisymmetric
+from dolfinx_nts.model.adjacent_facets import AdjacentFacets
 from dolfinx_nts.model.frames import Frame
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.model.obstacles import Obstacle
@@ -88,6 +89,10 @@ class ObstacleCandidates(Candidates):
             return ways
         gap = self.gap(points, x, np.maximum(ways.entered, 0))
         return ways._replace(gap=np.where(ways.entered >= 0, gap, np.nan))
+
+    def adjacent(self, x: Floats) -> tuple[AdjacentFacets, Floats] | None:
+        """Take the facets of the obstacle, see `Candidates.adjacent`."""
+        return self._obstacle.adjacent
 
     def is_at_rim(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:
         return self._obstacle.is_at_rim(points.of(x), segment)

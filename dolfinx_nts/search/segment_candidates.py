@@ -7,6 +7,7 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts._kernels import HYSTERESIS
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
+from dolfinx_nts.model.adjacent_facets import AdjacentFacets
 from dolfinx_nts.model.kinematics import ContactKinematics, ConvectiveSlip, Slip
 from dolfinx_nts.model.rims import is_nearest_a_rim
 from dolfinx_nts.model.trajectories import Trajectories, passages
@@ -61,6 +62,7 @@ class SegmentCandidates(Candidates):
         self.size, self._thickness = found[4:6]
         self.passage = passages(self.size, self._thickness)
         self._sunk: Floats = np.zeros(1 if first is None else len(first) - 1)
+        self._adjacent = AdjacentFacets(self.segments, self.orientation, first)
         self._kernel = _kernels.Segments(self.segments, self.orientation, self.key, first)
 
     @property
@@ -72,11 +74,6 @@ class SegmentCandidates(Candidates):
     def sunk(self, depth: Floats) -> None:
         self._sunk = depth
         self._kernel.sink(depth)
-
-    def too_deep(self, segment: Ints) -> Floats:
-        """Depth below which points belong to another side, see `Candidates.too_deep`."""
-        depth: Floats = np.maximum(super().too_deep(segment), self._sunk.max(initial=0.0))
-        return depth
 
     @property
     def of_segments(self) -> tuple[Floats, GlobalInts, Floats, Floats]:
@@ -153,6 +150,10 @@ class SegmentCandidates(Candidates):
         }[law]
         *values, frame_n, frame = kernel(*pairs)
         return kind(*values, frame_n=frame_n, frame=frame, orientation=pairs[2])
+
+    def adjacent(self, x: Floats) -> tuple[AdjacentFacets, Floats] | None:
+        """Take the segments of the group of each one, see `Candidates.adjacent`."""
+        return self._adjacent, x
 
     def follow(self, points: ContactPoints, x_n: Floats, x: Floats, inside: Ints) -> Trajectories:
         """Find where points go through segments, see `Candidates.follow`."""

@@ -68,6 +68,10 @@ class SmoothCandidates(SegmentCandidates):
         slip = self._slip(*self._both_states(points, x_n, x, segment))
         return slip.combined(self._weights[segment])
 
+    def adjacent(self, x: Floats) -> None:
+        """None: at edges the patches of both sides have the same gap."""
+        return None
+
     def is_at_rim(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:
         return is_nearest_a_rim(points.of(x), x, self._vertices, segment)
 

@@ -2,8 +2,8 @@
 
 Trilinear hexahedra of St. Venant-Kirchhoff material with consistent
 mass, 2x2x2 Gauss points and the energy-momentum time integration used
-by Franke, Hesch and Betsch (2011) for the bodies. Dense matrices, small
-scenes, no DOLFINx. Cells have their vertices in tensor order.
+by Franke, Hesch and Betsch (2011) for the bodies. No DOLFINx, small
+scenes. Cells have their vertices in tensor order.
 """
 
 from collections.abc import Callable
@@ -11,6 +11,7 @@ from itertools import permutations
 
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse
 
 from reference.nts import shape_functions
 
@@ -134,27 +135,35 @@ class Bulk:
         F = np.einsum("cvi,cvj->cij", x[self.cells], gradient)
         return F, (F.transpose(0, 2, 1) @ F - np.eye(3)) / 2
 
-    def internal(self, x_n: Array, x: Array) -> tuple[Array, Array]:
-        """Return the conserving internal force (3n,) and its tangent.
+    def internal(
+        self, x_n: Array, x: Array, *, conserving: bool = True, sparse: bool = False
+    ) -> tuple[Array, Array | scipy.sparse.csr_matrix]:
+        """Return the internal force (3n,) of a step and its tangent.
 
         The stress is that of the mean Green-Lagrange strain of the two
-        states, not that of the mean configuration.
+        states, or, unless ``conserving``, that of the mean configuration.
         """
-        n = self.num_nodes
-        force, tangent = np.zeros((n, 3)), np.zeros((n, 3, n, 3))
+        n, C = self.num_nodes, self.C.reshape(9, 9)
+        force, blocks = np.zeros((n, 3)), np.zeros((len(self.cells), 24, 24))
         for gradient, weight in zip(self.gradients, self.weights, strict=True):
             (F_n, E_n), (F, E) = self._strain(x_n, gradient), self._strain(x, gradient)
-            F_mid, S = (F_n + F) / 2, np.einsum("ijkl,ckl->cij", self.C, (E_n + E) / 2)
-            cell_force = np.einsum("c,cij,cjk,cvk->cvi", weight, F_mid, S, gradient)
-            np.add.at(force, self.cells, cell_force)
-            geometric = np.einsum("c,cvk,ckl,cwl->cvw", weight, gradient, S, gradient) / 2
-            B_mid = np.einsum("cik,cvl->cvikl", F_mid, gradient)
-            B = np.einsum("cik,cvl->cvikl", F, gradient) / 2
-            block = np.einsum("c,cvikl,klmn,cwjmn->cviwj", weight, B_mid, self.C, B, optimize=True)
-            block += np.einsum("cvw,ij->cviwj", geometric, np.eye(3))
-            for cell, entries in zip(self.cells, block, strict=True):
-                tangent[cell[:, None], :, cell[None, :], :] += entries.transpose(0, 2, 1, 3)
-        return force.ravel(), tangent.reshape(3 * n, 3 * n)
+            F_mid, E_mid = (F_n + F) / 2, (E_n + E) / 2
+            if not conserving:
+                F, E_mid = self._strain((x_n + x) / 2, gradient)
+            S = weight[:, None, None] * (E_mid.reshape(-1, 9) @ C).reshape(-1, 3, 3)
+            np.add.at(force, self.cells, gradient @ S @ F_mid.transpose(0, 2, 1))
+            geometric = gradient @ S @ gradient.transpose(0, 2, 1) / 2
+            B_mid, B = (
+                np.einsum("cik,cvl->cvikl", each, gradient).reshape(-1, 24, 9)
+                for each in (F_mid, F)
+            )
+            blocks += weight[:, None, None] / 2 * (B_mid @ C) @ B.transpose(0, 2, 1)
+            blocks += np.einsum("cvw,ij->cviwj", geometric, np.eye(3)).reshape(-1, 24, 24)
+        dofs = (3 * self.cells[:, :, None] + np.arange(3)).reshape(-1, 24)
+        rows, columns = np.repeat(dofs, 24, axis=1), np.tile(dofs, 24)
+        entries = blocks.ravel(), (rows.ravel(), columns.ravel())
+        tangent = scipy.sparse.csr_matrix(entries, shape=(3 * n, 3 * n))
+        return force.ravel(), tangent if sparse else tangent.toarray()
 
     def step(self, x_n: Array, v_n: Array, dt: float) -> Callable[[Array], tuple[Array, Array]]:
         """Return the callback ``x -> (R, K)`` of one time step.

@@ -13,6 +13,7 @@ unit square in tensor order). The full coordinates of one contact are
 """
 
 from collections.abc import Callable
+from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
@@ -155,6 +156,7 @@ def invariants(x_pair: Array, normal: Array, xi: Array, slack: float) -> Array:
     return np.concatenate((*with_normal, xi, [slack], [normal @ normal], *with_edges))
 
 
+@cache
 def invariants_hessians(k: int) -> Array:
     """Return the constant Hessians of the invariants, (n, nz, nz)."""
     size = 3 * (1 + k) + 6
@@ -203,19 +205,28 @@ def _coefficients(xi: Array, k: int) -> Array:
     return c
 
 
-def _coefficient_derivatives(xi: Array, k: int) -> tuple[Array, Array]:
-    """Return the derivatives ``c_,alpha`` and ``c_,alphabeta``.
+@cache
+def _polynomial(k: int) -> Array:
+    """Return ``c`` (3, 3, 6, n) by powers of both coordinates.
 
-    ``c`` is at most quadratic in each coordinate, so that central
-    differences with step one are exact.
+    ``c`` is at most quadratic in each of them, so that interpolation in
+    three points is exact.
     """
-    around = (-1, 0, 1)
-    stencil = np.array([[_coefficients((xi[0] + i, xi[1] + j), k) for j in around] for i in around])
-    first, second = np.array([-0.5, 0, 0.5]), np.array([1.0, -2, 1])
-    dc = np.array([np.tensordot(first, stencil[:, 1], 1), np.tensordot(first, stencil[1], 1)])
-    mixed = np.einsum("i,j,ij...->...", first, first, stencil)
-    d_rr, d_ss = np.tensordot(second, stencil[:, 1], 1), np.tensordot(second, stencil[1], 1)
-    return dc, np.array([[d_rr, mixed], [mixed, d_ss]])
+    around = np.array([-1.0, 0.0, 1.0])
+    values = np.array([[_coefficients((r, s), k) for s in around] for r in around])
+    interpolate = np.linalg.inv(np.vander(around, increasing=True))
+    return np.einsum("pr,qs,rsmn->pqmn", interpolate, interpolate, values)
+
+
+def _coefficient_derivatives(xi: Array, k: int) -> tuple[Array, Array]:
+    """Return the derivatives ``c_,alpha`` and ``c_,alphabeta``."""
+    powers = [np.array([[1.0, z, z * z], [0.0, 1.0, 2 * z], [0.0, 0.0, 2.0]]) for z in xi]
+    by_order = np.tensordot(powers[0], np.tensordot(powers[1], _polynomial(k), (1, 1)), (1, 1))
+    mixed = by_order[1, 1]
+    return (
+        np.array([by_order[1, 0], by_order[0, 1]]),
+        np.array([[by_order[2, 0], mixed], [mixed, by_order[0, 2]]]),
+    )
 
 
 def constraints(pi: Array) -> Array:

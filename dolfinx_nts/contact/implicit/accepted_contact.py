@@ -37,6 +37,7 @@ def contact_history(step: ContactStep, last: ContactContribution) -> ContactHist
     return replace(
         history,
         key=key,
+        shared=search.shared.sums(step.candidates.key),
         active=normal.active.copy(),
         sliding=normal.active & friction.sliding,
         lambda_N=normal.lambda_N.copy(),

@@ -26,7 +26,7 @@ from dolfinx_nts.contact.passage import Passage, passing_nodes_message
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined
-from dolfinx_nts.search.candidates import sunk_from
+from dolfinx_nts.search.candidates import sunk_from, too_deep
 from dolfinx_nts.search.joint_search import JointSearch
 from dolfinx_nts.search.points import ContactPoints
 
@@ -265,7 +265,7 @@ def _beside(step: ContactStep, points: ContactPoints, segment: Ints) -> Flags:
     """Whether points have left their segments sideways, over a rim of the surface."""
     candidates = step.search.candidates
     depth = -candidates.gap(points, step.x, segment)
-    flags: Flags = depth < candidates.too_deep(segment)
+    flags: Flags = depth < too_deep(candidates, segment)
     return flags & candidates.is_at_rim(points, step.x, segment)
 
 

@@ -15,7 +15,7 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.implicit.contributions import ContactContribution, PairKinematics
 from dolfinx_nts.contact.implicit.laws import make_friction, make_normal_contact, make_search
-from dolfinx_nts.contact.implicit.local_search import LocalSearch, last_segments
+from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.implicit.normal_contact import go_on
 from dolfinx_nts.contact.implicit.pair_forces import contribution_of
 from dolfinx_nts.contact.joint_state import JointState, members
@@ -254,6 +254,6 @@ def go_on_from(steps: Sequence[ContactStep], others: Sequence[ContactStep]) -> N
         others: Earlier attempts at the same step, of the same pairs.
     """
     for step, other in zip(steps, others, strict=True):
-        step.search.segment = last_segments(step.search, other.search)
+        step.search.go_on_from(other.search)
         go_on(step.normal, other.normal)
         step.friction.go_on_from(other.friction)

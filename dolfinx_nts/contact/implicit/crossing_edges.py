@@ -42,5 +42,5 @@ class CrossingEdges(LocalSearch):
 
     def __init__(self, state: PairState | JointState, x_n: Floats, x_trial: Floats) -> None:
         super().__init__(state, x_n, x_trial)
-        last = state.history.key
-        self.pairing = EdgePairing(state.nodes, self.candidates, self.points, self.x_n, last)
+        of_step = self.candidates, self.points, self.x_n, state.history
+        self.pairing = EdgePairing(state.nodes, *of_step)

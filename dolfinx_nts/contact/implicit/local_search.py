@@ -8,19 +8,22 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
-from dolfinx_nts.contact.enforcement import TOUCHES
+from dolfinx_nts.contact.enforcement import TOUCHES, Tied
 from dolfinx_nts.contact.implicit.pairing import NodePairing, Pairing
 from dolfinx_nts.contact.joint_state import JointState, members
+from dolfinx_nts.contact.massless import is_resolved
+from dolfinx_nts.contact.method import NODES
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.model.adjacent_facets import AdjacentFacets
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.search.shared_segments import SharedSegments
 
 __all__ = [
     "STATIC_OVERHANG",
     "Approach",
     "LocalSearch",
     "StaticSearch",
-    "last_segments",
     "may_face",
     "sunk",
 ]
@@ -92,6 +95,7 @@ class LocalSearch:
         gap: Gap to the segment now, NaN without, shape ``(n,)`` [m].
         approach: What the nodes would meet without contact.
         pairing: Evaluates nodes and what they face.
+        shared: Segments of the nodes that are equally near to several.
     """
 
     _overhang: float = _kernels.OVERHANG
@@ -115,10 +119,24 @@ class LocalSearch:
         trial = candidates.scatter.forward(x_trial)
 
         last = state.history.key
-        self.pairing: Pairing = NodePairing(state.nodes, candidates, points, self.x_n, last)
+        pairing = NodePairing(state.nodes, candidates, points, self.x_n, state.history)
+        self.pairing: Pairing = pairing
+        self.shared: SharedSegments = pairing.shared
+        self._shares = _may_share(state.pair) and candidates.adjacent(self.x_n) is not None
         self.last = candidates.find(last)
         self.start = segment_n, gap = candidates.pair(points, self.x_n, self.last, self.reach)
+        if self._shares:
+            # Of several segments none was the right one: they are found again.
+            several = state.history.shared.nonzero()[0].astype(np.int32)
+            before = self.last.copy()
+            before[several] = -1
+            self._find_again(self.x_n, several, segment_n, gap)
+            every = np.arange(len(gap), dtype=np.int32)
+            self._share(self.x_n, every, before, segment_n, gap)
         met, gap_trial = candidates.pair(points, trial, segment_n, self.reach)
+        several = (self.shared.many & (met >= 0)).nonzero()[0].astype(np.int32)
+        gap_trial[several] = pairing.gaps(trial, several, met[several])
+        met[several] = segment_n[several]
         # Nodes that would be too deep to be found: they face what they enter.
         self._caught: Flags = np.zeros(len(met), dtype=bool)
         self._catch(trial, met, gap_trial)
@@ -142,6 +160,58 @@ class LocalSearch:
         caught = ways.passes(self.candidates.size) | ((ways.entered >= 0) & (met[node] < 0))
         met[node[caught]], gap_trial[node[caught]] = ways.entered[caught], ways.gap[caught]
         self._caught[node[caught]] = True
+
+    def _find_again(self, x: Floats, node: Ints, segment: Ints, gap: Floats) -> Flags:
+        """Find the nearest segments of some nodes again, among those that go on from theirs.
+
+        Arguments are positions, the nodes, shape ``(m,)``, and segments and gaps of all, which
+        are changed. Returns which nodes have a segment that was found again, shape ``(m,)``.
+        """
+        candidates = self.candidates
+        none = np.full(len(node), -1, dtype=np.int32)
+        if not len(node):
+            return none >= 0
+        found, there = candidates.pair(self.points.take(node), x, none, self.reach)
+        adjacent, _ = self._adjacent(x)
+        goes_on: Flags = (found >= 0) & (segment[node] >= 0)
+        own = node[goes_on]
+        goes_on[goes_on] = adjacent.have_common_vertices(segment[own], found[goes_on])
+        segment[node[goes_on]], gap[node[goes_on]] = found[goes_on], there[goes_on]
+        return goes_on
+
+    def _share(self, x: Floats, node: Ints, before: Ints, found: Ints, gap: Floats) -> None:
+        """Let nodes whose segment was found just now have all that are as near.
+
+        Arguments are positions, and of ``m`` nodes their numbers, their segments before, those
+        that were found, and gaps, which become means.
+        """
+        (new,) = (found != before).nonzero()
+        if not len(new):
+            return
+        some = new[found[new] >= 0]
+        own, (adjacent, vertices) = found[some], self._adjacent(x)
+        points, size = self.points.take(node[some]).of(x), self.candidates.size[own]
+        row, segment = adjacent.as_near(points, vertices, own, size)
+        self.shared.replace(node[new], np.searchsorted(new, some[row]), segment)
+        several = new[self.shared.many[node[new]]]
+        gap[several] = self.pairing.gaps(x, node[several], found[several])
+
+    def _slid(self, x: Floats, node: Ints, slack: float) -> Ints:
+        """Nodes among some, ``(m,)``, that are farther than slack beside one of their segments."""
+        if np.isinf(slack) or not self.shared.many[node].any():
+            return node[:0]
+        node = node[self.shared.many[node]]
+        row, segment, start = self.shared.entries(node, self.segment[node])
+        adjacent, vertices = self._adjacent(x)
+        outside = adjacent.outside(self.points.take(node[row]).of(x), vertices, segment)
+        slid: Ints = node[np.maximum.reduceat(outside, start[:-1]) > slack]
+        return slid
+
+    def _adjacent(self, x: Floats) -> tuple[AdjacentFacets, Floats]:
+        """Facets that may share nodes, see `Candidates.adjacent`; there are some."""
+        found = self.candidates.adjacent(x)
+        assert found is not None
+        return found
 
     @staticmethod
     def _beyond(pair: ContactPair) -> float:
@@ -202,6 +272,28 @@ class LocalSearch:
         others: Ints = inside[segment != self.segment[inside]]
         return others
 
+    def go_on_from(self, other: "LocalSearch") -> None:
+        """Begin with the segments at the end of another attempt at the same step.
+
+        Where they are not in reach any more they are those of this attempt. Contact points that
+        do not follow their nodes are chosen where positions without contact want them.
+        """
+        if not self.pairing.follows:
+            return
+        key = np.full(len(self.segment), -1, dtype=np.int64)
+        found = other.segment >= 0
+        key[found] = other.candidates.key[other.segment[found]]
+        last, before = self.candidates.find(key), self.segment
+        self.segment = np.where(last >= 0, last, before).astype(np.int32)
+        (nodes,) = (self.segment != before).nonzero()
+        row, segment = nodes[:0].astype(np.int32), nodes[:0].astype(np.int32)
+        if other.candidates is self.candidates:
+            nodes, of_other = (last >= 0).nonzero()[0], other.shared
+            kept = last[of_other.node] >= 0
+            row = np.searchsorted(nodes, of_other.node[kept]).astype(np.int32)
+            segment = of_other.segment[kept]
+        self.shared.replace(nodes.astype(np.int32), row, segment)
+
     def _find(self, x: Floats, node: Ints, slack: float) -> tuple[Ints, Flags]:
         """Segments of nodes; whether they are others than before."""
         before = self.segment[node]
@@ -212,6 +304,7 @@ class LocalSearch:
             self.gap[kept] = self.candidates.gap(self.points.take(kept), x, self.segment[kept])
             free = node[~stays]
             current = self.segment[free]
+        slid = self._slid(x, free, slack) if self._shares else free[:0]
         found, gap = self.candidates.pair(self.points.take(free), x, current, self.reach, slack)
         lost = ((found < 0) & self._caught[free]).nonzero()[0]
         if len(lost):
@@ -219,7 +312,19 @@ class LocalSearch:
             gap[lost] = self.candidates.gap(self.points.take(free[lost]), x, found[lost])
         self.segment[free], self.gap[free] = found, gap
         segment = found if free is node else self.segment[node]
-        return segment, segment != before
+        moved = segment != before
+        if self._shares:
+            if len(slid):
+                renewed = slid[self._find_again(x, slid, self.segment, self.gap)]
+                current = np.where(np.isin(free, renewed), -1, current).astype(np.int32)
+                found, gap = self.segment[free], self.gap[free]
+                segment = self.segment[node]
+                moved |= np.isin(node, renewed)
+            self._share(x, free, current, found, gap)
+            # Also of nodes that stay with their segments.
+            several = node[self.shared.many[node]]
+            self.gap[several] = self.pairing.gaps(x, several, self.segment[several])
+        return segment, moved
 
     def _count(self, node: Ints, moved: Flags) -> None:
         """Count changes of the segment, node by node."""
@@ -261,16 +366,7 @@ def sunk(search: LocalSearch, x: Floats, node: Ints, least: float) -> tuple[Ints
     return node[deeper], segment[deeper], gap[deeper]
 
 
-def last_segments(search: LocalSearch, other: LocalSearch) -> Ints:
-    """Segments of nodes, ``(n,)``, at the end of another attempt at the same step. Local.
-
-    Where they are not in reach any more they are those of the search. Contact points that do not
-    follow their nodes are chosen where positions without contact want them.
-    """
-    if not search.pairing.follows:
-        return search.segment
-    key = np.full(len(search.segment), -1, dtype=np.int64)
-    found = other.segment >= 0
-    key[found] = other.candidates.key[other.segment[found]]
-    last = search.candidates.find(key)
-    return np.where(last >= 0, last, search.segment).astype(np.int32)
+def _may_share(pair: ContactPair) -> bool:
+    """Whether nodes may have several segments: not where they keep one, or none is theirs."""
+    alone = isinstance(pair.enforcement, Tied) or pair.is_convective or is_resolved(pair)
+    return pair.method == NODES and not (alone or pair.touches_itself)

@@ -4,14 +4,19 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
+from dolfinx_nts.contact.implicit.mortar_slip import MortarSlip, NodalFrames
 from dolfinx_nts.contact.implicit.pair_blocks import OwnBlocks
+from dolfinx_nts.contact.implicit.shared_segments import SharedBlocks, shared_points
 from dolfinx_nts.contact.joint_state import JointNodes
-from dolfinx_nts.model.kinematics import Slip
+from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.search.candidates import Candidates
+from dolfinx_nts.search.mortar_points import MortarPoints, at_nodes
 from dolfinx_nts.search.points import NodalPoints
+from dolfinx_nts.search.shared_segments import SharedSegments
 
 __all__ = ["NodePairing", "Pairing"]
 
@@ -72,7 +77,11 @@ class NodePairing(Pairing):
         candidates: What they may face.
         points: Contact points of the nodes.
         x_n: Positions at t_n, shape ``(l, 3)`` [m].
-        last: Keys of the segments of the last step, shape ``(n,)``.
+        history: Contact of the nodes in the last step.
+
+    Attributes:
+        shared: Segments of nodes that are equally near to several, whose gap is the mean of those
+            to all of them.
     """
 
     follows = True
@@ -83,21 +92,28 @@ class NodePairing(Pairing):
         candidates: Candidates,
         points: NodalPoints,
         x_n: Floats,
-        last: GlobalInts,
+        history: ContactHistory,
     ) -> None:
         """Take what does not change in the step."""
         self.area, self._surface = surface.area, surface
         self.reached = np.concatenate([points.nodes, candidates.segments.ravel()])
-        self._candidates, self._points, self._x_n, self._last = candidates, points, x_n, last
+        self._candidates, self._points, self._x_n, self._history = candidates, points, x_n, history
+        self.shared = SharedSegments(len(history.key))
 
     def gaps(self, x: Floats, node: Ints, segment: Ints) -> Floats:
         """Distances from the segments, see `Pairing.gaps`."""
-        return self._candidates.gap(self._points.take(node), x, segment)
+        if not self.shared.many[node].any():
+            return self._candidates.gap(self._points.take(node), x, segment)
+        row, segment, start = self.shared.entries(node, segment)
+        gap = self._candidates.gap(self._points.take(node[row]), x, segment)
+        return self.shared.mean(gap, start)
 
     def kinematics(
         self, scheme: str, x: Floats, node: Ints, segment: Ints, free: Floats | None
     ) -> PairKinematics:
         """Evaluate each node and its segment, see `Pairing.kinematics`."""
+        if self.shared.many[node].any():
+            return self._shared_kinematics(scheme, x, node, segment, free)
         points = self._points.take(node)
         contact = self._candidates.contact(scheme, points, self._x_n, x, segment)
         dofs = points.dofs(self._candidates.segments.take(segment, axis=0))
@@ -107,18 +123,54 @@ class NodePairing(Pairing):
 
     def slip(self, law: str, x: Floats, node: Ints, segment: Ints) -> Slip:
         """Evaluate each node and its segment, see `Pairing.slip`."""
-        points = self._points.take(node)
-        return self._candidates.slip(law, points, self._x_n, x, segment)
+        if not self.shared.many[node].any():
+            points = self._points.take(node)
+            return self._candidates.slip(law, points, self._x_n, x, segment)
+        nodal, shared = self._shared(node, segment)
+        slip = self._candidates.slip(law, nodal, self._x_n, x, shared.segment)
+        return MortarSlip(shared, slip, NodalFrames.of(shared, slip))
+
+    def _shared_kinematics(
+        self, scheme: str, x: Floats, node: Ints, segment: Ints, free: Floats | None
+    ) -> PairKinematics:
+        """Sum up the segments of each node, see `Pairing.kinematics`."""
+        nodal, shared = self._shared(node, segment)
+        contact = self._candidates.contact(scheme, nodal, self._x_n, x, shared.segment)
+        gap_n, gap, force, gradient, turn = at_nodes(shared, contact)
+        mean = ContactKinematics(gap_n, gap, force, gradient, contact.tangent, turn)
+        # Rows that are shorter than others have a vertex several times, not the node.
+        dofs = shared.lists
+        if self._candidates.segments.shape[1]:
+            dofs = np.where(dofs == dofs[:, :1], dofs[:, 1:2], dofs)
+            dofs[:, 0] = shared.lists[:, 0]
+        of_rows = of_points = None
+        if free is not None:
+            of_rows, of_points = (
+                free[each].reshape(len(each), -1) for each in (dofs, shared.reached)
+            )
+        unknown = None if of_rows is None or of_points is None else (of_rows, of_points)
+        blocks = SharedBlocks(shared, dofs, unknown, contact.tangent)
+        return PairKinematics(node, segment, of_rows, mean, blocks)
+
+    def _shared(self, node: Ints, segment: Ints) -> tuple[NodalPoints, MortarPoints]:
+        """Points of nodes, one for each of their segments, for candidates and for sums."""
+        row, segment, start = self.shared.entries(node, segment)
+        nodal = self._points.take(node[row])
+        dofs = nodal.dofs(self._candidates.segments.take(segment, axis=0))
+        return nodal, shared_points(self._points.nodes[node], dofs, segment, start)
 
     def on_nodes(self, pairs: PairKinematics, force: Floats) -> Floats:
         """Take the force on each node of a pair, see `Pairing.on_nodes`."""
-        total = np.zeros((len(self._last), 3))
+        total = np.zeros((len(self._history.key), 3))
         total[pairs.node] = force[:, :3]
         return total
 
     def is_same(self, pairs: PairKinematics) -> Flags:
-        """Compare keys of segments, see `Pairing.is_same`."""
-        same: Flags = self._last[pairs.node] == self._candidates.key[pairs.segment]
+        """Compare keys of segments, of all where there are several, see `Pairing.is_same`."""
+        last, key = self._history, self._candidates.key
+        same: Flags = last.key[pairs.node] == key[pairs.segment]
+        if self.shared.many.any() or last.shared.any():
+            same &= (last.shared == self.shared.sums(key))[pairs.node]
         return same
 
     def num_beyond(self, x: Floats, node: Ints) -> int:

@@ -1,0 +1,71 @@
+"""Evaluation of nodes that are equally near to several segments, see `SharedSegments`.
+
+Each gap is invariant and has a discrete gradient of its own, so that energy and momenta are
+conserved with the mean of several as exactly as with one. The segments of a node change between
+steps only, or with the segment that it faces.
+"""
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Array, Flags, Floats, Ints
+from dolfinx_nts.contact.implicit.pair_blocks import OwnBlocks
+from dolfinx_nts.search.mortar_points import MortarPoints, Shares
+
+__all__ = ["SharedBlocks", "shared_points"]
+
+
+def shared_points(own: Ints, dofs: Ints, segment: Ints, start: Array) -> MortarPoints:
+    """Contact points at nodes, one for each of their segments, with equal shares. Local.
+
+    Args:
+        own: The nodes, shape ``(m,)``.
+        dofs: Node and vertices of the segment of each point, shape ``(i, 1 + k)``.
+        segment: The segments, shape ``(i,)``.
+        start: Where the points of each node begin, and the end, shape ``(m + 1,)``.
+    """
+    number, counts = np.arange(len(segment), dtype=np.int32), np.diff(start)
+    shares = Shares(own, np.ones(len(own)), start, number, 1 / np.repeat(counts, counts))
+    ones, none = np.ones((len(segment), 1)), np.zeros(len(segment))
+    return MortarPoints(dofs, ones, segment, none, number, shares)
+
+
+class SharedBlocks(OwnBlocks):
+    """One block for each segment of a node, see `OwnBlocks`.
+
+    Args:
+        points: Points of the nodes on their segments, see `shared_points`.
+        dofs: Nodes of the rows, shape ``(m, d)``.
+        unknown: 1 where the displacement is unknown, otherwise 0, of the rows, ``(m, 3 d)``, and
+            of the points, ``(i, 3 (1 + k))``; None if all are unknown.
+        tangent: Derivative of the forces of the points, ``(i, 3 (1 + k), 3 (1 + k))`` [1/m].
+    """
+
+    def __init__(
+        self,
+        points: MortarPoints,
+        dofs: Ints,
+        unknown: tuple[Floats, Floats] | None,
+        tangent: Floats,
+    ) -> None:
+        """Take the segments of a node as blocks."""
+        super().__init__(dofs, None if unknown is None else unknown[0], tangent)
+        self.nodes, self._points = points.reached, points
+        self._of_points = None if unknown is None else unknown[1]
+
+    def tangent(self, lambda_N: Floats) -> Floats:
+        """Share the multipliers, see `PairBlocks.tangent`."""
+        factor = self._points.shares.spread(lambda_N, len(self.nodes))
+        blocks: Floats = factor[:, None, None] * self._tangent
+        return blocks
+
+    def of(self, active: Flags) -> Ints:
+        """Blocks of the nodes of active pairs, see `PairBlocks.of`."""
+        shares = self._points.shares
+        return shares.point[active[shares.node]]
+
+    def restrict(self, force: Floats, tangent: Floats) -> Floats:
+        """Clear what is given, see `PairBlocks.restrict`."""
+        if self._free is None or self._of_points is None:
+            return force
+        tangent *= self._of_points[:, :, None] * self._of_points[:, None, :]
+        return force * self._free

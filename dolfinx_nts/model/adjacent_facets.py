@@ -1,0 +1,114 @@
+"""Facets of a surface around one of them, and which of these are equally near to a point."""
+
+from functools import cached_property
+
+import numpy as np
+
+from dolfinx_nts import _kernels
+from dolfinx_nts.common.arrays import Array, Flags, Floats, Ints
+from dolfinx_nts.model.rims import FACET_EDGES, SHARP
+
+__all__ = ["AdjacentFacets"]
+
+# Largest difference of the distances of equally near facets, relative to the facet [-]. If it were
+# smaller than what Newton's method leaves (1e-11), round-off would choose a facet again; if it were
+# larger, nodes that lie off an edge would count as above it.
+_EQUAL = 1e-8
+
+
+class AdjacentFacets:
+    """Facets of a surface by their vertices. Local.
+
+    In the methods ``points`` are positions of ``m`` points, shape ``(m, 3)`` [m], ``x`` positions
+    of the vertices, shape ``(l, 3)`` [m], and ``facet`` one facet of each point, shape ``(m,)``.
+
+    Args:
+        facets: Vertices of each facet in Basix order, shape ``(s, k)``.
+        orientation: +1 where a_1 x a_2 points outwards, otherwise -1, shape ``(s,)``.
+        first: Where groups of facets begin, and their number, shape ``(g + 1,)``: facets of
+            different groups are not adjacent, also if they share vertices. None: one group.
+    """
+
+    def __init__(self, facets: Ints, orientation: Floats, first: Ints | None = None) -> None:
+        """Take the facets; what is around vertices is found when it is asked for."""
+        self._facets, self._orientation, self._first = facets, orientation, first
+
+    def as_near(self, points: Floats, x: Floats, facet: Ints, size: Floats) -> tuple[Ints, Ints]:
+        """Find the facets that are as near to points as their own ones, with these.
+
+        They have a vertex in common with the own facet, the point is on the same side of them, and
+        their normals differ by less than 30 degrees: beyond sharper edges is another side of the
+        body. ``size`` is the diameter of the own facet, shape ``(m,)`` [m].
+
+        Returns:
+            Points with several such facets, ascending, and the facets, both of shape ``(e,)``.
+        """
+        row, other = self._around(facet)
+        pairs = _kernels.with_vertices(points[row], x, self._facets, other)
+        xi, gap, normal, _ = _kernels.project(pairs, self._orientation[other])
+        away = np.where(_outside(xi, self._facets.shape[1]) <= 0, np.abs(gap), _from_edges(pairs))
+        own = np.flatnonzero(other == facet[row])
+        margin = _EQUAL * size[row]
+        near = np.abs(away - away[own][row]) <= margin
+        near &= (gap < -margin) == (gap[own][row] < -margin)
+        near &= np.einsum("ei,ei->e", normal, normal[own][row]) >= SHARP
+        near &= np.bincount(row[near], minlength=len(facet))[row] > 1
+        return row[near], other[near]
+
+    def outside(self, points: Floats, x: Floats, facet: Ints) -> Floats:
+        """Distances of projections from facets, in reference coordinates, ``(m,)`` [-]."""
+        pairs = _kernels.with_vertices(points, x, self._facets, facet)
+        return _outside(_kernels.project(pairs, self._orientation[facet])[0], pairs.shape[1] - 1)
+
+    def have_common_vertices(self, facet: Ints, other: Ints) -> Flags:
+        """Whether facets have vertices in common with others, shape ``(m,)``."""
+        own, theirs = self._facets[facet], self._facets[other]
+        flags: Flags = (own[:, :, None] == theirs[:, None]).any(axis=(1, 2))
+        return flags
+
+    @cached_property
+    def _corners(self) -> tuple[Ints, Array]:
+        """Corners of the facets by vertices, and where those of each vertex begin, with the end."""
+        corners = self._facets.ravel()
+        order = np.argsort(corners, kind="stable").astype(np.int32)
+        return order, np.searchsorted(corners[order], np.arange(corners.max(initial=-1) + 2))
+
+    def _around(self, facet: Ints) -> tuple[Ints, Ints]:
+        """Places among some facets, ascending, and facets around each, with itself, ``(e,)``."""
+        vertices, width = self._facets[facet], len(self._facets)
+        order, begin = self._corners
+        first = begin[vertices].ravel()
+        counts = begin[vertices + 1].ravel() - first
+        places = np.repeat(first - np.cumsum(counts) + counts, counts) + np.arange(counts.sum())
+        other = order[places] // vertices.shape[1]
+        row = np.repeat(np.arange(len(facet)), counts.reshape(vertices.shape).sum(axis=1))
+        row, other = np.divmod(np.unique(row * width + other), width)
+        if self._first is not None:
+            group, of_other = (
+                np.searchsorted(self._first, each, side="right") for each in (facet, other)
+            )
+            same = group[row] == of_other
+            row, other = row[same], other[same]
+        return row.astype(np.int32), other.astype(np.int32)
+
+
+def _outside(xi: Floats, num_vertices: int) -> Floats:
+    """Distances of coordinates, ``(m, 2)``, from the reference facet, shape ``(m,)`` [-]."""
+    if num_vertices == 2:
+        xi = xi[:, :1]
+    farthest = xi.sum(axis=1) if num_vertices == 3 else xi.max(axis=1, initial=-np.inf)
+    result: Floats = np.fmax(-xi.min(axis=1, initial=np.inf), farthest - 1)
+    return result
+
+
+def _from_edges(pairs: Floats) -> Floats:
+    """Distances of points from the edges of facets, by pairs ``(m, 1 + k, 3)`` [m], ``(m,)``."""
+    point, vertices = pairs[:, 0], pairs[:, 1:]
+    distances = []
+    for i, j in FACET_EDGES[vertices.shape[1]]:
+        a, edge = point - vertices[:, i], vertices[:, j] - vertices[:, i]
+        square = np.einsum("mi,mi->m", edge, edge)
+        part = np.einsum("mi,mi->m", a, edge) / np.where(square > 0, square, 1.0)
+        distances.append(np.linalg.norm(a - np.clip(part, 0, 1)[:, None] * edge, axis=1))
+    nearest: Floats = np.min(distances, axis=0)
+    return nearest

@@ -1,0 +1,83 @@
+"""Nodes that are equally near to several segments, as above an edge or a vertex of these.
+
+Round-off, or the numbering of cells, would choose one of the segments. The gap of such a node is
+the mean of its gaps to all of them instead.
+"""
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Array, Flags, Floats, GlobalInts, Ints
+
+__all__ = ["SharedSegments"]
+
+
+class SharedSegments:
+    """Segments of the nodes that have several. Local.
+
+    Args:
+        num_nodes: Number of nodes of the surface, ``n``.
+
+    Attributes:
+        many: Whether a node has several segments, shape ``(n,)``.
+        node: Nodes of the entries, ascending, shape ``(i,)``.
+        segment: Their segments, shape ``(i,)``.
+    """
+
+    def __init__(self, num_nodes: int) -> None:
+        """Begin with nodes that have one segment or none."""
+        self.many: Flags = np.zeros(num_nodes, dtype=bool)
+        self.node: Ints = np.empty(0, dtype=np.int32)
+        self.segment: Ints = self.node
+
+    def replace(self, nodes: Ints, row: Ints, segment: Ints) -> None:
+        """Give some nodes other segments.
+
+        Args:
+            nodes: The nodes, shape ``(m,)``.
+            row: Places among these of the nodes with several segments, one an entry, ``(e,)``.
+            segment: Their segments, shape ``(e,)``.
+        """
+        if not (len(row) or self.many[nodes].any()):
+            return
+        self.many[nodes] = False
+        kept = self.many[self.node]
+        node = np.concatenate([self.node[kept], nodes[row]])
+        order = np.argsort(node, kind="stable")
+        self.node = node[order]
+        self.segment = np.concatenate([self.segment[kept], segment])[order]
+        self.many[nodes[row]] = True
+
+    def sums(self, key: GlobalInts) -> GlobalInts:
+        """Sum of the keys of the segments of each node with several, otherwise 0, ``(n,)``."""
+        sums: GlobalInts = np.zeros(len(self.many), dtype=np.int64)
+        np.add.at(sums, self.node, key[self.segment])
+        return sums
+
+    def entries(self, node: Ints, segment: Ints) -> tuple[Ints, Ints, Array]:
+        """All segments of some nodes, those of each node one after the other.
+
+        Args:
+            node: The nodes, shape ``(m,)``.
+            segment: Segments of nodes with one segment, shape ``(m,)``.
+
+        Returns:
+            Place among the nodes and segment of each entry, shape ``(i,)``, and where those of
+            each node begin, with the end, shape ``(m + 1,)``.
+        """
+        first = np.searchsorted(self.node, node)
+        counts = np.where(
+            self.many[node], np.searchsorted(self.node, node, side="right") - first, 1
+        )
+        start = np.concatenate([[0], np.cumsum(counts)])
+        row = np.repeat(np.arange(len(node), dtype=np.int32), counts)
+        several = self.many[node][row]
+        found = segment[row]
+        place = (first - start[:-1])[row] + np.arange(len(row))
+        found[several] = self.segment[place[several]]
+        return row, found, start
+
+    def mean(self, values: Floats, start: Array) -> Floats:
+        """Mean of values of `entries`, shape ``(i, ...)``, for each node, ``(m, ...)``."""
+        counts = np.diff(start).reshape(-1, *(1,) * (values.ndim - 1))
+        means: Floats = np.add.reduceat(values, start[:-1]) / counts
+        return means
