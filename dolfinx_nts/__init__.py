@@ -29,9 +29,11 @@ from dolfinx_nts.diagnostics.fields import Fields
 from dolfinx_nts.fem.axisymmetry import axisymmetric
 from dolfinx_nts.integrators.central_difference import CentralDifference
 from dolfinx_nts.integrators.conditions import ContactForce
-from dolfinx_nts.integrators.generalized_alpha import GeneralizedAlpha
+from dolfinx_nts.integrators.generalized_alpha import GeneralizedAlpha, Newmark, NewmarkRates
+from dolfinx_nts.integrators.implicit import ImplicitStepper
 from dolfinx_nts.integrators.quasi_static import QuasiStatic
 from dolfinx_nts.integrators.report import StepReport
+from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.integrators.schemes import EnergyMomentum, Midpoint
 from dolfinx_nts.integrators.statistics import StepperStatistics
 from dolfinx_nts.integrators.step_control import StepControl
@@ -56,7 +58,12 @@ from dolfinx_nts.model.reaction import Reaction
 from dolfinx_nts.model.resultants import Force, Moment
 from dolfinx_nts.model.rigid_body import RigidBody
 from dolfinx_nts.model.rigid_cone import RigidCone
-from dolfinx_nts.model.rigid_shapes import RigidCylinder, RigidPlane, RigidSphere
+from dolfinx_nts.model.rigid_shapes import (
+    ExactObstacle,
+    RigidCylinder,
+    RigidPlane,
+    RigidSphere,
+)
 from dolfinx_nts.model.rigid_surface import RigidSurface
 from dolfinx_nts.model.surface_loads import Pressure, Traction
 from dolfinx_nts.model.surfaces import Surface
@@ -84,6 +91,7 @@ __all__ = [
     "Coulomb",
     "Diagnostics",
     "EnergyMomentum",
+    "ExactObstacle",
     "Fields",
     "Force",
     "FormLoad",
@@ -93,6 +101,7 @@ __all__ = [
     "Guide",
     "HolzapfelGasserOgden",
     "Hyperelastic",
+    "ImplicitStepper",
     "J2Plasticity",
     "LagrangeMultiplier",
     "Load",
@@ -102,6 +111,8 @@ __all__ = [
     "MooneyRivlin",
     "Motion",
     "NeoHookean",
+    "Newmark",
+    "NewmarkRates",
     "Obstacle",
     "Ogden",
     "Overlap",
@@ -119,6 +130,7 @@ __all__ = [
     "RigidSphere",
     "RigidSurface",
     "SaintVenantKirchhoff",
+    "Scheme",
     "SlipWeakening",
     "StepControl",
     "StepReport",

@@ -34,7 +34,7 @@ from dolfinx_nts.model.loads import Load
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.rigid_motion import RigidMotion
 
-__all__ = ["GeneralizedAlpha"]
+__all__ = ["GeneralizedAlpha", "Newmark", "NewmarkRates"]
 
 # Limit on the iterations of conjugate gradients with the mass matrix [-], far above any need,
 # and reduction of the residual at which they stop [-], of the order of round-off.
@@ -42,8 +42,18 @@ _MAX_ITERATIONS, _REDUCTION = 1000, 1e-15
 
 
 @dataclass(frozen=True)
-class _Parameters:
-    """Parameters of the method for its spectral radius rho_inf."""
+class Newmark:
+    """Parameters of the generalised-alpha method and its relatives, as HHT.
+
+    Attributes:
+        alpha_m: Share of the start of a step in the inertia [-].
+        alpha_f: Share of the start of a step in the forces [-].
+        beta: Newmark's parameter of the displacement [-].
+        gamma: Newmark's parameter of the velocity [-].
+
+    Example:
+        >>> average_acceleration = nts.Newmark(alpha_m=0.0, alpha_f=0.0, beta=0.25, gamma=0.5)
+    """
 
     alpha_m: float
     alpha_f: float
@@ -51,7 +61,7 @@ class _Parameters:
     gamma: float
 
     @classmethod
-    def of(cls, rho_inf: float) -> "_Parameters":
+    def of(cls, rho_inf: float) -> "Newmark":
         """Optimal parameters of Chung and Hulbert."""
         alpha_m, alpha_f = (2 * rho_inf - 1) / (rho_inf + 1), rho_inf / (rho_inf + 1)
         beta = (1 - alpha_m + alpha_f) ** 2 / 4
@@ -94,7 +104,7 @@ class GeneralizedAlpha(ImplicitStepper):
     """
 
     rho_inf = SetOnce[float]()
-    _rates: "_NewmarkRates"
+    _rates: "NewmarkRates"
 
     def __init__(
         self,
@@ -117,11 +127,11 @@ class GeneralizedAlpha(ImplicitStepper):
                     "expected Penalty or LagrangeMultiplier('plastic') for GeneralizedAlpha, "
                     f"given {law!r}"
                 )
-        parameters = _Parameters.of(rho_inf)
+        parameters = Newmark.of(rho_inf)
         self.scheme = Scheme(
             contact="static",
             stress=partial(_stress, parameters.alpha_f),
-            rates=partial(_NewmarkRates, parameters),
+            rates=partial(NewmarkRates, parameters),
             stress_share=1 - parameters.alpha_f,
             load_point=1 - parameters.alpha_f,
         )
@@ -144,17 +154,25 @@ def _stress(alpha_f: float, material: Hyperelastic, parameters: Any, F_n: Any, F
     return F_m * material.stress(right_cauchy_green(F_m), **parameters)
 
 
-class _NewmarkRates(Rates):
+class NewmarkRates(Rates):
     """Newmark's formulas, with the acceleration as part of the state.
 
-    The first argument are the parameters of the method, the others are those of `Rates`.
+    Args:
+        parameters: Parameters of the method.
+        state: Given by a stepper, as ``dt`` and ``bodies``.
+        dt: Length of a step, a constant [s].
+        bodies: The bodies.
 
     Attributes:
         a: Acceleration at t [m/s^2].
+
+    Example:
+        >>> from functools import partial
+        >>> rates = partial(nts.NewmarkRates, nts.Newmark(0.0, 0.1, 0.3025, 0.6))
     """
 
     def __init__(
-        self, parameters: _Parameters, state: State, dt: fem.Constant, bodies: Sequence[Body]
+        self, parameters: Newmark, state: State, dt: fem.Constant, bodies: Sequence[Body]
     ) -> None:
         self._parameters = p = parameters
         u_n, u, v = state.u_n, state.u, state.v

@@ -20,10 +20,27 @@ from dolfinx_nts.model.motion import vector
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.trajectories import Trajectories
 
-__all__ = ["RigidCylinder", "RigidPlane", "RigidSphere", "SurfaceSlip", "turned_tangents"]
+__all__ = [
+    "ExactObstacle",
+    "RigidCylinder",
+    "RigidPlane",
+    "RigidSphere",
+    "SurfaceSlip",
+    "turned_tangents",
+]
 
 # Distance of an obstacle from the axis relative to its size [-] that counts as round-off.
 _ROUND_OFF = 1e-10
+# Step of central differences of normals, relative to the largest coordinate [-]: truncation and
+# round-off are then about 1e-10 of the curvature.
+_DIFFERENCE = 1e-5
+# Displacement, relative to the largest coordinate [-], below which the discrete gradient is the
+# normal at the midpoint: there round-off of the gaps exceeds the error of second order.
+_STILL = 1e-7
+# Largest number of spheres in a path [-]; a path that grazes the surface needs many.
+_MOST_SPHERES = 200
+# Part of a path inside, relative to its length [-], that counts as none.
+_SHORTEST = 1e-4
 
 # Least 1 + cos of the rotation angle of normals [-]: for half a turn the rotation is not unique.
 _REVERSED = 1e-12
@@ -83,8 +100,23 @@ def turned_tangents(frame_n: Floats, normal_n: Floats, normal: Floats) -> Floats
     return frame
 
 
-class _Exact(Obstacle):
-    """Obstacle with an exact surface, given by its signed distance."""
+class ExactObstacle(Obstacle):
+    """Base class of obstacles with an exact surface, given by its signed distance. Local.
+
+    An obstacle of your own is one method, `distance`. Gap, force, slip and trajectories follow from
+    it. The contact force of the energy-momentum scheme is the discrete gradient of Gonzalez (J.
+    Nonlinear Sci. 6, 1996). Set the attribute ``shortest_passage`` to half of the least thickness
+    of the obstacle, and ``dim`` to 2 in the plane.
+
+    Example:
+        >>> class Drop(nts.ExactObstacle):
+        ...     shortest_passage = 0.5
+        ...     def distance(self, x):
+        ...         r = np.linalg.norm(x, axis=1)
+        ...         return r - 1.0, x / r[:, None]
+        >>> Drop().distance(np.array([[0.0, 0.0, 3.0]]))[0]
+        array([2.])
+    """
 
     @abstractmethod
     def distance(self, x: Floats) -> tuple[Floats, Floats]:
@@ -102,9 +134,27 @@ class _Exact(Obstacle):
         """Signed distance alone, shape ``(m,)`` [m]."""
         return self.distance(x)[0]
 
-    @abstractmethod
     def _force(self, scheme: str, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
         """Force per multiplier, (m, 3) [-], and its derivative w.r.t. x, (m, 3, 3) [1/m]."""
+        if scheme == "static":
+            return self.distance(x)[1], self._curvature(x)
+        middle = (x_n + x) / 2
+        normal, half = self.distance(middle)[1], self._curvature(middle) / 2
+        if scheme == "midpoint":
+            return normal, half
+        # n + (g - g_n - n . d) d / |d|^2 with the displacement d
+        d = x - x_n
+        square = np.einsum("mi,mi->m", d, d)[:, None]
+        moves = square > (_STILL * np.abs(x).max(initial=0.0)) ** 2
+        d = np.where(moves, d, 0.0) / np.sqrt(np.where(moves, square, 1.0))
+        length = np.sqrt(np.where(moves, square, 1.0))
+        (gap_n, _), (gap, normal_end) = self.distance(x_n), self.distance(x)
+        error = np.where(moves, (gap - gap_n)[:, None] / length, 0.0)
+        error -= np.einsum("mi,mi->m", normal, d)[:, None]
+        of_error = normal_end - normal - length * np.einsum("mi,mij->mj", d, half)
+        tangent = half + np.einsum("mi,mj->mij", d, of_error - 2 * error * d) / length[:, None]
+        tangent += (error * moves / length)[:, None] * np.eye(3)
+        return normal + error * d, tangent
 
     def contact(self, scheme: str, x_n: Floats, x: Floats, segment: Ints) -> ContactKinematics:
         gap_n, normal_n = self.distance(x_n)
@@ -121,7 +171,13 @@ class _Exact(Obstacle):
 
     def _curvature(self, x: Floats) -> Floats:
         """Derivative of the normal w.r.t. the position, shape ``(m, 3, 3)`` [1/m]."""
-        return self._force("static", x, x)[1]
+        size = _DIFFERENCE * max(float(np.abs(x).max(initial=0.0)), np.finfo(float).tiny)
+        rows = [
+            (self.distance(x + h)[1] - self.distance(x - h)[1]) / (2 * size)
+            for h in size * np.eye(3)
+        ]
+        curvature: Floats = np.stack(rows, axis=2)
+        return curvature
 
     def frames(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
         """Orthonormal tangents at both ends of a step, each ``(m, 2, 3)``. Local.
@@ -157,15 +213,35 @@ class _Exact(Obstacle):
             np.einsum("mi,mi->m", x - entry, n_in),
         )
 
-    @abstractmethod
     def _part_inside(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
-        """Step fractions, ``(m,)``, between which straight paths are inside; equal if never."""
+        """Step fractions, ``(m,)``, between which straight paths are inside; equal if never.
+
+        Sphere tracing: no path reaches the surface before it is as long as the distance.
+        """
+        length = np.linalg.norm(x - x_n, axis=1)
+        length = np.where(length > 0, length, 1.0)
+        least = _ROUND_OFF * length
+
+        def trace(start: Floats, sign: float) -> Floats:
+            s = start
+            for _ in range(_MOST_SPHERES):
+                gap = sign * self._height(x_n + s[:, None] * (x - x_n))
+                goes_on = (gap > least) & (s < 1)
+                if not goes_on.any():
+                    break
+                s = np.where(goes_on, np.minimum(s + gap / length, 1.0), s)
+            return s
+
+        begin = trace(np.zeros(len(x)), 1.0)
+        inside = np.minimum(begin + _SHORTEST, 1.0)
+        end = trace(inside, -1.0)
+        return begin, np.where(end > inside, end, begin)
 
     def near(self, x: Floats, reach: float) -> Ints:
         return np.flatnonzero(self._height(x) <= reach).astype(np.int32)
 
 
-class RigidPlane(_Exact):
+class RigidPlane(ExactObstacle):
     """Rigid half space, such as a floor or a wall. Local.
 
     In an axisymmetric mesh it must be normal to the axis; see `RigidCone` for other lines.
@@ -237,7 +313,7 @@ class RigidPlane(_Exact):
         return frame, frame
 
 
-class _Round(_Exact):
+class _Round(ExactObstacle):
     """Sphere or cylinder.
 
     Args:
@@ -302,6 +378,9 @@ class _Round(_Exact):
             # Inside a tube, a straight path between two inner points stays inside.
             return high, np.where(high < 1, 1.0, high)
         return low, high
+
+    def _curvature(self, x: Floats) -> Floats:
+        return self._force("static", x, x)[1]
 
     def _force(self, scheme: str, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
         if scheme == "conserving":
