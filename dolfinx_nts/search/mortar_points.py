@@ -6,7 +6,7 @@ surface that is a vertex carries a multiplier, which acts at all points of the f
 weighted with the shape function psi of the multiplier; its gap is the mean gap of these points.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -15,7 +15,7 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Array, Floats, GlobalInts, Ints
 from dolfinx_nts.model.facing import Facing
 from dolfinx_nts.model.kinematics import ContactKinematics
-from dolfinx_nts.search.facet_candidates import FacetCandidates, rises
+from dolfinx_nts.search.facet_candidates import rises
 
 __all__ = ["MortarFacets", "MortarPoints", "Shares", "at_nodes"]
 
@@ -72,6 +72,30 @@ class MortarFacets:
         patched: Floats = (values[:, None] @ weights[facet])[:, 0]
         return patched
 
+    def shares(self, facet: Ints, weight: Floats, psi: Floats, key: GlobalInts) -> "Shares":
+        """Shares of the nodes in ``p`` points.
+
+        Args:
+            facet: Facet of each point, shape ``(p,)``.
+            weight: Reference area of each, shape ``(p,)`` [m^2].
+            psi: Shape functions of the multipliers of the vertices there, shape ``(p, k)``.
+            key: Key of the segment of each point, shape ``(p,)``.
+        """
+        number = np.full(len(self.X), -1, dtype=np.int32)
+        number[self.nodes] = np.arange(len(self.nodes), dtype=np.int32)
+        on_facet = number[self.vertices[facet, : psi.shape[1]]]
+        point, column = np.nonzero(on_facet >= 0)
+        node, value = on_facet[point, column], weight[point] * psi[point, column]
+        area = _sums(node, value, len(self.nodes))
+        carries = area > _LEAST_COVERED * self.area
+        # By nodes, and in each the segment with the lowest key first.
+        order = np.lexsort((point, key[point], node))
+        order = order[carries[node[order]]]
+        node, of_share = node[order], point[order].astype(np.int32)
+        starts = _starts(np.bincount(node, minlength=len(area)))
+        area = np.where(carries, area, 0.0)
+        return Shares(self.nodes, area, starts, of_share, value[order] / area[node])
+
 
 @dataclass(frozen=True)
 class Shares:
@@ -90,6 +114,12 @@ class Shares:
     start: GlobalInts
     point: Ints
     value: Floats
+
+    @classmethod
+    def none(cls, nodes: Ints) -> "Shares":
+        """Take no share of any of the nodes."""
+        no_points = np.empty(0, dtype=np.int32), np.empty(0)
+        return cls(nodes, np.zeros(len(nodes)), _starts(np.zeros(len(nodes), int)), *no_points)
 
     @cached_property
     def node(self) -> Ints:
@@ -157,71 +187,6 @@ class MortarPoints:
     patch: Ints
     shares: Shares
 
-    @classmethod
-    def choose(
-        cls,
-        facets: MortarFacets,
-        candidates: FacetCandidates,
-        x_n: Floats,
-        x: Floats,
-        reach: float,
-    ) -> "MortarPoints":
-        """Choose the points of all nodes.
-
-        Args:
-            facets: Facets around the nodes.
-            candidates: What they may touch.
-            x_n: Positions at t_n, see `Candidates`.
-            x: Positions at which segments are projected on facets.
-            reach: Distance up to which facets look for segments [m].
-        """
-        is_smooth = facets.of_patches is not None or candidates.rise is not None
-        facet, segment, weight, phi, psi = _kernels.mortar_points(
-            facets.vertices,
-            facets.orientation,
-            facets.X,
-            x_n,
-            x,
-            candidates.segments,
-            candidates.orientation,
-            candidates.key,
-            x_n,
-            x,
-            reach,
-            float(candidates.sunk.max(initial=0.0)),
-            facets.are_rings,
-            is_smooth,
-        )
-        number = np.full(len(x), -1, dtype=np.int32)
-        number[facets.nodes] = np.arange(len(facets.nodes), dtype=np.int32)
-        on_facet = facets.vertices[facet]
-        reached = np.hstack([facets.wholes[facet], candidates.wholes[segment]])
-        phi = facets.patched(facet, phi)
-        point, column = np.nonzero(number[on_facet[:, : psi.shape[1]]] >= 0)
-        node, value = number[on_facet[point, column]], weight[point] * psi[point, column]
-        area = _sums(node, value, len(facets.nodes))
-        carries = area > _LEAST_COVERED * facets.area
-        # By nodes, and in each the segment with the lowest key first.
-        order = np.lexsort((point, candidates.key[segment[point]], node))
-        order = order[carries[node[order]]]
-        node, of_share = node[order], point[order].astype(np.int32)
-        shares = Shares(
-            facets.nodes,
-            np.where(carries, area, 0.0),
-            _starts(np.bincount(node, minlength=len(area))),
-            of_share,
-            value[order] / area[node],
-        )
-        width, whole = 1 + len(candidates.key), candidates.whole[segment]
-        _, patch = np.unique(facet.astype(np.int64) * width + whole, return_inverse=True)
-        of_points = phi, segment, np.zeros(len(segment)), patch.astype(np.int32)
-        points = cls(reached, *of_points, shares)
-        segment = candidates.of_points(points, segment, (x_n, x))
-        if not is_smooth:
-            return replace(points, segment=segment)
-        offset = candidates.shortened(points, x, segment, facets.rise(facet, x))
-        return replace(points, segment=segment, offset=offset)
-
     @property
     def nodes(self) -> Ints:
         """No point is a node, see `ContactPoints.nodes`."""
@@ -276,9 +241,13 @@ class MortarPoints:
     def take(self, nodes: Ints) -> "MortarPoints":
         """Select the points of some nodes, see `ContactPoints.take`."""
         shares, used = self.shares.take(nodes)
-        patch = np.unique(self.patch[used], return_inverse=True)[1].astype(np.int32)
-        of_points = self.segment[used], self.offset[used], patch
-        return MortarPoints(self.reached[used], self.phi[used], *of_points, shares)
+        return self.only(used, shares)
+
+    def only(self, points: Ints, shares: Shares) -> "MortarPoints":
+        """Select some points, with the shares of nodes in them."""
+        patch = np.unique(self.patch[points], return_inverse=True)[1].astype(np.int32)
+        of_points = self.segment[points], self.offset[points], patch
+        return MortarPoints(self.reached[points], self.phi[points], *of_points, shares)
 
 
 def at_nodes(

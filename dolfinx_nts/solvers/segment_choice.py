@@ -56,6 +56,6 @@ class SegmentChoice:
         moved = 0
         if nodes or points:
             chosen = [s for s in self._steps if (nodes if s.search.pairing.follows else points)]
-            moved = reductions.total(self._comm, sum(step.reproject() for step in chosen))
+            moved = reductions.total(self._comm, sum(step.reproject(converged) for step in chosen))
         self._is_new = points and moved > 0
         return moved

@@ -158,13 +158,14 @@ class ContactStep:
         self.num_active = int(counts.sum())
         self.touched |= counts > 0
 
-    def reproject(self) -> int:
+    def reproject(self, converged: bool) -> int:
         """Find the segments again in equilibrium; return how many of this rank changed.
 
-        With any change, equilibrium has to be found again.
+        With any change, equilibrium has to be found again. ``converged`` tells whether this is
+        equilibrium, and not a state near it.
         """
-        node = self.normal.nodes
-        moved, is_renewed = self.search.reproject(self.x, node, self.normal.active[node])
+        node, active = self.normal.nodes, self.normal.active
+        moved, is_renewed = self.search.reproject(self.x, node, active[node], converged)
         if is_renewed:
             self._idle = None
         return moved + self.normal.renew(self.x, moved=is_renewed)

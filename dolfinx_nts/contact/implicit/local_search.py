@@ -247,11 +247,12 @@ class LocalSearch:
             self._count(node, moved)
         return segment, moved
 
-    def reproject(self, x: Floats, node: Ints, held: Flags) -> tuple[int, bool]:
+    def reproject(self, x: Floats, node: Ints, held: Flags, converged: bool) -> tuple[int, bool]:
         """Find the segments of nodes in equilibrium, see `find`. Collective.
 
-        ``held`` tells which of the nodes transmit force, shape ``(m,)``. Returns how many changed
-        on this rank, and whether the nodes have other contact points.
+        ``held`` tells which of the nodes transmit force, shape ``(m,)``, ``converged`` whether
+        this is equilibrium, and not a state near it. Returns how many changed on this rank, and
+        whether the nodes have other contact points.
         """
         self._moves[self._left_inside(x, node[~held])] = _MOST_MOVES - 1
         _, moved = self._find(x, node, self._overhang)

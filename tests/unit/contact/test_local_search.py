@@ -56,7 +56,7 @@ def equilibrium(scene, place, held=False):
     search, at, node = scene
     iterate(*scene)
     x = search.candidates.scatter.forward(at(place))
-    moved, _ = search.reproject(x, node, np.array([held]))
+    moved, _ = search.reproject(x, node, np.array([held]), converged=True)
     return moved, int(search.segment[node][0])
 
 

@@ -10,7 +10,8 @@ import pytest
 from dolfinx_nts import _kernels, compat
 from dolfinx_nts.model.kinematics import ContactKinematics
 from dolfinx_nts.search.facet_candidates import FacetCandidates
-from dolfinx_nts.search.mortar_points import MortarFacets, MortarPoints, at_nodes
+from dolfinx_nts.search.facet_points import FacetPoints
+from dolfinx_nts.search.mortar_points import MortarFacets, at_nodes
 from dolfinx_nts.search.scatter import NodalScatter
 from dolfinx_nts.search.segment_candidates import FoundSegments
 
@@ -53,7 +54,7 @@ def choose(k: int, rng: np.random.Generator, *, upper=3, lower=4, size=0.9, nois
     area = np.full(len(above), size**2 / len(above))
     surface = MortarFacets(nodes, area, facets, -np.ones(len(facets)), x, False, facets, None)
     candidates = FacetCandidates(found, segments)
-    return surface, candidates, x, MortarPoints.choose(surface, candidates, x, x, 1.0)
+    return surface, candidates, x, FacetPoints.choose(surface, candidates, x, x, 1.0).points()
 
 
 shapes = pytest.mark.parametrize("k", [3, 4])
@@ -88,7 +89,9 @@ def test_far_vertices_of_segments_are_not_taken_for_points_of_a_curved_facet():
         )
         of_facet = nodes[None], -np.ones(1), flat, False, nodes[None], None
         surface = MortarFacets(nodes, np.full(9, 0.25), *of_facet)
-        points = MortarPoints.choose(surface, FacetCandidates(found, segments), facet, facet, 1.0)
+        points = FacetPoints.choose(
+            surface, FacetCandidates(found, segments), facet, facet, 1.0
+        ).points()
         assert points.shares.area.sum() == pytest.approx(1.0, rel=1e-12)
         xi = points.of(np.vstack([np.insert(at, 2, 0.0, axis=1), 0 * below]))
         weight = np.bincount(points.shares.point, points.shares.value) / 4
@@ -105,7 +108,7 @@ def test_points_do_not_depend_on_how_vertices_are_numbered(k, order, rng):
     other = replace(
         surface, vertices=turned, wholes=turned, orientation=turns * surface.orientation
     )
-    again = MortarPoints.choose(other, candidates, x, x, 1.0)
+    again = FacetPoints.choose(other, candidates, x, x, 1.0).points()
     np.testing.assert_allclose(again.shares.area, points.shares.area, rtol=1e-12)
     here, there = (p.of(x)[np.lexsort(np.round(p.of(x), 9).T)] for p in (points, again))
     np.testing.assert_allclose(here, there, atol=1e-9)
@@ -152,7 +155,7 @@ def slide_over_rim(k: int, way: float, lift):
     nodes = np.arange(len(above), dtype=np.int32)
     of_facets = facets, -np.ones(len(facets)), x, False, facets, None
     surface = MortarFacets(nodes, np.full(9, 0.07), *of_facets)
-    points = MortarPoints.choose(surface, FacetCandidates(found, segments), x, x, 1.0)
+    points = FacetPoints.choose(surface, FacetCandidates(found, segments), x, x, 1.0).points()
     return points.shares.mean(points.of(x)[:, 2]), points.shares.area
 
 
@@ -182,22 +185,78 @@ def test_nodes_beyond_a_rim_are_no_lever(k):
         assert (area * np.nan_to_num(mean)).sum() == pytest.approx(integral, rel=2e-2)
 
 
+def mean_and_least(found, x, part):
+    """Mean gap of each node, and the least gap on the facets around it."""
+    points, gap = found.points(part), found.candidates.gap
+    mean = points.shares.mean(gap(points, x, points.segment))
+    gaps, vertices = gap(found.places, x, found.places.segment), found.facets.vertices
+    around = [(vertices[found.facet] == node).any(axis=1) for node in found.facets.nodes]
+    return mean, np.array([gaps[each].min(initial=np.inf) for each in around])
+
+
+@shapes
+def test_linear_gaps_leave_the_dual_functions(k, rng):
+    surface, candidates, x, _ = choose(k, rng)
+    above = x[: len(surface.nodes)]
+    above[:, 2] += above[:, :2] @ [0.02, -0.03]
+    found = FacetPoints.choose(surface, candidates, x, x, 1.0)
+    assert found.largest_parts((x,), 1e-12) == pytest.approx(1.0, abs=1e-9)
+    mean, _ = mean_and_least(found, x, None)
+    assert mean == pytest.approx(above[:, 2], abs=1e-12)
+
+
+@shapes
+def test_no_mean_gap_is_less_than_the_gaps_around_the_node(k, rng):
+    """Whatever the parts are that the nodes of neighbouring facets allow, and in two states."""
+    surface, candidates, x, _ = choose(k, rng, lower=7)
+    n, falls = len(surface.nodes), 0
+    for _ in range(10):
+        states = [x.copy(), x.copy()]
+        for y in states:
+            y[n:, 2] -= 0.02 * rng.random(len(x) - n) ** 4
+        found = FacetPoints.choose(surface, candidates, *states, 1.0)
+        part = found.largest_parts(states, 1e-12)
+        assert ((part >= 0) & (part <= 1)).all()
+        for y in states:
+            for chosen in (part, part * rng.random(n)):
+                mean, least = mean_and_least(found, y, chosen)
+                assert (mean >= least - 1e-12).all()
+            mean, least = mean_and_least(found, y, None)
+            falls += np.count_nonzero(mean < least - 1e-6)
+    assert falls > 0
+
+
+@pytest.mark.parametrize("kink", [0.02, 0.3, 0.5, 0.98])
+def test_part_of_dual_functions_above_a_kink_is_that_of_the_integrals(kink):
+    """An edge of length 1 above a chamfer: (1 - p) / (1 + 2 p), with the kink at p."""
+    x = np.zeros((5, 3))
+    x[:, 0], x[4, 1] = [0.0, 1.0, -1.0, kink, 3.0], -0.4 * (3 - kink)
+    edge, below = np.array([[0, 1]], dtype=np.int32), np.array([[2, 3], [3, 4]], dtype=np.int32)
+    sizes = np.ones(2), np.ones(2)
+    found = FoundSegments(serial_scatter(5), below, -np.ones(2), np.arange(2), *sizes)
+    of_edge = edge, np.ones(1), x, False, edge, None
+    surface = MortarFacets(edge[0], np.full(2, 0.5), *of_edge)
+    points = FacetPoints.choose(surface, FacetCandidates(found, below), x, x, 10.0)
+    part = points.largest_parts((x,), 1e-12)
+    assert part == pytest.approx([(1 - kink) / (1 + 2 * kink), 1.0], rel=1e-9)
+
+
 def test_facets_that_look_away_have_no_points(rng):
     surface, candidates, x, _ = choose(4, rng)
     away = replace(surface, orientation=-surface.orientation)
-    points = MortarPoints.choose(away, candidates, x, x, 1.0)
+    points = FacetPoints.choose(away, candidates, x, x, 1.0).points()
     assert len(points.segment) == 0
     assert (points.shares.first(points.segment) == -1).all()
 
 
 def test_facets_out_of_reach_or_far_behind_have_no_points(rng):
     surface, candidates, x, _ = choose(4, rng)
-    assert len(MortarPoints.choose(surface, candidates, x, x, 0.05).segment) == 0
+    assert len(FacetPoints.choose(surface, candidates, x, x, 0.05).points().segment) == 0
     deep = x.copy()
     deep[: len(surface.nodes), 2] = -0.3
-    assert len(MortarPoints.choose(surface, candidates, deep, deep, 1.0).segment) == 0
+    assert len(FacetPoints.choose(surface, candidates, deep, deep, 1.0).points().segment) == 0
     # What was in front of the segments at the start of the step has come through them.
-    assert len(MortarPoints.choose(surface, candidates, x, deep, 1.0).segment) > 0
+    assert len(FacetPoints.choose(surface, candidates, x, deep, 1.0).points().segment) > 0
 
 
 @shapes
@@ -215,7 +274,7 @@ def test_overlapping_segments_leave_each_point_with_the_nearest(k, rng):
     nodes = np.arange(len(above), dtype=np.int32)
     of_facets = facets, -np.ones(len(facets)), x, False, facets, None
     surface = MortarFacets(nodes, np.full(len(above), 0.07), *of_facets)
-    points = MortarPoints.choose(surface, FacetCandidates(found, both), x, x, 1.0)
+    points = FacetPoints.choose(surface, FacetCandidates(found, both), x, x, 1.0).points()
     assert (points.segment < len(first)).all()
     assert points.shares.area.sum() == pytest.approx(0.64, rel=1e-12)
 

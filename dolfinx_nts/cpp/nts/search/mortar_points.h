@@ -39,12 +39,13 @@ struct MortarRule
   static constexpr double overlap = 1e-6;
 };
 
-/// @brief Contact points, in the order of their facets.
+/// @brief Contact points, in the order of their facets. After those of a facet
+/// come the corners of its parts, between which gaps have their extrema.
 struct MortarPoints
 {
   std::vector<std::int32_t> facet;   ///< number of the facet
   std::vector<std::int32_t> segment; ///< number of the segment
-  std::vector<double> weight;        ///< reference area [m^2]
+  std::vector<double> weight;        ///< reference area [m^2]; 0 at corners
   std::vector<double> phi;           ///< shape functions of the facet, (p, n)
   std::vector<double> psi;           ///< those of the multipliers, (p, k)
 };
@@ -279,8 +280,11 @@ private:
         add_rule(below.part, [&](const Vec2& xi, double weight)
                  { points.push_back({xi, weight, below.segment}); });
     else
+    {
       covered = pair_nearest(e, found, points);
-    add_points(e, std::move(points), covered / cell);
+      found.clear(); // where they overlap, corners may not be the nearest
+    }
+    add_points(e, std::move(points), covered / cell, found);
   }
 
   /// @brief Call add(xi, weight) for points by which shape functions are
@@ -347,9 +351,10 @@ private:
     return covered;
   }
 
-  /// @brief Add the points of a facet, of which a part is covered [-], with the
-  /// shape functions there.
-  void add_points(std::int32_t e, std::vector<Point> points, double covered)
+  /// @brief Add the points of a facet, of which a part is covered [-], and the
+  /// corners of parts, with the shape functions there.
+  void add_points(std::int32_t e, std::vector<Point> points, double covered,
+                  const std::vector<Below>& found)
   {
     const std::array<Vec3, n> X = nodes(_facets, e, _ends.X);
     MultiplierFunctions<S> functions;
@@ -361,6 +366,9 @@ private:
       functions.add(point.xi, point.weight);
     }
     functions.finish(covered);
+    for (const Below& below : found)
+      for (const Vec2& xi : below.part)
+        points.push_back({xi, 0, below.segment});
     for (const Point& point : points)
     {
       _points.facet.push_back(e);

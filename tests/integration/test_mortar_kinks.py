@@ -1,0 +1,115 @@
+"""Surface-to-surface contact above kinks of the segments: chamfers inside facets."""
+
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from dolfinx import fem
+
+import dolfinx_nts as nts
+from dolfinx_nts.compat import geometry_nodes
+
+E = 1.0e6  # Pa
+
+
+def chamfered(
+    slope: float, kink: float, *, cell="quadrilateral", degree=1, height=0.0, stiff=1, refined=1
+):
+    """A block with chamfered ends above a base with facets of 1 m: space, bodies, sides, held.
+
+    The sole reaches from ``2 + kink`` to ``5 + kink`` in x, and the chamfers rise from there.
+    """
+    in_space = cell in ("hexahedron", "tetrahedron")
+
+    def build(model: Any) -> None:
+        make = nts.parts.add_box if in_space else nts.parts.add_rectangle
+        up, across = (1,) * in_space, (0.3,) * in_space
+        low = {"corner": (0, *(0,) * in_space, -2), "size": (8, *up, 2)}
+        upper = {"corner": (1 + kink, *across, 0), "size": (5, *up, 2)}
+        make(model, "base", cell=cell, cells=(8 * refined, *up, 4 * refined), **low)
+        make(model, "block", cell=cell, cells=(10 * refined, *up, 4 * refined), **upper)
+
+    mesh, cells, facets, tag = nts.read_mesh(build, MPI.COMM_WORLD)
+    X = mesh.geometry.x
+    above = np.unique(geometry_nodes(mesh)[cells.find(tag["block"])])
+    x, z = X[above, 0], mesh.geometry.dim - 1
+    beyond = np.maximum(np.abs(x - kink - 3.5) - 1.5, 0.0)
+    X[above, z] += slope * beyond * (1 - X[above, z] / 2) + height
+    V = fem.functionspace(mesh, ("Lagrange", degree, (mesh.geometry.dim,)))
+    names = {"base": E, "block": stiff * E}
+    base, block = (
+        nts.Body(V, cells, tag[name], nts.NeoHookean(modulus, 0.3, 1e3))
+        for name, modulus in names.items()
+    )
+    sides = [nts.Surface(V, facets, tag[name]) for name in ("base_top", "block_bottom")]
+
+    def held(name: str, value: Any) -> fem.DirichletBC:
+        dofs = fem.locate_dofs_topological(V, mesh.topology.dim - 1, facets.find(tag[name]))
+        return fem.dirichletbc(np.array(value, dtype=float), dofs, V)
+
+    return V, [base, block], sides, held
+
+
+kinks = pytest.mark.parametrize("kink", [0.02, 0.25, 0.5, 0.75, 0.98])
+
+
+@kinks
+@pytest.mark.parametrize("slope", [0.02, 0.2, 1.0])
+def test_a_chamfer_above_a_facet_does_not_press(slope, kink):
+    """The sole touches the base without overlap, so that all gaps are zero or open."""
+    _, bodies, sides, held = chamfered(slope, kink)
+    pair = nts.ContactPair(*sides, method="mortar")
+    bcs = [held("base_bottom", (0, 0)), held("block_top", (0, 0))]
+    stepper = nts.QuasiStatic(bodies, [pair], dt=1.0, bcs=bcs)
+    stepper.advance()
+    assert np.abs(stepper.contacts[0].history.lambda_N).max(initial=0.0) <= 1e-9 * E
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron", "triangle"])
+def test_a_chamfer_does_not_press_in_all_cells(cell, degree):
+    V, bodies, sides, held = chamfered(0.2, 0.4, cell=cell, degree=degree)
+    zero = np.zeros(V.mesh.geometry.dim)
+    pair = nts.ContactPair(*sides, method="mortar")
+    bcs = [held("base_bottom", zero), held("block_top", zero)]
+    stepper = nts.QuasiStatic(bodies, [pair], dt=1.0, bcs=bcs)
+    stepper.advance()
+    assert np.abs(stepper.contacts[0].history.lambda_N).max(initial=0.0) <= 1e-9 * E
+
+
+def force_below_loaded(method: str, refined: int) -> float:
+    """Force on the base below a stiff block with chamfers that is pressed 5 mm into it [N/m]."""
+    _, bodies, sides, held = chamfered(0.5, 0.5, stiff=100, refined=refined)
+    pair = nts.ContactPair(*sides, method=method)
+    bcs = [held("base_bottom", (0, 0)), held("block_top", (0, -0.005))]
+    report = nts.QuasiStatic(bodies, [pair], dt=1.0, bcs=bcs).advance()
+    return report.reactions[0].force[1]
+
+
+def test_force_below_a_loaded_sole_with_chamfers_converges_to_that_of_a_fine_mesh():
+    """Dual functions alone give four times the force on facets as long as the chamfer."""
+    right = force_below_loaded("node-to-segment", 8)
+    errors = [force_below_loaded("mortar", refined) / right - 1 for refined in (1, 2, 4)]
+    assert 0 <= errors[2] < errors[1] < errors[0]
+    assert errors[0] <= 0.25
+    assert errors[1] <= 0.04
+
+
+@pytest.mark.parametrize(
+    "impact", [("elastic",), ("plastic",), ("restitution", 0.0)], ids=lambda law: law[0]
+)
+@pytest.mark.parametrize("kink", [0.25, 0.5])
+def test_impact_of_a_chamfered_block_begins_when_surfaces_touch(impact, kink):
+    """The block flies flat onto the base: it touches after ten steps, not before."""
+    V, bodies, sides, held = chamfered(0.5, kink, height=0.0101)
+    pair = nts.ContactPair(*sides, method="mortar", enforcement=nts.LagrangeMultiplier(*impact))
+    stepper = nts.EnergyMomentum(bodies, [pair], dt=1e-3, bcs=[held("base_bottom", (0, 0))])
+    stepper.set_velocity(bodies[1], (0.0, -1.0))
+    comm, first = V.mesh.comm, 0
+    for report in stepper.run(until=0.012):
+        pressed = bool((stepper.contacts[0].history.lambda_N < 0).any())
+        if not first and comm.allreduce(pressed, op=MPI.LOR):
+            first = report.step
+    assert first in (10, 11)
