@@ -1,5 +1,7 @@
 """Steps in which bodies move farther than the search for contact expects."""
 
+from contextlib import nullcontext
+
 from mpi4py import MPI
 
 import numpy as np
@@ -155,3 +157,34 @@ def test_step_with_a_wrong_contact_force_is_refused(monkeypatch, fault):
     with pytest.raises(nts.ConvergenceError, match=f"column_bottom and a RigidPlane.*{fault}"):
         stepper.advance()
     assert stepper.t == 0
+
+
+@pytest.mark.parametrize("pairing", ["nodes", "roles exchanged", "plane"])
+@pytest.mark.parametrize("facets", [0.6, 3.0])
+def test_explicit_far_step_finds_contact_or_is_refused(pairing, facets):
+    """A column that moves by a part of a facet, or several, in each stable step."""
+    law = nts.Penalty(MODULUS)
+
+    def with_springs(*sides):
+        (pair,) = PAIRINGS[pairing](*sides)
+        return [nts.ContactPair(pair.nodes, pair.segments, law)]
+
+    stepper, pairs, bottom = column(with_springs, nts.CentralDifference)
+    speed = facets * 0.2 / stepper.dt
+
+    def velocity(x):
+        moves = (x[1] < HEIGHT - 1e-6) & (x[1] > -GAP / 2)
+        return np.stack([np.zeros_like(x[0]), np.where(moves, -speed, 0.0)])
+
+    stepper.set_velocity(stepper.bodies[0], velocity)
+    with pytest.raises(nts.ConvergenceError, match="refused") if facets > 1 else nullcontext():
+        for _ in range(4):
+            before = lowest(stepper, bottom)
+            try:
+                stepper.advance()
+            except nts.ConvergenceError as error:
+                if facets > 1 or "pass through a surface" not in str(error):
+                    raise
+                break
+            # A node enters in one step, and is pressed in the next one.
+            assert before > -GAP or force(pairs) > 0
