@@ -84,6 +84,7 @@ def all_pairs(
     method: Method = "node-to-segment",
     edges: bool = False,
     smooth: bool = False,
+    exchange: bool = True,
 ) -> list[ContactPair]:
     """Contact pairs between all bodies, and with obstacles. Collective.
 
@@ -109,6 +110,8 @@ def all_pairs(
             edges, and for each `RigidSurface` with sharp edges.
         smooth: Whether segments between bodies are smooth, as in `Surface`; with method "mortar"
             both surfaces are smooth. Self contact and edges always use facets.
+        exchange: Whether edges and corners of segments are held between nodes, as in
+            `ContactPair`.
 
     Returns:
         The pairs.
@@ -172,7 +175,8 @@ def all_pairs(
             two = len(bodies) == 2
             name = " and ".join(b.name for b in bodies) if two else f"{len(pairs) + 1}"
             name += " edges" if by == EDGES else ""
-        pairs.append(ContactPair(from_nodes, target, enforcement, friction, by, name=name))
+        laws = enforcement, friction, by
+        pairs.append(ContactPair(from_nodes, target, *laws, name=name, exchange=exchange))
         if bodies[0].V.mesh.comm.rank == 0:
             own = "edges" if by == EDGES else "nodes"
             _logger.info("pair %d: %s of %s against %s", len(pairs), own, names(nodes), text)

@@ -134,7 +134,7 @@ def _kind(state: PairState) -> Hashable:
     if type(search) is not GlobalSearch or alone:
         return None
     laws = map(_values, (pair.enforcement, pair.friction))
-    return (search.num_vertices, pair.nodes.segments.shape[1], *laws)
+    return (type(state), search.num_vertices, pair.nodes.segments.shape[1], *laws)
 
 
 def _values(law: Declaration | None) -> Hashable:

@@ -84,9 +84,13 @@ class ContactPair(Declaration):
             it in addition to a pair of the same surfaces with one of the other methods, which do
             not detect crossing edges.
         name: Name in columns and legends; empty for the names of the two sides.
+        exchange: Whether node-to-segment contact with multipliers also holds vertices on convex
+            edges and corners of the segments, see `exchange_roles`: where one sinks deeper than a
+            hundredth of a facet between the nodes, it becomes a node and the facets around it
+            become segments, with the same laws. False is the method of the paper.
 
     Attributes:
-        nodes, segments, enforcement, method, name: The arguments.
+        nodes, segments, enforcement, method, name, exchange: The arguments.
         friction: Law of friction; None if its coefficient is 0.
         touches_itself: Whether nodes and segments are the same surface.
 
@@ -113,6 +117,7 @@ class ContactPair(Declaration):
         method: Method = "node-to-segment",
         *,
         name: str = "",
+        exchange: bool = True,
     ) -> None:
         if not isinstance(nodes, Surface):
             raise TypeError(
@@ -140,7 +145,9 @@ class ContactPair(Declaration):
         # Friction with mu = 0 is omitted.
         self.friction = rubs if rubs is not None and rubs.acts else None
         self.touches_itself = isinstance(segments, Surface) and _check_surfaces(nodes, segments)
-        self.method, self.name = method, label(name)
+        if not isinstance(exchange, bool):
+            raise TypeError(f"expected exchange=True or False, given {exchange!r}")
+        self.method, self.name, self.exchange = method, label(name), exchange
         check_method(self)
         check_tie(self)
         check_dimension(self)
@@ -228,8 +235,9 @@ class ContactPair(Declaration):
     def __repr__(self) -> str:
         """Arguments. Local."""
         names = ("nodes", "segments", "enforcement", "friction", "method")
-        named = {"name": self.name} if self.name else {}
-        return as_call(self, **{name: getattr(self, name) for name in names}, **named)
+        given = {"name": self.name} if self.name else {}
+        given |= {} if self.exchange else {"exchange": False}
+        return as_call(self, **{name: getattr(self, name) for name in names}, **given)
 
     def __str__(self) -> str:
         """Laws and, while one stepper uses the pair, the stiffness of springs. Local."""

@@ -60,13 +60,17 @@ class PairState(Tractions, NodesOfPairs):
         eps_N: Stiffness of the penalty springs from the first step on, shape ``(n,)`` [N/m], or
             None.
         eps_T: Stiffness of the tangential springs, shape ``(n,)`` [N/m], or None.
+        exchange: State of the pair with the roles exchanged, whose forces belong to this pair;
+            None without.
     """
+
+    exchange: "PairState | None" = None
 
     def __init__(self, pair: ContactPair, passes: Passes | None = None) -> None:
         NodesOfPairs.__init__(self, [pair])
         at_rest = Passes(partial(reference_positions, pair.nodes.V), lambda: 0.0)
         Tractions.__init__(self, pair, _search(pair), at_rest if passes is None else passes)
-        self._passes.join(pair, self._forces_on_segments)
+        self.passes.join(pair, self._forces_on_segments)
         # A separate search for gaps at any distance, which must not change the candidates of steps.
         self._far_search = _search(pair)
         self.eps_N: Floats | None = None
@@ -190,7 +194,7 @@ class PairState(Tractions, NodesOfPairs):
 
         Arguments are those of `gap`.
         """
-        search, t = self._far_search, self._passes.time()
+        search, t = self._far_search, self.passes.time()
         search.begin(t, t)
         x = search.frame.at_end(x)
         candidates, _ = search.update(x, np.inf)
@@ -227,8 +231,8 @@ class PairState(Tractions, NodesOfPairs):
         Returns:
             Values at the owned nodes of the space, shape ``(n, 3)`` [N].
         """
-        candidates, segment, _ = self._faced(self._passes.positions(), np.inf)
-        x = candidates.scatter.forward(self._passes.positions())
+        candidates, segment, _ = self._faced(self.passes.positions(), np.inf)
+        x = candidates.scatter.forward(self.passes.positions())
         node = np.flatnonzero(self.history.active & (segment >= 0)).astype(np.int32)
         points, segment = NodalPoints(self.pair.nodes.nodes[node]), segment[node]
         row, segment, parts = self._shares(points, x, node, segment, candidates)
@@ -258,6 +262,14 @@ class PairState(Tractions, NodesOfPairs):
         row, segment, start = shared.entries(np.arange(len(node), dtype=np.int32), segment)
         return row, segment, (1 / np.diff(start))[row]
 
+    def _by_reverse(self, of_nodes: ForcesOfNodes) -> Floats:
+        """Forces of all passes in which the nodes are segments, see `Tractions`."""
+        total, exchange = super()._by_reverse(of_nodes), self.exchange
+        comm: MPI.Comm = self.nodes.V.mesh.comm
+        if exchange is not None and reductions.anywhere(comm, bool(exchange.history.active.any())):
+            total += exchange._forces_on_segments(of_nodes)[self.nodes.nodes]
+        return total
+
     def serialize(self, archive: Archive, name: str) -> None:
         """Serialize the accepted contact and springs, but not the search. Collective.
 
@@ -284,6 +296,9 @@ class PairState(Tractions, NodesOfPairs):
             springs = (("eps_N", self.eps_N), ("eps_T", self.eps_T))
             ranges = {name: self._range(values) for name, values in springs if values is not None}
             self._ranges = ranges if chosen else None
+        has_exchange = archive.same(f"{name}/has_exchange", self.exchange is not None)
+        if has_exchange and self.exchange is not None:
+            self.exchange.serialize(archive, f"{name}/exchange")
 
     def _range(self, stiffness: Floats) -> tuple[float, float]:
         """Least and greatest value on all ranks. Collective."""

@@ -26,12 +26,12 @@ class Tractions(ABC):
         passes: Passes of the stepper.
 
     Attributes:
-        pair, search: The arguments.
+        pair, search, passes: The arguments.
         facets: Facets around the nodes.
     """
 
     def __init__(self, pair: ContactPair, search: Search, passes: Passes) -> None:
-        self.pair, self.search, self._passes = pair, search, passes
+        self.pair, self.search, self.passes = pair, search, passes
         self.facets = NodalFacets(pair.nodes)
 
     @property
@@ -82,7 +82,7 @@ class Tractions(ABC):
         if self.pair.method == EDGES:
             return self.nodes.area
         presses: Flags = np.abs(force).max(axis=1) > 0
-        x = self._passes.positions()
+        x = self.passes.positions()
         normal = np.where(presses[:, None], _kernels.unit_vectors(force), self.history.normal)
         area: Floats = self.nodes.area * self.facets.facing_parts(x, normal, presses)
         return area
@@ -100,7 +100,7 @@ class Tractions(ABC):
         ``of_nodes`` returns the forces on the nodes of a pass.
         """
         total = np.zeros((len(self.nodes.nodes), 3))
-        for each in self._passes.forces_on_nodes_of(self.pair, of_nodes):
+        for each in self.passes.forces_on_nodes_of(self.pair, of_nodes):
             total += each[self.nodes.nodes]
         return total
 

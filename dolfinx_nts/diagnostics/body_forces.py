@@ -31,7 +31,9 @@ class BodyForces:
 
     def __init__(self, stepper: Stepper) -> None:
         self._comm: MPI.Comm = stepper.u.function_space.mesh.comm
-        self._contacts = [c for c in stepper.contacts if isinstance(c.segments, Surface)]
+        contacts: list[PairState] = [c for c in stepper.contacts if isinstance(c.segments, Surface)]
+        contacts += [c.exchange for c in contacts if c.exchange is not None]
+        self._contacts = contacts
         bodies = stepper.bodies
         size = stepper.u.function_space.dofmap.index_map
         of_node = np.full(size.size_local + size.num_ghosts, -1, dtype=np.int64)

@@ -283,6 +283,11 @@ class ContactDiagnostics:
         sums: Any = np.empty((len(stepper.contacts), 9))
         for numbers, contact in zip(sums, stepper.contacts, strict=True):
             numbers[:] = contact_sums(contact.history, x, contact.nodes.nodes, contact.area)
+            if (exchange := contact.exchange) is not None:
+                nodes = exchange.nodes.nodes
+                other = contact_sums(exchange.history, x, nodes, np.zeros(len(nodes)))
+                other[3:] *= -1  # resultants on the nodes of the pair
+                numbers += other
         return np.asarray(sums)
 
     def _parts(self, vectors: Floats) -> tuple[Floats, Floats]:

@@ -25,6 +25,7 @@ from dolfinx_nts import _kernels, compat
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
+from dolfinx_nts.contact.exchange import exchange_roles
 from dolfinx_nts.contact.implicit.accepted_contact import contact_history, contact_work
 from dolfinx_nts.contact.implicit.certificate import (
     check_boundaries,
@@ -121,13 +122,17 @@ class ImplicitStepper(Stepper):
         self._motion = AdmissibleMotion(self._bulk, self.u, self.u_n)
         # For norms of forces, for which lumped masses are accurate enough.
         self._lumped_mass: Floats = np.repeat(lumped_mass(bodies), self._bulk.rigid.dim)
+        # Bodies are held as a whole where a node of a rigid one is: GeneralizedAlpha gains energy.
+        stops_rigid = self._is_static or self.scheme.contact != "static"
+        exchanged = exchange_roles(self.contacts, () if stops_rigid else self.bodies)
+        self._all_contacts = (*self.contacts, *exchanged)
         self._step_solver = StepSolver(
             self._bulk,
             self._tangent,
             self._rates,
             self.scheme,
             self.bodies,
-            self.contacts,
+            self._all_contacts,
             self.loads,
             self._lumped_mass,
             petsc_options,
@@ -220,7 +225,7 @@ class ImplicitStepper(Stepper):
         """Try Newton's method from each starting guess until one succeeds."""
         mass, share = self._step_solver.mass, self.scheme.stress_share
         choose_default_stiffness(
-            *(self.contacts, self.bodies, self._tangent, self._rates, mass, self._dt, share),
+            *(self._all_contacts, self.bodies, self._tangent, self._rates, mass, self._dt, share),
             self._step_solver.free,
         )
         load = self._forces.norm(self._forces.loads()) if self.loads else 0.0

@@ -235,6 +235,8 @@ class Stepper(TimeLoop):
         for number, contact in enumerate(self.contacts, start=1):
             contact.serialize(archive, f"pair_{number}")
             contact.search.serialize(archive, f"pair_{number}/search")
+            if contact.exchange is not None:
+                contact.exchange.search.serialize(archive, f"pair_{number}/exchange/search")
         self.watch.serialize(archive)
         # Overlaps of a restored run are not reported as overlaps of an initial state.
         self._was_displaced &= not archive.giving

@@ -6,6 +6,7 @@ segment, a facet of degree 2 is divided into four. Positions are x = X + u; the 
 """
 
 from collections.abc import Callable
+from copy import copy
 from functools import cached_property
 from typing import Any
 
@@ -15,7 +16,7 @@ from dolfinx import fem, la
 from dolfinx.mesh import MeshTags, locate_entities_boundary, meshtags
 
 from dolfinx_nts.common.arguments import as_call, label
-from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.common.named_tag import NamedTag
 from dolfinx_nts.fem.axisymmetry import of_rings
@@ -220,6 +221,22 @@ class Surface(Declaration):
         Vertices have their input numbers.
         """
         return input_ids(self.V)[self.nodes]
+
+    def with_nodes(self, flags: Flags) -> "Surface":
+        """Make the same surface with some of its nodes only. Local.
+
+        Args:
+            flags: Whether it has each of the owned nodes, shape ``(n,)``.
+
+        Returns:
+            The surface, with the same segments.
+        """
+        surface = copy(self)
+        own = vars(surface)
+        own["nodes"] = self.nodes[flags]
+        for name in ("node_ids", "area", "_middles"):
+            own.pop(name, None)
+        return surface
 
     def measure(self, degree: int | None = None) -> ufl.Measure:
         """Measure for integrals over the reference surface. Local.

@@ -15,6 +15,7 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.enforcement import TOUCHES, Penalty, Tied
+from dolfinx_nts.contact.exchange import exchange_tolerance
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.local_search import may_face
@@ -149,6 +150,9 @@ def _missed_nodes(step: ContactStep, known: Flags | None, x: Floats) -> str:
     """
     approach, node = step.search.approach, step.normal.nodes
     inside = approach.gap < np.fmin(approach.gap_n, 0.0) - TOUCHES * step.state.segment_sizes
+    if (tolerance := exchange_tolerance(step.state)) is not None:
+        node = _numbers(known_nodes(step.normal))
+        inside &= approach.gap < -np.fmin(tolerance, _kernels.HYSTERESIS * step.state.segment_sizes)
     node = node[inside[node] if known is None else (inside & ~known)[node]]
     return _message(step, node, approach.gap[node], x)
 
@@ -188,6 +192,8 @@ def check_penetration(step: ContactStep, dt: float) -> str:
         return f"nodes that sank into a surface between two segments: {between}"
     if beyond:
         return f"contact points that slid off their segments within the step: {beyond}"
+    if exchange_tolerance(step.state) is not None:
+        return ""  # vertices of segments are followed by `ReversePassages`
     return passing_nodes_message(step.state.nodes, _passage(step, ~step.normal.active), dt)
 
 

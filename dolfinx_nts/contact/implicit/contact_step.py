@@ -166,8 +166,7 @@ class ContactStep:
         """
         node, active = self.normal.nodes, self.normal.active
         moved, is_renewed = self.search.reproject(self.x, node, active[node], converged)
-        if is_renewed:
-            self._idle = None
+        self._idle = None
         return moved + self.normal.renew(self.x, moved=is_renewed)
 
     def close_gaps(self, contribution: ContactContribution, x: Floats, u: Floats) -> None:

@@ -4,7 +4,9 @@ from collections.abc import Mapping
 
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Tied
+from dolfinx_nts.contact.exchange import ExchangedState
 from dolfinx_nts.contact.implicit.crossing_edges import CrossingEdges
+from dolfinx_nts.contact.implicit.exchanged_contact import ExchangedContact
 from dolfinx_nts.contact.implicit.friction import Friction
 from dolfinx_nts.contact.implicit.frozen_points import FrozenPoints, SettlingPoints, TiedPoints
 from dolfinx_nts.contact.implicit.local_search import LocalSearch, StaticSearch
@@ -13,7 +15,7 @@ from dolfinx_nts.contact.implicit.normal_contact import NormalContact
 from dolfinx_nts.contact.implicit.penalty import PenaltyContact
 from dolfinx_nts.contact.implicit.stick_slip import StickSlip
 from dolfinx_nts.contact.implicit.tied import Bond, TiedContact
-from dolfinx_nts.contact.joint_state import JointState
+from dolfinx_nts.contact.joint_state import JointState, members
 from dolfinx_nts.contact.pair_state import PairState
 
 __all__ = ["make_friction", "make_normal_contact", "make_search"]
@@ -61,7 +63,9 @@ def make_normal_contact(
     if isinstance(law, Tied):
         return TiedContact(state, law, is_static, search, stiffness, intermediate)
     if isinstance(law, LagrangeMultiplier):
-        return MultiplierContact(state, law, is_static, search, stiffness, intermediate)
+        exchanged = isinstance(members(state)[0], ExchangedState)
+        kind = ExchangedContact if exchanged else MultiplierContact
+        return kind(state, law, is_static, search, stiffness, intermediate)
     return PenaltyContact(state, law, is_static, search, share)
 
 

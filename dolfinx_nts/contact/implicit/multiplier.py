@@ -72,13 +72,7 @@ class MultiplierContact(NormalContact):
     def choose(self) -> Flags:
         search, history = self._search, self._state.history
         approach, candidates = search.approach, search.candidates
-        eligible = approach.segment >= 0
-        if self._holds:
-            # Kept gaps are compared with a constant length, lest loaded nodes are released on
-            # shorter segments.
-            size = self._state.segment_sizes
-            passes = self._law.eligible(approach.gap_n, approach.gap, size, history.active)
-            eligible &= passes | self._admitted
+        eligible = self._faces_by_law()
         if isinstance(self._state, JointState):  # with segments of other bodies
             return eligible
         urgency = 2 * history.active + (np.fmin(approach.gap_n, approach.gap) < 0)
@@ -88,16 +82,34 @@ class MultiplierContact(NormalContact):
         self._barred = eligible & ~chosen
         return chosen
 
+    def _faces_by_law(self) -> Flags:
+        """Nodes with a segment that the law lets transmit force, shape ``(n,)``. Local."""
+        approach = self._search.approach
+        eligible = approach.segment >= 0
+        if self._holds:
+            # Kept gaps are compared with a constant length, lest loaded nodes are released on
+            # shorter segments.
+            size, active = self._state.segment_sizes, self._state.history.active
+            passes = self._law.eligible(approach.gap_n, approach.gap, size, active)
+            eligible &= passes | self._admitted
+        return eligible
+
     def renew(self, x: Floats, *, moved: bool) -> int:
         super().renew(x, moved=moved)
         if not (self._choices and self._state.pair.touches_itself):
             return 0
-        search, approach = self._search, self._search.approach
         barred = self._barred.nonzero()[0].astype(np.int32)
-        node, segment, gap = sunk(search, x, barred, _SUNK)
+        return self._hold(*sunk(self._search, x, barred, _SUNK))
+
+    def _hold(self, node: Ints, segment: Ints, gap: Floats) -> int:
+        """Let nodes be held on the segments into which they have sunk. Collective.
+
+        Arguments have the shape ``(m,)``. Returns the number of nodes of this rank.
+        """
         if not reductions.anywhere(self._comm, len(node) > 0):
             return 0
         self._choices -= 1
+        search, approach = self._search, self._search.approach
         self._sunk[node] = True
         search.segment[node], search.gap[node] = segment, gap
         faces = (self._eligible | self._sunk) & (search.segment >= 0)

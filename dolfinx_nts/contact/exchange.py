@@ -1,0 +1,112 @@
+"""Contact with the roles of both surfaces exchanged, where edges of the segments touch faces.
+
+Node-to-segment contact holds the nodes of one surface. An edge or a corner of the other one sinks
+into a face between its nodes. There the contact is that of a vertex of the segments with a facet of
+the nodes: `exchange_roles` adds a pair in which these vertices are the nodes.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dolfinx_nts._kernels import HYSTERESIS
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Tied
+from dolfinx_nts.contact.joint_state import JointState, members
+from dolfinx_nts.contact.massless import is_resolved
+from dolfinx_nts.contact.method import NODES
+from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.rigid_shapes import RigidSphere
+from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.search.kinks import nodes_on_kinks
+
+__all__ = ["ExchangedState", "exchange_roles", "exchange_tolerance"]
+
+
+class ExchangedState(PairState):
+    """Contact of a pair with the roles exchanged, see `exchange_roles`.
+
+    Args:
+        given: State of the pair of the user.
+        vertices: Surface of its segments, with the nodes on convex edges and corners only.
+        tolerance: Depth from which on each of these is held, shape ``(n,)`` [m].
+
+    Attributes:
+        given, tolerance: The arguments.
+    """
+
+    def __init__(self, given: PairState, vertices: Surface, tolerance: Floats) -> None:
+        pair, self.given, self.tolerance = given.pair, given, tolerance
+        laws = pair.enforcement, pair.friction
+        super().__init__(ContactPair(vertices, pair.nodes, *laws, exchange=False), given.passes)
+
+
+def exchange_tolerance(state: PairState | JointState) -> Floats | None:
+    """Depths from which on nodes are held, ``(n,)`` [m], None without exchanged roles. Local."""
+    found = [each.tolerance for each in members(state) if isinstance(each, ExchangedState)]
+    return np.concatenate(found) if found else None
+
+
+def exchange_roles(contacts: Sequence[PairState], excluded: Sequence[Body]) -> list[PairState]:
+    """Add a pair with exchanged roles to each pair of nodes and segments. Collective.
+
+    Its nodes are the vertices on convex edges and corners of the segments, its segments the facets
+    of the nodes, its laws those of the pair. A vertex is held once a solution has it deeper below a
+    face than a hundredth of the smallest facet there, and as long as a force acts on it. With
+    inertia it is held where it is then, as pushing it out would do work. A vertex above a node is
+    not held, as the contact of that node holds it. Scenes in which no vertex sinks so deep are
+    solved as without exchanged roles.
+
+    Pairs without exchanged roles are those of mortar and edge contact, of obstacles, of a surface
+    with itself, of springs, ties and massless nodes, those with ``exchange=False``, and those of
+    which another pair has the vertices as nodes.
+
+    Args:
+        contacts: States of all pairs of a stepper. The new states are their `exchange`.
+        excluded: Bodies of which rigid ones must not give nodes.
+
+    Returns:
+        The states of the new pairs.
+    """
+    pairs = [contact.pair for contact in contacts]
+    found: list[PairState] = []
+    rigid = [body.nodes for body in excluded if body.is_rigid]
+    for contact in contacts:
+        pair = contact.pair
+        if any(map(is_resolved, pairs)) or not _may_exchange(pair, pairs):
+            continue
+        assert isinstance(pair.segments, Surface)
+        is_kink, facet = nodes_on_kinks(pair.segments)
+        vertices = pair.segments.with_nodes(is_kink)
+        is_excluded = bool(rigid) and bool(np.isin(vertices.nodes, np.concatenate(rigid)).any())
+        comm = vertices.V.mesh.comm
+        if not reductions.total(comm, len(vertices.nodes)):
+            continue
+        if reductions.anywhere(comm, is_excluded):
+            continue
+        contact.exchange = ExchangedState(contact, vertices, HYSTERESIS * facet[is_kink])
+        found.append(contact.exchange)
+    return found
+
+
+def _may_exchange(pair: ContactPair, pairs: Sequence[ContactPair]) -> bool:
+    """Whether a pair can have exchanged roles, which no other pair has. Collective."""
+    law, segments = pair.enforcement, pair.segments
+    has_multipliers = isinstance(law, LagrangeMultiplier) and not isinstance(law, Tied)
+    if not (pair.exchange and pair.method == NODES and has_multipliers):
+        return False
+    if not isinstance(segments, Surface) or pair.touches_itself:
+        return False
+    if isinstance(segments.smooth, RigidSphere):
+        return False
+    comm = segments.V.mesh.comm
+    for other in pairs:
+        if other.method == NODES and isinstance(other.segments, Surface):
+            sides = (segments, other.nodes), (pair.nodes, other.segments)
+            has_both = all(bool(np.isin(a.nodes, b.nodes).all()) for a, b in sides)
+            if other is not pair and reductions.everywhere(comm, has_both):
+                return False
+    return True

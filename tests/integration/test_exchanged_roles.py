@@ -1,0 +1,270 @@
+"""Edges and corners of the segments between the nodes of coarse faces: roles are exchanged."""
+
+import numpy as np
+import pytest
+from dolfinx import fem
+
+import dolfinx_nts as nts
+from helpers.once import once
+from reference.bulk import rotation
+
+SIZE, FLOOR = 0.3, 2.0  # m, edges of the block and of the floor
+DIAGONAL = [1.0, -1.0, 0.0], np.arctan(np.sqrt(2.0))
+TURNS = {
+    "face": ([1.0, 0.0, 0.0], 0.0),
+    "edge": ([1.0, 0.0, 0.0], np.pi / 4),
+    "corner": DIAGONAL,
+    "2-D": ([0.0, 0.0, 1.0], np.pi / 4),
+}
+LAWS = {"elastic": nts.LagrangeMultiplier(), "plastic": nts.LagrangeMultiplier("plastic")}
+
+
+class Scene:
+    """A block above a floor of two facets an edge, turned so that a corner or edge points down."""
+
+    def __init__(self, comm, turn, gap=0.0, floor=2, block=3, at=(0.12, 0.17)):
+        self.dim = dim = 2 if turn == "2-D" else 3
+
+        def fill(model):
+            add = nts.parts.add_rectangle if dim == 2 else nts.parts.add_box
+            corner, size = (-FLOOR / 2,) * (dim - 1), (FLOOR,) * (dim - 1)
+            cells = (floor,) * (dim - 1)
+            add(model, "low", corner=(*corner, -1), size=(*size, 1.0), cells=(*cells, 2))
+            add(model, "up", corner=(0,) * dim, size=(SIZE,) * dim, cells=(block,) * dim)
+
+        mesh, cells, _, tag = nts.read_mesh(fill, comm)
+        x = mesh.geometry.x
+        own = np.unique(mesh.geometry.dofmap[cells.find(tag["up"])]).astype(np.int32)
+        corners = np.array(np.meshgrid(*[[0, SIZE]] * dim, *[[0]] * (3 - dim))).reshape(3, -1).T
+        R = rotation(*TURNS[turn])
+        move = np.array([*at[: dim - 1], gap - (corners @ R.T)[:, dim - 1].min(), 0.0])[:3]
+        x[own] = x[own] @ R.T + move
+        self.V = V = fem.functionspace(mesh, ("Lagrange", 1, (dim,)))
+        material = nts.NeoHookean(E=2e5, nu=0.3, rho=1e3)
+        self.low, self.up = (nts.Body(V, cells, tag[k], material) for k in ("low", "up"))
+        self.X = V.tabulate_dof_coordinates()
+
+    def pair(self, law, mu=0.0, **how):
+        """The floor gives the nodes."""
+        surfaces = nts.boundary_of(self.low), nts.boundary_of(self.up)
+        return nts.ContactPair(*surfaces, law, nts.Coulomb(mu) if mu else None, **how)
+
+    def held(self, nodes, value=None):
+        """Condition on the displacement of nodes of this rank."""
+        value = fem.Constant(self.V.mesh, np.zeros(self.dim)) if value is None else value
+        return fem.dirichletbc(value, nodes.astype(np.int32), self.V)
+
+    def depth(self, stepper):
+        """Largest depth of a node of the block below the facets of the floor [m]."""
+        comm, z = self.V.mesh.comm, self.dim - 1
+        top = self.low.nodes[np.isclose(self.X[self.low.nodes, z], 0.0)]
+
+        def gathered(nodes):
+            return np.concatenate(
+                comm.allgather(np.column_stack([self.X[nodes], stepper.x[nodes]]))
+            )
+
+        floor, block = np.unique(gathered(top), axis=0), gathered(self.up.nodes)[:, 3:]
+        if self.dim == 2:
+            line = floor[floor[:, 0].argsort(), 3:]
+            return (np.interp(block[:, 0], line[:, 0], line[:, 1]) - block[:, 1]).max()
+        n = round(len(floor) ** 0.5)
+        grid = floor[np.lexsort(floor[:, [1, 0]].T.round(9))][:, 3:].reshape(n, n, 3)
+        depth = -np.inf
+        for i, j in np.ndindex(n - 1, n - 1):
+            facet = [grid[i, j], grid[i + 1, j], grid[i + 1, j + 1], grid[i, j + 1]]
+            centre = np.mean(facet, axis=0)
+            for a, b in zip(facet, facet[1:] + facet[:1], strict=True):
+                edges = np.array([a - centre, b - centre])
+                parts = np.linalg.solve(edges[:, :2].T, (block - centre)[:, :2].T).T
+                over = (parts.min(axis=1) >= 0) & (parts.sum(axis=1) <= 1)
+                height = centre[2] + parts @ edges[:, 2]
+                depth = max(depth, (height - block[:, 2])[over].max(initial=-np.inf))
+        return depth
+
+
+def press(comm, turn, way=0.02, **how):
+    """Press the block into the floor in statics; return its force and the depth [N, m]."""
+    scene, reverse = Scene(comm, turn), how.pop("reverse", False)
+    pair = scene.pair(LAWS["elastic"], **how)
+    if reverse:
+        pair = nts.ContactPair(pair.segments, pair.nodes, pair.enforcement)
+    z = scene.dim - 1
+    middle = reduced(comm, scene.X[scene.up.nodes, z])
+    upper = scene.up.nodes[scene.X[scene.up.nodes, z] > middle + 1e-9]
+    bottom = scene.low.nodes[np.isclose(scene.X[scene.low.nodes, z], -1.0)]
+    lead = fem.Constant(scene.V.mesh, np.zeros(scene.dim))
+
+    def update(t):
+        lead.value[z] = -way * t
+
+    bcs = [scene.held(bottom), scene.held(upper, lead)]
+    stepper = nts.QuasiStatic([scene.low, scene.up], [pair], dt=0.5, bcs=bcs, update=update)
+    *_, last = stepper.run(until=1.0)
+    of_pair = nts.Diagnostics(stepper).contact_force()
+    np.testing.assert_allclose(
+        (1 - 2 * reverse) * of_pair, last.reactions[1].force, atol=1e-6 * abs(of_pair).max() + 1e-9
+    )
+    return -last.reactions[1].force[z], scene.depth(stepper)
+
+
+def reduced(comm, heights):
+    """Middle of the heights of nodes on all ranks [m]."""
+    ends = comm.allgather((heights.min(initial=np.inf), heights.max(initial=-np.inf)))
+    return (min(a for a, _ in ends) + max(b for _, b in ends)) / 2
+
+
+@pytest.mark.at_most_two_ranks
+@pytest.mark.parametrize("turn", ["2-D", once("corner"), once("edge")])
+def test_corner_in_the_middle_of_a_large_facet_is_held_with_the_force_of_the_reverse_pair(
+    comm, turn
+):
+    force, depth = press(comm, turn)
+    assert depth < 1e-3  # an edge sinks beside its vertices as facets bend
+    of_reverse, _ = press(comm, turn, reverse=True)
+    assert force == pytest.approx(of_reverse, rel=1e-6)
+    assert force > 50  # N
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("turn", ["2-D", "corner"])
+def test_without_exchange_the_corner_sinks_without_force_as_in_the_paper(comm, turn):
+    force, depth = press(comm, turn, exchange=False)
+    assert abs(force) < 1e-6
+    assert depth == pytest.approx(0.02, rel=1e-6)
+
+
+def throw(comm, turn, law, mu=0.0, num_steps=100, **how):
+    """Throw the block at a free floor; balances at both ends, dissipation and depth [J, m]."""
+    scene = Scene(comm, turn, gap=0.01)
+    pair = scene.pair(law, mu, **how)
+    stepper = nts.EnergyMomentum([scene.low, scene.up], [pair], dt=2e-3)
+    velocity = np.zeros(scene.dim)
+    velocity[0], velocity[-1] = 0.5, -1.0
+    stepper.set_velocity(scene.up, velocity)
+    diagnostics = nts.Diagnostics(stepper)
+    first, given, depth, touched = diagnostics.balance(), 0.0, 0.0, 0
+    for _ in range(num_steps):
+        report = stepper.advance()
+        given += sum(report.contact_work)
+        depth = max(depth, scene.depth(stepper))
+        touched += report.num_active > 0
+    assert touched or "exchange" in how
+    return first, diagnostics.balance(), given, depth
+
+
+@pytest.mark.at_most_two_ranks
+@pytest.mark.parametrize(
+    ("turn", "law", "mu"),
+    [
+        ("2-D", "elastic", 0.0),
+        once("2-D", "elastic", 0.5),
+        once("2-D", "plastic", 0.5),
+        ("edge", "elastic", 0.5),
+        once("corner", "elastic", 0.0),
+        once("corner", "plastic", 0.5),
+    ],
+)
+def test_thrown_block_bounces_off_a_coarse_face_with_exact_energy_and_momenta(comm, turn, law, mu):
+    first, last, given, depth = throw(comm, turn, LAWS[law], mu)
+    assert abs(last.total_energy - first.total_energy - given) < 1e-11 * first.total_energy
+    if law == "elastic" and not mu:
+        assert abs(given) < 1e-12 * first.total_energy
+    assert given < 1e-12 * first.total_energy
+    for name in ("linear_momentum", "angular_momentum"):
+        before, after = getattr(first, name), getattr(last, name)
+        np.testing.assert_allclose(after, before, atol=1e-11 * np.linalg.norm(before))
+    # A hundredth of a facet of the block, and half of the approach in a step.
+    assert depth < 0.01 * SIZE + 2e-3
+
+
+@pytest.mark.serial
+def test_thrown_block_sinks_into_a_coarse_face_without_exchange(comm):
+    *_, depth = throw(comm, "edge", LAWS["elastic"], exchange=False)
+    assert depth > 0.1
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("law", LAWS)
+def test_scenes_in_which_nothing_sinks_are_solved_as_without_exchange(comm, law):
+    results = []
+    for exchange in (True, False):
+        scene = Scene(comm, "face", gap=0.003, floor=20, block=3, at=(0.1, 0.1))
+        stepper = nts.EnergyMomentum(
+            [scene.low, scene.up], [scene.pair(LAWS[law], 0.3, exchange=exchange)], dt=2e-3
+        )
+        stepper.set_velocity(scene.up, (0.0, 0.0, -0.2))
+        reports = [stepper.advance() for _ in range(20)]
+        assert (stepper.contacts[0].exchange is not None) == exchange
+        counts = [(r.newton_iterations, r.active_set_changes, r.num_active) for r in reports]
+        assert sum(active for *_, active in counts)
+        results.append((counts, stepper.x.copy()))
+    assert results[0][0] == results[1][0]
+    np.testing.assert_array_equal(results[0][1], results[1][1])
+
+
+def drag(comm, angle, friction, floor):
+    """T/N of a block whose leading edge slides over coarse facets, and depth of the edge [-, m]."""
+    press, slide, edge = 0.006, 0.24, 1.12  # m
+
+    def fill(model):
+        nts.parts.add_rectangle(model, "low", corner=(0, 0), size=(2.5, 1), cells=floor)
+        nts.parts.add_rectangle(model, "up", corner=(edge - 0.6, 1), size=(1, 1), cells=(4, 4))
+
+    mesh, cells, _, tag = nts.read_mesh(fill, comm)
+    x = mesh.geometry.x
+    own = np.unique(mesh.geometry.dofmap[cells.find(tag["up"])])
+    own = own[x[own, 0] > edge]
+    x[own, 0] += np.tan(np.radians(angle - 90)) * (x[own, 1] - 1)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+    material = nts.NeoHookean(E=2e5, nu=0.3, rho=1e3)
+    low, up = (nts.Body(V, cells, tag[name], material) for name in ("low", "up"))
+    surfaces = nts.boundary_of(low), nts.boundary_of(up)
+    law = nts.Coulomb(friction) if friction else None
+    pair = nts.ContactPair(*surfaces, friction=law)
+    lead = fem.Constant(mesh, np.zeros(2))
+
+    def update(t):
+        lead.value[:] = slide * max(t - 0.2, 0) / 0.8, -press * min(t, 0.2) / 0.2
+
+    ends = [fem.locate_dofs_geometrical(V, lambda x, z=z: np.isclose(x[1], z)) for z in (0, 2)]
+    bcs = [fem.dirichletbc(np.zeros(2), ends[0], V), fem.dirichletbc(lead, ends[1], V)]
+    stepper = nts.QuasiStatic([low, up], [pair], dt=0.1, bcs=bcs, update=update)
+    X = V.tabulate_dof_coordinates()
+    top = low.nodes[np.isclose(X[low.nodes, 1], 1)]
+    tip = np.flatnonzero(
+        np.isclose(X[:, 1], 1) & (X[:, 0] == X[up.nodes, 0][np.isclose(X[up.nodes, 1], 1)].max())
+    )
+    ratios, depth = [], 0.0
+    for report in stepper.run(until=1.0):
+        force, line = report.reactions[1].force, stepper.x[top]
+        line = line[line[:, 0].argsort()]
+        height = np.interp(stepper.x[tip, 0], line[:, 0], line[:, 1])
+        depth = max(depth, (height - stepper.x[tip, 1]).max())
+        if report.t > 0.25:
+            ratios.append(-force[0] / force[1])
+    return np.array(ratios), depth
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("friction", [0.5, 0.0])
+@pytest.mark.parametrize("angle", [75, 90, 105, 120, 135, 150])
+def test_friction_of_an_edge_between_coarse_nodes_is_that_of_coulomb(comm, angle, friction):
+    ratios, depth = drag(comm, angle, friction, (5, 2))
+    # The floor tilts below the edge of the block as a whole facet.
+    np.testing.assert_allclose(ratios, friction, atol=0.04)
+    assert depth < 0.01 * 0.25 + 1e-9
+
+
+@pytest.mark.serial
+def test_pairs_in_both_directions_have_no_exchanged_roles(comm):
+    scene = Scene(comm, "2-D")
+    pairs = nts.two_half_passes(
+        nts.boundary_of(scene.low), nts.boundary_of(scene.up), nts.Penalty(1e5)
+    )
+    low, up = nts.boundary_of(scene.low), nts.boundary_of(scene.up)
+    both = nts.ContactPair(low, up), nts.ContactPair(up, low)
+    mortar = nts.ContactPair(low, up, method="mortar")
+    for chosen in (pairs, both, [mortar]):
+        stepper = nts.EnergyMomentum([scene.low, scene.up], chosen, dt=1e-3)
+        assert all(contact.exchange is None for contact in stepper.contacts)
