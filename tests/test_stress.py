@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-from dolfinx_nts.diagnostics.cell_energies import CellEnergies
+from dolfinx_nts.diagnostics.balance import CellEnergies
 from helpers.once import once
 from stress import endurance, meetings, rows, tumbling
 from stress.boundaries import RANDOM

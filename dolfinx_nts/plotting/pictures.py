@@ -43,11 +43,9 @@ from dolfinx_nts.plotting.diagrams import (
     momenta,
 )
 from dolfinx_nts.plotting.movie import Movie
-from dolfinx_nts.plotting.obstacles import surface_near
 from dolfinx_nts.plotting.picture import Picture
 from dolfinx_nts.plotting.scales import rounded
-from dolfinx_nts.plotting.states import states
-from dolfinx_nts.plotting.stress import von_mises
+from dolfinx_nts.plotting.scene import states, surface_near, von_mises
 
 __all__ = [
     "animate",

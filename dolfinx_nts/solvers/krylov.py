@@ -25,7 +25,6 @@ from dolfinx_nts.solvers.contact_corrections import ContactCorrections
 from dolfinx_nts.solvers.elimination import ActivePairs, Elimination, active_pairs
 from dolfinx_nts.solvers.factor_age import FactorAge
 from dolfinx_nts.solvers.inertia_relief import InertiaRelief
-from dolfinx_nts.solvers.krylov_failures import KrylovFailures
 from dolfinx_nts.solvers.petsc_options import PetscOptions
 from dolfinx_nts.solvers.preconditioner import BulkPreconditioner
 from dolfinx_nts.solvers.projected_krylov import (
@@ -38,7 +37,7 @@ from dolfinx_nts.solvers.saddle_point import SaddlePointSystem
 from dolfinx_nts.solvers.statistics import SolverStatistics
 from dolfinx_nts.solvers.tangent import Tangent
 
-__all__ = ["LinearSolver"]
+__all__ = ["KrylovFailures", "LinearSolver"]
 
 # Error of a right-hand side, relative to the reduction asked for [-].
 _NEGLIGIBLE = 0.03
@@ -46,6 +45,37 @@ _NEGLIGIBLE = 0.03
 _ROW_SUM = 3.0
 # Number of random forces in the search for a direction of negative curvature.
 _NUM_FORCES = 4
+
+# Largest number of doublings.
+_MOST_DOUBLINGS = 5
+
+
+class KrylovFailures:
+    """Consecutive failures with new and strong factors, and remaining systems to skip."""
+
+    def __init__(self) -> None:
+        self._in_a_row = self._left = 0
+
+    def count(self) -> None:
+        """Record a failure: skip twice as many systems as after the last one. Local."""
+        self._in_a_row = min(self._in_a_row + 1, _MOST_DOUBLINGS)
+        self._left = 2**self._in_a_row
+
+    def forget(self) -> None:
+        """Record a success. Local."""
+        self._in_a_row = self._left = 0
+
+    def skip(self) -> bool:
+        """Whether to skip the method for the next system, which is counted. Local."""
+        is_left_out = self._left > 0
+        self._left -= is_left_out
+        return is_left_out
+
+    def serialize(self, archive: Archive) -> None:
+        """Serialize the numbers. Collective."""
+        numbers = archive.same("hopeless_systems", np.array([self._in_a_row, self._left]))
+        if archive.giving:
+            self._in_a_row, self._left = map(int, numbers)
 
 
 class LinearSolver:

@@ -1,4 +1,4 @@
-"""Stiffness of the nodes from the diagonal of a matrix, used as a weight."""
+"""Stiffness of the nodes, used as a weight, and stiffness added to the diagonal of the bodies."""
 
 from collections.abc import Sequence
 
@@ -13,13 +13,45 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.block_csr import BlockCSR
 from dolfinx_nts.solvers.cell_sizes import cell_sizes
 
-__all__ = ["NodalStiffness"]
+__all__ = ["NEARBY_SHIFT", "AddedStiffness", "NodalStiffness"]
 
 # Least stiffness of a node, relative to the mean of its body [-]. At strongly deformed nodes the
 # diagonal can be tiny or negative, which a weight must not be.
 _LEAST_STIFFNESS = 0.1
 # Effective radius of a node on the axis of an axisymmetric mesh, relative to its cells [-].
 _INNERMOST = 0.25
+
+# Stiffness added to matrices near the derivative, relative to that added to the derivative [-]. The
+# contact correction compensates too much stiffness, but not too little.
+NEARBY_SHIFT = 1e6
+
+
+class AddedStiffness:
+    """Stiffness added for free bodies and for a viscous resistance. Local.
+
+    Attributes:
+        shift: Small stiffness of the owned nodes of free bodies, shape ``(n, 1)``, or of all nodes
+            [N/m].
+        num_free: Number of rigid motions that only this stiffness resists.
+        drag: Stiffness of a temporary resistance, of the same shape, see `Drag`.
+        in_addition: Sum of these in the last matrix, shape ``(n, 1)`` or of all nodes [N/m].
+    """
+
+    def __init__(self) -> None:
+        self.shift: Floats | float = 0.0
+        self.num_free = 0
+        self.drag: Floats | float = 0.0
+        self.in_addition: Floats | float = 0.0
+
+    def added(self, held: Floats | float, *, is_exact: bool) -> Floats | float:
+        """Stiffness to add to the diagonal, ``(n, 1)`` or of all nodes [N/m].
+
+        Args:
+            held: Stiffness of nodes that the matrix clamps, of the same shape [N/m].
+            is_exact: Whether the matrix is the derivative itself, or a definite one near it.
+        """
+        shift = self.shift + held
+        return (shift if is_exact else NEARBY_SHIFT * shift) + self.drag
 
 
 class NodalStiffness:

@@ -24,11 +24,10 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.contact_blocks import ContactBlocks, rows_of, tangents_of
 from dolfinx_nts.solvers.elimination import ActivePairs
+from dolfinx_nts.solvers.negative_curvature import lowest_ritz_vector
+from dolfinx_nts.solvers.reduced_systems import Reduced, WholeFactors, reduced, solved
 from dolfinx_nts.solvers.rigid_motion import RigidColumns
-from dolfinx_nts.solvers.rigid_reduction import Reduced, reduced
-from dolfinx_nts.solvers.ritz_curvature import lowest_ritz_vector
 from dolfinx_nts.solvers.tangent import Tangent
-from dolfinx_nts.solvers.whole_factors import WholeFactors, solved
 
 __all__ = ["SaddlePointSystem"]
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-from dolfinx_nts.plotting.stress import von_mises
+from dolfinx_nts.plotting.scene import von_mises
 from helpers.once import once, once_except
 from helpers.plane import blocks
 from helpers.rigid import CENTRE, hinged, pressed, spin

@@ -47,7 +47,7 @@ def test_plastic_impact_throws_overlapping_bodies_apart_with_a_warning(stepper, 
     thrown.advance()
     told = {r.module: r.getMessage() for r in caplog.records} if comm.rank == 0 else {}
     told = comm.bcast(told)
-    assert set(told) == {"overlap_watch", "energy_gain"}
+    assert set(told) == {"overlap_watch", "watch"}
     assert all("a step of QuasiStatic" in text for text in told.values())
     assert "throw the two apart" in told["overlap_watch"]
 

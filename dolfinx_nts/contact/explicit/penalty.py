@@ -16,21 +16,22 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.enforcement import Penalty
-from dolfinx_nts.contact.explicit.compliance import compliance
 from dolfinx_nts.contact.explicit.friction import Friction, SpringFriction
 from dolfinx_nts.contact.explicit.neighbour_list import NeighbourList
 from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.method import EDGES
+from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.contact.passage import Passage, passing_nodes_message, shortest_passage_of
 from dolfinx_nts.contact.soft_springs import deep_from
 from dolfinx_nts.fem.components import in_space
+from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Candidates, sunk_from
 from dolfinx_nts.search.points import NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter
 
-__all__ = ["ContactSprings", "SpringForces"]
+__all__ = ["ContactSprings", "SpringForces", "compliance"]
 
 # Default stiffness of tangential springs relative to normal ones [-].
 _SOFTER = 0.1
@@ -44,6 +45,39 @@ _NO_SPRINGS = _kernels.Springs(
     np.empty((0, 1, 3)),
     np.empty(0),
 )
+
+# Number of edge springs that may act on one node [-]: those of both adjacent edges.
+_MEETING = 2.0
+
+
+def compliance(pair: ContactPair, mass: Floats) -> Floats:
+    """Inverse effective masses of the springs of a pair, of both sides. Collective.
+
+    The force of an edge spring acts on both ends of an edge.
+
+    Args:
+        pair: The pair.
+        mass: Lumped mass of the owned nodes, shape ``(n,)`` [kg].
+
+    Returns:
+        At each node of the surface of nodes, shape ``(m,)`` [1/kg].
+    """
+    nodes, segments = pair.nodes.nodes, pair.segments
+    if pair.method == EDGES:
+        both = (each for each in (pair.nodes, segments) if isinstance(each, Surface))
+        return np.full(len(nodes), _MEETING * sum(_of_lightest(each, mass) for each in both))
+    own: Floats = 1 / mass[nodes]
+    if isinstance(segments, Surface):
+        counts = np.array([len(nodes), len(segments.nodes)], dtype=float)
+        counts = reductions.total(pair.nodes.V.mesh.comm, counts)
+        own += max(1.0, counts[0] / counts[1]) * _of_lightest(segments, mass)
+    return own
+
+
+def _of_lightest(surface: Surface, mass: Floats) -> float:
+    """Inverse mass of the lightest node of a surface [1/kg]. Collective."""
+    lightest = float(mass[surface.nodes].min(initial=np.inf))
+    return 1 / float(reductions.least(surface.V.mesh.comm, lightest))
 
 
 class SpringForces(NamedTuple):

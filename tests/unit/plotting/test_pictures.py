@@ -12,9 +12,8 @@ from dolfinx_nts.io.recorder import Recorder
 from dolfinx_nts.plotting import diagrams, pictures
 from dolfinx_nts.plotting.arguments import columns
 from dolfinx_nts.plotting.canvas import aim
-from dolfinx_nts.plotting.obstacles import surface_near
 from dolfinx_nts.plotting.scales import prefixed, rounded
-from dolfinx_nts.plotting.stress import von_mises
+from dolfinx_nts.plotting.scene import surface_near, von_mises
 from helpers.once import once
 from helpers.scene import gathered
 from helpers.scenes import BLOCK_RUBBER, BLOCK_STEP, blocks

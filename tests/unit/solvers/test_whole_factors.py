@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dolfinx_nts.solvers import mumps
-from dolfinx_nts.solvers.whole_factors import solved
+from dolfinx_nts.solvers.reduced_systems import solved
 
 
 def constrained(n, m, rng):

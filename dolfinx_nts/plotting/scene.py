@@ -1,20 +1,76 @@
-"""Surfaces of obstacles near bodies."""
+"""What pictures show: states from files of fields, von Mises stress, surfaces of obstacles."""
 
+from collections.abc import Iterator
 from functools import singledispatch
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.fem.elements import Element
+from dolfinx_nts.integrators.stepper import Stepper
+from dolfinx_nts.model.cell_stress import CellStress
 from dolfinx_nts.model.obstacles import Obstacle
 from dolfinx_nts.model.rigid_surface import RigidSurface
 from dolfinx_nts.plotting.canvas import grid_of
 
-__all__ = ["surface_near"]
+__all__ = ["states", "surface_near", "von_mises"]
 
 _POINTS = 60  # of the grid along the longest side of the box in which the surface is found
 # Margins of the box around the bodies [-]: of walls, and of tools, which are seen from outside.
 _WALL, _TOOL = 0.03, 0.2
+
+
+def von_mises(stepper: Stepper) -> Floats:
+    """Von Mises stress at the centres of the owned cells' pieces, by body [Pa]. Collective."""
+    middles = Element.of(stepper.u.function_space).middles
+    remembered = stepper.memory.stress
+    stress = CellStress(stepper.bodies, stepper.u, middles, remembered).evaluate().von_mises()
+    cells = np.concatenate([body.cells for body in stepper.bodies])
+    values: Floats = stress[cells].ravel()
+    return values
+
+
+def states(fields: str | Path) -> Iterator[tuple[float, Any]]:
+    """Read time [s] and grid of PyVista of each state, undeformed. Local.
+
+    Args:
+        fields: File ``.vtkhdf`` or ``.xdmf``.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: It has another suffix.
+    """
+    path = Path(fields)
+    if path.suffix not in (".vtkhdf", ".xdmf"):
+        raise ValueError(f"expected the .vtkhdf or .xdmf file of a Recorder, given {path}")
+    if not path.exists():
+        raise FileNotFoundError(f"expected a file of fields, given {path}, which does not exist")
+    return _of_vtkhdf(path) if path.suffix == ".vtkhdf" else _of_xdmf(path)
+
+
+def _of_xdmf(fields: str | Path) -> Iterator[tuple[float, Any]]:
+    import pyvista
+
+    reader = pyvista.get_reader(fields)
+    for t in reader.time_values:
+        reader.set_active_time_value(t)
+        # The reader writes the points of every state into the same memory.
+        yield t, reader.read().copy()
+
+
+def _of_vtkhdf(fields: Path) -> Iterator[tuple[float, Any]]:
+    import pyvista
+    from vtkmodules.vtkIOHDF import vtkHDFReader
+
+    reader = vtkHDFReader()
+    reader.SetFileName(str(fields))
+    reader.UpdateInformation()
+    for number in range(reader.GetNumberOfSteps()):
+        reader.SetStep(number)
+        reader.Update()
+        yield reader.GetTimeValue(), pyvista.wrap(reader.GetOutputDataObject(0)).copy()
 
 
 def surface_near(obstacle: Obstacle, points: Floats, t: float) -> Any:
