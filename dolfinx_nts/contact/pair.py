@@ -235,7 +235,7 @@ class ContactPair(Declaration):
     def __repr__(self) -> str:
         """Arguments. Local."""
         names = ("nodes", "segments", "enforcement", "friction", "method")
-        given = {"name": self.name} if self.name else {}
+        given: dict[str, Any] = {"name": self.name} if self.name else {}
         given |= {} if self.exchange else {"exchange": False}
         return as_call(self, **{name: getattr(self, name) for name in names}, **given)
 
