@@ -5,7 +5,7 @@ which contains the state of contact.
 """
 
 import logging
-from typing import Protocol
+from typing import Any, Protocol
 from weakref import WeakSet
 
 import numpy as np
