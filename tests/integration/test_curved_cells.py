@@ -160,8 +160,8 @@ def test_impact_conserves_energy_and_momenta(comm, cell, friction, method):
     stepper.set_velocity(bodies[0], (2.0, 0.0, -2.0))
     ledger = Ledger(stepper)
     ledger.run(10)
-    # With mortar contact vertices alone are counted.
-    least = 2 if method == "mortar" else 3
+    # With mortar contact vertices alone are counted: the lowest one, as facets open next to it.
+    least = 1 if method == "mortar" else 3
     assert max(report.num_active for report in ledger.reports) >= least
     assert ledger.error <= ENERGY_TOLERANCE
     taken = sum(report.contact_work.friction for report in ledger.reports)

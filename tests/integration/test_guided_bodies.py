@@ -261,7 +261,7 @@ def test_bad_guides_are_refused(comm, refused):
         nts.Guide(turns="xy")
     with refused(ValueError, "direction of turns that is not zero"):
         nts.Guide(turns=(0, 0, 0))
-    with refused(ValueError, "motion without rotation beside turns='z'"):
+    with refused(ValueError, "motion without rotation together with turns='z'"):
         nts.Guide(turns="z", motion=nts.Motion(rotation=lambda t: (0, 0, t)))
     with refused(TypeError, "expected a Motion of a guide, given function"):
         nts.Guide(motion=down)

@@ -91,7 +91,7 @@ def test_diagrams_of_a_run(comm, folder, agree):
     for name in ("energies", "momenta", "error", "forces", "ledger", "force_displacement"):
         assert agree(colours(comm, folder / f"{name}.png") > 50)
     if comm.rank == 0:
-        with pytest.raises(ValueError, match=r"columns out of .*given \['way'\]: Recorder"):
+        with pytest.raises(ValueError, match=r"columns out of .*given \['way'\]; Recorder"):
             plotting.force_displacement(folder / "run.csv", "way", "contact_force_z")
 
 
