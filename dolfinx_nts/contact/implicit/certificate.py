@@ -38,9 +38,9 @@ __all__ = ["check_boundaries", "check_forces", "check_penetration", "missed_cont
 _DEEP, _DEEPER = 0.1, 0.05
 # Depth beyond what the law allows from which a node is missed where the search was exhaustive,
 # relative to the longest segment [-]. Smaller: ordinary impacts are solved twice, as nodes next to
-# held ones end deeper than their ballistic motion said (at 0.02 the first impact of two blocks takes
-# 8 iterations instead of 4). Larger: impacts from rest end deeper (0.31 segments at 0.4, where half
-# of the approach is 0.2).
+# held ones end deeper than their ballistic motion said (at 0.02 the first impact of two blocks
+# takes 8 iterations instead of 4). Larger: impacts from rest end deeper (0.31 segments at 0.4,
+# where half of the approach is 0.2).
 _LATE = 0.2
 # Opening beyond which a multiplier may not press, relative to the longest segment [-]. Smaller: the
 # tolerance of constraints in Newton's method counts. Larger: forces without contact are accepted.
