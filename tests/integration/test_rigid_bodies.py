@@ -436,7 +436,7 @@ def test_unsupported_rigid_bodies_are_refused(comm, refused):
     law = nts.LagrangeMultiplier("resolved")
     with refused(ValueError, "nodes of deformable bodies with impact 'resolved', given"):
         nts.EnergyMomentum(bodies, [nts.ContactPair(top, bottom, law)], dt=0.1)
-    with refused(ValueError, "rigid bodies without a guide beside impact 'resolved', given"):
+    with refused(ValueError, "rigid bodies without a guide together with impact 'resolved', given"):
         pressed(comm, nts.EnergyMomentum, nts.Guide(slides="z"), enforcement=law)
 
 
