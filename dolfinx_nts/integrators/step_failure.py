@@ -8,6 +8,7 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import GlobalInts
 from dolfinx_nts.contact.enforcement import Penalty
+from dolfinx_nts.contact.exchange import ExchangedState
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.prescribed import prescribed_nodes
@@ -115,7 +116,8 @@ class StepFailure:
             ends, node = step.state.ends, step.restless
             counts = reductions.total(self._comm, np.diff(np.searchsorted(node, ends)))
             for each, count in zip(members(step.state), counts, strict=True):
-                yield each.pair, bool(count > 0)
+                if not isinstance(each, ExchangedState):
+                    yield each.pair, bool(count > 0)
 
     def _softer(self, bodies: Sequence[Body]) -> str:
         """Advice for pairs whose unsettled nodes belong to the stiffer side, or "". Collective.
