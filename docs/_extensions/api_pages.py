@@ -21,11 +21,11 @@ PARTS = {
     ],
     "Surfaces and obstacles": [
         *("Surface", "boundary_of", "Obstacle", "RigidPlane", "RigidSphere", "RigidCylinder"),
-        *("RigidCone", "RigidSurface", "Motion"),
+        *("RigidCone", "RigidSurface", "ExactObstacle", "Motion"),
     ],
     "Contact": [
         *("ContactPair", "all_pairs", "two_half_passes", "LagrangeMultiplier", "Penalty"),
-        *("Tied", "Coulomb", "close_gaps"),
+        *("Tied", "Coulomb", "Stribeck", "SlipWeakening", "Tresca", "FrictionLaw", "close_gaps"),
     ],
     "Loads": [
         *("Load", "BodyForce", "Gravity", "Force", "Moment", "Traction", "Pressure", "FormLoad"),
@@ -40,7 +40,7 @@ PARTS = {
             "StepperStatistics",
             "ConvergenceError",
         ),
-        "load_state",
+        *("load_state", "Scheme", "ImplicitStepper", "Newmark", "NewmarkRates"),
     ],
     "Results": [
         *("Recorder", "Diagnostics", "Balance", "BodyBalance", "PairBalance", "Overlap"),

@@ -83,6 +83,12 @@ class ImplicitStepper(Stepper):
 
     Arguments, attributes and errors are those of `EnergyMomentum`. Collective, as are all its
     methods.
+
+    Example:
+        >>> class Trapezoidal(nts.ImplicitStepper):
+        ...     scheme = nts.Midpoint.scheme
+        >>> issubclass(nts.EnergyMomentum, nts.ImplicitStepper)
+        True
     """
 
     @compat.quicker_ffcx()  # Derivatives ask for cells as often as FFCx does.

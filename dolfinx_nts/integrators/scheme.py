@@ -27,6 +27,11 @@ class Scheme:
         loads_at: Displacement at which loads act: interpolated at their time (``"mean"``), or at
             the end of the step (``"end"``).
         resolves_impact: Whether nodes may be massless, see `ResolvedImpact`.
+
+    Example:
+        >>> scheme = nts.EnergyMomentum.scheme
+        >>> scheme.contact, scheme.load_point
+        ('conserving', 0.5)
     """
 
     contact: Literal["conserving", "midpoint", "static"]
