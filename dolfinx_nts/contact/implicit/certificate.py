@@ -41,7 +41,7 @@ _DEEP, _DEEPER = 0.1, 0.05
 # held ones end deeper than their ballistic motion said (at 0.02 the first impact of two blocks
 # takes 8 iterations instead of 4). Larger: impacts from rest end deeper (0.31 segments at 0.4,
 # where half of the approach is 0.2).
-_LATE = 0.2
+_LATE = 0.05
 # Opening beyond which a multiplier may not press, relative to the longest segment [-]. Smaller: the
 # tolerance of constraints in Newton's method counts. Larger: forces without contact are accepted.
 _OPEN = 1e-3
@@ -118,6 +118,8 @@ def _late_nodes(step: ContactStep) -> tuple[Ints, Floats]:
         gap, before = search.pairing.gaps(x, node, search.segment[node]), gap_n[node]
     size = step.state.segment_sizes[node]
     late = gap < np.fmin(before, 0.0) - _LATE * size
+    # Else the law has decided by about the motion made.
+    late &= before - gap_trial[node] < 0.5 * (before - gap)
     late &= normal.may_hold(node, before, gap)
     return node[late], gap[late]
 

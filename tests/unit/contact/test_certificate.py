@@ -9,7 +9,7 @@ import pytest
 
 from dolfinx_nts import compat
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty, Tied
-from dolfinx_nts.contact.friction import Coulomb
+from dolfinx_nts.contact.friction_laws import Coulomb
 from dolfinx_nts.contact.implicit.certificate import check_forces, check_penetration
 from dolfinx_nts.search.points import NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter
@@ -143,7 +143,11 @@ def loaded(enforcement=None, **fault):
         lambda_N=np.array([at["force"]]),
         held=lambda pairs: np.full(len(pairs.node), at["held"]),
     )
-    friction = SimpleNamespace(traction=np.array([at["t"]]), sliding=np.ones(1, dtype=bool))
+    friction = SimpleNamespace(
+        traction=np.array([at["t"]]),
+        sliding=np.ones(1, dtype=bool),
+        largest=lambda node, p, slip: 0.3 * p,
+    )
     x = np.array([[9.0, 9, 9], [1, 2, 3]])
     contact = SimpleNamespace(gap_n=np.array([at["gap_n"]]), gap=np.array([at["gap"]]))
     slip = SimpleNamespace(value=np.array([at["slip"]]))
