@@ -256,7 +256,7 @@ def test_a_faceted_drum_with_a_large_rotation_passes_no_node(comm):
 @pytest.mark.parametrize(
     ("scheme", "spin", "reason"),
     [
-        (nts.EnergyMomentum, 0.0, "have turned by more than 90 degrees|pass through a surface"),
+        (nts.EnergyMomentum, 0.0, "have turned by more than 90 degrees"),
         (nts.CentralDifference, 0.0, "pass through a surface that they face: .*; a dt of "),
         once(nts.CentralDifference, 170.0, "pass through a surface that they face: .*; a dt of "),
     ],
@@ -264,15 +264,15 @@ def test_a_faceted_drum_with_a_large_rotation_passes_no_node(comm):
 def test_a_tool_that_would_go_through_nodes_in_a_step_is_caught(
     comm, refused, scheme, spin, reason, agree
 ):
-    # The node at the middle of the top would be behind the ball.
+    # The node at the middle of the top would be in the ball, behind its centre.
     motion = nts.Motion(lambda t: (0, 0, -100 * t), lambda t: (0, spin * t, 0), (0, 0, 0.25))
     ball = nts.RigidSphere((0, 0, 0.25), 0.2).moving(motion)
-    stepper = Block(comm).stepper(ball, SPRINGS, scheme=scheme, dt=0.0045)
+    stepper = Block(comm).stepper(ball, SPRINGS, scheme=scheme, dt=0.0044)
     with refused(nts.ConvergenceError, reason):
         stepper.advance()
     assert agree(stepper.t == 0 and not stepper.u.x.array.any())
-    step = next(iter(stepper.run(0.0045, nts.StepControl())))
-    assert step.rejected > 0 and stepper.t < 0.0045
+    step = next(iter(stepper.run(0.0044, nts.StepControl())))
+    assert step.rejected > 0 and stepper.t < 0.0044
 
 
 @pytest.mark.at_most_two_ranks
