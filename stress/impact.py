@@ -94,7 +94,7 @@ CASES = [
     ),
     *_cases(
         "speed",
-        {5.0: None, 50.0: f"{THROUGH}|90 degrees"},
+        {5.0: None, 50.0: THROUGH},
         scene="stiff ball on plate, steps as they are, h = 0.1",
         cuts=None,
         h=0.1,

@@ -31,6 +31,7 @@ from dolfinx_nts.contact.implicit.certificate import (
     check_boundaries,
     check_forces,
     check_penetration,
+    passing_without_contact,
 )
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
@@ -401,6 +402,9 @@ class ImplicitStepper(Stepper):
         advice: str,
     ) -> ConvergenceError:
         """Error of a step with the reasons of all attempts; steps and states are of the last."""
+        passing = (passing_without_contact(step, self.dt) for step in steps)
+        if found := next(filter(None, passing), ""):
+            advice = f"{found}; {advice}"
         return StepFailure(attempts, steps, states, self._comm).error(
             f"step {self.step + 1} from t = {self.t:.10g} to {self.t + self.dt:.10g}",
             self.bodies,

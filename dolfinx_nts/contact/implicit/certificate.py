@@ -31,7 +31,13 @@ from dolfinx_nts.search.candidates import sunk_from, too_deep
 from dolfinx_nts.search.joint_search import JointSearch
 from dolfinx_nts.search.points import ContactPoints
 
-__all__ = ["check_boundaries", "check_forces", "check_penetration", "missed_contact"]
+__all__ = [
+    "check_boundaries",
+    "check_forces",
+    "check_penetration",
+    "missed_contact",
+    "passing_without_contact",
+]
 
 # Depth that another segment may give to a pressing node, and by how much it may make it deeper,
 # relative to the size of a segment [-].
@@ -198,6 +204,24 @@ def check_penetration(step: ContactStep, dt: float) -> str:
     if exchange_tolerance(step.state) is not None:
         return ""  # vertices of segments are followed by `ReversePassages`
     return passing_nodes_message(step.state.nodes, _passage(step, ~step.normal.active), dt)
+
+
+def passing_without_contact(step: ContactStep, dt: float) -> str:
+    """Name nodes that would pass on the trial motion, and a shorter step, or "". Collective.
+
+    It explains a failed step: so deep in a surface a node may find no way out of it.
+
+    Args:
+        step: A step without a solution.
+        dt: Its length [s].
+    """
+    search = step.search
+    ends, caught = (search.x_n, search.approach.x), search.caught
+    passage = Passage.through(
+        search.candidates, search.points, ends, search.start, search.reach, caught
+    )
+    message = passing_nodes_message(step.state.nodes, passage, dt)
+    return f"without contact {message}" if message else ""
 
 
 def check_boundaries(

@@ -94,6 +94,7 @@ class LocalSearch:
         segment: Segment of each node now or -1, shape ``(n,)``.
         gap: Gap to the segment now, NaN without, shape ``(n,)`` [m].
         approach: What the nodes would meet without contact.
+        caught: Nodes that would pass a segment on the trial motion, shape ``(n,)``.
         pairing: Evaluates nodes and what they face.
         shared: Segments of the nodes that are equally near to several.
     """
@@ -138,7 +139,7 @@ class LocalSearch:
         gap_trial[several] = pairing.gaps(trial, several, met[several])
         met[several] = segment_n[several]
         # Nodes that would be too deep to be found: they face what they enter.
-        self._caught: Flags = np.zeros(len(met), dtype=bool)
+        self.caught: Flags = np.zeros(len(met), dtype=bool)
         self._catch(trial, met, gap_trial)
         # The gap at t_n counts on the segment that the ballistic state meets.
         gap_n = gap.copy()
@@ -159,7 +160,7 @@ class LocalSearch:
         ways = self.candidates.follow(self.points.take(node), self.x_n, trial, none)
         caught = ways.passes(self.candidates.size) | ((ways.entered >= 0) & (met[node] < 0))
         met[node[caught]], gap_trial[node[caught]] = ways.entered[caught], ways.gap[caught]
-        self._caught[node[caught]] = True
+        self.caught[node[caught]] = True
 
     def _find_again(self, x: Floats, node: Ints, segment: Ints, gap: Floats) -> Flags:
         """Find the nearest segments of some nodes again, among those that go on from theirs.
@@ -307,7 +308,7 @@ class LocalSearch:
             current = self.segment[free]
         slid = self._slid(x, free, slack) if self._shares else free[:0]
         found, gap = self.candidates.pair(self.points.take(free), x, current, self.reach, slack)
-        lost = ((found < 0) & self._caught[free]).nonzero()[0]
+        lost = ((found < 0) & self.caught[free]).nonzero()[0]
         if len(lost):
             found[lost] = self.approach.segment[free[lost]]
             gap[lost] = self.candidates.gap(self.points.take(free[lost]), x, found[lost])
