@@ -84,7 +84,7 @@ def all_pairs(
     method: Method = "node-to-segment",
     edges: bool = False,
     smooth: bool = False,
-    exchange: bool = True,
+    exchange: bool | None = None,
 ) -> list[ContactPair]:
     """Contact pairs between all bodies, and with obstacles. Collective.
 

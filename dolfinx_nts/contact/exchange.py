@@ -5,12 +5,13 @@ into a face between its nodes. There the contact is that of a vertex of the segm
 the nodes: `exchange_roles` adds a pair in which these vertices are the nodes.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from dolfinx_nts._kernels import HYSTERESIS
-from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arrays import Flags, Floats
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Tied
 from dolfinx_nts.contact.joint_state import JointState, members
 from dolfinx_nts.contact.massless import is_resolved
@@ -23,7 +24,9 @@ from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.kinks import nodes_on_kinks
 
-__all__ = ["ExchangedState", "exchange_roles", "exchange_tolerance"]
+__all__ = [
+    *("ExchangedState", "exchange_roles", "exchange_tolerance", "release_vertices", "released"),
+]
 
 
 class ExchangedState(PairState):
@@ -36,12 +39,18 @@ class ExchangedState(PairState):
 
     Attributes:
         given, tolerance: The arguments.
+        is_released: Whether no vertex is held any more, as a step had no solution with them.
     """
 
     def __init__(self, given: PairState, vertices: Surface, tolerance: Floats) -> None:
         pair, self.given, self.tolerance = given.pair, given, tolerance
         laws = pair.enforcement, pair.friction
+        self.is_released = False
         super().__init__(ContactPair(vertices, pair.nodes, *laws, exchange=False), given.passes)
+
+    def serialize(self, archive: Archive, name: str) -> None:
+        self.is_released = archive.same(f"{name}/is_released", self.is_released)
+        super().serialize(archive, name)
 
 
 def exchange_tolerance(state: PairState | JointState) -> Floats | None:
@@ -50,7 +59,39 @@ def exchange_tolerance(state: PairState | JointState) -> Floats | None:
     return np.concatenate(found) if found else None
 
 
-def exchange_roles(contacts: Sequence[PairState], excluded: Sequence[Body]) -> list[PairState]:
+def released(state: PairState | JointState) -> Flags:
+    """Which vertices are not held any more, see `ExchangedState`, shape ``(n,)``. Local."""
+    found = [
+        np.full(len(each.nodes.nodes), isinstance(each, ExchangedState) and each.is_released)
+        for each in members(state)
+    ]
+    return np.concatenate(found)
+
+
+def release_vertices(steps: Iterable[tuple[PairState | JointState, Flags]]) -> list[str]:
+    """Hold no vertex any more of pairs whose vertices a failed step has held. Collective.
+
+    Args:
+        steps: States of the pairs in the step, and which of their nodes are active.
+
+    Returns:
+        Between what these pairs are.
+    """
+    found: list[str] = []
+    for state, active in steps:
+        for each, start, end in zip(members(state), state.ends[:-1], state.ends[1:], strict=True):
+            if not isinstance(each, ExchangedState) or each.is_released:
+                continue
+            holds = bool(active[start:end].any() or each.history.active.any())
+            if reductions.anywhere(each.nodes.V.mesh.comm, holds):
+                each.is_released = True
+                found.append(each.given.pair.between)
+    return found
+
+
+def exchange_roles(
+    contacts: Sequence[PairState], excluded: Sequence[Body], *, is_static: bool
+) -> list[PairState]:
     """Add a pair with exchanged roles to each pair of nodes and segments. Collective.
 
     Its nodes are the vertices on convex edges and corners of the segments, its segments the facets
@@ -67,6 +108,7 @@ def exchange_roles(contacts: Sequence[PairState], excluded: Sequence[Body]) -> l
     Args:
         contacts: States of all pairs of a stepper. The new states are their `exchange`.
         excluded: Bodies of which rigid ones must not give nodes.
+        is_static: Whether there is no inertia; then only pairs with ``exchange=True`` have them.
 
     Returns:
         The states of the new pairs.
@@ -76,7 +118,7 @@ def exchange_roles(contacts: Sequence[PairState], excluded: Sequence[Body]) -> l
     rigid = [body.nodes for body in excluded if body.is_rigid]
     for contact in contacts:
         pair = contact.pair
-        if any(map(is_resolved, pairs)) or not _may_exchange(pair, pairs):
+        if any(map(is_resolved, pairs)) or not _may_exchange(pair, pairs, is_static):
             continue
         assert isinstance(pair.segments, Surface)
         is_kink, facet = nodes_on_kinks(pair.segments)
@@ -92,11 +134,12 @@ def exchange_roles(contacts: Sequence[PairState], excluded: Sequence[Body]) -> l
     return found
 
 
-def _may_exchange(pair: ContactPair, pairs: Sequence[ContactPair]) -> bool:
+def _may_exchange(pair: ContactPair, pairs: Sequence[ContactPair], is_static: bool) -> bool:
     """Whether a pair can have exchanged roles, which no other pair has. Collective."""
     law, segments = pair.enforcement, pair.segments
     has_multipliers = isinstance(law, LagrangeMultiplier) and not isinstance(law, Tied)
-    if not (pair.exchange and pair.method == NODES and has_multipliers):
+    wanted = not is_static if pair.exchange is None else pair.exchange
+    if not (wanted and pair.method == NODES and has_multipliers):
         return False
     if not isinstance(segments, Surface) or pair.touches_itself:
         return False

@@ -87,7 +87,8 @@ class ContactPair(Declaration):
         exchange: Whether node-to-segment contact with multipliers also holds vertices on convex
             edges and corners of the segments, see `exchange_roles`: where one sinks deeper than a
             hundredth of a facet between the nodes, it becomes a node and the facets around it
-            become segments, with the same laws. False is the method of the paper.
+            become segments, with the same laws. False is the method of the paper. None: with
+            inertia alone, as in statics constraints of both sides may let a soft surface buckle.
 
     Attributes:
         nodes, segments, enforcement, method, name, exchange: The arguments.
@@ -117,7 +118,7 @@ class ContactPair(Declaration):
         method: Method = "node-to-segment",
         *,
         name: str = "",
-        exchange: bool = True,
+        exchange: bool | None = None,
     ) -> None:
         if not isinstance(nodes, Surface):
             raise TypeError(
@@ -145,8 +146,8 @@ class ContactPair(Declaration):
         # Friction with mu = 0 is omitted.
         self.friction = rubs if rubs is not None and rubs.acts else None
         self.touches_itself = isinstance(segments, Surface) and _check_surfaces(nodes, segments)
-        if not isinstance(exchange, bool):
-            raise TypeError(f"expected exchange=True or False, given {exchange!r}")
+        if not (exchange is None or isinstance(exchange, bool)):
+            raise TypeError(f"expected exchange=True, False or None, given {exchange!r}")
         self.method, self.name, self.exchange = method, label(name), exchange
         check_method(self)
         check_tie(self)
@@ -236,7 +237,7 @@ class ContactPair(Declaration):
         """Arguments. Local."""
         names = ("nodes", "segments", "enforcement", "friction", "method")
         given: dict[str, Any] = {"name": self.name} if self.name else {}
-        given |= {} if self.exchange else {"exchange": False}
+        given |= {} if self.exchange is None else {"exchange": self.exchange}
         return as_call(self, **{name: getattr(self, name) for name in names}, **given)
 
     def __str__(self) -> str:

@@ -25,7 +25,7 @@ from dolfinx_nts import _kernels, compat
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
-from dolfinx_nts.contact.exchange import exchange_roles
+from dolfinx_nts.contact.exchange import exchange_roles, release_vertices
 from dolfinx_nts.contact.implicit.accepted_contact import contact_history, contact_work
 from dolfinx_nts.contact.implicit.certificate import (
     check_boundaries,
@@ -131,7 +131,8 @@ class ImplicitStepper(Stepper):
         self._lumped_mass: Floats = np.repeat(lumped_mass(bodies), self._bulk.rigid.dim)
         # Bodies are held as a whole where a node of a rigid one is: GeneralizedAlpha gains energy.
         stops_rigid = self._is_static or self.scheme.contact != "static"
-        exchanged = exchange_roles(self.contacts, () if stops_rigid else self.bodies)
+        excluded = () if stops_rigid else self.bodies
+        exchanged = exchange_roles(self.contacts, excluded, is_static=self._is_static)
         self._all_contacts = (*self.contacts, *exchanged)
         self._step_solver = StepSolver(
             self._bulk,
@@ -272,7 +273,22 @@ class ImplicitStepper(Stepper):
                 return report
             advice += f"; {IF_IT_MOVES}"
         self._u[:] = self._u_n
+        if self._relaxes and not hopeless and self._released(steps):
+            self._tries = True
+            return self._step()
         raise self._failure(reports, steps, solution.end.states, advice)
+
+    def _released(self, steps: Sequence[ContactStep]) -> bool:
+        """Whether vertices that a failed step has held are free from now on. Collective."""
+        between = release_vertices((step.state, step.normal.active) for step in steps)
+        if between and self._comm.rank == 0:
+            _logger.warning(
+                "step %d to t = %g has no solution with edges of the segments held between nodes "
+                "(%s): from now on these edges are free and sink in there; smaller facets of the "
+                "nodes' side hold them, or nodes and segments exchanged in the pair",
+                *(self.step + 1, self.t + self.dt, ", ".join(between)),
+            )
+        return bool(between)
 
     def _most_long(self, start: str) -> int | None:
         """Number of long increments after which an attempt from a start fails, see `Start`. Local.

@@ -8,7 +8,7 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.enforcement import TOUCHES, LagrangeMultiplier
-from dolfinx_nts.contact.exchange import ExchangedState
+from dolfinx_nts.contact.exchange import ExchangedState, released
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.implicit.multiplier import MultiplierContact
@@ -52,7 +52,7 @@ class ExchangedContact(MultiplierContact):
         super().__init__(state, law, is_static, search, stiffness, intermediate)
 
     def choose(self) -> Flags:
-        search, eligible = self._search, self._faces_by_law()
+        search, eligible = self._search, self._faces_by_law() & ~released(self._state)
         chosen = eligible & self._state.history.active
         node = chosen.nonzero()[0].astype(np.int32)
         segment = search.approach.segment[node]
