@@ -38,6 +38,7 @@ DEMOS = {
     "drum": ["drum.png"],
     "hammer": ["hammer_force.png"],
     "hertz": ["hertz_force.png", "hertz_pressure.png"],
+    "indentation": ["indentation.png"],
     "ironing": ["ironing.png", "ironing_force.png"],
     "own_energy": ["own_energy.png"],
     "own_geometry": ["own_geometry.png"],
@@ -57,7 +58,8 @@ def demo(name: str) -> None:
     """Run a demo in a folder of its own and copy its pictures."""
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
-        runpy.run_path(str(ROOT / "demos" / f"demo_{name}.py"), run_name="__main__")
+        (script,) = (ROOT / "demos").rglob(f"demo_{name}.py")
+        runpy.run_path(str(script), run_name="__main__")
         for picture in DEMOS[name]:
             shutil.copy(picture, FIGURES / picture)
         os.chdir(ROOT)

@@ -103,8 +103,9 @@ def test_make_targets_in_readme_and_pages_exist():
 
 
 def test_each_demo_is_a_tutorial():
-    listed = re.findall(r"^demos/(\w+)$", (DOCS / "tutorials.md").read_text(), re.MULTILINE)
-    assert sorted(listed) == sorted(path.stem for path in (ROOT / "demos").glob("*.py"))
+    listed = re.findall(r"^demos/([\w/]+)$", (DOCS / "tutorials.md").read_text(), re.MULTILINE)
+    demos = (path.relative_to(ROOT / "demos") for path in (ROOT / "demos").rglob("*.py"))
+    assert sorted(listed) == sorted(path.with_suffix("").as_posix() for path in demos)
 
 
 def test_the_columns_of_a_table_are_those_that_are_explained(comm, tmp_path):

@@ -34,7 +34,7 @@ def _run(app: Sphinx) -> None:
         return
     cache, new = get_cache(app.config.nb_execution_cache_path), {}
     _, options = app.config.nb_custom_formats[".py"]
-    for path in sorted(Path(app.srcdir, "demos").glob("*.py")):
+    for path in sorted(Path(app.srcdir, "demos").rglob("*.py")):
         notebook = jupytext.reads(as_notebook(path.read_text(), path.stem), **options)
         try:
             cache.match_cache_notebook(notebook)

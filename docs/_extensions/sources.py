@@ -47,7 +47,7 @@ def with_downloads(page: str) -> str:
 
 def _change(app: Sphinx, docname: str, source: list[str]) -> None:
     folder, _, name = docname.rpartition("/")
-    if folder == "demos":
+    if folder.split("/")[0] == "demos":
         source[0] = as_notebook(source[0], name)
     elif app.env.doc2path(docname).suffix == ".md":
         source[0] = with_downloads(source[0])
