@@ -235,11 +235,10 @@ class Diagnostics(ContactDiagnostics):
         Returns:
             Both, as the methods of these names do.
         """
-        of_pairs = self._of_own_nodes()
-        parts = self._motion(), self._energies.total(), of_pairs.ravel()
+        parts = self._motion(), self._energies.total(), self._of_own_nodes()
         sums = self._sum(np.concatenate(parts))
-        of_pairs = self._now().sums_of_pairs = sums[9:].reshape(of_pairs.shape)
-        of_all = of_pairs.sum(axis=0)
+        of_contact = self._now().contact_sums = self._apart(sums[9:])
+        of_all = of_contact[0].sum(axis=0)
         kinetic, strain, defect = sums[[0, 7, 8]].tolist()
         linear, angular = self._momenta(sums)
         stored, active = of_all[:2].tolist()

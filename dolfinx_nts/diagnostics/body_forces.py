@@ -9,7 +9,6 @@ from dolfinx_nts.contact.method import EDGES
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.surfaces import Surface
-from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined
 
 __all__ = ["BodyForces"]
@@ -30,45 +29,50 @@ class BodyForces:
     """
 
     def __init__(self, stepper: Stepper) -> None:
-        self._comm: MPI.Comm = stepper.u.function_space.mesh.comm
         contacts: list[PairState] = [c for c in stepper.contacts if isinstance(c.segments, Surface)]
         contacts += [c.exchange for c in contacts if c.exchange is not None]
         self._contacts = contacts
+        self.pairs: list[tuple[int, int]] = []
+        if not contacts:
+            return
         bodies = stepper.bodies
         size = stepper.u.function_space.dofmap.index_map
         of_node = np.full(size.size_local + size.num_ghosts, -1, dtype=np.int64)
         for number, body in reversed(list(enumerate(bodies))):
             of_node[body.nodes] = number
-        # Body of each node, and of each segment by its key, for each pair.
-        self._nodes = [of_node[contact.nodes.nodes] for contact in self._contacts]
-        self._segments = [self._of_segments(c, [b.nodes for b in bodies]) for c in self._contacts]
-        found: Array = np.zeros((len(bodies), len(bodies)))
-        for nodes, (_, segments) in zip(self._nodes, self._segments, strict=True):
-            found[np.ix_(np.unique(nodes), np.unique(segments))] = 1
-        found = np.triu(found + found.T, k=1)
-        found = reductions.total(self._comm, found) if len(self._contacts) else found
-        self.pairs = [(int(a), int(b)) for a, b in np.argwhere(found)]
+        self._nodes = [of_node[contact.nodes.nodes] for contact in contacts]
+        # Contact, key of a segment or -1 for nodes, and body.
+        rows = []
+        for i, (contact, of_nodes) in enumerate(zip(contacts, self._nodes, strict=True)):
+            present = np.unique(of_nodes)
+            nodes = np.column_stack([np.full(len(present), -1), present])
+            parts = np.concatenate([nodes, _of_segments(contact, [b.nodes for b in bodies])])
+            rows.append(np.column_stack([np.full(len(parts), i), parts]))
+        comm: MPI.Comm = stepper.u.function_space.mesh.comm
+        together = joined(comm, np.concatenate(rows))
+        together = together[np.lexsort(together.T[::-1])]
+        ends = np.searchsorted(together[:, 0], np.arange(1, len(contacts)))
+        # Keys of all segments of each contact, ascending, and the body of each.
+        self._segments: list[tuple[Array, Array]] = []
+        found = np.zeros((len(bodies), len(bodies)), dtype=bool)
+        for part in np.split(together[:, 1:], ends):
+            key, owner = part.T
+            first = np.searchsorted(key, 0)
+            self._segments.append((key[first:], owner[first:]))
+            found[np.ix_(np.unique(owner[:first]), np.unique(owner[first:]))] = True
+        self.pairs = [(int(a), int(b)) for a, b in np.argwhere(np.triu(found | found.T, k=1))]
 
-    def _of_segments(self, contact: PairState, nodes: list[Ints]) -> tuple[Array, Array]:
-        """Keys of all segments of a pair, ascending, and the body of each."""
-        surface = contact.pair.segments
-        assert isinstance(surface, Surface)
-        body = np.full(len(surface.segments), -1, dtype=np.int64)
-        for number, own in reversed(list(enumerate(nodes))):
-            body[np.isin(surface.segments, own).all(axis=1)] = number
-        keys, body = joined(self._comm, np.column_stack([surface.key, body])).T
-        order = np.argsort(keys)
-        return keys[order], body[order]
-
-    def of_last_step(self) -> Floats:
-        """Forces of the last step on the first body of each of `pairs`. Collective.
+    def of_own_nodes(self) -> Floats:
+        """Forces of the last step on the first body of each of `pairs`, by nodes here. Local.
 
         Returns:
-            Forces, shape ``(p, 3)`` [N]. NaN where edge-to-edge contact of several bodies on one
-            side does not tell which of them touch.
+            Forces, shape ``(p, 3)`` [N], to be summed over all ranks. NaN where edge-to-edge
+            contact of several bodies on one side does not tell which of them touch.
         """
         number = {pair: i for i, pair in enumerate(self.pairs)}
         forces: Floats = np.zeros((len(self.pairs), 3))
+        if not self.pairs:
+            return forces
         for contact, nodes, (keys, bodies) in zip(
             self._contacts, self._nodes, self._segments, strict=True
         ):
@@ -88,5 +92,14 @@ class BodyForces:
                 for c in [b] if b >= 0 else np.unique(bodies).tolist():
                     if a != c and (min(a, c), max(a, c)) in number:
                         forces[number[min(a, c), max(a, c)]] += force if a < c else -force
-        total: Floats = reductions.total(self._comm, forces) if len(self.pairs) else forces
-        return total
+        return forces
+
+
+def _of_segments(contact: PairState, nodes: list[Ints]) -> Array:
+    """Keys of the segments of a pair on this rank, and the body of each, shape ``(s, 2)``."""
+    surface = contact.pair.segments
+    assert isinstance(surface, Surface)
+    body = np.full(len(surface.segments), -1, dtype=np.int64)
+    for number, own in reversed(list(enumerate(nodes))):
+        body[np.isin(surface.segments, own).all(axis=1)] = number
+    return np.column_stack([surface.key, body])

@@ -189,7 +189,7 @@ class ContactDiagnostics:
         that exist in the space. A force is NaN where edge-to-edge contact of several bodies on
         one side does not tell which of them touch.
         """
-        forces = self._body_forces.of_last_step()[:, self._axes[0]]
+        forces = self._all_sums()[1][:, self._axes[0]]
         return dict(zip(self._between, forces, strict=True))
 
     def active_nodes(self) -> int:
@@ -270,13 +270,22 @@ class ContactDiagnostics:
         return np.where(has_box, nearest, -1.0), np.where(has_box, farthest, np.inf)
 
     def _of_pairs(self) -> Floats:
+        return self._all_sums()[0]
+
+    def _all_sums(self) -> tuple[Floats, Floats]:
+        """Sums over all nodes, see `Present.contact_sums`."""
         now = self._now()
-        if now.sums_of_pairs is None:
-            now.sums_of_pairs = self._sum(self._of_own_nodes())
-        return now.sums_of_pairs
+        if now.contact_sums is None:
+            now.contact_sums = self._apart(self._sum(self._of_own_nodes()))
+        return now.contact_sums
+
+    def _apart(self, sums: Floats) -> tuple[Floats, Floats]:
+        """Sums of the pairs, shape ``(p, 9)``, and forces between bodies, ``(b, 3)`` [N]."""
+        size = 9 * len(self.stepper.contacts)
+        return sums[:size].reshape(-1, 9), sums[size:].reshape(-1, 3)
 
     def _of_own_nodes(self) -> Floats:
-        """Sums over the nodes of this rank. Collective."""
+        """Sums over the nodes of this rank, see `_apart`. Collective."""
         stepper, x = self.stepper, self._now().x
         if stepper.scheme.contact != "static":
             x = x - in_space(nodal(stepper.u) - nodal(stepper.u_n)) / 2
@@ -288,7 +297,7 @@ class ContactDiagnostics:
                 other = contact_sums(exchange.history, x, nodes, np.zeros(len(nodes)))
                 other[3:] *= -1  # resultants on the nodes of the pair
                 numbers += other
-        return np.asarray(sums)
+        return np.concatenate([sums.ravel(), self._body_forces.of_own_nodes().ravel()])
 
     def _parts(self, vectors: Floats) -> tuple[Floats, Floats]:
         """Components of force and torque, shape ``(2, 3)``, that exist in the space."""

@@ -18,14 +18,14 @@ class Present:
     Attributes:
         stepper: The argument.
         step: Number of completed steps.
-        sums_of_pairs: Result of `contact_sums` for each pair, summed over all ranks, shape ``(p,
-            9)``; None until it is known.
+        contact_sums: Result of `history.contact_sums` for each pair, shape ``(p, 9)``, and forces
+            between bodies, shape ``(b, 3)`` [N], summed over all ranks; None until they are known.
     """
 
     def __init__(self, stepper: Stepper) -> None:
         self.stepper, self.step = stepper, stepper.step
         self._gaps: Sequence[Floats] | None = None
-        self.sums_of_pairs: Floats | None = None
+        self.contact_sums: tuple[Floats, Floats] | None = None
 
     @cached_property
     def x(self) -> Floats:
