@@ -99,8 +99,8 @@ def test_a_pin_finds_its_place_in_a_hole_with_few_iterations(comm, load):
     bcs = [fem.dirichletbc(np.zeros(2), rim, V)]
     stepper = nts.QuasiStatic(bodies, [pair], dt=1.0, bcs=bcs, loads=[weight])
     step = stepper.advance()
-    # At the start vertices of both polygons are exactly above each other.
-    assert step.newton_iterations <= 25
+    # At the start vertices of both polygons are exactly above each other; then they slide apart.
+    assert step.newton_iterations <= 20
     (reaction,) = step.reactions
     # The hole is a polygon, and so is the pin, whose weight is less by that.
     assert reaction.force[1] == pytest.approx(load, rel=0.03)

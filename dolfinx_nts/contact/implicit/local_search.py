@@ -100,6 +100,9 @@ class LocalSearch:
     """
 
     _overhang: float = _kernels.OVERHANG
+    # How far off one of its segments a node in equilibrium still has all of them, in sizes of it
+    # [-]: a step is short, and the next one begins with the nearest segment.
+    _sharing: float = _kernels.OVERHANG
 
     def __init__(self, state: PairState | JointState, x_n: Floats, x_trial: Floats) -> None:
         """Find the candidates, the segments at t_n and those of the ballistic state."""
@@ -198,9 +201,10 @@ class LocalSearch:
         gap[several] = self.pairing.gaps(x, node[several], found[several])
 
     def _slid(self, x: Floats, node: Ints, slack: float) -> Ints:
-        """Nodes among some, ``(m,)``, that are farther than slack beside one of their segments."""
+        """Nodes among some, ``(m,)``, that are farther than slack off one of their segments."""
         if np.isinf(slack) or not self.shared.many[node].any():
             return node[:0]
+        slack = min(slack, self._sharing)
         node = node[self.shared.many[node]]
         row, segment, start = self.shared.entries(node, self.segment[node])
         adjacent, vertices = self._adjacent(x)
@@ -344,6 +348,9 @@ class StaticSearch(LocalSearch):
     """Nodes without inertia, which slide over edges where these are, see `LocalSearch`."""
 
     _overhang = STATIC_OVERHANG
+    # A static step is long: a node that has left the edge between its segments shares them no
+    # more, by the tolerance at the start of a step.
+    _sharing = _kernels.HYSTERESIS
 
 
 def sunk(search: LocalSearch, x: Floats, node: Ints, least: float) -> tuple[Ints, Ints, Floats]:
