@@ -6,16 +6,9 @@ from collections.abc import Callable
 from typing import Any
 
 from dolfinx_nts.integrators import implicit
-from dolfinx_nts.solvers import (
-    active_sets,
-    bulk,
-    contact_schwarz,
-    elimination,
-    krylov,
-    newton,
-    preconditioner,
-    saddle_point,
-)
+from dolfinx_nts.solvers import bulk, newton
+from dolfinx_nts.solvers.linear import active_sets, elimination, krylov, saddle_point
+from dolfinx_nts.solvers.precond import contact_schwarz, preconditioner
 
 __all__ = ["CONTACT", "Profile"]
 

@@ -32,7 +32,7 @@ from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.loads import Load
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.rigid_motion import RigidMotion
+from dolfinx_nts.solvers.rigid.rigid_motion import RigidMotion
 
 __all__ = ["GeneralizedAlpha", "Newmark", "NewmarkRates"]
 

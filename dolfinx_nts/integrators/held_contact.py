@@ -13,7 +13,7 @@ from dolfinx_nts.contact.massless import is_resolved
 from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.integrators.body_groups import BodyGroups
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.gap_constraints import KeptGaps
+from dolfinx_nts.solvers.massless.gap_constraints import KeptGaps
 
 __all__ = ["HeldContact"]
 

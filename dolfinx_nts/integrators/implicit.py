@@ -61,11 +61,11 @@ from dolfinx_nts.solvers import newton
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.cell_sizes import CellSizes
 from dolfinx_nts.solvers.convergence import gap_tolerance, position_rounding
-from dolfinx_nts.solvers.krylov import LinearSolver
+from dolfinx_nts.solvers.linear.krylov import LinearSolver
+from dolfinx_nts.solvers.linear.statistics import SolverStatistics
 from dolfinx_nts.solvers.newton_report import ConvergenceError, NewtonReport
+from dolfinx_nts.solvers.precond.tangent import Tangent
 from dolfinx_nts.solvers.prescribed_motion import PrescribedMotion
-from dolfinx_nts.solvers.statistics import SolverStatistics
-from dolfinx_nts.solvers.tangent import Tangent
 
 __all__ = ["ImplicitStepper"]
 

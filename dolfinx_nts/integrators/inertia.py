@@ -18,7 +18,7 @@ from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.reaction import Reaction
 from dolfinx_nts.solvers.bulk import Bulk
-from dolfinx_nts.solvers.tangent import Tangent, TangentOfAllCells
+from dolfinx_nts.solvers.precond.tangent import Tangent, TangentOfAllCells
 
 __all__ = ["ConsistentInertia", "Inertia", "VelocityUpdate"]
 

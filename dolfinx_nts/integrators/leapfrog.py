@@ -29,7 +29,7 @@ from dolfinx_nts.integrators.rates import ConsistentMass
 from dolfinx_nts.model.dirichlet import Supports
 from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.model.reaction import Reaction, reactions_of
-from dolfinx_nts.solvers.linear_fields import (
+from dolfinx_nts.solvers.rigid.linear_fields import (
     LinearFields,
     amounts_of,
     combined,
@@ -38,8 +38,8 @@ from dolfinx_nts.solvers.linear_fields import (
     spins,
     turned,
 )
-from dolfinx_nts.solvers.rigid_fields import RigidFields
-from dolfinx_nts.solvers.rigid_states import RigidStates
+from dolfinx_nts.solvers.rigid.rigid_fields import RigidFields
+from dolfinx_nts.solvers.rigid.rigid_states import RigidStates
 
 __all__ = ["Drift", "RigidLeapfrog"]
 

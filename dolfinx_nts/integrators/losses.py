@@ -18,9 +18,9 @@ from dolfinx_nts.fem.jit import compile_form
 from dolfinx_nts.integrators.body_groups import BodyGroups
 from dolfinx_nts.integrators.implicit_forms import StepForms
 from dolfinx_nts.integrators.rates import Rates
-from dolfinx_nts.solvers.redistributed_mass import MassForce
-from dolfinx_nts.solvers.surface_forces import SurfaceForces
-from dolfinx_nts.solvers.surface_work import SurfaceWork
+from dolfinx_nts.solvers.massless.redistributed_mass import MassForce
+from dolfinx_nts.solvers.massless.surface_forces import SurfaceForces
+from dolfinx_nts.solvers.massless.surface_work import SurfaceWork
 
 __all__ = ["StepLosses", "SurfaceDamping"]
 

@@ -24,9 +24,9 @@ from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers import newton
-from dolfinx_nts.solvers.drag import Drag
 from dolfinx_nts.solvers.newton_report import NewtonReport
 from dolfinx_nts.solvers.prescribed_motion import PrescribedMotion
+from dolfinx_nts.solvers.statics.drag import Drag
 from dolfinx_nts.solvers.substepped_motion import SubsteppedMotion
 
 __all__ = ["QuasiStatic", "UnstableEquilibrium"]

@@ -16,7 +16,7 @@ from dolfinx_nts.fem.jit import assembled, compile_form
 from dolfinx_nts.integrators.state import State, serialize_nodal
 from dolfinx_nts.model.bodies import Body, bulk_form
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.rigid_motion import RigidMotion
+from dolfinx_nts.solvers.rigid.rigid_motion import RigidMotion
 
 __all__ = ["ConsistentMass", "MidpointRates", "NoRates", "Rates"]
 

@@ -49,15 +49,15 @@ from dolfinx_nts.model.inverted_cells import VolumeRatio
 from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.model.reaction import Reaction
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.redistributed_mass import (
+from dolfinx_nts.solvers.massless.redistributed_mass import (
     MassForce,
     RedistributedBulk,
     RedistributedMass,
     RedistributedTangent,
 )
-from dolfinx_nts.solvers.surface_equilibrium import SurfaceEquilibrium
-from dolfinx_nts.solvers.surface_forces import SurfaceForces
-from dolfinx_nts.solvers.surface_work import SurfaceWork
+from dolfinx_nts.solvers.massless.surface_equilibrium import SurfaceEquilibrium
+from dolfinx_nts.solvers.massless.surface_forces import SurfaceForces
+from dolfinx_nts.solvers.massless.surface_work import SurfaceWork
 
 __all__ = ["ResolvedImpact", "SurfaceWaves"]
 

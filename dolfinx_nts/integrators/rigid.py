@@ -23,8 +23,8 @@ from dolfinx_nts.model.rigid_body import RigidBody
 from dolfinx_nts.model.rigid_shapes import RigidSphere
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.linear_fields import LinearFields
-from dolfinx_nts.solvers.rigid_motion import RigidMotion
+from dolfinx_nts.solvers.rigid.linear_fields import LinearFields
+from dolfinx_nts.solvers.rigid.rigid_motion import RigidMotion
 
 __all__ = [
     "check_rigid_bodies",

@@ -22,7 +22,7 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.cell_sizes import CellSizes
-from dolfinx_nts.solvers.tangent import Tangent
+from dolfinx_nts.solvers.precond.tangent import Tangent
 
 __all__ = ["SleepingBodies"]
 

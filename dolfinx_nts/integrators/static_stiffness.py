@@ -11,7 +11,7 @@ from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.integrators.rates import Rates
 from dolfinx_nts.integrators.rigid import spring_stiffness
 from dolfinx_nts.model.bodies import Body
-from dolfinx_nts.solvers.tangent import Tangent
+from dolfinx_nts.solvers.precond.tangent import Tangent
 
 __all__ = ["choose_default_stiffness", "long_step", "static_stiffness"]
 

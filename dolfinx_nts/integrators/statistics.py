@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from dolfinx_nts.solvers.statistics import SolverStatistics
+from dolfinx_nts.solvers.linear.statistics import SolverStatistics
 
 __all__ = ["StepperStatistics"]
 

@@ -27,13 +27,13 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers import newton
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.cell_sizes import cell_sizes
-from dolfinx_nts.solvers.drag import Drag
-from dolfinx_nts.solvers.free_bodies import FreeBody, find_free_bodies
-from dolfinx_nts.solvers.inertia_relief import InertiaRelief
-from dolfinx_nts.solvers.krylov import LinearSolver
+from dolfinx_nts.solvers.linear.krylov import LinearSolver
 from dolfinx_nts.solvers.nonlinear_elimination import NonlinearElimination
+from dolfinx_nts.solvers.precond.tangent import Tangent
 from dolfinx_nts.solvers.prescribed_motion import PrescribedMotion
-from dolfinx_nts.solvers.tangent import Tangent
+from dolfinx_nts.solvers.statics.drag import Drag
+from dolfinx_nts.solvers.statics.free_bodies import FreeBody, find_free_bodies
+from dolfinx_nts.solvers.statics.inertia_relief import InertiaRelief
 
 __all__ = ["StepSolver"]
 

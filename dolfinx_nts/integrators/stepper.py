@@ -44,8 +44,8 @@ from dolfinx_nts.model.rigid_body import guided
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.errors import agreed
 from dolfinx_nts.parallel.meeting import meet
+from dolfinx_nts.solvers.linear.statistics import SolverStatistics
 from dolfinx_nts.solvers.newton_report import ConvergenceError
-from dolfinx_nts.solvers.statistics import SolverStatistics
 
 __all__ = ["ScriptValues", "Stepper"]
 

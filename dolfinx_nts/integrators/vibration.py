@@ -13,7 +13,7 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.redistributed_mass import RedistributedMass
+from dolfinx_nts.solvers.massless.redistributed_mass import RedistributedMass
 
 __all__ = ["EnergyCorrection", "GroupMotions", "RigidCorrection", "Vibration", "VibrationAnalysis"]
 

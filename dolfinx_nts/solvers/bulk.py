@@ -15,7 +15,7 @@ from dolfinx_nts.fem.linear_forms import Kernels
 from dolfinx_nts.model.dirichlet import Supports
 from dolfinx_nts.solvers.derivative import Derivative
 from dolfinx_nts.solvers.nodal_sum import NodalSum
-from dolfinx_nts.solvers.rigid_motion import RigidMotion
+from dolfinx_nts.solvers.rigid.rigid_motion import RigidMotion
 
 __all__ = ["Bulk"]
 

@@ -21,14 +21,14 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.cell_sizes import CellSizes
 from dolfinx_nts.solvers.convergence import Convergence, Iterate, Measures
-from dolfinx_nts.solvers.drag import Drag
-from dolfinx_nts.solvers.inertia_relief import InertiaRelief
-from dolfinx_nts.solvers.krylov import LinearSolver
 from dolfinx_nts.solvers.line_search import LineSearch
+from dolfinx_nts.solvers.linear.krylov import LinearSolver
 from dolfinx_nts.solvers.newton_report import NewtonReport
 from dolfinx_nts.solvers.nonlinear_elimination import NonlinearElimination
 from dolfinx_nts.solvers.prescribed_motion import PrescribedMotion
 from dolfinx_nts.solvers.segment_choice import SegmentChoice
+from dolfinx_nts.solvers.statics.drag import Drag
+from dolfinx_nts.solvers.statics.inertia_relief import InertiaRelief
 
 __all__ = ["Attempt", "NewtonSystem", "Solution", "solve"]
 

@@ -23,7 +23,7 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.cell_sizes import CellSizes
 from dolfinx_nts.solvers.convergence import Iterate
-from dolfinx_nts.solvers.krylov import LinearSolver
+from dolfinx_nts.solvers.linear.krylov import LinearSolver
 
 __all__ = ["NonlinearElimination"]
 

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from dolfinx_nts import _kernels, plotting
-from dolfinx_nts.solvers.preconditioner import BulkPreconditioner
+from dolfinx_nts.solvers.precond.preconditioner import BulkPreconditioner
 
 __all__ = ["WANTED", "trapped"]
 

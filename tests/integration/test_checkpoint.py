@@ -18,7 +18,7 @@ import pytest
 
 import dolfinx_nts as nts
 from dolfinx_nts.io import checkpoint
-from dolfinx_nts.solvers import factor_age
+from dolfinx_nts.solvers.precond import factor_age
 from helpers.interrupted import SCHEMES, layers, scene
 from helpers.once import once, once_except
 from helpers.readers import read_fields, read_grids

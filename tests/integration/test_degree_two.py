@@ -12,7 +12,7 @@ from dolfinx import fem
 import dolfinx_nts as nts
 from dolfinx_nts.fem.node_numbering import input_ids
 from dolfinx_nts.solvers.bulk import Bulk
-from dolfinx_nts.solvers.tangent import Tangent
+from dolfinx_nts.solvers.precond.tangent import Tangent
 from helpers import box_meshes, scenes
 from helpers.boxed import Ledger
 from helpers.interrupted import SCHEMES, with_law

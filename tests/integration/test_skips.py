@@ -9,7 +9,7 @@ from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.friction import Friction
 from dolfinx_nts.contact.implicit.multiplier import MultiplierContact
 from dolfinx_nts.integrators import sleeping
-from dolfinx_nts.solvers import krylov
+from dolfinx_nts.solvers.linear import krylov
 from helpers import box_meshes, scenes
 from helpers.once import once, once_except
 

@@ -16,7 +16,9 @@ from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.implicit import contact_step
 from dolfinx_nts.integrators import implicit, time_loop
 from dolfinx_nts.integrators.stagnation import LimitPoint
-from dolfinx_nts.solvers import factor_age, krylov, newton
+from dolfinx_nts.solvers import newton
+from dolfinx_nts.solvers.linear import krylov
+from dolfinx_nts.solvers.precond import factor_age
 from helpers.interrupted import SCHEMES, layers, scene
 from helpers.once import once, once_except
 from helpers.readers import read_grids

@@ -10,7 +10,7 @@ import dolfinx_nts as nts
 from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual
 from dolfinx_nts.solvers.bulk import Bulk
-from dolfinx_nts.solvers.tangent import Tangent
+from dolfinx_nts.solvers.precond.tangent import Tangent
 from helpers import scenes
 from helpers.once import once
 from helpers.scene import gathered, input_ids

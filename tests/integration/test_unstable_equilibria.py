@@ -11,7 +11,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts import parts
-from dolfinx_nts.solvers.krylov import LinearSolver
+from dolfinx_nts.solvers.linear.krylov import LinearSolver
 from helpers.once import once
 from helpers.plane import blocks
 

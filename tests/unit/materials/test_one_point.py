@@ -23,7 +23,7 @@ import dolfinx_nts as nts
 from dolfinx_nts.fem.jit import compile_quickly
 from dolfinx_nts.model.bodies import bulk_form
 from dolfinx_nts.solvers.bulk import Bulk
-from dolfinx_nts.solvers.tangent import Tangent
+from dolfinx_nts.solvers.precond.tangent import Tangent
 from helpers import box_meshes, scenes
 from helpers.once import once
 from helpers.scene import Motion, gathered

@@ -6,7 +6,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 
-from dolfinx_nts.solvers.block_csr import BlockCSR
+from dolfinx_nts.solvers.linear.block_csr import BlockCSR
 from helpers import box_meshes
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dolfinx_nts.common.archive import Snapshot
-from dolfinx_nts.solvers.active_sets import ActiveSets
+from dolfinx_nts.solvers.linear.active_sets import ActiveSets
 
 
 def pairs(**changed):

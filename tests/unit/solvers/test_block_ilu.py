@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from dolfinx_nts.solvers import block_ilu
-from dolfinx_nts.solvers.block_ilu import BlockILU
+from dolfinx_nts.solvers.precond import block_ilu
+from dolfinx_nts.solvers.precond.block_ilu import BlockILU
 from helpers import scenes
 from helpers.dense_factors import definition, dense, filled, rounding
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dolfinx_nts.solvers.contact_blocks import ContactBlocks
+from dolfinx_nts.solvers.linear.contact_blocks import ContactBlocks
 from helpers.contact_blocks import NODES, blocks, kinds, parts
 
 pytestmark = pytest.mark.serial

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.solvers.contact_blocks import ContactBlocks, rows_of, slopes_at_nodes
+from dolfinx_nts.solvers.linear.contact_blocks import ContactBlocks, rows_of, slopes_at_nodes
 from helpers.contact_blocks import blocks, kinds
 
 pytestmark = pytest.mark.serial

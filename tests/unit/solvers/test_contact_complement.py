@@ -10,9 +10,9 @@ import pytest
 import dolfinx_nts as nts
 from dolfinx_nts.common.archive import Snapshot
 from dolfinx_nts.io import checkpoint
-from dolfinx_nts.solvers import contact_complement
-from dolfinx_nts.solvers.contact_blocks import ContactBlocks
-from dolfinx_nts.solvers.contact_complement import ContactComplement
+from dolfinx_nts.solvers.linear.contact_blocks import ContactBlocks
+from dolfinx_nts.solvers.precond import contact_complement
+from dolfinx_nts.solvers.precond.contact_complement import ContactComplement
 from helpers import scenes
 from helpers.contact_blocks import NODES, ROUNDING, blocks, dense, kinds
 

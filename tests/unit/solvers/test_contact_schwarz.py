@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.solvers.contact_blocks import ContactBlocks
-from dolfinx_nts.solvers.contact_schwarz import SerialSubdomain
+from dolfinx_nts.solvers.linear.contact_blocks import ContactBlocks
+from dolfinx_nts.solvers.precond.contact_schwarz import SerialSubdomain
 from helpers.contact_blocks import NODES, OWNED, blocks, dense, kinds
 
 pytestmark = pytest.mark.serial

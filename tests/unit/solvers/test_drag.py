@@ -5,7 +5,7 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from dolfinx_nts.solvers.drag import Drag
+from dolfinx_nts.solvers.statics.drag import Drag
 from helpers.plane import blocks
 
 PART = 0.25

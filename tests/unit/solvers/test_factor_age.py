@@ -7,7 +7,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 
-from dolfinx_nts.solvers.factor_age import FactorAge
+from dolfinx_nts.solvers.precond.factor_age import FactorAge
 
 pytestmark = pytest.mark.serial
 

@@ -7,8 +7,8 @@ import pytest
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.petsc_krylov import PetscKrylov
-from dolfinx_nts.solvers.petsc_options import PetscOptions
+from dolfinx_nts.solvers.linear.petsc_krylov import PetscKrylov
+from dolfinx_nts.solvers.linear.petsc_options import PetscOptions
 
 NODES, DIM = 700, 2  # more numbers than are read at once, on one rank or on several
 ROUNDING = 1e-11

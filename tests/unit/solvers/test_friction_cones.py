@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dolfinx_nts.solvers import friction_cones
+from dolfinx_nts.solvers.linear import friction_cones
 
 pytestmark = pytest.mark.serial
 

@@ -7,7 +7,7 @@ import pytest
 from dolfinx import fem, mesh
 
 from dolfinx_nts.search.scatter import NodalScatter
-from dolfinx_nts.solvers.gap_constraints import GapConstraints, KeptGaps
+from dolfinx_nts.solvers.massless.gap_constraints import GapConstraints, KeptGaps
 
 pytestmark = pytest.mark.serial
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-from dolfinx_nts.solvers.active_sets import ActiveSets
-from dolfinx_nts.solvers.elimination import active_pairs
-from dolfinx_nts.solvers.krylov import LinearSolver
-from dolfinx_nts.solvers.projected_krylov import KrylovMethod
-from dolfinx_nts.solvers.saddle_point import SaddlePointSystem
+from dolfinx_nts.solvers.linear.active_sets import ActiveSets
+from dolfinx_nts.solvers.linear.elimination import active_pairs
+from dolfinx_nts.solvers.linear.krylov import LinearSolver
+from dolfinx_nts.solvers.linear.projected_krylov import KrylovMethod
+from dolfinx_nts.solvers.linear.saddle_point import SaddlePointSystem
 from helpers import scenes
 from helpers.once import once
 from helpers.rigid import impact

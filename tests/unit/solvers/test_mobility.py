@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dolfinx_nts.solvers.mobility import Mobility
+from dolfinx_nts.solvers.precond.mobility import Mobility
 
 NODES, MOTIONS = 7, 3
 

@@ -5,7 +5,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 
-from dolfinx_nts.solvers.negative_curvature import negative_curvature_direction
+from dolfinx_nts.solvers.statics.negative_curvature import negative_curvature_direction
 
 SIZE, TRIALS = 40, 200
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from dolfinx_nts.solvers.block_csr import BlockCSR
-from dolfinx_nts.solvers.contact_blocks import ContactBlocks
-from dolfinx_nts.solvers.overlapping_subdomain import OverlappingSubdomain
+from dolfinx_nts.solvers.linear.block_csr import BlockCSR
+from dolfinx_nts.solvers.linear.contact_blocks import ContactBlocks
+from dolfinx_nts.solvers.precond.overlapping_subdomain import OverlappingSubdomain
 from helpers import contact_blocks, scenes
 
 

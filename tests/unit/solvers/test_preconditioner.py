@@ -13,8 +13,9 @@ from dolfinx.mesh import CellType, create_rectangle, meshtags
 import dolfinx_nts as nts
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Snapshot
-from dolfinx_nts.solvers import factor_age, krylov, preconditioner
-from dolfinx_nts.solvers.block_ilu import BlockILU, SinglePrecisionOperator
+from dolfinx_nts.solvers.linear import krylov
+from dolfinx_nts.solvers.precond import factor_age, preconditioner
+from dolfinx_nts.solvers.precond.block_ilu import BlockILU, SinglePrecisionOperator
 from helpers import scenes
 from helpers.scene import gathered
 
@@ -157,13 +158,13 @@ def test_options_for_levels_may_wait_for_a_mesh_that_has_some(comm, caplog):
 def test_a_choice_of_the_user_has_to_fail_before_another_takes_its_place(
     comm, monkeypatch, caplog, default
 ):
-    monkeypatch.setattr("dolfinx_nts.solvers.factor_age._SLOW", 0.0)
-    monkeypatch.setattr("dolfinx_nts.solvers.factor_age._MOST_CROSSINGS", 0.0)
+    monkeypatch.setattr("dolfinx_nts.solvers.precond.factor_age._SLOW", 0.0)
+    monkeypatch.setattr("dolfinx_nts.solvers.precond.factor_age._MOST_CROSSINGS", 0.0)
     stepper = with_options(scenes.blocks(comm), {"pc_type": "jacobi"})
     for _ in range(NUM_STEPS // 2):
         stepper.advance()
     assert stepper.statistics.solver.preconditioner == "JACOBI" and not caplog.records
-    monkeypatch.setattr("dolfinx_nts.solvers.projected_krylov._MAX_ITERATIONS", 3)
+    monkeypatch.setattr("dolfinx_nts.solvers.linear.projected_krylov._MAX_ITERATIONS", 3)
     for _ in range(NUM_STEPS // 2):
         stepper.advance()
     assert stepper.statistics.solver.preconditioner == "CHOLESKY"
@@ -182,11 +183,11 @@ def test_failing_krylov_method_falls_back_on_stronger_preconditioners(
 ):
     # One iteration never reaches the tolerance with an incomplete
     # factorisation; what follows must give the same steps.
-    monkeypatch.setattr("dolfinx_nts.solvers.preconditioner._DIRECT_UP_TO", direct_up_to)
+    monkeypatch.setattr("dolfinx_nts.solvers.precond.preconditioner._DIRECT_UP_TO", direct_up_to)
     reference, limited = scenes.blocks(comm), scenes.blocks(comm)
     for _ in range(8):
         reference.stepper.advance()
-    monkeypatch.setattr("dolfinx_nts.solvers.projected_krylov._MAX_ITERATIONS", 1)
+    monkeypatch.setattr("dolfinx_nts.solvers.linear.projected_krylov._MAX_ITERATIONS", 1)
     for _ in range(8):
         limited.stepper.advance()
     work = limited.stepper.statistics.solver
@@ -205,7 +206,7 @@ def test_statistics_name_the_last_factors_where_stronger_ones_are_not_made_yet(c
 
 @pytest.mark.at_most_two_ranks
 def test_slow_iterations_lead_to_factors_with_fill(comm, monkeypatch, default, agree):
-    monkeypatch.setattr("dolfinx_nts.solvers.factor_age._FILL_PAYS", 0.0)
+    monkeypatch.setattr("dolfinx_nts.solvers.precond.factor_age._FILL_PAYS", 0.0)
     stepper = scenes.blocks(comm).stepper
     for _ in range(NUM_STEPS):
         stepper.advance()
@@ -216,8 +217,8 @@ def test_slow_iterations_lead_to_factors_with_fill(comm, monkeypatch, default, a
 
 
 def test_multigrid_in_single_precision_converges_as_that_of_petsc(comm, monkeypatch):
-    monkeypatch.setattr("dolfinx_nts.solvers.factor_age._MOST_CROSSINGS", 0.0)
-    monkeypatch.setattr("dolfinx_nts.solvers.preconditioner._DIRECT_UP_TO", 0)
+    monkeypatch.setattr("dolfinx_nts.solvers.precond.factor_age._MOST_CROSSINGS", 0.0)
+    monkeypatch.setattr("dolfinx_nts.solvers.precond.preconditioner._DIRECT_UP_TO", 0)
     smoothed, apply = [], BlockILU.apply
     multiplied, mult = [], SinglePrecisionOperator.mult
 

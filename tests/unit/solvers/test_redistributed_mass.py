@@ -7,7 +7,7 @@ from dolfinx import fem
 import dolfinx_nts as nts
 from dolfinx_nts.integrators.rates import ConsistentMass
 from dolfinx_nts.model.extrapolation import extrapolate
-from dolfinx_nts.solvers.redistributed_mass import RedistributedMass
+from dolfinx_nts.solvers.massless.redistributed_mass import RedistributedMass
 from helpers import box_meshes
 
 # Relative; sums of a few hundred terms of both signs.

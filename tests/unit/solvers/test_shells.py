@@ -15,7 +15,7 @@ import os
 from mpi4py import MPI
 import dolfinx_nts as nts
 from dolfinx_nts import _kernels
-from dolfinx_nts.solvers import factor_age, preconditioner
+from dolfinx_nts.solvers.precond import factor_age, preconditioner
 from helpers.scenes import blocks
 from counted import counted
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.solvers.block_ilu import SinglePrecisionOperator
+from dolfinx_nts.solvers.precond.block_ilu import SinglePrecisionOperator
 from helpers.dense_factors import NODES, matrix
 
 EPS = np.finfo(np.float32).eps

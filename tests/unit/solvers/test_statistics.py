@@ -4,13 +4,13 @@ from collections import Counter
 
 import pytest
 
-from dolfinx_nts.solvers.active_sets import ActiveSets
 from dolfinx_nts.solvers.bulk import Bulk
-from dolfinx_nts.solvers.contact_schwarz import ContactSchwarz
-from dolfinx_nts.solvers.preconditioner import BulkPreconditioner
-from dolfinx_nts.solvers.projected_krylov import KrylovMethod, Operator
-from dolfinx_nts.solvers.saddle_point import SaddlePointSystem
-from dolfinx_nts.solvers.tangent import Tangent
+from dolfinx_nts.solvers.linear.active_sets import ActiveSets
+from dolfinx_nts.solvers.linear.projected_krylov import KrylovMethod, Operator
+from dolfinx_nts.solvers.linear.saddle_point import SaddlePointSystem
+from dolfinx_nts.solvers.precond.contact_schwarz import ContactSchwarz
+from dolfinx_nts.solvers.precond.preconditioner import BulkPreconditioner
+from dolfinx_nts.solvers.precond.tangent import Tangent
 from helpers import scenes
 
 pytestmark = pytest.mark.at_most_two_ranks

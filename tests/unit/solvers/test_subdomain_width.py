@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from dolfinx_nts.solvers.contact_schwarz import SubdomainWidth
+from dolfinx_nts.solvers.precond.contact_schwarz import SubdomainWidth
 
 pytestmark = pytest.mark.serial
 

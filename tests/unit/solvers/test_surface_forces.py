@@ -3,7 +3,7 @@
 import numpy as np
 
 from dolfinx_nts.solvers.bulk import Bulk
-from dolfinx_nts.solvers.surface_forces import SurfaceForces
+from dolfinx_nts.solvers.massless.surface_forces import SurfaceForces
 from helpers import scenes
 from helpers.step_parts import step_forms
 

@@ -6,8 +6,8 @@ from petsc4py import PETSc
 import numpy as np
 import pytest
 
-from dolfinx_nts.solvers import mumps
-from dolfinx_nts.solvers.reduced_systems import solved
+from dolfinx_nts.solvers.linear.reduced_systems import solved
+from dolfinx_nts.solvers.precond import mumps
 
 
 def constrained(n, m, rng):

@@ -10,7 +10,7 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.fem.components import in_space, moments, resultants
 from dolfinx_nts.model.reaction import Reaction, total_reactions
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.linear_fields import LinearFields, combined, nearest, rigid_motions
+from dolfinx_nts.solvers.rigid.linear_fields import LinearFields, combined, nearest, rigid_motions
 
 __all__ = ["Guides"]
 

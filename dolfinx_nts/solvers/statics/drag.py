@@ -16,7 +16,7 @@ from contextlib import contextmanager
 
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.solvers.bulk import Bulk
-from dolfinx_nts.solvers.tangent import Tangent
+from dolfinx_nts.solvers.precond.tangent import Tangent
 
 __all__ = ["Drag"]
 

@@ -26,10 +26,10 @@ from dolfinx_nts.materials.hyperelastic import Hyperelastic
 from dolfinx_nts.model.bodies import Body, bulk_form
 from dolfinx_nts.model.extrapolation import Extrapolation
 from dolfinx_nts.parallel.communication import exchanged, joined, rows_by_rank
-from dolfinx_nts.solvers.block_csr import BlockCSR, entries_of_rows, starts
 from dolfinx_nts.solvers.bulk import Bulk
+from dolfinx_nts.solvers.linear.block_csr import BlockCSR, entries_of_rows, starts
 from dolfinx_nts.solvers.nodal_sum import NodalSum
-from dolfinx_nts.solvers.tangent import Tangent
+from dolfinx_nts.solvers.precond.tangent import Tangent
 
 __all__ = ["MassForce", "RedistributedBulk", "RedistributedMass", "RedistributedTangent"]
 

@@ -21,9 +21,9 @@ from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.decided_step import decide
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers import friction_cones
-from dolfinx_nts.solvers.elimination import ActivePairs
-from dolfinx_nts.solvers.friction_cones import ConeSolution
+from dolfinx_nts.solvers.linear import friction_cones
+from dolfinx_nts.solvers.linear.elimination import ActivePairs
+from dolfinx_nts.solvers.linear.friction_cones import ConeSolution
 
 __all__ = ["CondensedSystem", "has_cone_problem", "solve_cone_problem"]
 

@@ -9,9 +9,9 @@ import numpy as np
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.preconditioner import BulkPreconditioner
-from dolfinx_nts.solvers.projected_krylov import Operator
-from dolfinx_nts.solvers.tangent import Tangent
+from dolfinx_nts.solvers.linear.projected_krylov import Operator
+from dolfinx_nts.solvers.precond.preconditioner import BulkPreconditioner
+from dolfinx_nts.solvers.precond.tangent import Tangent
 
 __all__ = ["FactorAge"]
 

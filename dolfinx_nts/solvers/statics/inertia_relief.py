@@ -25,9 +25,9 @@ from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.free_bodies import FreeBody
-from dolfinx_nts.solvers.mobility import Mobility
-from dolfinx_nts.solvers.tangent import Tangent
+from dolfinx_nts.solvers.precond.mobility import Mobility
+from dolfinx_nts.solvers.precond.tangent import Tangent
+from dolfinx_nts.solvers.statics.free_bodies import FreeBody
 
 __all__ = ["InertiaRelief"]
 

@@ -19,8 +19,8 @@ from dolfinx_nts.fem.components import in_space, nodal
 from dolfinx_nts.fem.jit import compile_bilinear_form
 from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.model.dirichlet import Supports
-from dolfinx_nts.solvers.block_csr import BlockCSR
-from dolfinx_nts.solvers.nodal_stiffness import NEARBY_SHIFT, AddedStiffness, NodalStiffness
+from dolfinx_nts.solvers.linear.block_csr import BlockCSR
+from dolfinx_nts.solvers.precond.nodal_stiffness import NEARBY_SHIFT, AddedStiffness, NodalStiffness
 
 __all__ = ["Tangent", "TangentOfAllCells"]
 

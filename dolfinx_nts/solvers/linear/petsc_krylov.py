@@ -7,8 +7,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from dolfinx_nts.common.arrays import Floats
-from dolfinx_nts.solvers.petsc_options import PetscOptions
-from dolfinx_nts.solvers.shells import shell_matrix, use_shell
+from dolfinx_nts.solvers.linear.petsc_options import PetscOptions
+from dolfinx_nts.solvers.linear.shells import shell_matrix, use_shell
 
 __all__ = ["PetscKrylov"]
 

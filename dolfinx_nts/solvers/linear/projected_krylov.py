@@ -10,14 +10,14 @@ from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
-from dolfinx_nts.solvers.contact_corrections import ContactCorrections
-from dolfinx_nts.solvers.elimination import Elimination
-from dolfinx_nts.solvers.negative_curvature import negative_curvature_direction
-from dolfinx_nts.solvers.petsc_krylov import PetscKrylov
-from dolfinx_nts.solvers.petsc_options import PetscOptions
-from dolfinx_nts.solvers.preconditioner import BulkPreconditioner
-from dolfinx_nts.solvers.rigid_motion import RigidMotion
-from dolfinx_nts.solvers.tangent import Tangent
+from dolfinx_nts.solvers.linear.elimination import Elimination
+from dolfinx_nts.solvers.linear.petsc_krylov import PetscKrylov
+from dolfinx_nts.solvers.linear.petsc_options import PetscOptions
+from dolfinx_nts.solvers.precond.contact_corrections import ContactCorrections
+from dolfinx_nts.solvers.precond.preconditioner import BulkPreconditioner
+from dolfinx_nts.solvers.precond.tangent import Tangent
+from dolfinx_nts.solvers.rigid.rigid_motion import RigidMotion
+from dolfinx_nts.solvers.statics.negative_curvature import negative_curvature_direction
 
 __all__ = ["KrylovMethod", "Operator", "Preconditioner", "RigidPreconditioner"]
 

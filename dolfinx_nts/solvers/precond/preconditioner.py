@@ -12,12 +12,12 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Array, Flags, Floats
-from dolfinx_nts.solvers import mumps
-from dolfinx_nts.solvers.block_csr import BlockCSR
-from dolfinx_nts.solvers.block_ilu import BlockILU, SinglePrecisionOperator
-from dolfinx_nts.solvers.petsc_options import PetscOptions
-from dolfinx_nts.solvers.shells import use_shell
-from dolfinx_nts.solvers.tangent import Tangent
+from dolfinx_nts.solvers.linear.block_csr import BlockCSR
+from dolfinx_nts.solvers.linear.petsc_options import PetscOptions
+from dolfinx_nts.solvers.linear.shells import use_shell
+from dolfinx_nts.solvers.precond import mumps
+from dolfinx_nts.solvers.precond.block_ilu import BlockILU, SinglePrecisionOperator
+from dolfinx_nts.solvers.precond.tangent import Tangent
 
 __all__ = ["BulkPreconditioner", "CompleteFactors"]
 

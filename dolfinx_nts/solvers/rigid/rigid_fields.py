@@ -14,7 +14,7 @@ import numpy as np
 from dolfinx_nts.common.arrays import Array, Floats, Ints
 from dolfinx_nts.fem.components import possible_motions
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.linear_fields import LinearFields, nearest
+from dolfinx_nts.solvers.rigid.linear_fields import LinearFields, nearest
 
 __all__ = ["Freedom", "RigidFields"]
 

@@ -24,7 +24,7 @@ from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.mortar_pairing import PointBlocks
 from dolfinx_nts.search.candidates import Candidates
-from dolfinx_nts.solvers.contact_blocks import ContactBlocks
+from dolfinx_nts.solvers.linear.contact_blocks import ContactBlocks
 
 __all__ = ["ActivePairs", "CoupledPairs", "Elimination", "active_pairs"]
 

@@ -9,11 +9,11 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats, Ints, same_numbers
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.block_csr import BlockCSR
-from dolfinx_nts.solvers.contact_blocks import ContactBlocks, slopes_at_nodes
-from dolfinx_nts.solvers.elimination import Elimination
-from dolfinx_nts.solvers.overlapping_subdomain import OverlappingSubdomain
-from dolfinx_nts.solvers.tangent import Tangent
+from dolfinx_nts.solvers.linear.block_csr import BlockCSR
+from dolfinx_nts.solvers.linear.contact_blocks import ContactBlocks, slopes_at_nodes
+from dolfinx_nts.solvers.linear.elimination import Elimination
+from dolfinx_nts.solvers.precond.overlapping_subdomain import OverlappingSubdomain
+from dolfinx_nts.solvers.precond.tangent import Tangent
 
 __all__ = ["ContactSchwarz", "SerialSubdomain", "SubdomainWidth"]
 

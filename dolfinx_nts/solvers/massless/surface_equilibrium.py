@@ -15,9 +15,9 @@ from dolfinx import fem
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.gap_constraints import GapConstraints, KeptGaps
-from dolfinx_nts.solvers.shells import shell_matrix, use_shell
-from dolfinx_nts.solvers.surface_forces import SurfaceForces
+from dolfinx_nts.solvers.linear.shells import shell_matrix, use_shell
+from dolfinx_nts.solvers.massless.gap_constraints import GapConstraints, KeptGaps
+from dolfinx_nts.solvers.massless.surface_forces import SurfaceForces
 
 __all__ = ["SurfaceEquilibrium"]
 

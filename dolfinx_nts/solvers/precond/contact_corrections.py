@@ -5,12 +5,12 @@ from typing import Protocol
 
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Flags, Floats
-from dolfinx_nts.solvers.contact_complement import ContactComplement
-from dolfinx_nts.solvers.contact_schwarz import ContactSchwarz
-from dolfinx_nts.solvers.elimination import ActivePairs, Elimination
-from dolfinx_nts.solvers.inertia_relief import InertiaRelief
-from dolfinx_nts.solvers.preconditioner import BulkPreconditioner
-from dolfinx_nts.solvers.tangent import Tangent
+from dolfinx_nts.solvers.linear.elimination import ActivePairs, Elimination
+from dolfinx_nts.solvers.precond.contact_complement import ContactComplement
+from dolfinx_nts.solvers.precond.contact_schwarz import ContactSchwarz
+from dolfinx_nts.solvers.precond.preconditioner import BulkPreconditioner
+from dolfinx_nts.solvers.precond.tangent import Tangent
+from dolfinx_nts.solvers.statics.inertia_relief import InertiaRelief
 
 __all__ = ["ContactCorrections"]
 

@@ -8,9 +8,9 @@ from petsc4py import PETSc
 import numpy as np
 
 from dolfinx_nts.common.arrays import Array, Floats
-from dolfinx_nts.solvers import mumps
-from dolfinx_nts.solvers.block_csr import starts
-from dolfinx_nts.solvers.rigid_motion import RigidColumns
+from dolfinx_nts.solvers.linear.block_csr import starts
+from dolfinx_nts.solvers.precond import mumps
+from dolfinx_nts.solvers.rigid.rigid_motion import RigidColumns
 
 __all__ = ["Reduced", "WholeFactors", "reduced", "solved"]
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Array, Flags, Floats, GlobalInts, Ints
-from dolfinx_nts.solvers.block_csr import entries_of_rows, starts
+from dolfinx_nts.solvers.linear.block_csr import entries_of_rows, starts
 
 __all__ = ["ContactBlocks", "rows_of", "slopes_at_nodes", "tangents_of"]
 

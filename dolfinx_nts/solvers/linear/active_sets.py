@@ -10,7 +10,7 @@ import numpy as np
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Array, Floats, same_numbers
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.elimination import ActivePairs
+from dolfinx_nts.solvers.linear.elimination import ActivePairs
 
 __all__ = ["ActiveSets"]
 

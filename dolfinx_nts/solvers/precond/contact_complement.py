@@ -24,11 +24,11 @@ import numpy as np
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Array, Flags, Floats, GlobalInts
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.contact_blocks import ContactBlocks
-from dolfinx_nts.solvers.elimination import ActivePairs, Elimination
-from dolfinx_nts.solvers.mobility import Mobility
-from dolfinx_nts.solvers.preconditioner import BulkPreconditioner
-from dolfinx_nts.solvers.tangent import Tangent
+from dolfinx_nts.solvers.linear.contact_blocks import ContactBlocks
+from dolfinx_nts.solvers.linear.elimination import ActivePairs, Elimination
+from dolfinx_nts.solvers.precond.mobility import Mobility
+from dolfinx_nts.solvers.precond.preconditioner import BulkPreconditioner
+from dolfinx_nts.solvers.precond.tangent import Tangent
 
 __all__ = ["ContactComplement"]
 

@@ -12,8 +12,8 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.scatter import NodalScatter
-from dolfinx_nts.solvers.block_csr import BlockCSR
-from dolfinx_nts.solvers.shells import shell_matrix
+from dolfinx_nts.solvers.linear.block_csr import BlockCSR
+from dolfinx_nts.solvers.linear.shells import shell_matrix
 
 __all__ = ["BlockILU", "SinglePrecisionOperator"]
 

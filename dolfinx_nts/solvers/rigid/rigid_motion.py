@@ -28,7 +28,7 @@ import numpy as np
 from dolfinx import fem
 
 from dolfinx_nts.common.arrays import Floats, Ints
-from dolfinx_nts.solvers.linear_fields import (
+from dolfinx_nts.solvers.rigid.linear_fields import (
     TURNS,
     LinearFields,
     amounts_of,
@@ -40,8 +40,8 @@ from dolfinx_nts.solvers.linear_fields import (
     spins,
     turned,
 )
-from dolfinx_nts.solvers.rigid_fields import Freedom
-from dolfinx_nts.solvers.rigid_states import RigidStates
+from dolfinx_nts.solvers.rigid.rigid_fields import Freedom
+from dolfinx_nts.solvers.rigid.rigid_states import RigidStates
 
 __all__ = ["RigidColumns", "RigidMotion"]
 

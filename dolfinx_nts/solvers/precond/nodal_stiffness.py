@@ -10,8 +10,8 @@ from dolfinx_nts.fem.axisymmetry import is_axisymmetric
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.block_csr import BlockCSR
 from dolfinx_nts.solvers.cell_sizes import cell_sizes
+from dolfinx_nts.solvers.linear.block_csr import BlockCSR
 
 __all__ = ["NEARBY_SHIFT", "AddedStiffness", "NodalStiffness"]
 

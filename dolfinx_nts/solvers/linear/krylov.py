@@ -18,24 +18,28 @@ from dolfinx_nts.common.arrays import Flags, Floats
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.active_sets import ActiveSets
 from dolfinx_nts.solvers.bulk import Bulk
-from dolfinx_nts.solvers.cone_problem import CondensedSystem, has_cone_problem, solve_cone_problem
-from dolfinx_nts.solvers.contact_corrections import ContactCorrections
-from dolfinx_nts.solvers.elimination import ActivePairs, Elimination, active_pairs
-from dolfinx_nts.solvers.factor_age import FactorAge
-from dolfinx_nts.solvers.inertia_relief import InertiaRelief
-from dolfinx_nts.solvers.petsc_options import PetscOptions
-from dolfinx_nts.solvers.preconditioner import BulkPreconditioner
-from dolfinx_nts.solvers.projected_krylov import (
+from dolfinx_nts.solvers.linear.active_sets import ActiveSets
+from dolfinx_nts.solvers.linear.cone_problem import (
+    CondensedSystem,
+    has_cone_problem,
+    solve_cone_problem,
+)
+from dolfinx_nts.solvers.linear.elimination import ActivePairs, Elimination, active_pairs
+from dolfinx_nts.solvers.linear.petsc_options import PetscOptions
+from dolfinx_nts.solvers.linear.projected_krylov import (
     KrylovMethod,
     Operator,
     Preconditioner,
     RigidPreconditioner,
 )
-from dolfinx_nts.solvers.saddle_point import SaddlePointSystem
-from dolfinx_nts.solvers.statistics import SolverStatistics
-from dolfinx_nts.solvers.tangent import Tangent
+from dolfinx_nts.solvers.linear.saddle_point import SaddlePointSystem
+from dolfinx_nts.solvers.linear.statistics import SolverStatistics
+from dolfinx_nts.solvers.precond.contact_corrections import ContactCorrections
+from dolfinx_nts.solvers.precond.factor_age import FactorAge
+from dolfinx_nts.solvers.precond.preconditioner import BulkPreconditioner
+from dolfinx_nts.solvers.precond.tangent import Tangent
+from dolfinx_nts.solvers.statics.inertia_relief import InertiaRelief
 
 __all__ = ["KrylovFailures", "LinearSolver"]
 

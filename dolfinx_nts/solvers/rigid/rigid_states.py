@@ -13,9 +13,9 @@ from dolfinx_nts.fem.axisymmetry import is_axisymmetric
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.solvers.guides import Guides
-from dolfinx_nts.solvers.linear_fields import LinearFields, combined, rigid_motions
-from dolfinx_nts.solvers.rigid_fields import RigidFields
+from dolfinx_nts.solvers.rigid.guides import Guides
+from dolfinx_nts.solvers.rigid.linear_fields import LinearFields, combined, rigid_motions
+from dolfinx_nts.solvers.rigid.rigid_fields import RigidFields
 
 __all__ = ["RigidStates"]
 

@@ -22,12 +22,12 @@ import numpy as np
 from dolfinx_nts.common.arrays import Array, Flags, Floats, Ints
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
-from dolfinx_nts.solvers.contact_blocks import ContactBlocks, rows_of, tangents_of
-from dolfinx_nts.solvers.elimination import ActivePairs
-from dolfinx_nts.solvers.negative_curvature import lowest_ritz_vector
-from dolfinx_nts.solvers.reduced_systems import Reduced, WholeFactors, reduced, solved
-from dolfinx_nts.solvers.rigid_motion import RigidColumns
-from dolfinx_nts.solvers.tangent import Tangent
+from dolfinx_nts.solvers.linear.contact_blocks import ContactBlocks, rows_of, tangents_of
+from dolfinx_nts.solvers.linear.elimination import ActivePairs
+from dolfinx_nts.solvers.linear.reduced_systems import Reduced, WholeFactors, reduced, solved
+from dolfinx_nts.solvers.precond.tangent import Tangent
+from dolfinx_nts.solvers.rigid.rigid_motion import RigidColumns
+from dolfinx_nts.solvers.statics.negative_curvature import lowest_ritz_vector
 
 __all__ = ["SaddlePointSystem"]
 

@@ -9,8 +9,8 @@ from dolfinx_nts import _kernels, compat
 from dolfinx_nts.common.arrays import Array, Floats, GlobalInts, Ints
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import exchanged, rows_by_rank
-from dolfinx_nts.solvers.block_csr import BlockCSR
-from dolfinx_nts.solvers.contact_blocks import ContactBlocks
+from dolfinx_nts.solvers.linear.block_csr import BlockCSR
+from dolfinx_nts.solvers.linear.contact_blocks import ContactBlocks
 
 __all__ = ["OverlappingSubdomain"]
 

@@ -14,7 +14,7 @@ from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.connected_bodies import connected
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.bulk import Bulk
-from dolfinx_nts.solvers.tangent import Tangent
+from dolfinx_nts.solvers.precond.tangent import Tangent
 
 __all__ = ["FreeBody", "find_free_bodies"]
 

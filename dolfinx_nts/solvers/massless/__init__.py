@@ -1,0 +1,1 @@
+"""Massless nodes of resolved impact: redistributed mass, static equilibrium."""

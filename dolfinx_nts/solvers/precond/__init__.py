@@ -1,0 +1,1 @@
+"""Preconditioners: factors of the bulk tangent, and their corrections around contacts."""

@@ -1,0 +1,1 @@
+"""Rigid bodies in Newton's method: six unknowns each, their states and guides."""

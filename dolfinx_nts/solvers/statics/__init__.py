@@ -1,0 +1,1 @@
+"""Newton's method in statics: bodies without supports, instability, continuation."""
