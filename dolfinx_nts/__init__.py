@@ -48,24 +48,24 @@ from dolfinx_nts.materials.plasticity import J2Plasticity
 from dolfinx_nts.meshing import examples, parts
 from dolfinx_nts.meshing.gmsh import MeshData, read_mesh
 from dolfinx_nts.model.bodies import Body
-from dolfinx_nts.model.body_loads import BodyForce, Gravity
-from dolfinx_nts.model.form_load import FormLoad
 from dolfinx_nts.model.guide import Guide
-from dolfinx_nts.model.loads import Load
-from dolfinx_nts.model.motion import Motion
-from dolfinx_nts.model.obstacles import Obstacle
-from dolfinx_nts.model.reaction import Reaction
-from dolfinx_nts.model.resultants import Force, Moment
-from dolfinx_nts.model.rigid_body import RigidBody
-from dolfinx_nts.model.rigid_cone import RigidCone
-from dolfinx_nts.model.rigid_shapes import (
+from dolfinx_nts.model.loads.body_loads import BodyForce, Gravity
+from dolfinx_nts.model.loads.form_load import FormLoad
+from dolfinx_nts.model.loads.loads import Load
+from dolfinx_nts.model.loads.resultants import Force, Moment
+from dolfinx_nts.model.loads.surface_loads import Pressure, Traction
+from dolfinx_nts.model.obstacles.motion import Motion
+from dolfinx_nts.model.obstacles.obstacles import Obstacle
+from dolfinx_nts.model.obstacles.rigid_cone import RigidCone
+from dolfinx_nts.model.obstacles.rigid_shapes import (
     ExactObstacle,
     RigidCylinder,
     RigidPlane,
     RigidSphere,
 )
-from dolfinx_nts.model.rigid_surface import RigidSurface
-from dolfinx_nts.model.surface_loads import Pressure, Traction
+from dolfinx_nts.model.obstacles.rigid_surface import RigidSurface
+from dolfinx_nts.model.reaction import Reaction
+from dolfinx_nts.model.rigid_body import RigidBody
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel.errors import end_together
 from dolfinx_nts.parallel.signals import restore_broken_pipe

@@ -18,7 +18,7 @@ from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.model.bodies import Body, common_space
 from dolfinx_nts.model.connected_bodies import connected, log_shared_nodes
-from dolfinx_nts.model.obstacles import Obstacle
+from dolfinx_nts.model.obstacles.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Smooth, Surface, boundary_facets
 from dolfinx_nts.search.rigid_edge_search import num_sharp_edges
 

@@ -16,7 +16,7 @@ from dolfinx_nts.contact.pair import ContactPair, is_in_use
 from dolfinx_nts.fem.axisymmetry import is_axisymmetric
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.fem.node_numbering import reference_positions
-from dolfinx_nts.model.rigid_shapes import RigidSphere
+from dolfinx_nts.model.obstacles.rigid_shapes import RigidSphere
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.errors import agreed

@@ -6,10 +6,10 @@ from dolfinx_nts.contact.enforcement import Tied
 from dolfinx_nts.fem.axisymmetry import is_axisymmetric
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.elements import Element
-from dolfinx_nts.model.obstacles import Obstacle
-from dolfinx_nts.model.rigid_cone import RigidCone
-from dolfinx_nts.model.rigid_shapes import RigidSphere
-from dolfinx_nts.model.rigid_surface import RigidSurface
+from dolfinx_nts.model.obstacles.obstacles import Obstacle
+from dolfinx_nts.model.obstacles.rigid_cone import RigidCone
+from dolfinx_nts.model.obstacles.rigid_shapes import RigidSphere
+from dolfinx_nts.model.obstacles.rigid_surface import RigidSurface
 from dolfinx_nts.model.surfaces import Surface
 
 __all__ = [

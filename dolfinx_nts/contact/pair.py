@@ -25,7 +25,7 @@ from dolfinx_nts.contact.method import (
     check_smooth,
     check_tie,
 )
-from dolfinx_nts.model.obstacles import Obstacle
+from dolfinx_nts.model.obstacles.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface, sharpest_corner
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.errors import agreed

@@ -21,9 +21,9 @@ from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.passes import ForcesOfNodes, Passes
 from dolfinx_nts.contact.tractions import Tractions
 from dolfinx_nts.fem.node_numbering import reference_positions
-from dolfinx_nts.model.obstacles import Obstacle
-from dolfinx_nts.model.rigid_shapes import RigidSphere
-from dolfinx_nts.model.rigid_surface import RigidSurface
+from dolfinx_nts.model.obstacles.obstacles import Obstacle
+from dolfinx_nts.model.obstacles.rigid_shapes import RigidSphere
+from dolfinx_nts.model.obstacles.rigid_surface import RigidSurface
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Candidates, Search

@@ -16,10 +16,10 @@ from dolfinx_nts.contact.joint_state import JointNodes
 from dolfinx_nts.contact.method import EDGES
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.node_numbering import listed, reference_positions
-from dolfinx_nts.model.obstacles import Obstacle
+from dolfinx_nts.model.obstacles.obstacles import Obstacle
+from dolfinx_nts.model.obstacles.trajectories import Trajectories, passages
 from dolfinx_nts.model.segments import diameters
 from dolfinx_nts.model.surfaces import Surface
-from dolfinx_nts.model.trajectories import Trajectories, passages
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined
 from dolfinx_nts.search.candidates import Candidates, too_deep

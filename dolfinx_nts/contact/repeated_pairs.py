@@ -8,7 +8,7 @@ import numpy as np
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.method import EDGES
 from dolfinx_nts.contact.pair import ContactPair
-from dolfinx_nts.model.obstacles import Obstacle
+from dolfinx_nts.model.obstacles.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 

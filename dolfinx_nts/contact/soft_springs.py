@@ -10,7 +10,7 @@ from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.model.bodies import Body
-from dolfinx_nts.model.obstacles import Obstacle
+from dolfinx_nts.model.obstacles.obstacles import Obstacle
 from dolfinx_nts.parallel import reductions
 
 __all__ = ["SoftSprings", "deep_from"]

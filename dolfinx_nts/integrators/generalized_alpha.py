@@ -30,7 +30,7 @@ from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.integrators.state import State, serialize_nodal
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 from dolfinx_nts.model.bodies import Body
-from dolfinx_nts.model.loads import Load
+from dolfinx_nts.model.loads.loads import Load
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.rigid.rigid_motion import RigidMotion
 

@@ -54,7 +54,7 @@ from dolfinx_nts.integrators.step_solver import StepSolver
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.dirichlet import Supports
-from dolfinx_nts.model.loads import Load
+from dolfinx_nts.model.loads.loads import Load
 from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers import newton

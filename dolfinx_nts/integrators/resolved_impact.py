@@ -44,8 +44,8 @@ from dolfinx_nts.integrators.vibration import (
     VibrationAnalysis,
 )
 from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.checks.inverted_cells import VolumeRatio
 from dolfinx_nts.model.extrapolation import extrapolate
-from dolfinx_nts.model.inverted_cells import VolumeRatio
 from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.model.reaction import Reaction
 from dolfinx_nts.parallel import reductions

@@ -18,7 +18,7 @@ from dolfinx_nts.fem.axisymmetry import axis_nodes, is_axisymmetric
 from dolfinx_nts.fem.components import dimension, in_space, nodal
 from dolfinx_nts.fem.node_numbering import input_ids, reference_positions
 from dolfinx_nts.model.bodies import Body
-from dolfinx_nts.model.speed_limit import warn_of_speed
+from dolfinx_nts.model.checks.speed_limit import warn_of_speed
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.errors import agreed
 

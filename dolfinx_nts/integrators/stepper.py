@@ -35,11 +35,11 @@ from dolfinx_nts.integrators.state import current_positions
 from dolfinx_nts.integrators.statistics import StepperStatistics
 from dolfinx_nts.integrators.time_loop import TimeLoop
 from dolfinx_nts.model.bodies import Body, check_bodies, check_member, common_space
+from dolfinx_nts.model.checks.flat_cells import check_volumes
+from dolfinx_nts.model.checks.inverted_cells import VolumeRatio
+from dolfinx_nts.model.checks.locking import warn_of_locking
 from dolfinx_nts.model.dirichlet import Supports
-from dolfinx_nts.model.flat_cells import check_volumes
-from dolfinx_nts.model.inverted_cells import VolumeRatio
-from dolfinx_nts.model.loads import Load
-from dolfinx_nts.model.locking import warn_of_locking
+from dolfinx_nts.model.loads.loads import Load
 from dolfinx_nts.model.rigid_body import guided
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.errors import agreed

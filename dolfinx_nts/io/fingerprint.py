@@ -23,7 +23,7 @@ from dolfinx_nts.io.checksum import checksum
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 from dolfinx_nts.materials.plasticity import J2Plasticity
 from dolfinx_nts.model.bodies import Body, bulk_form
-from dolfinx_nts.model.rigid_shapes import RigidSphere
+from dolfinx_nts.model.obstacles.rigid_shapes import RigidSphere
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 

@@ -8,7 +8,7 @@ import numpy as np
 from dolfinx_nts.common.arguments import as_call, label, real_array
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.declaration import Declaration
-from dolfinx_nts.model.motion import Motion, vector
+from dolfinx_nts.model.obstacles.motion import Motion, vector
 
 __all__ = ["Guide"]
 

@@ -25,7 +25,7 @@ from dolfinx_nts.fem.elements import Element, check_space, check_tag
 from dolfinx_nts.fem.jit import assembled, compile_quickly
 from dolfinx_nts.fem.node_numbering import input_ids, reference_positions
 from dolfinx_nts.model.facet_segments import facet_segments
-from dolfinx_nts.model.rigid_shapes import RigidSphere
+from dolfinx_nts.model.obstacles.rigid_shapes import RigidSphere
 from dolfinx_nts.model.segments import NEIGHBOURS, diameters
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import places_among_all

@@ -8,7 +8,7 @@ import numpy as np
 from dolfinx_nts.common.arguments import kind_of, real_array
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.integrators.stepper import Stepper
-from dolfinx_nts.model.motion import vector
+from dolfinx_nts.model.obstacles.motion import vector
 
 __all__ = ["check_stepper", "check_view", "columns", "numbered_pair"]
 

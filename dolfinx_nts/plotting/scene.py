@@ -11,8 +11,8 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.cell_stress import CellStress
-from dolfinx_nts.model.obstacles import Obstacle
-from dolfinx_nts.model.rigid_surface import RigidSurface
+from dolfinx_nts.model.obstacles.obstacles import Obstacle
+from dolfinx_nts.model.obstacles.rigid_surface import RigidSurface
 from dolfinx_nts.plotting.canvas import grid_of
 
 __all__ = ["states", "surface_near", "von_mises"]

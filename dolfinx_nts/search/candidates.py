@@ -16,11 +16,11 @@ from dolfinx_nts import _kernels
 from dolfinx_nts._kernels import HYSTERESIS
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
-from dolfinx_nts.model.adjacent_facets import AdjacentFacets
 from dolfinx_nts.model.frames import Frame
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
+from dolfinx_nts.model.obstacles.adjacent_facets import AdjacentFacets
+from dolfinx_nts.model.obstacles.trajectories import Trajectories
 from dolfinx_nts.model.surfaces import Surface
-from dolfinx_nts.model.trajectories import Trajectories
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.points import ContactPoints, NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter

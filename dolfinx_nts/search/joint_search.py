@@ -10,7 +10,7 @@ import numpy as np
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.common.parts import largest_of_parts
 from dolfinx_nts.model.frames import Frame
-from dolfinx_nts.model.rims import is_nearest_a_rim
+from dolfinx_nts.model.obstacles.rims import is_nearest_a_rim
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.global_search import GlobalSearch
 from dolfinx_nts.search.points import ContactPoints

@@ -6,7 +6,7 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats
 from dolfinx_nts.fem.node_numbering import reference_positions
-from dolfinx_nts.model.rims import SHARP
+from dolfinx_nts.model.obstacles.rims import SHARP
 from dolfinx_nts.model.segments import area_vectors, diameters
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.search.nodal_facets import NodalFacets

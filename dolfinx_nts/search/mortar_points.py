@@ -13,8 +13,8 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Array, Floats, GlobalInts, Ints
-from dolfinx_nts.model.facing import Facing
 from dolfinx_nts.model.kinematics import ContactKinematics
+from dolfinx_nts.model.obstacles.facing import Facing
 from dolfinx_nts.search.facet_candidates import rises
 
 __all__ = ["MortarFacets", "MortarPoints", "Shares", "at_nodes"]

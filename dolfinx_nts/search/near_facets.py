@@ -8,7 +8,7 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.fem.node_numbering import input_ids, reference_positions
-from dolfinx_nts.model.rims import FACET_EDGES, SHARP
+from dolfinx_nts.model.obstacles.rims import FACET_EDGES, SHARP
 from dolfinx_nts.model.segments import area_vectors
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel.communication import exchanged

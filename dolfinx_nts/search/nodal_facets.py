@@ -8,7 +8,7 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.fem.axisymmetry import is_axisymmetric
 from dolfinx_nts.fem.node_numbering import reference_positions
-from dolfinx_nts.model.facing import Facing
+from dolfinx_nts.model.obstacles.facing import Facing
 from dolfinx_nts.model.segments import NEIGHBOURS, area_vectors
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.search.global_search import GlobalSearch

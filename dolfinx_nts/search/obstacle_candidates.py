@@ -7,12 +7,12 @@ from dolfinx_nts._kernels import HYSTERESIS
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.fem.axisymmetry import is_axisymmetric
-from dolfinx_nts.model.adjacent_facets import AdjacentFacets
 from dolfinx_nts.model.frames import Frame
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
-from dolfinx_nts.model.obstacles import Obstacle
+from dolfinx_nts.model.obstacles.adjacent_facets import AdjacentFacets
+from dolfinx_nts.model.obstacles.obstacles import Obstacle
+from dolfinx_nts.model.obstacles.trajectories import Trajectories
 from dolfinx_nts.model.surfaces import Surface
-from dolfinx_nts.model.trajectories import Trajectories
 from dolfinx_nts.search.candidates import Candidates, Search
 from dolfinx_nts.search.points import ContactPoints
 from dolfinx_nts.search.rigid_edge_candidates import RigidEdgeCandidates

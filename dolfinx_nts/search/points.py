@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from dolfinx_nts.common.arrays import Floats, Ints
-from dolfinx_nts.model.facing import Facing
+from dolfinx_nts.model.obstacles.facing import Facing
 
 __all__ = ["ContactPoints", "NodalPoints"]
 

@@ -7,8 +7,8 @@ import numpy as np
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.fem.node_numbering import reference_positions
-from dolfinx_nts.model.obstacles import Obstacle
-from dolfinx_nts.model.rigid_surface import RigidSurface
+from dolfinx_nts.model.obstacles.obstacles import Obstacle
+from dolfinx_nts.model.obstacles.rigid_surface import RigidSurface
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.search.candidates import Candidates
 from dolfinx_nts.search.edges import Edges, pairs_within

@@ -7,10 +7,10 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts._kernels import HYSTERESIS
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
-from dolfinx_nts.model.adjacent_facets import AdjacentFacets
 from dolfinx_nts.model.kinematics import ContactKinematics, ConvectiveSlip, Slip
-from dolfinx_nts.model.rims import is_nearest_a_rim
-from dolfinx_nts.model.trajectories import Trajectories, passages
+from dolfinx_nts.model.obstacles.adjacent_facets import AdjacentFacets
+from dolfinx_nts.model.obstacles.rims import is_nearest_a_rim
+from dolfinx_nts.model.obstacles.trajectories import Trajectories, passages
 from dolfinx_nts.search.candidates import Candidates
 from dolfinx_nts.search.points import ContactPoints, NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter

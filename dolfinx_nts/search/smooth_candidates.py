@@ -6,7 +6,7 @@ from dolfinx_nts import _kernels
 from dolfinx_nts._kernels import HYSTERESIS
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
-from dolfinx_nts.model.rims import is_nearest_a_rim
+from dolfinx_nts.model.obstacles.rims import is_nearest_a_rim
 from dolfinx_nts.model.segments import area_vectors
 from dolfinx_nts.search.points import ContactPoints
 from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidates

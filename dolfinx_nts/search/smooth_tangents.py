@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
-from dolfinx_nts.model.rims import SHARP
+from dolfinx_nts.model.obstacles.rims import SHARP
 from dolfinx_nts.search.near_facets import NearFacets
 
 __all__ = ["Tangents"]

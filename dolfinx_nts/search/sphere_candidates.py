@@ -7,7 +7,7 @@ import numpy as np
 from dolfinx_nts._kernels import HYSTERESIS
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
-from dolfinx_nts.model.rigid_shapes import RigidSphere
+from dolfinx_nts.model.obstacles.rigid_shapes import RigidSphere
 from dolfinx_nts.search.candidates import Candidates
 from dolfinx_nts.search.points import ContactPoints
 from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidates

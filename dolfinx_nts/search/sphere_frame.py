@@ -5,7 +5,7 @@ import numpy as np
 from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.node_numbering import input_ids, reference_positions
-from dolfinx_nts.model.rigid_shapes import RigidSphere
+from dolfinx_nts.model.obstacles.rigid_shapes import RigidSphere
 from dolfinx_nts.model.segments import area_vectors
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions

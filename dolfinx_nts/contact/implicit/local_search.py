@@ -15,7 +15,7 @@ from dolfinx_nts.contact.massless import is_resolved
 from dolfinx_nts.contact.method import NODES
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
-from dolfinx_nts.model.adjacent_facets import AdjacentFacets
+from dolfinx_nts.model.obstacles.adjacent_facets import AdjacentFacets
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.shared_segments import SharedSegments
 

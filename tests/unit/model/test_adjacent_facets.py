@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dolfinx_nts.model.adjacent_facets import AdjacentFacets
+from dolfinx_nts.model.obstacles.adjacent_facets import AdjacentFacets
 from reference import nts
 
 pytestmark = pytest.mark.serial

@@ -15,7 +15,7 @@ import dolfinx_nts as nts
 from dolfinx_nts.fem.components import deformation_gradient
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.model.bodies import bulk_form, check_bodies
-from dolfinx_nts.model.inverted_cells import VolumeRatio
+from dolfinx_nts.model.checks.inverted_cells import VolumeRatio
 from helpers import box_meshes, scenes
 from helpers.scene import input_ids
 

@@ -5,8 +5,8 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from dolfinx_nts.model.body_loads import Gravity
-from dolfinx_nts.model.surface_loads import Pressure, Traction
+from dolfinx_nts.model.loads.body_loads import Gravity
+from dolfinx_nts.model.loads.surface_loads import Pressure, Traction
 from helpers import box_meshes
 from helpers.boxed import CLOSED, RHO, RUBBER, SIZE, SOLVED, VOLUME, Box, Ledger, swirl
 from helpers.once import once

@@ -6,7 +6,7 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from dolfinx_nts.model.locking import warn_of_locking
+from dolfinx_nts.model.checks.locking import warn_of_locking
 from helpers import box_meshes
 
 pytestmark = pytest.mark.at_most_two_ranks

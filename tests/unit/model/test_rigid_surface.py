@@ -5,7 +5,7 @@ import pytest
 
 import dolfinx_nts as nts
 from dolfinx_nts import _kernels
-from dolfinx_nts.model.facing import Facing
+from dolfinx_nts.model.obstacles.facing import Facing
 
 pytestmark = pytest.mark.at_most_two_ranks
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-from dolfinx_nts.model.rims import is_nearest_a_rim
+from dolfinx_nts.model.obstacles.rims import is_nearest_a_rim
 
 pytestmark = pytest.mark.at_most_two_ranks
 

@@ -7,7 +7,7 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from dolfinx_nts.model.speed_limit import wave_speed
+from dolfinx_nts.model.checks.speed_limit import wave_speed
 from helpers import scenes
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.model.facing import Facing
+from dolfinx_nts.model.obstacles.facing import Facing
 from reference import nts
 from reference.bulk import rotation
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-from dolfinx_nts.model.facing import Facing
+from dolfinx_nts.model.obstacles.facing import Facing
 from dolfinx_nts.search.obstacle_candidates import ObstacleCandidates, ObstacleSearch
 from dolfinx_nts.search.points import NodalPoints
 from helpers import scenes

@@ -5,8 +5,8 @@ import pytest
 
 import dolfinx_nts as nts
 from dolfinx_nts import _kernels
-from dolfinx_nts.model.facing import Facing
-from dolfinx_nts.model.trajectories import Trajectories
+from dolfinx_nts.model.obstacles.facing import Facing
+from dolfinx_nts.model.obstacles.trajectories import Trajectories
 
 pytestmark = pytest.mark.serial
 

@@ -6,13 +6,13 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
-from dolfinx_nts.model.adjacent_facets import AdjacentFacets
-from dolfinx_nts.model.facing import Facing
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
-from dolfinx_nts.model.obstacles import Obstacle
-from dolfinx_nts.model.rims import is_nearest_a_rim
+from dolfinx_nts.model.obstacles.adjacent_facets import AdjacentFacets
+from dolfinx_nts.model.obstacles.facing import Facing
+from dolfinx_nts.model.obstacles.obstacles import Obstacle
+from dolfinx_nts.model.obstacles.rims import is_nearest_a_rim
+from dolfinx_nts.model.obstacles.trajectories import Trajectories, passages
 from dolfinx_nts.model.segments import area_vectors, diameters
-from dolfinx_nts.model.trajectories import Trajectories, passages
 
 __all__ = ["RigidSurface"]
 

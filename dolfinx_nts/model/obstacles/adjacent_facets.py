@@ -6,7 +6,7 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Array, Flags, Floats, Ints
-from dolfinx_nts.model.rims import FACET_EDGES, SHARP
+from dolfinx_nts.model.obstacles.rims import FACET_EDGES, SHARP
 
 __all__ = ["AdjacentFacets"]
 

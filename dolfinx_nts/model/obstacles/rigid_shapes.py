@@ -13,12 +13,12 @@ import numpy as np
 from dolfinx_nts.common.arguments import as_call, positive, real_array
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.common.vectors import cross
-from dolfinx_nts.model.facing import Facing
 from dolfinx_nts.model.frames import rotation_by
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
-from dolfinx_nts.model.motion import vector
-from dolfinx_nts.model.obstacles import Obstacle
-from dolfinx_nts.model.trajectories import Trajectories
+from dolfinx_nts.model.obstacles.facing import Facing
+from dolfinx_nts.model.obstacles.motion import vector
+from dolfinx_nts.model.obstacles.obstacles import Obstacle
+from dolfinx_nts.model.obstacles.trajectories import Trajectories
 
 __all__ = [
     "ExactObstacle",

@@ -14,11 +14,11 @@ import numpy as np
 from dolfinx_nts.common.arguments import as_call, label
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.common.declaration import Declaration
-from dolfinx_nts.model.adjacent_facets import AdjacentFacets
-from dolfinx_nts.model.facing import Facing
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
-from dolfinx_nts.model.motion import Motion
-from dolfinx_nts.model.trajectories import Trajectories
+from dolfinx_nts.model.obstacles.adjacent_facets import AdjacentFacets
+from dolfinx_nts.model.obstacles.facing import Facing
+from dolfinx_nts.model.obstacles.motion import Motion
+from dolfinx_nts.model.obstacles.trajectories import Trajectories
 
 __all__ = ["Obstacle"]
 

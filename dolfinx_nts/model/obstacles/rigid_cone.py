@@ -6,8 +6,8 @@ import numpy as np
 
 from dolfinx_nts.common.arguments import as_call, real
 from dolfinx_nts.common.arrays import Floats
-from dolfinx_nts.model.motion import vector
-from dolfinx_nts.model.rigid_shapes import RigidPlane
+from dolfinx_nts.model.obstacles.motion import vector
+from dolfinx_nts.model.obstacles.rigid_shapes import RigidPlane
 
 __all__ = ["RigidCone"]
 

@@ -1,0 +1,1 @@
+"""Checks of the declared bodies: cells, locking, velocities."""

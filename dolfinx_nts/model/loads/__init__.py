@@ -1,0 +1,1 @@
+"""Loads on bodies and surfaces, and their resultants."""

@@ -1,0 +1,1 @@
+"""Rigid obstacles, with an exact surface or with facets, and their motion."""
