@@ -69,7 +69,7 @@ from dolfinx_nts.model.rigid_body import RigidBody
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel.errors import end_together
 from dolfinx_nts.parallel.signals import restore_broken_pipe
-from dolfinx_nts.search.overlaps import Overlap
+from dolfinx_nts.search.overlap.overlaps import Overlap
 from dolfinx_nts.solvers.newton_report import ConvergenceError
 
 __version__ = "0.2.0"

@@ -20,7 +20,7 @@ from dolfinx_nts.model.bodies import Body, common_space
 from dolfinx_nts.model.connected_bodies import connected, log_shared_nodes
 from dolfinx_nts.model.obstacles.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Smooth, Surface, boundary_facets
-from dolfinx_nts.search.rigid_edge_search import num_sharp_edges
+from dolfinx_nts.search.edges.rigid_edge_search import num_sharp_edges
 
 __all__ = ["all_pairs", "boundary_of", "two_half_passes"]
 

@@ -24,8 +24,8 @@ from dolfinx_nts.parallel.meeting import meet
 from dolfinx_nts.search.global_search import GlobalSearch
 from dolfinx_nts.search.nodal_facets import NodalFacets
 from dolfinx_nts.search.points import NodalPoints
-from dolfinx_nts.search.smooth_patches import SmoothPatches
-from dolfinx_nts.search.smooth_search import SmoothSearch
+from dolfinx_nts.search.smooth.smooth_patches import SmoothPatches
+from dolfinx_nts.search.smooth.smooth_search import SmoothSearch
 
 __all__ = ["close_gaps"]
 

@@ -15,8 +15,8 @@ from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.obstacles.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.search.overlaps import Overlap, OverlapSearch
-from dolfinx_nts.search.smooth_search import depth_beneath_facets
+from dolfinx_nts.search.overlap.overlaps import Overlap, OverlapSearch
+from dolfinx_nts.search.smooth.smooth_search import depth_beneath_facets
 
 __all__ = ["OverlapWatch"]
 

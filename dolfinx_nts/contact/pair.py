@@ -29,7 +29,7 @@ from dolfinx_nts.model.obstacles.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface, sharpest_corner
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.errors import agreed
-from dolfinx_nts.search.rigid_edge_search import num_sharp_edges
+from dolfinx_nts.search.edges.rigid_edge_search import num_sharp_edges
 
 __all__ = ["AcceptedContact", "ContactPair", "is_in_use"]
 

@@ -27,17 +27,17 @@ from dolfinx_nts.model.obstacles.rigid_surface import RigidSurface
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Candidates, Search
-from dolfinx_nts.search.edge_search import EdgeSearch
+from dolfinx_nts.search.edges.edge_search import EdgeSearch
+from dolfinx_nts.search.edges.rigid_edge_search import RigidEdgeSearch
 from dolfinx_nts.search.global_search import GlobalSearch
 from dolfinx_nts.search.mortar_search import MortarSearch
 from dolfinx_nts.search.obstacle_candidates import ObstacleSearch
 from dolfinx_nts.search.points import NodalPoints
-from dolfinx_nts.search.rigid_edge_search import RigidEdgeSearch
 from dolfinx_nts.search.self_contact import SelfContactSearch
 from dolfinx_nts.search.shared_segments import SharedSegments
-from dolfinx_nts.search.smooth_patches import SmoothPatches
-from dolfinx_nts.search.smooth_search import SmoothSearch
-from dolfinx_nts.search.sphere_search import SphereSearch
+from dolfinx_nts.search.smooth.smooth_patches import SmoothPatches
+from dolfinx_nts.search.smooth.smooth_search import SmoothSearch
+from dolfinx_nts.search.spheres.sphere_search import SphereSearch
 
 __all__ = ["PairState"]
 

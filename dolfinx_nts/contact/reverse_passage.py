@@ -23,7 +23,7 @@ from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.global_search import GlobalSearch
 from dolfinx_nts.search.nodal_facets import NodalFacets
-from dolfinx_nts.search.thickness import least_thickness
+from dolfinx_nts.search.overlap.thickness import least_thickness
 
 __all__ = ["ReversePassages"]
 

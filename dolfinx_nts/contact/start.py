@@ -16,7 +16,7 @@ from dolfinx_nts.model.obstacles.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined
-from dolfinx_nts.search.overlaps import OverlapSearch
+from dolfinx_nts.search.overlap.overlaps import OverlapSearch
 
 __all__ = ["check_start", "sink_nodes_inside", "warn_of_bodies_without_pair"]
 

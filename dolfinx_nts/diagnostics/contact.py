@@ -20,7 +20,7 @@ from dolfinx_nts.model.obstacles.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.meeting import collective
-from dolfinx_nts.search.overlaps import Overlap
+from dolfinx_nts.search.overlap.overlaps import Overlap
 
 __all__ = ["ContactDiagnostics", "ObstacleBalance", "PairBalance"]
 

@@ -55,7 +55,7 @@ class Surface(Declaration):
         facets: Facet tags of the mesh.
         tag: Value of the tag.
         smooth: Whether contact uses curved patches through the nodes of the surface instead of
-            flat facets (``search/smooth_patches.py``), for its segments and, in
+            flat facets (``search/smooth/smooth_patches.py``), for its segments and, in
             surface-to-surface contact, for the surface itself. Edges at which facets turn by more
             than 30 degrees stay sharp. Needs degree 1. With a `RigidSphere`, contact uses that
             sphere exactly; the surface must belong to a `RigidBody`, which moves the sphere, with

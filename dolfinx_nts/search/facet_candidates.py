@@ -10,8 +10,8 @@ from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.search.points import ContactPoints
 from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidates
-from dolfinx_nts.search.smooth_candidates import weights_of_pairs
-from dolfinx_nts.search.smooth_patches import flat_patch
+from dolfinx_nts.search.smooth.smooth_candidates import weights_of_pairs
+from dolfinx_nts.search.smooth.smooth_patches import flat_patch
 from dolfinx_nts.search.whole_facets import linear_functions
 
 __all__ = ["FacetCandidates", "rises"]

@@ -12,7 +12,7 @@ from dolfinx_nts.search.facet_candidates import FacetCandidates
 from dolfinx_nts.search.global_search import GlobalSearch, owners_of
 from dolfinx_nts.search.mortar_points import MortarFacets
 from dolfinx_nts.search.segment_candidates import FoundSegments
-from dolfinx_nts.search.smooth_patches import SmoothPatches
+from dolfinx_nts.search.smooth.smooth_patches import SmoothPatches
 from dolfinx_nts.search.whole_facets import Hats, whole_facets
 
 __all__ = ["MortarCandidates", "MortarSearch"]

@@ -14,8 +14,8 @@ from dolfinx_nts.model.obstacles.obstacles import Obstacle
 from dolfinx_nts.model.obstacles.trajectories import Trajectories
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.search.candidates import Candidates, Search
+from dolfinx_nts.search.edges.rigid_edge_candidates import RigidEdgeCandidates
 from dolfinx_nts.search.points import ContactPoints
-from dolfinx_nts.search.rigid_edge_candidates import RigidEdgeCandidates
 from dolfinx_nts.search.scatter import NodalScatter
 
 __all__ = ["ObstacleCandidates", "ObstacleSearch"]

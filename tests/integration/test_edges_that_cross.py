@@ -7,7 +7,7 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from dolfinx_nts.search.edge_candidates import EdgeCandidates
+from dolfinx_nts.search.edges.edge_candidates import EdgeCandidates
 from helpers.box_meshes import boxes, distribute
 from helpers.corners import corners
 from helpers.crossing import crossed, deepest

@@ -8,8 +8,8 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts.search.points import NodalPoints
-from dolfinx_nts.search.smooth_patches import SmoothPatches
-from dolfinx_nts.search.sphere_frame import SphereFrame
+from dolfinx_nts.search.smooth.smooth_patches import SmoothPatches
+from dolfinx_nts.search.spheres.sphere_frame import SphereFrame
 from helpers.box_meshes import boxes, distribute
 from helpers.collision import check_balances, collide
 from helpers.once import once

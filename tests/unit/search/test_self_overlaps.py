@@ -8,7 +8,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts import parts
-from dolfinx_nts.search.overlaps import OverlapSearch
+from dolfinx_nts.search.overlap.overlaps import OverlapSearch
 from helpers.once import once
 from reference.bulk import rotation
 

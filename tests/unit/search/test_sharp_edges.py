@@ -7,7 +7,7 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from dolfinx_nts.search.sharp_edges import SharpEdges
+from dolfinx_nts.search.edges.sharp_edges import SharpEdges
 from helpers.box_meshes import boxes, distribute
 
 

@@ -5,8 +5,8 @@ import pytest
 from dolfinx import fem, mesh
 
 import dolfinx_nts as nts
-from dolfinx_nts.search.near_facets import NearFacets
-from dolfinx_nts.search.smooth_patches import SmoothPatches
+from dolfinx_nts.search.smooth.near_facets import NearFacets
+from dolfinx_nts.search.smooth.smooth_patches import SmoothPatches
 from helpers.box_meshes import boxes, distribute
 from helpers.round import ring_mesh
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.common.vectors import cross
-from dolfinx_nts.search.sharp_edges import unit_normals
+from dolfinx_nts.search.edges.sharp_edges import unit_normals
 
 __all__ = ["Edges", "pairs_within"]
 

@@ -24,9 +24,9 @@ from dolfinx_nts.model.rigid_body import RigidBody
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined
-from dolfinx_nts.search.inside import Insides
-from dolfinx_nts.search.self_overlaps import self_overlap
-from dolfinx_nts.search.thickness import least_thickness
+from dolfinx_nts.search.overlap.inside import Insides
+from dolfinx_nts.search.overlap.self_overlaps import self_overlap
+from dolfinx_nts.search.overlap.thickness import least_thickness
 
 __all__ = ["Overlap", "OverlapSearch"]
 

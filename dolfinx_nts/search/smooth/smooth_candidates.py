@@ -10,7 +10,7 @@ from dolfinx_nts.model.obstacles.rims import is_nearest_a_rim
 from dolfinx_nts.model.segments import area_vectors
 from dolfinx_nts.search.points import ContactPoints
 from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidates
-from dolfinx_nts.search.smooth_patches import flat_patch
+from dolfinx_nts.search.smooth.smooth_patches import flat_patch
 
 __all__ = ["SmoothCandidates", "weights_of_pairs"]
 

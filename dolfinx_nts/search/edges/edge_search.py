@@ -4,11 +4,11 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.model.surfaces import Surface
-from dolfinx_nts.search.edge_candidates import EdgeCandidates
-from dolfinx_nts.search.edges import Edges
+from dolfinx_nts.search.edges.edge_candidates import EdgeCandidates
+from dolfinx_nts.search.edges.edges import Edges
+from dolfinx_nts.search.edges.sharp_edges import SharpEdges
 from dolfinx_nts.search.global_search import GlobalSearch
 from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidates
-from dolfinx_nts.search.sharp_edges import SharpEdges
 
 __all__ = ["EdgeSearch"]
 

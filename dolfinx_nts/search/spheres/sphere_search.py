@@ -3,9 +3,9 @@
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidates
-from dolfinx_nts.search.smooth_search import SmoothSearch
-from dolfinx_nts.search.sphere_candidates import SphereCandidates
-from dolfinx_nts.search.sphere_frame import SphereFrame
+from dolfinx_nts.search.smooth.smooth_search import SmoothSearch
+from dolfinx_nts.search.spheres.sphere_candidates import SphereCandidates
+from dolfinx_nts.search.spheres.sphere_frame import SphereFrame
 
 __all__ = ["SphereSearch"]
 

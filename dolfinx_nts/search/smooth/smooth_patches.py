@@ -20,8 +20,8 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.search.near_facets import NearFacets, local_edges
-from dolfinx_nts.search.smooth_tangents import Tangents
+from dolfinx_nts.search.smooth.near_facets import NearFacets, local_edges
+from dolfinx_nts.search.smooth.smooth_tangents import Tangents
 
 __all__ = ["SmoothPatches", "flat_patch"]
 

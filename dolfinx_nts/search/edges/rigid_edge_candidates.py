@@ -8,8 +8,8 @@ from dolfinx_nts._kernels import HYSTERESIS
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.model.frames import Frame
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
-from dolfinx_nts.search.crossings import WEIGHTS
-from dolfinx_nts.search.edge_candidates import EdgeCandidates
+from dolfinx_nts.search.edges.crossings import WEIGHTS
+from dolfinx_nts.search.edges.edge_candidates import EdgeCandidates
 from dolfinx_nts.search.points import ContactPoints
 
 __all__ = ["RigidEdgeCandidates"]

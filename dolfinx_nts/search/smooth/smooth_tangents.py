@@ -20,7 +20,7 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.model.obstacles.rims import SHARP
-from dolfinx_nts.search.near_facets import NearFacets
+from dolfinx_nts.search.smooth.near_facets import NearFacets
 
 __all__ = ["Tangents"]
 

@@ -11,10 +11,10 @@ from dolfinx_nts.model.obstacles.obstacles import Obstacle
 from dolfinx_nts.model.obstacles.rigid_surface import RigidSurface
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.search.candidates import Candidates
-from dolfinx_nts.search.edges import Edges, pairs_within
+from dolfinx_nts.search.edges.edges import Edges, pairs_within
+from dolfinx_nts.search.edges.rigid_edge_candidates import RigidEdgeCandidates
+from dolfinx_nts.search.edges.sharp_edges import SharpEdges, sharp_between
 from dolfinx_nts.search.obstacle_candidates import ObstacleSearch
-from dolfinx_nts.search.rigid_edge_candidates import RigidEdgeCandidates
-from dolfinx_nts.search.sharp_edges import SharpEdges, sharp_between
 
 __all__ = ["RigidEdgeSearch", "num_sharp_edges"]
 

@@ -15,7 +15,7 @@ from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
 from dolfinx_nts.model.closed_boundaries import ClosedBoundary
 from dolfinx_nts.model.segments import area_vectors
 from dolfinx_nts.parallel.communication import joined
-from dolfinx_nts.search.inside import Insides
+from dolfinx_nts.search.overlap.inside import Insides
 
 __all__ = ["SelfOverlap", "self_overlap"]
 

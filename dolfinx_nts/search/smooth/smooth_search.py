@@ -5,9 +5,9 @@ from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.global_search import GlobalSearch
 from dolfinx_nts.search.segment_candidates import FoundSegments
-from dolfinx_nts.search.smooth_candidates import SmoothCandidates
-from dolfinx_nts.search.smooth_patches import SmoothPatches
-from dolfinx_nts.search.sphere_frame import SphereFrame
+from dolfinx_nts.search.smooth.smooth_candidates import SmoothCandidates
+from dolfinx_nts.search.smooth.smooth_patches import SmoothPatches
+from dolfinx_nts.search.spheres.sphere_frame import SphereFrame
 
 __all__ = ["SmoothSearch", "depth_beneath_facets"]
 

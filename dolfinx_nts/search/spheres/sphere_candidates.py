@@ -11,7 +11,7 @@ from dolfinx_nts.model.obstacles.rigid_shapes import RigidSphere
 from dolfinx_nts.search.candidates import Candidates
 from dolfinx_nts.search.points import ContactPoints
 from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidates
-from dolfinx_nts.search.smooth_candidates import SmoothCandidates
+from dolfinx_nts.search.smooth.smooth_candidates import SmoothCandidates
 
 __all__ = ["SphereCandidates", "SphereSlip"]
 

@@ -1,0 +1,1 @@
+"""Edge-to-edge contact: sharp edges and the pairs of them that cross."""

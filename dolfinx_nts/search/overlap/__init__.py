@@ -1,0 +1,1 @@
+"""Overlap check: bodies inside each other or inside themselves."""

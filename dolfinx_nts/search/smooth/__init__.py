@@ -1,0 +1,1 @@
+"""Smooth surfaces: cubic patches on facets as candidates."""

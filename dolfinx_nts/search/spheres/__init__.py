@@ -1,0 +1,1 @@
+"""Exact spherical surfaces of rigid bodies as candidates."""
