@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from dolfinx_nts.integrators import implicit
+from dolfinx_nts.integrators.implicit import implicit
 from dolfinx_nts.solvers import bulk, newton
 from dolfinx_nts.solvers.linear import active_sets, elimination, krylov, saddle_point
 from dolfinx_nts.solvers.precond import contact_schwarz, preconditioner

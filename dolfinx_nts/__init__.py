@@ -27,14 +27,18 @@ from dolfinx_nts.diagnostics.bodies import BodyBalance
 from dolfinx_nts.diagnostics.contact import PairBalance
 from dolfinx_nts.diagnostics.fields import Fields
 from dolfinx_nts.fem.axisymmetry import axisymmetric
-from dolfinx_nts.integrators.central_difference import CentralDifference
 from dolfinx_nts.integrators.conditions import ContactForce
-from dolfinx_nts.integrators.generalized_alpha import GeneralizedAlpha, Newmark, NewmarkRates
-from dolfinx_nts.integrators.implicit import ImplicitStepper
-from dolfinx_nts.integrators.quasi_static import QuasiStatic
+from dolfinx_nts.integrators.explicit.central_difference import CentralDifference
+from dolfinx_nts.integrators.implicit.generalized_alpha import (
+    GeneralizedAlpha,
+    Newmark,
+    NewmarkRates,
+)
+from dolfinx_nts.integrators.implicit.implicit import ImplicitStepper
+from dolfinx_nts.integrators.implicit.schemes import EnergyMomentum, Midpoint
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.scheme import Scheme
-from dolfinx_nts.integrators.schemes import EnergyMomentum, Midpoint
+from dolfinx_nts.integrators.statics.quasi_static import QuasiStatic
 from dolfinx_nts.integrators.statistics import StepperStatistics
 from dolfinx_nts.integrators.step_control import StepControl
 from dolfinx_nts.io.load_state import load_state

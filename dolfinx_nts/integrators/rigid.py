@@ -13,7 +13,7 @@ from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.massless import is_resolved
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.components import dimension, nodal
-from dolfinx_nts.integrators.leapfrog import RigidLeapfrog
+from dolfinx_nts.integrators.explicit.leapfrog import RigidLeapfrog
 from dolfinx_nts.integrators.rates import ConsistentMass, Rates
 from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.model.bodies import Body

@@ -20,12 +20,12 @@ from dolfinx_nts.contact.held_apart import held_apart
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.integrators.conditions import Conditions, Until, split
-from dolfinx_nts.integrators.memory import Memory
-from dolfinx_nts.integrators.relaxation import IF_IT_MOVES
+from dolfinx_nts.integrators.inelastic.memory import Memory
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.integrators.stagnation import IneffectiveCuts, LimitPoint, ShortSteps
 from dolfinx_nts.integrators.state import State
+from dolfinx_nts.integrators.statics.relaxation import IF_IT_MOVES
 from dolfinx_nts.integrators.step_control import ROUND_OFF, EvenSteps, StepControl, StepLength
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.loads.loads import Load

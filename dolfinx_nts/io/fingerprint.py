@@ -17,7 +17,7 @@ from dolfinx_nts.contact.method import MORTAR
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.components import deformation_gradient, dimension
 from dolfinx_nts.fem.node_numbering import input_ids
-from dolfinx_nts.integrators.generalized_alpha import GeneralizedAlpha
+from dolfinx_nts.integrators.implicit.generalized_alpha import GeneralizedAlpha
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io.checksum import checksum
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green

@@ -14,7 +14,7 @@ from dolfinx_nts.common.arguments import kind_of
 from dolfinx_nts.contact.history import without_friction
 from dolfinx_nts.diagnostics.names import pair_names
 from dolfinx_nts.fem.components import dimension
-from dolfinx_nts.integrators.quasi_static import QuasiStatic
+from dolfinx_nts.integrators.statics.quasi_static import QuasiStatic
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io.checkpoint import Reader
 from dolfinx_nts.io.checkpoint_file import CheckpointFile

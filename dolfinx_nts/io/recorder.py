@@ -14,8 +14,8 @@ from dolfinx_nts.diagnostics.balance import Diagnostics
 from dolfinx_nts.diagnostics.columns import OwnColumn, Parts, RunColumns
 from dolfinx_nts.diagnostics.energy_ledger import EnergyLedger
 from dolfinx_nts.diagnostics.present import Present
-from dolfinx_nts.integrators.quasi_static import QuasiStatic
 from dolfinx_nts.integrators.report import StepReport
+from dolfinx_nts.integrators.statics.quasi_static import QuasiStatic
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io.fields import OwnField, RunFields
 from dolfinx_nts.io.run_files import RunFiles

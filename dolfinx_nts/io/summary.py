@@ -8,8 +8,8 @@ import numpy as np
 from dolfinx_nts.diagnostics.balance import Diagnostics
 from dolfinx_nts.diagnostics.energy_ledger import EnergyLedger
 from dolfinx_nts.fem.components import nodal
-from dolfinx_nts.integrators.quasi_static import QuasiStatic
 from dolfinx_nts.integrators.report import StepReport
+from dolfinx_nts.integrators.statics.quasi_static import QuasiStatic
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.parallel import reductions
 

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from dolfinx_nts.integrators.implicit_forms import StepForms
+from dolfinx_nts.integrators.implicit.implicit_forms import StepForms
 
 Array = npt.NDArray[np.float64]
 

@@ -125,7 +125,7 @@ def test_impact_from_rest_within_the_search_obeys_the_law(pairing):
 
 def test_refusal_names_bodies_place_depth_and_remedy(monkeypatch):
     """The message of a step whose repeated solutions miss contact as well."""
-    from dolfinx_nts.integrators import implicit
+    from dolfinx_nts.integrators.implicit import implicit
 
     monkeypatch.setattr(implicit, "_MOST_SEARCHES", 1)
     stepper, *_ = column(PAIRINGS["plane"], nts.EnergyMomentum, dt=0.2)
@@ -141,7 +141,7 @@ def test_refusal_names_bodies_place_depth_and_remedy(monkeypatch):
 @pytest.mark.parametrize("fault", ["open gap", "pulled"])
 def test_step_with_a_wrong_contact_force_is_refused(monkeypatch, fault):
     """A force is falsified after Newton's method has converged."""
-    from dolfinx_nts.integrators import implicit
+    from dolfinx_nts.integrators.implicit import implicit
 
     right = implicit.check_forces
 

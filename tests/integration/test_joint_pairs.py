@@ -88,7 +88,7 @@ def compare(monkeypatch, make, *scene, moves):
     """Run a scene with joint pairs and with pairs alone; the former, and most active nodes."""
     together = make(*scene)
     with monkeypatch.context() as patch:
-        patch.setattr("dolfinx_nts.integrators.step_solver.joint_states", list)
+        patch.setattr("dolfinx_nts.integrators.implicit.step_solver.joint_states", list)
         alone = make(*scene)
     touching = 0
     for stepper in (together, alone):

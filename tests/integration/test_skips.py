@@ -8,7 +8,7 @@ from dolfinx_nts import parts
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.friction import Friction
 from dolfinx_nts.contact.implicit.multiplier import MultiplierContact
-from dolfinx_nts.integrators import sleeping
+from dolfinx_nts.integrators.implicit import sleeping
 from dolfinx_nts.solvers.linear import krylov
 from helpers import box_meshes, scenes
 from helpers.once import once, once_except
@@ -118,7 +118,7 @@ def test_obstacles_out_of_reach_cost_no_attempt(comm, monkeypatch):
         counts.append(attempts.count(stepper.contacts[1]))
         active.append(report.num_active)
         with monkeypatch.context() as patch:
-            patch.setattr("dolfinx_nts.integrators.step_solver.may_face", lambda *_: True)
+            patch.setattr("dolfinx_nts.integrators.implicit.step_solver.may_face", lambda *_: True)
             assert reference.advance().num_active == report.num_active
         assert np.array_equal(stepper.u.x.array, reference.u.x.array)
     # The first step learns that nothing is remembered of it.

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-from dolfinx_nts.integrators import implicit
+from dolfinx_nts.integrators.implicit import implicit
 from helpers.collision import check_balances, collide
 from helpers.once import once
 from helpers.round import balls, marble, rings, throw

@@ -14,7 +14,8 @@ import dolfinx_nts as nts
 from dolfinx_nts import parts
 from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.implicit import contact_step
-from dolfinx_nts.integrators import implicit, time_loop
+from dolfinx_nts.integrators import time_loop
+from dolfinx_nts.integrators.implicit import implicit
 from dolfinx_nts.integrators.stagnation import LimitPoint
 from dolfinx_nts.solvers import newton
 from dolfinx_nts.solvers.linear import krylov

@@ -12,7 +12,7 @@ import dolfinx_nts as nts
 from dolfinx_nts.contact.explicit import neighbour_list
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.linear_forms import CellForm
-from dolfinx_nts.integrators import central_difference, stability
+from dolfinx_nts.integrators.explicit import central_difference, stability
 from helpers import scenes
 from helpers.boxed import CLOSED, RHO, VOLUME, Box, Ledger, swirl
 from helpers.once import once, once_except

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dolfinx_nts.integrators.relaxation import PseudoStep, Relaxation, Resistance
+from dolfinx_nts.integrators.statics.relaxation import PseudoStep, Relaxation, Resistance
 from dolfinx_nts.solvers.newton_report import NewtonReport
 
 # Limit load of x^3 - x = f in the well x < 0, which is at x = -1/sqrt(3) then.

@@ -9,7 +9,7 @@ import dolfinx_nts as nts
 from dolfinx_nts import _kernels
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.fem.jit import compile_quickly
-from dolfinx_nts.integrators import stability
+from dolfinx_nts.integrators.explicit import stability
 from dolfinx_nts.model.bodies import bulk_form
 from dolfinx_nts.model.lumped_mass import lumped_mass
 from helpers import box_meshes, scenes

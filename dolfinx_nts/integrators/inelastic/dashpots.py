@@ -25,9 +25,13 @@ from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.components import gradient
 from dolfinx_nts.fem.jit import compile_expression
-from dolfinx_nts.integrators.material_memory import MaterialMemory
-from dolfinx_nts.integrators.point_values import CellValues, PointValues
-from dolfinx_nts.integrators.step_strains import StepStrains, symmetric_entries, symmetric_tensor
+from dolfinx_nts.integrators.inelastic.material_memory import MaterialMemory
+from dolfinx_nts.integrators.inelastic.point_values import CellValues, PointValues
+from dolfinx_nts.integrators.inelastic.step_strains import (
+    StepStrains,
+    symmetric_entries,
+    symmetric_tensor,
+)
 from dolfinx_nts.materials.branches import Branch
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
 

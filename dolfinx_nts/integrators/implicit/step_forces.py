@@ -11,7 +11,7 @@ from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual
 from dolfinx_nts.fem.components import in_space
-from dolfinx_nts.integrators.inertia import Inertia
+from dolfinx_nts.integrators.implicit.inertia import Inertia
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.reaction import Reaction
 from dolfinx_nts.model.rigid_body import guided

@@ -15,8 +15,8 @@ from dolfinx import fem
 
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.jit import compile_form
-from dolfinx_nts.integrators.body_groups import BodyGroups
-from dolfinx_nts.integrators.implicit_forms import StepForms
+from dolfinx_nts.integrators.implicit.implicit_forms import StepForms
+from dolfinx_nts.integrators.massless.body_groups import BodyGroups
 from dolfinx_nts.integrators.rates import Rates
 from dolfinx_nts.solvers.massless.redistributed_mass import MassForce
 from dolfinx_nts.solvers.massless.surface_forces import SurfaceForces

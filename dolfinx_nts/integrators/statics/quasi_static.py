@@ -15,11 +15,11 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.fem.components import in_space
-from dolfinx_nts.integrators.attempt import Start, StepProblem
-from dolfinx_nts.integrators.implicit import ImplicitStepper
+from dolfinx_nts.integrators.implicit.attempt import Start, StepProblem
+from dolfinx_nts.integrators.implicit.implicit import ImplicitStepper
 from dolfinx_nts.integrators.rates import NoRates
-from dolfinx_nts.integrators.relaxation import PseudoStep, Relaxation
 from dolfinx_nts.integrators.scheme import Scheme
+from dolfinx_nts.integrators.statics.relaxation import PseudoStep, Relaxation
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.parallel import reductions

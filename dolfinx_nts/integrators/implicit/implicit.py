@@ -39,18 +39,18 @@ from dolfinx_nts.contact.implicit.normal_contact import known_nodes
 from dolfinx_nts.contact.massless import is_resolved, massless_nodes
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.components import in_space
-from dolfinx_nts.integrators.attempt import AdmissibleMotion, Start, StepProblem
-from dolfinx_nts.integrators.inertia import ConsistentInertia, Inertia
+from dolfinx_nts.integrators.implicit.attempt import AdmissibleMotion, Start, StepProblem
+from dolfinx_nts.integrators.implicit.inertia import ConsistentInertia, Inertia
+from dolfinx_nts.integrators.implicit.sleeping import SleepingBodies
+from dolfinx_nts.integrators.implicit.static_stiffness import choose_default_stiffness
+from dolfinx_nts.integrators.implicit.step_forces import Reactions, StepForces, StepWorks
+from dolfinx_nts.integrators.implicit.step_solver import StepSolver
+from dolfinx_nts.integrators.massless.resolved_impact import ResolvedImpact
 from dolfinx_nts.integrators.rates import MidpointRates
-from dolfinx_nts.integrators.relaxation import IF_IT_MOVES
 from dolfinx_nts.integrators.report import StepReport
-from dolfinx_nts.integrators.resolved_impact import ResolvedImpact
 from dolfinx_nts.integrators.rigid import check_statics, rigid_motion
-from dolfinx_nts.integrators.sleeping import SleepingBodies
-from dolfinx_nts.integrators.static_stiffness import choose_default_stiffness
+from dolfinx_nts.integrators.statics.relaxation import IF_IT_MOVES
 from dolfinx_nts.integrators.step_failure import SHORTER_STEP_HELPS, StepFailure
-from dolfinx_nts.integrators.step_forces import Reactions, StepForces, StepWorks
-from dolfinx_nts.integrators.step_solver import StepSolver
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.dirichlet import Supports

@@ -11,8 +11,8 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.history import ContactWork
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.fem.jit import compile_form
-from dolfinx_nts.integrators.implicit_forms import StepForms
-from dolfinx_nts.integrators.memory import Memory
+from dolfinx_nts.integrators.implicit.implicit_forms import StepForms
+from dolfinx_nts.integrators.inelastic.memory import Memory
 from dolfinx_nts.integrators.rates import ConsistentMass, Rates
 from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.model.bodies import Body

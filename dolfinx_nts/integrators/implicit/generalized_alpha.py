@@ -23,7 +23,7 @@ from dolfinx_nts.common.arrays import Floats, GlobalInts
 from dolfinx_nts.common.declaration import SetOnce
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.pair import ContactPair
-from dolfinx_nts.integrators.implicit import ImplicitStepper
+from dolfinx_nts.integrators.implicit.implicit import ImplicitStepper
 from dolfinx_nts.integrators.rates import ConsistentMass, Rates
 from dolfinx_nts.integrators.rigid import gives_rigid_nodes
 from dolfinx_nts.integrators.scheme import Scheme

@@ -16,11 +16,11 @@ from dolfinx_nts.contact.implicit.local_search import may_face
 from dolfinx_nts.contact.joint_state import JointState, joint_states
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.node_numbering import reference_positions
-from dolfinx_nts.integrators.attempt import Start, StepProblem
+from dolfinx_nts.integrators.implicit.attempt import Start, StepProblem
+from dolfinx_nts.integrators.implicit.sleeping import SleepingBodies
 from dolfinx_nts.integrators.rates import Rates
 from dolfinx_nts.integrators.rigid import contact_stiffness
 from dolfinx_nts.integrators.scheme import Scheme
-from dolfinx_nts.integrators.sleeping import SleepingBodies
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.loads.loads import Load
 from dolfinx_nts.parallel import reductions

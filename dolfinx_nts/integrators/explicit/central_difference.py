@@ -28,13 +28,13 @@ from dolfinx_nts.contact.history import ContactWork
 from dolfinx_nts.contact.method import EDGES, NODES, has_patches
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.components import in_space, nodal
-from dolfinx_nts.integrators.explicit_forms import ExplicitBulk, PresentForces
-from dolfinx_nts.integrators.leapfrog import Drift
+from dolfinx_nts.integrators.explicit.explicit_forms import ExplicitBulk, PresentForces
+from dolfinx_nts.integrators.explicit.leapfrog import Drift
+from dolfinx_nts.integrators.explicit.stability import Stability
 from dolfinx_nts.integrators.rates import NoRates
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.rigid import rigid_leapfrog
 from dolfinx_nts.integrators.scheme import Scheme
-from dolfinx_nts.integrators.stability import Stability
 from dolfinx_nts.integrators.step_failure import SHORTER_STEP_HELPS
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green

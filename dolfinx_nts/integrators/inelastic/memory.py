@@ -8,11 +8,11 @@ from dolfinx import fem
 
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
-from dolfinx_nts.integrators.dashpots import Dashpots
-from dolfinx_nts.integrators.material_memory import MaterialMemory
-from dolfinx_nts.integrators.plastic_flow import PlasticFlow
+from dolfinx_nts.integrators.inelastic.dashpots import Dashpots
+from dolfinx_nts.integrators.inelastic.material_memory import MaterialMemory
+from dolfinx_nts.integrators.inelastic.plastic_flow import PlasticFlow
+from dolfinx_nts.integrators.inelastic.step_strains import StepStrains
 from dolfinx_nts.integrators.scheme import Scheme
-from dolfinx_nts.integrators.step_strains import StepStrains
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
 from dolfinx_nts.materials.plasticity import J2Plasticity
 from dolfinx_nts.model.bodies import Body

@@ -11,7 +11,7 @@ from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.held_nodes import HeldNodes
 from dolfinx_nts.contact.massless import is_resolved
 from dolfinx_nts.fem.components import in_space
-from dolfinx_nts.integrators.body_groups import BodyGroups
+from dolfinx_nts.integrators.massless.body_groups import BodyGroups
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.massless.gap_constraints import KeptGaps
 

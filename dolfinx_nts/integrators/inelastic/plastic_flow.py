@@ -30,9 +30,13 @@ from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.components import gradient
 from dolfinx_nts.fem.jit import compile_expression
-from dolfinx_nts.integrators.material_memory import MaterialMemory
-from dolfinx_nts.integrators.point_values import CellValues, PointValues
-from dolfinx_nts.integrators.step_strains import StepStrains, symmetric_entries, symmetric_tensor
+from dolfinx_nts.integrators.inelastic.material_memory import MaterialMemory
+from dolfinx_nts.integrators.inelastic.point_values import CellValues, PointValues
+from dolfinx_nts.integrators.inelastic.step_strains import (
+    StepStrains,
+    symmetric_entries,
+    symmetric_tensor,
+)
 from dolfinx_nts.materials.hardening import Hardening
 from dolfinx_nts.materials.plasticity import J2Plasticity
 from dolfinx_nts.materials.radial_return import RadialReturn

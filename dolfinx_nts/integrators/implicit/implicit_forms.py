@@ -8,7 +8,7 @@ import ufl
 from dolfinx import fem
 
 from dolfinx_nts.fem.components import deformation_gradient, gradient
-from dolfinx_nts.integrators.memory import Memory
+from dolfinx_nts.integrators.inelastic.memory import Memory
 from dolfinx_nts.integrators.rates import Rates
 from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green

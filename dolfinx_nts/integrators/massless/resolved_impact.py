@@ -28,21 +28,21 @@ from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.fem.components import dimension, in_space, possible_motions
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.fem.node_numbering import reference_positions
-from dolfinx_nts.integrators.body_groups import BodyGroups
-from dolfinx_nts.integrators.held_contact import HeldContact
-from dolfinx_nts.integrators.implicit_forms import StepForms
-from dolfinx_nts.integrators.inertia import Inertia, VelocityUpdate
-from dolfinx_nts.integrators.losses import StepLosses
-from dolfinx_nts.integrators.memory import Memory
-from dolfinx_nts.integrators.rates import MidpointRates
-from dolfinx_nts.integrators.scheme import Scheme
-from dolfinx_nts.integrators.static_stiffness import long_step
-from dolfinx_nts.integrators.vibration import (
+from dolfinx_nts.integrators.implicit.implicit_forms import StepForms
+from dolfinx_nts.integrators.implicit.inertia import Inertia, VelocityUpdate
+from dolfinx_nts.integrators.implicit.static_stiffness import long_step
+from dolfinx_nts.integrators.inelastic.memory import Memory
+from dolfinx_nts.integrators.massless.body_groups import BodyGroups
+from dolfinx_nts.integrators.massless.held_contact import HeldContact
+from dolfinx_nts.integrators.massless.losses import StepLosses
+from dolfinx_nts.integrators.massless.vibration import (
     EnergyCorrection,
     RigidCorrection,
     Vibration,
     VibrationAnalysis,
 )
+from dolfinx_nts.integrators.rates import MidpointRates
+from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.checks.inverted_cells import VolumeRatio
 from dolfinx_nts.model.extrapolation import extrapolate

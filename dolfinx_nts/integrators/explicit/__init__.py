@@ -1,0 +1,1 @@
+"""Explicit stepper: central differences with lumped mass."""

@@ -1,0 +1,1 @@
+"""Implicit steppers: forms, starting guesses, solution and energy balance of a step."""

@@ -1,0 +1,1 @@
+"""Internal variables of materials: Maxwell branches and plastic flow."""

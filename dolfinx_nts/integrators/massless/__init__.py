@@ -1,0 +1,1 @@
+"""Resolved impact: the nodes in contact are massless."""

@@ -1,0 +1,1 @@
+"""Statics: equilibria at the ends of steps, and continuation where there is none nearby."""
