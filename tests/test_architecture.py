@@ -56,6 +56,9 @@ LIBRARIES = {
 # with inherited ones: those of `CentralDifference`. Lower them whenever classes get smaller.
 MAX_MEMBERS, MAX_ATTRIBUTES = 33, 44
 
+# Largest number of modules in a folder, and packages that are still larger.
+MAX_MODULES, LARGE_PACKAGES = 20, {"contact", "contact/implicit"}
+
 
 def name_of(path: Path) -> str:
     """Name of a module in the package: ``contact.pair``, ``contact`` for its ``__init__``."""
@@ -131,6 +134,18 @@ def test_modules_import_from_layers_above_their_own():
             if package != own and LEVEL[package] >= LEVEL[own]:
                 offenders.append(f"{module} imports {other}")
     expect_none(offenders)
+
+
+def test_folders_are_small():
+    folders = {path.parent for path in PATHS.values()}
+    sizes = {
+        folder.relative_to(PACKAGE).as_posix(): len([*folder.glob("*.py")]) for folder in folders
+    }
+    expect_none(
+        f"{folder}: {size} modules"
+        for folder, size in sorted(sizes.items())
+        if size > MAX_MODULES and folder not in LARGE_PACKAGES
+    )
 
 
 def test_no_modules_import_each_other_in_a_circle():

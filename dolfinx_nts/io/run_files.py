@@ -16,10 +16,10 @@ from dolfinx_nts.io.atomic_file import check_replaceable
 from dolfinx_nts.io.checkpoint import HasState
 from dolfinx_nts.io.csv_table import Table
 from dolfinx_nts.io.fields import RunFields
+from dolfinx_nts.io.formats.vtkhdf import VtkHdfFile
+from dolfinx_nts.io.formats.vtx import VtxFile
+from dolfinx_nts.io.formats.xdmf import XdmfFile
 from dolfinx_nts.io.name_lock import NameLock
-from dolfinx_nts.io.vtkhdf import VtkHdfFile
-from dolfinx_nts.io.vtx import VtxFile
-from dolfinx_nts.io.xdmf import XdmfFile
 from dolfinx_nts.parallel.communication import on_root
 
 __all__ = ["FieldsFile", "RunFiles", "ScriptedStep"]

@@ -2,7 +2,8 @@
 
 import os
 
-from dolfinx_nts.io import atomic_file, shared_file, xml_series
+from dolfinx_nts.io import atomic_file, shared_file
+from dolfinx_nts.io.formats import xml_series
 
 
 class Killed(BaseException):

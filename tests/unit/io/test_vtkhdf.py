@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from dolfinx_nts.diagnostics.present import Present
-from dolfinx_nts.io import vtkhdf
 from dolfinx_nts.io.fields import RunFields
-from dolfinx_nts.io.vtkhdf import VtkHdfFile
+from dolfinx_nts.io.formats import vtkhdf
+from dolfinx_nts.io.formats.vtkhdf import VtkHdfFile
 from helpers.killed import Killed, kill_at
 from helpers.numbered_run import Run
 from helpers.readers import read_grids

@@ -12,7 +12,7 @@ import pytest
 from dolfinx_nts.diagnostics.present import Present
 from dolfinx_nts.io import fields_folder
 from dolfinx_nts.io.fields import RunFields
-from dolfinx_nts.io.xdmf import XdmfFile
+from dolfinx_nts.io.formats.xdmf import XdmfFile
 from helpers.killed import Killed, kill_at
 from helpers.numbered_run import Run
 from helpers.readers import read_grids

@@ -4,8 +4,8 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from dolfinx_nts.io import xml_series
-from dolfinx_nts.io.xml_series import XmlSeries
+from dolfinx_nts.io.formats import xml_series
+from dolfinx_nts.io.formats.xml_series import XmlSeries
 from helpers.killed import Killed, kill_at
 
 pytestmark = pytest.mark.serial

@@ -25,8 +25,8 @@ from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io.atomic_file import hdf5_file_image, replace
 from dolfinx_nts.io.fields import RunFields, mesh_arrays
 from dolfinx_nts.io.fields_folder import FieldsFolder
+from dolfinx_nts.io.formats.vtkhdf_index import Block, Field, grid_arrays, write_index
 from dolfinx_nts.io.states import States
-from dolfinx_nts.io.vtkhdf_index import Block, Field, grid_arrays, write_index
 from dolfinx_nts.parallel.communication import on_root
 from dolfinx_nts.parallel.errors import all_come
 from dolfinx_nts.parallel.slabs import Slab

@@ -26,8 +26,8 @@ from dolfinx_nts.diagnostics.present import Present
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.io.fields import RunFields, mesh_arrays
 from dolfinx_nts.io.fields_folder import FieldsFolder
+from dolfinx_nts.io.formats.xml_series import XmlSeries
 from dolfinx_nts.io.states import CELLS, States
-from dolfinx_nts.io.xml_series import XmlSeries
 from dolfinx_nts.parallel.communication import on_root
 from dolfinx_nts.parallel.slabs import Slab
 
