@@ -36,6 +36,7 @@ DEMOS = {
     "bar_impact": ["bar_impact_force.png"],
     "bowl": ["bowl.png"],
     "drum": ["drum.png"],
+    "gripper": ["gripper.png"],
     "hammer": ["hammer_force.png"],
     "hertz": ["hertz_force.png", "hertz_pressure.png"],
     "indentation": ["indentation.png"],
