@@ -50,6 +50,7 @@ DEMOS = {
     "rings": ["rings.png", "rings_ledger.png"],
     "rolling": ["rolling_speed.png"],
     "self_contact": ["self_contact.png"],
+    "snap_fit": ["snap_fit.png"],
     "taylor_bar": ["taylor_bar.png"],
     "tori": ["tori.png"],
 }
