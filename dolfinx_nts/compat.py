@@ -48,8 +48,8 @@ _HAS_LISTS = all(
     isinstance(getattr(Geometry, name, None), property) for name in ("cmaps", "dofmaps")
 )
 
-# Tags of messages [-], which 0.11 wants to be given: any numbers that differ. The first
-# is the one that earlier releases used by themselves.
+# Tags of MPI messages [-], arguments since release 0.11: any two different numbers. The first
+# is the tag of earlier releases.
 _TAG_OF_INDEX_MAP, _TAG_OF_SHARED = 1202, 1203
 
 _ffi = cffi.FFI()
@@ -92,7 +92,8 @@ def geometry_degree(mesh: Mesh) -> int:
 
 def cell_partitioner(ghosts: GhostMode) -> Any:
     """Partitioner with a ghost mode, for `dolfinx.mesh.create_mesh`. Local."""
-    # 0.11 must be told how many cells share a facet. Always tell it when 0.9 is dropped.
+    # Release 0.11 requires the largest number of cells at a facet. Remove the other call when 0.9
+    # is dropped.
     try:
         return create_cell_partitioner(ghosts)
     except TypeError:
@@ -108,7 +109,7 @@ def cpp_object(item: Any) -> Any:
 
 def index_map(comm: MPI.Comm, size: int, ghosts: GlobalInts, owners: Ints) -> IndexMap:
     """Create an index map of owned entries and of ghosts with their owners. Collective."""
-    # 0.11 must be told the tag of its messages. Always tell it when 0.10 is dropped.
+    # Release 0.11 requires a tag of its messages. Remove the other call when 0.10 is dropped.
     try:
         return IndexMap(comm, size, ghosts, owners, _TAG_OF_INDEX_MAP)
     except TypeError:
@@ -126,8 +127,8 @@ def form_of_kernels(
     Args:
         spaces: Spaces of its arguments.
         kernels: Address of a kernel with FFCx's interface, and owned cells, for each integral.
-        functions: Functions of which kernels have values, in this order.
-        constants: Constants of which kernels have values, in this order.
+        functions: Coefficients of the kernels, in their order.
+        constants: Constants of the kernels, in their order.
     """
     # Maps of entities became a list in 0.10. Use that when 0.9 is dropped.
     has = np.arange(len(functions), dtype=np.int8)
@@ -162,12 +163,12 @@ def shared(index_map: IndexMap) -> Ints:
     """Owned entries of an index map that are ghosts on other ranks. Collective."""
     if index_map.comm.size == 1:
         return np.empty(0, dtype=np.int32)
-    # 0.11 must be told the tag of its messages. Always tell it when 0.10 is dropped.
+    # Release 0.11 requires a tag of its messages. Remove the other call when 0.10 is dropped.
     try:
         ranks = index_map.index_to_dest_ranks()
     except TypeError:
         ranks = index_map.index_to_dest_ranks(_TAG_OF_SHARED)
-    owned = ranks.offsets[: index_map.size_local + 1]  # those of the ghosts follow
+    owned = ranks.offsets[: index_map.size_local + 1]  # offsets of ghosts follow
     return np.flatnonzero(np.diff(owned)).astype(np.int32)
 
 
@@ -239,8 +240,7 @@ _loaded: dict[tuple[str, str], Any] = {}
 def modules_loaded_once() -> Iterator[None]:
     """Context in which FFCx loads a module once in a process. Local.
 
-    It reads the names of all files of its cache twice for each form, of which there may be
-    thousands.
+    Without it, FFCx lists all files of its cache twice for each form, and there may be thousands.
     """
     # All releases so far waste this time. Drop this when a later one does not.
     jit: Any = import_module("ffcx.codegeneration.jit")
@@ -266,16 +266,18 @@ def modules_loaded_once() -> Iterator[None]:
 
 @contextmanager
 def quicker_ffcx() -> Iterator[None]:
-    """Context in which FFCx writes the same in two thirds of its time, or in half of it. Local.
+    """Context in which FFCx generates the same code in half to two thirds of the time. Local.
 
-    Elements give the same UFL cell each time, instead of a new one, and nodes of an expression
-    are found by their hash, instead of by comparisons with all of them. Two expressions are
-    compared node by node, not once for each way that leads to a node. Python does not look for
-    garbage among the many expressions, which are all in use. Setuptools, which runs the compiler,
-    reads what all installed packages say of themselves once, not seven times for each form. See
-    also `modules_loaded_once`.
+    - Elements return the same UFL cell each time, instead of a new one.
+    - Nodes of an expression are found by hash, not by comparison with all nodes.
+    - Two expressions are compared once per node, not once per path to a node.
+    - The garbage collector of Python is off, as all expressions are in use.
+    - Setuptools, which runs the compiler, reads the metadata of all installed packages once, not
+      seven times for each form.
+
+    See also `modules_loaded_once`.
     """
-    # All releases so far waste this time. Drop what a later one does by itself.
+    # Needed for all releases so far. Remove each part that a later release does itself.
     cells: dict[Any, Any] = {}
     element: Any = getattr(basix.ufl, "_ElementBase", None)
     numberer = _value_numberer()

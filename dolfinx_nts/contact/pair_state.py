@@ -263,7 +263,7 @@ class PairState(Tractions, NodesOfPairs):
         return row, segment, (1 / np.diff(start))[row]
 
     def _by_reverse(self, of_nodes: ForcesOfNodes) -> Floats:
-        """Forces of all passes in which the nodes are segments, see `Tractions`."""
+        """Forces of all opposite passes on the nodes of this pair, see `Tractions`."""
         total, exchange = super()._by_reverse(of_nodes), self.exchange
         comm: MPI.Comm = self.nodes.V.mesh.comm
         if exchange is not None and reductions.anywhere(comm, bool(exchange.history.active.any())):

@@ -189,7 +189,7 @@ class MortarPoints:
 
     @property
     def nodes(self) -> Ints:
-        """No point is a node, see `ContactPoints.nodes`."""
+        """None, as no point is a node."""
         return np.full(len(self.segment), -1, dtype=np.int32)
 
     @property

@@ -70,7 +70,6 @@ class FacetSearch(GlobalSearch):
             self._offer = np.hstack([ids, more]), owners, orientation, key, thickness
 
     def _make(self, found: FoundSegments, others: Ints, x: Floats, reach: float) -> FacetCandidates:
-        """Tell segments and facets apart, see `GlobalSearch`."""
         return FacetCandidates(*self._parted(found))
 
     def _parted(self, found: FoundSegments) -> tuple[FoundSegments, Ints]:
@@ -126,7 +125,7 @@ class MortarSearch(FacetSearch):
         self._around = _hats(near, facets) if near.has_middles else None
 
     def per_area(self, force: Floats, area: Floats) -> Floats:
-        """Divide by the areas of vertices, and go on linearly, see `Search.per_area`."""
+        """Divide by the areas of the vertices, and interpolate to mid-nodes of degree 2."""
         values = np.zeros_like(force)
         carries = area > 0
         values[carries] = (force[carries].T / area[carries]).T
@@ -141,7 +140,6 @@ class MortarSearch(FacetSearch):
     def _make(
         self, found: FoundSegments, others: Ints, x: Floats, reach: float
     ) -> MortarCandidates:
-        """Add the facets, see `GlobalSearch`."""
         X = np.array(found.scatter.forward(self._X))
         wholes = others.reshape(self._shape)
         vertices = (

@@ -91,7 +91,6 @@ class ObstacleCandidates(Candidates):
         return ways._replace(gap=np.where(ways.entered >= 0, gap, np.nan))
 
     def adjacent(self, x: Floats) -> tuple[AdjacentFacets, Floats] | None:
-        """Take the facets of the obstacle, see `Candidates.adjacent`."""
         return self._obstacle.adjacent
 
     def is_at_rim(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:

@@ -19,7 +19,7 @@ __all__ = ["FoundSegments", "SegmentCandidates"]
 
 
 class FoundSegments(NamedTuple):
-    """What a search tells of the segments within reach of this rank's points.
+    """Segments within reach of this rank's points.
 
     Attributes:
         scatter: Map of the nodes that the segments need.
@@ -28,10 +28,10 @@ class FoundSegments(NamedTuple):
         key: Number of each segment, the same on any partition, ascending, ``(s,)``.
         size: Current diameters, shape ``(s,)`` [m].
         thickness: Heights of the cells below the segments, ``(s,)`` [m, reference].
-        weights: Of the nodes of smooth segments, their vertices and those around, in control
-            points, shape ``(s, c, k)``; None of flat segments.
-        rise: Of the same in the way from the mean of each facet to that of its patch, shape
-            ``(s, k)``; None where nothing asks for it.
+        weights: Weights of the nodes of and around each smooth segment in its control points,
+            shape ``(s, c, k)`` [-]; None for flat segments.
+        rise: Weights of the same nodes in the vector from the mean of each facet to the mean of
+            its patch, shape ``(s, k)`` [-]; None where it is not needed.
     """
 
     scatter: NodalScatter
@@ -45,19 +45,18 @@ class FoundSegments(NamedTuple):
 
 
 class SegmentCandidates(Candidates):
-    """Segments of a deformable surface within reach of this rank's points, see `Candidates`.
+    """Segments of a deformable surface within reach of this rank's points.
 
     Args:
         found: The segments.
-        first: Where groups of them begin, and their number, shape ``(g + 1,)``: a point looks
-            among those of one group, see `Facing`; None: there is one group.
+        first: First segment of each group, and the number of segments, shape ``(g + 1,)``. The
+            search of a point is restricted to one group (`Facing`). None for one group.
 
     Attributes:
-        orientation: As of `FoundSegments`.
+        orientation: +1 where a_1 x a_2 points out of the body, otherwise -1, shape ``(s,)``.
     """
 
     def __init__(self, found: FoundSegments, first: Ints | None = None) -> None:
-        """Hand the segments over to the kernel of the local search."""
         self.scatter, self.segments, self.orientation, self.key = found[:4]
         self.size, self._thickness = found[4:6]
         self.passage = passages(self.size, self._thickness)
@@ -67,7 +66,7 @@ class SegmentCandidates(Candidates):
 
     @property
     def sunk(self) -> Floats:
-        """Depth of points that started inside each group, shape ``(g,)`` [m]."""
+        """Initial penetration of points into each group, shape ``(g,)`` [m]."""
         return self._sunk
 
     @sunk.setter
@@ -77,11 +76,10 @@ class SegmentCandidates(Candidates):
 
     @property
     def of_segments(self) -> tuple[Floats, GlobalInts, Floats, Floats]:
-        """Orientation, key, size and thickness of the segments, as of `FoundSegments`."""
+        """Orientation, key, size and thickness of the segments, as in `FoundSegments`."""
         return self.orientation, self.key, self.size, self._thickness
 
     def find(self, key: GlobalInts) -> Ints:
-        """Find the segment of each key, see `Candidates.find`."""
         return self._kernel.find(key)
 
     def pair(
@@ -92,7 +90,6 @@ class SegmentCandidates(Candidates):
         reach: float,
         slack: float = HYSTERESIS,
     ) -> tuple[Ints, Floats]:
-        """Choose a segment for each point, see `Candidates.pair`."""
         found = self._choose(points, x, current, reach, slack)
         return found[0], found[2]
 
@@ -105,7 +102,6 @@ class SegmentCandidates(Candidates):
         numbers: Ints,
         stiffness: Floats,
     ) -> tuple[Ints, Floats, _kernels.Springs]:
-        """Load the springs of nodes inside, see `Candidates.penalty_forces`."""
         segment, xi, gap, normal = self._choose(points, x, current, reach, HYSTERESIS)
         springs = _kernels.penalty_forces(
             numbers, points.nodes, segment, xi, gap, normal, self.segments, self.key, stiffness
@@ -126,23 +122,19 @@ class SegmentCandidates(Candidates):
         return reach
 
     def near(self, points: ContactPoints, x: Floats, reach: float) -> Ints:
-        """Find the points near the boxes around the segments, see `Candidates.near`."""
         return self._kernel.near(points.of(x), reach, x)
 
     def gap(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
-        """Compute the gap of points to given segments, see `Candidates.gap`."""
         x_pair, orientation = self.pairs(points, x, segment), self.orientation.take(segment)
         return _kernels.project(x_pair, orientation)[1]
 
     def contact(
         self, scheme: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints
     ) -> ContactKinematics:
-        """Evaluate gap and force of pairs, see `Candidates.contact`."""
         kernel = getattr(_kernels, f"contact_{scheme}")
         return ContactKinematics(*kernel(*self._both_states(points, x_n, x, segment)))
 
     def slip(self, law: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints) -> Slip:
-        """Evaluate the slip of pairs, see `Candidates.slip`."""
         pairs = self._both_states(points, x_n, x, segment)
         kernel, kind = {
             "objective": (_kernels.slip, Slip),
@@ -152,20 +144,17 @@ class SegmentCandidates(Candidates):
         return kind(*values, frame_n=frame_n, frame=frame, orientation=pairs[2])
 
     def adjacent(self, x: Floats) -> tuple[AdjacentFacets, Floats] | None:
-        """Take the segments of the group of each one, see `Candidates.adjacent`."""
         return self._adjacent, x
 
     def follow(self, points: ContactPoints, x_n: Floats, x: Floats, inside: Ints) -> Trajectories:
-        """Find where points go through segments, see `Candidates.follow`."""
-        ways = points.of(x_n), points.of(x), self._own_rows(points), inside, x_n, x
-        return Trajectories(*self._kernel.follow(*ways, *points.facing.arguments))
+        paths = points.of(x_n), points.of(x), self._own_rows(points), inside, x_n, x
+        return Trajectories(*self._kernel.follow(*paths, *points.facing.arguments))
 
     def _own_rows(self, points: ContactPoints) -> Ints:
-        """Vertex of the segments that each point is, or -1, shape ``(p,)``."""
+        """Vertex of the segments that coincides with each point, or -1, shape ``(p,)``."""
         return np.full(len(points.facing.numbers), -1, dtype=np.int32)
 
     def is_at_rim(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:
-        """Whether points are nearest to the rim of the surface, see `Candidates.is_at_rim`."""
         return is_nearest_a_rim(points.of(x), x, self.segments, segment)
 
     def pairs(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:

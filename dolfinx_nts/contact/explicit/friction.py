@@ -69,7 +69,6 @@ class SpringFriction(Friction):
         lambda_N: Floats,
         dt: float,
     ) -> dict[str, Any]:
-        """Add friction, see `Friction.add_to`."""
         state, law, node, old = self._state, self._law, springs.node, self._state.history
         assert state.eps_T is not None
         eps_T = state.eps_T[node]

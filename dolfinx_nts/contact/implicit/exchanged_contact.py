@@ -66,7 +66,7 @@ class ExchangedContact(MultiplierContact):
         return self._eligible
 
     def renew(self, x: Floats, *, moved: bool) -> int:
-        """Let vertices be held that the step has sunk into faces, see `NormalContact`."""
+        """Activate vertices that have penetrated faces within the step."""
         search, candidates = self._search, self._candidates
         node = self._barred.nonzero()[0].astype(np.int32)
         points, current = search.points.take(node), search.segment[node]

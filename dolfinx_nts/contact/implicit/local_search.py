@@ -1,4 +1,4 @@
-"""Local search: which candidate each contact point faces, in one attempt at a step."""
+"""Local search: the candidate segment of each contact point, in one attempt at a step."""
 
 from typing import NamedTuple
 
@@ -28,42 +28,42 @@ __all__ = [
     "sunk",
 ]
 
-# How often a node may change its segment in a step, after which it stays with the last one.
+# Number of changes of the segment of a node in a step, after which it keeps the last one.
 _MOST_MOVES = 2
-# How far beyond the edge of its segment, in sizes of it [-], a node without inertia may be in
-# equilibrium: in a dent it is below the next segment there.
+# Largest distance of a node without inertia from its segment in equilibrium, tangential and
+# relative to the size of the segment [-]. In a dent such a node is below the next segment.
 STATIC_OVERHANG = 0.06
-# Reach of the search in ways of the fastest node [-]: both surfaces may move, and Newton
-# iterates overshoot.
-_WAYS = 3
+# Reach of the search relative to the largest displacement increment of the trial motion [-]: both
+# surfaces may move, and Newton iterates overshoot.
+_REACH = 3
 
 
-def may_face(state: PairState | JointState, x_n: Floats, way: float) -> bool:
-    """Whether nodes of a pair may face anything in a step, or did so in the last one. Collective.
+def may_face(state: PairState | JointState, x_n: Floats, increment: float) -> bool:
+    """Whether nodes of a pair may have a segment in a step, or had one in the last. Collective.
 
-    Nothing becomes of others in a step with inertia: they need no attempt.
+    Other pairs have no contact in a step with inertia, and need no attempt.
 
     Args:
         state: State of the contact pair, or of several.
         x_n: Accepted positions of the local nodes of the space, owned and ghost, ``(l, 3)``
             [m].
-        way: Longest way of a node in the ballistic step, the same on all ranks [m].
+        increment: Largest ballistic displacement increment of a node, the same on all ranks [m].
     """
     near = isinstance(state, JointState) or state.search.is_near(
-        x_n, (_WAYS + 1) * way + _kernels.DEEPEST * state.longest_segment + state.search.sunk
+        x_n, (_REACH + 1) * increment + _kernels.DEEPEST * state.longest_segment + state.search.sunk
     )
     comm: MPI.Comm = state.nodes.V.mesh.comm
     return reductions.anywhere(comm, near or bool(np.any(state.history.key != -1)))
 
 
 class Approach(NamedTuple):
-    """Where nodes would go without contact, and what they would meet there.
+    """Segments and gaps of the nodes in the ballistic state, without contact forces.
 
     Attributes:
-        segment: Segment that the ballistic state meets, or that at t_n; -1 without, ``(n,)``.
+        segment: Segment in the ballistic state, or else at t_n; -1 without, shape ``(n,)``.
         gap_n: Gap to it at t_n, NaN without, shape ``(n,)`` [m].
-        gap: Gap of the ballistic state, shape ``(n,)`` [m].
-        x: Positions in that state of the nodes that the candidates know, shape ``(l, 3)`` [m].
+        gap: Gap to it in the ballistic state, shape ``(n,)`` [m].
+        x: Ballistic positions of the nodes of the candidates' map, shape ``(l, 3)`` [m].
     """
 
     segment: Ints
@@ -73,9 +73,9 @@ class Approach(NamedTuple):
 
 
 class LocalSearch:
-    """Nodes of contact pairs and the segments that they face. Collective; its methods are local.
+    """Segments of the nodes of contact pairs. Collective; its methods are local.
 
-    Positions are those in the frame of the search of the pair, but for those of the arguments.
+    Attributes are in the frame of the search of the pair, arguments of the constructor in space.
 
     Args:
         state: State of the contact pair, or of several.
@@ -85,37 +85,36 @@ class LocalSearch:
 
     Attributes:
         candidates: Candidates in reach.
-        points: Contact points of the nodes, which face what they do at t_n.
+        points: Contact points of the nodes, with the outward normals at t_n.
         reach: Largest gap of interest [m].
-        x_n: Positions at t_n of the nodes that the candidates know.
+        x_n: Positions at t_n of the nodes of the candidates' map.
         last: Segment of each node in the last step or -1, shape ``(n,)``.
         start: Segment of each node at t_n or -1, ``(n,)``, and gap to it, NaN without, ``(n,)``
             [m].
         segment: Segment of each node now or -1, shape ``(n,)``.
         gap: Gap to the segment now, NaN without, shape ``(n,)`` [m].
-        approach: What the nodes would meet without contact.
-        caught: Nodes that would pass a segment on the trial motion, shape ``(n,)``.
-        pairing: Evaluates nodes and what they face.
+        approach: Segments and gaps in the ballistic state.
+        caught: Nodes that would pass through a segment in the trial motion, shape ``(n,)``.
+        pairing: Evaluation of nodes and their segments.
         shared: Segments of the nodes that are equally near to several.
     """
 
     _overhang: float = _kernels.OVERHANG
-    # How far off one of its segments a node in equilibrium still has all of them, in sizes of it
-    # [-]: a step is short, and the next one begins with the nearest segment.
+    # Largest distance from one of its segments at which a node in equilibrium keeps all of them,
+    # relative to their size [-]. A step is short, and the next one starts with the nearest segment.
     _sharing: float = _kernels.OVERHANG
 
     def __init__(self, state: PairState | JointState, x_n: Floats, x_trial: Floats) -> None:
-        """Find the candidates, the segments at t_n and those of the ballistic state."""
         comm: MPI.Comm = state.nodes.V.mesh.comm
         for member in members(state):
             member.rise()
         frame = state.search.frame
         x_n, x_trial = frame.at_start(x_n), frame.at_end(x_trial)
-        # Longest way of a node in the ballistic step.
-        self._way: float = reductions.largest(comm, _kernels.farthest(x_trial, x_n))
-        # Nodes down to some depth still belong to their segments.
+        # Largest ballistic displacement increment of a node [m].
+        self._increment: float = reductions.largest(comm, _kernels.farthest(x_trial, x_n))
+        # Nodes down to this depth keep their segments.
         deepest = _kernels.DEEPEST * state.longest_segment + state.search.sunk
-        self.reach = _WAYS * self._way + deepest
+        self.reach = _REACH * self._increment + deepest
         reach = self.reach + self._beyond(state.pair)
         self.candidates, _ = candidates, _ = state.search.update(x_n, reach)
         self.points = points = state.facets.points(x_n)
@@ -130,7 +129,7 @@ class LocalSearch:
         self.last = candidates.find(last)
         self.start = segment_n, gap = candidates.pair(points, self.x_n, self.last, self.reach)
         if self._shares:
-            # Of several segments none was the right one: they are found again.
+            # Nodes with several segments are assigned again, to the nearest ones.
             several = state.history.shared.nonzero()[0].astype(np.int32)
             before = self.last.copy()
             before[several] = -1
@@ -141,10 +140,10 @@ class LocalSearch:
         several = (self.shared.many & (met >= 0)).nonzero()[0].astype(np.int32)
         gap_trial[several] = pairing.gaps(trial, several, met[several])
         met[several] = segment_n[several]
-        # Nodes that would be too deep to be found: they face what they enter.
+        # Nodes that would be too deep to be found are assigned to the segment that they enter.
         self.caught: Flags = np.zeros(len(met), dtype=bool)
         self._catch(trial, met, gap_trial)
-        # The gap at t_n counts on the segment that the ballistic state meets.
+        # The gap at t_n is the gap to the segment in the ballistic state.
         gap_n = gap.copy()
         moved = ((met >= 0) & (met != segment_n)).nonzero()[0].astype(np.int32)
         if len(moved):
@@ -155,21 +154,21 @@ class LocalSearch:
         self._moves: Ints = np.zeros(len(self.segment), dtype=np.int32)
 
     def _catch(self, trial: Floats, met: Ints, gap_trial: Floats) -> None:
-        """Let nodes that would pass a segment meet it: change what they meet, and the gap."""
-        if self._way <= self.candidates.passage.min(initial=np.inf) / 2:
+        """Assign nodes that would pass through a segment to it: set ``met`` and ``gap_trial``."""
+        if self._increment <= self.candidates.passage.min(initial=np.inf) / 2:
             return
-        node = (~(self.start[1] > 2 * self._way)).nonzero()[0].astype(np.int32)
+        node = (~(self.start[1] > 2 * self._increment)).nonzero()[0].astype(np.int32)
         none = np.full(len(node), -1, dtype=np.int32)
-        ways = self.candidates.follow(self.points.take(node), self.x_n, trial, none)
-        caught = ways.passes(self.candidates.size) | ((ways.entered >= 0) & (met[node] < 0))
-        met[node[caught]], gap_trial[node[caught]] = ways.entered[caught], ways.gap[caught]
+        paths = self.candidates.follow(self.points.take(node), self.x_n, trial, none)
+        caught = paths.passes(self.candidates.size) | ((paths.entered >= 0) & (met[node] < 0))
+        met[node[caught]], gap_trial[node[caught]] = paths.entered[caught], paths.gap[caught]
         self.caught[node[caught]] = True
 
     def _find_again(self, x: Floats, node: Ints, segment: Ints, gap: Floats) -> Flags:
-        """Find the nearest segments of some nodes again, among those that go on from theirs.
+        """Find the nearest segments of some nodes again, among the neighbours of their segments.
 
-        Arguments are positions, the nodes, shape ``(m,)``, and segments and gaps of all, which
-        are changed. Returns which nodes have a segment that was found again, shape ``(m,)``.
+        Arguments are positions, the nodes, shape ``(m,)``, and segments and gaps of all nodes,
+        which are changed. Returns flags of the nodes with a new segment, shape ``(m,)``.
         """
         candidates = self.candidates
         none = np.full(len(node), -1, dtype=np.int32)
@@ -177,17 +176,17 @@ class LocalSearch:
             return none >= 0
         found, there = candidates.pair(self.points.take(node), x, none, self.reach)
         adjacent, _ = self._adjacent(x)
-        goes_on: Flags = (found >= 0) & (segment[node] >= 0)
-        own = node[goes_on]
-        goes_on[goes_on] = adjacent.have_common_vertices(segment[own], found[goes_on])
-        segment[node[goes_on]], gap[node[goes_on]] = found[goes_on], there[goes_on]
-        return goes_on
+        is_next: Flags = (found >= 0) & (segment[node] >= 0)
+        own = node[is_next]
+        is_next[is_next] = adjacent.have_common_vertices(segment[own], found[is_next])
+        segment[node[is_next]], gap[node[is_next]] = found[is_next], there[is_next]
+        return is_next
 
     def _share(self, x: Floats, node: Ints, before: Ints, found: Ints, gap: Floats) -> None:
-        """Let nodes whose segment was found just now have all that are as near.
+        """Assign all equally near segments to the nodes whose segment is new.
 
-        Arguments are positions, and of ``m`` nodes their numbers, their segments before, those
-        that were found, and gaps, which become means.
+        Arguments are positions, and for ``m`` nodes their numbers, old segments, new segments,
+        and gaps. The gaps of nodes with several segments are replaced by means.
         """
         (new,) = (found != before).nonzero()
         if not len(new):
@@ -201,7 +200,7 @@ class LocalSearch:
         gap[several] = self.pairing.gaps(x, node[several], found[several])
 
     def _slid(self, x: Floats, node: Ints, slack: float) -> Ints:
-        """Nodes among some, ``(m,)``, that are farther than slack off one of their segments."""
+        """Select the nodes, of ``(m,)``, that are farther than slack from one of their segments."""
         if np.isinf(slack) or not self.shared.many[node].any():
             return node[:0]
         slack = min(slack, self._sharing)
@@ -213,25 +212,25 @@ class LocalSearch:
         return slid
 
     def _adjacent(self, x: Floats) -> tuple[AdjacentFacets, Floats]:
-        """Facets that may share nodes, see `Candidates.adjacent`; there are some."""
+        """Facets that may share nodes, as of `Candidates.adjacent`, which must not return None."""
         found = self.candidates.adjacent(x)
         assert found is not None
         return found
 
     @staticmethod
     def _beyond(pair: ContactPair) -> float:
-        """How much farther than the reach there must be candidates [m]."""
+        """Additional reach of the candidates [m]."""
         return 0.0
 
     @property
     def may_close(self) -> Flags:
         """Nodes whose gap may close within the step, shape ``(n,)``."""
-        flags: Flags = np.fmin(self.approach.gap_n, self.approach.gap) < self._way
+        flags: Flags = np.fmin(self.approach.gap_n, self.approach.gap) < self._increment
         return flags
 
     @property
     def touches(self) -> Flags:
-        """Nodes that lie on their segments at t_n, but for round-off, shape ``(n,)``."""
+        """Nodes on their segments at t_n, up to round-off, shape ``(n,)``."""
         size = self.candidates.size
         # Without candidates no node has a segment.
         size = size.take(self.approach.segment, mode="wrap") if len(size) else np.ones(1)
@@ -239,13 +238,19 @@ class LocalSearch:
         return flags
 
     def find(self, x: Floats, node: Ints, iteration: int) -> tuple[Ints, Flags]:
-        """Find the segments of nodes in an iterate, and whether they are others than before.
+        """Find the segments of nodes in an iterate.
 
-        What iterates would choose depends on how the linear systems were solved, and with it on
-        the partition: nodes stay with the segments of the start, continued beyond their edges,
-        until equilibrium (`reproject`). ``x`` are positions with ghosts, shape ``(l, 3)`` [m],
-        ``node`` positions among the surface's nodes, shape ``(m,)``, ``iteration`` counts
-        Newton iterations from 0. Returns segments, -1 without, and flags.
+        Nodes keep the segments of the start, extended beyond their edges, until equilibrium
+        (`reproject`). A choice by iterates would depend on the accuracy of the linear solutions,
+        and so on the partition.
+
+        Args:
+            x: Positions with ghosts, shape ``(l, 3)`` [m].
+            node: Indices of nodes of the surface, shape ``(m,)``.
+            iteration: Number of the Newton iteration, from 0.
+
+        Returns:
+            The segments, -1 without, and flags of the nodes whose segment has changed.
         """
         segment, moved = self._find(x, node, np.inf if iteration else _kernels.HYSTERESIS)
         if iteration:
@@ -253,11 +258,16 @@ class LocalSearch:
         return segment, moved
 
     def reproject(self, x: Floats, node: Ints, held: Flags, converged: bool) -> tuple[int, bool]:
-        """Find the segments of nodes in equilibrium, see `find`. Collective.
+        """Find the segments of nodes in equilibrium. Collective.
 
-        ``held`` tells which of the nodes transmit force, shape ``(m,)``, ``converged`` whether
-        this is equilibrium, and not a state near it. Returns how many changed on this rank, and
-        whether the nodes have other contact points.
+        Args:
+            x: Positions with ghosts, shape ``(l, 3)`` [m].
+            node: Indices of nodes of the surface, shape ``(m,)``.
+            held: Flags of the nodes that transmit force, shape ``(m,)``.
+            converged: Whether this is an equilibrium, and not a state near one.
+
+        Returns:
+            The number of changed segments on this rank, and whether the contact points changed.
         """
         self._moves[self._left_inside(x, node[~held])] = _MOST_MOVES - 1
         _, moved = self._find(x, node, self._overhang)
@@ -265,11 +275,11 @@ class LocalSearch:
         return int(np.count_nonzero(moved)), False
 
     def _left_inside(self, x: Floats, node: Ints) -> Ints:
-        """Restless nodes that the step has brought into what they face now, unseen. Local.
+        """Select nodes with a fixed segment that penetrate another one. Local.
 
-        What they stay with may be any segment that iterates were near, or none. Of the nodes
-        that transmit no force these are those for which that is wrong: they are inside of the
-        segment which they would have else, and deeper than at t_n.
+        A node that has changed its segment too often keeps any segment that iterates were near,
+        or none. This is wrong for nodes without force that are inside the segment which they
+        would have otherwise, and deeper than at t_n.
         """
         node = node[self._moves[node] >= _MOST_MOVES]
         if not len(node):
@@ -279,10 +289,10 @@ class LocalSearch:
         return others
 
     def go_on_from(self, other: "LocalSearch") -> None:
-        """Begin with the segments at the end of another attempt at the same step.
+        """Start with the segments at the end of another attempt at the same step.
 
-        Where they are not in reach any more they are those of this attempt. Contact points that
-        do not follow their nodes are chosen where positions without contact want them.
+        Segments that are not in reach any more are replaced by the ones of this attempt. Contact
+        points that do not follow their nodes are chosen at the positions without contact.
         """
         if not self.pairing.follows:
             return
@@ -301,7 +311,7 @@ class LocalSearch:
         self.shared.replace(nodes.astype(np.int32), row, segment)
 
     def _find(self, x: Floats, node: Ints, slack: float) -> tuple[Ints, Flags]:
-        """Segments of nodes; whether they are others than before."""
+        """Find segments of nodes, and flags of those that have changed."""
         before = self.segment[node]
         free, current = node, before
         if self._moves.max(initial=0) >= _MOST_MOVES:
@@ -327,40 +337,40 @@ class LocalSearch:
                 segment = self.segment[node]
                 moved |= np.isin(node, renewed)
             self._share(x, free, current, found, gap)
-            # Also of nodes that stay with their segments.
+            # Including nodes that keep their segments.
             several = node[self.shared.many[node]]
             self.gap[several] = self.pairing.gaps(x, several, self.segment[several])
         return segment, moved
 
     def _count(self, node: Ints, moved: Flags) -> None:
-        """Count changes of the segment, node by node."""
+        """Count the changes of the segment of each node."""
         if moved.any():
             self._moves[node] += moved
 
     @property
     def restless(self) -> Flags:
-        """Nodes that have changed their segment too often, shape ``(n,)``."""
+        """Nodes that have changed their segment too often and keep it, shape ``(n,)``."""
         flags: Flags = self._moves >= _MOST_MOVES
         return flags
 
 
 class StaticSearch(LocalSearch):
-    """Nodes without inertia, which slide over edges where these are, see `LocalSearch`."""
+    """Local search without inertia: nodes change their segment at its edges."""
 
     _overhang = STATIC_OVERHANG
-    # A static step is long: a node that has left the edge between its segments shares them no
-    # more, by the tolerance at the start of a step.
+    # A static step is long: a node that has left the edge between its segments no longer shares
+    # them, with the tolerance of the start of a step.
     _sharing = _kernels.HYSTERESIS
 
 
 def sunk(search: LocalSearch, x: Floats, node: Ints, least: float) -> tuple[Ints, Ints, Floats]:
-    """Find those of some nodes that a step has brought into the segments that they meet. Local.
+    """Select the nodes that have penetrated their segments within the step. Local.
 
     Args:
-        search: What the nodes face.
+        search: Local search of the nodes.
         x: Positions with ghosts at the end of the step, shape ``(l, 3)`` [m].
-        node: Positions among the surface's nodes, shape ``(m,)``.
-        least: By how much they are deeper than at t_n, relative to the segment's size [-].
+        node: Indices of nodes of the surface, shape ``(m,)``.
+        least: Least increase of the depth since t_n, relative to the segment's size [-].
 
     Returns:
         The nodes, their segments there, and the gaps to these [m].
@@ -376,6 +386,6 @@ def sunk(search: LocalSearch, x: Floats, node: Ints, least: float) -> tuple[Ints
 
 
 def _may_share(pair: ContactPair) -> bool:
-    """Whether nodes may have several segments: not where they keep one, or none is theirs."""
+    """Whether nodes may have several segments: node-to-segment contact where they change them."""
     alone = isinstance(pair.enforcement, Tied) or pair.is_convective or is_resolved(pair)
     return pair.method == NODES and not (alone or pair.touches_itself)

@@ -1,4 +1,4 @@
-"""Evaluation of nodes whose multipliers act on the contact points around them (mortar)."""
+"""Evaluation of mortar contact: multipliers of nodes act on the contact points around them."""
 
 import numpy as np
 
@@ -15,18 +15,18 @@ from dolfinx_nts.search.mortar_search import MortarCandidates
 
 __all__ = ["MortarPairing", "PointBlocks"]
 
-# How far beyond an edge of its segment a point may slide, in coordinates of the reference segment.
+# Largest distance of a point from its segment, in coordinates of the reference segment [-].
 _BEYOND = _kernels.OVERHANG
 
 
 class MortarPairing(Pairing):
-    """Nodes and the contact points around them, see `Pairing`.
+    """Nodes and the contact points around them.
 
     Args:
-        candidates: Facets of the points, and segments that the points may face.
+        candidates: Facets of the points, and their candidate segments.
         points: Contact points of all nodes of the surface.
         x_n: Positions at t_n, shape ``(l, 3)`` [m].
-        x_chosen: Those at which the points were chosen.
+        x_chosen: Positions for which the points were chosen, of the same shape [m].
 
     Attributes:
         x_chosen: The argument.
@@ -41,23 +41,22 @@ class MortarPairing(Pairing):
         x_n: Floats,
         x_chosen: Floats,
     ) -> None:
-        """Take what does not change in the step."""
         self.x_chosen = x_chosen
         self.area = points.shares.area
         self.reached = np.concatenate([candidates.facets.wholes.ravel(), candidates.wholes.ravel()])
         self._candidates, self._points, self._x_n = candidates, points, x_n
-        # Nodes of the last call, and their points.
+        # Nodes of the last call, and their points: most calls have the same nodes.
         self._last: tuple[Ints, MortarPoints] | None = None
-        # Points that were evaluated last, the positions of then, and these points with their
-        # facets at t_n and there.
+        # Points and positions of the last evaluation, and the positions of the points and their
+        # facets at t_n and in that state.
         self._evaluated: MortarPoints | None = None
         nowhere: Floats = np.empty((0, 3))
         self._x, self._pairs_n, self._pairs = nowhere, nowhere, nowhere
-        # Frames of their nodes, from the first slip on.
+        # Frames of the nodes, computed with the first slip.
         self._frames: NodalFrames | None = None
 
     def _of(self, node: Ints) -> MortarPoints:
-        """Points of nodes, which are mostly those of the last call."""
+        """Contact points of nodes."""
         if len(node) == len(self.area):
             return self._points
         if self._last is None or not same_numbers(node, self._last[0]):
@@ -65,7 +64,6 @@ class MortarPairing(Pairing):
         return self._last[1]
 
     def gaps(self, x: Floats, node: Ints, segment: Ints) -> Floats:
-        """Mean distances of the points, see `Pairing.gaps`."""
         points = self._of(node)
         gap = self._candidates.gap(points, x, points.segment) + points.offset
         return points.shares.mean(gap)
@@ -73,7 +71,6 @@ class MortarPairing(Pairing):
     def kinematics(
         self, scheme: str, x: Floats, node: Ints, segment: Ints, free: Floats | None
     ) -> PairKinematics:
-        """Evaluate the points of the nodes, see `Pairing.kinematics`."""
         points, candidates = self._of(node), self._candidates
         ends = self._ends(points, x)
         contact = candidates.contact_between(scheme, *ends, points.segment)
@@ -83,7 +80,6 @@ class MortarPairing(Pairing):
         return PairKinematics(node, segment, unknown, mean, blocks)
 
     def slip(self, law: str, x: Floats, node: Ints, segment: Ints) -> Slip:
-        """Sum up the slip of points, see `Pairing.slip`."""
         points = self._of(node)
         slip = self._candidates.slip_between(*self._ends(points, x), points.segment)
         if self._frames is None:
@@ -91,7 +87,7 @@ class MortarPairing(Pairing):
         return MortarSlip(points, slip, self._frames)
 
     def _ends(self, points: MortarPoints, x: Floats) -> tuple[Floats, Floats]:
-        """Points with their facets at t_n and in an iterate, ``(p, 1+n, 3)`` [m]."""
+        """Positions of points and facets at t_n and at x, shapes ``(p, 1+n, 3)`` [m]."""
         pairs, segment = self._candidates.pairs, points.segment
         if points is not self._evaluated:
             self._evaluated, self._frames = points, None
@@ -102,7 +98,7 @@ class MortarPairing(Pairing):
         return self._pairs_n, self._pairs
 
     def on_nodes(self, pairs: PairKinematics, force: Floats) -> Floats:
-        """Sum up what all multipliers do to the facets around, see `Pairing.on_nodes`."""
+        """Sum the forces of all multipliers on the facets around the nodes."""
         facets, scatter = self._candidates.facets, self._candidates.scatter
         on_facet = np.zeros(scatter.num_local, dtype=bool)
         on_facet[facets.wholes] = True
@@ -112,20 +108,19 @@ class MortarPairing(Pairing):
         return total[facets.nodes]
 
     def is_same(self, pairs: PairKinematics) -> Flags:
-        """All: no node has a segment of its own, see `Pairing.is_same`."""
+        """True for all, as no node has a segment of its own."""
         return np.ones(len(pairs.node), dtype=bool)
 
     def num_beyond(self, x: Floats, node: Ints) -> int:
-        """Count points that have left their segments, see `Pairing.num_beyond`."""
         outside = self._outside(x, node)
         if not (outside > _BEYOND).any():
             return 0
-        # A point may be outside from the start, where facet and segment are not parallel.
+        # Where facet and segment are not parallel, a point may be outside from the start.
         before = np.fmax(self._outside(self.x_chosen, node), 0.0)
         return int(np.count_nonzero(outside > before + _BEYOND))
 
     def _outside(self, x: Floats, node: Ints) -> Floats:
-        """How far the points of nodes are outside of the reference segment, shape ``(p,)``."""
+        """Distances of the points of nodes from the reference segment, shape ``(p,)`` [-]."""
         xi = self.places(x, node)
         is_triangle = self._candidates.segments.shape[1] == 3
         farthest = xi.sum(axis=1) if is_triangle else xi.max(axis=1, initial=-np.inf)
@@ -133,13 +128,13 @@ class MortarPairing(Pairing):
         return outside
 
     def places(self, x: Floats, node: Ints) -> Floats:
-        """Coordinates of the points of nodes on the facets below, shape ``(p, 2)``."""
+        """Convective coordinates of the points of nodes on their segments, ``(p, 2)`` [-]."""
         points = self._of(node)
         return self._candidates.places(points, x, points.segment)
 
 
 class PointBlocks(PairBlocks):
-    """One block for the points of a facet on a segment; multipliers of neighbours are coupled.
+    """Blocks of the points of one facet on one segment, which couple neighbouring multipliers.
 
     Args:
         points: Contact points of the pairs' nodes.
@@ -149,7 +144,7 @@ class PointBlocks(PairBlocks):
         tangent: Derivative of the forces of the points, shape ``(p, 3 (1+k), 3 (1+k))`` [1/m].
 
     Attributes:
-        given_up: Displacements that the nodes give up.
+        given_up: Eliminated displacements of the nodes.
     """
 
     may_overlap = True
@@ -161,24 +156,20 @@ class PointBlocks(PairBlocks):
         free: Floats | None,
         tangent: Floats,
     ) -> None:
-        """Take nodes of facets and segments as those of the blocks."""
         self._points, self._tangent = points, tangent
         self._scatter, self._free = candidates.scatter, free
         self.dofs, self.nodes = points.lists, points.patch_nodes
         self.given_up = GivenUp(candidates, free, self.dofs)
 
     def tangent(self, lambda_N: Floats) -> Floats:
-        """Scale blocks by what all multipliers do at a point, see `PairBlocks.tangent`."""
         force = self._points.shares.spread(lambda_N, len(self._tangent))
         return self._points.blocks(force, self._tangent)
 
     def of(self, active: Flags) -> Ints:
-        """Blocks with points of active nodes, see `PairBlocks.of`."""
         shares = self._points.shares
         return np.unique(self._points.patch[shares.point[active[shares.node]]])
 
     def restrict(self, force: Floats, tangent: Floats) -> Floats:
-        """Clear what is given, see `PairBlocks.restrict`."""
         if self._free is None:
             return force
         free = self._free[self.nodes].reshape(tangent.shape[:2])
@@ -186,7 +177,6 @@ class PointBlocks(PairBlocks):
         return force * self._free[self.dofs].reshape(force.shape)
 
     def gathered(self, force: Floats) -> Floats:
-        """Sum up what forces do along what the nodes give up, see `PairBlocks.gathered`."""
         return self.given_up.gather(force)
 
     def balance(
@@ -197,7 +187,6 @@ class PointBlocks(PairBlocks):
         rank: Ints,
         friction: tuple[Floats, Floats] | None,
     ) -> Floats:
-        """Solve for all multipliers at once, see `PairBlocks.balance`."""
         if friction is not None:
             known, direction = friction
             tractions = np.einsum("mi,mid->md", known, columns[:, 1:])
@@ -208,7 +197,7 @@ class PointBlocks(PairBlocks):
         system = self.given_up.system(rank, columns, normal, transposed=True)
         solution = system.solve(-np.einsum("mi,mci->mc", force, system.directions))
         multipliers = np.zeros((len(rank), 3))
-        # Where there is no solution the whole linear system gives one.
+        # Without a solution here, the whole linear system determines the multipliers.
         multipliers[:, : solution.shape[1]] = np.where(np.isfinite(solution), solution, 0.0)
         return multipliers
 
@@ -221,17 +210,16 @@ class PointBlocks(PairBlocks):
         farthest: Floats,
         u: Floats,
     ) -> None:
-        """Solve for all ways at once, see `PairBlocks.close_gaps`."""
         rank = held.astype(np.int32)
         system = self.given_up.system(rank, gradients, normal)
-        way = system.solve(gap[:, None])[:, 0]
-        # Neither where it is not a number.
-        near = held & (np.where(np.isnan(way), np.inf, np.abs(way)) <= farthest)
-        way = -np.where(near, way, 0.0)[:, None] * normal
-        self.given_up.move(way[:, : u.shape[1]], u)
+        distance = system.solve(gap[:, None])[:, 0]
+        # A singular system has no finite solution: such nodes do not move.
+        near = held & (np.where(np.isnan(distance), np.inf, np.abs(distance)) <= farthest)
+        increment = -np.where(near, distance, 0.0)[:, None] * normal
+        self.given_up.move(increment[:, : u.shape[1]], u)
 
 
 def _of_nodes(points: MortarPoints, contact: ContactKinematics) -> ContactKinematics:
-    """Sum up kinematics of points to those of their nodes; tangents stay those of the points."""
+    """Kinematics of nodes as sums over their points; tangents remain per point."""
     gap_n, gap, force, gradient, turn = at_nodes(points, contact)
     return ContactKinematics(gap_n, gap, force, gradient, contact.tangent, turn)

@@ -57,7 +57,7 @@ class MortarSlip(Slip):
         super().__init__(value, *rows, **kept)
 
     def hessian(self, t: Floats) -> Floats:
-        """Second derivative of slips of points, ``(b, 3 k, 3 k)``, see `PairBlocks`."""
+        """Second derivative of the slips of the points, shape ``(b, 3 k, 3 k)`` [N/m]."""
         points, (w, b) = self._points, self._slip.second
         of_points = _kernels.spread_tractions(*self._of_shares, t, len(w))
         to = points.phi, points.patch, len(points.patch_nodes)

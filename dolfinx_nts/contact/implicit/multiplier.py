@@ -118,7 +118,6 @@ class MultiplierContact(NormalContact):
         return len(node)
 
     def may_hold(self, node: Ints, gap_n: Floats, gap: Floats) -> Flags | bool:
-        """Whether the law lets nodes touch by gaps at both ends, see `NormalContact.may_hold`."""
         if not self._holds:
             return True
         size, active = self._state.segment_sizes[node], self._state.history.active[node]

@@ -101,7 +101,6 @@ class NodePairing(Pairing):
         self.shared = SharedSegments(len(history.key))
 
     def gaps(self, x: Floats, node: Ints, segment: Ints) -> Floats:
-        """Distances from the segments, see `Pairing.gaps`."""
         if not self.shared.many[node].any():
             return self._candidates.gap(self._points.take(node), x, segment)
         row, segment, start = self.shared.entries(node, segment)
@@ -111,7 +110,6 @@ class NodePairing(Pairing):
     def kinematics(
         self, scheme: str, x: Floats, node: Ints, segment: Ints, free: Floats | None
     ) -> PairKinematics:
-        """Evaluate each node and its segment, see `Pairing.kinematics`."""
         if self.shared.many[node].any():
             return self._shared_kinematics(scheme, x, node, segment, free)
         points = self._points.take(node)
@@ -122,7 +120,6 @@ class NodePairing(Pairing):
         return PairKinematics(node, segment, unknown, contact, blocks)
 
     def slip(self, law: str, x: Floats, node: Ints, segment: Ints) -> Slip:
-        """Evaluate each node and its segment, see `Pairing.slip`."""
         if not self.shared.many[node].any():
             points = self._points.take(node)
             return self._candidates.slip(law, points, self._x_n, x, segment)
@@ -133,7 +130,7 @@ class NodePairing(Pairing):
     def _shared_kinematics(
         self, scheme: str, x: Floats, node: Ints, segment: Ints, free: Floats | None
     ) -> PairKinematics:
-        """Sum up the segments of each node, see `Pairing.kinematics`."""
+        """Sum the kinematics of all segments of each node."""
         nodal, shared = self._shared(node, segment)
         contact = self._candidates.contact(scheme, nodal, self._x_n, x, shared.segment)
         gap_n, gap, force, gradient, turn = at_nodes(shared, contact)
@@ -160,13 +157,12 @@ class NodePairing(Pairing):
         return nodal, shared_points(self._points.nodes[node], dofs, segment, start)
 
     def on_nodes(self, pairs: PairKinematics, force: Floats) -> Floats:
-        """Take the force on each node of a pair, see `Pairing.on_nodes`."""
         total = np.zeros((len(self._history.key), 3))
         total[pairs.node] = force[:, :3]
         return total
 
     def is_same(self, pairs: PairKinematics) -> Flags:
-        """Compare keys of segments, of all where there are several, see `Pairing.is_same`."""
+        """Compare the keys of all segments of a node."""
         last, key = self._history, self._candidates.key
         same: Flags = last.key[pairs.node] == key[pairs.segment]
         if self.shared.many.any() or last.shared.any():
@@ -174,5 +170,5 @@ class NodePairing(Pairing):
         return same
 
     def num_beyond(self, x: Floats, node: Ints) -> int:
-        """Return 0, as nodes follow their segments, see `Pairing.num_beyond`."""
+        """Return 0, as nodes follow their segments."""
         return 0

@@ -53,18 +53,15 @@ class SharedBlocks(OwnBlocks):
         self._of_points = None if unknown is None else unknown[1]
 
     def tangent(self, lambda_N: Floats) -> Floats:
-        """Share the multipliers, see `PairBlocks.tangent`."""
         factor = self._points.shares.spread(lambda_N, len(self.nodes))
         blocks: Floats = factor[:, None, None] * self._tangent
         return blocks
 
     def of(self, active: Flags) -> Ints:
-        """Blocks of the nodes of active pairs, see `PairBlocks.of`."""
         shares = self._points.shares
         return shares.point[active[shares.node]]
 
     def restrict(self, force: Floats, tangent: Floats) -> Floats:
-        """Clear what is given, see `PairBlocks.restrict`."""
         if self._free is None or self._of_points is None:
             return force
         tangent *= self._of_points[:, :, None] * self._of_points[:, None, :]

@@ -93,7 +93,6 @@ class RigidSurface(Obstacle):
 
     @property
     def adjacent(self) -> tuple[AdjacentFacets, Floats]:
-        """All facets, see `Obstacle.adjacent`."""
         return self._adjacent, self._points
 
     def _shortest_passage(self) -> float:
