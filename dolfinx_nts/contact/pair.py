@@ -85,9 +85,9 @@ class ContactPair(Declaration):
             not detect crossing edges.
         name: Name in columns and legends; empty for the names of the two sides.
         exchange: Whether node-to-segment contact with multipliers also holds vertices on convex
-            edges and corners of the segments, see `exchange_roles`: where one sinks deeper than a
-            hundredth of a facet between the nodes, it becomes a node and the facets around it
-            become segments, with the same laws. False is the method of the paper. None: with
+            edges and corners of the segments: where one sinks deeper than a hundredth of a facet
+            between the nodes, it becomes a node and the facets around it become segments, with the
+            same laws. False is the method of the paper. None: with
             inertia alone, as in statics constraints of both sides may let a soft surface buckle.
 
     Attributes:

@@ -19,14 +19,14 @@ class Scheme:
         stress: Function ``stress(material, parameters, F_n, F)`` that returns the first
             Piola-Kirchhoff stress of a step [Pa], UFL (3, 3), from the material parameters as
             constants and the deformation gradients at both ends of the step, UFL (3, 3).
-        rates: Factory of the `Rates`, the relation of velocities to displacements.
+        rates: Factory of the ``Rates``, the relation of velocities to displacements.
         stress_share: Weight of the end of the step in the stress and in the forces of springs [-]:
             1/2 for midpoint-type schemes, 1 for implicit Euler.
         load_point: Time of the loads and of the constraint forces of rigid bodies, from 0 at the
             start of a step to 1 at its end [-].
         loads_at: Displacement at which loads act: interpolated at their time (``"mean"``), or at
             the end of the step (``"end"``).
-        resolves_impact: Whether nodes may be massless, see `ResolvedImpact`.
+        resolves_impact: Whether nodes may be massless, see ``ResolvedImpact``.
 
     Example:
         >>> scheme = nts.EnergyMomentum.scheme

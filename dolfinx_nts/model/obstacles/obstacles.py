@@ -81,7 +81,7 @@ class Obstacle(Declaration):
 
     @property
     def adjacent(self) -> tuple[AdjacentFacets, Floats] | None:
-        """Facets and positions of their vertices, see `Candidates.adjacent`; None without."""
+        """Facets and positions of their vertices, see ``Candidates.adjacent``; None without."""
         return None
 
     @property
