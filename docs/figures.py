@@ -40,6 +40,7 @@ DEMOS = {
     "hammer": ["hammer_force.png"],
     "hertz": ["hertz_force.png", "hertz_pressure.png"],
     "indentation": ["indentation.png"],
+    "inflation": ["inflation.png"],
     "ironing": ["ironing.png", "ironing_force.png"],
     "own_energy": ["own_energy.png"],
     "own_geometry": ["own_geometry.png"],
