@@ -184,7 +184,7 @@ def real(name: str, value: Any) -> float:
 def finite(name: str, value: Any) -> float:
     """Check that a value is a finite number. Local.
 
-    Arguments and result are those of `real`.
+    Arguments and result as for `real`.
 
     Raises:
         TypeError: The value is no real number.
@@ -199,7 +199,7 @@ def finite(name: str, value: Any) -> float:
 def nonnegative(name: str, value: Any) -> float:
     """Check that a value is a finite number >= 0. Local.
 
-    Arguments and result are those of `real`.
+    Arguments and result as for `real`.
 
     Raises:
         TypeError: The value is no real number.
@@ -214,7 +214,7 @@ def nonnegative(name: str, value: Any) -> float:
 def positive(name: str, value: Any) -> float:
     """Check that a value is a finite number > 0. Local.
 
-    Arguments and result are those of `real`.
+    Arguments and result as for `real`.
 
     Raises:
         TypeError: The value is no real number.
@@ -244,7 +244,7 @@ def chosen_times(values: Any) -> tuple[float, ...]:
 def whole(name: str, value: Any) -> int:
     """Check that a value is an integer of at least 1. Local.
 
-    Arguments are those of `real`.
+    Arguments as for `real`.
 
     Returns:
         The integer.

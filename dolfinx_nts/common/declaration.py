@@ -22,7 +22,7 @@ class _Completing(ABCMeta):
 
     @property
     def __signature__(cls) -> Signature:
-        """Arguments of ``__init__``, as ``help`` and editors tell them, instead of `__call__`'s."""
+        """Arguments of ``__init__``, shown by ``help`` and editors instead of `__call__`'s."""
         make = type.__getattribute__(cls, "__init__")
         if make is object.__init__:
             return Signature()

@@ -1,4 +1,4 @@
-"""Check of the packages that must be installed, with the way to get them."""
+"""Check of the required packages, with instructions for their installation."""
 
 from importlib.util import find_spec
 

@@ -176,7 +176,7 @@ class Penalty(Declaration):
 
     Args:
         eps_N: Stiffness of the spring at a node [N/m]. None for the smaller one of the static
-            stiffness of the node and that of the stiffest vertex of the segments; in statics, ten
+            stiffnesses of the node and of the stiffest vertex of the segments; in statics, ten
             times that. It does not depend on the length of the steps, so that steps that resolve
             a cell are of second order in time. The penetration is then about the compression of a
             cell: v/c of its height for an impact speed v and a wave speed c. Between bodies that

@@ -84,7 +84,7 @@ def exact_model(
     The condition ``t - min(1, L/|t + c g|) (t + c g) = 0`` with the limit L has the solutions
     ``g = 0`` with ``|t| <= L`` (stick) and ``t = L g/|g|`` (slip); the weight c changes the
     path, not the solution. For a sliding node it is linearised and solved for t, so that a
-    slip whose direction is not yet that of the traction turns it. The direction stays where
+    slip in another direction than the traction turns the traction. The direction stays where
     there is no such slip, because it points backwards or nothing presses the node.
 
     Args:

@@ -199,7 +199,7 @@ class Stribeck(FrictionLaw):
 
     With ``power=1`` and ``viscous=0`` these are static and kinetic coefficients with an exponential
     decay. Where the limit falls faster than a node can follow in a step, stick and slip are both
-    solutions: a node that slid goes on.
+    solutions: a node that slid continues to slide.
 
     Args:
         static: Static coefficient mu_s [-], a number or a Function, as of `Coulomb`.
@@ -310,12 +310,13 @@ class SlipWeakening(FrictionLaw):
 
 
 class Tresca(FrictionLaw):
-    """Another law of friction, capped by a shear stress, as that of a material that flows.
+    """Another law of friction, capped by a shear stress, such as the yield stress in shear.
 
     Args:
         law: The law below the cap; a number is the coefficient of `Coulomb`.
         stress: Largest tangential force per reference area [Pa], a number or a Function. The area
-            is that of the facets around a node, or that covered by segments in mortar contact.
+            is the area of the facets around a node, or in mortar contact the part that segments
+            cover.
 
     Attributes:
         law_below, stress: The arguments.
@@ -337,7 +338,7 @@ class Tresca(FrictionLaw):
 
     @property
     def eps_T(self) -> float | None:  # type: ignore[override]
-        """Stiffness of tangential springs, that of the law below the cap [N/m]."""
+        """Stiffness of the tangential springs of the law below the cap [N/m]."""
         return self.law_below.eps_T
 
     @property
@@ -456,7 +457,7 @@ class Limits:
             slid: Whether a node slid last, shape ``(m,)``.
 
         Returns:
-            Limits that decide on stick and slip, and those of nodes that slide.
+            Limits that decide on stick and slip, and limits of sliding nodes.
         """
         sticks = self.at(node, p)
         if not self.depends_on_slip:

@@ -30,7 +30,7 @@ class ContactHistory:
     Attributes:
         key: Key of the segment of each node, -1 without one, or `NEVER`, shape ``(n,)``.
         shared: Sum of the keys of the segments of a node that is equally near to several, which
-            tells one set of segments from another; 0 with one segment or none, shape ``(n,)``.
+            distinguishes sets of segments; 0 with one segment or none, shape ``(n,)``.
         active: Whether the node transmits force, shape ``(n,)``.
         sliding: Whether an active node slides, shape ``(n,)``.
         lambda_N: Multiplier of the last step, shape ``(n,)`` [N, <= 0].
@@ -43,7 +43,7 @@ class ContactHistory:
         slip: Accumulated length of slip, shape ``(n,)`` [m].
         energy: Energy of the node's springs, shape ``(n,)`` [J].
         dissipation: Energy dissipated by friction in the last step, shape ``(n,)`` [J].
-        area: Area on which the multiplier acts, shape ``(n,)`` [m^2]: that of all facets around
+        area: Area on which the multiplier acts, shape ``(n,)`` [m^2]: all facets around
             the node, see `Tractions.area`, or that covered by segments in mortar contact.
     """
 

@@ -1,7 +1,7 @@
 """Contact of several pairs with the same laws, in joint arrays.
 
-A scene of many bodies has many pairs with few nodes each. Array operations treat all pairs at once.
-The coverage of the search and the history remain with each pair.
+A scene of many bodies has many pairs with few nodes each. Array operations treat all pairs
+together. The coverage of the search and the history remain with each pair.
 """
 
 from collections.abc import Callable, Hashable, Sequence

@@ -170,13 +170,14 @@ class OverlapWatch:
     ) -> Overlap | None:
         """Find bodies of a pair that a step brings into each other, on straight paths. Collective.
 
-        Only a step that is longer than what the last look allows for is looked at, at its end and
-        so often on the path that no body goes through a cell of another one in between.
+        Only a step longer than the last check allows for is checked: at its end, and so often on
+        the path that no body passes through a cell of another one in between.
 
         Args:
             ends: Positions of the local nodes at both ends of the step, ``(l, 3)`` [m].
             times: Times of these [s].
-            way: Bound on the way of any node or obstacle in the step, the same on all ranks [m].
+            way: Bound on the displacement of any node or obstacle in the step, the same on all
+                ranks [m].
 
         Returns:
             The deepest overlap that reaches the centres of cells and was not there before, at the

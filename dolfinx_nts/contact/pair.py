@@ -61,7 +61,7 @@ class ContactPair(Declaration):
     them touch the others, too. A node then touches neither its neighbours on the mesh nor the
     other side of its own wall (``cpp/nts/search/self_contact.h``), and it must not move by more
     than one cell of the wall in a step. Springs act from both sides. Multipliers act at a subset
-    of the nodes of which none is a vertex of a segment that another one touches.
+    of the nodes such that none is a vertex of a segment that another one touches.
 
     Several steppers may use the same pair independently: each of them keeps its state of the pair
     in ``stepper.contacts``. While only one stepper uses the pair, `history`, `pressure`, `gap` and

@@ -138,7 +138,7 @@ class PairState(Tractions, NodesOfPairs):
                 rigid bodies and NaN at prescribed displacements, and the stiffness of springs
                 between nodes and segments that both do not deform, shapes ``(n,)`` [N/m]; called
                 only if a default is needed.
-            stiffer: Stiffness of normal springs relative to that of their nodes [-].
+            stiffer: Stiffness of normal springs relative to their nodes [-].
         """
         if self._ranges is not None:
             return
@@ -192,7 +192,7 @@ class PairState(Tractions, NodesOfPairs):
     def _faced(self, x: Floats, reach: float) -> tuple[Candidates, Ints, Floats]:
         """Candidates within reach, candidate of each node, and gap. Collective.
 
-        Arguments are those of `gap`.
+        Arguments as for `gap`.
         """
         search, t = self._far_search, self.passes.time()
         search.begin(t, t)
@@ -249,7 +249,7 @@ class PairState(Tractions, NodesOfPairs):
     def _shares(
         self, points: NodalPoints, x: Floats, node: Ints, segment: Ints, candidates: Candidates
     ) -> tuple[Ints, Ints, Floats]:
-        """Segments among which some nodes share their forces, those of each node in turn. Local.
+        """Segments among which some nodes share their forces, node by node. Local.
 
         Returns places among the nodes, segments and parts of the force [-], all ``(i,)``.
         """

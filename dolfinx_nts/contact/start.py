@@ -71,7 +71,7 @@ def sink_nodes_inside(state: PairState, inside: OverlapSearch, body: str, x: Flo
     is nearer than the other side of the body straight below the node.
 
     Args:
-        state: State of a contact pair, the segments of which belong to the body.
+        state: State of a contact pair whose segments belong to the body.
         inside: Overlap search at the same positions.
         body: Name of the body, as in `Overlap`.
         x: Positions of the local nodes of the space, shape ``(l, 3)`` [m].

@@ -90,7 +90,7 @@ class Tractions(ABC):
     def _on_facets(self, force: Floats, area: Floats) -> Floats:
         """Divide forces on the nodes by areas, in mortar contact of all facets. Collective.
 
-        Arguments are those of `Surface.per_area`.
+        Arguments as for `Surface.per_area`.
         """
         return self.nodes.per_area(force, None if self.pair.method == MORTAR else area)
 

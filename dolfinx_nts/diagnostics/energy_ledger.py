@@ -127,7 +127,7 @@ class EnergyLedger:
         """Energy that bulk and inertia have added [J]; 0 if small relative to the total energy."""
         energies = self.first.total_energy, self.last.total_energy
         scale = max(*map(abs, energies), self.drift["total_energy"])
-        # What is unaccounted for is round-off, which may be all energy of a body at rest.
+        # The unaccounted energy is round-off, which may be all energy of a body at rest.
         least = max(_SPURIOUS * scale, self.drift["unaccounted"])
         return self.energy["bulk"] if self.energy["bulk"] > least else 0.0
 

@@ -174,7 +174,7 @@ def matrix_kernels(form: fem.Form, columns: Columns) -> list[int] | None:
     """Create kernels of a bilinear form from FFCx's code of its action. Collective.
 
     They have the interface of FFCx's kernels. The columns of an element matrix are actions on unit
-    vectors, a batch of them at once.
+    vectors, in batches.
 
     Args:
         form: The action on a function, a linear form over cells.

@@ -73,10 +73,10 @@ def batched_source(source: str, columns: Columns | None = None) -> str:
 
     Returns:
         C++ with a function ``batch_0``, ``batch_1``, ... for each integral, in the order of the
-        form, and with columns ``matrix_0``, ... of the bilinear form beside each.
+        form, and with columns ``matrix_0``, ... of the bilinear form next to each.
 
     Raises:
-        ValueError: The text is not what is expected.
+        ValueError: The text does not have the expected form.
     """
     bodies = {match[1]: _until_closed(source[match.end() :]) for match in _KERNEL.finditer(source)}
     order = _ORDER.search(source)

@@ -1,4 +1,4 @@
-"""Numbers of components of nodal vectors: three for positions, those of the space for unknowns.
+"""Numbers of components of nodal vectors: three for positions, as in the space for unknowns.
 
 Positions have three coordinates as in DOLFINx; in the plane the third one is zero. The same holds
 for normals, forces and gradients of contact. Displacements, residuals and linear systems have the

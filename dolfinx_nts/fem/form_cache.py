@@ -3,7 +3,7 @@
 FFCx creates an empty C file before it compiles a form, and a file ``.c.cached`` afterwards. A
 process that finds the first without the second waits for whoever compiles, also where this one
 was killed. Here the process that compiles holds a lock, which the operating system releases
-when the process ends in whatever way.
+when the process ends for any reason.
 """
 
 import fcntl
@@ -18,7 +18,7 @@ from typing import Any
 
 __all__ = ["interrupted_forms_compiled", "processor"]
 
-# File in the cache of which each form locks one byte.
+# File in the cache; each form locks one byte of it.
 _LOCKS = "dolfinx_nts.lock"
 _CPUS = "/proc/cpuinfo"
 
@@ -45,7 +45,7 @@ def processor() -> str:
 def interrupted_forms_compiled() -> Iterator[None]:
     """Context in which FFCx compiles forms again whose compilation was interrupted. Local.
 
-    Several processes may ask for one form at once: one compiles it, the others wait. Only for
+    Several processes may request one form: one compiles it, the others wait. Only for
     forms with flags that nobody else uses, as others would compile them without the lock.
     Without effect where the file system has no locks.
     """

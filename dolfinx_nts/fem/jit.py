@@ -37,7 +37,7 @@ _UNROLLED = ["--param", "max-completely-peeled-insns=2000"]
 # most 11 % slower. With the last flag GCC also clears wide registers after a kernel at this level,
 # which avoids a transition penalty in the code that follows.
 SOON = ["-O1", "-ftree-vectorize", "-fexpensive-optimizations"]
-# Nothing reads it, but it makes the name of what is compiled one of this package and processor.
+# It is not read, but makes the name of the compiled module specific to package and processor.
 _KEY = f"-DDOLFINX_NTS_PROCESSOR={processor()}"
 # Flags of -ffast-math except -ffinite-math-only, as checks depend on NaNs. Kernels are as fast.
 OPTIMISED = [

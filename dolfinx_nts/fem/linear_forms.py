@@ -92,14 +92,14 @@ class CellForm:
     `fem.assemble_vector` reads functions that are packed cell by cell, which takes a quarter of its
     time with 380 000 unknowns. This loop gathers the nodal values when it comes to a cell. Only
     functions of other spaces are packed, when one of them has changed. Kernels compute several
-    cells at once if `batched_kernels` can create them; they are compiled in the background until
+    cells together if `batched_kernels` can create them; they are compiled in the background until
     the first assembly. Integrals over the same cells share the gathered values.
 
     Args:
         form: Linear form, made by `bulk_form`.
         kernels: ``"double"``, ``"single"`` (precision), or ``"slow"`` for double precision with a
             short compilation.
-        V: Vector space whose functions are gathered; None: that of the argument.
+        V: Vector space whose functions are gathered; None: the space of the argument.
         num_sums: Number of extra components of the argument in each cell, in addition to a vector
             of V. Their sums over the cells are a separate result.
 

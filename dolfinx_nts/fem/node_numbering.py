@@ -1,8 +1,8 @@
 """Numbers and reference positions of the nodes of a space, computed once per space.
 
 The numbers do not depend on the partition of the mesh. A vertex keeps its number in the input mesh.
-Any other node is the midpoint of an edge, a face or a cell. Its number is composed of those of two
-vertices around it: the smallest vertex number of the edge, face or cell, and the opposite vertex.
+Any other node is the midpoint of an edge, a face or a cell. Its number is composed of two vertex
+numbers: the smallest one of the edge, face or cell, and the number of the opposite vertex.
 """
 
 import weakref

@@ -16,7 +16,7 @@ from dolfinx_nts.common.arrays import Floats
 
 __all__ = ["factorised"]
 
-# What stands for functions, by the number of nodes of a cell, which is that of the points.
+# Structs that replace tables, by the number of nodes of a cell, which equals that of the points.
 _NAMES = {4: "Bilinear", 8: "Trilinear"}
 _TABLE = re.compile(r"static const double (\w+)\[1\]\[1\]\[([48])\]\[\2\] = \{([^;]*)\};")
 _NUMBER = re.compile(r"[-+.\w]+")
@@ -88,7 +88,7 @@ def factorised(body: str) -> str:
         return replace
 
     body = _OUTPUTS.sub(replaced(_OUTPUT, from_point), _SUMS.sub(replaced(_SUM, at_point), body))
-    # Four points at once share derivatives; eight would take too long to compile.
+    # Four points together share derivatives; eight would take too long to compile.
     body = _FOUR_POINTS.sub("#pragma GCC unroll 4\n", body) if functions else body
     return "\n".join(["", *functions.values(), *outputs, body, *outputs.values(), ""])
 

@@ -65,7 +65,7 @@ class ContactForce(Declaration):
 
 
 Condition = ContactForce | Callable[[StepReport], bool]
-# End of a run: a time [s], a condition, or several of them, of which the first to come ends it.
+# End of a run: a time [s], a condition, or several of them; the first one ends the run.
 Until = float | Condition | Sequence[float | Condition]
 
 

@@ -117,7 +117,7 @@ class Rates(ABC):
             free: 1 at unknown displacements, 0 at prescribed ones, shape ``(n, 3)``; None if all
                 are unknown.
             rigid: Motion of the rigid bodies in the step.
-            is_unchanged: Returns whether loads and supports are those of the last step.
+            is_unchanged: Returns whether loads and supports are unchanged since the last step.
             prescribed: Returns the prescribed displacement increments at the owned dofs,
                 ``(d n,)`` [m], 0 at others.
         """

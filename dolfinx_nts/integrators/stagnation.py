@@ -20,8 +20,8 @@ _INEFFECTIVE_CUTS = 5
 # Part of the first residual of a step [-] that remains after a cut without effect. Without inertia
 # a change of the loads over the step halves with its length.
 _LEFT = 0.9
-# Relative difference of the least residuals [-] below which Newton's method fails in the same
-# way; and part of the first residual [-] below which equilibrium was found, but not accepted.
+# Relative difference of the least residuals [-] of failures for the same
+# reason; and part of the first residual [-] below which equilibrium was found, but not accepted.
 _SAME, _BALANCED = 0.1, 1e-6
 # Number of last iterations [-] among which the least residual counts, as states may alternate.
 _LAST = 6
@@ -85,12 +85,12 @@ class LimitPoint:
 
 
 class IneffectiveCuts:
-    """Detects that a step fails in the same way however short it is. Local.
+    """Detects that a step fails for the same reason at any length. Local.
 
     If loads and prescribed displacements vary continuously, the residual at the start of a step
     decreases with its length. After a jump it does not, and Newton's method stops at the same
     residual. With inertia the residual of a jump grows as the inverse square of the length, faster
-    than that of any impact. Nodes that prescribed displacements alone move into a surface fail at
+    than any impact. Nodes that prescribed displacements alone move into a surface fail at
     any length, too.
 
     Args:

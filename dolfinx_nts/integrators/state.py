@@ -148,7 +148,7 @@ class State(ABC):
     def set_velocity(self, body: Body, value: Any) -> None:
         """Set the velocity of a body [m/s], before the first step or between steps.
 
-        Arguments and errors are those of `set_displacement`. Before the first step a body that is
+        Arguments and errors as for `set_displacement`. Before the first step a body that is
         faster than waves in it is logged as a warning.
         """
         self._set(self.v, body, value)

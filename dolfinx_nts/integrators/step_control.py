@@ -9,8 +9,8 @@ from dolfinx_nts.common.declaration import Declaration
 
 __all__ = ["ROUND_OFF", "EvenSteps", "StepControl", "StepLength"]
 
-# Part of a step [-] that counts as round-off of its times: far above that of any run, and far
-# below any relevant part.
+# Part of a step [-] that counts as round-off of its times: far above the round-off of any run, and
+# far below any relevant part.
 ROUND_OFF = 1e-6
 # Default smallest step relative to the usual one [-]: 20 halvings, so that a run that cannot
 # proceed ends after about 20 attempts.

@@ -122,7 +122,7 @@ class StepFailure:
     def _softer(self, bodies: Sequence[Body]) -> str:
         """Advice for pairs whose unsettled nodes belong to the stiffer side, or "". Collective.
 
-        Only few nodes of a stiff body can touch soft facets at once, and small details of the
+        Only few nodes of a stiff body can touch soft facets together, and small details of the
         facets decide which.
         """
         found = []

@@ -126,7 +126,7 @@ class Stepper(TimeLoop):
     """Base class of all time integrators. Collective, as are all its methods.
 
     Derived classes set ``scheme`` before they call ``__init__``. Arguments, further attributes and
-    errors are those of `EnergyMomentum`.
+    errors as for `EnergyMomentum`.
 
     Attributes:
         scheme: The time integration scheme.

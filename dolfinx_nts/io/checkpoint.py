@@ -33,7 +33,7 @@ T = TypeVar("T", float, int, bool, Array)
 
 
 class HasState(Protocol):
-    """Object with a state in addition to that of the stepper."""
+    """Object with a state in addition to the stepper's."""
 
     def serialize(self, archive: Archive) -> None:
         """Serialize the state. Collective."""

@@ -20,7 +20,7 @@ from dolfinx_nts.parallel.errors import agreed
 __all__ = ["FORMAT", "CheckpointFile", "Kind", "digest"]
 
 FORMAT = "dolfinx_nts checkpoint 2"
-# Largest block that a rank reads at once to verify checksums [bytes].
+# Largest block that a rank reads in one piece to verify checksums [bytes].
 _MOST = 2**22
 
 
@@ -139,7 +139,7 @@ def _row_size(kind: Kind) -> int:
 
 
 def _chunks(kinds: Mapping[str, Kind]) -> Iterator[tuple[int, str, GlobalInts]]:
-    """Blocks of arrays that are read at once: number and name of the array, and the rows."""
+    """Blocks of arrays that are read together: number and name of the array, and the rows."""
     for number, (name, kind) in enumerate(kinds.items()):
         rows, size = _rows(kind), max(1, _MOST // max(1, _row_size(kind)))
         for begin in rows[::size]:

@@ -10,7 +10,7 @@ __all__ = ["checksum"]
 def checksum(numbers: GlobalInts, values: Array) -> int:
     """Sum of hashes of rows and their numbers, modulo 2^64. Local.
 
-    The rows may have any order and be distributed in any way: sums of parts add up.
+    The rows may have any order and distribution: sums of parts add up.
 
     Args:
         numbers: Number of each row, shape ``(n,)``.

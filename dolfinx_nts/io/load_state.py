@@ -41,7 +41,7 @@ def load_state(path: str | Path, stepper: Stepper) -> tuple[str, ...]:
 
     Only the mesh and the degree must be the same. Loads, supports, materials, laws, pairs, the
     integrator and the number of ranks may differ. Time, number of the step, displacements and
-    velocities are taken over; the step ``dt`` is that of the stepper. A pair with the same two
+    velocities are taken over; the stepper keeps its step ``dt``. A pair with the same two
     sides and method as a pair in the checkpoint takes over its contact, also with another kind of
     impact or coefficient of friction; springs must have the same stiffness. Dropped data are
     returned and logged. `Recorder` writes checkpoints with ``checkpoint_every``; to continue the

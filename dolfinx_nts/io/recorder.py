@@ -35,15 +35,15 @@ FieldsKind = Literal["vtkhdf", "xdmf", "vtx"]
 class Recorder:
     """Writes a table, the fields and checkpoints of a run.
 
-    A recorder works in a ``with`` block. Entering the block creates the files, replaces those of
-    the same name, and writes the initial state. `write` adds a step. Leaving the block, also by an
-    exception, closes the files. All files can be read at any time, also after the program has been
-    killed. Collective, as all methods except `summary`.
+    A recorder works in a ``with`` block. Entering the block creates the files, replaces files of
+    the same name, and writes the initial state. `write` adds a step. Leaving the block, also by
+    an exception, closes the files. All files can be read at any time, also after the program has
+    been killed. Collective, as all methods except `summary`.
 
     The **table** ``name.csv`` has a row for each step. Its columns, in SI units, are ``step``,
-    ``dt``, those of `Balance`, ``newton_iterations``, ``rejected``, and the change of the total
-    energy since the first row by cause: ``energy_bulk``, ``energy_loads``, ``energy_supports``,
-    ``energy_obstacles``, ``energy_damping``, ``energy_persistent_contact``,
+    ``dt``, the columns of `Balance`, ``newton_iterations``, ``rejected``, and the change of the
+    total energy since the first row by cause: ``energy_bulk``, ``energy_loads``,
+    ``energy_supports``, ``energy_obstacles``, ``energy_damping``, ``energy_persistent_contact``,
     ``energy_activation``, ``energy_facet_change``, ``energy_friction``, ``energy_solver``,
     ``energy_surface_equilibrium`` and ``energy_refund``. Each cause is summed separately. The rest
     is ``energy_unaccounted``: round-off, unless the user sets the state between steps.
@@ -64,7 +64,7 @@ class Recorder:
     output to a closed pipe. Such a signal takes effect after the current step, a second one
     immediately; the log names the step of the checkpoint. Ignored signals stay ignored. With
     ``resume`` a restarted script continues from the checkpoint, on any number of ranks; rows and
-    states after the step of the checkpoint are removed. The length of steps is that of the
+    states after the step of the checkpoint are removed. The length of steps is taken from the
     checkpoint, unless the script has changed ``dt``.
 
     The log warns once if bulk and inertia have added more than a tenth of the total energy, except
@@ -78,7 +78,7 @@ class Recorder:
         stepper: Stepper of the run.
         every: Number of steps between states of the fields. The first and the last state are
             always written.
-        times: Times at which the fields are written instead [s], such as those of a
+        times: Times at which the fields are written instead [s], such as for a
             `StepControl`.
         checkpoint_every: Number of steps between checkpoints; None for no checkpoints.
         resume: Whether to continue from an existing checkpoint.
@@ -104,8 +104,8 @@ class Recorder:
         RuntimeError: ``fields`` is ``"vtx"`` and DOLFINx has no ADIOS2.
         ValueError: ``every`` or ``checkpoint_every`` is less than 1, ``columns_of`` has another
             word, ``fields`` is another kind, or one that cannot be resumed or has no stress, a
-            name in ``own_fields`` has other letters than those of Python's names, or ``name``
-            is that of a folder or has a colon, a backslash or characters that cannot be
+            name in ``own_fields`` has letters that names in Python cannot have, or ``name``
+            is the name of a folder or has a colon, a backslash or characters that cannot be
             printed.
 
     Example:
@@ -216,7 +216,7 @@ class Recorder:
         with self._stepper.timings.phase("output"), self.diagnostics.one_state() as now:
             has_fields = self._options.has_fields(self._ledger.num_steps + 1, step.t)
             if has_fields:
-                now.gaps()  # of which the row has the least
+                now.gaps()  # the row has their minimum
             self._ledger.add(step, *self.diagnostics.after_step())
             self._warn_of_spurious_gain()
             self._files.write_row(self._columns.row(step, self._ledger))
@@ -261,8 +261,8 @@ class Recorder:
 
         Returns:
             Lines with the number of steps, changes of conserved quantities and the energy that
-            is unaccounted for; then those of the solver, with iterations and wall time by phase
-            [s] on this rank.
+            is unaccounted for; then the columns of the solver, with iterations and wall time by
+            phase [s] on this rank.
 
         Raises:
             ValueError: The ``with`` block has not been entered.

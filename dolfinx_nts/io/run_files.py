@@ -43,7 +43,7 @@ class ScriptedStep:
         self._stepper, self._dt = stepper, stepper.dt
 
     def serialize(self, archive: Archive) -> None:
-        """Serialize the length; restore that of the script if it has changed. Collective.
+        """Serialize the length; restore the length in the script if it has changed. Collective.
 
         Raises:
             ValueError: The step length is not stable.

@@ -41,8 +41,8 @@ def write_hdf5(
         comm: Communicator.
         path: The file; ``.new`` is added to its name until it is complete.
         arrays: Datasets by name, each the concatenation of its slabs. A name may contain slashes
-            for groups. A rank may omit arrays of which it has no rows.
-        attributes: Attributes of the file; those of rank 0 count.
+            for groups. A rank may omit arrays without rows on it.
+        attributes: Attributes of the file; rank 0 provides them.
         durable: Whether to wait until the disk has it, so that it survives a power failure.
 
     Raises:

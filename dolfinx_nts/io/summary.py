@@ -111,7 +111,7 @@ class Summary:
 
 
 def _vector(values: Iterable[float]) -> str:
-    """Components of a vector, with zero for what is round-off of the largest one."""
+    """Components of a vector, with zero in place of round-off of the largest one."""
     numbers = [float(value) for value in values]
     least = _ROUND_OFF * max((abs(number) for number in numbers), default=0.0)
     texts = [f"{number:.4g}" if abs(number) > least else "0" for number in numbers]

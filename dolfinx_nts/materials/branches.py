@@ -19,7 +19,7 @@ class Branch(NamedTuple):
     """A spring in series with a dashpot.
 
     Attributes:
-        share: Shear modulus of the spring, relative to that of the strain energy [-].
+        share: Shear modulus of the spring, relative to the shear modulus of the strain energy [-].
         relaxation_time: Time in which its stress falls to 1/e at constant strain [s].
     """
 

@@ -61,15 +61,15 @@ class Hyperelastic(StrainEnergy):
             linear in them. ``()`` for none, as in the paper. Every choice conserves energy, because
             each point has its own energy and conserving stress.
         branches: Pairs of a share [-] and a relaxation time [s], each a spring in series with a
-            dashpot, parallel to the energy. The stress of a sudden change of shape is that of
-            ``psi`` times 1 plus the sum of the shares, and relaxes to that of ``psi``.
+            dashpot, parallel to the energy. The stress of a sudden change of shape is the
+            stress of ``psi`` times 1 plus the sum of the shares, and relaxes to that stress.
         **parameters: Keyword arguments of ``psi``, numbers.
 
     Attributes:
         rho, mass_damping, stiffness_damping: As given.
         branches: A tuple of named tuples with ``share`` [-] and ``relaxation_time`` [s].
         is_sheet: Whether the stress along z vanishes, see `PlaneStress`.
-        one_point: Names as given, a frozen set, or those of the volumetric terms.
+        one_point: Names as given, a frozen set, or the names of the volumetric terms.
         splits_volume: Whether ``"volumetric"`` was given or is the default. Without names the
             energy of an equal change of volume, psi(J^(2/3) 1), has one point.
         parameters: Numbers by name, read-only.
@@ -221,7 +221,7 @@ class Hyperelastic(StrainEnergy):
         """Square of the stretch along z of a sheet without stress there, see `PlaneStress`.
 
         Args:
-            C: Right Cauchy-Green tensor, of which the part in the plane counts, UFL (3, 3).
+            C: Right Cauchy-Green tensor, UFL (3, 3); only its part in the plane is used.
             **parameters: Values of parameters of the energy, by name; others have their own.
 
         Returns:
@@ -230,7 +230,7 @@ class Hyperelastic(StrainEnergy):
         return None
 
     def thickness_stretch(self, C: Any, **parameters: Any) -> Any:
-        """Ratio of the stretch along z to that of C, UFL; 1 except in `PlaneStress`."""
+        """Ratio of the stretch along z to the one in C, UFL; 1 except in `PlaneStress`."""
         return 1
 
     def _check_parts(self) -> None:

@@ -1,6 +1,6 @@
 """Named materials: strain energies psi(C) with their usual parameters.
 
-Everything is UFL. Stresses, moduli, damping and quadrature are those of `Hyperelastic`, from
+Everything is UFL. Stresses, moduli, damping and quadrature are inherited from `Hyperelastic`, from
 which all classes derive and whose options they take.
 """
 

@@ -26,8 +26,8 @@ from dolfinx_nts.materials.hardening import Hardening
 
 __all__ = ["RadialReturn"]
 
-# Newton iterations after which the equations of a point are solved to round-off: that of the
-# increment is linear without saturation, that of the trace starts within the square of the
+# Newton iterations after which the equations of a point are solved to round-off: the equation of
+# the increment is linear without saturation, the one of the trace starts within the square of the
 # elastic strain.
 _OF_INCREMENT, _OF_TRACE = 5, 5
 
@@ -44,7 +44,7 @@ class RadialReturn:
 
     Attributes:
         increment: Increment of the equivalent plastic strain [-], 0 in elastic steps.
-        factor: Ratio of the deviatoric stress to that of the trial [-].
+        factor: Ratio of the deviatoric stress to the trial stress [-].
     """
 
     def __init__(self, C: Any, metric: Any, alpha: Any, mu: Any, hardening: Hardening) -> None:

@@ -133,7 +133,7 @@ class StrainEnergy(Declaration):
     def poisson_ratio(self) -> float:
         """Poisson's ratio of small strains [-]; NaN for energies with fields.
 
-        For an anisotropic material it is that of the nearest isotropic one.
+        For an anisotropic material it is the value of the nearest isotropic one.
         """
         if self.has_fields:
             return np.nan

@@ -63,6 +63,6 @@ class VolumeIncrement:
     @cached_property
     def root(self) -> Any:
         """Quotient of J^(-2/3)."""
-        # a^3 = 1/I, so that the difference of a is that of 1/I over this sum of products.
+        # a^3 = 1/I, so that the difference of a is the difference of 1/I over this sum of products.
         a_n, a = self.roots
         return -1 / (self.square_n * self.square * (a_n**2 + a_n * a + a**2))

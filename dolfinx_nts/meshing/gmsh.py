@@ -2,7 +2,7 @@
 
 Files are read without gmsh. Physical volumes and surfaces become tagged cells and facets of a
 distributed DOLFINx mesh, in the plane physical surfaces and curves, and the names of the
-physical groups lead to the tags. Simple bodies to fill a model with are in `parts`.
+physical groups give the tags. Simple bodies to fill a model with are in `parts`.
 """
 
 import os
@@ -93,7 +93,7 @@ def read_mesh(source: Any, comm: MPI.Comm, *, rank: int = 0) -> MeshData:
 
     Planes cut it into parts of as many cells, the same each time. Collective; every error is raised
     on all ranks. Mirrored cells are accepted, as DOLFINx integrates with ``|det J|``. Cells of
-    second order may be curved, as those of round surfaces are after
+    second order may be curved, as on round surfaces after
     ``gmsh.model.mesh.setOrder(2)``; they go with displacements of degree 2. DOLFINx has spaces on
     cells of one kind only, and not on prisms: meshes of prisms, or of several kinds, are cut into
     hexahedra, four of a tetrahedron, six of a prism and eight of a hexahedron, and a warning is

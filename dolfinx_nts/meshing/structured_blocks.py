@@ -1,4 +1,4 @@
-"""Blocks of hexahedra, of which the bodies of `parts` are made.
+"""Blocks of hexahedra, from which the bodies of `parts` are built.
 
 A block is a grid of nodes. Blocks are joined where their nodes coincide and become discrete
 entities of a gmsh model, as hexahedra or cut into tetrahedra. Everything is local.

@@ -35,7 +35,7 @@ _ROUND_OFF = 1e-10
 _FARTHEST = 2.0
 # Relative error of an affine field [-] from which on a fit is rejected.
 _ERROR = 1e-8
-# Number of distances that are computed at once [-], to save memory.
+# Number of distances that are computed together [-], to save memory.
 _CHUNK = 2_000_000
 
 

@@ -1,7 +1,7 @@
 """Kinematics of contact pairs in a step: named results of the kernels.
 
 A pair is a contact point and the vertices of its segment. Arrays are over ``m`` pairs; ``d`` are
-the 3 (1+k) coordinates of a pair, those of the point first. A rigid obstacle has no vertices, so
+the 3 (1+k) coordinates of a pair, the point first. A rigid obstacle has no vertices, so
 that d = 3.
 """
 
@@ -38,7 +38,7 @@ class ContactKinematics(NamedTuple):
     turn: Floats
 
     def combined(self, weights: Floats) -> "ContactKinematics":
-        """Kinematics in terms of other nodes, of which the nodes of the pairs are combinations.
+        """Kinematics in terms of other nodes, whose combinations are the nodes of the pairs.
 
         Args:
             weights: Weight of each of j other nodes in each of k nodes, shape ``(m, k, j)``.
@@ -123,7 +123,7 @@ class Slip:
         return work
 
     def combined(self, weights: Floats) -> "Slip":
-        """Slip in terms of other nodes, of which the nodes of the pairs are combinations.
+        """Slip in terms of other nodes, whose combinations are the nodes of the pairs.
 
         Args:
             weights: Weight of each of j other nodes in each of k nodes, shape ``(k, j)`` or

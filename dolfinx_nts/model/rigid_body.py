@@ -19,8 +19,8 @@ __all__ = ["RigidBody", "guided"]
 class RigidBody(Body):
     """A body that does not deform, and moves freely or along a guide. Collective.
 
-    Mass, centre of mass and inertia are those of its mesh. Contact uses its surface like that of
-    any body. Deformable bodies that share nodes with it are bonded to it. It has six degrees of
+    Mass, centre of mass and inertia are computed on its mesh. Contact treats its surface like any
+    other. Deformable bodies that share nodes with it are bonded to it. It has six degrees of
     freedom, in the plane three, and in an axisymmetric mesh one, along the axis.
 
     Args:

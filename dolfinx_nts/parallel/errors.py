@@ -119,7 +119,7 @@ def end_together() -> None:
     """Let an error, or ``sys.exit``, on one rank end the program on all. Local.
 
     After an uncaught exception one rank prints the traceback, and `MPI.Comm.Abort` ends the ranks
-    that did not fail. A rank that exits in another way notifies waiting ranks. On one rank and in
+    that did not fail. A rank that exits otherwise notifies waiting ranks. On one rank and in
     an interactive session nothing is changed.
     """
     interactive = hasattr(sys, "ps1") or sys.flags.interactive

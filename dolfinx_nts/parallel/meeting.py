@@ -68,7 +68,7 @@ def meet(comm: MPI.Comm, call: str, *numbers: float) -> list[float]:
 class Meeting:
     """Pending check of a collective call. Local.
 
-    Arguments are those of `meet`.
+    Arguments as for `meet`.
     """
 
     def __init__(self, comm: MPI.Comm, call: str, *numbers: float) -> None:

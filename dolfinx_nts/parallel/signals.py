@@ -33,7 +33,7 @@ def restore_broken_pipe() -> None:
 
 
 class Interrupts:
-    """Context in which a first signal is only noted, and a second takes effect at once.
+    """Context in which a first signal is only noted, and a second takes effect immediately.
 
     A pipe that its reader has closed counts as a signal, SIGPIPE: output to it is dropped from
     then on. The reader, such as ``tee``, often ends by the Ctrl-C that interrupts the run.
@@ -82,7 +82,7 @@ class Interrupts:
         return int(reductions.largest(self._comm, self._signum))
 
     def take_effect(self, signum: int) -> None:
-        """Raise the error, or end the process, as the signal would have done at once.
+        """Raise the error, or end the process, as the signal would have done immediately.
 
         Where the handler of the script returns, the run continues and signals are noted again.
 
@@ -119,10 +119,10 @@ class Interrupts:
 
 
 class _Stream:
-    """Stream of text that notes a closed pipe once, and drops what is written to it.
+    """Stream of text that notes a closed pipe once, and drops further output.
 
     Args:
-        stream: The stream, whose other attributes are also those of this object.
+        stream: The stream, whose other attributes this object has, too.
         note: Handler that is called with SIGPIPE.
     """
 
@@ -143,7 +143,7 @@ class _Stream:
             self.write(line)
 
     def flush(self) -> None:
-        """Write what is held back, unless the pipe is closed."""
+        """Write the buffered output, unless the pipe is closed."""
         self._forward("flush")
 
     def _forward(self, method: str, *given: str) -> None:

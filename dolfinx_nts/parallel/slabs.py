@@ -207,7 +207,7 @@ def looked_up(comm: MPI.Comm, ids: GlobalInts, known: GlobalInts, rows: Array) -
     Args:
         comm: Communicator.
         ids: Numbers of the requested rows, shape ``(n,)``.
-        known: Sorted numbers of the rows of this rank, larger than those of lower ranks, shape
+        known: Sorted numbers of the rows of this rank, larger than on lower ranks, shape
             ``(m,)``.
         rows: Rows of this rank, shape ``(m, ...)``.
 

@@ -38,9 +38,9 @@ _KINDS: dict[tuple[int, int], tuple[int, list[int]]] = {
 }
 
 _SIZE = [1600, 900]  # of pictures [pixels]
-# Heights [pixels] that pictures get where they are aimed, as what is drawn is wide or tall.
+# Limits of the height of a picture [pixels], which follows the shape of the bodies.
 _HEIGHTS = (480, 1200)
-# What the bodies get of the picture [-]: from the left to the bar of colours, and of the height.
+# Part of the picture for the bodies [-]: from the left to the bar of colours, and of the height.
 _LEFT, _RIGHT, _LOW, _HIGH = 0.03, 0.84, 0.03, 0.91
 # From the bodies to the camera [-]: from +x, slightly from above and from the side.
 _TOWARDS_CAMERA = (1.0, -0.45, 0.35)
@@ -72,14 +72,14 @@ _BAR = {
 _TRIAD = (0.85, 0.0, 0.99, 0.2)
 _TEXT = 14  # size of the text in a corner
 _LABELS = 5  # of the bar, where the range is given
-_ABOVE = "magenta"  # colour of what is above the range
+_ABOVE = "magenta"  # colour of values above the range
 _LINE = 24  # width of coloured lines [pixels]
-_BEHIND = 1e-3  # from lines to what is behind them, relative to its size [-]
+_BEHIND = 1e-3  # from lines to the bodies behind them, relative to the size of these [-]
 _ARROW = 0.1  # length of the longest arrow, relative to the picture [-]
 
 
 class Unit(NamedTuple):
-    """Unit of what is drawn.
+    """Unit of the values in a picture.
 
     Attributes:
         symbol: Its symbol, ``""`` for numbers without one.
@@ -177,7 +177,7 @@ def paint(
         unit: Unit of the values.
         time: Time of the picture, and the largest time of all pictures [s], which determines the
             prefix.
-        limits: Range of the colours; by default that of the values, rounded. Values above it have a
+        limits: Range of the colours; by default of the values, rounded. Values above it have a
             special colour.
     """
     values = np.asarray(grid[name], dtype=np.float64)

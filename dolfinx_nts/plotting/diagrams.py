@@ -106,7 +106,7 @@ def energy_error(
 
     That is the change of the total energy without the work of loads, supports, damping and
     friction, relative to the largest total energy or work of the run. It is zero where a scheme
-    conserves, also with loads and from rest; what is below the machine epsilon is drawn as the
+    conserves, also with loads and from rest; values below the machine epsilon are drawn as the
     epsilon.
 
     Args:

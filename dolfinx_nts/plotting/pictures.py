@@ -88,9 +88,9 @@ def snapshot(
         filename: PNG file to write, if one is wanted.
         colour: ``"stress"`` for the von Mises stress in the middle of the cells (at degree 2 of
             their eight pieces), or ``"displacement"`` for its magnitude.
-        limits: Range of the colours [Pa or m]; by default that of the state.
-        unit: Symbol of the unit of what is drawn, where yours is not SI; it then stands as it is.
-            By default that of SI with a prefix which suits the numbers.
+        limits: Range of the colours [Pa or m]; by default of the state.
+        unit: Symbol of the unit of the values, if it is not SI; it is used unchanged.
+            By default the SI unit with a prefix that suits the numbers.
         camera: Direction to the camera, shape ``(3,)``, or position, focus and upward direction as
             in PyVista; by default from +x.
         cut: Direction in which bodies are cut open, shape ``(3,)``: cells beyond the middle of all,
@@ -178,10 +178,10 @@ def contact(
         filename: PNG file to write, if one is wanted.
         colour: ``"pressure"`` or ``"gap"``.
         pair: Position of the pair in ``stepper.pairs``.
-        limits: Range of the colours [Pa or m]; by default that of the state, but of gaps only
+        limits: Range of the colours [Pa or m]; by default of the state, but of gaps only
             up to the size of a segment.
-        unit: Symbol of the unit of what is drawn, where yours is not SI; it then stands as it is.
-            By default that of SI with a prefix which suits the numbers.
+        unit: Symbol of the unit of the values, if it is not SI; it is used unchanged.
+            By default the SI unit with a prefix that suits the numbers.
         camera: Direction to the camera, shape ``(3,)``, or position, focus and upward direction as
             in PyVista; by default from where the contact force comes, or from the side with the
             least gap; in the plane from +z.
@@ -253,9 +253,9 @@ def animate(
         fields: File ``.vtkhdf`` or ``.xdmf`` of a `Recorder` that is closed.
         filename: File to write, ``.gif``, or ``.mp4`` with the package ``imageio-ffmpeg``.
         colour: Name of a field in the file; of vectors the magnitude is drawn.
-        limits: Range of the colours in the unit of the field; by default that of all states.
-        unit: Symbol of the unit of what is drawn, where yours is not SI; it then stands as it is.
-            By default that of SI with a prefix which suits the numbers.
+        limits: Range of the colours in the unit of the field; by default of all states.
+        unit: Symbol of the unit of the values, if it is not SI; it is used unchanged.
+            By default the SI unit with a prefix that suits the numbers.
         camera: Direction to the camera, shape ``(3,)``, or position, focus and upward direction as
             in PyVista; by default from +x, with all states in the picture.
         fps: States per second of the movie [1/s].

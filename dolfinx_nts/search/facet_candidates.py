@@ -37,12 +37,12 @@ _CURVED: dict[str, Callable[..., Any]] = {
 
 
 class FacetCandidates(SegmentCandidates):
-    """Segments with the facets to which they belong, see `SegmentCandidates`.
+    """Segments with the facets to which they belong.
 
     Segments select the facet of each point. Gap, force and slip are evaluated on the whole facet:
     at degree 2 on the curved one, see `cpp/nts/geometry/facet.h`, and for smooth surfaces on the
     patch, shifted to the mean of the flat facet, so that the consistent load of a uniform pressure
-    is that of the facet. Points store the effect of the shifts on gaps, see `MortarPoints`.
+    belongs to the facet. Points store the effect of the shifts on gaps, see `MortarPoints`.
 
     Far outside a curved facet its extrapolation is not used. In the methods that evaluate pairs,
     the number of a segment plus the number of all segments denotes the plane through the vertices
@@ -189,7 +189,7 @@ def _among(weights: Floats, n: int) -> Floats:
 
 
 def rises(weights: Floats, nodes: Ints, facet: Ints, x: Floats) -> Floats:
-    """Displacements from the means of facets to those of their patches, shape ``(m, 3)`` [m].
+    """Displacements from the means of facets to the means of their patches, shape ``(m, 3)`` [m].
 
     ``weights`` and ``nodes`` are of all facets, ``(s, n)``; ``facet`` selects m of them.
     """

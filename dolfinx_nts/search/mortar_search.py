@@ -23,7 +23,7 @@ _AROUND = 1e-6
 
 
 class MortarCandidates(FacetCandidates):
-    """Segments with the facets that may touch them, see `FacetCandidates`.
+    """Segments with the facets that may touch them.
 
     Args:
         found: The segments.
@@ -46,7 +46,7 @@ class FacetSearch(GlobalSearch):
     """Finds segments with the facets that they are parts of, see `GlobalSearch`. Collective.
 
     Args:
-        nodes: Surface whose nodes look for segments.
+        nodes: Surface whose nodes search for segments.
         segments: Surface that offers segments.
     """
 
@@ -87,7 +87,7 @@ class MortarSearch(FacetSearch):
     all that the multipliers of its nodes do.
 
     Args:
-        nodes: Surface whose facets look for segments.
+        nodes: Surface whose facets search for segments.
         segments: Surface that offers segments.
     """
 

@@ -1,4 +1,4 @@
-"""Facets around the nodes of a surface, also those of other ranks."""
+"""Facets around the nodes of a surface, including facets of other ranks."""
 
 from typing import NamedTuple
 
@@ -30,15 +30,15 @@ _OPPOSED = 0.5
 
 
 class AroundNodes(NamedTuple):
-    """Facets around nodes, see `cpp/nts/search/facing.h`.
+    """Facets around nodes, for the kernel in `cpp/nts/search/facing.h`.
 
     Attributes:
         scatter: Map of the nodes that the facets need.
         nodes: Owned nodes, shape ``(n,)``.
-        vertices: Vertices of the facets, nodes of the map, shape ``(f, k)``.
+        vertices: Vertices of the facets as nodes of the map, shape ``(f, k)``.
         orientation: +1 where a_1 x a_2 points out of the body, otherwise -1, ``(f,)``.
         counts: Number of facets around each node, shape ``(n,)``.
-        facets: These, node by node, shape ``(e,)``.
+        facets: These facets, node by node, shape ``(e,)``.
         corner: Number of the node among the vertices of each, shape ``(e,)``.
         angle: Angles of the facets at the nodes, shape ``(e,)`` [rad].
     """
@@ -54,7 +54,7 @@ class AroundNodes(NamedTuple):
 
 
 class NodalFacets:
-    """Facets around the owned nodes of a surface, which tell what they face. Collective.
+    """Facets around the owned nodes of a surface, from which the nodes get normals. Collective.
 
     Args:
         surface: The surface.
@@ -84,10 +84,10 @@ class NodalFacets:
         self._take(AroundNodes(near.scatter, surface.nodes, *facets, angle))
 
     def _take(self, around: AroundNodes, group: Ints | None = None) -> None:
-        """Hand facets over to the kernels.
+        """Create the kernel object.
 
-        ``group`` are those of segments that the nodes may touch, shape ``(n,)``; None: there is
-        one.
+        ``group`` is the group of candidate segments of each node, shape ``(n,)``; None for one
+        group.
         """
         self.around, counts = around, around.counts
         first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
@@ -103,11 +103,11 @@ class NodalFacets:
         self._numbers: Ints = np.arange(len(counts), dtype=np.int32)
 
     def points(self, x: Floats) -> NodalPoints:
-        """Make contact points of the nodes that face what they do at positions x. Collective.
+        """Create contact points of the nodes, with their normals at positions x. Collective.
 
         ``x`` are positions of the local nodes of the space, owned and ghost, ``(l, 3)`` [m].
         """
-        # The positions stay, whatever becomes of x.
+        # A copy, as x may change later.
         facing = Facing(self._kernel, self.around.scatter.forward(x).copy(), self._numbers)
         return NodalPoints(self.around.nodes, facing)
 

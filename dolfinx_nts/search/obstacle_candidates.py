@@ -98,7 +98,7 @@ class ObstacleCandidates(Candidates):
 
 
 class ObstacleSearch(Search):
-    """Search that always returns all facets of an obstacle, see `Search`.
+    """Search that always returns all facets of an obstacle.
 
     Args:
         obstacle: The obstacle.

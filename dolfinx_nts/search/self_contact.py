@@ -43,7 +43,7 @@ class SelfContactCandidates(SegmentCandidates):
     def independent(
         self, surface: Surface, segment: Ints, eligible: Flags, urgency: GlobalInts
     ) -> Flags:
-        """Choose nodes of which none is a vertex of the segment of another. Collective.
+        """Choose nodes such that none is a vertex of the segment of another. Collective.
 
         Greedy selection by urgency. For equal urgency, neighbours of chosen nodes come first, so
         that one of two flat walls gets all multipliers; then the input number decides, so that the

@@ -54,7 +54,7 @@ class SharedSegments:
         return sums
 
     def entries(self, node: Ints, segment: Ints) -> tuple[Ints, Ints, Array]:
-        """All segments of some nodes, those of each node one after the other.
+        """All segments of some nodes, node by node.
 
         Args:
             node: The nodes, shape ``(m,)``.

@@ -1,4 +1,4 @@
-"""Whole facets of the surfaces of mortar contact: those of degree 2 are several segments.
+"""Whole facets of the surfaces of mortar contact: a facet of degree 2 is several segments.
 
 Node-to-segment contact knows segments only. Mortar contact integrates over facets with all their
 nodes, in the order of Basix: vertices, middles of edges, middle. Multipliers belong to vertices,

@@ -27,7 +27,7 @@ class Derivative:
     """Derivative of linear forms with respect to u in a direction, taken at the first use.
 
     Args:
-        forms: Form of the bodies, then those of the loads.
+        forms: Form of the bodies, then the forms of the loads.
         u: Displacement, a coefficient of the forms.
         jumps: Whether the derivative is discontinuous, as at the onset of plastic flow. Single
             precision cannot resolve on which side of a jump a point is.

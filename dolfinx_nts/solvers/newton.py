@@ -334,7 +334,7 @@ class _Iteration:
 def _forcing(norms: Sequence[float], target: float) -> float:
     """Reduction asked of the linear solver: the forcing term of an inexact Newton method.
 
-    If it leads close to the target, the target is aimed at, which saves the last iteration.
+    If it would almost reach the target, it is chosen to reach it, which saves the last iteration.
     """
     if norms[-1] <= _AIM * target:
         return _LEAST_REDUCTION

@@ -17,7 +17,7 @@ class NodalSum:
     """Sum of linear forms at the owned nodes, the first of bodies, the others of loads.
 
     Args:
-        forms: The form of the bodies, then those of the loads, with derivatives applied by
+        forms: The form of the bodies, then the forms of the loads, with derivatives applied by
             `ufl.algorithms.expand_derivatives`.
         V: Space of the test function.
         kernels: Kernels of the form of the bodies, see `CellForm`.

@@ -11,7 +11,7 @@ __all__ = ["PrescribedMotion"]
 
 
 class PrescribedMotion:
-    """Prescribed motion of supports, guides of rigid bodies and obstacles, applied at once.
+    """Prescribed motion of supports, rigid-body guides and obstacles, applied in one increment.
 
     `SubsteppedMotion` applies it in substeps. Methods are local unless noted.
 
@@ -62,7 +62,7 @@ class PrescribedMotion:
     def predict(self, states: Sequence[ContactContribution]) -> tuple[ContactContribution, ...]:
         """Contact states with the gaps and slips at the end of the prescribed increment.
 
-        ``states`` are those of the last `add_forces`.
+        ``states`` are the states of the last `add_forces`.
         """
         return tuple(states)
 

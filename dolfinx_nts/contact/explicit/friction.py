@@ -48,7 +48,7 @@ class Friction:
 
 
 class SpringFriction(Friction):
-    """Friction with a spring at each node, see `Friction`.
+    """Friction with a spring at each node.
 
     Args:
         state: State of the contact pair.

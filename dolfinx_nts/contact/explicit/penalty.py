@@ -46,7 +46,7 @@ _NO_SPRINGS = _kernels.Springs(
     np.empty(0),
 )
 
-# Number of edge springs that may act on one node [-]: those of both adjacent edges.
+# Number of edge springs that may act on one node [-]: one for each adjacent edge.
 _MEETING = 2.0
 
 
@@ -97,7 +97,7 @@ class SpringForces(NamedTuple):
     history: Callable[[], ContactHistory]
 
     def add_to(self, total: Floats) -> None:
-        """Add the forces to those of the owned nodes, shape ``(n, d)`` [N]. Collective."""
+        """Add the forces to the nodal forces, shape ``(n, d)`` [N]. Collective."""
         if self.scatter is not None:
             forces = total if total.shape[1] == 3 else np.zeros((len(total), 3))
             self.scatter.add(forces, self.springs.dofs, self.springs.force)

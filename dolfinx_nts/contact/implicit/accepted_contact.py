@@ -14,7 +14,7 @@ __all__ = ["contact_history", "contact_work"]
 
 
 def contact_history(step: ContactStep, last: ContactContribution) -> ContactHistory:
-    """What is to become the history of the pair. Collective.
+    """Contact state for the history of the pair. Collective.
 
     Args:
         step: An attempt that has found equilibrium.

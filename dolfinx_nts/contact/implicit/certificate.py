@@ -222,7 +222,7 @@ def check_penetration(step: ContactStep, dt: float) -> str:
 def passing_without_contact(step: ContactStep, dt: float) -> str:
     """Name nodes that would pass on the trial motion, and a shorter step, or "". Collective.
 
-    It explains a failed step: so deep in a surface a node may find no way out of it.
+    It explains a failed step: from such a depth a node may not return to the surface.
 
     Args:
         step: A step without a solution.

@@ -33,7 +33,7 @@ _NONE: Ints = np.empty(0, dtype=np.int32)
 
 
 class _Unknown(NamedTuple):
-    """What is unknown at the nodes.
+    """Unknowns of the nodes.
 
     Attributes:
         dim: Components of a displacement.
@@ -64,8 +64,8 @@ class ContactStep:
             ``(n, d)``; None if all are unknown.
         is_static: Whether there is no inertia.
         rigid: Owned nodes of rigid bodies, which cannot give up a displacement of their own.
-        intermediate: Positions like ``x_trial`` after some parts of the ballistic way, by the part
-            from 0 to 1, in which rigid bodies have not stretched; None: of no part.
+        intermediate: Positions like ``x_trial`` after fractions of the ballistic motion, by the
+            fraction from 0 to 1, in which rigid bodies have not stretched; None: of no part.
         share: Share of the end of the step in the forces of springs, see `Scheme` [-].
         begins_sticking: Whether all nodes with friction stick at first, see `StickSlip`.
         dt: Length of the step [s], for the speed of slip.
@@ -152,7 +152,7 @@ class ContactStep:
         return contribution
 
     def count_active(self, node: Ints) -> None:
-        """Count the active pairs of all ranks, of which ``node`` are these. Collective."""
+        """Count the active pairs of all ranks; ``node`` are the ones of this rank. Collective."""
         own = _kernels.counts_of_parts(self.normal.active[node], node, self.state.ends)
         counts = reductions.total(self._comm, own)
         self.num_active = int(counts.sum())

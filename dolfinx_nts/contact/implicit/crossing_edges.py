@@ -16,7 +16,7 @@ _LEAST_SHARE = 0.25
 
 
 class EdgePairing(NodePairing):
-    """Carriers of edges and the edges that they cross, see `NodePairing`.
+    """Carriers of edges and the edges that they cross.
 
     The force of a pair acts on both ends of the edge. The displacement of the carrier is eliminated
     only if its weight is not small.
@@ -38,7 +38,7 @@ class EdgePairing(NodePairing):
 
 
 class CrossingEdges(LocalSearch):
-    """Local search of crossing edges, see `LocalSearch`."""
+    """Local search of crossing edges."""
 
     def __init__(self, state: PairState | JointState, x_n: Floats, x_trial: Floats) -> None:
         super().__init__(state, x_n, x_trial)

@@ -28,7 +28,7 @@ class Friction:
         sliding: Nodes that slide where they are active, shape ``(n,)``.
         traction: Traction in the frames of the segments at t_n, shape ``(n, 2)`` [N].
         flips: How often a node has changed between stick and slip, shape ``(n,)``.
-        decided: Takes over what is decided on all pairs at once; None where springs decide.
+        decided: Applies the coupled solution for all pairs; None where springs decide.
     """
 
     decided: DecidedFriction | None
@@ -103,7 +103,7 @@ class Friction:
     ) -> tuple[Floats, Floats]:
         """Add tractions to forces, ``(m, d)`` [N], and tangents of `PairBlocks`.
 
-        Returns columns and slopes of the `ContactContribution`, without those of normal springs.
+        Returns columns and slopes of the `ContactContribution`, without the ones of normal springs.
         """
         return pairs.columns, np.zeros((len(pairs.node), 3, 3))
 

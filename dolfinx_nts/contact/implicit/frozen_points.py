@@ -36,7 +36,7 @@ _SETTLED_PART = 0.05
 
 
 class FrozenPoints(LocalSearch):
-    """Quadrature points of a mortar pair, see `LocalSearch`.
+    """Quadrature points of a mortar pair.
 
     Arguments and attributes are those of `LocalSearch`, with mean gaps of nodes and one
     representative segment of the points of each node.

@@ -1,12 +1,12 @@
 r"""Gaps and slips of springs extrapolated by the linear system.
 
-With rotations and curved surfaces, gaps and slips of an iterate differ from those of the linear
+With rotations and curved surfaces, gaps and slips of an iterate differ from the ones of the linear
 system by terms of second order in the increment. Times the stiffness of a spring these may far
 exceed its force: a node that moves by s along the tangent of a circle of radius R is
-:math:`s^2/(2R)` away from it. The linear forces are those of a mixed formulation. Using them for
-decisions and for the geometric tangent, Newton's method converges as with multipliers, while the
-residual has the forces of the measured gaps and slips. Both agree in equilibrium (D. Magisano, L.
-Leonetti, G. Garcea, Comput. Methods Appl. Mech. Engrg. 313 (2017), for stresses).
+:math:`s^2/(2R)` away from it. The linear forces are the unknowns of a mixed formulation. Using them
+for decisions and for the geometric tangent, Newton's method converges as with multipliers, while
+the residual has the forces of the measured gaps and slips. Both agree in equilibrium (D. Magisano,
+L. Leonetti, G. Garcea, Comput. Methods Appl. Mech. Engrg. 313 (2017), for stresses).
 """
 
 import numpy as np

@@ -13,7 +13,7 @@ __all__ = ["MortarSlip", "NodalFrames"]
 
 
 class NodalFrames(NamedTuple):
-    """Frames of nodes at t_n, into which those of the segments of their points are turned.
+    """Frames of nodes at t_n, into which the frames of their points' segments are turned.
 
     Attributes:
         at_nodes: Orthonormal tangents at the nodes, shape ``(m, 2, 3)``.
@@ -34,7 +34,7 @@ class NodalFrames(NamedTuple):
 
 
 class MortarSlip(Slip):
-    """Mean slip of the points of each node, see `Slip`.
+    """Mean slip of the points of each node.
 
     Turns of frames and the shares of nodes in points are constants of the step, so that what
     holds for the slip of each point holds for the mean: the work of tractions is exact, and

@@ -28,7 +28,7 @@ _SUNK, _MOST_CHOICES = 0.05, 2
 
 
 class MultiplierContact(NormalContact):
-    """Active set and multipliers of normal contact, see `NormalContact`.
+    """Active set and multipliers of normal contact.
 
     Args:
         state: State of the contact pair.

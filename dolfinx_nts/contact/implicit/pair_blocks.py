@@ -48,7 +48,7 @@ class PairBlocks(ABC):
 
         Returns:
             Forces at the nodes of the pairs, shape ``(m, 3)`` [N]; in mortar contact of degree 2
-            including those of mid-nodes.
+            including mid-nodes.
         """
 
     @abstractmethod
@@ -88,7 +88,7 @@ class PairBlocks(ABC):
 
         Args:
             normal: Normals of the nodes, shape ``(m, 3)``.
-            gradients: Gradients, with those of gaps first, shape ``(m, c, 3 d)``.
+            gradients: Gradients, gaps first, shape ``(m, c, 3 d)``.
             gap: Gaps, shape ``(m,)`` [m].
             held: Flags of pairs whose nodes move, shape ``(m,)``.
             farthest: Largest displacements, ``(m,)`` [m]; nodes beyond are not moved.

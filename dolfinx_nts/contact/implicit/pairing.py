@@ -1,4 +1,4 @@
-"""Evaluation of pairs: gap and force of nodes, by what they face."""
+"""Evaluation of pairs: gap and force of nodes and their segments."""
 
 from abc import ABC, abstractmethod
 
@@ -22,7 +22,7 @@ __all__ = ["NodePairing", "Pairing"]
 
 
 class Pairing(ABC):
-    """Evaluates pairs of the nodes of a surface and what they face. Local.
+    """Evaluates pairs of nodes of a surface and their segments. Local.
 
     In the methods ``x`` are positions of the nodes that the candidates know, ``(l, 3)`` [m],
     ``node`` positions among the surface's nodes, shape ``(m,)``, and ``segment`` what these
@@ -70,11 +70,11 @@ class Pairing(ABC):
 
 
 class NodePairing(Pairing):
-    """Nodes and their segments, see `Pairing`.
+    """Nodes and their segments.
 
     Args:
         surface: Surface of the nodes.
-        candidates: What they may face.
+        candidates: Candidate segments.
         points: Contact points of the nodes.
         x_n: Positions at t_n, shape ``(l, 3)`` [m].
         history: Contact of the nodes in the last step.

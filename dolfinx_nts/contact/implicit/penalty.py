@@ -19,7 +19,7 @@ __all__ = ["PenaltyContact"]
 
 
 class PenaltyContact(NormalContact):
-    """Forces and energies of the springs, see `NormalContact`.
+    """Forces and energies of the springs.
 
     Args:
         state: State of the contact pair, with springs.

@@ -30,7 +30,7 @@ def shared_points(own: Ints, dofs: Ints, segment: Ints, start: Array) -> MortarP
 
 
 class SharedBlocks(OwnBlocks):
-    """One block for each segment of a node, see `OwnBlocks`.
+    """One block for each segment of a node.
 
     Args:
         points: Points of the nodes on their segments, see `shared_points`.

@@ -97,7 +97,7 @@ def length_of(vectors: Floats) -> Floats:
 
 
 def with_length(vectors: Floats, length: Floats) -> Floats:
-    """Vectors, ``(m, 2)``, of given lengths, ``(m,)``; those of none stay so."""
+    """Vectors, ``(m, 2)``, of given lengths, ``(m,)``; zero vectors stay zero."""
     present = length_of(vectors)
     scaled: Floats = vectors * (length / np.where(present > 0, present, 1.0))[:, None]
     return scaled

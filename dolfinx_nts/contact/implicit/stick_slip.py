@@ -37,7 +37,7 @@ _DIRECTION_WEIGHT = 1e7
 
 
 class StickSlip(Friction):
-    """Friction with exact stick or with springs, see `Friction`.
+    """Friction with exact stick or with springs.
 
     Args:
         state: State of the contact pair.
@@ -123,7 +123,7 @@ class StickSlip(Friction):
         self.release(pairs.node[changes & before])
         arrived = pairs.node[arrives]
         slip = np.linalg.norm(pairs.slip.value[arrives], axis=1)
-        # What presses them is not known yet.
+        # Their normal forces are not known yet.
         mu = self._limits.at(arrived, np.zeros(len(arrived))).by_p
         slides = slip > mu * np.abs(pairs.excess[arrives, 0])
         self.sliding[arrived] = slides | self._on_axis[arrived]
@@ -277,7 +277,7 @@ class StickSlip(Friction):
         return energy, parts
 
     class _Decided(NoFriction):
-        """Takes over what is decided, see `DecidedFriction`."""
+        """Applies the coupled solution to the pairs."""
 
         def __init__(self, friction: "StickSlip") -> None:
             self._of = friction

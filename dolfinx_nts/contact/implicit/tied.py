@@ -20,7 +20,7 @@ __all__ = ["Bond", "TiedContact"]
 
 
 class TiedContact(MultiplierContact):
-    """Holds the gaps of tied nodes, by forces of either sign, see `MultiplierContact`."""
+    """Holds the gaps of tied nodes, by forces of either sign."""
 
     def choose(self) -> Flags:
         tied, (segment, gap) = self._state.history.active, self._search.start
@@ -38,7 +38,7 @@ class TiedContact(MultiplierContact):
         return tied
 
     def needs(self, x: Floats, node: Ints) -> Flags | None:
-        """Whether the kinematics of nodes matter: those of all tied ones do."""
+        """Nodes whose kinematics are needed: all tied nodes."""
         return None
 
     @property
@@ -66,7 +66,7 @@ class TiedContact(MultiplierContact):
 
 
 class Bond(StickSlip):
-    """Tangential forces of tied nodes, which stick whatever the force, see `StickSlip`.
+    """Tangential forces of tied nodes, which stick whatever the force.
 
     Args:
         state: State of the pair.

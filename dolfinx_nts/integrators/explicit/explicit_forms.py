@@ -197,7 +197,7 @@ class PresentForces:
             return
         for number, force in enumerate((self.acceleration, *self._bulk.forces)):
             force[:] = archive.nodal(f"force/{number}", node_ids, force)
-        # Stored, since the order of summation differs from that of a step: equal to the last digit.
+        # Stored, since the order of summation differs in a step: equal to the last digit.
         self.strain_energy = archive.same("strain_energy", self.strain_energy)
         stored = archive.local("power", None if archive.giving else [np.array(self.power)])
         computed = np.vdot(self._bulk.total, self.acceleration)

@@ -41,14 +41,14 @@ _GROWTH = 0.25
 _ROUNDING = 1e-20
 # Least transit time of a wave through a cell [s] whose inverse square is finite.
 _SHORTEST_TIME = 1e-150
-# Numbers of cells of degree 1 and 2 whose matrices are computed at once [-], to save memory.
+# Numbers of cells of degree 1 and 2 whose matrices are computed together [-], to save memory.
 _BLOCK, _MATRICES = 4096, 64
 
 
 class Stability:
     """Stable step of an explicit stepper, and check of its energy.
 
-    Collective, except where a method says otherwise. Positions ``x`` are those of the local
+    Collective, except where a method says otherwise. Positions ``x`` are of the local
     nodes, shape ``(l, 3)`` [m].
 
     Args:

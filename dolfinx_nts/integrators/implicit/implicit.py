@@ -82,7 +82,7 @@ _MOST_LONG = 12
 class ImplicitStepper(Stepper):
     """Base class of steppers that solve for the displacement at the end of a step.
 
-    Arguments, attributes and errors are those of `EnergyMomentum`. Collective, as are all its
+    Arguments, attributes and errors as for `EnergyMomentum`. Collective, as are all its
     methods.
 
     Example:
@@ -300,7 +300,7 @@ class ImplicitStepper(Stepper):
     def _solve(
         self, start: Start, problem: StepProblem, **options: Any
     ) -> tuple[list[ContactStep], newton.Solution]:
-        """Solve the step; ``options`` are those of `StepSolver.solve`.
+        """Solve the step; ``options`` are passed to `StepSolver.solve`.
 
         If the solution has reached contact outside the searched range, the step is solved again
         from the same start, with this solution as the trial motion of the search.
@@ -403,7 +403,7 @@ class ImplicitStepper(Stepper):
         return forces
 
     def _is_unchanged(self, load: float) -> bool:
-        """Whether supports, obstacles, materials and loads [N] are those of the last step."""
+        """Whether supports, obstacles, materials and loads [N] have not changed in this step."""
         fixed, u = self.supports.fixed, self._u
         moves = any(contact.search.frame.moves for contact in self.contacts) or self.memory.exists
         stays = np.array_equal(self.supports.applied(u)[fixed], u[fixed])

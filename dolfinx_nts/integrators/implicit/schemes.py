@@ -27,7 +27,7 @@ class Midpoint(ImplicitStepper):
     """Midpoint rule, with stress and contact gradient at the mean state, for comparison.
 
     It conserves both momenta but not the energy (Franke, Hesch and Betsch 2011, eqs. 47-52).
-    Arguments, attributes and errors are those of `EnergyMomentum`. Collective, as are all its
+    Arguments, attributes and errors as for `EnergyMomentum`. Collective, as are all its
     methods.
 
     Example:

@@ -131,7 +131,7 @@ class Dashpots(MaterialMemory):
         self._of_cells.set(self._strains.of(self._strains.end).mean(axis=1))
 
     def _springs(self, E: Any, gammas: fem.Function) -> list[Any]:
-        """Strains of the springs from the total strain and those of the dashpots."""
+        """Strains of the springs from the total strain and the strains of the dashpots."""
         numbers = range(len(self._material.branches))
         return [E - symmetric_tensor(gammas, 6 * number) for number in numbers]
 

@@ -32,7 +32,7 @@ class SurfaceDamping:
     """Forces of stiffness damping at massless nodes, and its dissipation. Collective.
 
     Args:
-        forms: Forms of the bodies, some of which have stiffness damping.
+        forms: Forms of the bodies, some with stiffness damping.
         rates: Displacements of a step.
         massless: Owned massless nodes, sorted, shape ``(m,)``.
         fixed: Owned scalar dofs whose displacement is prescribed.

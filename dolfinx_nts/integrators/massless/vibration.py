@@ -353,7 +353,7 @@ class EnergyCorrection(NamedTuple):
     def of(
         cls, vibration: Vibration, rigid_correction: RigidCorrection, wanted: Floats
     ) -> "EnergyCorrection":
-        """Distribute the energy in proportion to that of rigid motion and vibration. Local."""
+        """Distribute the energy in proportion to rigid motion and vibration. Local."""
         whole = vibration.energy + rigid_correction.energy
         share = np.divide(rigid_correction.energy, whole, out=np.zeros_like(whole), where=whole > 0)
         rigid_factors, by_rigid = rigid_correction.factors(share * wanted)

@@ -33,7 +33,7 @@ __all__ = ["QuasiStatic", "UnstableEquilibrium"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Prescribed increment relative to the smallest cell [-] that adjacent cells can bear at once.
+# Prescribed increment relative to the smallest cell [-] that adjacent cells can bear undivided.
 # Larger ones are applied in substeps.
 _SMALL_INCREMENT = 1e-3
 
@@ -107,7 +107,7 @@ class QuasiStatic(ImplicitStepper):
     Where Newton's method finds no equilibrium near the last one, as at a limit load or where
     faceted bodies roll, pseudo-transient continuation with a vanishing viscous resistance finds
     another one. It is as exact as any other, and the log reports it. Arguments, attributes and
-    errors are those of `EnergyMomentum`. Collective, as are all its methods.
+    errors as for `EnergyMomentum`. Collective, as are all its methods.
 
     Example:
         >>> ends = fem.locate_dofs_geometrical(V, lambda x: (x[2] < 0.01) | (x[2] > 1.0))

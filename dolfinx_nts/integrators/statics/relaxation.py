@@ -38,7 +38,7 @@ _FIRST, _LARGEST, _LEAST = 1e-2, 10.0, 1e-10
 # Factor of the resistance [-] after a pseudo-step that succeeded, after `_PATIENCE` of them along
 # an unstable motion, and after one that failed.
 _FALL, _SLOW_FALL, _RISE = 0.1, 0.5, 4.0
-# Driving force (increment times resistance) relative to that of the last pseudo-step [-], below
+# Driving force (increment times resistance) relative to the last pseudo-step [-], below
 # which bodies come to rest.
 _CALMER = 0.5
 # Number of pseudo-steps [-] along an unstable motion after which the resistance falls; in each of

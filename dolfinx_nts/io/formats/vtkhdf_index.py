@@ -1,6 +1,6 @@
 """Index of a VTKHDF file: its mesh and its states, whose values lie in other HDF5 files.
 
-The format is that of VTK for an unstructured grid with time steps, with one partition and a mesh
+The format is VTK's for an unstructured grid with time steps, with one partition and a mesh
 that stays. Arrays are virtual datasets of HDF5: readers find the values in the files of the
 folder as if they were here. The index itself is small, so it can be replaced as a whole.
 """
@@ -40,13 +40,13 @@ class Field:
 
 @dataclass(frozen=True)
 class Block:
-    """States that share a file, in which those of each field lie one behind the other.
+    """States that share a file, which holds the values of each field one state after the other.
 
     Attributes:
         file: The file, relative to the index.
         steps: Number of the step of each state.
         times: Their times [s].
-        fields: Fields by name; those of cells have names that begin with ``cells/``.
+        fields: Fields by name; names of fields of cells begin with ``cells/``.
     """
 
     file: str
@@ -107,7 +107,7 @@ def write_index(
     Args:
         file: File that is written, empty.
         grid: File with the arrays of the mesh, relative to the index.
-        arrays: What it holds, see `grid_arrays`.
+        arrays: Arrays of the file, as of `grid_arrays`.
         blocks: The states, at least one, all with the same fields.
     """
     root = file.create_group("VTKHDF")

@@ -27,7 +27,7 @@ class VtxFile:
     Args:
         path: The file, ``.bp``, which is a folder.
         stepper: Stepper whose states are written.
-        fields: What is written of each state.
+        fields: Fields that are written of each state.
 
     Raises:
         RuntimeError: DOLFINx was built without ADIOS2.

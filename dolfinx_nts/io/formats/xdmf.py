@@ -1,7 +1,7 @@
 """XDMF file with the fields of a run, and the HDF5 files that hold their values.
 
-``run.xdmf`` tells ParaView, VTK and meshio which states there are. The values lie in the folder
-``run_fields``: the mesh in ``mesh.h5``, and each state in a file of its own, that of step 50 in
+``run.xdmf`` lists the states for ParaView, VTK and meshio. The values are in the folder
+``run_fields``: the mesh in ``mesh.h5``, and each state in its own file, step 50 in
 ``000000050.h5``. Each of these files appears as a whole in one instant, so a killed program
 leaves whole states.
 
@@ -68,7 +68,7 @@ def mesh_xml(file: str, mesh: Mapping[str, Any], cell: str) -> str:
         cell: Kind of the cells, as DOLFINx names it.
 
     Returns:
-        XML, a part of that of each state.
+        XML, a part of the description of each state.
     """
     number = mesh["cells"].shape[0]
     return (
@@ -87,7 +87,7 @@ def state_xml(file: str, mesh: str, time: float, fields: Mapping[str, Any]) -> s
         file: HDF5 file of the state, relative to the XDMF file.
         mesh: XML of the mesh.
         time: Time of the state [s].
-        fields: Values at the nodes by name, shape ``(n,)`` or ``(n, 3)``; those of cells, also
+        fields: Values at the nodes by name, shape ``(n,)`` or ``(n, 3)``; of cells, also
             tensors ``(m, 9)``, have names that begin with ``cells/``, or are in such a group.
 
     Returns:
@@ -136,7 +136,7 @@ class XdmfFile:
         path: The XDMF file. The folder next to it has its name with ``_fields`` in the place of
             ``.xdmf``.
         stepper: Stepper whose states are written.
-        fields: What is written of each state.
+        fields: Fields that are written of each state.
     """
 
     def __init__(self, path: Path, stepper: Stepper, fields: RunFields) -> None:
@@ -176,7 +176,7 @@ class XdmfFile:
         Args:
             resume: Whether to continue the states up to the present step. Otherwise all states
                 of an earlier run are removed. If one of them is damaged or missing, a warning
-                tells so, and all are moved to another folder.
+                is issued, and all are moved to another folder.
 
         Raises:
             OSError: The files cannot be written.

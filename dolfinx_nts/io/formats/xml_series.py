@@ -22,7 +22,7 @@ from dolfinx_nts.io.atomic_file import replace
 
 __all__ = ["XmlSeries"]
 
-# XML needs the space, even where an element follows at once.
+# XML needs the space, even where an element follows directly.
 _START, _END = b"<?pad ", b"?>\n"
 # The start of a former instruction becomes the indentation of an element.
 _INDENT = b" " * len(_START)

@@ -30,7 +30,6 @@ class AdjacentFacets:
     """
 
     def __init__(self, facets: Ints, orientation: Floats, first: Ints | None = None) -> None:
-        """Take the facets; what is around vertices is found when it is asked for."""
         self._facets, self._orientation, self._first = facets, orientation, first
 
     def as_near(self, points: Floats, x: Floats, facet: Ints, size: Floats) -> tuple[Ints, Ints]:
@@ -68,7 +67,7 @@ class AdjacentFacets:
 
     @cached_property
     def _corners(self) -> tuple[Ints, Array]:
-        """Corners of the facets by vertices, and where those of each vertex begin, with the end."""
+        """Corners of the facets by vertices, and the first corner of each vertex, with the end."""
         corners = self._facets.ravel()
         order = np.argsort(corners, kind="stable").astype(np.int32)
         return order, np.searchsorted(corners[order], np.arange(corners.max(initial=-1) + 2))

@@ -1,6 +1,6 @@
 r"""Obstacles with an exact surface: planes, spheres and cylinders.
 
-Gap and normal are those of the exact surface. The contact force of the energy-momentum scheme is
+Gap and normal refer to the exact surface. The contact force of the energy-momentum scheme is
 a discrete gradient, :math:`F \cdot (x_{n+1} - x_n) = g_{n+1} - g_n`, in closed form.
 """
 
@@ -47,7 +47,7 @@ _REVERSED = 1e-12
 
 
 class SurfaceSlip(Slip):
-    """Displacement of nodes in the tangent plane of an exact surface at t_n, see `Slip`.
+    """Displacement of nodes in the tangent plane of an exact surface at t_n.
 
     Schemes with forces at t_{n+1} use the tangent plane at t_{n+1}.
 

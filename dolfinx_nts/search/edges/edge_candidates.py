@@ -49,7 +49,7 @@ class _Found(NamedTuple):
 
 
 class EdgeCandidates(SegmentCandidates):
-    """Pairs of edges near each other, see `Candidates`.
+    """Pairs of edges near each other.
 
     A candidate consists of an edge of the nodal surface, an edge of the other surface, and an
     orientation of the normal. Only its carrier, the first end of the own edge, can choose it. Its

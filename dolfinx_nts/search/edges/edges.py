@@ -10,7 +10,7 @@ from dolfinx_nts.search.edges.sharp_edges import unit_normals
 
 __all__ = ["Edges", "pairs_within"]
 
-# Number of boxes that are compared at once [-], to save memory.
+# Number of boxes that are compared together [-], to save memory.
 _AT_ONCE = 1 << 20
 
 # Least and greatest coordinates, both ``(e, 3)`` [m].

@@ -16,9 +16,9 @@ __all__ = ["RigidEdgeCandidates"]
 
 
 class RigidEdgeCandidates(EdgeCandidates):
-    """Edges that cross edges of a rigid obstacle, see `EdgeCandidates`.
+    """Edges that cross edges of a rigid obstacle.
 
-    The nodes of a pair are those of the own edge. Positions are in the frame of the obstacle, with
+    The nodes of a pair belong to the own edge. Positions are in the frame of the obstacle, with
     the vertices of the obstacle as additional rows.
 
     Args:

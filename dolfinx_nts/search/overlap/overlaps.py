@@ -305,6 +305,6 @@ def _names(obstacles: Sequence[Obstacle]) -> list[str]:
 
 def _centres(x: Floats, cells: Ints) -> Floats:
     """Centres of the nodes of cells, shape ``(c, 3)`` [m]."""
-    # Node by node, which is faster than gathering all nodes at once.
+    # Node by node, which is faster than gathering all nodes together.
     centres: Floats = sum(x.take(nodes, axis=0) for nodes in cells.T) / cells.shape[1]
     return centres

@@ -82,7 +82,7 @@ def self_overlap(
 def _depth(insides: Insides, number: int, points: Floats, frames: Floats, size: float) -> Floats:
     """Least distance to the boundary of the other part in six directions, ``(m,)`` [m]. Collective.
 
-    Arguments are those of `self_overlap` and the results of `_below`.
+    Arguments as for `self_overlap`, and the results of `_below`.
     """
     longest = insides.diameter(number)
     parts = []
@@ -109,7 +109,7 @@ def _below(triangles: Ints, x: Floats) -> tuple[Ints, Floats, Floats]:
         x: Positions of the local nodes [m].
 
     Returns:
-        The nodes, ``(n,)``; the points, first those of nodes, ``(m, 3)`` [m]; and inward normals
+        The nodes, ``(n,)``; the points, nodes first, ``(m, 3)`` [m]; and inward normals
         and two tangents, ``(m, 3, 3)``. Local.
     """
     node, first = np.unique(triangles, return_index=True)

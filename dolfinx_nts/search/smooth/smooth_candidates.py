@@ -20,7 +20,7 @@ _BESIDE = 1.0
 
 
 class SmoothCandidates(SegmentCandidates):
-    """Smooth segments within reach of this rank's points, see `Candidates`.
+    """Smooth segments within reach of this rank's points.
 
     Flat facets select the segment of a point. Gap, force and slip are evaluated on the patch. Its
     *vertices* are all nodes on which it depends.

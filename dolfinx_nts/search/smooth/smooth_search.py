@@ -13,7 +13,7 @@ __all__ = ["SmoothSearch", "depth_beneath_facets"]
 
 
 class SmoothSearch(GlobalSearch):
-    """Search for smooth segments that nodes of another surface can reach, see `GlobalSearch`.
+    """Search for smooth segments that nodes of another surface can reach.
 
     Args:
         nodes: Surface of the nodes.

@@ -4,7 +4,7 @@ Weights are computed in the reference configuration. At a node within a smooth p
 the derivatives x_u and x_v along two directions of its tangent plane come from a least-squares fit
 of a quadratic surface through the node to the nodes of adjacent facets. They are exact for linear
 positions on any mesh, so that planes stay plane, and for quadratic ones if there are enough nodes.
-At feature edges, such as free edges, and in the plane, the tangent is that of the parabola through
+At feature edges, such as free edges, and in the plane, the tangent belongs to the parabola through
 the node and its two neighbours along the feature,
 
 .. math:: (h_-^2 (x_+ - x) + h_+^2 (x - x_-)) / (h_- h_+ (h_- + h_+)),

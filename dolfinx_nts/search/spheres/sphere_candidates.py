@@ -20,7 +20,7 @@ _SIDEWAYS = 1e-6
 
 
 class SphereSlip(Slip):
-    r"""Slip along tangents :math:`e_i` that a sphere carries along, see `Slip`.
+    r"""Slip along tangents :math:`e_i` that a sphere carries along.
 
     At t_{n+1} a node has left the point at which it was, so that :math:`e_i` leave the surface
     by :math:`s_i = e_i \cdot n`. Forces of a scheme that has them there act along
@@ -28,7 +28,7 @@ class SphereSlip(Slip):
     .. math:: e'_i = e_i + \frac{s_i}{c (1 + c)} s_j e_j - \frac{s_i}{c} n, \quad
        c^2 = 1 - s_j s_j,
 
-    which are the tangents turned with the normal on the shortest way.
+    which are the tangents turned with the normal by the smallest rotation.
 
     Args:
         slip: The slip, with the tangents of t_{n+1} carried along.
@@ -76,7 +76,7 @@ class SphereSlip(Slip):
 
 
 class SphereCandidates(SmoothCandidates):
-    r"""Facets of a sphere within reach of this rank's points, see `Candidates`.
+    r"""Facets of a sphere within reach of this rank's points.
 
     Facets select nearby points. Gap, force and slip are evaluated on the sphere, whose control
     points are the centre :math:`c` and points :math:`p_i` that rotate with it, see `SphereFrame`.

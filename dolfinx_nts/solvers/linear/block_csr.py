@@ -90,7 +90,7 @@ class BlockCSR:
 
         Args:
             nodes: Global numbers, shape ``(m,)``.
-            ends: First number after those of each rank, shape ``(ranks,)``.
+            ends: First number after the rows of each rank, shape ``(ranks,)``.
 
         Returns:
             Start of each row, and the end, shape ``(m + 1,)``; global columns, shape ``(b,)``;

@@ -42,7 +42,7 @@ _FIRST_AIM, _AIM, _CENTRING = 1e-2, 1e-4, 0.5
 _DIFFERS = 1e-6
 # Coupling of two points, relative to their own compliances [-], that is round-off.
 _NOT_FELT = 1e-13
-# Compliance added to the points, relative to that of the bodies [-], which makes the forces unique.
+# Compliance added to the points, relative to the bodies' [-], which makes the forces unique.
 _COMPLIANCE = 1e-10
 
 

@@ -137,7 +137,7 @@ class LinearSolver:
 
     @property
     def num_iterations(self) -> int:
-        """Number of Krylov iterations so far, without those of `solve_for`."""
+        """Number of Krylov iterations so far, without iterations in `solve_for`."""
         return self._krylov.num_iterations
 
     def solve(
@@ -255,7 +255,7 @@ class LinearSolver:
     ) -> Floats | None:
         """Direction of negative curvature of the energy at the current equilibrium. Collective.
 
-        Friction forces are kept constant. The existing factors are used, or those of the complete
+        Friction forces are kept constant. The existing factors are used, or factors of the complete
         system if such systems are factorised.
 
         Args:

@@ -32,13 +32,13 @@ from dolfinx_nts.solvers.statics.negative_curvature import lowest_ritz_vector
 __all__ = ["SaddlePointSystem"]
 
 
-# Compliance of the constraints, relative to that of the stiffest node [-]. It keeps constraints
+# Compliance of the constraints, relative to the stiffest node [-]. It keeps constraints
 # solvable that prescribed displacements make dependent.
 _COMPLIANCE = 1e-10
 # Number of unknowns up to which dense factors are faster than MUMPS.
 _DENSE = 200
 # Gradient of a combination of constraints, relative to the largest [-], below which the constraints
-# are linearly dependent, such as those of points on one rigid body.
+# are linearly dependent, such as at points on one rigid body.
 _DEPENDENT = 1e-9
 _NO_STIFFNESS = 1e-300  # stiffness of a rank without nodes, to avoid division by zero [N/m]
 

@@ -21,7 +21,7 @@ _NO_FREEDOM = 1e-3
 _REDUCTION, _MAX_ITERATIONS = 1e-13, 50
 # Relative round-off of a vector [-].
 _ROUND_OFF = 4 * float(np.finfo(np.float64).eps)
-# Number of projections with friction, each of which reduces the error by some orders of magnitude.
+# Number of projections with friction. Each reduces the error by some orders of magnitude.
 _SLIDING_PASSES = 4
 
 

@@ -204,7 +204,7 @@ def _assembled(index_map: Any, entries: _Entries) -> Any:
 
 
 class RedistributedBulk(Bulk):
-    """Residual of bodies whose forms have no inertia, with that of a redistributed mass.
+    """Residual of bodies whose forms have no inertia, with the inertia of a redistributed mass.
 
     Args:
         residual, u, bcs, loads: Arguments of `Bulk`.

@@ -80,7 +80,7 @@ class ContactComplement:
 
         ``mobility`` is the additional compliance of free bodies, if there are any.
         """
-        # Without the geometric stiffness of contact: the factors lack that of the bodies, which
+        # Without the geometric stiffness of contact: the factors lack the bodies' part, which
         # would balance it.
         contacts = [
             blocks._replace(tangent_nodes=blocks.tangent_nodes[:0], tangent=blocks.tangent[:0])

@@ -104,7 +104,7 @@ class ContactCorrections:
 
         ``relief`` knows the motions of free bodies. The result is None for many points, without
         accurate factors of the bulk, if no contact presses on free bodies, and if the factors are
-        those of the derivative, in which free bodies turn under their contact forces.
+        the ones of the derivative, in which free bodies turn under their contact forces.
         """
         point, tangent = self._bulk.point, self._tangent
         if point is None or not self._bulk.has_responses or len(present) > _MOST_FORCES:

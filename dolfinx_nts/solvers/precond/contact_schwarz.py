@@ -114,7 +114,7 @@ class SerialSubdomain:
 
         Args:
             contacts: Constraints and tangent of each contact pair.
-            version: Number of the matrix's values, of which factors keep rows.
+            version: Version of the matrix's values, whose rows the factors keep.
             wide: Whether to include neighbours of neighbours.
         """
         if version != self._version:

@@ -20,13 +20,13 @@ __all__ = ["FactorAge"]
 _REBUILD_COST, _STRONG_REBUILD_COST = 15.0, 40.0
 # Iterations per decade of reduction above which the next stronger factors are cheaper than new ones
 # of the same kind; above which ILU(1) is cheaper than ILU(0), and the number of decades for that
-# judgement; and above which complete factors of the nearby matrix are replaced by those of the
+# judgement; and above which complete factors of the nearby matrix are replaced by factors of the
 # derivative.
 _SLOW, _FILL_PAYS, _DECADES_SHOW, _EXACT_PAYS = 15.0, 6.0, 4.0, 4.0
 # Courant number above which strong factors are used from the start.
 _MOST_CROSSINGS = 50.0
-# Decades of reduction over which the iterations of new factors are measured, about those of a step;
-# and the ratio to them below which the reference is lowered: contact had made it too high.
+# Decades of reduction over which the iterations of new factors are measured, about as many as in a
+# step; and the ratio to them below which the reference is lowered: contact had made it too high.
 _DECADES, _EASIER = 12.0, 0.7
 # Least reduction that is expected of one application of the preconditioner [-], since Krylov
 # iterations also scale its result.

@@ -34,7 +34,7 @@ class OverlappingSubdomain:
         owners = rows_by_rank(space.comm, np.searchsorted(self._ends, ghosts, side="right"))
         self._reached = exchanged(space.comm, {rank: ghosts[k] for rank, k in owners.items()})
         self._reached[space.comm.rank] = np.arange(*space.local_range)
-        # Known contact nodes, and those of them in the columns of each rank's rows. Both grow
+        # Known contact nodes, and the ones in the columns of each rank's rows. Both grow
         # slowly.
         self._known: GlobalInts = np.empty(0, dtype=np.int64)
         self._reaches: dict[int, GlobalInts] = {space.comm.rank: self._known}
@@ -112,7 +112,7 @@ class _GatheredRows:
 
     Args:
         rows: Bulk tangent of the owned nodes.
-        ends: First number after those of each rank.
+        ends: First number after the rows of each rank.
         nodes: Nodes of contacts, ascending.
         wide: Whether to include neighbours of neighbours.
     """

@@ -81,8 +81,8 @@ class BulkPreconditioner:
     """Factors of the bulk tangent, replaced by stronger ones where they do not suffice.
 
     ILU(0) is followed by ILU(1), then by complete factors, or by multigrid for many unknowns. After
-    slow iterations on one rank the complete factors are first `CompleteFactors`, then those of
-    MUMPS; on several ranks, and in statics, they are those of MUMPS. All of these are factors of a
+    slow iterations on one rank the complete factors are first `CompleteFactors`, then
+    MUMPS; on several ranks, and in statics, always MUMPS. All of these are factors of a
     definite matrix near the derivative. If it is far from the derivative, as in plastic flow, the
     factors of the derivative itself come last, as long as it is definite. A preconditioner from the
     user's options replaces ILU(0) and ILU(1).

@@ -1,4 +1,4 @@
-"""Linear fields over the nodes of all rigid bodies at once.
+"""Linear fields over the nodes of all rigid bodies together.
 
 Arrays of values per body, such as the coefficients of linear fields ``(d + 1, d)``, have the ``b``
 bodies as the first axis. With many bodies, a Python loop over them would take most of the time.

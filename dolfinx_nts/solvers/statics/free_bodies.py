@@ -18,7 +18,7 @@ from dolfinx_nts.solvers.precond.tangent import Tangent
 
 __all__ = ["FreeBody", "find_free_bodies"]
 
-# Stiffness against a rigid motion, relative to that of the nodes [-], below which it is round-off.
+# Stiffness against a rigid motion, relative to the nodes' [-], below which it is round-off.
 _NO_RESISTANCE = 1e-10
 # Tolerance for a unit motion to lie in the space of free motions [-].
 _ROUNDING = 1e-6

@@ -33,7 +33,7 @@ __all__ = ["InertiaRelief"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Stiffness added to the tangent of a free body, relative to that of its nodes [-].
+# Stiffness added to the tangent of a free body, relative to its nodes' stiffness [-].
 _SHIFT = 1e-9
 # Factor on this stiffness for a body that unbalanced forces drive away [-].
 _DRIVEN = 1e3

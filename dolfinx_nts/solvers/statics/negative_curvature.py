@@ -34,7 +34,7 @@ __all__ = ["lowest_ritz_vector", "negative_curvature_direction"]
 # Residual that ends the search, relative to the random force on one unknown [-]. It bounds the
 # probability of a miss by 0.024; smaller values take more iterations.
 _LEFT = 0.03
-# Curvature, relative to that of the preconditioner [-], that counts as negative. Smaller ones may
+# Curvature, relative to the preconditioner's [-], that counts as negative. Smaller ones may
 # be round-off, or belong to a state just beyond the limit.
 _NEGATIVE = -1e-3
 # Largest number of iterations, after which the result is None. Usual preconditioners take fewer.
