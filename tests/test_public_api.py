@@ -143,7 +143,7 @@ def undocumented_arguments(obj: Any) -> list[str]:
         names = [n for n in inspect.signature(obj).parameters if n not in ("self", "cls")]
         section = "Args"
         # Classes with the arguments of another one may refer to it.
-        if same := re.search(r"Arguments,\sattributes\sand\serrors\sare\sthose\sof\s`(\w+)`", doc):
+        if same := re.search(r"Arguments,\sattributes\sand\serrors\sas\sfor\s`(\w+)`", doc):
             other = getattr(dolfinx_nts, same[1])
             if inspect.signature(other) != inspect.signature(obj):
                 return [f"other arguments than {same[1]}"]
