@@ -50,6 +50,7 @@ DEMOS = {
     "resume": ["resume_forces.png"],
     "rings": ["rings.png", "rings_ledger.png"],
     "rolling": ["rolling_speed.png"],
+    "seal": ["seal.png"],
     "self_contact": ["self_contact.png"],
     "snap_fit": ["snap_fit.png"],
     "taylor_bar": ["taylor_bar.png"],
