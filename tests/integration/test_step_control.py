@@ -257,6 +257,35 @@ def test_an_error_names_pairs_with_nodes_on_the_stiffer_side(comm, monkeypatch, 
 
 
 @pytest.mark.serial
+def test_an_error_names_nodes_on_the_coarser_side_and_its_advice_helps(comm):
+    """A ball strikes a block, with facets that are 1.4 times as large."""
+
+    def build(model):
+        ball = {"centre": (0.013, 0.021, 0.505), "radius": 0.5, "cells_per_edge": 6, "layers": 2}
+        parts.add_solid_ball(model, "ball", **ball)
+        block = {"corner": (-1.0, -1.0, -0.5), "size": (2.0, 2.0, 0.5), "cells": (11, 11, 3)}
+        parts.add_box(model, "block", **block)
+
+    mesh, cells, facets, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    rubber = nts.NeoHookean(1e5, 0.3, 1e3)
+    bodies = [nts.Body(V, cells, tag[name], rubber) for name in ("ball", "block")]
+    sides = [nts.Surface(V, facets, tag[name]) for name in ("ball_outer", "block_top")]
+    low = fem.locate_dofs_topological(V, 2, facets.find(tag["block_bottom"]))
+    bcs = [fem.dirichletbc(np.zeros(3), low, V)]
+
+    def run(*sides):
+        stepper = nts.EnergyMomentum(bodies, [nts.ContactPair(*sides)], dt=0.01, bcs=bcs)
+        stepper.set_velocity(bodies[0], (0.0, 0.0, -1.0))
+        return list(stepper.run(until=0.2))
+
+    hint = r"block_top gives the nodes, and its facets are 1\.\d times as large as those of ball"
+    with pytest.raises(nts.ConvergenceError, match=hint):
+        run(*sides[::-1])
+    assert len(run(*sides)) == 20
+
+
+@pytest.mark.serial
 def test_explicit_steps_stay_stable(comm, agree):
     stepper = scene(comm, SCHEMES["explicit"]).stepper
     ends = [report.t for report in stepper.run(0.013, nts.StepControl(times=[0.0031]))]
