@@ -10,7 +10,7 @@ import numpy as np
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.pair_state import PairState
-from dolfinx_nts.contact.start import sink_nodes_inside
+from dolfinx_nts.contact.start import check_rigid_facets, sink_nodes_inside
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.obstacles.obstacles import Obstacle
 from dolfinx_nts.model.surfaces import Surface
@@ -122,8 +122,14 @@ class OverlapWatch:
         Args:
             x: Positions of the local nodes, shape ``(l, 3)`` [m].
             t: Time [s].
+
+        Raises:
+            ValueError: Bodies are so deep in each other, or in a `RigidSurface`, that no force
+                would act.
         """
         new = self._new(x, t, _AT_START)
+        for contact, bodies, _ in self._roles:
+            check_rigid_facets(contact, self.search, bodies, t, x)
         self._moved = False
         self._known |= {names: (overlap.depth, overlap.cells) for overlap, names in new}
         self._sink(new, x)

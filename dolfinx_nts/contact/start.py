@@ -1,24 +1,30 @@
 """Checks of an initial state: penetration of obstacles and bodies, bodies without a pair."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from itertools import product
 
 import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.method import NODES
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
-from dolfinx_nts.fem.node_numbering import listed, reference_positions
+from dolfinx_nts.fem.node_numbering import input_ids, listed, reference_positions
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.connected_bodies import connected
 from dolfinx_nts.model.obstacles.obstacles import Obstacle
+from dolfinx_nts.model.obstacles.rigid_surface import RigidSurface
+from dolfinx_nts.model.segments import area_vectors, diameters
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined
 from dolfinx_nts.search.overlap.overlaps import OverlapSearch
 
-__all__ = ["check_start", "sink_nodes_inside", "warn_of_bodies_without_pair"]
+__all__ = [
+    *("check_rigid_facets", "check_start", "sink_nodes_inside", "warn_of_bodies_without_pair"),
+]
 
 _logger = logging.getLogger("dolfinx_nts")
 
@@ -108,6 +114,63 @@ def sink_nodes_inside(state: PairState, inside: OverlapSearch, body: str, x: Flo
     if is_inside.any():
         usual = _kernels.DEEPEST * state.pair.segment_size
         state.sink(max(state.search.sunk, float(depth[of][is_inside].max()) + usual))
+
+
+def check_rigid_facets(
+    state: PairState, inside: OverlapSearch, bodies: Collection[str], t: float, x: Floats
+) -> None:
+    """Check that no body starts so deep in a `RigidSurface` that no force acts. Collective.
+
+    Nodes more than half a facet behind the facets face none of them. Facets alone do not say
+    which points are inside: a body is, where the way through it to its surface enters them.
+
+    Args:
+        state: State of a contact pair.
+        inside: Overlap search at the same positions.
+        bodies: Names of the bodies of the nodes, as in `Overlap`.
+        t: Time, for the positions of moving obstacles [s].
+        x: Positions of the local nodes of the space, shape ``(l, 3)`` [m].
+
+    Raises:
+        ValueError: The surface of the nodes is that deep.
+    """
+    surface, obstacle, comm = state.pair.nodes, state.pair.segments, state.nodes.V.mesh.comm
+    if not isinstance(obstacle, RigidSurface) or state.pair.method != NODES:
+        return
+    place = obstacle.motion.frame(t, t, obstacle.dim).at_end
+    corners = x[surface.segments]
+    normal = area_vectors(corners, surface.orientation)
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    # One point close to each node on each rank, just within the body.
+    near = corners + _NEAR * (corners.mean(axis=1, keepdims=True) - corners)
+    near -= _NEAR * (diameters(corners)[:, None] * normal)[:, None]
+    nodes, first = np.unique(surface.segments, return_index=True)
+    inward = -np.repeat(normal, corners.shape[1], axis=0)[first]
+    own = near.reshape(-1, 3)[first], inward, x[nodes], input_ids(surface.V)[nodes]
+    for name in sorted(bodies):
+        box = inside.box(name)
+        facets = obstacle.within(place(np.array(list(product(*box.T)))))
+        if not len(facets):
+            continue
+        diameter = float(np.linalg.norm(box[1] - box[0]))
+        depth = obstacle.depth_behind(facets, place(own[0] + diameter * inward), place(own[2]))
+        points, into, ends, ids = (joined(comm, each[depth != 0]) for each in own)
+        if not len(points):
+            continue
+        is_inside, thickness = inside.below(points, into, name)
+        begin = place(points + (1 - _NEAR) * thickness[:, None] * into)
+        depth = obstacle.depth_behind(facets, begin, place(ends))
+        deep = is_inside & (depth > 0) & (obstacle.depth(place(ends)) <= 0)
+        if deep.any():
+            deepest = np.flatnonzero(deep)[depth[deep].argmax()]
+            found = np.unique(ids[deep])
+            raise ValueError(
+                f"expected bodies outside of obstacles, given {len(found)} nodes of {surface.name} "
+                f"up to {depth[deepest]:.3g} inside {obstacle.name}, deepest at "
+                f"{ends[deepest].round(6).tolist()}, more than half of its facets, where no "
+                f"force acts: {listed(found)}; move the two apart before the first step, and let "
+                "a Motion or supports bring them together in steps"
+            )
 
 
 def warn_of_bodies_without_pair(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> None:

@@ -149,6 +149,31 @@ class RigidSurface(Obstacle):
         found, gap = self.find(x, none, _kernels.HYSTERESIS, reach, Facing.everywhere(len(x)))
         return np.where(found >= 0, -gap, 0.0)
 
+    def within(self, points: Floats) -> Ints:
+        """Find the facets that may be within the box around points, shape ``(m, 3)`` [m]."""
+        least, greatest = self.corners.min(axis=1), self.corners.max(axis=1)
+        apart = (least > points.max(axis=0)) | (greatest < points.min(axis=0))
+        return np.flatnonzero(~apart.any(axis=1)).astype(np.int32)
+
+    def depth_behind(self, facets: Ints, begin: Floats, x: Floats) -> Floats:
+        """Depth of points behind facets that straight ways to them enter, at any depth.
+
+        Args:
+            facets: The facets, shape ``(f,)``.
+            begin: Starts of the ways, shape ``(m, 3)`` [m].
+            x: The points, shape ``(m, 3)`` [m].
+
+        Returns:
+            Distances from the planes of entry, shape ``(m,)`` [m]; 0 where a way enters none,
+            negative where the longest part of it behind them ends before the point.
+        """
+        chosen = self._facets[facets], self._orientation[facets], self.key[facets]
+        none, everywhere = np.full(len(x), -1, dtype=np.int32), Facing.everywhere(len(x))
+        ways = begin, x, none, none, self._points, self._points
+        found = Trajectories(*_kernels.Segments(*chosen).follow(*ways, *everywhere.arguments))
+        depth = np.where(found.leaves, -found.way, -found.gap)
+        return np.where(found.entered >= 0, depth, 0.0)
+
     def is_at_rim(self, x: Floats, segment: Ints) -> Flags:
         return is_nearest_a_rim(x, self._points, self._facets, segment)
 

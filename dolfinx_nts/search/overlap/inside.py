@@ -51,6 +51,11 @@ class Insides:
         # Least and greatest coordinates of all nodes, shape (2, g, 3) [m].
         self._boxes = self._extremes(self._kernels.extents())
 
+    def box(self, number: int) -> Floats:
+        """Least and greatest coordinates of a boundary, shape ``(2, 3)`` [m]. Local."""
+        box: Floats = self._boxes[:, number]
+        return box
+
     def diameter(self, number: int) -> float:
         """Approximate diameter of a boundary [m]. Local."""
         return float(np.linalg.norm(self._boxes[1, number] - self._boxes[0, number]))

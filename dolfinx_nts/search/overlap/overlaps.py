@@ -123,6 +123,13 @@ class OverlapSearch:
         belongs = reductions.anywhere(self._comm, mine[:-1])
         return frozenset(name for name, yes in zip(self.names, belongs, strict=True) if yes)
 
+    def box(self, name: str) -> Floats:
+        """Least and greatest coordinates of a body at the positions of the last `find`. Local.
+
+        ``name`` is that of its boundary. Returns shape ``(2, 3)`` [m].
+        """
+        return self._insides.box(self.names.index(name))
+
     def below(self, points: Floats, inward: Floats, name: str) -> tuple[Flags, Floats]:
         """Whether points are inside a body at the positions of the last `find`. Collective.
 

@@ -180,6 +180,67 @@ def test_bodies_that_start_deeper_than_half_of_their_thickness_are_refused(comm,
         stepper.advance()
 
 
+def sheet_and_cube(comm, height, cells, *, hole=False, motion=None, scheme=nts.QuasiStatic):
+    """A cube of 1 m with its bottom at a height above a rigid sheet of square facets, 3 m wide.
+
+    With a hole the sheet has none of its facets below the cube.
+    """
+
+    def build(model):
+        parts.add_box(model, "cube", corner=(0, 0, height), size=(1, 1, 1), cells=(2, 2, 2))
+
+    mesh, tags, facets, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    cube = nts.Body(V, tags, tag["cube"], SOFT)
+    y, x = 3 * np.indices((cells + 1, cells + 1)).reshape(2, -1) / cells - 1
+    number = np.arange((cells + 1) ** 2).reshape(cells + 1, cells + 1)
+    squares = [number[j : j + 2, i : i + 2].ravel() for j in range(cells) for i in range(cells)]
+    points = np.stack([x, y, 0 * x], axis=1)
+    if hole:
+        middle = points[np.array(squares)].mean(axis=1)
+        squares = np.array(squares)[np.abs(middle[:, :2] - 0.5).max(axis=1) > 0.5]
+    sheet = nts.RigidSurface(points, np.array(squares), outside=(0.5, 0.5, 9.0))
+    pair = nts.ContactPair(
+        nts.Surface(V, facets, tag["cube_bottom"]),
+        sheet.moving(motion) if motion else sheet,
+        nts.Penalty(1e4) if scheme is nts.CentralDifference else None,
+    )
+    bcs = []
+    if scheme is nts.QuasiStatic:
+        top = fem.locate_dofs_topological(V, 2, facets.find(tag["cube_top"]))
+        bcs = [fem.dirichletbc(np.zeros(3), top, V)]
+    return scheme([cube], [pair], dt=1e-3, bcs=bcs)
+
+
+@pytest.mark.parametrize("cells", [3, 15])
+@pytest.mark.parametrize("depth", [0.02, 0.3, 0.9])
+@pytest.mark.parametrize("scheme", [nts.QuasiStatic, nts.EnergyMomentum, nts.CentralDifference])
+def test_bodies_that_start_in_rigid_facets_are_refused_at_any_depth(
+    comm, refused, scheme, depth, cells
+):
+    """Also deeper than half a facet, where nodes face none: 0.02 to 4.5 sides of a facet."""
+    stepper = sheet_and_cube(comm, -depth, cells, scheme=scheme)
+    message = rf"outside of obstacles, given 9 nodes of cube_bottom up to {depth:g} inside a Rigid"
+    with refused(ValueError, message):
+        stepper.advance()
+    assert stepper.t == 0
+
+
+def test_a_refused_start_in_rigid_facets_names_place_and_remedy(comm, refused):
+    down = nts.Motion(translation=lambda t: (0.0, 0.0, -0.1))
+    with refused(ValueError, r"up to 0\.4 inside .* deepest at \[.*, -0\.5\].* move the two apart"):
+        sheet_and_cube(comm, -0.5, 15, motion=down).advance()
+
+
+@pytest.mark.parametrize(
+    ("height", "hole"), [(0.1, False), (0.0, False), (-1.2, False), (-0.5, True)]
+)
+def test_bodies_that_do_not_start_in_rigid_facets_are_not_refused(comm, height, hole):
+    """They are above, on and behind the sheet, and in a hole of it."""
+    report = sheet_and_cube(comm, height, 15, hole=hole).advance()
+    assert report.reactions[0].force[2] == 0
+
+
 def test_initial_overlaps_that_contact_does_not_detect_are_reported(comm, told):
     """Facets of the plate are 0.71 m long, and no node of it is inside the cube."""
     scene = Scene(comm, -0.05)
