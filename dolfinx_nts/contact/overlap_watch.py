@@ -67,7 +67,7 @@ class OverlapWatch:
         # one, see `OverlapSearch.approach`, and whether anything has moved since.
         self._seen: tuple[Floats, float] | None = None
         self._moved = False
-        self._ways: Floats = np.zeros((1, 1))
+        self._allowed: Floats = np.zeros((1, 1))
         # Remaining allowed approach of any two bodies, and bound on it in the last step.
         self._room, self._step = 0.0, 0.0
 
@@ -84,20 +84,20 @@ class OverlapWatch:
         return [(each, names(each.nodes), names(each.segments)) for each in self._contacts]
 
     @cached_property
-    def _way_through(self) -> Floats:
+    def _passing_approach(self) -> Floats:
         """Approach by which two boundaries pass through each other, shape ``(g, g)`` [m].
 
         It is infinite for boundaries without a common pair.
         """
         names, thickness = self.search.names, self.search.thickness
         of = {name: [i for i, other in enumerate(names) if other == name] for name in names}
-        ways = np.full((len(names), len(names)), np.inf)
+        approach = np.full((len(names), len(names)), np.inf)
         for _, nodes, segments in self._roles:
             for one, other in product(nodes, segments):
                 for i, j in product(of.get(one, []), of.get(other, [])):
                     if i != j:
-                        ways[i, j] = thickness[i] + thickness[j]
-        return ways
+                        approach[i, j] = thickness[i] + thickness[j]
+        return approach
 
     @cached_property
     def _has_parts(self) -> bool:
@@ -155,24 +155,24 @@ class OverlapWatch:
         """Remaining allowed approach of any two bodies until a check is due [m]."""
         return self._room
 
-    def travel(self, way: float) -> None:
+    def travel(self, displacement: float) -> None:
         """Reduce the allowed approach by a bound on the motion [m]. Local."""
-        self._room -= way
-        self._moved = self._moved or way > 0
+        self._room -= displacement
+        self._moved = self._moved or displacement > 0
 
-    def moved_far(self, way: float) -> bool:
+    def moved_far(self, displacement: float) -> bool:
         """Register an accepted step; returns whether a check is due. Local.
 
         Args:
-            way: Bound on the displacement of any node or obstacle in the step, the same on all
-                ranks [m].
+            displacement: Bound on the displacement of any node or obstacle in the step, the same on
+                all ranks [m].
         """
-        self._step = 2 * way
+        self._step = 2 * displacement
         self.travel(self._step)
         return self._room < self._step
 
     def meeting(
-        self, ends: tuple[Floats, Floats], times: tuple[float, float], way: float
+        self, ends: tuple[Floats, Floats], times: tuple[float, float], displacement: float
     ) -> Overlap | None:
         """Find bodies of a pair that a step brings into each other, on straight paths. Collective.
 
@@ -182,19 +182,19 @@ class OverlapWatch:
         Args:
             ends: Positions of the local nodes at both ends of the step, ``(l, 3)`` [m].
             times: Times of these [s].
-            way: Bound on the displacement of any node or obstacle in the step, the same on all
-                ranks [m].
+            displacement: Bound on the displacement of any node or obstacle in the step, the same on
+                all ranks [m].
 
         Returns:
             The deepest overlap that reaches the centres of cells and was not there before, at the
             first such position; None without.
         """
-        if self._seen is None or 2 * way <= self._room:
+        if self._seen is None or 2 * displacement <= self._room:
             return None
         (x_n, x), (t_n, t) = ends, times
         nearer = self.search.approach(x, t, *self._seen)
         np.fill_diagonal(nearer, 0.0)
-        if not np.any(nearer > self._ways):
+        if not np.any(nearer > self._allowed):
             return None
         number = int(np.ceil((nearer / self._unseen).max()))
         for part in (1.0, *(np.arange(1, number) / number)):
@@ -220,12 +220,12 @@ class OverlapWatch:
         """Check for overlaps if bodies have moved far since the last check."""
         # The sum of steps is a crude bound, since most nodes move in the same direction. A resumed
         # run has no earlier check.
-        nearer = self._ways if self._seen is None else self.search.approach(x, t, *self._seen)
-        if np.any(nearer + self._step > _USED * self._ways):
+        nearer = self._allowed if self._seen is None else self.search.approach(x, t, *self._seen)
+        if np.any(nearer + self._step > _USED * self._allowed):
             # Within a run, self-overlaps are checked for bodies with self contact only.
             self.look(x, t, self._selves)
         else:
-            self._room = float((self._ways - nearer).min())
+            self._room = float((self._allowed - nearer).min())
 
     def look(self, x: Floats, t: float, selves: Collection[str] | None = None) -> None:
         """Check the state if anything has moved, and report new overlaps.
@@ -273,10 +273,10 @@ class OverlapWatch:
         new = []
         least = part * self.search.smallest_cell
         overlaps, apart = self.search.find(x, least, t, selves)
-        self._ways = apart + self._unseen
-        self._seen, self._room = (x, t), float(self._ways.min())
+        self._allowed = apart + self._unseen
+        self._seen, self._room = (x, t), float(self._allowed.min())
         if not self._has_parts and not any(self._between_bodies(each) for each in overlaps):
-            self._clear(x, float((apart + self._way_through).min()))
+            self._clear(x, float((apart + self._passing_approach).min()))
         for overlap in overlaps:
             names = frozenset(overlap.names)
             deepest = self.deepest.setdefault(names, overlap)

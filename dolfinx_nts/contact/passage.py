@@ -78,19 +78,19 @@ class Passage(NamedTuple):
         # No displacement relative to the mean vertex exceeds twice the largest displacement.
         if 4 * _kernels.farthest(*ends) <= shortest:
             return cls.none()
-        way, longest = _relative_ways(candidates, points, *ends)
-        if way.max(initial=0.0) + longest <= shortest:
+        distance, longest = _relative_displacements(candidates, points, *ends)
+        if distance.max(initial=0.0) + longest <= shortest:
             return cls.none()
         segment_n, gap_n = start
-        near = ~(gap_n > way + longest) & (way + longest > 0)
+        near = ~(gap_n > distance + longest) & (distance + longest > 0)
         number = _numbers(near if free is None else near & free)
-        points, way = points.take(number), way[number] + longest
+        points, distance = points.take(number), distance[number] + longest
         inside = np.where(gap_n[number] < 0, segment_n[number], -1).astype(np.int32)
-        ways = candidates.follow(points, *ends, inside)
-        passes = ways.passes(candidates.size)
-        stays = _numbers((ways.entered >= 0) & ~ways.leaves & ~passes)
-        passes[stays] = _is_lost(candidates, points.take(stays), ends[1], ways.take(stays), reach)
-        return cls(number[passes], _possible_part(candidates, ways, way, passes))
+        paths = candidates.follow(points, *ends, inside)
+        passes = paths.passes(candidates.size)
+        stays = _numbers((paths.entered >= 0) & ~paths.leaves & ~passes)
+        passes[stays] = _is_lost(candidates, points.take(stays), ends[1], paths.take(stays), reach)
+        return cls(number[passes], _possible_part(candidates, paths, distance, passes))
 
 
 def through_to_another_side(
@@ -115,10 +115,10 @@ def through_to_another_side(
     nearby = float(candidates.size.max())
     segment, gap = candidates.pair(points, ends[0], np.full_like(number, -1), nearby)
     inside = np.where(gap < 0, segment, -1).astype(np.int32)
-    ways = candidates.follow(points, *ends, inside)
-    stays = (ways.entered >= 0) & ~ways.leaves
-    is_deep = bool((-ways.gap[stays] > candidates.passage.min(initial=np.inf)).any())
-    return number[ways.leaves & (ways.cosine < -_kernels.WALL)], is_deep
+    paths = candidates.follow(points, *ends, inside)
+    stays = (paths.entered >= 0) & ~paths.leaves
+    is_deep = bool((-paths.gap[stays] > candidates.passage.min(initial=np.inf)).any())
+    return number[paths.leaves & (paths.cosine < -_kernels.WALL)], is_deep
 
 
 def shortest_passage_of(pair: ContactPair) -> float:
@@ -175,7 +175,7 @@ def _numbers(flags: Flags) -> Ints:
     return flags.nonzero()[0].astype(np.int32)
 
 
-def _relative_ways(
+def _relative_displacements(
     candidates: Candidates, points: ContactPoints, x_n: Floats, x: Floats
 ) -> tuple[Floats, float]:
     """Displacements of points, ``(p,)``, and largest one of a vertex, about the mean vertex [m]."""
@@ -187,20 +187,22 @@ def _relative_ways(
 
 
 def _is_lost(
-    candidates: Candidates, points: ContactPoints, x: Floats, ways: Trajectories, reach: float
+    candidates: Candidates, points: ContactPoints, x: Floats, paths: Trajectories, reach: float
 ) -> Flags:
     """Flags of points that remain below a surface and would not be found there."""
-    entered, size = ways.entered, candidates.size[ways.entered]
-    after, gap = candidates.pair(points, x, ways.entered, reach)
-    came = ways.begin >= 0
+    entered, size = paths.entered, candidates.size[paths.entered]
+    after, gap = candidates.pair(points, x, paths.entered, reach)
+    came = paths.begin >= 0
     deep = came | (-candidates.gap(points, x, entered) > too_deep(candidates, entered))
-    lost = (after < 0) & deep & (ways.way > _DEEP * size)
-    flags: Flags = lost | (came & (gap > 0) & (ways.way > _PAST * size))
+    lost = (after < 0) & deep & (paths.way > _DEEP * size)
+    flags: Flags = lost | (came & (gap > 0) & (paths.way > _PAST * size))
     return flags
 
 
-def _possible_part(candidates: Candidates, ways: Trajectories, way: Floats, passes: Flags) -> float:
+def _possible_part(
+    candidates: Candidates, paths: Trajectories, distance: Floats, passes: Flags
+) -> float:
     """Fraction of a step with relative displacements ``(m,)`` after which points are caught."""
     shortest = candidates.passage.min(initial=np.inf)
-    parts = np.fmax(ways.begin, 0.0)[passes] + shortest / way[passes]
+    parts = np.fmax(paths.begin, 0.0)[passes] + shortest / distance[passes]
     return float(parts.min(initial=1.0))

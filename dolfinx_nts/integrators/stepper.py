@@ -306,7 +306,7 @@ class Stepper(TimeLoop):
         self.t_n, self.t, self.step, self._x_before = self.t, report.t, report.step, None
         moved = self._increment
         for contact in moving:
-            moved = contact.search.way(self.x, moved)
+            moved = contact.search.displacement_bound(self.x, moved)
         if moved and self.watch.overlaps.moved_far(moved):
             with self.timings.phase("overlap"):
                 self.watch.overlaps.follow(self.x, self.t)

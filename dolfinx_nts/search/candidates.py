@@ -276,22 +276,23 @@ class Search(ABC):
 
         ``before`` are earlier `positions`.
         """
-        ways = zip(self.rows, before, strict=True)
-        moved = [_kernels.farthest(x.take(rows, axis=0), there) for rows, there in ways]
+        states = zip(self.rows, before, strict=True)
+        moved = [_kernels.farthest(x.take(rows, axis=0), there) for rows, there in states]
         # A node and a vertex of different ranks may approach each other.
         return sum(reductions.largest(self._comm, moved))
 
-    def way(self, x: Floats, way: float) -> float:
+    def displacement_bound(self, x: Floats, bound: float) -> float:
         """Bound on the displacement of nodes and frame in a step [m]. Collective.
 
         Args:
             x: Positions of the local nodes at its end in space, shape ``(l, 3)`` [m].
-            way: Bound on the displacement of the nodes, the same on all ranks [m].
+            bound: Bound on the displacement of the nodes, the same on all ranks [m].
         """
         if not self.frame.moves:
-            return way
+            return bound
         return max(
-            way, reductions.largest(self._comm, float(self.frame.displacement(x).max(initial=0.0)))
+            bound,
+            reductions.largest(self._comm, float(self.frame.displacement(x).max(initial=0.0))),
         )
 
     @abstractmethod

@@ -193,5 +193,5 @@ def rises(weights: Floats, nodes: Ints, facet: Ints, x: Floats) -> Floats:
 
     ``weights`` and ``nodes`` are of all facets, ``(s, n)``; ``facet`` selects m of them.
     """
-    way: Floats = np.einsum("mn,mni->mi", weights[facet], x[nodes[facet]])
-    return way
+    rise: Floats = np.einsum("mn,mni->mi", weights[facet], x[nodes[facet]])
+    return rise

@@ -83,8 +83,8 @@ class JointSearch:
     def _approach(self, x: Floats) -> Floats:
         """Bounds of `Search.approach` since each search, shape ``(c,)`` [m]."""
         moved = x.take(self._rows, axis=0) - self._before
-        ways = np.sqrt(np.einsum("ij,ij->i", moved, moved))
-        farthest = reductions.largest(self._comm, largest_of_parts(ways, self._ends))
+        distances = np.sqrt(np.einsum("ij,ij->i", moved, moved))
+        farthest = reductions.largest(self._comm, largest_of_parts(distances, self._ends))
         sums: Floats = farthest.reshape(2, -1).sum(axis=0)
         return sums
 

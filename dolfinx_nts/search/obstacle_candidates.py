@@ -84,11 +84,11 @@ class ObstacleCandidates(Candidates):
             return obstacle.follow(begin, end, behind, facing)
 
         ends = self.frame.path(points.of(x_n), points.of(x), obstacle.unturned)
-        ways = Trajectories.along(ends, follow, inside)
+        paths = Trajectories.along(ends, follow, inside)
         if len(ends) == 2:
-            return ways
-        gap = self.gap(points, x, np.maximum(ways.entered, 0))
-        return ways._replace(gap=np.where(ways.entered >= 0, gap, np.nan))
+            return paths
+        gap = self.gap(points, x, np.maximum(paths.entered, 0))
+        return paths._replace(gap=np.where(paths.entered >= 0, gap, np.nan))
 
     def adjacent(self, x: Floats) -> tuple[AdjacentFacets, Floats] | None:
         return self._obstacle.adjacent

@@ -90,13 +90,13 @@ class SubsteppedMotion(PrescribedMotion):
         if self.is_complete:
             return R
         bulk = self._bulk
-        way = self._remaining()
-        forces = bulk.action(way, includes_given=True)
+        increment = self._remaining()
+        forces = bulk.action(increment, includes_given=True)
         self._changes, resisted = [], 0.0
         for step, state in zip(self._steps, states, strict=True):
-            changes, change = changes_ahead(step, state.pairs, way)
+            changes, change = changes_ahead(step, state.pairs, increment)
             self._changes.append(changes)
-            forces += change[:, : way.shape[1]]
+            forces += change[:, : increment.shape[1]]
             resisted += self._squared_resistance(step, state, changes)
         forces.ravel()[bulk.given] = 0
         forces = bulk.rigid.project(None, forces).ravel()
@@ -141,8 +141,8 @@ class SubsteppedMotion(PrescribedMotion):
         """Fraction of an increment after which new contacts are clearly closed. Collective."""
         bulk = self._bulk
         nodes = bulk.u.x.array[: bulk.num_owned].reshape(-1, bulk.rigid.dim)
-        way = du.reshape(nodes.shape) + bulk.rigid.remaining(nodes, self._fraction)
-        parts = [until_met(step, way, self._size) for step in self._steps]
+        increment = du.reshape(nodes.shape) + bulk.rigid.remaining(nodes, self._fraction)
+        parts = [until_met(step, increment, self._size) for step in self._steps]
         return reductions.least(bulk.comm, min(parts, default=1.0))
 
     def advance(self, nodes: Floats, du: Floats, part: float) -> Floats:
@@ -170,9 +170,9 @@ class SubsteppedMotion(PrescribedMotion):
         """Remaining prescribed displacements to first order, at the owned nodes, ``(n, d)`` [m]."""
         bulk = self._bulk
         nodes = bulk.u.x.array[: bulk.num_owned].reshape(-1, bulk.rigid.dim)
-        way = bulk.rigid.remaining(nodes, self._fraction)
+        increment = bulk.rigid.remaining(nodes, self._fraction)
         left = boundary_increment(bulk)
-        return way if left is None else way + left
+        return increment if left is None else increment + left
 
 
 def boundary_increment(bulk: Bulk) -> Floats | None:
@@ -184,9 +184,9 @@ def boundary_increment(bulk: Bulk) -> Floats | None:
     if not bulk.supports.exist:
         return None
     u = bulk.u.x.array
-    way = (bulk.supports.applied(u) - u)[: bulk.num_owned]
-    is_there = reductions.anywhere(bulk.comm, bool(way.any()))
-    return way.reshape(-1, bulk.rigid.dim) if is_there else None
+    increment = (bulk.supports.applied(u) - u)[: bulk.num_owned]
+    is_there = reductions.anywhere(bulk.comm, bool(increment.any()))
+    return increment.reshape(-1, bulk.rigid.dim) if is_there else None
 
 
 def largest_strain(bulk: Bulk, du: Floats) -> float:

@@ -59,35 +59,36 @@ class AllSprings:
             for number, (springs, force) in enumerate(zip(self.pairs, forces, strict=True), start=1)
         )
 
-    def ways(self, x: Floats, moved: float) -> list[float]:
+    def bounds(self, x: Floats, moved: float) -> list[float]:
         """Half the bounds on the approach of both sides of each pair [m]. Local.
 
         Args:
             x: Positions of the local nodes, shape ``(l, 3)`` [m].
             moved: Largest displacement increment of any node [m].
         """
-        return [contact.search.way(x, moved) for contact in self._contacts]
+        return [contact.search.displacement_bound(x, moved) for contact in self._contacts]
 
-    def fast(self, ways: Sequence[float]) -> list[tuple[ContactSprings, float]]:
-        """Pairs whose nodes may pass through a surface in a step, with their `ways`. Local."""
-        both = zip(self.pairs, ways, strict=True)
-        return [(springs, way) for springs, way in both if 2 * way > springs.shortest_passage]
+    def fast(self, bounds: Sequence[float]) -> list[tuple[ContactSprings, float]]:
+        """Pairs whose nodes may pass through a surface in a step, with their `bounds`. Local."""
+        both = zip(self.pairs, bounds, strict=True)
+        return [(springs, bound) for springs, bound in both if 2 * bound > springs.shortest_passage]
 
     def evaluate(
-        self, x_n: Floats, x: Floats, ways: Sequence[float], total: Floats, dt: float
+        self, x_n: Floats, x: Floats, bounds: Sequence[float], total: Floats, dt: float
     ) -> None:
         """Add the contact forces at x to the forces on the owned nodes.
 
         Args:
             x_n: See `ContactSprings.evaluate`.
             x: See `ContactSprings.evaluate`.
-            ways: Bounds since the last evaluation, see `ways` [m].
+            bounds: Bounds since the last evaluation, see `bounds` [m].
             total: Sum of forces, shape ``(n, d)`` [N], changed in place.
             dt: Length of the step [s].
         """
         self._before = self._forces
         self._forces = tuple(
-            springs.evaluate(x_n, x, way, dt) for springs, way in zip(self.pairs, ways, strict=True)
+            springs.evaluate(x_n, x, bound, dt)
+            for springs, bound in zip(self.pairs, bounds, strict=True)
         )
         for force in self._forces:
             force.add_to(total)

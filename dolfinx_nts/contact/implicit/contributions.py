@@ -182,15 +182,15 @@ class ContactContribution(NamedTuple):
         return _kernels.largest_violation(self.pairs.excess, self.rank)
 
 
-def changes_by(pairs: PairKinematics, ways: Floats) -> Floats:
+def changes_by(pairs: PairKinematics, increments: Floats) -> Floats:
     """Changes of gaps and slips, ``(m, 3)`` [m], by increments of all nodes. Local.
 
-    ``ways`` are the increments of the nodes of the pairs, shape ``(m, d)`` [m].
+    ``increments`` are displacement increments of the nodes of the pairs, shape ``(m, d)`` [m].
     """
-    changes = np.zeros((len(ways), 3))
-    changes[:, 0] = np.einsum("md,md->m", pairs.contact.gradient, ways)
+    changes = np.zeros((len(increments), 3))
+    changes[:, 0] = np.einsum("md,md->m", pairs.contact.gradient, increments)
     if "slip" in vars(pairs):  # there is friction
-        changes[:, 1:] = np.einsum("mid,md->mi", pairs.slip.gradient, ways)
+        changes[:, 1:] = np.einsum("mid,md->mi", pairs.slip.gradient, increments)
     return changes
 
 

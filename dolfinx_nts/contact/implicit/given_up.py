@@ -58,16 +58,16 @@ class GivenUp:
             force = self._candidates.hats.gather(self._masked(in_space(force)))[:, :b]
         return force[self._dofs[:, 0]]
 
-    def move(self, way: Floats, x: Floats) -> None:
+    def move(self, increment: Floats, x: Floats) -> None:
         """Add increments of the nodes of pairs, ``(m, b)``, to displacements x of owned nodes.
 
         Collective.
         """
         if self._candidates.hats is None:
-            x[self._dofs[:, 0]] += way
+            x[self._dofs[:, 0]] += increment
             return
         field = np.zeros((len(x), 3))
-        field[self._dofs[:, 0], : way.shape[1]] = way
+        field[self._dofs[:, 0], : increment.shape[1]] = increment
         x += self._masked(self._candidates.hats.spread(field))[:, : x.shape[1]]
 
     def _masked(self, field: Floats) -> Floats:

@@ -14,7 +14,7 @@ __all__ = ["until_met"]
 _DEEPEST = 0.15
 
 
-def until_met(step: ContactStep, way: Floats, size: Floats) -> float:
+def until_met(step: ContactStep, increment: Floats, size: Floats) -> float:
     """Fraction of an increment, from 0 to 1, at which a separated node penetrates deeply.
 
     The obstacle makes all of its remaining motion, to first order. Collective; the result is for
@@ -22,15 +22,15 @@ def until_met(step: ContactStep, way: Floats, size: Floats) -> float:
 
     Args:
         step: Evaluated contact of the step.
-        way: Increments of the owned nodes, shape ``(n, d)`` [m].
+        increment: Increments of the owned nodes, shape ``(n, d)`` [m].
         size: Sizes of the cells at the nodes, shape ``(n,)`` [m].
     """
     search, frame, normal = step.search, step.state.search.frame, step.normal
     given, _ = frame.remaining(step.x)
-    ways = step.candidates.scatter.forward(in_space(way)) - given
+    increments = step.candidates.scatter.forward(in_space(increment)) - given
     apart = normal.nodes[~normal.active[normal.nodes]]
     none = np.full(len(apart), -1, dtype=np.int32)
-    ends = step.x, step.x + ways @ frame.end.rotation
+    ends = step.x, step.x + increments @ frame.end.rotation
     met = step.candidates.follow(search.points.take(apart), *ends, none)
     depth = _DEEPEST * np.fmin(
         size[step.state.nodes.nodes[apart]], step.candidates.size[met.entered]

@@ -163,8 +163,8 @@ class MultiplierContact(NormalContact):
         search, rotation = self._search, self._state.search.frame.end.rotation
         start = search.pairing.kinematics("static", search.x_n, pairs.node, pairs.segment, None)
         gradient = start.contact.gradient
-        way = ((x - search.x_n) @ rotation.T)[start.dofs].reshape(gradient.shape)
-        change: Floats = np.einsum("md,md->m", gradient, way)
+        increments = ((x - search.x_n) @ rotation.T)[start.dofs].reshape(gradient.shape)
+        change: Floats = np.einsum("md,md->m", gradient, increments)
         return change
 
     def update(

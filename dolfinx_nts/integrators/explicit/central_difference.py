@@ -273,7 +273,7 @@ class CentralDifference(Stepper):
         moved, bound = self._move()
         bounds = [bound] * len(self.contacts)
         if self._springs.obstacles_move:
-            bounds = self._springs.ways(self.x, moved)
+            bounds = self._springs.bounds(self.x, moved)
         free = self.watch.free(bound)
         # `Stepper.advance` uses it for the overlap check.
         self._increment = 0.0 if free else moved

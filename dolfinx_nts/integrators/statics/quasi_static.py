@@ -241,7 +241,7 @@ class QuasiStatic(ImplicitStepper):
         if reductions.anywhere(self._comm, not np.array_equal(guess, self.u_n.x.array)):
             return super()._motion_from(start, steps)
         sizes = [_kernels.largest_size(u.array - guess)]
-        sizes += [contact.search.way(self.x, 0.0) for contact in self.contacts]
+        sizes += [contact.search.displacement_bound(self.x, 0.0) for contact in self.contacts]
         largest = reductions.largest(self._comm, float(max(sizes)))
         if largest <= _SMALL_INCREMENT * size:
             return super()._motion_from(start, steps)

@@ -62,8 +62,8 @@ class Edges:
         Of both facets the one with the smaller depth counts.
         """
         normals = unit_normals(x[self.facets[edge]])
-        ways = points - x[self.ends[edge, :1]]
-        below: Floats = np.einsum("mfi,mpi->mfp", -normals, ways).max(axis=2).min(axis=1)
+        offsets = points - x[self.ends[edge, :1]]
+        below: Floats = np.einsum("mfi,mpi->mfp", -normals, offsets).max(axis=2).min(axis=1)
         return below
 
 

@@ -137,11 +137,11 @@ class Insides:
             count[unsure] = np.rint(reductions.total(self._comm, winding))
         return np.asarray(count, dtype=np.int32)
 
-    def way_out(self, ways: Floats, where: Ints, number: int, least: float) -> Floats:
+    def exit_fractions(self, paths: Floats, where: Ints, number: int, least: float) -> Floats:
         """Fraction of straight paths after which they leave a boundary. Collective.
 
         Args:
-            ways: Paths as for `points_on`.
+            paths: Paths as for `points_on`.
             where: Boundaries as for `points_on`.
             number: Number of earlier exits to be skipped.
             least: Initial fraction of a path that is ignored.
@@ -149,24 +149,24 @@ class Insides:
         Returns:
             The fractions, 1 for paths without such an exit, the same on all ranks, ``(w,)``.
         """
-        cut, place = self._kernels.cuts(ways, where)
+        cut, place = self._kernels.cuts(paths, where)
         cut, place = joined(self._comm, cut), joined(self._comm, place)
         leaves = (cut[:, 1] >= 0) & (place >= least)
-        way, place = cut[leaves, 0], place[leaves]
-        order = np.lexsort((place, way))
-        way, place = way[order], place[order]
-        chosen = np.arange(len(way)) - np.searchsorted(way, way) == number
-        part = np.ones(len(ways))
-        part[way[chosen]] = place[chosen]
+        path, place = cut[leaves, 0], place[leaves]
+        order = np.lexsort((place, path))
+        path, place = path[order], place[order]
+        chosen = np.arange(len(path)) - np.searchsorted(path, path) == number
+        part = np.ones(len(paths))
+        part[path[chosen]] = place[chosen]
         return part
 
-    def points_on(self, ways: Floats, where: Ints, number: Ints) -> tuple[Floats, Ints]:
+    def points_on(self, paths: Floats, where: Ints, number: Ints) -> tuple[Floats, Ints]:
         """Midpoints of the parts of straight paths that may be inside. Collective.
 
         Boundaries cut straight paths into parts. Most cuts show which side is inside.
 
         Args:
-            ways: Start and end of each path, the same on all ranks, shape ``(w, 6)`` [m].
+            paths: Start and end of each path, the same on all ranks, shape ``(w, 6)`` [m].
             where: Boundary for each path, shape ``(w,)``.
             number: Number of each path, shape ``(w,)``.
 
@@ -175,9 +175,9 @@ class Insides:
             [m], and the number of the path of each, ``(m,)``. Paths without an intersection have
             none.
         """
-        way, place = self._kernels.cuts(ways, where)
-        way, place = joined(self._comm, way), joined(self._comm, place)
-        return _kernels.points_on_ways(ways, number, way, place)
+        path, place = self._kernels.cuts(paths, where)
+        path, place = joined(self._comm, path), joined(self._comm, place)
+        return _kernels.points_on_ways(paths, number, path, place)
 
     def _extremes(self, least: Floats) -> Floats:
         """Least and greatest values of all ranks; greatest values are negated in ``least``."""

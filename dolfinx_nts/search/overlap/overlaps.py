@@ -147,8 +147,8 @@ class OverlapSearch:
         touching = np.full(len(points), _TOUCHING * self._sizes[number])
         inside: Flags = self._insides.depth(points, where, touching) > 0
         far = self._insides.diameter(number)
-        ways = np.hstack([points, points + far * inward])
-        return inside, far * self._insides.way_out(ways, where, 0, 0.0)
+        paths = np.hstack([points, points + far * inward])
+        return inside, far * self._insides.exit_fractions(paths, where, 0, 0.0)
 
     def approach(self, x: Floats, t: float, before: Floats, t_before: float) -> Floats:
         """Bounds on the approach of boundaries between two states. Collective.
@@ -168,8 +168,8 @@ class OverlapSearch:
         for obstacle in self._obstacles:
             frame = obstacle.motion.frame(t_before, t, obstacle.dim)
             seen = displacements(frame.at_end(x), frame.at_start(before))
-            way = np.linalg.norm(seen.min(axis=0), axis=1)
-            np.fill_diagonal(nearer, np.maximum(nearer.diagonal(), way))
+            approach = np.linalg.norm(seen.min(axis=0), axis=1)
+            np.fill_diagonal(nearer, np.maximum(nearer.diagonal(), approach))
         return nearer
 
     def find(
@@ -230,15 +230,15 @@ class OverlapSearch:
                 deeper in the second one, shape ``(p, 2, 3)`` [m].
         """
         inner, outer = np.ascontiguousarray(pairs.T)
-        ways, number = _kernels.ways_in(x, self._nodes, self._edges, inner, regions)
-        ways, number = joined(self._comm, ways), joined(self._comm, number)
-        points, pair = self._insides.points_on(ways, outer[number], number)
+        paths, number = _kernels.ways_in(x, self._nodes, self._edges, inner, regions)
+        paths, number = joined(self._comm, paths), joined(self._comm, number)
+        points, pair = self._insides.points_on(paths, outer[number], number)
         deep = self._insides.depth(points, outer[pair], touching[pair])
         if not deep.any():
             return []  # on all ranks
         deepest = np.zeros(len(pairs))
         np.maximum.at(deepest, pair, deep)
-        at_nodes = np.count_nonzero((ways[:, :3] == ways[:, 3:]).all(axis=1))
+        at_nodes = np.count_nonzero((paths[:, :3] == paths[:, 3:]).all(axis=1))
         deep_nodes = pair[:at_nodes][deep[:at_nodes] > 0]
         num_nodes = np.bincount(deep_nodes, minlength=len(pairs))
         # Both orders of pairs with an overlap.

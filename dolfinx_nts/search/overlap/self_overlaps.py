@@ -87,12 +87,12 @@ def _depth(insides: Insides, number: int, points: Floats, frames: Floats, size: 
     longest = insides.diameter(number)
     parts = []
     for i, sign in product(range(3), (1.0, -1.0)):
-        ways = np.hstack([points, points + sign * longest * frames[:, i]])
+        paths = np.hstack([points, points + sign * longest * frames[:, i]])
         # Outward rays first leave the own facet, or two facets in contact. Lateral rays may leave
         # the own part at a nearby edge.
         is_outward, is_aside = i == 0 and sign < 0, i > 0
         least = 2 * _ASIDE * size / longest if is_aside else 0.0
-        parts.append(insides.way_out(ways, _all(number, ways), int(is_outward), least))
+        parts.append(insides.exit_fractions(paths, _all(number, paths), int(is_outward), least))
     depth: Floats = longest * np.min(parts, axis=0)
     return depth
 

@@ -37,9 +37,9 @@ def least_thickness(comm: MPI.Comm, triangles: Floats) -> float:
     area = np.linalg.norm(normal, axis=1, keepdims=True)
     inward = -normal / np.where(area > 0, area, np.inf)
     begin = triangles.mean(axis=1) + _BELOW * np.sqrt(area) * inward
-    ways = joined(comm, np.hstack([begin, begin + longest * inward]))
+    paths = joined(comm, np.hstack([begin, begin + longest * inward]))
     rows = np.arange(3 * len(triangles), dtype=np.int32)
     surface = _kernels.Boundaries([rows], [rows.reshape(-1, 3)])
     surface.move(triangles.reshape(-1, 3))
-    _, places = surface.cuts(ways, np.zeros(len(ways), dtype=np.int32))
+    _, places = surface.cuts(paths, np.zeros(len(paths), dtype=np.int32))
     return longest * float(reductions.least(comm, float(places.min(initial=1.0))))

@@ -93,9 +93,9 @@ def _own(near: NearFacets, edge: Ints, node: Ints, other: Ints) -> tuple[Ints, F
     sums = np.zeros(len(near.X), dtype=node.dtype)
     np.add.at(sums, features, features[:, ::-1])
     three = np.column_stack([sums[node[along]] - other[along], node[along], other[along]])
-    ways = np.diff(near.X[three], axis=1)
-    h = np.linalg.norm(ways, axis=2)
-    turns_smoothly = np.einsum("hi,hi->h", *ways.swapaxes(0, 1)) >= SHARP * h.prod(axis=1)
+    edges = np.diff(near.X[three], axis=1)
+    h = np.linalg.norm(edges, axis=2)
+    turns_smoothly = np.einsum("hi,hi->h", *edges.swapaxes(0, 1)) >= SHARP * h.prod(axis=1)
     along, three, h = along[turns_smoothly], three[turns_smoothly], h[turns_smoothly]
     (before, after), both = h.T, h.sum(axis=1)
     a, b = before / (after * both), after / (before * both)
@@ -128,8 +128,8 @@ def _fits(near: NearFacets, inside: Ints) -> tuple[Ints, Floats, Floats]:
     for m in np.unique(count):
         some = np.flatnonzero(count == m)
         nodes = pairs[first[some, None] + np.arange(m), 1]
-        way = X[nodes] - X[inside[some], None]
-        u, v = np.einsum("wai,wmi->awm", frames[some], way)
+        offset = X[nodes] - X[inside[some], None]
+        u, v = np.einsum("wai,wmi->awm", frames[some], offset)
         size = np.sqrt(np.mean(u**2 + v**2, axis=1))[:, None]
         u, v = u / size, v / size
         A = np.stack([u, v, u**2, u * v, v**2], axis=2)

@@ -136,8 +136,8 @@ class CoupledPairs(ActivePairs):
     def constrain(self, values: Floats, x: Floats) -> Part:
         missing = self._kernel.missing(values, *self.part(x))
         directions = self._gradients.directions
-        way = self._gradients.solve(missing[:, : directions.shape[1]])
-        self._given_up.move((way[:, None] @ directions)[:, 0], x)
+        steps = self._gradients.solve(missing[:, : directions.shape[1]])
+        self._given_up.move((steps[:, None] @ directions)[:, 0], x)
         return self.part(x)
 
     def act(self, part: Part, y: Floats) -> Floats:

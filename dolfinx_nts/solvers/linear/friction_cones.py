@@ -173,14 +173,14 @@ def _central(W: Floats, q: Floats, d: int) -> tuple[Floats, Floats] | None:
         given = W, of_slip, differs, inverse
 
         df, dv = _direction(known, *given)
-        way = min(1.0, _kernels.longest_in_cones(f, df), _kernels.longest_in_cones(v, dv))
-        reached = float(_product(f + way * df, v + way * dv)[:, 0].mean())
+        length = min(1.0, _kernels.longest_in_cones(f, df), _kernels.longest_in_cones(v, dv))
+        reached = float(_product(f + length * df, v + length * dv)[:, 0].mean())
         aim = max(min(1.0, max(reached / mean, 0.0) ** 2), _AIM if error < _DIFFERS else _FIRST_AIM)
         if part < _OFF_CENTRE:
             aim = max(aim, _CENTRING)
             df, dv = _direction(known - aim * mean * unit, *given)
         else:
-            second = way**2 * _product(df, dv)
+            second = length**2 * _product(df, dv)
             df, dv = _direction(known - aim * mean * unit + second, *given)
         part = min(
             1.0, _INSIDE * min(_kernels.longest_in_cones(f, df), _kernels.longest_in_cones(v, dv))

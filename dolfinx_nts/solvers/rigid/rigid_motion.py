@@ -231,11 +231,11 @@ class RigidMotion(RigidStates):
 
     def remaining(self, u: Floats, part: float) -> Floats:
         """Remaining prescribed displacements from u after part of a step, to first order [m]."""
-        way = np.zeros_like(u)
+        increment = np.zeros_like(u)
         if not (self.exists and self.guides.are_moving):
-            return way
+            return increment
         motions = rigid_motions(self._fields.positions(*self._fields.sums(u)))
-        return self._fields.put(combined(self.guides.remaining(part), motions), way)
+        return self._fields.put(combined(self.guides.remaining(part), motions), increment)
 
     def columns(self) -> list[RigidColumns]:
         """Free motions of each body in the unknowns of its nodes. Local."""
