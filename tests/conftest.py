@@ -29,14 +29,14 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Give the fixtures' own messages a communicator and a way out."""
+    """Give the fixtures' own messages a communicator and an output."""
     config.stash[_ROWS] = []
     config.stash[_TALK] = MPI.COMM_WORLD.Dup()
     # Tests compile the same forms again and again.
     loaded_once = compat.modules_loaded_once()
     loaded_once.__enter__()
     config.add_cleanup(lambda: loaded_once.__exit__(None, None, None))
-    # While tests run, what they write goes to pytest.
+    # While tests run, pytest captures their output.
     config.stash[_STDERR] = os.dup(2)
 
 
@@ -77,7 +77,7 @@ def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
     """Run tests with floating-point traps if they are asked for, see `traps`."""
     if not traps.WANTED or item.get_closest_marker("untrapped"):
         return (yield)
-    # Above the handler of PETSc, which does not tell where in Python it was.
+    # Above the handler of PETSc, which does not report the place in Python.
     faulthandler.enable(item.config.stash[_STDERR])
     with traps.trapped():
         return (yield)
@@ -87,7 +87,7 @@ def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
 def pytest_runtest_makereport(item: pytest.Item) -> Iterator[None]:
     """Let setup, test and teardown fail on all ranks if they fail on one.
 
-    So all ranks go on to the same test. A rank whose fellows never come,
+    So all ranks continue with the same test. A rank whose fellows never come,
     because they wait for it inside the test, ends the run.
     """
     report = yield
@@ -164,7 +164,7 @@ def refused(comm: MPI.Comm) -> Callable[[type[Exception], str], AbstractContextM
 
 @pytest.fixture
 def told(request: pytest.FixtureRequest) -> Callable[[str, str, str], None]:
-    """Function by which a test tells case, reference and result of a row of `verified.TABLE`."""
+    """Function by which a test reports case, reference and result of a row of `verified.TABLE`."""
     section = request.module.__doc__.splitlines()[0].removesuffix(".")
     path = str(request.path.relative_to(Path(__file__).parents[1]))
 

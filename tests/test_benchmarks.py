@@ -1,4 +1,4 @@
-"""The smallest benchmark runs and its files have what they promise."""
+"""The smallest benchmark runs, and its files have the documented contents."""
 
 import csv
 import os

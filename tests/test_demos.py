@@ -11,7 +11,7 @@ import pytest
 pytestmark = [pytest.mark.several_ranks, pytest.mark.at_most_two_ranks]
 
 DEMOS = sorted((Path(__file__).parents[1] / "demos").rglob("demo_*.py"))
-# Files beside pictures, movies and tables.
+# Files other than pictures, movies and tables.
 FIELDS = {".h5", ".vtkhdf"}
 
 

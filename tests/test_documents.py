@@ -1,4 +1,4 @@
-"""README and pages tell the truth: commands and edits run, numbers are those that come out."""
+"""README and pages are true: commands and edits run, and numbers are computed values."""
 
 import ast
 import csv

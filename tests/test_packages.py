@@ -32,7 +32,7 @@ def test_wheel_made_of_the_archive_runs_the_script_of_the_readme(tmp_path):
     (archive,) = tmp_path.glob("*.tar.gz")
     pip = sys.executable, "-m", "pip"
     alone = "--quiet", "--no-deps", "--no-index"
-    # Other tests run what is compiled for speed, which takes half as long again.
+    # Other tests use the optimised build, whose compilation takes half as long again.
     soon = "--config-settings=cmake.define.CMAKE_CXX_FLAGS_RELEASE=-O1"
     run(*pip, "wheel", *alone, "--no-build-isolation", soon, archive, folder=tmp_path)
     (wheel,) = tmp_path.glob("*.whl")

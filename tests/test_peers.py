@@ -1,4 +1,4 @@
-"""The routine that judges all codes alike, and what it says of this one."""
+"""The routine that judges all codes alike, and its result for this code."""
 
 import numpy as np
 import pytest

@@ -83,7 +83,7 @@ def midpoint(comm):
 def test_energy_that_is_not_constant_is_found(comm):
     case = Case("plastic", "", "", midpoint)
     assert "energy_error" in run(case, comm).wrong
-    # The ledger tells where it went.
+    # The ledger shows where it went.
     ledger = Case("plastic", "", "", lambda comm: replace(midpoint(comm), ledger=True))
     assert run(ledger, comm).wrong == ""
 

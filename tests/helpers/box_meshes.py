@@ -77,7 +77,7 @@ def boxes(
     """Return boxes, each with a corner at the origin.
 
     Surfaces ``bottom i`` and ``top i``. Tetrahedra: six from each
-    hexahedron, one for each way along its edges from the lowest corner
+    hexahedron, one for each path along its edges from the lowest corner
     to the highest.
     """
     X, cells, body, surfaces, first = [], [], [], {}, 0

@@ -20,7 +20,7 @@ class Compressed:
     """Result of a compression.
 
     Attributes:
-        stress: Normal stress at the midpoints of this rank's cells, relative to that of linear
+        stress: Normal stress at the midpoints of this rank's cells, relative to linear
             elasticity, shape ``(c,)``.
         stepper: The stepper after the step.
         mean_pressure: Modulus times compression.

@@ -1,4 +1,4 @@
-"""A run whose states tell the number of their step."""
+"""A run whose states contain the number of their step."""
 
 from mpi4py import MPI
 

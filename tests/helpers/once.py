@@ -25,7 +25,7 @@ def once_except(cases: Iterable[Any], *several: Any) -> list[Any]:
     """Cases that all run on one rank, and some of them on several.
 
     Args:
-        cases: The cases; of a mapping the names, which become those of the tests.
+        cases: The cases; of a mapping the names, which become names of the tests.
         several: Cases, of a mapping their names, for several ranks.
 
     Returns:

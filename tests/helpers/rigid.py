@@ -19,7 +19,7 @@ __all__ = ["CENTRE", "bonded", "brick", "eulers", "hinged", "impact", "pressed",
 # Density of the rigid block [kg/m^3], of its rotation [rad/s], and its velocity [m/s].
 RHO, OMEGA, SPEED = 20.0, np.array([0.5, -0.8, 2.0]), np.array([0.3, 0.1, -1.5])
 NUMBERS = (1.0e3, 0.3, 10.0)  # Young's modulus [Pa], Poisson's ratio, density of the other
-# Edges of the brick that tumbles [m], its density and that of the hinged one, and centre of the
+# Edges of the brick that tumbles [m], its density and the hinged one's, and centre of the
 # pressed tool.
 SIZES, LIGHT, CENTRE = np.array([1.0, 2.0, 0.5]), 2.0, np.array([0.52, 0.48, 0.651])
 TILT = rotation([1, 0.5, 0.2], 0.15)
@@ -56,7 +56,7 @@ def impact(
         dt: Step.
         n: Cells along an edge of the free block.
         rho: Density of the rigid block [kg/m^3].
-        rigid_nodes: Whether its nodes are in contact, not those of the free block.
+        rigid_nodes: Whether its nodes are in contact, and not the free block's.
         both_rigid: Whether the free block is rigid, too.
     """
     motion = motion or Motion.none()
@@ -95,7 +95,7 @@ def brick(dt, omega, cell="hexahedron", scheme=nts.EnergyMomentum):
 
 
 def eulers(omega, time, num_steps=4000):
-    """Rotation after some time by Euler's equations, in the classical way of Runge and Kutta."""
+    """Rotation after some time by Euler's equations, with the classical Runge-Kutta method."""
     mass = LIGHT * SIZES.prod()
     inertia = mass / 12 * ((SIZES**2).sum() - SIZES**2)
 

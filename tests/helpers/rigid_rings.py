@@ -41,7 +41,7 @@ class DomeOnBlock(NamedTuple):
         return fem.dirichletbc(np.zeros(2), foot, self.V)
 
     def pair(self, *, rigid_nodes: bool = False, **laws: Any) -> nts.ContactPair:
-        """Nodes of the block against the dome, or the other way round."""
+        """Nodes of the block against the dome, or vice versa."""
         surfaces = self.surfaces[::-1] if rigid_nodes else self.surfaces
         return nts.ContactPair(*surfaces, **laws)
 

@@ -13,7 +13,7 @@ import dolfinx_nts as nts
 
 __all__ = ["TOOL_TOP", "press"]
 
-# Height of the tools [m], small beside the body.
+# Height of the tools [m], small compared to the body.
 TOOL_TOP = 1.0
 _RIM = 1.5  # radius of the tools [m]
 # Sectors of their facets: between them a circle is flat to a part in a thousand.
@@ -34,7 +34,7 @@ def press(
 ) -> tuple[float, float, Any, Any]:
     """Press a rigid tool into half a ball whose round side is held, both cut by x = 0 and y = 0.
 
-    Displacements have degree 2. The tool is a `nts.RigidBody`, led by its guide or pressed by a
+    Displacements have degree 2. The tool is a `nts.RigidBody`, moved by its guide or loaded by a
     force in one step.
 
     Args:
@@ -42,11 +42,11 @@ def press(
         size: Size of the cells of the body as a formula of gmsh [m].
         E: Young's modulus of the body [Pa].
         nu: Its Poisson ratio.
-        edge: Radius up to which nodes may touch [m], which is that of a circle of edges.
+        edge: Radius up to which nodes may touch [m], the radius of a circle of edges.
         far: Radius of the body [m].
         rings: Rings of facets of the tool; one is enough where the profile is a line.
         depth: How far the guide moves the tool [m].
-        force: What presses the whole tool in the place of the guide [N].
+        force: Load of the whole tool that replaces the guide [N].
 
     Returns:
         Depth of the tool [m] and force on it [N]; radii [m] and forces [N] of the nodes.

@@ -141,7 +141,7 @@ def balls(comm: MPI.Comm, *, smooth: bool = True, cell: str = "hexahedron", **la
 
 
 def throw(stepper: Any) -> None:
-    """Let the upper body fall, go sideways and spin, and the lower one spin the other way."""
+    """Let the upper body fall, move sideways and spin, and the lower one spin reversely."""
     d = stepper.u.function_space.mesh.geometry.dim
     lower, upper = stepper.bodies
 

@@ -93,7 +93,7 @@ class Totals:
     """Mass, energies and momenta of a scene, each over all bodies.
 
     St. Venant-Kirchhoff: psi = lambda/2 tr(E)^2 + mu E:E, by the rule of
-    the bulk, as its sum over the points is what is conserved.
+    the bulk, as its sum over the points is conserved.
     """
 
     def __init__(self, scene: Scene) -> None:

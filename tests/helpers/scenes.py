@@ -164,7 +164,7 @@ def tower(
     *,
     owner: Callable[[Array], Ints] | None = None,
 ) -> Scene:
-    """Return two bodies of which most cells are far from the contact. Collective."""
+    """Return two bodies with most cells far from the contact. Collective."""
     data = boxes([(2, 2, 4), (1, 1, 1)], [(1.0, 1.0, 1.2), (0.5, 0.4, 0.3)])
     upper = np.unique(data.cells[data.body == 1])
     data.X[upper] = data.X[upper] @ rotation([1, 2, 3], 0.4).T + [0.27, 0.36, 1.3]

@@ -1,4 +1,4 @@
-"""Parts of a step that tests look at: its forms, and forces that follow a motion."""
+"""Parts of a step for tests: its forms, and forces that follow a motion."""
 
 from typing import Any
 

@@ -6,8 +6,8 @@ A division by zero and an overflow are trapped in all that runs in a test, an
 invalid operation in the kernels and, as `FloatingPointError`, in NumPy. (To
 compare with NaN, the gap of a node that faces nothing, is invalid as well, and
 NumPy may do so.) Where PETSc builds a preconditioner, multigrid for instance,
-where LAPACK looks for singular values, and where VTK and Matplotlib draw, which
-divide by zero, nothing is trapped. The values are those of x86.
+where LAPACK computes singular values, and where VTK and Matplotlib draw, which
+divide by zero, nothing is trapped. The values are for x86.
 """
 
 import ctypes
@@ -34,10 +34,10 @@ _ALL = _INVALID | _DIVIDE_BY_ZERO | _OVERFLOW
 
 
 def _set(flags: int) -> int:
-    """Trap these and no others; returns what was trapped."""
+    """Trap these and no others; returns the traps of before."""
     libm = ctypes.CDLL("libm.so.6")
     former: int = libm.fegetexcept()
-    # What was raised before does not count.
+    # Exceptions raised before do not count.
     libm.feclearexcept(_ALL)
     libm.fedisableexcept(_ALL & ~flags)
     libm.feenableexcept(flags)
@@ -56,7 +56,7 @@ def trapped(flags: int = _DIVIDE_BY_ZERO | _OVERFLOW) -> Iterator[None]:
 
 
 def untrapped(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Function of which nothing is trapped."""
+    """Function without traps."""
 
     @functools.wraps(function)
     def call(*arguments: Any, **named: Any) -> Any:

@@ -1,7 +1,7 @@
-"""Numbers of the page on verification, which the tests measure that use the fixture `told`.
+"""Numbers of the page on verification, measured by the tests with the fixture `told`.
 
 Every test run compares them with the page. ``make verification`` runs these tests alone and
-writes what they measure to the table of the page.
+writes their results to the table of the page.
 """
 
 import re
@@ -12,7 +12,7 @@ from typing import NamedTuple
 __all__ = ["ROUND_OFF", "TABLE", "Row", "differs", "numbers", "read", "write"]
 
 TABLE = Path(__file__).parents[2] / "docs" / "tables" / "verification.md"
-# What is as small comes from round-off, of which only the size is the same everywhere.
+# Smaller values are round-off, and only their size is the same everywhere.
 ROUND_OFF = 1e-9
 # Numbers may differ by this part, and by a unit of the last digit that is printed.
 MARGIN = 0.03
@@ -25,7 +25,7 @@ class Row(NamedTuple):
     Attributes:
         section: What the file of tests is about.
         path: Of the file of tests, from the root of the project.
-        case: What is computed.
+        case: Computed quantity.
         reference: What should come out.
         ours: What comes out.
     """

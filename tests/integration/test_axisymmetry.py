@@ -1,4 +1,4 @@
-"""Bodies of revolution: what is conserved, at the axis, on any number of ranks."""
+"""Bodies of revolution: conservation, the axis, any number of ranks."""
 
 from pathlib import Path
 

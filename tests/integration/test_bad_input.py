@@ -1,4 +1,4 @@
-"""Bad input: all ranks raise one error that says what was expected and given."""
+"""Bad input: all ranks raise one error with the expected and the given value."""
 
 import re
 

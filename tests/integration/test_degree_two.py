@@ -108,7 +108,7 @@ def test_friction_dissipates_the_energy_of_the_ledger(comm, cell, friction):
     ids=["elastic", "exact stick", "penalty", "plastic"],
 )
 def test_surfaces_conserve_what_they_should(comm, cell, laws):
-    """Surface-to-surface contact, whose multipliers are those of the vertices."""
+    """Surface-to-surface contact, with multipliers at vertices."""
     scene = blocks(comm, partial(with_law, *laws, method="mortar"), cell=cell)
     ledger = Ledger(scene.stepper)
     ledger.run(12)
@@ -140,7 +140,7 @@ def test_obstacles_stop_all_nodes(comm, cell, obstacle):
     ledger = Ledger(stepper)
     ledger.run(20)
     assert ledger.error <= ENERGY_TOLERANCE
-    # Frictionless and rigid: the energy is that of the start.
+    # Frictionless and rigid: the energy is conserved.
     assert abs(ledger.gained) <= ENERGY_TOLERANCE * ledger.start.kinetic_energy
     assert max(report.num_active for report in ledger.reports) >= 2
     assert ledger.diagnostics.body_velocity(body)[2] > 0.3
@@ -273,7 +273,7 @@ def test_files_show_all_nodes_and_checkpoints_continue(comm, tmp_path, cell, sch
 
 @cells_
 def test_pressure_of_a_uniform_load_is_uniform(comm, cell):
-    """Nodal forces of a pressure, of which vertices of triangles have none."""
+    """Nodal forces of a pressure, which are zero at vertices of triangles."""
     data = box_meshes.boxes([(3, 2, 1)], [(1.2, 1.0, 0.5)], cell)
     mesh, _, facets, tag = box_meshes.distribute(comm, data)
     V = fem.functionspace(mesh, ("Lagrange", 2, (3,)))

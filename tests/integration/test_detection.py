@@ -117,7 +117,7 @@ def test_explicit_steps_let_nothing_pass_in_silence(comm, target):
 @pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize("ratio", [0.3, 1.5])
 def test_vertices_do_not_pass_the_facets_of_the_nodes_in_silence(comm, ratio):
-    # The wrong way round: nodes of the coarse plate, segments of the small block.
+    # Roles exchanged wrongly: nodes of the coarse plate, segments of the small block.
     law = nts.LagrangeMultiplier()
     flight = Flight(comm, "plate", nts.EnergyMomentum, law, ratio, reverse=True)
     outcome = flight.outcome()

@@ -45,7 +45,7 @@ def velocity(scene, name):
 
 
 def check_momenta(first, last):
-    """Both momenta are those of the start."""
+    """Both momenta are conserved."""
     for name in ("linear_momentum", "angular_momentum"):
         before, after = getattr(first, name), getattr(last, name)
         assert np.linalg.norm(after - before) < 1e-11 * np.linalg.norm(before)
@@ -197,7 +197,7 @@ def test_tumbling_cubes_do_not_enter_each_other_at_their_edges(comm):
 
 @pytest.mark.serial
 def test_an_edge_rotating_past_a_corner_is_not_active_deep_inside(comm):
-    """A corner has come into a face by 1.2 cm; beside it edges cross, 6.7 cm deep in each other."""
+    """A corner has penetrated a face by 1.2 cm; edges cross next to it, 6.7 cm deep."""
     places = np.array([[1.0045, 2.3308, 0.9978], [1.0628, 1.1682, 1.8426]])
     turns = np.array([[1.8565, -0.0354, 0.1804], [0.1393, -3.0984, -0.339]])
     velocities = np.array([[0.503, -0.535, 0.72], [0.074, -0.012, -1.593]])

@@ -1,4 +1,4 @@
-"""Edges of bodies that cross those of a rigid obstacle made of facets, at rest or moving."""
+"""Edges of bodies that cross edges of a rigid faceted obstacle, at rest or moving."""
 
 from functools import partial
 

@@ -33,7 +33,7 @@ def run(scene, num_steps=40):
 
 
 def check(first, last, given, tol=1e-11):
-    """Energy less what contact gave, and both momenta, are those of the start."""
+    """Energy without the contribution of contact, and both momenta, are conserved."""
     energy = last.total_energy - last.contact_energy
     assert abs(energy - first.total_energy - given) < tol * first.total_energy
     for name in ("linear_momentum", "angular_momentum"):

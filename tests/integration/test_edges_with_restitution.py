@@ -27,7 +27,7 @@ def strike(scene, until):
 
 
 def check(first, last, given):
-    """The ledger closes, and both momenta are those of the start."""
+    """The ledger closes, and both momenta are conserved."""
     assert abs(last.total_energy - first.total_energy - given) < 1e-11 * first.total_energy
     for name in ("linear_momentum", "angular_momentum"):
         before, after = getattr(first, name), getattr(last, name)

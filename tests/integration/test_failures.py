@@ -1,4 +1,4 @@
-"""An error on one rank ends all ranks at once, with one message and without a hang."""
+"""An error on one rank ends all ranks immediately, with one message and without a hang."""
 
 import os
 import re
@@ -123,7 +123,7 @@ print("the run has finished")
 
 
 def run(folder: Path, num_ranks: int, where: str, ranks: str, checkpoint_every: int = 0) -> str:
-    """Run the script; return what it wrote to stderr, after a look at the time."""
+    """Run the script; return its output to stderr, after a check of the time."""
     script = folder / "script.py"
     script.write_text(SCRIPT)
     # A process that has started MPI gives its children an environment of its own.

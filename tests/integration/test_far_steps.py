@@ -92,7 +92,7 @@ def test_springs_carry_a_step_beyond_the_search():
         lambda bottom, floor, _: [nts.ContactPair(bottom, floor, law)], dt=1.0
     )
     stepper.advance()
-    # Springs at six nodes, of which those at corners carry half.
+    # Springs at six nodes; the ones at corners carry half.
     assert lowest(stepper, bottom) == pytest.approx(-GAP, abs=2 * FORCE / 5 / stiff)
     assert force(pairs) == pytest.approx(FORCE, rel=1e-2)
 
@@ -111,7 +111,7 @@ def test_heavy_load_from_rest_does_not_pass_the_floor(pairing):
 
 @pytest.mark.parametrize("pairing", ["nodes", "roles exchanged", "mortar", "all pairs"])
 def test_impact_from_rest_within_the_search_obeys_the_law(pairing):
-    """The ballistic motion is zero, so that only the motion made tells which nodes to hold."""
+    """The ballistic motion is zero, so that only the motion made shows the nodes in contact."""
     gap, dt = 0.02, 0.008  # a tenth of a facet, which is in reach of any search
     stepper, _, bottom = column(PAIRINGS[pairing], nts.EnergyMomentum, gap, dt=dt)
     free, _, _ = column(lambda *_: [], nts.EnergyMomentum, gap, dt=dt)

@@ -1,4 +1,4 @@
-"""Guided rigid bodies: tools led by motions or pushed by forces, in statics and in time."""
+"""Guided rigid bodies: tools with prescribed motion or forces, in statics and in time."""
 
 from mpi4py import MPI
 
@@ -97,7 +97,7 @@ def test_static_tool_is_in_equilibrium_with_the_foot(comm, case):
 
 
 def check_ledger(stepper, num_steps, force=(0, 0, 0)):
-    """Energy and momentum change by what the reports tell; return the reports."""
+    """Energy and momentum change by the reported values; return the reports."""
     diagnostics = nts.Diagnostics(stepper)
     first, reports = diagnostics.balance(), []
     for _ in range(num_steps):

@@ -33,7 +33,7 @@ def balls(comm, integrator, enforcement, friction=None, far=(), obstacles=(FLOOR
 
 
 def box_in_corner(comm, integrator, enforcement, friction=None):
-    """Stepper of a box above a floor and beside a wall, whose lower edge may touch both."""
+    """Stepper of a box above a floor and next to a wall, whose lower edge may touch both."""
     boxes = {
         "box": ((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (2, 2, 2)),
         "floor": ((-0.5, -0.5, -0.52), (2.0, 2.0, 0.5), (3, 3, 1)),

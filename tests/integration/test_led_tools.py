@@ -1,4 +1,4 @@
-"""Statics with tools that are led by guides, motions of obstacles or supports: all go alike."""
+"""Statics with tools moved by guides, obstacle motions or supports: all give the same."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ SQUEEZE, ASIDE, ANGLE = 0.03, 0.08, 0.06  # m, m, rad
 def bushing(comm, tool, method="node-to-segment"):
     """A sleeve of rubber, squeezed onto a pin until t = 1, which goes aside until t = 2 and turns.
 
-    The pin is led as a rigid body, as an exact obstacle, or by supports at all of its nodes.
+    The pin moves as a rigid body, as an exact obstacle, or by supports at all of its nodes.
     """
     ends = {"sleeve": {BORE: 64, RIM: 96}}  # number of cells around, by radii
     if tool != "obstacle":
@@ -88,7 +88,7 @@ def pressed(stepper):
     ],
 )
 def test_a_pin_that_begins_to_turn_takes_a_bushing_along(comm, tool, method):
-    """Where it had turned at once, forces far from equilibrium said that most nodes slide."""
+    """After a rotation in one increment, forces far from equilibrium let most nodes slide."""
     whole, parts = (bushing(comm, tool, method) for _ in range(2))
     for stepper in (whole, parts):
         for _ in stepper.run(until=2.0):
@@ -140,7 +140,7 @@ def dragged(tool, way, angle=0.0, nu=0.3):
 @pytest.mark.parametrize("tool", ["obstacle", "supports"])
 @pytest.mark.parametrize("motion", [once("shift"), "turn"])
 def test_the_first_iterate_follows_the_tool_to_first_order(tool, motion):
-    """Bodies, contact that is closed and sticks, and its forces go along with their tangents."""
+    """Bodies, closed and sticking contact, and its forces follow with their tangents."""
     residuals = []
     for size in (0.004, 0.002):
         way, angle = {"shift": (size, 0.0), "turn": (0.0, size)}[motion]
@@ -151,7 +151,7 @@ def test_the_first_iterate_follows_the_tool_to_first_order(tool, motion):
 
 
 def test_a_plane_that_begins_to_drag_is_no_more_work_than_one_that_presses():
-    """What obstacles do tells too whether bodies go on as in the last step."""
+    """The motion of obstacles also decides whether bodies move as in the last step."""
     *_, dragging = (
         step.newton_iterations for step in dragged("obstacle", 0.4, nu=0.499).run(until=1.25)
     )

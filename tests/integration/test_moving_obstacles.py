@@ -127,7 +127,7 @@ def test_the_table_accounts_for_the_tool_in_other_schemes(comm, scheme, laws, dt
         work = rows["energy_obstacles"][-1]
         assert work > 1 and rows["external_work"][-1] == work
         assert np.abs(rows["energy_unaccounted"]).max() < BALANCE * work
-        # What the scheme itself adds is small beside what the tool gives.
+        # The energy error of the scheme is small compared to the work of the tool.
         assert rows["total_energy"][-1] - rows["total_energy"][0] == pytest.approx(
             work - rows["friction_dissipation"][-1], rel=0.2
         )

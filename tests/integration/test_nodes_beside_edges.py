@@ -1,4 +1,4 @@
-"""A node that comes from beside a sharp edge is not inside of what lies below the edge."""
+"""A node that arrives sideways at a sharp edge is not inside the body below the edge."""
 
 from mpi4py import MPI
 

@@ -63,7 +63,7 @@ class TurnedSlip(Slip):
     """Slip whose components are those along other tangents, turned by ``Q``, ``(2, 2)``."""
 
     def __init__(self, slip, Q):
-        """Turn what has components."""
+        """Rotate vectors and tensors."""
         turned = (np.einsum("ab,mb...->ma...", Q, part) for part in (slip.value, slip.force))
         gradient, *frames = (
             np.einsum("ab,mbi->mai", Q, part) for part in (slip.gradient, slip.frame_n, slip.frame)

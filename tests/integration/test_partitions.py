@@ -23,7 +23,7 @@ RESOLVED_MORTAR = SCHEMES["resolved mortar"]
 
 
 def two_ranks(*values):
-    """Parameters with which a third rank does what it does with others."""
+    """Parameters with which a third rank adds no new case."""
     return pytest.param(*values, marks=pytest.mark.at_most_two_ranks)
 
 
@@ -75,7 +75,7 @@ def test_ball_and_plate_on_all_ranks_and_on_each_alone_agree(comm):
 @pytest.mark.parametrize("cell", [once("hexahedron"), "tetrahedron"])
 @pytest.mark.parametrize("scheme", [nts.EnergyMomentum, once(nts.Midpoint), MORTAR])
 def test_renumbered_nodes_and_cells_give_the_same_result(comm, cell, scheme):
-    # The renumbering is that of a seed: draw it twice.
+    # The renumbering follows from a seed: draw it twice.
     plain = scenes.blocks(comm, scheme, cell=cell)
     data = scenes.block_input(cell, 2)[0].permuted(np.random.default_rng(5))
     shuffled = scenes.blocks(comm, scheme, cell=cell, permute=np.random.default_rng(5))

@@ -1,4 +1,4 @@
-"""Sheets in plane stress: what thin blocks with free faces do, and what is conserved."""
+"""Sheets in plane stress: comparison with thin blocks with free faces, conservation."""
 
 from mpi4py import MPI
 

@@ -1,4 +1,4 @@
-"""Friction of nodes on planes of symmetry: supports take what acts across these."""
+"""Friction of nodes on planes of symmetry: supports carry the force across these."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Bodies that begin inside each other: what is told, and that it helps."""
+"""Bodies with initial penetration: reports, and effect of the suggested remedies."""
 
 import logging
 

@@ -14,7 +14,7 @@ DT, STEPS = 0.01, 25
 
 
 def ends(scene, held):
-    """Conditions that hold the sides x = -1 or 1 of the lower block, and a way to lead them."""
+    """Supports of the sides x = -1 or 1 of the lower block, and a function that moves them."""
     V, back = scene.V, scene.turn.T
     d = len(back)
     bcs, ways = [], []

@@ -1,6 +1,6 @@
 """Files of a Recorder, read by programs that know nothing of this package.
 
-VTK has the reader of ParaView, meshio its own. What they find is compared
+VTK has the reader of ParaView, meshio its own. Their results are compared
 with the run itself.
 """
 

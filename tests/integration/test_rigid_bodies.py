@@ -1,4 +1,4 @@
-"""Free rigid bodies: exact balances, alone and in contact, and what they refuse."""
+"""Free rigid bodies: exact balances, alone and in contact, and refused arguments."""
 
 from mpi4py import MPI
 
@@ -79,7 +79,7 @@ def run(scene, num_steps=25):
 
 
 def check_balances(first, last, given, tol=1e-11):
-    """Energy less what contact gave, and both momenta, are those of the start."""
+    """Energy without the contribution of contact, and both momenta, are conserved."""
     energy = last.total_energy - last.contact_energy
     assert abs(energy - first.total_energy - given) < tol * first.total_energy
     for name in ("linear_momentum", "angular_momentum"):
@@ -151,7 +151,7 @@ FALLS = {"edge": (0.3, None), "face": (0.0, STICK), "corner": (0.05, nts.Coulomb
     ("tilt", "friction"), [once(*FALLS["edge"]), FALLS["face"], once(*FALLS["corner"])]
 )
 def test_rigid_body_bounces_on_a_floor_with_exact_energy(comm, tilt, friction):
-    # All nine nodes of a face touch at once: their forces are not unique, their sum is.
+    # All nine nodes of a face touch together: their forces are not unique, their sum is.
     stepper = falling(comm, tilt, friction)
     diagnostics = nts.Diagnostics(stepper)
     first, given, active, rises = diagnostics.balance(), 0.0, 0, False
@@ -233,7 +233,7 @@ def test_default_springs_between_rigid_and_soft_bodies_use_the_soft_side(comm, a
         scene.stepper.advance()
         eps_N = comm.allgather(scene.stepper.contacts[0].eps_N)
         stiffness.append(np.concatenate(eps_N))
-    # Each node of the soft one has its own; nodes of the rigid one that of its stiffest.
+    # Each node of the soft one has its own; the rigid one takes the stiffest.
     assert agree(stiffness[1] == pytest.approx(stiffness[0].max(), rel=1e-12))
 
 
@@ -246,7 +246,7 @@ def test_statics_of_rigid_bodies_alone_is_refused(comm, refused):
 def block_on_floor(comm, kind, prescribed, scheme=nts.EnergyMomentum, law=None, reverse=False):
     """Stepper of a block, rigid or soft, that touches a floor with prescribed nodes.
 
-    ``prescribed`` are those of "no" node, of the "bottom", of the "top" or of "all" of the floor.
+    ``prescribed`` selects "no" node, of the "bottom", of the "top" or of "all" of the floor.
     """
     data = boxes([(2, 2, 1), (3, 3, 2)], [(1.0, 1.0, 0.5), (3.0, 3.0, 1.0)])
     data.X[np.unique(data.cells[data.body == 0])] += [1.0, 1.0, 1.0]
@@ -299,7 +299,7 @@ def test_statics_where_nothing_resists_is_refused(comm, refused):
     for law in (nts.Penalty(), nts.Penalty(1e8)):
         with refused(ValueError, r"all displacements prescribed \(body 1\): EnergyMomentum moves"):
             block_on_floor(comm, "rigid", "all", nts.QuasiStatic, law)
-    # The prescribed top is as rigid as the block, but what is below deforms.
+    # The prescribed top is as rigid as the block, but the part below deforms.
     assert range_of_springs(comm, "rigid", "top", scheme=nts.QuasiStatic).min() > 1e8
 
 

@@ -146,7 +146,7 @@ def test_free_fall_and_dead_force_are_those_of_newton(comm, make):
 
 @pytest.mark.parametrize("friction", [once(None), STICK])
 def test_dome_bounces_on_obstacles_with_exact_energy(comm, friction):
-    """All nodes of its rim land at once on a plane; a cone and a sphere meet one ring."""
+    """All nodes of its rim land together on a plane; a cone and a sphere meet one ring."""
     for obstacle in (
         nts.RigidPlane((0.0, 0.01), (0.0, 1.0)),
         nts.RigidSphere((0.0, -3.0), 3.01),
@@ -178,7 +178,7 @@ def test_tied_dome_goes_with_the_block(comm, method):
 
 
 def led(comm, make, guide, *, force=None, loads=(), dt=0.1, **laws):
-    """A dome that is led or pressed into a block on a clamped foot."""
+    """A dome with prescribed motion or force on a block on a clamped foot."""
     scene = dome_on_block(comm, guide)
     loads = [make_load(scene) for make_load in loads]
     if force is not None:

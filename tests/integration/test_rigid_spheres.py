@@ -99,7 +99,7 @@ def test_ball_strikes_with_exact_energy_and_momenta(comm, law):
 
 @pytest.mark.serial
 def test_a_frictionless_ball_keeps_its_spin():
-    """All normals of a sphere go through its centre, as those of facets do not."""
+    """All normals of a sphere pass through its centre, unlike normals of facets."""
     stepper = scene(MPI.COMM_SELF)
     nodes = stepper.bodies[1].nodes
 
@@ -112,7 +112,7 @@ def test_a_frictionless_ball_keeps_its_spin():
     before = spin_of(stepper)
     *_, active = collide(stepper, 25)
     assert active > 0
-    # The inertia of the mesh is that of a cube, so that nothing precedes.
+    # The mesh has the inertia of a cube, so that there is no precession.
     assert np.abs(spin_of(stepper) - before).max() < 1e-11
 
 

@@ -15,7 +15,7 @@ RADIUS, DEPTH, WAY, STEPS = 0.25, 0.3, 0.02, 14  # m, m, m, -
 
 
 def rolling(cells: int, mu: float, squeeze: float) -> tuple[nts.QuasiStatic, nts.RigidBody]:
-    """Squeeze a disc between two layers by a way [m] in the first step, then shift the upper one.
+    """Squeeze a disc between two layers by a distance [m] in a step, then shift the upper one.
 
     The lower layer has so many cells along its length of 1 m, the upper one more.
     """

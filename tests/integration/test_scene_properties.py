@@ -1,4 +1,4 @@
-"""Small random scenes of two bodies: a run conserves what it must, or stops.
+"""Small random scenes of two bodies: a run conserves energy and momenta, or stops.
 
 The rows of the stress suite judge them: energy or ledger, momenta, no NaN.
 """
@@ -82,7 +82,7 @@ def scene(comm: MPI.Comm, numbers, motion=HERE) -> Setup:
 def test_random_scenes_conserve_their_invariants_or_stop(comm, numbers):
     outcome = run(Case("random", "numbers", str(numbers), lambda c: scene(c, numbers)), comm)
     if outcome.row["outcome"] == "stopped":
-        # Whatever it says, what was done until then is right.
+        # Whatever the error, the accepted steps are right.
         assert "the state is that of the last accepted step" in outcome.wrong
         assert outcome.row["energy_error"] <= 1e-9 and outcome.row["momentum_error"] <= 1e-10
     else:

@@ -59,7 +59,7 @@ def impact(V, bodies, pair, scheme=nts.EnergyMomentum, velocity=(0.0, 0.0, -1.0)
 
 
 def in_space(X):
-    """Order of points by their coordinates, of which round-off decides none."""
+    """Order of points by their coordinates, independent of round-off."""
     return np.lexsort(np.round(X, 6).T)
 
 

@@ -270,7 +270,7 @@ def test_iterations_do_not_ask_for_the_dimension(comm, monkeypatch):
 
 @pytest.mark.serial
 def test_deformable_bodies_have_pairs_of_multipliers_made_once_in_an_iteration(comm, monkeypatch):
-    """Only in small systems states are decided on all at once, which takes the pairs, too."""
+    """Only in small systems all states are determined together, which needs the pairs, too."""
     scene = scenes.ball_plate(comm, friction=nts.Coulomb(0.3))
     made, make = [], krylov.active_pairs
     monkeypatch.setattr(krylov, "active_pairs", lambda *args: made.append(args) or make(*args))

@@ -33,7 +33,7 @@ class Arch(NamedTuple):
 
 
 def arch(dt: float, guide: nts.Guide, *loads: Any) -> Arch:
-    """An arch that is held at its ends, with the punch at its top, pushed or led."""
+    """An arch clamped at its ends, with a punch at its top, loaded or moved."""
 
     def build(model):
         disc = model.occ.addDisk(0, RISE + THICK + 0.2 + 1e-4, 0, 0.2, 0.2)
@@ -67,7 +67,7 @@ def pushed(dt):
 
 
 def led(way, num_steps):
-    """Heights of a punch that is led by a way [m], and forces that it meets [N/m]."""
+    """Heights of a punch with prescribed displacement [m], and its reactions [N/m]."""
     guide = nts.Guide(motion=nts.Motion(translation=lambda t: (0, -way * t)))
     scene = arch(1 / num_steps, guide)
     curve = [scene.place() for _ in scene.stepper.run(1.0)]
@@ -76,7 +76,7 @@ def led(way, num_steps):
 
 
 def check_snap(start, scene):
-    """Compare the state under the whole load with that to which a way leads; both in order."""
+    """Compare the state under the whole load with the one under prescribed displacement."""
     height, force = scene.place()
     assert force == pytest.approx(LOAD, rel=1e-9)
     heights, forces = led(start - height, 40)
@@ -90,7 +90,7 @@ def check_snap(start, scene):
 @pytest.mark.serial
 @pytest.mark.parametrize("control", [None, nts.StepControl()])
 def test_an_arch_snaps_under_a_force_to_the_state_of_prescribed_motion(control):
-    """Beyond the limit load a force has one place left, to which a punch that is led comes too."""
+    """Beyond the limit load there is one equilibrium, the same as by prescribed motion."""
     scene = pushed(0.05)
     start, _ = scene.place()
     for step in scene.stepper.run(1.0, control):
@@ -112,7 +112,7 @@ def test_steps_are_long_again_after_a_snap(caplog):
 
 
 def test_a_snap_with_resistance_is_reported_and_exact(caplog):
-    """Without any other start the whole load in one step, too, leads to the same place."""
+    """Without another start, the whole load in one step gives the same state, too."""
     scene = pushed(1.0)
     start, _ = scene.place()
     step = scene.stepper._advance_to(1.0, 1.0, far=True)
@@ -196,7 +196,7 @@ def pressed(**laws: Any) -> nts.QuasiStatic:
     ],
 )
 def test_a_resistance_leads_to_the_only_equilibrium(laws):
-    """Slip, work and history are those of the step, however many pseudo-steps it takes."""
+    """Slip, work and history refer to the step, for any number of pseudo-steps."""
     usual, far = pressed(**laws), pressed(**laws)
     expected = usual.advance()
     found = far._advance_to(1.0, 1.0, far=True)

@@ -1,4 +1,4 @@
-"""Friction in statics is that of the end of a step, however far bodies turn in it."""
+"""Friction in statics is evaluated at the end of a step, for any rotation within it."""
 
 import numpy as np
 import pytest
@@ -101,7 +101,7 @@ ROUND = {
 @pytest.mark.parametrize("law", [nts.LagrangeMultiplier(), once(nts.Penalty())], ids=repr)
 @pytest.mark.parametrize("num_steps", [2, once(8)])
 def test_nodes_that_slide_over_round_obstacles_have_coulombs_friction(comm, name, law, num_steps):
-    """A block is pressed on and led obliquely: its nodes go where tangents had other axes."""
+    """A block is loaded and moved obliquely: its nodes reach places with other tangent axes."""
     obstacle = ROUND[name]
 
     def build(model):

@@ -39,7 +39,7 @@ def test_mortar_points_are_renewed_before_equilibrium(mu, most):
 @pytest.mark.serial
 @pytest.mark.parametrize(("dt", "most", "longest"), [(0.1, 75, 10), (1.0, 16, 8)])
 def test_a_belt_begins_to_slide_with_few_iterations(dt, most, longest):
-    """All nodes are decided on at once: one by one they take 103 iterations, and 43."""
+    """All states are determined together: one by one they take 103 iterations, and 43."""
     iterations = []
     for step in belt(dt).stepper.run(until=max(1.4, 2 * dt)):
         iterations.append(step.newton_iterations)
@@ -151,7 +151,7 @@ def test_a_disc_indents_a_nearly_incompressible_block_with_few_iterations(comm):
 
 @pytest.mark.serial
 def test_a_strip_of_metal_bends_around_a_circle_with_few_iterations(comm):
-    """Few points cease to flow, late on the way of increments that chords cut to a twentieth."""
+    """Few points stop to flow, late on increments that chords cut to a twentieth."""
 
     def build(model):
         size = {"corner": (-0.03, 0), "size": (0.06, 0.001), "cells": (80, 4)}
@@ -188,7 +188,7 @@ def test_a_strip_of_metal_bends_around_a_circle_with_few_iterations(comm):
 
 @pytest.mark.serial
 def test_reversed_motion_takes_no_more_iterations_than_its_start():
-    """Nodes do not go on as in the last step where the supports that lead them do not."""
+    """Nodes do not move as in the last step where their supports do not."""
     scene = blocks(width=12, material=nts.NeoHookean(1e5, 0.49, 1e3))
     u = fem.Function(scene.V)
     low, top = (
@@ -212,7 +212,7 @@ def test_reversed_motion_takes_no_more_iterations_than_its_start():
 
 @pytest.mark.serial
 def test_a_first_step_that_fails_is_not_tried_twice_from_the_same_state():
-    """There is no last step whose motion might go on."""
+    """There is no last step whose motion might continue."""
     scene = blocks(material=nts.NeoHookean(1e5, 0.3, 1e3))
     low = fem.locate_dofs_geometrical(scene.V, lambda x: np.isclose(x[1], -0.5))
     top = nts.Surface.where(scene.V, lambda x: np.isclose(x[1], 1.02))

@@ -170,7 +170,7 @@ def test_a_block_falls_onto_the_other_where_statics_has_no_other_equilibrium():
 def test_inertia_relief_is_reported_with_its_reason(mu, caplog):
     """The lower block sags away from the upper one, which a slight load pushes sideways.
 
-    The load grows much in the second step, which is told, and by less in the third.
+    The load grows much in the second step, which is reported, and by less in the third.
     """
     blocks = Blocks()
     pair = blocks.pair(friction=nts.Coulomb(mu) if mu else None)

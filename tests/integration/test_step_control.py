@@ -1,4 +1,4 @@
-"""Steps are cut and grow again, and the state does not tell that they were."""
+"""Steps are cut and grow again, without a trace in the state."""
 
 import csv
 import logging
@@ -366,7 +366,7 @@ def test_a_limit_point_takes_more_than_one_fast_step(has_loads, text):
 
 @pytest.mark.parametrize("part", [16, once(32)])
 def test_a_run_that_crawls_says_why_once(comm, agree, caplog, monkeypatch, part):
-    """The error of a step that is cut is told below the level of warnings."""
+    """The error of a step that is cut is logged below the level of warnings."""
     stepper = scene(comm).stepper
     whole, advance = stepper.dt, stepper.advance
 
@@ -395,7 +395,7 @@ def test_wrong_numbers_are_refused(comm, refused):
 
 
 class Bar(nullcontext):
-    """Bar that keeps what it is told."""
+    """Bar that keeps its messages."""
 
     def __init__(self, **options):
         """Begin."""

@@ -18,7 +18,7 @@ METHODS = ["node-to-segment", "mortar"]
 
 
 def stacked(comm, upper=(4, 4, 2), gap=0.0, motion=None):
-    """Two boxes of half a metre on each other, of which the lower has 3 x 3 x 2 cells."""
+    """Two boxes of half a metre on each other; the lower one has 3 x 3 x 2 cells."""
     motion = motion or Motion.none()
     data = boxes([(3, 3, 2), upper], [(1.0, 1.0, 0.5)] * 2)
     data.X[np.unique(data.cells[data.body == 1])] += [0, 0, 0.5 + gap]

@@ -1,4 +1,4 @@
-"""Statics in which a tool meets a body on its way, however far it comes from, by all laws."""
+"""Statics in which a tool reaches a body within a step, from any distance, for all laws."""
 
 from mpi4py import MPI
 
@@ -22,9 +22,9 @@ LAWS = {
 
 
 def punched(tool, gap, *, crumb=0.0, **laws):
-    """A sheet on which a punch comes down in one step, and perhaps a small cell beside.
+    """A sheet on which a punch comes down in one step, and perhaps a small cell next to it.
 
-    The punch is led as a rigid body, or by supports at its top.
+    The punch moves as a rigid body, or by supports at its top.
     """
 
     def build(model):
@@ -69,7 +69,7 @@ def force(stepper):
 
 @pytest.mark.parametrize("law", LAWS)
 def test_a_tool_from_far_away_presses_as_one_from_near(law):
-    """The part of its way that a punch goes while it presses may be any."""
+    """The part of the displacement after first contact may be any."""
     near, far = (force(punched("guide", gap, **LAWS[law])) for gap in (NEAR, FAR))
     assert far == pytest.approx(near, rel=1e-4)
 
@@ -84,7 +84,7 @@ def test_a_small_cell_elsewhere_costs_no_iterations(tool):
 
 
 def crossed(gap, law):
-    """Two bars of square sections whose edges cross; the upper one is led down onto the lower."""
+    """Two bars of square sections whose edges cross; the upper one moves down onto the lower."""
     half = 0.1 * np.sqrt(2)
 
     def build(model):

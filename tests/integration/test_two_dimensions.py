@@ -30,7 +30,7 @@ def run(scene, stepper, steps=STEPS):
 
 
 @pytest.mark.parametrize(
-    # Each two of the three meet in all ways.
+    # Each two of the three meet in all combinations.
     ("cell", "degree", "method", "impact"),
     [
         once("quadrilateral", 1, "node-to-segment", "elastic"),

@@ -30,7 +30,7 @@ def euler_load(dim: int, free_length: float) -> float:
 def column(dim: int, part: float, *, is_led: bool = False, nu: float = 0.0, pairs=None) -> Any:
     """A column that is clamped at its left end, and pressed by a part of its Euler load.
 
-    A dead force presses its right end, which is free; or a clamp that is led there.
+    A dead force acts on its free right end; or a clamp there moves.
     """
 
     def build(model):
@@ -119,7 +119,7 @@ def capped(part: float, *laws: Any) -> nts.QuasiStatic:
 )
 @pytest.mark.parametrize("part", [0.9, 1.1])
 def test_a_column_below_a_free_rigid_cap_is_unstable_beyond_its_euler_load(caplog, laws, part):
-    """Signs of the pivots of the whole system tell."""
+    """The signs of the pivots of the whole system decide."""
     stepper = capped(part, *laws)
     stepper.advance()
     assert np.abs(stepper.u.x.array.reshape(-1, 2)[:, 1]).max(initial=0.0) < 1e-6 * HEIGHT
@@ -147,7 +147,7 @@ def test_walls_keep_a_column_stable(caplog):
 
 
 def test_a_shallow_arch_is_unstable_beyond_its_limit_load(caplog):
-    """Where it is flat it is stable if its top is led there, and not if its weight holds it."""
+    """In the flat state it is stable with a prescribed displacement, but not under its weight."""
     span, rise, thick = 2.0, 0.06, 0.04
 
     def build(model):
@@ -217,7 +217,7 @@ def pressed_and_drawn() -> nts.QuasiStatic:
 
 
 def test_the_search_takes_few_products_and_nothing_else(caplog, monkeypatch):
-    """A scene without trouble goes on as without it, to the last digit."""
+    """A scene without instability is unchanged, to the last digit."""
 
     def run():
         stepper = pressed_and_drawn()

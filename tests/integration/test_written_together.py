@@ -1,4 +1,4 @@
-"""Files that all ranks write are those of one rank, and no rank needs the memory for all."""
+"""All ranks together write the same files as one, and none needs the memory for all data."""
 
 import tracemalloc
 from contextlib import suppress

@@ -1,4 +1,4 @@
-"""Arguments that are wrong as those of beginners are: the message says what would help."""
+"""Typical wrong arguments of beginners: the message suggests a remedy."""
 
 from mpi4py import MPI
 

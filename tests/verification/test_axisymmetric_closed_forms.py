@@ -291,7 +291,7 @@ def pressed_by_body(
         size: Size of cells as a formula of gmsh [m].
         edge: Radius up to which nodes may touch [m].
         depth: How far the guide moves the tool [m].
-        force: What presses the tool in the place of the guide [N].
+        force: Load of the tool that replaces the guide [N].
 
     Returns:
         Depth of the tool [m], and the force on it [N].

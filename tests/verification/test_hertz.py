@@ -256,7 +256,7 @@ class Crush:
 
 @cache
 def crush(way: float, fine: int, growth: float, coarse: float, material: str) -> Crush:
-    """Press balls of radius 50, E = 20000, nu = 0.3 by a way (mm, MPa). Collective.
+    """Press balls of radius 50, E = 20000, nu = 0.3 by a displacement (mm, MPa). Collective.
 
     Theory: a = sqrt(R h/2), p0 = E/(pi (1 - nu^2)) sqrt(2 h/R), F = 2/3 pi a^2 p0.
 
@@ -327,7 +327,7 @@ def test_two_balls_pressed_together_converge_to_hertz(told):
 
 @pytest.mark.serial
 def test_two_balls_leave_hertz_with_the_strain():
-    """St. Venant-Kirchhoff: as a/R, the root of the way, or faster."""
+    """St. Venant-Kirchhoff: as a/R, the root of the displacement, or faster."""
     results = [crush(way, *TWO_BALLS[0], "SaintVenantKirchhoff") for way in (4, 0.4, 0.04, 0.004)]
     for name in ("radius", "pressure"):
         values = [getattr(result, name) for result in results]

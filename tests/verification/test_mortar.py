@@ -43,7 +43,7 @@ def test_patch_test_is_passed_whichever_side_is_finer(cell, cells, degree, told)
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 @pytest.mark.parametrize("cells", [(4, 6), (6, 4)])
 def test_patch_test_is_passed_by_smooth_surfaces(cell, cells, told):
-    """Patches have the mean of their facets, whose load then is that of these."""
+    """Patches have the mean of their facets, and therefore the same load."""
     blocks = compress(*cells, MORTAR, cell=cell, smooth=True)
     pressure = blocks.stepper.contacts[0].pressure
     told(
@@ -80,7 +80,7 @@ def test_patch_test_is_nearly_passed_on_facets_that_are_no_parallelograms(smooth
 
 
 def test_blocks_that_are_compressed_in_large_steps_still_pass():
-    """Points are chosen anew until they belong to the equilibrium."""
+    """Points are chosen again until they belong to the equilibrium."""
     blocks = compress(4, 6, MORTAR, compression=0.05)
     assert np.ptp(blocks.stress) <= 1e-7
 
@@ -220,7 +220,7 @@ def test_rubber_of_tetrahedra_that_collides_and_parts_conserves_everything():
 
 
 def test_steps_that_are_too_long_are_cut_and_the_run_goes_on():
-    """Nearly as fast as waves: facets turn so far that points lie beside oblique segments."""
+    """Nearly as fast as waves: facets turn so far that points lie outside oblique segments."""
     scene = scenes.ball_plate(MPI.COMM_WORLD, method="mortar", dt=0.02)
     scene.stepper.set_velocity(scene.bodies["ball"], (0.0, 8.0, -8.0))
     diagnostics = nts.Diagnostics(scene.stepper)

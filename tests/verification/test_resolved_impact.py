@@ -37,7 +37,7 @@ class Bar:
 
     Attributes:
         u, v: At the nodes behind those that strike, at the end.
-        force: Contact force of each step over that of wave theory.
+        force: Contact force of each step over the force by wave theory.
         energy_error: Largest change of the energy, relative.
         depth: How deep nodes sink in, over the length of a cell.
     """
@@ -56,7 +56,7 @@ HEXAHEDRA, HEXAHEDRA_2, TETRAHEDRA_2 = ("hexahedron", 1), ("hexahedron", 2), ("t
 
 
 def bar(law, dt, until, element=HEXAHEDRA):
-    """What has become of a bar at one of the times of its law. Collective."""
+    """State of a bar at one of the times of its law. Collective."""
     return bars(law, dt, element=element)[until]
 
 

@@ -150,7 +150,7 @@ def test_stiff_body_leaves_a_surface_with_a_part_of_its_speed(e, phase):
 
 
 def rod(e, angle, cells, axis=(0.0, 0.0, 0.0), g=0.0, motion=REST):
-    """A rigid rod that turns about an axis by its upper end, beside a wall that it can lie on."""
+    """A rigid rod that turns about an axis by its upper end, next to a wall that it can lie on."""
     data = box_meshes.boxes([cells], [(0.2, 0.2, 1.0)])
     c, s = np.cos(angle), np.sin(angle)
     turn = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
@@ -221,7 +221,7 @@ def test_nodes_that_rest_on_a_turning_drum_keep_their_gaps(e):
 
 @pytest.mark.serial
 def test_block_that_slides_in_a_tube_does_not_sink_into_it_step_by_step():
-    """Half of the straight way of each step leaves the tube, by 9 mm in all steps."""
+    """Half of the straight path of each step leaves the tube, by 9 mm in all steps."""
     radius, size, dt = 1.0, 0.1, 5e-3
 
     def build(model):
@@ -265,7 +265,7 @@ def test_hinged_rod_that_falls_against_a_wall_comes_to_rest_on_it(axis, cells):
 @pytest.mark.parametrize("tilt", [0.3, 0.8])
 @pytest.mark.parametrize("phase", [0.0, 0.5])
 def test_rod_that_strikes_the_floor_by_an_edge_has_the_impulse_of_a_rigid_one(e, tilt, phase):
-    """Both ends of the edge arrive at once; at phase 0 round-off decides at the end of a step."""
+    """Both ends of the edge arrive together; at phase 0 round-off decides at the end of a step."""
     length, height, dt = 1.0, 0.1, 1e-3
     data = box_meshes.boxes([(4, 1, 1)], [(length, height, height)])
     c, s = np.cos(tilt), np.sin(tilt)

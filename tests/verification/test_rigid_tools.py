@@ -69,7 +69,7 @@ TOOLS = {
 
 @cache
 def led(name: str, scale: float) -> tuple[float, float]:
-    """Force on a tool that is led [N], and radius of contact by the moment of its pressure [m]."""
+    """Force on a moving tool [N], and radius of contact by the moment of its pressure [m]."""
     tool = TOOLS[name]
     size = f"{scale} * ({tool.size})"
     _, force, r, p = press(tool.profile, size, depth=tool.depth, **scene(tool))

@@ -1,4 +1,4 @@
-"""Archive in memory: what is given back is what was taken."""
+"""Archive in memory: restored values equal stored ones."""
 
 import numpy as np
 import pytest

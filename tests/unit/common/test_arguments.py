@@ -1,4 +1,4 @@
-"""Arguments: checks, and what is printed of laws, materials and obstacles."""
+"""Arguments: checks, and printed forms of laws, materials and obstacles."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""ActiveSet: which nodes are held, by what presses them and by their gaps."""
+"""ActiveSet: active nodes by their multipliers and gaps."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""NumPy arrays on their way into the kernels and out of them."""
+"""Transfer of NumPy arrays into the kernels and out of them."""
 
 import weakref
 

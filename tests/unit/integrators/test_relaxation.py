@@ -1,4 +1,4 @@
-"""The way to another equilibrium: a model with one unknown, and how its resistance changes."""
+"""Pseudo-transient continuation to another equilibrium: a model with one unknown."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ class Model:
         return PseudoStep(report, abs(x - self.last), abs(x - self.start))
 
     def accept(self):
-        """Go on from what was found."""
+        """Continue from the last state."""
         self.last = self.found
 
     def find(self):

@@ -354,7 +354,7 @@ def test_failed_step_leaves_the_last_accepted_state(comm, scheme, monkeypatch, a
         with refused(nts.ConvergenceError, "no convergence in 1 iterations"):
             scene.stepper.advance()
     assert agree(equal_states(state_of(scene.stepper), before))
-    # And the run goes on as if nothing had happened.
+    # And the run continues unchanged.
     scene.run(3)
     reference.run(3)
     difference = np.abs(scene.positions() - reference.positions()).max()

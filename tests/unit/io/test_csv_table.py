@@ -1,4 +1,4 @@
-"""Table of a run: what is in the file, and where it goes on."""
+"""Table of a run: contents of the file, and continuation."""
 
 import pytest
 

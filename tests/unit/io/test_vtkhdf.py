@@ -30,13 +30,13 @@ def run():
 
 @pytest.fixture
 def at_once(monkeypatch):
-    """Let each state be written at once."""
+    """Let each state be written immediately."""
     monkeypatch.setattr(vtkhdf, "_LATEST", 0.0)
     monkeypatch.setattr(vtkhdf, "_RARELY", 0.0)
 
 
 def resumed(path, run, steps, at):
-    """File of a run that goes on after these steps."""
+    """File of a run that continues after these steps."""
     file = VtkHdfFile(path, run, RunFields(run))
     run.go_to(at)
     file.serialize(SimpleNamespace(same=lambda name, value: np.array(steps)))

@@ -1,4 +1,4 @@
-"""Ogden's law: a twin by eigenvectors, Treloar's rubber, conservation, what is refused."""
+"""Ogden's law: a twin by eigenvectors, Treloar's rubber, conservation, refused arguments."""
 
 import numpy as np
 import pytest

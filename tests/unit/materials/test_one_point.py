@@ -333,7 +333,7 @@ def swirled(comm, cell):
     "law", [once(partial(nts.SaintVenantKirchhoff, nu=0.45)), partial(nts.NeoHookean, nu=0.3)]
 )
 def test_uniform_strain_is_in_balance_on_distorted_cells(comm, cell, law):
-    """The patch test: nodes inside follow those of the boundary."""
+    """The patch test: inner nodes follow the boundary."""
     V, cells = swirled(comm, cell)
     dim = V.mesh.geometry.dim
     A = np.array([[0.02, 0.05, -0.02], [0.0, -0.08, 0.03], [0.04, 0.0, 0.06]])[:dim, :dim]
@@ -400,7 +400,7 @@ def test_the_tangent_of_distorted_cells_is_the_derivative(comm):
 
 
 def with_fibres(C, mu, kappa, k, b, stretch):
-    """Energy of rubber with fibres along the first axis, of which a stretch is given."""
+    """Energy of rubber with fibres along the first axis, with a given stretch."""
     J2 = ufl.det(C)
     rubber = mu / 2 * (J2 ** (-1 / 3) * ufl.tr(C) - 3) + kappa / 2 * (ufl.sqrt(J2) - 1) ** 2
     return rubber + k / (2 * b) * (ufl.exp(b * stretch(C) ** 2) - 1)

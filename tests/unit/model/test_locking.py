@@ -1,4 +1,4 @@
-"""Users are told of elements that lock."""
+"""Users are warned of elements that lock."""
 
 import logging
 

@@ -1,4 +1,4 @@
-"""Moving obstacles: what nodes see of them, against the same obstacles declared elsewhere."""
+"""Moving obstacles, compared with the same obstacles declared elsewhere."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Rigid obstacles: gap, conserving force, slip, and what they refuse."""
+"""Rigid obstacles: gap, conserving force, slip, and refused arguments."""
 
 from dataclasses import replace
 

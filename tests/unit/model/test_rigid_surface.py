@@ -1,4 +1,4 @@
-"""Rigid obstacle of facets: contact, orientation, and what it refuses."""
+"""Rigid obstacle of facets: contact, orientation, and refused arguments."""
 
 import numpy as np
 import pytest

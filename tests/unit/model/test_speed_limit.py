@@ -1,4 +1,4 @@
-"""Bodies that are faster than the waves in them are told, with the units that may be wrong."""
+"""Bodies faster than their waves are reported, with the units that may be wrong."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Kernels of closed boundaries: what is inside, how deep, and where ways cross them."""
+"""Kernels of closed boundaries: points inside, depths, and crossings of paths."""
 
 import numpy as np
 import pytest

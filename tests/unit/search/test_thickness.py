@@ -1,4 +1,4 @@
-"""The shortest way straight through a body, against boxes and a shell."""
+"""The shortest straight path through a body, against boxes and a shell."""
 
 from mpi4py import MPI
 

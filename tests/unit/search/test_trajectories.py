@@ -1,4 +1,4 @@
-"""Where points go through what moves: against positions at many times, and closed forms."""
+"""Passage of points through moving segments: positions at many times, and closed forms."""
 
 import numpy as np
 import pytest

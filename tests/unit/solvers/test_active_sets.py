@@ -1,4 +1,4 @@
-"""Active sets are told apart by what they consist of, alike on all ranks."""
+"""Active sets are distinguished by their contents, alike on all ranks."""
 
 from types import SimpleNamespace
 

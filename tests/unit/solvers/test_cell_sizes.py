@@ -1,4 +1,4 @@
-"""Sizes of cells, against those of a box whose cells have known edges."""
+"""Sizes of cells, against a box whose cells have known edges."""
 
 import numpy as np
 import pytest

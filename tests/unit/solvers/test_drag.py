@@ -1,4 +1,4 @@
-"""Resistance of the nodes against leaving a state, beside the forces of the bodies."""
+"""Resistance of the nodes against leaving a state, in addition to the forces of the bodies."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Forces that obey Coulomb's law at all points of a linear system at once."""
+"""Forces that obey Coulomb's law at all points of a linear system together."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Increments that metals do not follow as their tangent tells are cut, all others are left."""
+"""Increments for which the plastic tangent is wrong are cut, all others are kept."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def stepper(comm, request):
 
 
 def increment(stepper, part):
-    """Increment by a part of the way back, and the residual that asks for it."""
+    """Increment by a part of the last one, and the residual that requires it."""
     bulk = stepper._bulk
     du = -part * stepper.u.x.array[: bulk.num_owned]
     return du, -bulk.action(du.reshape(-1, 3)).ravel()

@@ -1,4 +1,4 @@
-"""Conjugate gradients that look for a negative eigenvalue with a random force."""
+"""Conjugate gradients that search for a negative eigenvalue with a random force."""
 
 from mpi4py import MPI
 

@@ -15,7 +15,7 @@ AGREEMENT = 1e-7
 
 
 def press(comm, law, way, *, nu=0.499, n=3, cell="hexahedron", degree=1, table=False):
-    """Return a block whose ends are held, and whose upper one moves down by a way a second."""
+    """Return a block with supported ends; the upper one moves down by a speed [m/s]."""
 
     def build(model):
         box = {"corner": (0.0, 0.0, 0.0), "size": (1.0, 1.0, 1.0), "cells": (n, n, n)}
@@ -68,7 +68,7 @@ def test_one_step_leads_where_many_lead(comm, case):
     law, way, options = CASES[case]
     whole, parts_of_it = (press(comm, law, way, **options) for _ in range(2))
     report = whole.advance()
-    # With supports moved at once, 50 iterations from each start fail.
+    # With supports moved in one increment, 50 iterations from each start fail.
     assert report.newton_iterations <= 35
     for step in parts_of_it.run(until=1.0, control=nts.StepControl(times=np.arange(1, 9) / 8)):
         assert step.newton_iterations <= 20
@@ -121,7 +121,7 @@ def punch(comm, kind, depth):
 @pytest.mark.parametrize("kind", ["obstacle", "guide", "supports"])
 @pytest.mark.parametrize("depth", [once(0.01), 0.02])
 def test_tools_that_meet_a_sheet_on_their_way(comm, kind, depth):
-    # A guided body that goes all its way at once, by a fifth of the sheet, takes 68 iterations.
+    # A guided body moved in one increment by a fifth of the sheet takes 68 iterations.
     stepper = punch(comm, kind, depth)
     assert stepper.advance().newton_iterations <= 20
     force = nts.Diagnostics(stepper).contact_force()

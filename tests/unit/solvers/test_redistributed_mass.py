@@ -1,4 +1,4 @@
-"""Mass of surface nodes that nodes below carry: what it keeps of the consistent mass."""
+"""Mass of surface nodes that nodes below carry: invariants of the consistent mass."""
 
 import numpy as np
 import pytest

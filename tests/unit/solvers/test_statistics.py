@@ -1,4 +1,4 @@
-"""Counts of the linear solver, against calls of what they count."""
+"""Counts of the linear solver, against counted calls."""
 
 from collections import Counter
 

@@ -1,4 +1,4 @@
-"""Forces at some nodes, and their derivative, against those of all cells."""
+"""Forces at some nodes, and their derivative, against the sums over all cells."""
 
 import numpy as np
 
