@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.common.arrays import Floats, GlobalInts
 from dolfinx_nts.contact.method import NODES
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
@@ -60,13 +60,23 @@ def check_start(state: PairState, t: float, x: Floats, x_before: Floats | None =
     new = depth > allowed
     if x_before is not None:
         new &= ~(depth <= obstacle.depth(place(x_before[nodes])) + allowed)
-    ids = np.sort(joined(comm, pair.nodes.node_ids[new]))
+    own = pair.nodes.node_ids[new], depth[new], x[nodes[new]]
+    ids, depth, ends = (joined(comm, part) for part in own)
     if len(ids):
-        deepest = reductions.largest(comm, float(depth[new].max(initial=0.0)))
-        raise ValueError(
-            f"expected bodies outside of obstacles, given {len(ids)} nodes of {pair.nodes.name} "
-            f"up to {deepest:.3g} inside {obstacle.name}: {listed(ids)}"
-        )
+        seen = ", or deeper, as facets are seen to half of their size"
+        raise _inside(pair, ids, depth, ends, seen * isinstance(obstacle, RigidSurface))
+
+
+def _inside(pair: ContactPair, ids: GlobalInts, depth: Floats, x: Floats, more: str) -> ValueError:
+    """Error for nodes inside an obstacle, of all ranks: numbers, depths [m] and positions [m]."""
+    deepest, found = depth.argmax(), np.unique(ids)
+    place = ", ".join(f"{coordinate:.3g}" for coordinate in x[deepest] + 0.0)
+    return ValueError(
+        f"expected bodies outside of obstacles, given {len(found)} nodes of {pair.nodes.name} "
+        f"up to {depth[deepest]:.3g} inside {pair.segments.name}{more}, deepest at ({place}): "
+        f"{listed(found)}; move the two apart before the first step, and let a Motion or supports "
+        "bring them together in steps"
+    )
 
 
 def sink_nodes_inside(state: PairState, inside: OverlapSearch, body: str, x: Floats) -> None:
@@ -162,15 +172,8 @@ def check_rigid_facets(
         depth = obstacle.depth_behind(facets, begin, place(ends))
         deep = is_inside & (depth > 0) & (obstacle.depth(place(ends)) <= 0)
         if deep.any():
-            deepest = np.flatnonzero(deep)[depth[deep].argmax()]
-            found = np.unique(ids[deep])
-            raise ValueError(
-                f"expected bodies outside of obstacles, given {len(found)} nodes of {surface.name} "
-                f"up to {depth[deepest]:.3g} inside {obstacle.name}, deepest at "
-                f"{ends[deepest].round(6).tolist()}, more than half of its facets, where no "
-                f"force acts: {listed(found)}; move the two apart before the first step, and let "
-                "a Motion or supports bring them together in steps"
-            )
+            more = ", more than half of a facet, where no force acts"
+            raise _inside(state.pair, ids[deep], depth[deep], ends[deep], more)
 
 
 def warn_of_bodies_without_pair(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> None:
