@@ -42,7 +42,7 @@ class EnergyGain:
     """
 
     def __init__(self, comm: MPI.Comm) -> None:
-        self._comm, self._told, self._largest = comm, 0.0, 0.0
+        self._comm, self._reported, self._largest = comm, 0.0, 0.0
 
     def look(
         self,
@@ -66,10 +66,10 @@ class EnergyGain:
             for state, work in works.items()
         }
         state = max(gains, key=gains.__getitem__, default=None)
-        least = max(before, _PART * after, _REST * self._largest, 2 * self._told, negligible)
+        least = max(before, _PART * after, _REST * self._largest, 2 * self._reported, negligible)
         if state is None or gains[state] <= least:
             return
-        self._told = gain = gains[state]
+        self._reported = gain = gains[state]
         if self._comm.rank == 0:
             _logger.warning(
                 "at t = %g contact by %r has given the bodies %.3g J in one step, more than their "

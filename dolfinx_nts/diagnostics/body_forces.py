@@ -67,7 +67,7 @@ class BodyForces:
 
         Returns:
             Forces, shape ``(p, 3)`` [N], to be summed over all ranks. NaN where edge-to-edge
-            contact of several bodies on one side does not tell which of them touch.
+            contact of several bodies on one side does not show which of them touch.
         """
         number = {pair: i for i, pair in enumerate(self.pairs)}
         forces: Floats = np.zeros((len(self.pairs), 3))

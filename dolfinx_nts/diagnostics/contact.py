@@ -187,7 +187,7 @@ class ContactDiagnostics:
         surfaces. Bodies are in the order in which the stepper has them, so that neither key nor
         sign depends on how pairs divide them into nodes and segments. Vectors have the components
         that exist in the space. A force is NaN where edge-to-edge contact of several bodies on
-        one side does not tell which of them touch.
+        one side does not show which of them touch.
         """
         forces = self._all_sums()[1][:, self._axes[0]]
         return dict(zip(self._between, forces, strict=True))

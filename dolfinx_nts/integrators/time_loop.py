@@ -136,8 +136,8 @@ class TimeLoop(State):
                 `StepControl`.
             ValueError: ``until`` is negative or not finite, or the force of a pair that this
                 stepper does not have.
-            ConvergenceError: A step failed; with a control, at its smallest length. The state is
-                that of the last accepted step.
+            ConvergenceError: A step failed; with a control, at its smallest length. The stepper
+                keeps the last accepted state.
         """
         end, conditions = split(until, self._comm)
         if not (control is None or isinstance(control, StepControl)):

@@ -161,7 +161,7 @@ class ContactStep:
     def reproject(self, converged: bool) -> int:
         """Find the segments again in equilibrium; return how many of this rank changed.
 
-        With any change, equilibrium has to be found again. ``converged`` tells whether this is
+        With any change, equilibrium has to be found again. ``converged`` is whether this is
         equilibrium, and not a state near it.
         """
         node, active = self.normal.nodes, self.normal.active

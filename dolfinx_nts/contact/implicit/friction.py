@@ -19,7 +19,7 @@ class Friction:
 
     Methods are local, but for `update`. In them ``pairs`` are ``m`` pairs, a part of the ``n``
     nodes of the surface, ``node`` their positions among these, shape ``(m,)``, and ``active``
-    tells which pairs transmit force, shape ``(m,)``.
+    flags the pairs that transmit force, shape ``(m,)``.
 
     Args:
         state: State of the contact pair.

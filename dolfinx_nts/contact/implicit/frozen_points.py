@@ -38,7 +38,7 @@ _SETTLED_PART = 0.05
 class FrozenPoints(LocalSearch):
     """Quadrature points of a mortar pair.
 
-    Arguments and attributes are those of `LocalSearch`, with mean gaps of nodes and one
+    Arguments and attributes as for `LocalSearch`, with mean gaps of nodes and one
     representative segment of the points of each node.
     """
 
@@ -138,7 +138,7 @@ class TiedPoints(FrozenPoints):
         self._take(X, X)
 
     def _bounded_at(self, x_n: Floats, x: Floats) -> Sequence[Floats]:
-        """None: what is tied has gaps of either sign."""
+        """None, as tied nodes have gaps of either sign."""
         return ()
 
 

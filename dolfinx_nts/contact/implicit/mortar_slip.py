@@ -17,7 +17,7 @@ class NodalFrames(NamedTuple):
 
     Attributes:
         at_nodes: Orthonormal tangents at the nodes, shape ``(m, 2, 3)``.
-        parts: Part of component b of the slip of each point in component a of that of each
+        parts: Part of component b of the slip of each point in component a of the slip of each
             node, by shares, shape ``(i, 2, 2)``.
     """
 

@@ -52,7 +52,7 @@ class NormalContact(ABC):
     def renew(self, x: Floats, *, moved: bool) -> int:
         """Update eligible nodes in an equilibrium x. Collective.
 
-        ``moved`` tells whether contact points have changed. Returns the number of nodes of this
+        ``moved`` is whether contact points have changed. Returns the number of nodes of this
         rank whose eligibility has changed.
         """
         if moved:

@@ -25,8 +25,8 @@ class Slips:
 
     Args:
         size: Size of the segments of each node, shape ``(n,)`` [m].
-        frame: That of what the nodes face, where slips by the linear system are told from measured
-            ones, as those of springs are in statics, see `LinearValues`; otherwise None.
+        frame: Frame of the segments, where slips of the linear system differ from measured ones,
+            as for springs in statics (`LinearValues`); otherwise None.
 
     Attributes:
         present: Slips in the last evaluation, 0 where they are none, shape ``(n, 2)`` [m].

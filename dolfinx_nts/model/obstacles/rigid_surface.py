@@ -156,15 +156,15 @@ class RigidSurface(Obstacle):
         return np.flatnonzero(~apart.any(axis=1)).astype(np.int32)
 
     def depth_behind(self, facets: Ints, begin: Floats, x: Floats) -> Floats:
-        """Depth of points behind facets that straight ways to them enter, at any depth.
+        """Depth of points behind facets that straight paths to them enter, at any depth.
 
         Args:
             facets: The facets, shape ``(f,)``.
-            begin: Starts of the ways, shape ``(m, 3)`` [m].
+            begin: Starts of the paths, shape ``(m, 3)`` [m].
             x: The points, shape ``(m, 3)`` [m].
 
         Returns:
-            Distances from the planes of entry, shape ``(m,)`` [m]; 0 where a way enters none,
+            Distances from the planes of entry, shape ``(m,)`` [m]; 0 where a path enters none,
             negative where the longest part of it behind them ends before the point.
         """
         chosen = self._facets[facets], self._orientation[facets], self.key[facets]

@@ -126,7 +126,7 @@ class OverlapSearch:
     def box(self, name: str) -> Floats:
         """Least and greatest coordinates of a body at the positions of the last `find`. Local.
 
-        ``name`` is that of its boundary. Returns shape ``(2, 3)`` [m].
+        ``name`` is the name of its boundary. Returns shape ``(2, 3)`` [m].
         """
         return self._insides.box(self.names.index(name))
 

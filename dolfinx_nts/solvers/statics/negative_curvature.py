@@ -10,7 +10,7 @@ polynomial q(t), a product of factors :math:`1 - t/\theta` with :math:`\theta > 
 eigenvector w of A B with an eigenvalue that is negative has :math:`|w^T r| > |w^T b|`. But
 :math:`w^T b` is a random number with the standard deviation :math:`|\sqrt D w|`, so that a residual
 of :math:`|D^{-1/2} r| < \delta` leaves a negative eigenvalue unseen with a probability of at most
-:math:`\sqrt{2/\pi}\, \delta`: that of :math:`|\xi| < \delta` for a single number.
+:math:`\sqrt{2/\pi}\, \delta`: the probability of :math:`|\xi| < \delta` for one number.
 
 With factors of a complete system: on the displacements that keep active constraints, :math:`G^T x =
 0`, the tangent A has as many negative eigenvalues as the symmetric complete matrix has in excess of
