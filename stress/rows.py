@@ -219,10 +219,8 @@ def above(
     return check
 
 
-def _control(case: Case, setup: Setup) -> nts.StepControl | None:
-    if case.cuts is None:
-        return None
-    return nts.StepControl(smallest=0.99 * setup.stepper.dt / 2**case.cuts)
+def _control(case: Case, setup: Setup) -> nts.StepControl:
+    return nts.StepControl(smallest=0.99 * setup.stepper.dt / 2 ** (case.cuts or 0))
 
 
 def _approach(stepper: Any) -> float:

@@ -1,6 +1,7 @@
 """Step lengths: equal steps, and steps that are halved after failures."""
 
 import bisect
+import math
 from collections.abc import Sequence
 
 from dolfinx_nts.common.archive import Archive
@@ -102,30 +103,45 @@ class EvenSteps:
     """End times of equal steps, counted from the start of a run to avoid accumulated round-off.
 
     Local, except where a method says otherwise.
+
+    Attributes:
+        target: End of the current step [s], if it is halved that of all its parts.
     """
 
     def __init__(self) -> None:
         self._t, self._step = 0.0, 0
+        self.target = -math.inf
 
-    def end(self, step: int, dt: float) -> float:
-        """Time at the end of a step [s] by its number, for steps of length dt [s]."""
-        return self._t + (step - self._step) * dt
+    def goes_on(self, t: float, dt: float) -> bool:
+        """Whether a step to the target was halved, and its rest remains.
 
-    def resume(self, t: float, step: int, dt: float) -> None:
-        """Continue the count of the last run, or start a new count if time or length differ.
+        Args:
+            t: Current time [s].
+            dt: Length of all steps [s].
+        """
+        return ROUND_OFF * dt < self.target - t < (1 - ROUND_OFF) * dt
+
+    def next(self, t: float, step: int, dt: float) -> float:
+        """Continue the count of the last run, or start a new one if time or length differ.
 
         Args:
             t: Current time [s].
             step: Number of the last step.
             dt: Length of all steps [s].
+
+        Returns:
+            Time at the end of the next step [s], the target.
         """
-        if t != self.end(step, dt):
+        if t != self._t + (step - self._step) * dt:
             self._t, self._step = t, step
+        self.target = self._t + (step + 1 - self._step) * dt
+        return self.target
 
     def serialize(self, archive: Archive) -> None:
-        """Serialize the start of the count. Collective."""
+        """Serialize the start of the count and the target. Collective."""
         self._t = archive.same("start_time", self._t)
         self._step = archive.same("start_step", self._step)
+        self.target = archive.same("target", self.target)
 
 
 class StepLength:

@@ -105,6 +105,10 @@ class TimeLoop(State):
         """Largest displacement increment of a node in the last step [m]; None with inertia."""
         return None
 
+    def _has_last_resort(self) -> bool:
+        """Whether a step that fails at any length may still be solved in another way."""
+        return self._static_increment() is not None
+
     def _longest_step(self) -> float:
         """Upper bound on the length of a step [s]."""
         return math.inf
@@ -124,8 +128,9 @@ class TimeLoop(State):
                 returns whether the run ends. The run ends with the first step for which a
                 condition holds. Of several in a list, the first one ends the run: give a time,
                 too, where a condition may never hold.
-            control: Halves steps that fail. With None every step has the length ``dt``, except
-                the last one.
+            control: Lengths of steps. With None every step has the length ``dt``, except the last
+                one and steps that fail: they are halved, and a warning says so once.
+                ``StepControl(smallest=dt)`` halves none.
 
         Returns:
             Iterator over the reports of the steps. Each iteration takes one step, so that ``dt``
@@ -136,8 +141,8 @@ class TimeLoop(State):
                 `StepControl`.
             ValueError: ``until`` is negative or not finite, or the force of a pair that this
                 stepper does not have.
-            ConvergenceError: A step failed; with a control, at its smallest length. The stepper
-                keeps the last accepted state.
+            ConvergenceError: A step failed at its smallest length. The stepper keeps the last
+                accepted state.
         """
         end, conditions = split(until, self._comm)
         if not (control is None or isinstance(control, StepControl)):
@@ -155,7 +160,7 @@ class TimeLoop(State):
         self, until: float, conditions: Conditions, control: StepControl | None
     ) -> Iterator[StepReport]:
         meet(self._comm, f"run from t = {self.t!r} s until {until!r} s")
-        steps = self._run_evenly(until) if control is None else self._run(until, control)
+        steps = self._run(until, control)
         try:
             for report in steps:
                 ends = conditions.hold(report, self.contacts)
@@ -167,40 +172,35 @@ class TimeLoop(State):
             raise
         self.look_for_overlaps()
 
-    def _run_evenly(self, until: float) -> Iterator[StepReport]:
-        """Advance in steps of equal length."""
-        even = self._even
-        with self._progress(until, initial=self.t, bar_format=_BAR) as bar:
-            while (remaining := (until - self.t) / (dt := self.dt)) > ROUND_OFF:
-                even.resume(self.t, self.step, dt)
-                end = even.end(self.step + 1, dt)
-                if remaining <= 1 + ROUND_OFF and end != until:
-                    end, dt = until, until - self.t
-                report = self._advance_to(end, dt)
-                bar.update(dt)
-                yield report
-
-    def _run(self, until: float, control: StepControl) -> Iterator[StepReport]:
-        """Advance in steps as long as the control and the scheme permit."""
+    def _run(self, until: float, given: StepControl | None) -> Iterator[StepReport]:
+        """Advance in equal steps, or as long as the control and the scheme permit."""
+        control, statics = given or StepControl(), self._static_increment() is not None
         smallest, gap_tol = control.shortest(self.dt), control.gap_tol
         apart = None if gap_tol is None else self._held_apart(gap_tol)
         rejected, first, limit, short = 0, "", LimitPoint(), ShortSteps()
-        ineffective = IneffectiveCuts(inertia=self._static_increment() is None)
-        given_up: ConvergenceError | None = None  # ends the run unless relaxation succeeds
+        ineffective, is_told = IneffectiveCuts(inertia=not statics), given is not None
+        given_up: ConvergenceError | None = None  # ends the run unless the last resort succeeds
         with self._progress(until, initial=self.t, bar_format=_BAR) as bar:
-            while until - self.t > ROUND_OFF * smallest:
-                longest = min(self.dt * 0.5**self._length.cuts, self._longest_step())
-                dt, end = control.next_step(self.t, longest, until)
-                before = Snapshot()
-                self.serialize(before)
+            while until - self.t > ROUND_OFF * (smallest if given else self.dt):
+                dt, end = self._next_step(until, given)
+                # Only a control rejects accepted steps; failed ones leave the state as it was.
+                before = Snapshot() if given is not None else None
+                if before is not None:
+                    self.serialize(before)
+                # With equal steps statics relaxes at once.
+                far = None if statics and given is None else given_up is not None
                 try:
-                    report = self._advance_to(end, dt, far=given_up is not None)
+                    report = self._advance_to(end, dt, far=far)
                     if apart is not None and gap_tol is not None:
                         apart = self._checked(apart, gap_tol)
                 except ConvergenceError as error:
-                    self.serialize(before.rewind())
+                    if before is not None:
+                        self.serialize(before.rewind())
                     if given_up is not None:
-                        raise _in_vain(given_up, error) from None
+                        raise (_in_vain(given_up, error) if statics else given_up) from None
+                    hopeless = any(each.is_hopeless for each in error.reports)
+                    if hopeless and given is None:
+                        raise
                     first = first or f"it was first tried with dt = {dt:.3g} s: {error}"
                     ineffective.fail(error.reports, dt, self._length.cuts)
                     text = ""
@@ -209,28 +209,32 @@ class TimeLoop(State):
                     elif ineffective.are_certain and control.smallest is None:
                         text = f"{ineffective.message()}; {error}"
                     elif dt / 2 < smallest:
+                        was = "has been cut to" if self._length.cuts else "is"
                         text = (
-                            f"{error}; dt has been cut to {dt:.3g} s, half of which is "
-                            f"less than the smallest step of {smallest:.3g} s; {first}"
+                            f"{error}; dt {was} {dt:.3g} s, half of which is less than the "
+                            f"smallest step of {smallest:.3g} s"
                         )
+                        text += f"; {first}" if rejected else ""
                     if text:
                         given_up = ConvergenceError(text, error.reports)
-                        hopeless = any(each.is_hopeless for each in error.reports)
-                        if self._static_increment() is None or hopeless:
+                        if hopeless or far is None or not self._has_last_resort():
                             raise given_up from None
-                        # Relaxation as the last resort needs no short step.
+                        # The last resort needs no short step.
                         self._length.uncut(rejected)
                         rejected += 1
                         continue
                     if self._comm.rank == 0:
-                        number, t = self.step + 1, self.t
-                        _logger.info("step %d from t = %g is cut: %s", number, t, error)
+                        level = logging.INFO if is_told else logging.WARNING
+                        _logger.log(
+                            level, "step %d from t = %g is cut: %s", self.step + 1, self.t, error
+                        )
+                    is_told = True
                     short.fail(str(error))
                     self._length.cut()
                     rejected += 1
                     continue
                 if given_up is not None:
-                    # The new equilibrium is unrelated to the cause of the cuts.
+                    # The new state is unrelated to the cause of the cuts.
                     limit, short, self._length = LimitPoint(), ShortSteps(), StepLength()
                 warning = short.accept(self._length.cuts)
                 if warning and self._comm.rank == 0:
@@ -243,13 +247,30 @@ class TimeLoop(State):
                 bar.update(dt)
                 rejected, first, given_up = 0, "", None
 
-    def _advance_to(self, end: float, dt: float, *, far: bool | None = None) -> StepReport:
+    def _next_step(self, until: float, control: StepControl | None) -> tuple[float, float]:
+        """Length and end of the next step, both [s]."""
+        dt = self.dt * 0.5**self._length.cuts
+        if control is not None:
+            return control.next_step(self.t, min(dt, self._longest_step()), until)
+        even, is_last = self._even, (until - self.t) / self.dt <= 1 + ROUND_OFF
+        if even.goes_on(self.t, self.dt):
+            # The rest of a step that was halved.
+            return StepControl().next_step(self.t, dt, min(even.target, until))
+        end = even.next(self.t, self.step, self.dt)
+        end = until if is_last else end
+        if self._length.cuts:
+            return StepControl().next_step(self.t, dt, end)
+        return self.dt if end == even.target else end - self.t, end
+
+    def _advance_to(self, end: float, dt: float, *, far: bool | None) -> StepReport:
         """Advance by one step of length dt [s], and set the time to its end [s] exactly.
 
-        In statics ``far`` is true to use relaxation only, false to use Newton's method only, and
-        None to use relaxation where Newton's method fails.
+        ``far`` is false to use Newton's method only, true for the last resort: relaxation only in
+        statics, and no held vertices with inertia, and None to use relaxation where Newton's
+        method fails.
         """
-        self._tries, self._relaxes = not far, far is None or far
+        statics = self._static_increment() is not None
+        self._tries, self._relaxes = not (far and statics), far is None or far
         try:
             with self._steps_of(dt):
                 report = self.advance()

@@ -164,7 +164,7 @@ def test_a_ball_between_closing_walls_is_reported_and_an_infeasible_step_ends_ea
     """The walls meet at t = 0.87, and nothing of the ball is lost before."""
     stepper = statics.squeezes(comm, way=0.6, h=0.1, cells=2).stepper
     with pytest.raises(nts.ConvergenceError, match="smallest cell") as raised:
-        list(stepper.run(until=1.0))
+        list(stepper.run(1.0, nts.StepControl(smallest=stepper.dt)))
     assert 0.7 < stepper.t < 0.87
     # A third of what all starts are allowed.
     assert sum(report.iterations for report in raised.value.reports) <= 50

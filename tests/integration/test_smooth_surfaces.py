@@ -184,5 +184,5 @@ def test_nodes_caught_between_flat_facets_lead_to_the_advice(comm, agree, monkey
     stepper = rings(comm, smooth=smooth)
     throw(stepper)
     with pytest.raises(nts.ConvergenceError, match=text) as raised:
-        list(stepper.run(0.1))
+        list(stepper.run(0.1, nts.StepControl(smallest=stepper.dt)))
     assert agree(("smooth=True" in str(raised.value)) != smooth)

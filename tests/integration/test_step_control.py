@@ -136,7 +136,8 @@ def test_an_impact_that_fails_in_long_steps_does_not_in_shorter_ones(comm, agree
     # times, a node can be driven through in any step, which is refused.)
     reasons = "inverted|turned by more than 90 degrees|pass through a surface"
     with refused(nts.ConvergenceError, reasons):
-        list(fast(comm, nts.NeoHookean, 14).run(2 / 14))
+        long = fast(comm, nts.NeoHookean, 14)
+        list(long.run(2 / 14, nts.StepControl(smallest=long.dt)))
     stepper = fast(comm, nts.NeoHookean, 14)
     reports = list(stepper.run(2 / 14, nts.StepControl()))
     assert agree(stepper.t == 2 / 14)
@@ -144,12 +145,27 @@ def test_an_impact_that_fails_in_long_steps_does_not_in_shorter_ones(comm, agree
     assert agree(abs(sum(report.dt for report in reports) - 2 / 14) < 1e-15)
 
 
+def test_steps_that_fail_are_halved_unless_refused(comm, agree, caplog):
+    """Equal steps end at their times, with parts of one that fails in between."""
+    with caplog.at_level(logging.WARNING, logger="dolfinx_nts"):
+        stepper = fast(comm, nts.NeoHookean, 14)
+        reports, dt = list(stepper.run(2 / 14)), stepper.dt
+    ends = np.array([report.t for report in reports])
+    number = round(2 / 14 / dt)
+    assert agree(number < len(reports) and sum(report.rejected for report in reports) > 0)
+    assert agree(ends[-1] == stepper.t == 2 / 14)
+    for time in np.arange(1, number) * dt:
+        assert agree(np.abs(ends - time).min() < 1e-15)
+    cuts = comm.bcast(sum("is cut" in text for text in caplog.messages))
+    assert agree(cuts == 1)
+
+
 @pytest.mark.serial
 def test_a_material_that_collapses_is_followed_until_it_does(comm, agree, refused):
     long, cut = (fast(comm, nts.SaintVenantKirchhoff, 6) for _ in range(2))
     long.dt = cut.dt = 0.1 / 6
     with refused(nts.ConvergenceError, "cell .* is inverted"):
-        list(long.run(1.0))
+        list(long.run(1.0, nts.StepControl(smallest=long.dt)))
     with refused(nts.ConvergenceError, "cell .* is inverted.*dt has been cut to"):
         list(cut.run(1.0, nts.StepControl(smallest=1e-4)))
     assert agree(cut.t > 1.5 * long.t > 0)
@@ -225,10 +241,10 @@ def test_an_error_names_few_surfaces_of_many(comm, refused, monkeypatch):
     monkeypatch.setattr(newton, "_MAX_ITERATIONS", 1)
     reason = (
         r"if (the boundary of [^,]*? or ){3}one of \d+ more is curved, smooth=True.*"
-        r"a smaller dt may help, which StepControl takes"
+        r"a smaller dt may help, which run\(\) takes"
     )
     with refused(nts.ConvergenceError, reason):
-        list(stepper.run(0.1))
+        stepper.advance()
 
 
 @pytest.mark.serial
@@ -274,15 +290,15 @@ def test_an_error_names_nodes_on_the_coarser_side_and_its_advice_helps(comm):
     low = fem.locate_dofs_topological(V, 2, facets.find(tag["block_bottom"]))
     bcs = [fem.dirichletbc(np.zeros(3), low, V)]
 
-    def run(*sides):
+    def steps(*sides):
         stepper = nts.EnergyMomentum(bodies, [nts.ContactPair(*sides)], dt=0.01, bcs=bcs)
         stepper.set_velocity(bodies[0], (0.0, 0.0, -1.0))
-        return list(stepper.run(until=0.2))
+        return stepper.run(0.2, nts.StepControl(smallest=stepper.dt))
 
     hint = r"block_top gives the nodes, and its facets are 1\.\d times as large as those of ball"
     with pytest.raises(nts.ConvergenceError, match=hint):
-        run(*sides[::-1])
-    assert len(run(*sides)) == 20
+        list(steps(*sides[::-1]))
+    assert len(list(steps(*sides))) == 20
 
 
 @pytest.mark.serial

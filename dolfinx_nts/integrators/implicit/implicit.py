@@ -25,7 +25,7 @@ from dolfinx_nts import _kernels, compat
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
-from dolfinx_nts.contact.exchange import exchange_roles, release_vertices
+from dolfinx_nts.contact.exchange import ExchangedState, exchange_roles, release_vertices
 from dolfinx_nts.contact.implicit.accepted_contact import contact_history, contact_work
 from dolfinx_nts.contact.implicit.certificate import (
     check_boundaries,
@@ -289,6 +289,11 @@ class ImplicitStepper(Stepper):
                 *(self.step + 1, self.t + self.dt, ", ".join(between)),
             )
         return bool(between)
+
+    def _has_last_resort(self) -> bool:
+        return super()._has_last_resort() or any(
+            isinstance(each, ExchangedState) and not each.is_released for each in self._all_contacts
+        )
 
     def _most_long(self, start: str) -> int | None:
         """Number of long increments after which an attempt from a start fails, see `Start`. Local.

@@ -70,7 +70,7 @@ def test_nodes_do_not_sink_through_a_sphere_by_soft_springs(comm, scheme, is_rig
     ball = nts.RigidSphere(centre=(0.1, 0.0, -0.3), radius=0.3)
     stepper = cube(comm, ball, 0.5, 0.004, scheme, is_rigid)
     with pytest.raises(nts.ConvergenceError, match="sank") as error:
-        list(stepper.run(until=1.0))
+        list(stepper.run(1.0, nts.StepControl(smallest=stepper.dt)))
     assert re.search("stiffer springs", str(error.value))
     assert "RigidSphere" in str(error.value) and "eps_N = 0.5 N/m" in str(error.value)
     depth = 0.3 - np.linalg.norm(stepper.x - [0.1, 0.0, -0.3], axis=1).min()

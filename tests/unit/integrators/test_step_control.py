@@ -26,28 +26,38 @@ def ends(control, t, dt, until):
 def test_equal_steps_gather_no_round_off():
     even, t, added = EvenSteps(), 0.0, 0.0
     for step in range(1, 11):
-        even.resume(t, step - 1, 0.1)
-        t = even.end(step, 0.1)
+        t = even.next(t, step - 1, 0.1)
         added += 0.1
     assert t == 1.0 != added
 
 
 def test_another_time_or_length_begins_a_new_count():
     even = EvenSteps()
-    even.resume(0.7, 3, 0.1)
-    assert even.end(5, 0.1) == 0.7 + 2 * 0.1
-    even.resume(even.end(5, 0.1), 5, 0.25)
-    assert even.end(7, 0.25) == (0.7 + 2 * 0.1) + 2 * 0.25
+    assert even.next(0.7, 3, 0.1) == 0.7 + 0.1
+    t = even.next(0.7 + 0.1, 4, 0.1)
+    assert t == 0.7 + 2 * 0.1
+    assert even.next(t, 5, 0.25) == t + 0.25
+    assert even.next(t + 0.25, 6, 0.25) == t + 2 * 0.25
 
 
 def test_equal_steps_go_on_alike_from_an_archive():
     even, archive = EvenSteps(), Snapshot()
-    even.resume(0.7, 3, 0.1)
+    t = even.next(0.7, 3, 0.1)
     even.serialize(archive)
     other = EvenSteps()
     other.serialize(archive.rewind())
-    other.resume(even.end(9, 0.1), 9, 0.1)
-    assert other.end(12, 0.1) == even.end(12, 0.1)
+    assert other.target == t
+    assert other.next(t, 4, 0.1) == even.next(t, 4, 0.1) == 0.7 + 2 * 0.1
+
+
+def test_the_rest_of_a_halved_step_ends_where_the_step_ends():
+    even = EvenSteps()
+    even.next(0.5, 0, 0.1)
+    assert not even.goes_on(0.5, 0.1)
+    assert even.goes_on(0.55, 0.1)
+    assert not even.goes_on(even.target, 0.1)
+    # A time set by the user is no part of the step.
+    assert not even.goes_on(0.2, 0.1)
 
 
 def test_given_times_are_met_exactly_and_the_way_there_is_halved():
