@@ -48,8 +48,8 @@ _DEEP, _DEEPER = 0.1, 0.05
 # takes 8 iterations instead of 4). Larger: impacts from rest end deeper (0.31 segments at 0.4,
 # where half of the approach is 0.2).
 _LATE = 0.05
-# Part of the motion made of node and segment up to which their trial motion says nothing [-], as
-# from rest. Larger: steps of vibrating bodies are solved twice, and may have no second solution.
+# Part of the motion made between node and segment up to which their trial motion says nothing [-],
+# as from rest. Larger: steps of vibrating bodies are solved twice, and may have no second solution.
 # Smaller: a body that begins to move is deeper inside than the law of impact allows.
 _STILL = 0.5
 # Opening beyond which a multiplier may not press, relative to the longest segment [-]. Smaller: the
@@ -132,12 +132,11 @@ def _late_nodes(step: ContactStep) -> tuple[Ints, Floats]:
     late &= normal.may_hold(node, before, gap)
     node, gap = node[late], gap[late]
     # Else the law has decided by about the motion made.
-    around = np.column_stack(
-        (step.state.nodes.nodes[node], search.candidates.segments[segment[late]])
-    )
+    own, facing = step.state.nodes.nodes[node], search.candidates.segments[segment[late]]
+    number = max(facing.shape[1], 1)  # obstacles have no vertices, and rest in the frame
     trial, made = (
-        np.linalg.norm((y - search.x_n)[around], axis=2).max(axis=1, initial=0.0)
-        for y in (search.approach.x, x)
+        np.linalg.norm(u[own] - u[facing].sum(axis=1) / number, axis=1)
+        for u in (search.approach.x - search.x_n, x - search.x_n)
     )
     from_rest = trial < _STILL * made
     return node[from_rest], gap[from_rest]
