@@ -2,8 +2,8 @@
 
 Dual functions are negative on a part of a facet. Above a kink of the segments the gap is not
 linear, and an opening there may count as penetration. So a facet takes the functions
-``c dual + (1 - c) linear`` with a part ``c``: the largest one with which openings take no more
-from the mean gap of a node than surfaces penetrate around it, see docs/method/mortar.md.
+``c dual + (1 - c) linear`` with a part ``c``: the largest one with which no mean gap is less than
+the least gap on the facets around the node.
 """
 
 from collections.abc import Sequence
@@ -98,23 +98,17 @@ class FacetPoints:
             places = replace(places, offset=offset)
         return cls(facets, candidates, places, facet, of_segment, weight, linear, dual)
 
-    def largest_parts(
-        self, states: Sequence[Floats], slack: float, settled: bool = False
-    ) -> Floats:
+    def largest_parts(self, states: Sequence[Floats], slack: float) -> Floats:
         """Largest part of the dual functions on the facets around each node. Local.
 
-        With it, or less on some facets, gaps above a level take no more from the mean gap of the
-        node than the linear functions find below the level. The level is the least gap on these
-        facets, below which is nothing, so that nothing presses before surfaces touch; or zero
-        where that is less and positions are settled, so that openings press no harder than
-        surfaces penetrate.
+        With it, or less on some facets, the mean gap of the node is not less than the least gap
+        on these facets: the integrals of ``psi (g - least)`` by linear functions are not
+        negative, and those by dual functions take no more from them than is there.
 
         Args:
             states: Positions of nodes at which mean gaps are bounded, each of shape ``(l, 3)``
                 [m].
             slack: Difference of gaps that is round-off [m].
-            settled: Whether positions are those of the solution, so that contact removes none of
-                the penetrations there.
 
         Returns:
             Parts between 0 and 1, shape ``(n,)`` [-].
@@ -132,17 +126,18 @@ class FacetPoints:
             sums = np.bincount(vertices.ravel(), values.ravel(), count)[facets.nodes]
             return sums.astype(np.float64, copy=False)
 
+        def integrals_above(gap: Floats, least: Floats, functions: Floats) -> Floats:
+            above = integrals((functions.T * gap).T)
+            return above - least[vertices] * integrals(functions)
+
         part: Floats = np.ones(len(facets.nodes))
-        area = slack * at_nodes(integrals(self.linear))
         for x in states:
             gap = self.candidates.gap(self.places, x, self.places.segment) + self.places.offset
             least = np.full(count, np.inf)
             np.fmin.at(least, vertices[row], gap[:, None])
-            level = (np.fmax(least, 0.0) if settled else least)[vertices[row]]
-            above = gap[:, None] - level
-            there = at_nodes(integrals(self.linear * np.abs(above)))
-            opening = integrals((self.linear - self.dual) * np.maximum(above, 0.0))
-            taken = at_nodes(np.fmax(opening, 0.0))
+            linear, dual = (integrals_above(gap, least, f) for f in (self.linear, self.dual))
+            area = slack * at_nodes(integrals(self.linear))
+            there, taken = at_nodes(linear), at_nodes(np.fmax(linear - dual, 0.0))
             # A gap that is constant but for round-off leaves the dual functions.
             with np.errstate(invalid="ignore", divide="ignore"):
                 room = area * area / (area + there)

@@ -46,8 +46,6 @@ class FrozenPoints(LocalSearch):
     pairing: MortarPairing
     # Largest number of renewals of the points in a step [-].
     _most_renewals = 2
-    # Whether the last choice of points belongs to the solution.
-    _settles = False
     # Gap relative to the size of a segment [-] above which the position of points is irrelevant,
     # since active nodes are nearly closed.
     _nearby = 0.01
@@ -76,7 +74,7 @@ class FrozenPoints(LocalSearch):
     def _take(self, x_n: Floats, x: Floats) -> None:
         ends = x_n, x
         found = FacetPoints.choose(self.candidates.facets, self.candidates, *ends, self.reach)
-        part = found.largest_parts(self._bounded_at(x_n, x), self._slack, self._settles)
+        part = found.largest_parts(self._bounded_at(x_n, x), self._slack)
         if self._renewals > 1:
             # Parts come to rest sooner if they do not grow again.
             part = np.where(self._has_fallen(part), part, self._part)
@@ -148,7 +146,6 @@ class SettlingPoints(FrozenPoints):
     """Quadrature points of statics, renewed until they belong to the equilibrium."""
 
     _most_renewals = 6
-    _settles = True
     _nearby = 0.1
 
     def _bounded_at(self, x_n: Floats, x: Floats) -> Sequence[Floats]:
@@ -162,7 +159,5 @@ class SettlingPoints(FrozenPoints):
         if may_move and np.abs(moved).max(initial=0.0) > _SETTLED:
             return True
         # Before equilibrium gaps that will be equal are not.
-        part = self._part
-        if converged:
-            part = self._found.largest_parts((x,), self._slack, self._settles)
+        part = self._found.largest_parts((x,), self._slack) if converged else self._part
         return bool(self._has_fallen(part)[near].any())

@@ -226,31 +226,6 @@ def test_no_mean_gap_is_less_than_the_gaps_around_the_node(k, rng):
     assert falls > 0
 
 
-@shapes
-def test_openings_take_no_more_from_mean_gaps_than_surfaces_penetrate(k, rng):
-    """By the parts of positive and of negative gaps, whatever neighbouring facets allow."""
-    surface, candidates, x, _ = choose(k, rng, lower=7)
-    n, falls = len(surface.nodes), 0
-    for _ in range(10):
-        y = x.copy()
-        y[n:, 2] -= 0.02 * rng.random(len(x) - n) ** 4
-        y[:n, 2] -= 0.1 + 0.002 * rng.random(n)
-        found = FacetPoints.choose(surface, candidates, x, y, 1.0)
-        part = found.largest_parts((y,), 1e-12, settled=True)
-        linear = found.points(np.zeros(n))
-        gap = found.candidates.gap(linear, y, linear.segment)
-        assert gap.min() < 0 < gap.max()
-        allowed = linear.shares.area * linear.shares.mean(np.fmax(-gap, 0))
-        for chosen in (part, part * rng.random(n), np.ones(n)):
-            shares = found.points(chosen).shares
-            taken = -shares.area * shares.mean(np.fmax(gap, 0))
-            if (chosen == 1).all():
-                falls += np.count_nonzero(taken > allowed + 1e-6)
-            else:
-                assert (taken <= allowed + 1e-12).all()
-    assert falls > 0
-
-
 @pytest.mark.parametrize("kink", [0.02, 0.3, 0.5, 0.98])
 def test_part_of_dual_functions_above_a_kink_is_that_of_the_integrals(kink):
     """An edge of length 1 above a chamfer: (1 - p) / (1 + 2 p), with the kink at p."""
