@@ -65,7 +65,7 @@ def _cases(
     name: str,
     values: dict[Any, str | None],
     scene: str = "ball on plate",
-    cuts: int | None = 6,
+    cuts: int = 6,
     **others: Any,
 ) -> list[Case]:
     return [
@@ -96,7 +96,7 @@ CASES = [
         "speed",
         {5.0: None, 50.0: THROUGH},
         scene="stiff ball on plate, steps as they are, h = 0.1",
-        cuts=None,
+        cuts=0,
         h=0.1,
         E=1e9,
     ),

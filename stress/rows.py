@@ -93,8 +93,7 @@ class Case:
         warns: Pattern of the warning that it has to log.
         may_stop: Whether it may stop with an error, and have overlaps that it tells.
         energy_error: Largest error of the energy, relative to the largest energy or work.
-        cuts: How often a step may be halved; None: steps are as they are,
-            as the row shows what is refused.
+        cuts: How often a step may be halved; 0 where the row shows what is refused.
     """
 
     scene: str
@@ -103,7 +102,7 @@ class Case:
     build: Callable[[MPI.Comm], Setup]
     stops: str | None = None
     warns: str = ""
-    cuts: int | None = 6
+    cuts: int = 6
     may_stop: bool = False
     energy_error: float = ENERGY_TOLERANCE
 
@@ -220,7 +219,7 @@ def above(
 
 
 def _control(case: Case, setup: Setup) -> nts.StepControl:
-    return nts.StepControl(smallest=0.99 * setup.stepper.dt / 2 ** (case.cuts or 0))
+    return nts.StepControl(smallest=0.99 * setup.stepper.dt / 2**case.cuts)
 
 
 def _approach(stepper: Any) -> float:

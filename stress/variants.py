@@ -225,6 +225,6 @@ CASES = [
         0.05,
         partial(explicit, speed=1.0, h=0.05),
         UNSTABLE,
-        cuts=None,
+        cuts=0,
     ),
 ]

@@ -93,7 +93,7 @@ def test_wrong_endings_are_found(comm):
     def fast(comm):
         return impact(comm, E=1e9, h=0.1, speed=20.0, num_steps=2)
 
-    refused = Case("", "", "", fast, cuts=None)
+    refused = Case("", "", "", fast, cuts=0)
     assert "pass through" in run(refused, comm).wrong
     assert "expected 'inverted'" in run(replace(refused, stops="inverted"), comm).wrong
     slow = Case("", "", "", lambda comm: impact(comm, num_steps=2), stops="inverted")

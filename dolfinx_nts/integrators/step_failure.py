@@ -28,7 +28,7 @@ from dolfinx_nts.solvers.newton_report import ConvergenceError, NewtonReport
 __all__ = ["SHORTER_STEP_HELPS", "StepFailure"]
 
 # Advice if nothing but the length of the step can be changed.
-SHORTER_STEP_HELPS = "a smaller dt may help, which run() takes where a step fails"
+SHORTER_STEP_HELPS = "a smaller dt may help, which StepControl takes where a step fails"
 
 # Phrases in reasons that suggest springs that are too soft.
 _SUNK = "through a surface", "into a surface"

@@ -4,7 +4,7 @@ import logging
 import math
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 from mpi4py import MPI
 
@@ -85,6 +85,8 @@ class TimeLoop(State):
     loads = SetOnce[tuple[Load, ...]]()
     # Whether a step tries Newton's method, and whether statics falls back to relaxation.
     _tries, _relaxes = True, True
+    # Whether equal steps that fail are halved, which takes a copy of the state in each step.
+    _halves_equal_steps: ClassVar[bool] = True
 
     def __init__(
         self, V: fem.FunctionSpace, dt: float, bodies: Sequence[Body], scheme: Scheme
@@ -129,7 +131,7 @@ class TimeLoop(State):
                 condition holds. Of several in a list, the first one ends the run: give a time,
                 too, where a condition may never hold.
             control: Lengths of steps. With None every step has the length ``dt``, except the last
-                one and steps that fail: they are halved, and a warning says so once.
+                one and implicit steps that fail: they are halved, and a warning says so once.
                 ``StepControl(smallest=dt)`` halves none.
 
         Returns:
@@ -175,16 +177,16 @@ class TimeLoop(State):
     def _run(self, until: float, given: StepControl | None) -> Iterator[StepReport]:
         """Advance in equal steps, or as long as the control and the scheme permit."""
         control, statics = given or StepControl(), self._static_increment() is not None
+        halves = given is not None or self._halves_equal_steps
         smallest, gap_tol = control.shortest(self.dt), control.gap_tol
         apart = None if gap_tol is None else self._held_apart(gap_tol)
         rejected, first, limit, short = 0, "", LimitPoint(), ShortSteps()
-        ineffective, is_told = IneffectiveCuts(inertia=not statics), given is not None
+        ineffective, is_reported = IneffectiveCuts(inertia=not statics), given is not None
         given_up: ConvergenceError | None = None  # ends the run unless the last resort succeeds
         with self._progress(until, initial=self.t, bar_format=_BAR) as bar:
             while until - self.t > ROUND_OFF * (smallest if given else self.dt):
                 dt, end = self._next_step(until, given)
-                # Only a control rejects accepted steps; failed ones leave the state as it was.
-                before = Snapshot() if given is not None else None
+                before = Snapshot() if halves else None
                 if before is not None:
                     self.serialize(before)
                 # With equal steps statics relaxes at once.
@@ -194,8 +196,9 @@ class TimeLoop(State):
                     if apart is not None and gap_tol is not None:
                         apart = self._checked(apart, gap_tol)
                 except ConvergenceError as error:
-                    if before is not None:
-                        self.serialize(before.rewind())
+                    if before is None:
+                        raise
+                    self.serialize(before.rewind())
                     if given_up is not None:
                         raise (_in_vain(given_up, error) if statics else given_up) from None
                     hopeless = any(each.is_hopeless for each in error.reports)
@@ -224,11 +227,11 @@ class TimeLoop(State):
                         rejected += 1
                         continue
                     if self._comm.rank == 0:
-                        level = logging.INFO if is_told else logging.WARNING
+                        level = logging.INFO if is_reported else logging.WARNING
                         _logger.log(
                             level, "step %d from t = %g is cut: %s", self.step + 1, self.t, error
                         )
-                    is_told = True
+                    is_reported = True
                     short.fail(str(error))
                     self._length.cut()
                     rejected += 1

@@ -62,18 +62,21 @@ def fail_at(monkeypatch, calls):
 
 @pytest.mark.parametrize("scheme", once_except(IMPLICIT, "stick", "resolved mortar"))
 def test_a_cut_step_leaves_no_trace(comm, agree, monkeypatch, scheme):
-    cut = scene(comm, scheme, owner=layers).stepper
-    with monkeypatch.context() as patch:
-        # All starts of the fourth step, and of its first half.
-        fail_at(patch, range(4, 10))
-        reports = list(cut.run(UNTIL, nts.StepControl()))
-    plain = scene(comm, scheme, owner=layers).stepper
-    for report in reports:
-        plain.dt = report.dt
-        plain.advance()
-    assert agree([report.rejected for report in reports[:5]] == [0, 0, 0, 2, 0])
-    assert agree(max(report.num_active for report in reports) > 0)
-    assert agree(same_state(cut, plain))
+    for control in (None, nts.StepControl()):
+        cut, plain = (scene(comm, scheme, owner=layers).stepper for _ in range(2))
+        with monkeypatch.context() as patch:
+            # All starts of the fourth step, and of its first half.
+            fail_at(patch, range(4, 10))
+            reports = list(cut.run(UNTIL, control))
+        for report in reports:
+            plain.dt = report.dt
+            plain.advance()
+        assert agree([report.rejected for report in reports[:5]] == [0, 0, 0, 2, 0])
+        assert agree(max(report.num_active for report in reports) > 0)
+        # Equal steps also store the times at which they end.
+        assert agree(np.array_equal(cut.x, plain.x))
+        assert agree(np.array_equal(cut.v.x.array, plain.v.x.array))
+        assert agree(control is None or same_state(cut, plain))
 
 
 def test_a_step_that_was_solved_and_then_cut_leaves_no_trace(comm, agree, monkeypatch):
@@ -241,7 +244,7 @@ def test_an_error_names_few_surfaces_of_many(comm, refused, monkeypatch):
     monkeypatch.setattr(newton, "_MAX_ITERATIONS", 1)
     reason = (
         r"if (the boundary of [^,]*? or ){3}one of \d+ more is curved, smooth=True.*"
-        r"a smaller dt may help, which run\(\) takes"
+        r"a smaller dt may help, which StepControl takes"
     )
     with refused(nts.ConvergenceError, reason):
         stepper.advance()
