@@ -78,12 +78,12 @@ below = nts.boundary_of(hook, where=lambda x: (x[1] < h / 2) & (x[0] > L - 2 * H
 # Time only measures the path, from 0 to 1.
 
 # +
-way = end - L + flat + 0.0035  # m
-motion = nts.Motion(translation=lambda t: (-way * t, 0.0))
+travel = end - L + flat + 0.0035  # m
+motion = nts.Motion(translation=lambda t: (-travel * t, 0.0))
 pin = nts.RigidSphere((end + 0.001, -r - clearance), r, name="pin").moving(motion)
 contact = nts.ContactPair(below, pin, friction=nts.Coulomb(mu))
 stepper = nts.QuasiStatic([hook], [contact], dt=1 / full, bcs=[held])
-columns = {"path": lambda s: way * s.t}
+columns = {"path": lambda s: travel * s.t}
 with nts.Recorder("snap_fit", stepper, own_columns=columns) as record:
     for step in stepper.run(until=num_steps / full, control=nts.StepControl()):
         record.write(step)
