@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from dolfinx_nts.integrators.implicit import implicit
+from dolfinx_nts.integrators.implicit import implicit_stepper
 from dolfinx_nts.solvers import bulk, newton
 from dolfinx_nts.solvers.linear import active_sets, elimination, krylov, saddle_point
 from dolfinx_nts.solvers.precond import contact_schwarz, preconditioner
@@ -34,8 +34,8 @@ class Profile:
         self._open: list[str] = []
         self._since = 0.0
         for owner, name, phase in (
-            (implicit, "contact_history", "contact"),
-            (implicit, "contact_work", "contact"),
+            (implicit_stepper, "contact_history", "contact"),
+            (implicit_stepper, "contact_work", "contact"),
             (bulk.Bulk, "action", "action"),
             (bulk.Bulk, "rounded_action", "action"),
             (bulk.Bulk, "forces", "assembly"),

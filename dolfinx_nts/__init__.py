@@ -14,7 +14,7 @@ from dolfinx_nts import plotting
 from dolfinx_nts.contact.builders import all_pairs, boundary_of, two_half_passes
 from dolfinx_nts.contact.close_gaps import close_gaps
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty, Tied
-from dolfinx_nts.contact.friction_laws import (
+from dolfinx_nts.contact.friction.laws import (
     Coulomb,
     FrictionLaw,
     SlipWeakening,
@@ -34,7 +34,7 @@ from dolfinx_nts.integrators.implicit.generalized_alpha import (
     Newmark,
     NewmarkRates,
 )
-from dolfinx_nts.integrators.implicit.implicit import ImplicitStepper
+from dolfinx_nts.integrators.implicit.implicit_stepper import ImplicitStepper
 from dolfinx_nts.integrators.implicit.schemes import EnergyMomentum, Midpoint
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.scheme import Scheme
@@ -55,11 +55,11 @@ from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.guide import Guide
 from dolfinx_nts.model.loads.body_loads import BodyForce, Gravity
 from dolfinx_nts.model.loads.form_load import FormLoad
-from dolfinx_nts.model.loads.loads import Load
+from dolfinx_nts.model.loads.load import Load
 from dolfinx_nts.model.loads.resultants import Force, Moment
 from dolfinx_nts.model.loads.surface_loads import Pressure, Traction
 from dolfinx_nts.model.obstacles.motion import Motion
-from dolfinx_nts.model.obstacles.obstacles import Obstacle
+from dolfinx_nts.model.obstacles.obstacle import Obstacle
 from dolfinx_nts.model.obstacles.rigid_cone import RigidCone
 from dolfinx_nts.model.obstacles.rigid_shapes import (
     ExactObstacle,

@@ -6,7 +6,7 @@ import numpy as np
 
 import dolfinx_nts as nts
 from dolfinx_nts.contact.implicit.local_search import STATIC_OVERHANG
-from dolfinx_nts.model.obstacles.obstacles import Obstacle
+from dolfinx_nts.model.obstacles.obstacle import Obstacle
 from dolfinx_nts.model.segments import area_vectors, diameters
 
 __all__ = ["below_the_next_facet"]

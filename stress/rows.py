@@ -17,7 +17,7 @@ import numpy as np
 
 import dolfinx_nts as nts
 from dolfinx_nts.diagnostics.names import pair_names
-from dolfinx_nts.model.obstacles.obstacles import Obstacle
+from dolfinx_nts.model.obstacles.obstacle import Obstacle
 from stress.dents import below_the_next_facet
 
 __all__ = [

@@ -56,8 +56,8 @@ LIBRARIES = {
 # with inherited ones: those of `CentralDifference`. Lower them whenever classes get smaller.
 MAX_MEMBERS, MAX_ATTRIBUTES = 33, 44
 
-# Largest number of modules in a folder, and packages that are still larger.
-MAX_MODULES, LARGE_PACKAGES = 20, {"contact", "contact/implicit"}
+# Largest number of modules in a folder.
+MAX_MODULES = 20
 
 
 def name_of(path: Path) -> str:
@@ -142,9 +142,7 @@ def test_folders_are_small():
         folder.relative_to(PACKAGE).as_posix(): len([*folder.glob("*.py")]) for folder in folders
     }
     expect_none(
-        f"{folder}: {size} modules"
-        for folder, size in sorted(sizes.items())
-        if size > MAX_MODULES and folder not in LARGE_PACKAGES
+        f"{folder}: {size} modules" for folder, size in sorted(sizes.items()) if size > MAX_MODULES
     )
 
 

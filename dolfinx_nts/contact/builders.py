@@ -12,13 +12,13 @@ from dolfinx.mesh import exterior_facet_indices
 
 from dolfinx_nts.common.arguments import instances, label
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
-from dolfinx_nts.contact.friction_laws import FrictionLaw
+from dolfinx_nts.contact.friction.laws import FrictionLaw
 from dolfinx_nts.contact.method import EDGES, MORTAR, NODES, Method
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.model.bodies import Body, common_space
 from dolfinx_nts.model.connected_bodies import connected, log_shared_nodes
-from dolfinx_nts.model.obstacles.obstacles import Obstacle
+from dolfinx_nts.model.obstacles.obstacle import Obstacle
 from dolfinx_nts.model.surfaces import Smooth, Surface, boundary_facets
 from dolfinx_nts.search.edges.rigid_edge_search import num_sharp_edges
 

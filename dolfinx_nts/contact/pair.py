@@ -14,7 +14,7 @@ from dolfinx_nts.common.arguments import as_call, kind_of, label
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
-from dolfinx_nts.contact.friction_laws import FrictionLaw, check_law, friction_law
+from dolfinx_nts.contact.friction.laws import FrictionLaw, check_law, friction_law
 from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.method import (
     EDGES,
@@ -25,7 +25,7 @@ from dolfinx_nts.contact.method import (
     check_smooth,
     check_tie,
 )
-from dolfinx_nts.model.obstacles.obstacles import Obstacle
+from dolfinx_nts.model.obstacles.obstacle import Obstacle
 from dolfinx_nts.model.surfaces import Surface, sharpest_corner
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.errors import agreed

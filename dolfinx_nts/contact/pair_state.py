@@ -21,7 +21,7 @@ from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.passes import ForcesOfNodes, Passes
 from dolfinx_nts.contact.tractions import Tractions
 from dolfinx_nts.fem.node_numbering import reference_positions
-from dolfinx_nts.model.obstacles.obstacles import Obstacle
+from dolfinx_nts.model.obstacles.obstacle import Obstacle
 from dolfinx_nts.model.obstacles.rigid_shapes import RigidSphere
 from dolfinx_nts.model.obstacles.rigid_surface import RigidSurface
 from dolfinx_nts.model.surfaces import Surface
@@ -30,7 +30,7 @@ from dolfinx_nts.search.candidates import Candidates, Search
 from dolfinx_nts.search.edges.edge_search import EdgeSearch
 from dolfinx_nts.search.edges.rigid_edge_search import RigidEdgeSearch
 from dolfinx_nts.search.global_search import GlobalSearch
-from dolfinx_nts.search.mortar_search import MortarSearch
+from dolfinx_nts.search.mortar.mortar_search import MortarSearch
 from dolfinx_nts.search.obstacle_candidates import ObstacleSearch
 from dolfinx_nts.search.points import NodalPoints
 from dolfinx_nts.search.self_contact import SelfContactSearch

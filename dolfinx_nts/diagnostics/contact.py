@@ -16,7 +16,7 @@ from dolfinx_nts.diagnostics.names import flat, pair_names, part_names
 from dolfinx_nts.diagnostics.present import Present
 from dolfinx_nts.fem.components import bounds, existing, in_space, nodal
 from dolfinx_nts.integrators.stepper import Stepper
-from dolfinx_nts.model.obstacles.obstacles import Obstacle
+from dolfinx_nts.model.obstacles.obstacle import Obstacle
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.meeting import collective

@@ -19,14 +19,14 @@ from dolfinx_nts.common.arguments import as_call, check_call, instances
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.declaration import SetOnce
 from dolfinx_nts.common.timing import Timings
+from dolfinx_nts.contact.checks.repeated_pairs import check_repeated
+from dolfinx_nts.contact.checks.start import check_start, warn_of_bodies_without_pair
+from dolfinx_nts.contact.checks.watch import ContactWatch
 from dolfinx_nts.contact.history import begun_anew
 from dolfinx_nts.contact.massless import is_resolved
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.contact.passes import Passes
-from dolfinx_nts.contact.repeated_pairs import check_repeated
-from dolfinx_nts.contact.start import check_start, warn_of_bodies_without_pair
-from dolfinx_nts.contact.watch import ContactWatch
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.rigid import check_rigid_bodies
@@ -39,7 +39,7 @@ from dolfinx_nts.model.checks.flat_cells import check_volumes
 from dolfinx_nts.model.checks.inverted_cells import VolumeRatio
 from dolfinx_nts.model.checks.locking import warn_of_locking
 from dolfinx_nts.model.dirichlet import Supports
-from dolfinx_nts.model.loads.loads import Load
+from dolfinx_nts.model.loads.load import Load
 from dolfinx_nts.model.rigid_body import guided
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.errors import agreed

@@ -28,7 +28,7 @@ from dolfinx_nts.integrators.state import State
 from dolfinx_nts.integrators.statics.relaxation import IF_IT_MOVES
 from dolfinx_nts.integrators.step_control import ROUND_OFF, EvenSteps, StepControl, StepLength
 from dolfinx_nts.model.bodies import Body
-from dolfinx_nts.model.loads.loads import Load
+from dolfinx_nts.model.loads.load import Load
 from dolfinx_nts.parallel.communication import joined
 from dolfinx_nts.parallel.meeting import meet
 from dolfinx_nts.solvers.newton_report import ConvergenceError

@@ -12,7 +12,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from dolfinx_nts.common.arrays import Array
-from dolfinx_nts.contact.friction_laws import FrictionLaw
+from dolfinx_nts.contact.friction.laws import FrictionLaw
 from dolfinx_nts.contact.method import MORTAR
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.components import deformation_gradient, dimension

@@ -19,7 +19,7 @@ from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.components import dimension, in_space, nodal
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.integrators.stepper import Stepper
-from dolfinx_nts.model.obstacles.obstacles import Obstacle
+from dolfinx_nts.model.obstacles.obstacle import Obstacle
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import on_root
 from dolfinx_nts.plotting.arguments import check_stepper, check_view, numbered_pair

@@ -11,7 +11,7 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.cell_stress import CellStress
-from dolfinx_nts.model.obstacles.obstacles import Obstacle
+from dolfinx_nts.model.obstacles.obstacle import Obstacle
 from dolfinx_nts.model.obstacles.rigid_surface import RigidSurface
 from dolfinx_nts.plotting.canvas import grid_of
 

@@ -10,7 +10,7 @@ from dolfinx_nts.fem.axisymmetry import is_axisymmetric
 from dolfinx_nts.model.frames import Frame
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.model.obstacles.adjacent_facets import AdjacentFacets
-from dolfinx_nts.model.obstacles.obstacles import Obstacle
+from dolfinx_nts.model.obstacles.obstacle import Obstacle
 from dolfinx_nts.model.obstacles.trajectories import Trajectories
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.search.candidates import Candidates, Search

@@ -125,9 +125,9 @@ def test_impact_from_rest_within_the_search_obeys_the_law(pairing):
 
 def test_refusal_names_bodies_place_depth_and_remedy(monkeypatch):
     """The message of a step whose repeated solutions miss contact as well."""
-    from dolfinx_nts.integrators.implicit import implicit
+    from dolfinx_nts.integrators.implicit import implicit_stepper
 
-    monkeypatch.setattr(implicit, "_MOST_SEARCHES", 1)
+    monkeypatch.setattr(implicit_stepper, "_MOST_SEARCHES", 1)
     stepper, *_ = column(PAIRINGS["plane"], nts.EnergyMomentum, dt=0.2)
     with pytest.raises(nts.ConvergenceError) as error:
         stepper.advance()
@@ -141,9 +141,9 @@ def test_refusal_names_bodies_place_depth_and_remedy(monkeypatch):
 @pytest.mark.parametrize("fault", ["open gap", "pulled"])
 def test_step_with_a_wrong_contact_force_is_refused(monkeypatch, fault):
     """A force is falsified after Newton's method has converged."""
-    from dolfinx_nts.integrators.implicit import implicit
+    from dolfinx_nts.integrators.implicit import implicit_stepper
 
-    right = implicit.check_forces
+    right = implicit_stepper.check_forces
 
     def falsified(step, last, residual):
         if fault == "pulled":
@@ -152,7 +152,7 @@ def test_step_with_a_wrong_contact_force_is_refused(monkeypatch, fault):
             last.pairs.contact.gap[:] += 0.1
         return right(step, last, residual)
 
-    monkeypatch.setattr(implicit, "check_forces", falsified)
+    monkeypatch.setattr(implicit_stepper, "check_forces", falsified)
     stepper, *_ = column(PAIRINGS["plane"], dt=1.0)
     with pytest.raises(nts.ConvergenceError, match=f"column_bottom and a RigidPlane.*{fault}"):
         stepper.advance()

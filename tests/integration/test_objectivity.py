@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-from dolfinx_nts.contact.implicit.mortar_pairing import MortarPairing
+from dolfinx_nts.contact.implicit.mortar.mortar_pairing import MortarPairing
 from dolfinx_nts.contact.implicit.pairing import NodePairing
 from dolfinx_nts.model.kinematics import Slip
 from helpers import scenes

@@ -6,8 +6,8 @@ import pytest
 import dolfinx_nts as nts
 from dolfinx_nts import parts
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
-from dolfinx_nts.contact.implicit.friction import Friction
-from dolfinx_nts.contact.implicit.multiplier import MultiplierContact
+from dolfinx_nts.contact.implicit.friction.interface import Friction
+from dolfinx_nts.contact.implicit.normal.multiplier import MultiplierContact
 from dolfinx_nts.integrators.implicit import sleeping
 from dolfinx_nts.solvers.linear import krylov
 from helpers import box_meshes, scenes

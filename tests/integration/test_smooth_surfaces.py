@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-from dolfinx_nts.integrators.implicit import implicit
+from dolfinx_nts.integrators.implicit import implicit_stepper
 from helpers.collision import check_balances, collide
 from helpers.once import once
 from helpers.round import balls, marble, rings, throw
@@ -180,7 +180,7 @@ def test_nodes_are_put_onto_the_smooth_surface(comm):
 @pytest.mark.parametrize("smooth", [False, once(True)])
 def test_nodes_caught_between_flat_facets_lead_to_the_advice(comm, agree, monkeypatch, smooth):
     text = "nodes that sank into a surface between two segments: 1"
-    monkeypatch.setattr(implicit, "check_penetration", lambda step, dt: text)
+    monkeypatch.setattr(implicit_stepper, "check_penetration", lambda step, dt: text)
     stepper = rings(comm, smooth=smooth)
     throw(stepper)
     with pytest.raises(nts.ConvergenceError, match=text) as raised:

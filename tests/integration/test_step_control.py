@@ -15,7 +15,7 @@ from dolfinx_nts import parts
 from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.implicit import contact_step
 from dolfinx_nts.integrators import time_loop
-from dolfinx_nts.integrators.implicit import implicit
+from dolfinx_nts.integrators.implicit import implicit_stepper
 from dolfinx_nts.integrators.stagnation import LimitPoint
 from dolfinx_nts.solvers import newton
 from dolfinx_nts.solvers.linear import krylov
@@ -48,7 +48,7 @@ def same_state(one, other):
 
 def fail_at(monkeypatch, calls):
     """Let some calls of Newton's method fail after they have moved everything."""
-    solve, count = implicit.newton.solve, [0]
+    solve, count = implicit_stepper.newton.solve, [0]
 
     def failing(*arguments, **options):
         solution = solve(*arguments, **options)
@@ -57,7 +57,7 @@ def fail_at(monkeypatch, calls):
             return replace(solution, report=replace(solution.report, reason="made to fail"))
         return solution
 
-    monkeypatch.setattr(implicit.newton, "solve", failing)
+    monkeypatch.setattr(implicit_stepper.newton, "solve", failing)
 
 
 @pytest.mark.parametrize("scheme", once_except(IMPLICIT, "stick", "resolved mortar"))

@@ -15,6 +15,8 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.contact.checks.passage import Passage, passing_nodes_message, shortest_passage_of
+from dolfinx_nts.contact.checks.soft_springs import deep_from
 from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.explicit.friction import Friction, SpringFriction
 from dolfinx_nts.contact.explicit.neighbour_list import NeighbourList
@@ -22,8 +24,6 @@ from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.method import EDGES
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
-from dolfinx_nts.contact.passage import Passage, passing_nodes_message, shortest_passage_of
-from dolfinx_nts.contact.soft_springs import deep_from
 from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions

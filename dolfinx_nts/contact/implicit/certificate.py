@@ -14,16 +14,16 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.contact.checks.overlap_watch import OverlapWatch
+from dolfinx_nts.contact.checks.passage import Passage, passing_nodes_message
 from dolfinx_nts.contact.enforcement import TOUCHES, Penalty, Tied
 from dolfinx_nts.contact.exchange import exchange_tolerance
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.local_search import may_face
-from dolfinx_nts.contact.implicit.normal_contact import known_nodes
+from dolfinx_nts.contact.implicit.normal.interface import known_nodes
 from dolfinx_nts.contact.joint_state import JointState, members
-from dolfinx_nts.contact.overlap_watch import OverlapWatch
 from dolfinx_nts.contact.pair_state import PairState
-from dolfinx_nts.contact.passage import Passage, passing_nodes_message
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined

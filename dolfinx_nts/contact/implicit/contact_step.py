@@ -16,7 +16,7 @@ from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.implicit.contributions import ContactContribution, PairKinematics
 from dolfinx_nts.contact.implicit.laws import make_friction, make_normal_contact, make_search
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
-from dolfinx_nts.contact.implicit.normal_contact import go_on
+from dolfinx_nts.contact.implicit.normal.interface import go_on
 from dolfinx_nts.contact.implicit.pair_forces import contribution_of
 from dolfinx_nts.contact.joint_state import JointState, members
 from dolfinx_nts.contact.pair_state import PairState

@@ -6,15 +6,19 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Tied
 from dolfinx_nts.contact.exchange import ExchangedState
 from dolfinx_nts.contact.implicit.crossing_edges import CrossingEdges
-from dolfinx_nts.contact.implicit.exchanged_contact import ExchangedContact
-from dolfinx_nts.contact.implicit.friction import Friction
-from dolfinx_nts.contact.implicit.frozen_points import FrozenPoints, SettlingPoints, TiedPoints
+from dolfinx_nts.contact.implicit.friction.interface import Friction
+from dolfinx_nts.contact.implicit.friction.stick_slip import StickSlip
 from dolfinx_nts.contact.implicit.local_search import LocalSearch, StaticSearch
-from dolfinx_nts.contact.implicit.multiplier import MultiplierContact
-from dolfinx_nts.contact.implicit.normal_contact import NormalContact
-from dolfinx_nts.contact.implicit.penalty import PenaltyContact
-from dolfinx_nts.contact.implicit.stick_slip import StickSlip
-from dolfinx_nts.contact.implicit.tied import Bond, TiedContact
+from dolfinx_nts.contact.implicit.mortar.frozen_points import (
+    FrozenPoints,
+    SettlingPoints,
+    TiedPoints,
+)
+from dolfinx_nts.contact.implicit.normal.exchanged_contact import ExchangedContact
+from dolfinx_nts.contact.implicit.normal.interface import NormalContact
+from dolfinx_nts.contact.implicit.normal.multiplier import MultiplierContact
+from dolfinx_nts.contact.implicit.normal.penalty import PenaltyContact
+from dolfinx_nts.contact.implicit.normal.tied import Bond, TiedContact
 from dolfinx_nts.contact.joint_state import JointState, members
 from dolfinx_nts.contact.pair_state import PairState
 

@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.implicit.contributions import ContactContribution, PairKinematics
-from dolfinx_nts.contact.implicit.friction import Friction
-from dolfinx_nts.contact.implicit.normal_contact import NormalContact
+from dolfinx_nts.contact.implicit.friction.interface import Friction
+from dolfinx_nts.contact.implicit.normal.interface import NormalContact
 
 __all__ = ["PairForces", "contribution_of"]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Array, Flags, Floats, Ints
 from dolfinx_nts.contact.implicit.pair_blocks import OwnBlocks
-from dolfinx_nts.search.mortar_points import MortarPoints, Shares
+from dolfinx_nts.search.mortar.mortar_points import MortarPoints, Shares
 
 __all__ = ["SharedBlocks", "shared_points"]
 

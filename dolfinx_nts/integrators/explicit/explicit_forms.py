@@ -17,7 +17,7 @@ from dolfinx_nts.fem.components import deformation_gradient, dimension, gradient
 from dolfinx_nts.fem.linear_forms import CellForm, PackedForm
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 from dolfinx_nts.model.bodies import Body, bulk_form
-from dolfinx_nts.model.loads.loads import Load
+from dolfinx_nts.model.loads.load import Load
 from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.parallel import reductions
 

@@ -23,14 +23,14 @@ from dolfinx_nts.common.arrays import Floats, GlobalInts
 from dolfinx_nts.common.declaration import SetOnce
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.pair import ContactPair
-from dolfinx_nts.integrators.implicit.implicit import ImplicitStepper
+from dolfinx_nts.integrators.implicit.implicit_stepper import ImplicitStepper
 from dolfinx_nts.integrators.rates import ConsistentMass, Rates
 from dolfinx_nts.integrators.rigid import gives_rigid_nodes
 from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.integrators.state import State, serialize_nodal
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 from dolfinx_nts.model.bodies import Body
-from dolfinx_nts.model.loads.loads import Load
+from dolfinx_nts.model.loads.load import Load
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.rigid.rigid_motion import RigidMotion
 

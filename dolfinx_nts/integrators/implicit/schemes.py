@@ -5,7 +5,7 @@ They differ in the stress and in the contact kernel; `ImplicitStepper` implement
 
 from typing import Any
 
-from dolfinx_nts.integrators.implicit.implicit import ImplicitStepper
+from dolfinx_nts.integrators.implicit.implicit_stepper import ImplicitStepper
 from dolfinx_nts.integrators.rates import MidpointRates
 from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green

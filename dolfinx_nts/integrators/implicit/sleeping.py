@@ -16,7 +16,7 @@ from dolfinx_nts.contact.joint_state import JointState, members
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.connected_bodies import connected
-from dolfinx_nts.model.loads.loads import Load
+from dolfinx_nts.model.loads.load import Load
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined

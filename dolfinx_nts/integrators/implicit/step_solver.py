@@ -22,7 +22,7 @@ from dolfinx_nts.integrators.rates import Rates
 from dolfinx_nts.integrators.rigid import contact_stiffness
 from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.model.bodies import Body
-from dolfinx_nts.model.loads.loads import Load
+from dolfinx_nts.model.loads.load import Load
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers import newton
 from dolfinx_nts.solvers.bulk import Bulk

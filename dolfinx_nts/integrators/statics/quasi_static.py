@@ -16,7 +16,7 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.integrators.implicit.attempt import Start, StepProblem
-from dolfinx_nts.integrators.implicit.implicit import ImplicitStepper
+from dolfinx_nts.integrators.implicit.implicit_stepper import ImplicitStepper
 from dolfinx_nts.integrators.rates import NoRates
 from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.integrators.statics.relaxation import PseudoStep, Relaxation

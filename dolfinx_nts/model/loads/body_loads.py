@@ -9,7 +9,7 @@ from dolfinx import fem
 from dolfinx_nts.common.arguments import as_call, instances
 from dolfinx_nts.fem.axisymmetry import is_axisymmetric
 from dolfinx_nts.model.bodies import Body, bulk_form
-from dolfinx_nts.model.loads.loads import LoadOnBody, LoadWithValue
+from dolfinx_nts.model.loads.load import LoadOnBody, LoadWithValue
 
 __all__ = ["BodyForce", "Gravity"]
 

@@ -7,7 +7,7 @@ import ufl
 from dolfinx import fem
 
 from dolfinx_nts.common.arguments import as_call
-from dolfinx_nts.model.loads.loads import Load
+from dolfinx_nts.model.loads.load import Load
 from dolfinx_nts.parallel.errors import agreed
 
 __all__ = ["FormLoad"]

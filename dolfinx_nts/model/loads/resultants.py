@@ -11,7 +11,7 @@ from dolfinx_nts.fem.axisymmetry import is_axisymmetric
 from dolfinx_nts.fem.components import deformation_gradient, gradient
 from dolfinx_nts.fem.jit import compile_form
 from dolfinx_nts.model.bodies import Body, bulk_form
-from dolfinx_nts.model.loads.loads import LoadOnBody
+from dolfinx_nts.model.loads.load import LoadOnBody
 from dolfinx_nts.parallel import reductions
 
 __all__ = ["Force", "Moment"]

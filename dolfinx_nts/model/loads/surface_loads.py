@@ -11,7 +11,7 @@ from dolfinx_nts.fem.axisymmetry import of_rings
 from dolfinx_nts.fem.components import deformation_gradient, gradient
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.model.bodies import Body
-from dolfinx_nts.model.loads.loads import LoadWithValue
+from dolfinx_nts.model.loads.load import LoadWithValue
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 

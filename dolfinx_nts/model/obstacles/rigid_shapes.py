@@ -17,7 +17,7 @@ from dolfinx_nts.model.frames import rotation_by
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.model.obstacles.facing import Facing
 from dolfinx_nts.model.obstacles.motion import vector
-from dolfinx_nts.model.obstacles.obstacles import Obstacle
+from dolfinx_nts.model.obstacles.obstacle import Obstacle
 from dolfinx_nts.model.obstacles.trajectories import Trajectories
 
 __all__ = [

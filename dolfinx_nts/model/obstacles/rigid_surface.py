@@ -9,7 +9,7 @@ from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.model.obstacles.adjacent_facets import AdjacentFacets
 from dolfinx_nts.model.obstacles.facing import Facing
-from dolfinx_nts.model.obstacles.obstacles import Obstacle
+from dolfinx_nts.model.obstacles.obstacle import Obstacle
 from dolfinx_nts.model.obstacles.rims import is_nearest_a_rim
 from dolfinx_nts.model.obstacles.trajectories import Trajectories, passages
 from dolfinx_nts.model.segments import area_vectors, diameters

@@ -9,7 +9,7 @@ from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.search.candidates import Candidates
 from dolfinx_nts.search.edges.crossings import WEIGHTS, Crossing
-from dolfinx_nts.search.edges.edges import Edges, pairs_within
+from dolfinx_nts.search.edges.current_edges import Edges, pairs_within
 from dolfinx_nts.search.points import ContactPoints
 from dolfinx_nts.search.scatter import NodalScatter
 from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidates

@@ -4,8 +4,8 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.search.edges.current_edges import Edges
 from dolfinx_nts.search.edges.edge_candidates import EdgeCandidates
-from dolfinx_nts.search.edges.edges import Edges
 from dolfinx_nts.search.edges.sharp_edges import SharpEdges
 from dolfinx_nts.search.global_search import GlobalSearch
 from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidates

@@ -7,11 +7,11 @@ import numpy as np
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.fem.node_numbering import reference_positions
-from dolfinx_nts.model.obstacles.obstacles import Obstacle
+from dolfinx_nts.model.obstacles.obstacle import Obstacle
 from dolfinx_nts.model.obstacles.rigid_surface import RigidSurface
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.search.candidates import Candidates
-from dolfinx_nts.search.edges.edges import Edges, pairs_within
+from dolfinx_nts.search.edges.current_edges import Edges, pairs_within
 from dolfinx_nts.search.edges.rigid_edge_candidates import RigidEdgeCandidates
 from dolfinx_nts.search.edges.sharp_edges import SharpEdges, sharp_between
 from dolfinx_nts.search.obstacle_candidates import ObstacleSearch

@@ -19,7 +19,7 @@ from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.closed_boundaries import ClosedBoundary, closed_boundaries, triangles_at
 from dolfinx_nts.model.connected_bodies import connected
-from dolfinx_nts.model.obstacles.obstacles import Obstacle
+from dolfinx_nts.model.obstacles.obstacle import Obstacle
 from dolfinx_nts.model.rigid_body import RigidBody
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions

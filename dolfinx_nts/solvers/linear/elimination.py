@@ -22,7 +22,7 @@ import numpy as np
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
-from dolfinx_nts.contact.implicit.mortar_pairing import PointBlocks
+from dolfinx_nts.contact.implicit.mortar.mortar_pairing import PointBlocks
 from dolfinx_nts.search.candidates import Candidates
 from dolfinx_nts.solvers.linear.contact_blocks import ContactBlocks
 

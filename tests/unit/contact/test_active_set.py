@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
-from dolfinx_nts.contact.implicit.active_set import ActiveSet
+from dolfinx_nts.contact.implicit.normal.active_set import ActiveSet
 from helpers.plane import blocks
 
 pytestmark = pytest.mark.serial

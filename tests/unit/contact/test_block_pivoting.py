@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from dolfinx_nts.contact.implicit.active_set import BlockPivoting
+from dolfinx_nts.contact.implicit.normal.active_set import BlockPivoting
 
 pytestmark = pytest.mark.at_most_two_ranks
 

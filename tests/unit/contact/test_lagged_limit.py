@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.contact.implicit.active_set import BlockPivoting
-from dolfinx_nts.contact.implicit.lagged_limit import LaggedLimit
+from dolfinx_nts.contact.implicit.friction.lagged_limit import LaggedLimit
+from dolfinx_nts.contact.implicit.normal.active_set import BlockPivoting
 
 MU = 0.2
 # Two nodes of the inner ring of a roller bearing under one roller, the other nodes eliminated:

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dolfinx_nts.contact.implicit.linear_values import LinearValues
+from dolfinx_nts.contact.implicit.normal.linear_values import LinearValues
 from dolfinx_nts.model.frames import Frame, MovingFrame, Placement, rotation_by
 
 

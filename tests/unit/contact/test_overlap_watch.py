@@ -9,8 +9,8 @@ from dolfinx import fem
 import dolfinx_nts as nts
 from dolfinx_nts import parts
 from dolfinx_nts.common.archive import Snapshot
-from dolfinx_nts.contact import reverse_passage
-from dolfinx_nts.contact.overlap_watch import OverlapWatch
+from dolfinx_nts.contact.checks import reverse_passage
+from dolfinx_nts.contact.checks.overlap_watch import OverlapWatch
 
 pytestmark = pytest.mark.at_most_two_ranks
 

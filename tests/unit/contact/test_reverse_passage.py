@@ -7,7 +7,7 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from dolfinx_nts.contact.reverse_passage import ReversePassages
+from dolfinx_nts.contact.checks.reverse_passage import ReversePassages
 from helpers import box_meshes
 
 pytestmark = pytest.mark.at_most_two_ranks

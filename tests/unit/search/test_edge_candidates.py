@@ -8,8 +8,8 @@ import pytest
 from dolfinx_nts import compat
 from dolfinx_nts.common.vectors import cross
 from dolfinx_nts.search.edges import crossings
+from dolfinx_nts.search.edges.current_edges import Edges
 from dolfinx_nts.search.edges.edge_candidates import EdgeCandidates
-from dolfinx_nts.search.edges.edges import Edges
 from dolfinx_nts.search.points import NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter
 from reference.bulk import rotation

@@ -9,9 +9,9 @@ import pytest
 
 from dolfinx_nts import _kernels, compat
 from dolfinx_nts.model.kinematics import ContactKinematics
-from dolfinx_nts.search.facet_candidates import FacetCandidates
-from dolfinx_nts.search.facet_points import FacetPoints
-from dolfinx_nts.search.mortar_points import MortarFacets, at_nodes
+from dolfinx_nts.search.mortar.facet_candidates import FacetCandidates
+from dolfinx_nts.search.mortar.facet_points import FacetPoints
+from dolfinx_nts.search.mortar.mortar_points import MortarFacets, at_nodes
 from dolfinx_nts.search.scatter import NodalScatter
 from dolfinx_nts.search.segment_candidates import FoundSegments
 

@@ -7,8 +7,8 @@ import pytest
 
 from dolfinx_nts import compat
 from dolfinx_nts.fem.elements import Element
+from dolfinx_nts.search.mortar.whole_facets import Hats, whole_facets
 from dolfinx_nts.search.scatter import NodalScatter
-from dolfinx_nts.search.whole_facets import Hats, whole_facets
 
 pytestmark = pytest.mark.serial
 

@@ -1,0 +1,1 @@
+"""Checks of contact at the start and during a run: penetration, pass-through, energy gain."""

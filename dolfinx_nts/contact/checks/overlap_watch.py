@@ -1,0 +1,426 @@
+"""Overlap checks of a run, independent of its contact pairs."""
+
+import logging
+from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import cached_property
+from itertools import permutations, product
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.checks.start import check_rigid_facets, sink_nodes_inside
+from dolfinx_nts.contact.enforcement import Penalty
+from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.obstacles.obstacle import Obstacle
+from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.search.overlap.overlaps import Overlap, OverlapSearch
+from dolfinx_nts.search.smooth.smooth_search import depth_beneath_facets
+
+__all__ = ["OverlapWatch"]
+
+_logger = logging.getLogger("dolfinx_nts")
+
+# Reporting thresholds of overlap depth relative to the longest facet [-]: initial depth (meshes of
+# curved surfaces overlap by less), and increase of the depth in a run.
+_AT_START, _IN_RUN = 0.02, 0.1
+# Approach of two touching bodies between checks relative to a cell of each [-], and part of it
+# after which a check is due: closer to 1, all motions have to be measured in many steps.
+_UNSEEN, _USED = 0.7, 0.85
+# Part of an initial overlap [-] above which contact counts as acting there.
+_SEEN = 0.1
+
+
+class OverlapWatch:
+    """Overlap checks after motion, with one warning for the deepest overlap of each cause.
+
+    A cause is reported when it is new, and again when it is deeper by a tenth of a facet or reaches
+    the centres of cells; further overlaps are counted. An overlap that has been reported is
+    reported again only when its depth has doubled or it reaches the centres of cells. Collective,
+    as are all its methods.
+
+    Args:
+        bodies: The bodies.
+        contacts: The contact pairs.
+        clear: Called after a check without overlaps, with the positions, shape ``(l, 3)`` [m], and
+            the least approach from there by which bodies of a pair pass through each other [m].
+
+    Attributes:
+        deepest: The deepest overlap of any two bodies so far, by their names.
+    """
+
+    def __init__(
+        self,
+        bodies: Sequence[Body],
+        contacts: Sequence[PairState],
+        clear: Callable[[Floats, float], None],
+    ) -> None:
+        self._bodies, self._contacts, self._clear = tuple(bodies), tuple(contacts), clear
+        self.deepest: dict[frozenset[str], Overlap] = {}
+        # Known depth (doubled if reported) and number of cells of two bodies.
+        self._known: dict[frozenset[str], tuple[float, float]] = {}
+        # The deepest reported overlap of each cause, and overlaps that are not reported yet.
+        self._reported: dict[str, Overlap] = {}
+        self._waiting: dict[str, list[Overlap]] = {}
+        # Positions and time of the last check, allowed approach of each two bodies until the next
+        # one, see `OverlapSearch.approach`, and whether anything has moved since.
+        self._seen: tuple[Floats, float] | None = None
+        self._moved = False
+        self._allowed: Floats = np.zeros((1, 1))
+        # Remaining allowed approach of any two bodies, and bound on it in the last step.
+        self._room, self._step = 0.0, 0.0
+
+    @cached_property
+    def search(self) -> OverlapSearch:
+        """Overlap search, created at its first use."""
+        segments = dict.fromkeys(contact.segments for contact in self._contacts)
+        return OverlapSearch(self._bodies, [s for s in segments if isinstance(s, Obstacle)])
+
+    @cached_property
+    def _roles(self) -> list[tuple[PairState, frozenset[str], frozenset[str]]]:
+        """Contacts with the names of the bodies of their nodes and segments."""
+        names = self.search.names_of
+        return [(each, names(each.nodes), names(each.segments)) for each in self._contacts]
+
+    @cached_property
+    def _passing_approach(self) -> Floats:
+        """Approach by which two boundaries pass through each other, shape ``(g, g)`` [m].
+
+        It is infinite for boundaries without a common pair.
+        """
+        names, thickness = self.search.names, self.search.thickness
+        of = {name: [i for i, other in enumerate(names) if other == name] for name in names}
+        approach = np.full((len(names), len(names)), np.inf)
+        for _, nodes, segments in self._roles:
+            for one, other in product(nodes, segments):
+                for i, j in product(of.get(one, []), of.get(other, [])):
+                    if i != j:
+                        approach[i, j] = thickness[i] + thickness[j]
+        return approach
+
+    @cached_property
+    def _has_parts(self) -> bool:
+        """Whether a pair is between two parts of one body, which checks cannot distinguish."""
+        return any(a & b for pair, a, b in self._roles if pair.nodes != pair.segments)
+
+    @cached_property
+    def _selves(self) -> frozenset[str]:
+        """Names of boundaries with self contact."""
+        return frozenset().union(*(a & b for _, a, b in self._roles))
+
+    @cached_property
+    def _unseen(self) -> Floats:
+        """Allowed approach of two touching boundaries until a check, ``(g, g)`` [m]."""
+        # Less than the approach to pass through each other, even for bodies of one cell.
+        cells = self.search.cells
+        return _UNSEEN * (cells[:, None] + cells)
+
+    def start(self, x: Floats, t: float) -> None:
+        """Check a state that was set, and report overlaps.
+
+        Args:
+            x: Positions of the local nodes, shape ``(l, 3)`` [m].
+            t: Time [s].
+
+        Raises:
+            ValueError: Bodies are so deep in each other, or in a `RigidSurface`, that no force
+                would act.
+        """
+        new = self._new(x, t, _AT_START)
+        for contact, bodies, _ in self._roles:
+            check_rigid_facets(contact, self.search, bodies, t, x)
+        self._moved = False
+        self._known |= {names: (overlap.depth, overlap.cells) for overlap, names in new}
+        self._sink(new, x)
+        kinds = _by_kind({overlap: self._at_start(overlap, x) for overlap, _ in new})
+        for kind, overlaps in kinds.items():
+            self._warn("", "starts", kind, overlaps)
+
+    def _sink(self, new: list[tuple[Overlap, frozenset[str]]], x: Floats) -> None:
+        """Set the initial penetration depths of pairs."""
+        starts = set().union(*(names for _, names in new)) - self.search.obstacles
+        for contact in self._contacts:
+            contact.sink(0.0)
+        for _, both in new:
+            if len(both) < 2 or not both <= starts:
+                continue
+            for contact, nodes, segments in self._roles:
+                for inner, outer in permutations(both):
+                    if contact.may_sink and inner in nodes and outer in segments:
+                        sink_nodes_inside(contact, self.search, outer, x)
+
+    @property
+    def room(self) -> float:
+        """Remaining allowed approach of any two bodies until a check is due [m]."""
+        return self._room
+
+    def travel(self, displacement: float) -> None:
+        """Reduce the allowed approach by a bound on the motion [m]. Local."""
+        self._room -= displacement
+        self._moved = self._moved or displacement > 0
+
+    def moved_far(self, displacement: float) -> bool:
+        """Register an accepted step; returns whether a check is due. Local.
+
+        Args:
+            displacement: Bound on the displacement of any node or obstacle in the step, the same on
+                all ranks [m].
+        """
+        self._step = 2 * displacement
+        self.travel(self._step)
+        return self._room < self._step
+
+    def meeting(
+        self, ends: tuple[Floats, Floats], times: tuple[float, float], displacement: float
+    ) -> Overlap | None:
+        """Find bodies of a pair that a step brings into each other, on straight paths. Collective.
+
+        Only a step longer than the last check allows for is checked: at its end, and so often on
+        the path that no body passes through a cell of another one in between.
+
+        Args:
+            ends: Positions of the local nodes at both ends of the step, ``(l, 3)`` [m].
+            times: Times of these [s].
+            displacement: Bound on the displacement of any node or obstacle in the step, the same on
+                all ranks [m].
+
+        Returns:
+            The deepest overlap that reaches the centres of cells and was not there before, at the
+            first such position; None without.
+        """
+        if self._seen is None or 2 * displacement <= self._room:
+            return None
+        (x_n, x), (t_n, t) = ends, times
+        nearer = self.search.approach(x, t, *self._seen)
+        np.fill_diagonal(nearer, 0.0)
+        if not np.any(nearer > self._allowed):
+            return None
+        number = int(np.ceil((nearer / self._unseen).max()))
+        for part in (1.0, *(np.arange(1, number) / number)):
+            at = x if part == 1 else x_n + part * (x - x_n)
+            overlaps, _ = self.search.find(at, 0.0, t_n + part * (t - t_n), ())
+            new = [each for each in overlaps if self._is_new_between_bodies(each)]
+            if new:
+                return max(new, key=_part)
+        return None
+
+    def _is_new_between_bodies(self, overlap: Overlap) -> bool:
+        """Whether two bodies of a pair now reach the centres of each other's cells. Local."""
+        known = self.deepest.get(frozenset(overlap.names))
+        is_new = overlap.cells > 0 and (known is None or known.cells == 0)
+        return is_new and self._between_bodies(overlap) and not self._forgotten(overlap)
+
+    def is_pressed(self, overlap: Overlap, pressing: Collection[PairState]) -> bool:
+        """Whether one of the pairs that transmit force is between the two bodies. Local."""
+        both = set(overlap.names)
+        return any(c in pressing and both <= nodes | segments for c, nodes, segments in self._roles)
+
+    def follow(self, x: Floats, t: float) -> None:
+        """Check for overlaps if bodies have moved far since the last check."""
+        # The sum of steps is a crude bound, since most nodes move in the same direction. A resumed
+        # run has no earlier check.
+        nearer = self._allowed if self._seen is None else self.search.approach(x, t, *self._seen)
+        if np.any(nearer + self._step > _USED * self._allowed):
+            # Within a run, self-overlaps are checked for bodies with self contact only.
+            self.look(x, t, self._selves)
+        else:
+            self._room = float((self._allowed - nearer).min())
+
+    def look(self, x: Floats, t: float, selves: Collection[str] | None = None) -> None:
+        """Check the state if anything has moved, and report new overlaps.
+
+        Args:
+            x: Positions of the local nodes, shape ``(l, 3)`` [m].
+            t: Time [s].
+            selves: Names of the boundaries to be checked for self-overlap; None for all.
+        """
+        if self._moved:
+            new = self._new(x, t, _IN_RUN, selves)
+            self._moved = selves is not None
+            self._known |= {names: (2 * overlap.depth, overlap.cells) for overlap, names in new}
+            kinds = _by_kind({overlap: self._in_run(overlap) for overlap, _ in new})
+            for kind, overlaps in kinds.items():
+                self._report(kind, overlaps, t)
+        if selves is None:
+            for kind, overlaps in self._waiting.items():
+                grown = [self._grown(overlap) for overlap in overlaps]
+                self._warn(f"until t = {t:g} ", "was", kind, grown)
+            self._waiting.clear()
+
+    def _report(self, kind: str, overlaps: list[Overlap], t: float) -> None:
+        """Report new overlaps of one cause, or postpone the report."""
+        deepest, last = max(overlaps, key=_part), self._reported.get(kind)
+        self._waiting.setdefault(kind, []).extend(overlaps)
+        reaches_cells = any(overlap.cells for overlap in overlaps)
+        if (
+            last is None
+            or _part(deepest) > _part(last) + _IN_RUN
+            or (reaches_cells and not last.cells)
+        ):
+            self._reported[kind] = deepest
+            self._warn(f"at t = {t:g} ", "is", kind, self._waiting.pop(kind))
+
+    def _grown(self, overlap: Overlap) -> Overlap:
+        """Maximum of an overlap so far, with the same inner body."""
+        deepest = self.deepest[frozenset(overlap.names)]
+        return deepest if deepest.names == overlap.names else overlap
+
+    def _new(
+        self, x: Floats, t: float, part: float, selves: Collection[str] | None = None
+    ) -> list[tuple[Overlap, frozenset[str]]]:
+        """Overlaps that are deeper than known by a fraction of the facets, or newly reach cells."""
+        new = []
+        least = part * self.search.smallest_cell
+        overlaps, apart = self.search.find(x, least, t, selves)
+        self._allowed = apart + self._unseen
+        self._seen, self._room = (x, t), float(self._allowed.min())
+        if not self._has_parts and not any(self._between_bodies(each) for each in overlaps):
+            self._clear(x, float((apart + self._passing_approach).min()))
+        for overlap in overlaps:
+            names = frozenset(overlap.names)
+            deepest = self.deepest.setdefault(names, overlap)
+            if overlap.depth > deepest.depth:
+                self.deepest[names] = overlap
+            depth, cells = self._known.get(names, (0.0, 0))
+            more = overlap.depth - depth - part * overlap.size
+            if (more > 0 and more > self._beneath(overlap, x)) or overlap.cells > 0 == cells:
+                new.append((overlap, names))
+        return new
+
+    def _beneath(self, overlap: Overlap, x: Floats) -> float:
+        """Largest depth of contact on smooth segments below their facets [m]."""
+        inner, outer = overlap.names
+        depths = [
+            depth_beneath_facets(contact.nodes, contact.segments, x, overlap.depth)
+            for contact, nodes, segments in self._roles
+            if isinstance(contact.segments, Surface) and contact.segments.smooth is True
+            if (inner in nodes and outer in segments) or (outer in nodes and inner in segments)
+        ]
+        return max(depths, default=0.0)
+
+    def _between_bodies(self, overlap: Overlap) -> bool:
+        one, other = overlap.names
+        return one != other and not self.search.obstacles.intersection(overlap.names)
+
+    def _warn(self, when: str, verb: str, kind: str, overlaps: Sequence[Overlap]) -> None:
+        """Warn of the deepest overlap of one cause, with the number of the others.
+
+        The text of a cause may contain ``{inner}`` and ``{outer}`` for both names.
+        """
+        if self._bodies[0].V.mesh.comm.rank:
+            return
+        inner, outer = (deepest := max(overlaps, key=_part)).names
+        number = len({frozenset(overlap.names) for overlap in overlaps}) - 1
+        others = f", and {number} more by less" * (number > 0)
+        text = f"{inner} {verb} {_described(deepest)}{others}"
+        _logger.warning("%s%s: %s", when, text, kind.format(inner=inner, outer=outer))
+
+    def _at_start(self, overlap: Overlap, x: Floats) -> str:
+        if verdict := self._forgotten(overlap):
+            return verdict
+        both = set(overlap.names)
+        seen = [
+            _deepest(contact, contact.gap(x, max(overlap.size, contact.search.sunk)))
+            for contact, nodes, segments in self._roles
+            if both <= nodes | segments
+        ]
+        depth = max(seen)
+        if depth < _SEEN * overlap.depth:
+            return (
+                "their contact pair does not see that, as it looks at its nodes only, and up to "
+                "half a facet deep; it neither holds the two nor pushes them apart, and they may "
+                "pass through each other; move them apart before the first step"
+            )
+        if depth < overlap.depth / 2:
+            return (
+                f"their contact pair sees {depth:.3g} of that, where its nodes are; harmless "
+                "between facets of round surfaces that fit, as in a shrink fit; otherwise move the "
+                "two apart before the first step, as nothing pushes the rest out"
+            )
+        return (
+            "harmless if it is meant: a press fit comes about in a step of QuasiStatic, from which "
+            "load_state goes on with inertia; where inertia acts at once, elastic impact holds "
+            "this depth, while plastic impact and springs throw the two apart; otherwise move them "
+            "apart before the first step"
+        )
+
+    def _in_run(self, overlap: Overlap) -> str:
+        """Cause and remedy."""
+        if verdict := self._forgotten(overlap):
+            return verdict
+        inner, outer = overlap.names
+        held = [
+            contact
+            for contact, nodes, segments in self._roles
+            if (inner in nodes and outer in segments)
+            # The deepest point is no contact node, but contact nodes may be equally deep.
+            or (
+                outer in nodes
+                and inner in segments
+                and _deepest(contact, contact.history.gap) > overlap.depth / 2
+            )
+        ]
+        if not held:
+            return (
+                "their contact pair holds the nodes of {outer} only, and {inner} sinks in "
+                "between them; the finer or softer surface should give the nodes, or both, where "
+                "corners or edges strike (two_half_passes, or one surface of both bodies that "
+                "touches itself)"
+            )
+        if any(isinstance(contact.pair.enforcement, Penalty) for contact in held):
+            return (
+                "the springs of their contact pair yield that much, which stiffer ones (eps_N) or "
+                "LagrangeMultiplier do not, or steps are too long (dt)"
+            )
+        return (
+            "their contact pair holds nodes where the step has brought them in which they touch; "
+            "harmless if it stays, and less with a smaller dt or StepControl(gap_tol=...); if it "
+            "grows, the pair lacks surfaces that touch (all_pairs has all of them)"
+        )
+
+    def _forgotten(self, overlap: Overlap) -> str:
+        """Remedy for bodies without a common pair, or ""."""
+        one, other = overlap.names
+        sides = [side for _, a, b in self._roles for side in ((a, b), (b, a))]
+        if any(one in nodes and other in segments for nodes, segments in sides):
+            return ""
+        if one == other:
+            return (
+                "no contact pair lets it touch itself, so that nothing keeps its walls apart; "
+                "all_pairs(self_contact=[...]) makes one"
+            )
+        return (
+            "no contact pair names the two, so that nothing keeps them apart; add one, for "
+            "instance by all_pairs, unless it is meant"
+        )
+
+
+def _by_kind(verdicts: Mapping[Overlap, str]) -> dict[str, list[Overlap]]:
+    """Overlaps by cause."""
+    kinds: dict[str, list[Overlap]] = {}
+    for overlap, kind in verdicts.items():
+        kinds.setdefault(kind, []).append(overlap)
+    return kinds
+
+
+def _part(overlap: Overlap) -> float:
+    """Depth relative to the longest facet, rounded so that it is partition-independent [-]."""
+    return round(overlap.depth / overlap.size, 6)
+
+
+def _described(overlap: Overlap) -> str:
+    """Description of an overlap."""
+    inner, outer = overlap.names
+    outer = "itself" if outer == inner else outer
+    return (
+        f"up to {overlap.depth:.3g} inside {outer} "
+        f"({overlap.depth / overlap.size:.2g} of the longest facet; {overlap.nodes} nodes of the "
+        f"surfaces and {overlap.cells} centres of cells are inside)"
+    )
+
+
+def _deepest(contact: PairState, gap: Floats) -> float:
+    """Largest penetration of a node of a pair [m]. Collective."""
+    depth = -np.nan_to_num(gap).min(initial=0.0)
+    return reductions.largest(contact.nodes.V.mesh.comm, float(depth))

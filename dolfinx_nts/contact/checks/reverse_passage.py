@@ -1,0 +1,166 @@
+"""Pass-through check of the vertices of segments.
+
+Contact of a pair constrains its nodes only. Vertices may penetrate between the nodes, but must not
+leave the other body on another side.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from mpi4py import MPI
+
+import numpy as np
+
+from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.checks.passage import passing_message, through_to_another_side
+from dolfinx_nts.contact.method import EDGES
+from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.fem.node_numbering import reference_positions
+from dolfinx_nts.model.closed_boundaries import outward_triangles, triangles_at
+from dolfinx_nts.model.segments import diameters
+from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.search.global_search import GlobalSearch
+from dolfinx_nts.search.nodal_facets import NodalFacets
+from dolfinx_nts.search.overlap.thickness import least_thickness
+
+__all__ = ["ReversePassages"]
+
+_ADVICE = (
+    "contact holds nodes only: let the finer surface give the nodes, or both sides "
+    "(two_half_passes, or one surface of both bodies that touches itself)"
+)
+
+# Part of the shortest passage [-] after which vertices are checked: closer to 1, the motion of all
+# nodes has to be measured in many steps. It exceeds the value of `OverlapWatch`, whose check may
+# come first.
+_USED = 0.95
+# Largest motion between two checks relative to the thickness of a body [-], so that paths are
+# nearly straight, and largest number of such parts in a path that is followed [-].
+_STRAIGHT, _WHOLE = 0.5, 2.0
+
+
+class _Look(NamedTuple):
+    """Positions ``(l, 3)`` at a check, motion since then, and its limit [m]."""
+
+    x: Floats | None
+    way: float
+    room: float
+
+
+class ReversePassages:
+    """Pass-through checks of the vertices of the segments of pairs. Collective.
+
+    Several steps may lie between two checks, as long as no vertex can pass through a body within
+    them. A check without overlaps allows to `clear` the earlier motion.
+
+    Args:
+        pairs: The pairs of a stepper.
+    """
+
+    def __init__(self, pairs: Sequence[ContactPair]) -> None:
+        pairs = [pair for pair in pairs if pair.method != EDGES]  # pairs with nodes and vertices
+        both = {(pair.nodes, pair.segments) for pair in pairs}
+        self._sweeps = [
+            _Sweep(pair.segments, pair.nodes)
+            for pair in pairs
+            if isinstance(pair.segments, Surface) and (pair.segments, pair.nodes) not in both
+        ]
+        self._shortest = min((sweep.shortest for sweep in self._sweeps), default=np.inf)
+        self.forget()
+
+    def forget(self) -> None:
+        """Discard earlier motion, after the state was set. Local."""
+        # Data of the last check, and data after acceptance of the checked step.
+        self._last = self._checked = _Look(None, 0.0, self._shortest)
+
+    def clear(self, x: Floats, room: float) -> None:
+        """Restart from positions without overlaps. Local.
+
+        Args:
+            x: The positions, shape ``(l, 3)`` [m].
+            room: Least approach from there by which bodies of a pair pass through each other [m].
+        """
+        self._last = _Look(x, 0.0, max(room, self._shortest))
+
+    def check(self, x_n: Floats, x: Floats, moved: float) -> str:
+        """Message naming vertices that leave on another side in a step, or "".
+
+        Args:
+            x_n: Positions of the local nodes of the space at its start, ``(l, 3)`` [m].
+            x: Positions at its end, shape ``(l, 3)`` [m].
+            moved: Largest displacement increment of any node, the same on all ranks [m].
+        """
+        before, way, room = self._last
+        before = x_n.copy() if before is None else before
+        self._checked = _Look(before, way + 2 * moved, room)
+        if self._checked.way <= room:
+            return ""
+        # The sum of steps is a crude bound, since most nodes move in the same direction.
+        ways = [sweep.approach(before, x) for sweep in self._sweeps]
+        farthest = max(ways, default=0.0)
+        self._checked = _Look(before, farthest, room)
+        if farthest <= _USED * room:
+            return ""
+        found = [sweep.passing(before, x, w) for sweep, w in zip(self._sweeps, ways, strict=True)]
+        # Deep vertices are followed on their whole path, up to the other side.
+        stays = any(is_deep for _, is_deep in found) and farthest <= _WHOLE * self._shortest
+        self._checked = _Look(before if stays else x.copy(), 0.0, self._shortest)
+        return next(filter(None, (text for text, _ in found)), "")
+
+    def accept(self) -> None:
+        """Accept the checked step. Local."""
+        self._last = self._checked
+
+    @property
+    def room(self) -> float:
+        """Allowed approach of vertices and facets until the next check [m]."""
+        x, way, room = self._last
+        if not self._sweeps:
+            return np.inf
+        return 0.0 if x is None else room - way
+
+    def travel(self, way: float) -> None:
+        """Add a bound on the approach of vertices and facets within `room` [m]. Local."""
+        self._last = self._last._replace(way=self._last.way + way)
+
+    def serialize(self, archive: Archive) -> None:
+        """Serialize the last check."""
+        x, *bounds = self._last
+        stored = archive.local("reverse_passages", None if x is None else [x, np.array(bounds)])
+        if archive.giving:
+            self.forget()
+            if stored is not None:
+                self._last = _Look(stored[0], *map(float, stored[1]))
+
+
+class _Sweep:
+    """Vertices of one surface against the facets of another. Collective."""
+
+    def __init__(self, vertices: Surface, facets: Surface) -> None:
+        self._vertices = vertices
+        self._comm: MPI.Comm = vertices.V.mesh.comm
+        self._search, self._facets = GlobalSearch(vertices, facets), NodalFacets(vertices)
+        # A vertex is followed on its path between two checks, and has to pass through the body.
+        X = reference_positions(facets.V)
+        length = diameters(X[facets.segments])
+        shortest = min(length.min(initial=np.inf), facets.thickness.min(initial=np.inf))
+        triangles = outward_triangles(facets.segments, facets.orientation)
+        wall = least_thickness(self._comm, triangles_at(self._comm, X, triangles))
+        cell = float(reductions.least(self._comm, float(shortest)))
+        self.shortest = max(cell, _STRAIGHT * wall)
+
+    def approach(self, x_n: Floats, x: Floats) -> float:
+        """Bound on the approach of any vertex and facet between two states [m]."""
+        return self._search.approach(x, self._search.positions(x_n))
+
+    def passing(self, x_n: Floats, x: Floats, reach: float) -> tuple[str, bool]:
+        """Message naming vertices that pass, or "", and whether others are deep inside."""
+        candidates, _ = self._search.update(x_n, reach)
+        points, forward = self._facets.points(x_n), candidates.scatter.forward
+        ends = forward(x_n), forward(x)
+        passing, is_deep = through_to_another_side(candidates, points, ends, reach)
+        ids = self._vertices.node_ids[passing]
+        text = passing_message(self._comm, "vertices of segments", ids, _ADVICE)
+        return text, reductions.anywhere(self._comm, is_deep)

@@ -1,0 +1,209 @@
+"""Checks of an initial state: penetration of obstacles and bodies, bodies without a pair."""
+
+import logging
+from collections.abc import Collection, Sequence
+from itertools import product
+
+import numpy as np
+
+from dolfinx_nts import _kernels
+from dolfinx_nts.common.arrays import Floats, GlobalInts
+from dolfinx_nts.contact.method import NODES
+from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.fem.node_numbering import input_ids, listed, reference_positions
+from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.connected_bodies import connected
+from dolfinx_nts.model.obstacles.obstacle import Obstacle
+from dolfinx_nts.model.obstacles.rigid_surface import RigidSurface
+from dolfinx_nts.model.segments import area_vectors, diameters
+from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.parallel.communication import joined
+from dolfinx_nts.search.overlap.overlaps import OverlapSearch
+
+__all__ = [
+    *("check_rigid_facets", "check_start", "sink_nodes_inside", "warn_of_bodies_without_pair"),
+]
+
+_logger = logging.getLogger("dolfinx_nts")
+
+# Depth relative to the size of a facet [-] that exceeds round-off.
+_DEEP = 1e-6
+# Distance of test points from a node relative to its facets [-]: above round-off of boundaries, far
+# below any detail of the shape.
+_NEAR = 1e-3
+
+
+def check_start(state: PairState, t: float, x: Floats, x_before: Floats | None = None) -> None:
+    """Check that no node of a pair is initially inside its rigid obstacle. Collective.
+
+    Initial penetration of another deformable body is allowed, see `OverlapWatch`.
+
+    Args:
+        state: State of the contact pair.
+        t: Time, for the positions of moving obstacles [s].
+        x: Positions of the local nodes of the space, shape ``(l, 3)`` [m].
+        x_before: Positions before the user displaced bodies; nodes that were as deep before are
+            allowed. None at the first step.
+
+    Raises:
+        ValueError: Nodes are deeper than a millionth of the size of the surface's facets.
+    """
+    pair = state.pair
+    if not isinstance(pair.segments, Obstacle):
+        return
+    obstacle, comm, nodes = pair.segments, pair.nodes.V.mesh.comm, pair.nodes.nodes
+    place = obstacle.motion.frame(t, t, obstacle.dim).at_end
+    depth = obstacle.depth(place(x[nodes]))
+    allowed = _DEEP * pair.segment_size
+    new = depth > allowed
+    if x_before is not None:
+        new &= ~(depth <= obstacle.depth(place(x_before[nodes])) + allowed)
+    own = pair.nodes.node_ids[new], depth[new], x[nodes[new]]
+    ids, depth, ends = (joined(comm, part) for part in own)
+    if len(ids):
+        seen = ", or deeper, as facets are seen to half of their size"
+        raise _inside(pair, ids, depth, ends, seen * isinstance(obstacle, RigidSurface))
+
+
+def _inside(pair: ContactPair, ids: GlobalInts, depth: Floats, x: Floats, more: str) -> ValueError:
+    """Error for nodes inside an obstacle, of all ranks: numbers, depths [m] and positions [m]."""
+    deepest, found = depth.argmax(), np.unique(ids)
+    place = ", ".join(f"{coordinate:.3g}" for coordinate in x[deepest] + 0.0)
+    return ValueError(
+        f"expected bodies outside of obstacles, given {len(found)} nodes of {pair.nodes.name} "
+        f"up to {depth[deepest]:.3g} inside {pair.segments.name}{more}, deepest at ({place}): "
+        f"{listed(found)}; move the two apart before the first step, and let a Motion or supports "
+        "bring them together in steps"
+    )
+
+
+def sink_nodes_inside(state: PairState, inside: OverlapSearch, body: str, x: Floats) -> None:
+    """Let initially penetrating nodes find their segments. Collective.
+
+    In a run a node more than half a facet below a segment belongs to another side of the body. At
+    the start a node inside the closed boundary of the body belongs to the segment above it if this
+    is nearer than the other side of the body straight below the node.
+
+    Args:
+        state: State of a contact pair whose segments belong to the body.
+        inside: Overlap search at the same positions.
+        body: Name of the body, as in `Overlap`.
+        x: Positions of the local nodes of the space, shape ``(l, 3)`` [m].
+
+    Raises:
+        ValueError: Nodes are deeper than half of the thickness of the body.
+    """
+    surface, comm = state.pair.nodes, state.nodes.V.mesh.comm
+    node, depth, normal = state.nodes_inside(x)
+    number = surface.V.dofmap.index_map.local_to_global
+    own = number(surface.nodes[node]), depth, normal, surface.node_ids[node]
+    deep, depth, normal, ids = (joined(comm, part) for part in own)
+    if not len(deep):
+        return
+    # Both bodies may end in one plane: a node is inside if points around it on its facets are.
+    corners = x[surface.segments]
+    near = corners + _NEAR * (corners.mean(axis=1, keepdims=True) - corners)
+    at, points = number(surface.segments.ravel()), near.reshape(-1, 3)
+    mine = np.isin(at, deep)
+    at, points = joined(comm, at[mine]), joined(comm, points[mine])
+    order = np.argsort(deep)
+    of = order[np.searchsorted(deep, at, sorter=order)]
+    is_inside, beyond = inside.below(points, -normal[of], body)
+    deeper = is_inside & (depth[of] > beyond)
+    if deeper.any():
+        deepest, thickness = depth[of][deeper].max(), (depth[of] + beyond)[deeper].min()
+        nodes = np.unique(ids[of][deeper])
+        raise ValueError(
+            "expected bodies that start at most half of their thickness inside each other, given "
+            f"{len(nodes)} nodes of {surface.name} up to {deepest:.3g} m inside {body}, which is "
+            f"{thickness:.3g} m thick there: {listed(nodes)}; move the two apart before the first "
+            "step, and let supports bring them together in steps"
+        )
+    if is_inside.any():
+        usual = _kernels.DEEPEST * state.pair.segment_size
+        state.sink(max(state.search.sunk, float(depth[of][is_inside].max()) + usual))
+
+
+def check_rigid_facets(
+    state: PairState, inside: OverlapSearch, bodies: Collection[str], t: float, x: Floats
+) -> None:
+    """Check that no body starts so deep in a `RigidSurface` that no force acts. Collective.
+
+    Nodes more than half a facet behind the facets face none of them. Facets alone do not say
+    which points are inside: a body is, where the way through it to its surface enters them.
+
+    Args:
+        state: State of a contact pair.
+        inside: Overlap search at the same positions.
+        bodies: Names of the bodies of the nodes, as in `Overlap`.
+        t: Time, for the positions of moving obstacles [s].
+        x: Positions of the local nodes of the space, shape ``(l, 3)`` [m].
+
+    Raises:
+        ValueError: The surface of the nodes is that deep.
+    """
+    surface, obstacle, comm = state.pair.nodes, state.pair.segments, state.nodes.V.mesh.comm
+    if not isinstance(obstacle, RigidSurface) or state.pair.method != NODES:
+        return
+    place = obstacle.motion.frame(t, t, obstacle.dim).at_end
+    corners = x[surface.segments]
+    normal = area_vectors(corners, surface.orientation)
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    # One point close to each node on each rank, just within the body.
+    near = corners + _NEAR * (corners.mean(axis=1, keepdims=True) - corners)
+    near -= _NEAR * (diameters(corners)[:, None] * normal)[:, None]
+    nodes, first = np.unique(surface.segments, return_index=True)
+    inward = -np.repeat(normal, corners.shape[1], axis=0)[first]
+    own = near.reshape(-1, 3)[first], inward, x[nodes], input_ids(surface.V)[nodes]
+    for name in sorted(bodies):
+        box = inside.box(name)
+        facets = obstacle.within(place(np.array(list(product(*box.T)))))
+        if not len(facets):
+            continue
+        diameter = float(np.linalg.norm(box[1] - box[0]))
+        depth = obstacle.depth_behind(facets, place(own[0] + diameter * inward), place(own[2]))
+        points, into, ends, ids = (joined(comm, each[depth != 0]) for each in own)
+        if not len(points):
+            continue
+        is_inside, thickness = inside.below(points, into, name)
+        begin = place(points + (1 - _NEAR) * thickness[:, None] * into)
+        depth = obstacle.depth_behind(facets, begin, place(ends))
+        deep = is_inside & (depth > 0) & (obstacle.depth(place(ends)) <= 0)
+        if deep.any():
+            more = ", more than half of a facet, where no force acts"
+            raise _inside(state.pair, ids[deep], depth[deep], ends[deep], more)
+
+
+def warn_of_bodies_without_pair(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> None:
+    """Warn of bodies without a contact pair with another body. Collective.
+
+    Bodies that share nodes count as one.
+
+    Args:
+        bodies: All bodies of a stepper.
+        pairs: Its contact pairs.
+    """
+    groups = connected(bodies)
+    if len(groups) == 1:
+        return
+    V = bodies[0].V
+    comm, group_of = V.mesh.comm, np.full(len(reference_positions(V)), -1)
+    for number, group in enumerate(groups):
+        group_of[np.concatenate([body.nodes for body in group])] = number
+    sides = [(pair.nodes, pair.segments) for pair in pairs if isinstance(pair.segments, Surface)]
+    found = np.zeros((len(sides), 2, len(groups)), dtype=bool)
+    for flags, surfaces in zip(found, sides, strict=True):
+        for flag, surface in zip(flags, surfaces, strict=True):
+            flag[group_of[surface.segments]] = True
+    found = reductions.anywhere(comm, found)
+    met = np.einsum("psi,psj->ij", found, found[:, ::-1]) & ~np.eye(len(groups), dtype=bool)
+    alone = [group for group, others in zip(groups, met, strict=True) if not others.any()]
+    if alone and comm.rank == 0:
+        names = ", ".join(body.name for group in alone for body in group)
+        _logger.warning(
+            "bodies without a contact pair with another body: %s; harmless if they never meet "
+            "one, which they would pass through; otherwise add pairs, or take all_pairs(bodies)",
+            names,
+        )

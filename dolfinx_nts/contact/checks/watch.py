@@ -1,0 +1,178 @@
+"""Checks of contact in a stepper."""
+
+import logging
+import math
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+
+from mpi4py import MPI
+
+import numpy as np
+
+from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.checks.overlap_watch import OverlapWatch
+from dolfinx_nts.contact.checks.passage import shortest_passage_of
+from dolfinx_nts.contact.checks.reverse_passage import ReversePassages
+from dolfinx_nts.contact.checks.soft_springs import SoftSprings
+from dolfinx_nts.contact.history import ContactWork
+from dolfinx_nts.contact.joint_state import JointState
+from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.fem.components import dimension
+from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.parallel import reductions
+
+__all__ = ["ContactWatch", "EnergyGain"]
+
+_logger = logging.getLogger("dolfinx_nts")
+
+# Gain relative to the kinetic energy after a step [-] that is reported.
+_PART = 0.25
+# Kinetic energy relative to the largest one so far [-] below which bodies count as at rest.
+_REST = 1e-6
+
+
+class EnergyGain:
+    """Check of the work of constraints, as when penetrating nodes are pushed out. Local.
+
+    A warning is repeated only if a step gains twice as much. Arguments are the same on all ranks.
+
+    Args:
+        comm: Communicator.
+    """
+
+    def __init__(self, comm: MPI.Comm) -> None:
+        self._comm, self._reported, self._largest = comm, 0.0, 0.0
+
+    def look(
+        self,
+        works: Mapping[PairState | JointState, ContactWork],
+        kinetic: tuple[float, float],
+        t: float,
+        negligible: float,
+    ) -> None:
+        """Check an accepted step.
+
+        Args:
+            works: Energy that contact gave to the bodies in the step.
+            kinetic: Kinetic energy of all bodies before and after the step [J].
+            t: Time at its end [s].
+            negligible: Work of constraints within the tolerance of gaps [J], for bodies at rest.
+        """
+        before, after = kinetic
+        self._largest = max(self._largest, before)
+        gains = {
+            state: work.persistent + work.activation + work.facet_change
+            for state, work in works.items()
+        }
+        state = max(gains, key=gains.__getitem__, default=None)
+        least = max(before, _PART * after, _REST * self._largest, 2 * self._reported, negligible)
+        if state is None or gains[state] <= least:
+            return
+        self._reported = gain = gains[state]
+        if self._comm.rank == 0:
+            _logger.warning(
+                "at t = %g contact by %r has given the bodies %.3g J in one step, more than their "
+                "kinetic energy of %.3g J before it: constraints have moved nodes out of a surface "
+                "at once, and the motion from here on is wrong; EnergyMomentum with elastic or "
+                "restitution impact gains nothing, and with shorter steps others gain less; where "
+                "bodies begin inside each other, let a step of QuasiStatic part them, and go on "
+                "from it by load_state",
+                *(t, state.pair.enforcement, gain, before),
+            )
+
+
+class ContactWatch:
+    """Checks of overlaps, passing vertices, soft springs, and energy gains. Collective.
+
+    Args:
+        bodies: The bodies of a stepper.
+        contacts: Its contact pairs.
+
+    Attributes:
+        overlaps: Overlap check of bodies.
+        vertices: Pass-through check of the vertices of segments.
+        springs: Check of soft springs.
+        gains: Check of spurious energy gains.
+        velocity: Reference velocity of relative motions, shape ``(d,)`` [m/s]. Any value is valid;
+            the midrange of the velocities gives the sharpest bounds.
+    """
+
+    def __init__(self, bodies: Sequence[Body], contacts: Sequence[PairState]) -> None:
+        self.vertices = ReversePassages([contact.pair for contact in contacts])
+        self.overlaps = OverlapWatch(bodies, contacts, self.vertices.clear)
+        self.springs = SoftSprings(bodies, contacts)
+        self._contacts = tuple(contacts)
+        self._comm = bodies[0].V.mesh.comm
+        self.gains = EnergyGain(self._comm)
+        self.velocity: Floats = np.zeros(dimension(bodies[0].V))
+        # Allowed approach of any two nodes until the next check, and its value when vertices and
+        # overlaps were updated last [m].
+        self._room = self._settled = 0.0
+
+    @cached_property
+    def _passage(self) -> float:
+        """Approach by which a node may pass through a surface, 0 if obstacles move [m]."""
+        if any(contact.search.may_move for contact in self._contacts):
+            return 0.0
+        return min((shortest_passage_of(each.pair) for each in self._contacts), default=math.inf)
+
+    def measure_about(self, velocities: Floats) -> None:
+        """Set the reference velocity to the midrange of nodal velocities, ``(n, d)`` [m/s]."""
+        extremes = [
+            -velocities.min(axis=0, initial=np.inf),
+            velocities.max(axis=0, initial=-np.inf),
+        ]
+        negative_least, greatest = reductions.largest(self._comm, np.array(extremes))
+        self.velocity = (greatest - negative_least) / 2
+
+    def free(self, moved: float) -> bool:
+        """Register a step if no check is due. Collective.
+
+        Vertices and overlaps are not updated in each step, which would take longer than the checks.
+
+        Args:
+            moved: Half the bound on the approach of any two nodes, or of a node and a fixed point,
+                in the step; the same on all ranks [m].
+
+        Returns:
+            Whether no check is due; otherwise the step is not registered.
+        """
+        way = 2 * moved
+        if way >= self._passage:
+            return False
+        left = self._room - way
+        # The next step may be as long.
+        if left < way:
+            self.settle()
+            room = min(self.vertices.room, self.overlaps.room)
+            left = room - way
+            if left < way:
+                return False
+            self._settled = room
+        self._room = left
+        return True
+
+    def settle(self) -> None:
+        """Update vertices and overlaps for the motion of steps without checks. Local."""
+        way = self._settled - self._room if math.isfinite(self._settled) else 0.0
+        if way > 0:
+            self.vertices.travel(way)
+            self.overlaps.travel(way)
+        self._room = self._settled = 0.0
+
+    def look(self, x: Floats, t: float) -> None:
+        """Check for overlaps now."""
+        self.settle()
+        self.overlaps.look(x, t)
+
+    def forget(self) -> None:
+        """Discard earlier motion, after the state was set. Local."""
+        self.settle()
+        self.vertices.forget()
+
+    def serialize(self, archive: Archive) -> None:
+        """Serialize the check of vertices, and the reference velocity."""
+        self.settle()
+        self.velocity = np.asarray(archive.same("velocity_of_watch", self.velocity))
+        self.vertices.serialize(archive)

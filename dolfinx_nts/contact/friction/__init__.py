@@ -1,0 +1,1 @@
+"""Friction: laws, and the traction of a slipping node."""

@@ -1,0 +1,1 @@
+"""Active set and stick of all contact points from one cone complementarity problem."""

@@ -1,0 +1,1 @@
+"""Tangential forces of contact in one attempt at a step."""

@@ -1,0 +1,122 @@
+"""Tangential forces of the nodes of a pair in one attempt at a step: what each law answers."""
+
+from typing import Any
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.contact.implicit.contributions import PairKinematics
+from dolfinx_nts.contact.implicit.coupled.joint_decision import DecidedFriction, NoFriction
+from dolfinx_nts.contact.joint_state import JointState
+from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.fem.components import dimension
+
+__all__ = ["Friction"]
+
+
+class Friction:
+    """Tangential forces of the nodes of a pair: none, unless a law says otherwise.
+
+    Methods are local, but for `update`. In them ``pairs`` are ``m`` pairs, a part of the ``n``
+    nodes of the surface, ``node`` their positions among these, shape ``(m,)``, and ``active``
+    flags the pairs that transmit force, shape ``(m,)``.
+
+    Args:
+        state: State of the contact pair.
+
+    Attributes:
+        sliding: Nodes that slide where they are active, shape ``(n,)``.
+        traction: Traction in the frames of the segments at t_n, shape ``(n, 2)`` [N].
+        flips: How often a node has changed between stick and slip, shape ``(n,)``.
+        decided: Applies the coupled solution for all pairs; None where springs decide.
+    """
+
+    decided: DecidedFriction | None
+
+    def __init__(self, state: PairState | JointState) -> None:
+        """Let all nodes slide, without traction."""
+        n = len(state.nodes.nodes)
+        self._state, self._dim = state, dimension(state.nodes.V)
+        self.decided = NoFriction()
+        self.sliding: Flags = np.ones(n, dtype=bool)
+        self.traction: Floats = np.zeros((n, 2))
+        # Frames in which tractions are known, 0 of nodes that none has been used for.
+        self._frame: Floats = np.zeros((n, 2, 3))
+        self.flips: Ints = np.zeros(n, dtype=np.int32)
+
+    def go_on_from(self, other: "Friction") -> None:
+        """Begin with the nodes that stick in another attempt, and its tractions. Local."""
+        self.sliding[:], self.traction[:] = other.sliding, other.traction
+        self._frame[:] = other._frame
+
+    def measure(self, pairs: PairKinematics, x: Floats) -> None:
+        """Add the slip of the pairs to their kinematics; x has ghosts, shape ``(l, 3)`` [m]."""
+
+    def release(self, node: Ints) -> None:
+        """Forget the traction of nodes that have become inactive."""
+        self.traction[node] = 0.0
+
+    def follow_contact(self, pairs: PairKinematics, before: Flags, active: Flags) -> None:
+        """Release nodes active only ``before``, shape ``(m,)``; choose how new ones begin."""
+
+    def sticks(self, node: Ints, active: Flags) -> Flags:
+        """Active nodes held by multipliers in the tangent plane, shape ``(m,)``."""
+        return np.zeros(len(node), dtype=bool)
+
+    def largest(self, node: Ints, p: Floats, slip: Floats) -> Floats:
+        """Limits of tractions of nodes, ``(m,)`` [N].
+
+        ``p`` are normal forces [N], ``slip`` lengths of slip [m], of nodes that slide.
+        """
+        return np.zeros(len(node))
+
+    def update(
+        self,
+        pairs: PairKinematics,
+        p: Floats,
+        active: Flags,
+        iteration: int,
+        linear: Floats | None = None,
+    ) -> int:
+        """Decide on stick and slip, and model the traction. Collective.
+
+        ``p`` is the pressing force, shape ``(m,)`` [N], and ``iteration`` counts the Newton
+        iterations of the step from 0; ``linear`` is the pressing force by the linear system, None
+        where that is p. Returns how many pairs of this rank contradict their state.
+        """
+        return 0
+
+    def balance(self, pairs: PairKinematics, R: Floats, active: Flags) -> Floats:
+        """Normal multipliers of active pairs that balance the residual. Collective.
+
+        Sets the tractions that go with them. ``R`` is the residual at the nodes of the pairs,
+        shape ``(m, 3)`` [N]; the result, ``(m,)`` [N], means nothing for other pairs.
+        """
+        rank = (active & ~pairs.fixed).astype(np.int32)
+        return pairs.blocks.balance(pairs.normal, R, pairs.columns, rank, None)[:, 0]
+
+    def follow_multipliers(self, pairs: PairKinematics, lambda_N: Floats, active: Flags) -> None:
+        """Set tractions of sliding nodes by multipliers, ``(m,)`` [N], that were solved for."""
+
+    def add_to(
+        self, pairs: PairKinematics, active: Flags, force: Floats, tangent: Floats
+    ) -> tuple[Floats, Floats]:
+        """Add tractions to forces, ``(m, d)`` [N], and tangents of `PairBlocks`.
+
+        Returns columns and slopes of the `ContactContribution`, without the ones of normal springs.
+        """
+        return pairs.columns, np.zeros((len(pairs.node), 3, 3))
+
+    def scheme_work(self, pairs: PairKinematics, dx: Floats) -> Floats:
+        """Work of tractions that is neither dissipated nor stored, shape ``(m,)`` [J].
+
+        ``dx`` is the displacement of the pairs in the step, shape ``(m, d)`` [m].
+        """
+        return np.zeros(len(pairs.node))
+
+    def accepted(self, pairs: PairKinematics, x: Floats) -> tuple[Floats, dict[str, Any]]:
+        """Energy of the springs, ``(n,)`` [J], and what the history remembers, by its names.
+
+        ``x`` are the positions with ghosts at the end of the step, shape ``(l, 3)`` [m].
+        """
+        return np.zeros(len(self.flips)), {"slip": self._state.history.slip.copy()}

@@ -1,0 +1,103 @@
+"""Slips of the nodes of a pair in one attempt at a step, to more digits than positions have.
+
+The friction of a node that hardly slips turns with the last digits of positions: with a slip of
+1e-10 m and forces of 10 N by 1e-5 N. What a linear system adds to a slip has all its digits.
+"""
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.contact.implicit.contributions import PairKinematics
+from dolfinx_nts.contact.implicit.normal.active_set import ROUNDING
+from dolfinx_nts.contact.implicit.normal.linear_values import LinearValues
+from dolfinx_nts.model.frames import Frame
+
+__all__ = ["Slips", "length_of", "with_length"]
+
+# Slip, relative to the size of a segment [-], that is none where the displacement of a node is not
+# its own: points of one rigid body that stick at more places than hold it cannot all stay to
+# round-off. It is as small as what constraints may be violated by.
+_STILL = 1e-11
+
+
+class Slips:
+    """Slips in the frames of the segments at t_n. Local.
+
+    Args:
+        size: Size of the segments of each node, shape ``(n,)`` [m].
+        frame: Frame of the segments, where slips of the linear system differ from measured ones,
+            as for springs in statics (`LinearValues`); otherwise None.
+
+    Attributes:
+        present: Slips in the last evaluation, 0 where they are none, shape ``(n, 2)`` [m].
+        modelled: Slips at which tractions were modelled last, shape ``(n, 2)`` [m].
+        linear: Slips of the last evaluation by the linear system, the same shape [m].
+        turning: Tractions of springs that go with them, the same shape [N].
+    """
+
+    def __init__(self, size: Floats, frame: Frame | None = None) -> None:
+        n = len(size)
+        self.linear, self.turning = np.zeros((n, 2)), np.zeros((n, 2))
+        self._values = None if frame is None else LinearValues(frame, n, 2)
+        self._size = size
+        self.modelled: Floats = np.zeros((n, 2))
+        self.present: Floats = np.zeros((n, 2))
+        self._all: Floats = np.zeros((n, 2))
+        self._predicted: Floats = np.full((n, 2), np.nan)
+
+    def measure(self, pairs: PairKinematics, x: Floats) -> None:
+        """Take the measured slips of ``m`` pairs, of which constraints see what is not none.
+
+        ``x`` are positions with ghosts, shape ``(l, 3)`` [m].
+        """
+        node, value = pairs.node, pairs.slip.value
+        self.linear[node] = value
+        if self._values is not None:
+            self.linear[node] = self._values.of(pairs, x, value, pairs.slip.gradient)
+        if not pairs.fixed.any():  # then constraints see all
+            self._all[node] = self.present[node] = value
+            return
+        predicted = self._predicted[node]
+        is_same = length_of(value - predicted) <= ROUNDING * self._size[node]
+        is_same &= pairs.fixed
+        self._all[node] = np.where(is_same[:, None], predicted, value)
+        self.present[node] = self.without_none(pairs, self._all[node])
+        none = np.where(pairs.fixed, self.still(node), 0.0)
+        left = np.maximum(length_of(self._all[node]) - none, 0.0)
+        pairs.excess[:, 1:] = with_length(self._all[node], left)
+
+    def show(self, pairs: PairKinematics) -> None:
+        """Let constraints see all slips of the last evaluation."""
+        pairs.excess[:, 1:] = self._all[pairs.node]
+
+    def predict(self, pairs: PairKinematics, change: Floats) -> None:
+        """Know the slips of the next evaluation by their changes, shape ``(m, 2)`` [m]."""
+        self._predicted[pairs.node] = self._all[pairs.node] + change
+
+    def without_none(self, pairs: PairKinematics, slip: Floats) -> Floats:
+        """Slips, ``(m, 2)`` [m], with 0 where they are none."""
+        still: Flags = pairs.fixed & (length_of(slip) <= self.still(pairs.node))
+        return np.where(still[:, None], 0.0, slip)
+
+    def still(self, node: Ints) -> Floats:
+        """Lengths of slips that are none where the displacement is not its own, ``(m,)`` [m]."""
+        lengths: Floats = _STILL * self._size[node]
+        return lengths
+
+    def of(self, node: Ints) -> Floats:
+        """Slips of nodes in the last evaluation, 0 where they are none, shape ``(m, 2)`` [m]."""
+        slips: Floats = self.present[node]
+        return slips
+
+
+def length_of(vectors: Floats) -> Floats:
+    """Lengths of vectors, ``(m, 2)``."""
+    length: Floats = np.linalg.norm(vectors, axis=1)
+    return length
+
+
+def with_length(vectors: Floats, length: Floats) -> Floats:
+    """Vectors, ``(m, 2)``, of given lengths, ``(m,)``; zero vectors stay zero."""
+    present = length_of(vectors)
+    scaled: Floats = vectors * (length / np.where(present > 0, present, 1.0))[:, None]
+    return scaled

@@ -1,0 +1,163 @@
+"""Quadrature points of mortar contact, fixed within a step.
+
+The points and their segments are chosen at the trial positions without contact, and are kept in
+the step. The force of each multiplier is then a sum of discrete gradients with constant weights,
+and does no work while the mean gap is constant.
+"""
+
+from collections.abc import Sequence
+
+from mpi4py import MPI
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.contact.enforcement import TOUCHES
+from dolfinx_nts.contact.implicit.local_search import Approach, LocalSearch
+from dolfinx_nts.contact.implicit.mortar.mortar_pairing import MortarPairing
+from dolfinx_nts.contact.joint_state import JointState
+from dolfinx_nts.contact.massless import is_resolved
+from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.fem.node_numbering import reference_positions
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.search.mortar.facet_points import FacetPoints
+from dolfinx_nts.search.mortar.mortar_search import MortarCandidates
+
+__all__ = ["FrozenPoints", "SettlingPoints", "TiedPoints"]
+
+# Displacement of points between choice and equilibrium in coordinates of the reference segment [-]
+# that counts as zero in statics.
+_SETTLED = 1e-6
+# Change of the part of dual functions [-] between two choices of points that is none. Larger: mean
+# gaps of loaded nodes may leave the gaps on their facets by this part of what dual functions
+# would do; smaller: statics takes more iterations.
+_SETTLED_PART = 0.05
+
+
+class FrozenPoints(LocalSearch):
+    """Quadrature points of a mortar pair.
+
+    Arguments and attributes as for `LocalSearch`, with mean gaps of nodes and one
+    representative segment of the points of each node.
+    """
+
+    candidates: MortarCandidates
+    pairing: MortarPairing
+    # Largest number of renewals of the points in a step [-].
+    _most_renewals = 2
+    # Gap relative to the size of a segment [-] above which the position of points is irrelevant,
+    # since active nodes are nearly closed.
+    _nearby = 0.01
+
+    def __init__(self, state: PairState | JointState, x_n: Floats, x_trial: Floats) -> None:
+        super().__init__(state, x_n, x_trial)
+        self._V = state.nodes.V
+        self._comm: MPI.Comm = state.nodes.V.mesh.comm
+        self._every = np.arange(len(state.nodes.nodes), dtype=np.int32)
+        self._renewals = 0
+        # Largest part of dual functions around each node [-].
+        self._part: Floats = np.ones(len(self._every))
+        self._slack = TOUCHES * state.pair.nodes.size
+        self._is_resolved = is_resolved(state.pair)
+        self._choose(self.approach.x)
+
+    @staticmethod
+    def _beyond(pair: ContactPair) -> float:
+        # Facets extend beyond their owned nodes, also when they are stretched.
+        return 2 * pair.nodes.size
+
+    def _choose(self, x: Floats) -> None:
+        """Choose points by positions with ghosts, shape ``(l, 3)`` [m]."""
+        self._take(self.x_n, x)
+
+    def _take(self, x_n: Floats, x: Floats) -> None:
+        ends = x_n, x
+        found = FacetPoints.choose(self.candidates.facets, self.candidates, *ends, self.reach)
+        part = found.largest_parts(self._bounded_at(x_n, x), self._slack)
+        if self._renewals > 1:
+            # Parts come to rest sooner if they do not grow again.
+            part = np.where(self._has_fallen(part), part, self._part)
+        self._found, self._part = found, part
+        points = found.points(part)
+        self.pairing = MortarPairing(self.candidates, points, self.x_n, x.copy())
+        # The segment with the lowest number represents the segments of the points of a node.
+        self.segment = points.shares.first(points.segment % len(self.candidates.segments))
+        every, trial = self._every, self.approach.x
+        gap_n, gap_trial = (
+            self.pairing.gaps(end, every, self.segment) for end in (self.x_n, trial)
+        )
+        self.approach = Approach(self.segment, gap_n, gap_trial, trial)
+        self.gap = gap_n.copy()
+
+    def _bounded_at(self, x_n: Floats, x: Floats) -> Sequence[Floats]:
+        """Positions at which no mean gap is less than all gaps around its node.
+
+        None in resolved impact: parts of dual functions that change from step to step take its
+        second order in time (0.6 for 2.7).
+        """
+        return () if self._is_resolved else (x_n, x)
+
+    def _has_fallen(self, part: Floats) -> Flags:
+        """Whether the parts of dual functions have to be less than they are, shape ``(n,)``."""
+        flags: Flags = part < self._part - _SETTLED_PART
+        return flags
+
+    def find(self, x: Floats, node: Ints, iteration: int) -> tuple[Ints, Flags]:
+        # The points are kept; their gaps are not computed here.
+        return self.segment[node], np.zeros(len(node), dtype=bool)
+
+    def reproject(self, x: Floats, node: Ints, held: Flags, converged: bool) -> tuple[int, bool]:
+        if not reductions.anywhere(self._comm, self._is_due(x, node, converged)):
+            return 0, False
+        self._renewals += 1
+        self._choose(x)
+        return len(node), True
+
+    def _is_due(self, x: Floats, node: Ints, converged: bool) -> bool:
+        """Whether points of nodes, ``(m,)``, are not those that they should be. Local."""
+        may_move = self._renewals < self._most_renewals
+        return may_move and self.pairing.num_beyond(x, self._near(node)) > 0
+
+    def _near(self, node: Ints) -> Ints:
+        """Nodes among ``(m,)`` with a small gap, for which the position of points matters."""
+        size = self.candidates.size
+        size = size.take(self.segment[node], mode="wrap") if len(size) else np.ones(len(node))
+        near: Ints = node[self.gap[node] < self._nearby * size]
+        return near
+
+
+class TiedPoints(FrozenPoints):
+    """Quadrature points of tied contact, fixed in the reference configuration."""
+
+    _most_renewals = 0
+
+    def _choose(self, x: Floats) -> None:
+        # At the reference positions.
+        X = self.candidates.scatter.forward(reference_positions(self._V))
+        self._take(X, X)
+
+    def _bounded_at(self, x_n: Floats, x: Floats) -> Sequence[Floats]:
+        """None, as tied nodes have gaps of either sign."""
+        return ()
+
+
+class SettlingPoints(FrozenPoints):
+    """Quadrature points of statics, renewed until they belong to the equilibrium."""
+
+    _most_renewals = 6
+    _nearby = 0.1
+
+    def _bounded_at(self, x_n: Floats, x: Floats) -> Sequence[Floats]:
+        """Equilibrium alone: the gap before the step decides nothing."""
+        return (x,)
+
+    def _is_due(self, x: Floats, node: Ints, converged: bool) -> bool:
+        near = self._near(node)
+        moved = self.pairing.places(x, near) - self.pairing.places(self.pairing.x_chosen, near)
+        may_move = self._renewals < self._most_renewals
+        if may_move and np.abs(moved).max(initial=0.0) > _SETTLED:
+            return True
+        # Before equilibrium gaps that will be equal are not.
+        part = self._found.largest_parts((x,), self._slack) if converged else self._part
+        return bool(self._has_fallen(part)[near].any())

@@ -1,0 +1,225 @@
+"""Evaluation of mortar contact: multipliers of nodes act on the contact points around them."""
+
+import numpy as np
+
+from dolfinx_nts import _kernels
+from dolfinx_nts.common.arrays import Flags, Floats, Ints, same_numbers
+from dolfinx_nts.contact.implicit.contributions import PairKinematics
+from dolfinx_nts.contact.implicit.mortar.eliminated import GivenUp
+from dolfinx_nts.contact.implicit.mortar.mortar_slip import MortarSlip, NodalFrames
+from dolfinx_nts.contact.implicit.pair_blocks import PairBlocks
+from dolfinx_nts.contact.implicit.pairing import Pairing
+from dolfinx_nts.model.kinematics import ContactKinematics, Slip
+from dolfinx_nts.search.mortar.mortar_points import MortarPoints, at_nodes
+from dolfinx_nts.search.mortar.mortar_search import MortarCandidates
+
+__all__ = ["MortarPairing", "PointBlocks"]
+
+# Largest distance of a point from its segment, in coordinates of the reference segment [-].
+_BEYOND = _kernels.OVERHANG
+
+
+class MortarPairing(Pairing):
+    """Nodes and the contact points around them.
+
+    Args:
+        candidates: Facets of the points, and their candidate segments.
+        points: Contact points of all nodes of the surface.
+        x_n: Positions at t_n, shape ``(l, 3)`` [m].
+        x_chosen: Positions for which the points were chosen, of the same shape [m].
+
+    Attributes:
+        x_chosen: The argument.
+    """
+
+    follows = False
+
+    def __init__(
+        self,
+        candidates: MortarCandidates,
+        points: MortarPoints,
+        x_n: Floats,
+        x_chosen: Floats,
+    ) -> None:
+        self.x_chosen = x_chosen
+        self.area = points.shares.area
+        self.reached = np.concatenate([candidates.facets.wholes.ravel(), candidates.wholes.ravel()])
+        self._candidates, self._points, self._x_n = candidates, points, x_n
+        # Nodes of the last call, and their points: most calls have the same nodes.
+        self._last: tuple[Ints, MortarPoints] | None = None
+        # Points and positions of the last evaluation, and the positions of the points and their
+        # facets at t_n and in that state.
+        self._evaluated: MortarPoints | None = None
+        nowhere: Floats = np.empty((0, 3))
+        self._x, self._pairs_n, self._pairs = nowhere, nowhere, nowhere
+        # Frames of the nodes, computed with the first slip.
+        self._frames: NodalFrames | None = None
+
+    def _of(self, node: Ints) -> MortarPoints:
+        """Contact points of nodes."""
+        if len(node) == len(self.area):
+            return self._points
+        if self._last is None or not same_numbers(node, self._last[0]):
+            self._last = node.copy(), self._points.take(node)
+        return self._last[1]
+
+    def gaps(self, x: Floats, node: Ints, segment: Ints) -> Floats:
+        points = self._of(node)
+        gap = self._candidates.gap(points, x, points.segment) + points.offset
+        return points.shares.mean(gap)
+
+    def kinematics(
+        self, scheme: str, x: Floats, node: Ints, segment: Ints, free: Floats | None
+    ) -> PairKinematics:
+        points, candidates = self._of(node), self._candidates
+        ends = self._ends(points, x)
+        contact = candidates.contact_between(scheme, *ends, points.segment)
+        blocks = PointBlocks(points, candidates, free, contact.tangent)
+        mean = _of_nodes(points, contact)
+        unknown = None if free is None else free[points.lists].reshape(mean.force.shape)
+        return PairKinematics(node, segment, unknown, mean, blocks)
+
+    def slip(self, law: str, x: Floats, node: Ints, segment: Ints) -> Slip:
+        points = self._of(node)
+        slip = self._candidates.slip_between(*self._ends(points, x), points.segment)
+        if self._frames is None:
+            self._frames = NodalFrames.of(points, slip)
+        return MortarSlip(points, slip, self._frames)
+
+    def _ends(self, points: MortarPoints, x: Floats) -> tuple[Floats, Floats]:
+        """Positions of points and facets at t_n and at x, shapes ``(p, 1+n, 3)`` [m]."""
+        pairs, segment = self._candidates.pairs, points.segment
+        if points is not self._evaluated:
+            self._evaluated, self._frames = points, None
+            self._pairs_n = pairs(points, self._x_n, segment)
+            self._pairs, self._x = self._pairs_n, self._x_n
+        if x is not self._x:
+            self._pairs, self._x = pairs(points, x, segment), x
+        return self._pairs_n, self._pairs
+
+    def on_nodes(self, pairs: PairKinematics, force: Floats) -> Floats:
+        """Sum the forces of all multipliers on the facets around the nodes."""
+        facets, scatter = self._candidates.facets, self._candidates.scatter
+        on_facet = np.zeros(scatter.num_local, dtype=bool)
+        on_facet[facets.wholes] = True
+        forces = force.reshape(*pairs.dofs.shape, 3) * on_facet[pairs.dofs][:, :, None]
+        total = np.zeros((scatter.index_map.size_local, 3))
+        scatter.add(total, pairs.dofs, forces)
+        return total[facets.nodes]
+
+    def is_same(self, pairs: PairKinematics) -> Flags:
+        """True for all, as no node has a segment of its own."""
+        return np.ones(len(pairs.node), dtype=bool)
+
+    def num_beyond(self, x: Floats, node: Ints) -> int:
+        outside = self._outside(x, node)
+        if not (outside > _BEYOND).any():
+            return 0
+        # Where facet and segment are not parallel, a point may be outside from the start.
+        before = np.fmax(self._outside(self.x_chosen, node), 0.0)
+        return int(np.count_nonzero(outside > before + _BEYOND))
+
+    def _outside(self, x: Floats, node: Ints) -> Floats:
+        """Distances of the points of nodes from the reference segment, shape ``(p,)`` [-]."""
+        xi = self.places(x, node)
+        is_triangle = self._candidates.segments.shape[1] == 3
+        farthest = xi.sum(axis=1) if is_triangle else xi.max(axis=1, initial=-np.inf)
+        outside: Floats = np.fmax(-xi.min(axis=1, initial=np.inf), farthest - 1)
+        return outside
+
+    def places(self, x: Floats, node: Ints) -> Floats:
+        """Convective coordinates of the points of nodes on their segments, ``(p, 2)`` [-]."""
+        points = self._of(node)
+        return self._candidates.places(points, x, points.segment)
+
+
+class PointBlocks(PairBlocks):
+    """Blocks of the points of one facet on one segment, which couple neighbouring multipliers.
+
+    Args:
+        points: Contact points of the pairs' nodes.
+        candidates: Facets of the points, and segments.
+        free: 1 where the displacement of a node is unknown, otherwise 0, shape ``(l, 3)``; None
+            if all are.
+        tangent: Derivative of the forces of the points, shape ``(p, 3 (1+k), 3 (1+k))`` [1/m].
+
+    Attributes:
+        given_up: Eliminated displacements of the nodes.
+    """
+
+    may_overlap = True
+
+    def __init__(
+        self,
+        points: MortarPoints,
+        candidates: MortarCandidates,
+        free: Floats | None,
+        tangent: Floats,
+    ) -> None:
+        self._points, self._tangent = points, tangent
+        self._scatter, self._free = candidates.scatter, free
+        self.dofs, self.nodes = points.lists, points.patch_nodes
+        self.given_up = GivenUp(candidates, free, self.dofs)
+
+    def tangent(self, lambda_N: Floats) -> Floats:
+        force = self._points.shares.spread(lambda_N, len(self._tangent))
+        return self._points.blocks(force, self._tangent)
+
+    def of(self, active: Flags) -> Ints:
+        shares = self._points.shares
+        return np.unique(self._points.patch[shares.point[active[shares.node]]])
+
+    def restrict(self, force: Floats, tangent: Floats) -> Floats:
+        if self._free is None:
+            return force
+        free = self._free[self.nodes].reshape(tangent.shape[:2])
+        tangent *= free[:, :, None] * free[:, None, :]
+        return force * self._free[self.dofs].reshape(force.shape)
+
+    def gathered(self, force: Floats) -> Floats:
+        return self.given_up.gather(force)
+
+    def balance(
+        self,
+        normal: Floats,
+        force: Floats,
+        columns: Floats,
+        rank: Ints,
+        friction: tuple[Floats, Floats] | None,
+    ) -> Floats:
+        if friction is not None:
+            known, direction = friction
+            tractions = np.einsum("mi,mid->md", known, columns[:, 1:])
+            total = np.zeros((self._scatter.index_map.size_local, 3))
+            self._scatter.add(total, self.dofs, tractions.reshape(*self.dofs.shape, 3))
+            force = force + self.gathered(total)
+            columns = _kernels.with_friction(columns, direction)
+        system = self.given_up.system(rank, columns, normal, transposed=True)
+        solution = system.solve(-np.einsum("mi,mci->mc", force, system.directions))
+        multipliers = np.zeros((len(rank), 3))
+        # Without a solution here, the whole linear system determines the multipliers.
+        multipliers[:, : solution.shape[1]] = np.where(np.isfinite(solution), solution, 0.0)
+        return multipliers
+
+    def close_gaps(
+        self,
+        normal: Floats,
+        gradients: Floats,
+        gap: Floats,
+        held: Flags,
+        farthest: Floats,
+        u: Floats,
+    ) -> None:
+        rank = held.astype(np.int32)
+        system = self.given_up.system(rank, gradients, normal)
+        distance = system.solve(gap[:, None])[:, 0]
+        # A singular system has no finite solution: such nodes do not move.
+        near = held & (np.where(np.isnan(distance), np.inf, np.abs(distance)) <= farthest)
+        increment = -np.where(near, distance, 0.0)[:, None] * normal
+        self.given_up.move(increment[:, : u.shape[1]], u)
+
+
+def _of_nodes(points: MortarPoints, contact: ContactKinematics) -> ContactKinematics:
+    """Kinematics of nodes as sums over their points; tangents remain per point."""
+    gap_n, gap, force, gradient, turn = at_nodes(points, contact)
+    return ContactKinematics(gap_n, gap, force, gradient, contact.tangent, turn)

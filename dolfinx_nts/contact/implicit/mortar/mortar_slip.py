@@ -1,0 +1,75 @@
+"""Slip of nodes whose multipliers act on the contact points around them (mortar)."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from dolfinx_nts import _kernels
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.model.kinematics import Slip
+from dolfinx_nts.search.mortar.mortar_points import MortarPoints
+
+__all__ = ["MortarSlip", "NodalFrames"]
+
+
+class NodalFrames(NamedTuple):
+    """Frames of nodes at t_n, into which the frames of their points' segments are turned.
+
+    Attributes:
+        at_nodes: Orthonormal tangents at the nodes, shape ``(m, 2, 3)``.
+        parts: Part of component b of the slip of each point in component a of the slip of each
+            node, by shares, shape ``(i, 2, 2)``.
+    """
+
+    at_nodes: Floats
+    parts: Floats
+
+    @classmethod
+    def of(cls, points: MortarPoints, slip: Slip) -> "NodalFrames":
+        """Make them from frames and normals of the segments of the points at t_n. Local."""
+        shares = points.shares
+        at_nodes = _tangents(shares.sums(slip.normal_n[shares.point]))
+        of_shares = shares.start, shares.point, shares.value
+        return cls(at_nodes, _kernels.turn_shares(*of_shares, at_nodes, slip.frame_n))
+
+
+class MortarSlip(Slip):
+    """Mean slip of the points of each node.
+
+    Turns of frames and the shares of nodes in points are constants of the step, so that what
+    holds for the slip of each point holds for the mean: the work of tractions is exact, and
+    momenta are conserved.
+
+    Args:
+        points: Points of the nodes.
+        slip: Their slip.
+        frames: Frames of the nodes.
+    """
+
+    def __init__(self, points: MortarPoints, slip: Slip, frames: NodalFrames) -> None:
+        """Sum up."""
+        shares = points.shares
+        self._points, self._slip = points, slip
+        self._of_shares = shares.start, shares.point, frames.parts
+        value, frame = _kernels.sum_slip(*self._of_shares, slip.value, slip.frame)
+        rows = (points.rows(values, frames.parts) for values in (slip.force, slip.gradient))
+        kept = {"frame_n": frames.at_nodes, "frame": frame, "orientation": np.ones(len(value))}
+        super().__init__(value, *rows, **kept)
+
+    def hessian(self, t: Floats) -> Floats:
+        """Second derivative of the slips of the points, shape ``(b, 3 k, 3 k)`` [N/m]."""
+        points, (w, b) = self._points, self._slip.second
+        of_points = _kernels.spread_tractions(*self._of_shares, t, len(w))
+        to = points.phi, points.patch, len(points.patch_nodes)
+        return _kernels.sum_slip_blocks(*to, w, b, of_points)
+
+
+def _tangents(normal: Floats) -> Floats:
+    """Orthonormal tangents, ``(m, 2, 3)``, to planes with normals of any length, ``(m, 3)``."""
+    normal = normal / np.linalg.norm(normal, axis=1)[:, None]
+    # The second is near the coordinate axis that is farthest from the normal, the last of several:
+    # in two dimensions it is that across the plane.
+    axis = np.eye(3)[2 - np.abs(normal[:, ::-1]).argmin(axis=1)]
+    second = axis - np.einsum("mi,mi->m", axis, normal)[:, None] * normal
+    second /= np.linalg.norm(second, axis=1)[:, None]
+    return np.stack([np.cross(second, normal), second], axis=1)

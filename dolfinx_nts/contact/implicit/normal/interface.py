@@ -1,0 +1,162 @@
+"""Interface of normal contact in a step."""
+
+from abc import ABC, abstractmethod
+
+from mpi4py import MPI
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.contact.implicit.contributions import PairKinematics
+from dolfinx_nts.contact.implicit.friction.interface import Friction
+from dolfinx_nts.contact.implicit.local_search import LocalSearch
+from dolfinx_nts.contact.joint_state import JointState
+from dolfinx_nts.contact.pair_state import PairState
+
+__all__ = ["NormalContact", "go_on", "known_nodes"]
+
+
+class NormalContact(ABC):
+    """Base class of normal contact by multipliers or springs.
+
+    Common arguments: ``pairs`` are the ``m`` pairs, ``x`` positions with ghosts, shape ``(l, 3)``
+    [m], and ``friction`` is the friction of the pairs.
+
+    Args:
+        state: State of the contact pair.
+        search: Segments of the nodes.
+
+    Attributes:
+        nodes: Eligible nodes, as indices among the nodes of the surface, shape ``(e,)``.
+        active: Whether a node transmits force, shape ``(n,)``.
+        lambda_N: Normal multipliers, shape ``(n,)`` [N, <= 0].
+        flips: Number of changes of the active state of each node, shape ``(n,)``.
+    """
+
+    def __init__(self, state: PairState | JointState, search: LocalSearch) -> None:
+        self._state, self._search, history = state, search, state.history
+        self._comm: MPI.Comm = state.nodes.V.mesh.comm
+        self.flips: Ints = np.zeros(len(history.active), dtype=np.int32)
+        # Nodes excluded because of eligible neighbours.
+        self._barred: Flags = np.zeros(len(history.active), dtype=bool)
+        self._admitted: Flags = np.zeros_like(self._barred)
+        self._begin(history.active, history.lambda_N)
+
+    def _begin(self, active: Flags, lambda_N: Floats) -> None:
+        """Choose the eligible nodes; active ones stay active if eligible. Collective."""
+        self._eligible = self.choose()
+        self.nodes: Ints = self._eligible.nonzero()[0].astype(np.int32)
+        self.active: Flags = active & self._eligible
+        self.lambda_N: Floats = np.where(self.active, lambda_N, 0.0)
+
+    def renew(self, x: Floats, *, moved: bool) -> int:
+        """Update eligible nodes in an equilibrium x. Collective.
+
+        ``moved`` is whether contact points have changed. Returns the number of nodes of this
+        rank whose eligibility has changed.
+        """
+        if moved:
+            self._begin(self.active, self.lambda_N)
+        return 0
+
+    def choose(self) -> Flags:
+        """Choose the nodes that may transmit force, shape ``(n,)``. Collective."""
+        return self._search.approach.segment >= 0
+
+    def may_hold(self, node: Ints, gap_n: Floats, gap: Floats) -> Flags | bool:
+        """Whether the law lets nodes touch that go from one gap to another in the step. Local.
+
+        Args:
+            node: Positions among the surface's nodes, shape ``(m,)``.
+            gap_n: Gaps at t_n, shape ``(m,)`` [m].
+            gap: Gaps at the end of the step, shape ``(m,)`` [m].
+        """
+        return True
+
+    def held(self, pairs: PairKinematics) -> Floats:
+        """Largest gaps at which the law lets pairs transmit force, shape ``(m,)`` [m]. Local."""
+        return np.zeros(len(pairs.node))
+
+    def admit(self, nodes: Flags) -> None:
+        """Let nodes touch that an earlier solution of the step let touch. Collective.
+
+        ``nodes`` are flags, shape ``(n,)``.
+        """
+        self._admitted = nodes
+        self._begin(self.active, self.lambda_N)
+
+    def _begin_in_touch(self) -> None:
+        """Initially activate nodes that lie on their segments. Local."""
+        self.active |= self._eligible & self._search.touches
+
+    @property
+    def may_touch(self) -> Flags:
+        """Whether a node may touch within the step, shape ``(n,)``. Local."""
+        flags: Flags = self._search.may_close | self._state.history.active | self.active
+        return flags
+
+    def needs(self, x: Floats, node: Ints) -> Flags | None:
+        """Flags of nodes whose kinematics are needed, shape ``(m,)``; None for all. Local."""
+        return None
+
+    def _gaps(self, x: Floats, node: Ints) -> Floats:
+        """Gaps of nodes to their segments at x, shape ``(m,)`` [m]. Local."""
+        search = self._search
+        if not search.pairing.follows:  # points that stay are not projected to be found
+            search.gap[node] = search.pairing.gaps(x, node, search.segment[node])
+        return search.gap[node]
+
+    @abstractmethod
+    def update(
+        self, pairs: PairKinematics, x: Floats, R: Floats | None, friction: Friction, iteration: int
+    ) -> int:
+        """Update active set and normal forces, with friction. Collective.
+
+        ``R`` is the residual without contact at the owned nodes, shape ``(n, 3)`` [N]; None keeps
+        the multipliers. ``iteration`` is the number of the Newton iteration, from 0. Returns the
+        number of pairs of this rank that changed or violate a condition.
+        """
+
+    def close_gaps(  # noqa: B027 (springs want no gap)
+        self, pairs: PairKinematics, x: Floats, u: Floats, friction: Friction
+    ) -> None:
+        """Move nodes to satisfy the constraints. Collective.
+
+        ``x`` are the positions of the owned nodes only, shape ``(n, 3)`` [m], ``u`` their
+        displacements, changed in place, which have more digits than positions.
+        """
+
+    @abstractmethod
+    def rank(self, active: Flags) -> Ints:
+        """Number of normal constraints of each pair, shape ``(m,)``. Local."""
+
+    def tangent(self, node: Ints) -> tuple[Floats, Floats | float]:
+        """Multipliers of the last pairs in the geometric tangent, ``(m,)`` [N], and slopes. Local.
+
+        The slopes are their derivatives with respect to the gaps, ``(m,)`` [N/m].
+        """
+        return self.lambda_N[node], 0.0
+
+    def energy(self, pairs: PairKinematics) -> tuple[Floats, Floats]:
+        """Energy of springs [J] and their initial gap [m], both ``(m,)``. Local."""
+        zero = np.zeros(len(pairs.node))
+        return zero, zero
+
+    def stored(self, pairs: PairKinematics) -> Floats | float:
+        """Energy stored in the springs in the step, shape ``(m,)`` [J]. Local."""
+        return 0.0
+
+    def released_energy(self, node: Ints) -> float:
+        """Energy at t_n of the normal springs of all nodes except the given ones [J]. Local."""
+        return 0.0
+
+
+def known_nodes(contact: NormalContact) -> Flags:
+    """Flags of eligible and of excluded nodes, shape ``(n,)``. Local."""
+    return contact._eligible | contact._barred
+
+
+def go_on(contact: NormalContact, other: NormalContact) -> None:
+    """Start from the active set and multipliers of another attempt at the step. Local."""
+    contact.active = other.active & contact._eligible
+    contact.lambda_N = np.where(contact.active, other.lambda_N, 0.0)

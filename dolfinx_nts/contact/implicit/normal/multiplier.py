@@ -1,0 +1,225 @@
+"""Normal contact by Lagrange multipliers in a step."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.contact.enforcement import LagrangeMultiplier
+from dolfinx_nts.contact.implicit.contributions import PairKinematics
+from dolfinx_nts.contact.implicit.friction.interface import Friction
+from dolfinx_nts.contact.implicit.local_search import LocalSearch, sunk
+from dolfinx_nts.contact.implicit.normal.active_set import ActiveSet
+from dolfinx_nts.contact.implicit.normal.interface import NormalContact
+from dolfinx_nts.contact.joint_state import JointState
+from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.parallel import reductions
+
+__all__ = ["MultiplierContact"]
+
+# Gap relative to the size of a segment [-] up to which nodes are moved along their normals between
+# Newton iterations.
+_CLOSE = 0.01
+# Gap relative to the size of a segment [-] up to which nodes may close it in an iteration.
+_NEAR = 0.1
+# Additional penetration of an excluded node in a step relative to the size of a segment [-] from
+# which on it is activated, and largest number of such renewals in a step [-].
+_SUNK, _MOST_CHOICES = 0.05, 2
+
+
+class MultiplierContact(NormalContact):
+    """Active set and multipliers of normal contact.
+
+    Args:
+        state: State of the contact pair.
+        law: Enforcement of the pair.
+        is_static: Whether there is no inertia.
+        search: Segments of the nodes.
+        stiffness: Stiffness of the nodes, shape ``(n,)`` [N/m].
+        intermediate: Positions of the local nodes by fractions of the ballistic motion, see
+            `ContactStep`.
+    """
+
+    def __init__(
+        self,
+        state: PairState | JointState,
+        law: LagrangeMultiplier,
+        is_static: bool,
+        search: LocalSearch,
+        stiffness: Floats,
+        intermediate: Mapping[float, Floats],
+    ) -> None:
+        # With inertia, elastic impact keeps gaps; in statics gaps close.
+        self._reach = _NEAR if is_static else 0.0
+        self._holds, self._law = law.holds_gaps and not is_static, law
+        # Quadrature points change in each step: closing the changed mean gap of an active node
+        # would do work.
+        stays = not (search.pairing.follows or is_static)
+        self._stays: Flags = state.history.active & stays
+        # Excluded nodes that penetrated, and remaining number of renewals.
+        self._sunk: Flags = np.zeros(len(state.history.active), dtype=bool)
+        self._choices = _MOST_CHOICES
+        super().__init__(state, search)
+        self._intermediate: Floats | None = None
+        if self._holds and law.part:
+            x = state.search.frame.intermediate(law.part, intermediate[law.part])
+            self._intermediate = search.candidates.scatter.forward(x)
+        if is_static:
+            self._begin_in_touch()
+        self._set = ActiveSet(state, law, stiffness, is_static)
+        self._farthest = _CLOSE * state.segment_sizes
+
+    def choose(self) -> Flags:
+        search, history = self._search, self._state.history
+        approach, candidates = search.approach, search.candidates
+        eligible = self._faces_by_law()
+        if isinstance(self._state, JointState):  # with segments of other bodies
+            return eligible
+        urgency = 2 * history.active + (np.fmin(approach.gap_n, approach.gap) < 0)
+        urgency[self._sunk] = 4
+        nodes = self._state.nodes
+        chosen = candidates.independent(nodes, approach.segment, eligible, urgency)
+        self._barred = eligible & ~chosen
+        return chosen
+
+    def _faces_by_law(self) -> Flags:
+        """Nodes with a segment that the law lets transmit force, shape ``(n,)``. Local."""
+        approach = self._search.approach
+        eligible = approach.segment >= 0
+        if self._holds:
+            # Kept gaps are compared with a constant length, lest loaded nodes are released on
+            # shorter segments.
+            size, active = self._state.segment_sizes, self._state.history.active
+            passes = self._law.eligible(approach.gap_n, approach.gap, size, active)
+            eligible &= passes | self._admitted
+        return eligible
+
+    def renew(self, x: Floats, *, moved: bool) -> int:
+        super().renew(x, moved=moved)
+        if not (self._choices and self._state.pair.touches_itself):
+            return 0
+        barred = self._barred.nonzero()[0].astype(np.int32)
+        return self._hold(*sunk(self._search, x, barred, _SUNK))
+
+    def _hold(self, node: Ints, segment: Ints, gap: Floats) -> int:
+        """Let nodes be held on the segments into which they have sunk. Collective.
+
+        Arguments have the shape ``(m,)``. Returns the number of nodes of this rank.
+        """
+        if not reductions.anywhere(self._comm, len(node) > 0):
+            return 0
+        self._choices -= 1
+        search, approach = self._search, self._search.approach
+        self._sunk[node] = True
+        search.segment[node], search.gap[node] = segment, gap
+        faces = (self._eligible | self._sunk) & (search.segment >= 0)
+        approach.segment[faces] = search.segment[faces]
+        self._begin(self.active, self.lambda_N)
+        return len(node)
+
+    def may_hold(self, node: Ints, gap_n: Floats, gap: Floats) -> Flags | bool:
+        if not self._holds:
+            return True
+        size, active = self._state.segment_sizes[node], self._state.history.active[node]
+        return self._law.eligible(gap_n, gap, size, active)
+
+    def held(self, pairs: PairKinematics) -> Floats:
+        holds = self._stays[pairs.node] | self._holds
+        return np.where(holds, np.maximum(pairs.contact.gap_n, 0.0), 0.0)
+
+    @property
+    def may_touch(self) -> Flags:
+        return self._eligible if self._holds else super().may_touch
+
+    def needs(self, x: Floats, node: Ints) -> Flags | None:
+        # All other nodes are open and inactive. In statics nodes that may close in the next
+        # increment are needed by the coupled contact problem.
+        if self._holds:
+            return super().needs(x, node)
+        near = self._gaps(x, node) < self._reach * self._state.segment_sizes[node]
+        return self.active[node] | self._stays[node] | near
+
+    def _target(self, pairs: PairKinematics) -> Floats:
+        """Reference gaps of the multipliers, shape ``(m,)`` [m]."""
+        gap_n = pairs.contact.gap_n
+        if not self._holds:
+            return np.where(self._stays[pairs.node], gap_n, 0.0)
+        if self._intermediate is None:
+            return gap_n
+        # These gaps belong to one motion of a rigid body with many contact points, also relative to
+        # a moving obstacle.
+        gap = self._search.pairing.gaps(self._intermediate, pairs.node, pairs.segment)
+        if self._search.candidates.may_curve:
+            flat = gap_n + self._approach(self._intermediate, pairs)
+            # Nodes without own displacements can keep such gaps only.
+            gap = np.where(pairs.fixed, gap, np.maximum(gap, flat))
+        return np.asarray(np.minimum(gap_n, gap))
+
+    def _approach(self, x: Floats, pairs: PairKinematics) -> Floats:
+        """Increase of the distance of nodes from the tangent planes at t_n, shape ``(m,)`` [m].
+
+        It excludes the curvature of the surface along a straight path.
+        """
+        search, rotation = self._search, self._state.search.frame.end.rotation
+        start = search.pairing.kinematics("static", search.x_n, pairs.node, pairs.segment, None)
+        gradient = start.contact.gradient
+        increments = ((x - search.x_n) @ rotation.T)[start.dofs].reshape(gradient.shape)
+        change: Floats = np.einsum("md,md->m", gradient, increments)
+        return change
+
+    def update(
+        self, pairs: PairKinematics, x: Floats, R: Floats | None, friction: Friction, iteration: int
+    ) -> int:
+        # The multipliers follow from the balance at the nodes.
+        gap = pairs.contact.gap
+        pairs.excess[:, 0] = gap - self._target(pairs)
+        R = None if R is None else pairs.blocks.gathered(R)
+        node, before = pairs.node, self.active[pairs.node]
+        # Decisions follow from multipliers, multipliers from decisions.
+        lambda_N = self._balance(pairs, R, self.lambda_N[node], before, friction)
+        active, changes = self._set.update(node, pairs.excess[:, 0], before, lambda_N, iteration)
+        lambda_N = np.where(active, lambda_N, 0.0)
+        if changes:
+            self.flips[node] += active != before
+        friction.follow_contact(pairs, before, active)
+        changes += friction.update(pairs, -lambda_N, active, iteration)
+        self.active[node] = active
+        # Only then the balance changes.
+        has_friction = self._state.pair.friction is not None
+        if has_friction or self._set.num_violators:
+            lambda_N = self._balance(pairs, R, lambda_N, active, friction)
+        self.lambda_N[node] = lambda_N
+        return changes
+
+    def _balance(
+        self,
+        pairs: PairKinematics,
+        R: Floats | None,
+        lambda_N: Floats,
+        active: Flags,
+        friction: Friction,
+    ) -> Floats:
+        """Multipliers that balance the residual at the nodes, if given; tractions with them."""
+        if R is None:
+            friction.follow_multipliers(pairs, lambda_N, active)
+            return lambda_N
+        return np.where(active, friction.balance(pairs, R, active), 0.0)
+
+    def close_gaps(self, pairs: PairKinematics, x: Floats, u: Floats, friction: Friction) -> None:
+        """Move nodes without stick along the normals of the last evaluation.
+
+        This saves an application of the tangent in the linear system. See
+        `NormalContact.close_gaps`.
+        """
+        held = self.active[pairs.node] & ~pairs.fixed
+        held &= ~friction.sticks(pairs.node, held)
+        x = self._search.candidates.scatter.forward(self._state.search.frame.at_end(x))
+        gap = self._search.pairing.gaps(x, pairs.node, pairs.segment)
+        gap -= self._target(pairs)
+        # Large displacements are left to the linear system.
+        farthest = self._farthest[pairs.node]
+        pairs.blocks.close_gaps(pairs.normal, pairs.gradients, gap, held, farthest, u)
+
+    def rank(self, active: Flags) -> Ints:
+        """One normal constraint for each active pair."""
+        return active.astype(np.int32)

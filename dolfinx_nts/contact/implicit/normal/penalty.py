@@ -1,0 +1,168 @@
+"""Normal contact by penalty springs in a step."""
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.contact.enforcement import Penalty
+from dolfinx_nts.contact.friction.traction import slip_energy
+from dolfinx_nts.contact.history import NEVER
+from dolfinx_nts.contact.implicit.contributions import PairKinematics
+from dolfinx_nts.contact.implicit.friction.interface import Friction
+from dolfinx_nts.contact.implicit.local_search import LocalSearch
+from dolfinx_nts.contact.implicit.normal.active_set import ROUNDING
+from dolfinx_nts.contact.implicit.normal.interface import NormalContact
+from dolfinx_nts.contact.implicit.normal.linear_values import LinearValues
+from dolfinx_nts.contact.joint_state import JointState
+from dolfinx_nts.contact.pair_state import PairState
+
+__all__ = ["PenaltyContact"]
+
+
+class PenaltyContact(NormalContact):
+    """Forces and energies of the springs.
+
+    Args:
+        state: State of the contact pair, with springs.
+        law: Enforcement of the pair.
+        is_static: Whether there is no inertia.
+        search: Segments of the nodes.
+        share: Weight of the end of the step in forces, see `Scheme`.
+    """
+
+    def __init__(
+        self,
+        state: PairState | JointState,
+        law: Penalty,
+        is_static: bool,
+        search: LocalSearch,
+        share: float,
+    ) -> None:
+        assert state.eps_N is not None
+        super().__init__(state, search)
+        self._law, self._eps_N, self._is_static = law, state.eps_N, is_static
+        self._share = share
+        self._slope: Floats = np.empty(0)  # derivative of lambda_N w.r.t. the gap [N/m]
+        # In statics, linearly extrapolated gaps and forces.
+        n = len(self.active) if is_static else 0
+        self._linear_gaps, self._linear_force = LinearValues(state.search.frame, n), np.zeros(n)
+        self._rounding: Floats = np.empty(0)
+        if self._is_static:
+            self._begin_in_touch()
+            self._rounding = ROUNDING * state.segment_sizes
+
+    def update(
+        self, pairs: PairKinematics, x: Floats, R: Floats | None, friction: Friction, iteration: int
+    ) -> int:
+        # With convective friction at the midpoint.
+        node, eps_N = pairs.node, self._eps_N[pairs.node]
+        if self._state.pair.is_convective:
+            # Eqs. (60)-(64) of Franke, Hesch and Betsch (2011).
+            gap = self._search.pairing.gaps((self._search.x_n + x) / 2, node, pairs.segment)
+            pairs.gradients[:, 0] = pairs.columns[:, 0]
+            lambda_N, active = eps_N * np.minimum(gap, 0.0), gap < 0
+            self._slope = np.where(active, eps_N / 2, 0.0)
+        else:
+            offset = self._offset(pairs)
+            gap_n, gap = pairs.contact.gap_n - offset, pairs.contact.gap - offset
+            if self._is_static:
+                return self._update_statics(pairs, x, gap, offset, friction, iteration)
+            else:
+                lambda_N, self._slope = self._law.force(gap_n, gap, eps_N, self._share)
+                active = lambda_N < 0
+        changes = friction.update(pairs, -lambda_N, active, iteration)
+        self.active[node], self.lambda_N[node] = active, lambda_N
+        return changes
+
+    def _update_statics(
+        self,
+        pairs: PairKinematics,
+        x: Floats,
+        gap: Floats,
+        offset: Floats,
+        friction: Friction,
+        iteration: int,
+    ) -> int:
+        """Compute spring forces with extrapolated gaps, see `LinearValues`.
+
+        ``gap`` are the gaps minus the ``offset`` of the springs, both ``(m,)`` [m]. The first
+        iteration uses the forces of the last step.
+        """
+        node, eps_N, before = pairs.node, self._eps_N[pairs.node], self.active[pairs.node]
+        contact = pairs.contact
+        linear = self._linear_gaps.of(pairs, x, contact.gap, contact.gradient)
+        if iteration == 0:
+            linear = np.where(before & (self.lambda_N[node] < 0), self.lambda_N[node] / eps_N, gap)
+            active = before | (linear < 0)
+        else:
+            linear, active = linear - offset, linear < offset
+        self._slope = np.where(active, eps_N, 0.0)
+        self._linear_force[node] = np.where(active, eps_N * np.minimum(linear, 0.0), 0.0)
+        self.active[node], self.lambda_N[node] = active, np.where(active, eps_N * gap, 0.0)
+        # In equilibrium springs do not pull.
+        rounding = np.maximum(self._rounding[node], ROUNDING * np.abs(x).max(initial=0.0))
+        pulls = (active != (gap < 0)) & (np.abs(gap) > rounding)
+        changes = friction.update(
+            pairs, -self.lambda_N[node], active, iteration, -self._linear_force[node]
+        )
+        return changes + int(np.count_nonzero(pulls))
+
+    def renew(self, x: Floats, *, moved: bool) -> int:
+        # Gaps of changed contact points are unknown.
+        if moved:
+            self._linear_gaps.forget()
+        return super().renew(x, moved=moved)
+
+    def needs(self, x: Floats, node: Ints) -> Flags | None:
+        search, old = self._search, self._state.history
+        if search.pairing.follows:  # gaps on other segments may differ
+            return super().needs(x, node)
+        inside = (self._gaps(x, node) < 0) | (search.approach.gap_n[node] < 0)
+        flags: Flags = self.active[node] | old.active[node] | (old.offset[node] != 0) | inside
+        return flags
+
+    def held(self, pairs: PairKinematics) -> Floats:
+        return np.maximum(self._offset(pairs), 0.0)
+
+    def rank(self, active: Flags) -> Ints:
+        # Springs are no constraints.
+        return np.zeros(len(active), dtype=np.int32)
+
+    def tangent(self, node: Ints) -> tuple[Floats, Floats | float]:
+        force = self._linear_force if self._is_static else self.lambda_N
+        return force[node], self._slope
+
+    def energy(self, pairs: PairKinematics) -> tuple[Floats, Floats]:
+        offset = self._offset(pairs)
+        gap = pairs.contact.gap - offset
+        energy = self._law.energy(gap, self._eps_N[pairs.node])
+        # The offset of open nodes is reset; penetrating nodes must not gain energy.
+        return energy, np.where((gap >= 0) & (pairs.contact.gap >= 0), 0.0, offset)
+
+    def stored(self, pairs: PairKinematics) -> Floats:
+        offset, eps_N = self._offset(pairs), self._eps_N[pairs.node]
+        at_n = self._law.energy(pairs.contact.gap_n - offset, eps_N)
+        # An initially penetrating node has energy at t_n.
+        before = np.where(self._state.history.active[pairs.node], at_n, 0.0)
+        stored: Floats = self._law.energy(pairs.contact.gap - offset, eps_N) - before
+        return stored
+
+    def released_energy(self, node: Ints) -> float:
+        history = self._state.history
+        energy = history.energy - slip_energy(history.traction, self._state.eps_T)
+        energy[node] = 0.0
+        return float(energy.sum())
+
+    def _offset(self, pairs: PairKinematics) -> Floats:
+        """Initial gap of springs on the current segments, shape ``(m,)`` [m].
+
+        On a new segment it changes by the difference of the gaps at t_n, so that the energy is
+        continuous. For nodes that were open, had no segment, or (with inertia) have new contact
+        points, springs start at the current gap.
+        """
+        old, node, gap_n = self._state.history, pairs.node, pairs.contact.gap_n
+        pairing = self._search.pairing
+        anew = ~pairing.is_same(pairs) if pairing.follows else not self._is_static
+        moved = (old.key[node] != NEVER) & anew
+        before = np.where(old.active[node], old.gap[node], np.maximum(gap_n, 0.0))
+        offset: Floats = old.offset[node] + np.where(moved, gap_n - before, 0.0)
+        return offset

@@ -1,0 +1,1 @@
+"""Search of mortar contact: quadrature points of facets and their segments."""

@@ -1,0 +1,294 @@
+"""Contact points of surface-to-surface contact: quadrature points of the facets of the nodes.
+
+The points are chosen once, where the surfaces are at some state, and then are material points of
+their facets, each with a segment of its own, see `cpp/nts/search/mortar_points.h`. A node of the
+surface that is a vertex carries a multiplier, which acts at all points of the facets around it,
+weighted with the shape function psi of the multiplier; its gap is the mean gap of these points.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from dolfinx_nts import _kernels
+from dolfinx_nts.common.arrays import Array, Floats, GlobalInts, Ints
+from dolfinx_nts.model.kinematics import ContactKinematics
+from dolfinx_nts.model.obstacles.facing import Facing
+from dolfinx_nts.search.mortar.facet_candidates import rises
+
+__all__ = ["MortarFacets", "MortarPoints", "Shares", "at_nodes"]
+
+# Vertices of reference cells in their coordinates, by number.
+_CORNERS = {
+    2: np.array([[0.0, 0.0], [1.0, 0.0]]),
+    3: np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]),
+    4: np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]),
+}
+
+# Part of its area [-] of which a node needs points to carry a multiplier.
+_LEAST_COVERED = 1e-6
+
+
+@dataclass(frozen=True)
+class MortarFacets:
+    """Facets around the owned nodes of a surface, by nodes of a scatter's map.
+
+    Attributes:
+        nodes: Owned nodes, shape ``(n,)``.
+        area: Reference areas of those that are vertices, about, shape ``(n,)`` [m^2].
+        vertices: Nodes of the facets in Basix order, vertices first, shape ``(f, n)``.
+        orientation: +1 where a_1 x a_2 points out of the body, otherwise -1, ``(f,)``.
+        X: Reference positions of the nodes of the map, shape ``(l, 3)`` [m].
+        are_rings: Whether they stand for rings about the axis y.
+        wholes: Nodes on which the points of the facets depend, shape ``(f, m)``: the same, or
+            those of the patches of a smooth surface.
+        of_patches: Weights of these nodes in the control points of the patches, shape
+            ``(f, c, m)``, and in the way back to where the patches are, ``(f, m)``, see
+            `FacetCandidates`; None without patches.
+    """
+
+    nodes: Ints
+    area: Floats
+    vertices: Ints
+    orientation: Floats
+    X: Floats
+    are_rings: bool
+    wholes: Ints
+    of_patches: tuple[Floats, Floats] | None
+
+    def rise(self, facet: Ints, x: Floats) -> Floats:
+        """Ways of points of facets back to where the patches are, shape ``(p, 3)`` [m]."""
+        if self.of_patches is None:
+            return np.zeros((len(facet), 3))
+        return rises(self.of_patches[1], self.wholes, facet, x)
+
+    def patched(self, facet: Ints, phi: Floats) -> Floats:
+        """Weights of nodes at points by the functions ``phi`` of facets there, ``(p, m)``."""
+        if self.of_patches is None:
+            return phi
+        xi, weights = phi @ _CORNERS[phi.shape[1]], self.of_patches[0]
+        values = _kernels.patch_functions(xi, weights.shape[1])
+        patched: Floats = (values[:, None] @ weights[facet])[:, 0]
+        return patched
+
+    def shares(self, facet: Ints, weight: Floats, psi: Floats, key: GlobalInts) -> "Shares":
+        """Shares of the nodes in ``p`` points.
+
+        Args:
+            facet: Facet of each point, shape ``(p,)``.
+            weight: Reference area of each, shape ``(p,)`` [m^2].
+            psi: Shape functions of the multipliers of the vertices there, shape ``(p, k)``.
+            key: Key of the segment of each point, shape ``(p,)``.
+        """
+        number = np.full(len(self.X), -1, dtype=np.int32)
+        number[self.nodes] = np.arange(len(self.nodes), dtype=np.int32)
+        on_facet = number[self.vertices[facet, : psi.shape[1]]]
+        point, column = np.nonzero(on_facet >= 0)
+        node, value = on_facet[point, column], weight[point] * psi[point, column]
+        area = _sums(node, value, len(self.nodes))
+        carries = area > _LEAST_COVERED * self.area
+        # By nodes, and in each the segment with the lowest key first.
+        order = np.lexsort((point, key[point], node))
+        order = order[carries[node[order]]]
+        node, of_share = node[order], point[order].astype(np.int32)
+        starts = _starts(np.bincount(node, minlength=len(area)))
+        area = np.where(carries, area, 0.0)
+        return Shares(self.nodes, area, starts, of_share, value[order] / area[node])
+
+
+@dataclass(frozen=True)
+class Shares:
+    """Shares of ``m`` nodes with multipliers in ``p`` contact points, ``i`` in all. Local.
+
+    Attributes:
+        nodes: The nodes, shape ``(m,)``.
+        area: Area on which the multiplier of each node acts, shape ``(m,)`` [m^2].
+        start: Where the shares of each node begin, and the end, shape ``(m + 1,)``.
+        point: Points of the shares, shape ``(i,)``.
+        value: Part of the point in the mean of the node, shape ``(i,)`` [-].
+    """
+
+    nodes: Ints
+    area: Floats
+    start: GlobalInts
+    point: Ints
+    value: Floats
+
+    @classmethod
+    def none(cls, nodes: Ints) -> "Shares":
+        """Take no share of any of the nodes."""
+        no_points = np.empty(0, dtype=np.int32), np.empty(0)
+        return cls(nodes, np.zeros(len(nodes)), _starts(np.zeros(len(nodes), int)), *no_points)
+
+    @cached_property
+    def node(self) -> Ints:
+        """Node of each share, shape ``(i,)``."""
+        return np.repeat(np.arange(len(self.area), dtype=np.int32), np.diff(self.start))
+
+    def mean(self, values: Floats) -> Floats:
+        """Mean of values at the points, ``(p,)``, for each node, NaN without points, ``(m,)``."""
+        means = _sums(self.node, self.value * values[self.point], len(self.area))
+        return np.where(self.area > 0, means, np.nan)
+
+    def sums(self, values: Floats) -> Floats:
+        """Sum of values of the shares, ``(i, ...)``, for each node, ``(m, ...)``."""
+        return self.reduced(np.add, (self.value * values.T).T, 0.0)
+
+    def reduced(self, by: np.ufunc, values: Array, none: float) -> Floats:
+        """Reduce values of the shares, ``(i, ...)``, for each node, ``(m, ...)``; else ``none``."""
+        result: Floats = np.full((len(self.area), *values.shape[1:]), none, dtype=values.dtype)
+        carries = np.diff(self.start) > 0
+        if carries.any():
+            result[carries] = by.reduceat(values, self.start[:-1][carries], axis=0)
+        return result
+
+    def first(self, values: Ints) -> Ints:
+        """Value at the first point of each node, of those of points; -1 without, ``(m,)``."""
+        first = np.full(len(self.area), -1, dtype=np.int32)
+        carries = self.area > 0
+        first[carries] = values[self.point[self.start[:-1][carries]]]
+        return first
+
+    def spread(self, values: Floats, num_points: int) -> Floats:
+        """Sum of the values of nodes, ``(m,)``, by their shares, at the points, ``(p,)``."""
+        return _sums(self.point, self.value * values[self.node], num_points)
+
+    def take(self, nodes: Ints) -> tuple["Shares", Ints]:
+        """Shares of some nodes, in the points that these have; and these points."""
+        counts = np.diff(self.start)[nodes]
+        start = _starts(counts)
+        entries = np.repeat(self.start[nodes] - start[:-1], counts) + np.arange(start[-1])
+        used, point = np.unique(self.point[entries], return_inverse=True)
+        of_nodes, of_shares = (self.nodes[nodes], self.area[nodes]), point.astype(np.int32)
+        return Shares(*of_nodes, start, of_shares, self.value[entries]), used
+
+
+@dataclass(frozen=True)
+class MortarPoints:
+    """Contact points of nodes, see `ContactPoints`. Local.
+
+    Attributes:
+        reached: Nodes on which the facet of each point depends, and that of its segment,
+            shape ``(p, m + n)``.
+        phi: Weights of the former in the point, shape ``(p, m)``.
+        segment: Candidate of each point, or what stands for it, see `FacetCandidates.of_points`,
+            shape ``(p,)``.
+        offset: What the shifts of patches take from the gap of each point where the points were
+            chosen, a constant of the step, ``(p,)`` [m]; 0 without patches.
+        patch: Numbers from 0 of the facets of both surfaces between which each point is, ``(p,)``.
+        shares: Shares of the nodes in them.
+    """
+
+    reached: Ints
+    phi: Floats
+    segment: Ints
+    offset: Floats
+    patch: Ints
+    shares: Shares
+
+    @property
+    def nodes(self) -> Ints:
+        """None, as no point is a node."""
+        return np.full(len(self.segment), -1, dtype=np.int32)
+
+    @property
+    def facing(self) -> Facing:
+        """Anything: segments were chosen by what the facets face."""
+        return Facing.everywhere(len(self.segment))
+
+    def of(self, values: Floats) -> Floats:
+        """Evaluate a nodal field at the points, see `ContactPoints.of`."""
+        return _kernels.at_points(self.phi, self.reached, values)
+
+    def rows(self, values: Floats, parts: Floats) -> Floats:
+        """Sum vectors of pairs, ``(p, c, 3 (1 + n))``, to rows of the nodes, ``(m, c, 3 d)``.
+
+        ``parts`` are those of each vector in each row, by shares, shape ``(i, c, c)``.
+        """
+        s, (lists, place) = self.shares, self._rows
+        of_shares = s.start, s.point, parts, place
+        return _kernels.sum_rows(self.phi, *of_shares, lists.shape[1], values)
+
+    @property
+    def lists(self) -> Ints:
+        """Nodes of each row, that with the multiplier first, shape ``(m, d)``.
+
+        It comes again where a row is shorter than others.
+        """
+        return self._rows[0]
+
+    @cached_property
+    def _rows(self) -> tuple[Ints, Ints]:
+        """Lists, and places of the nodes of both facets of each share in them, (i, m + n)."""
+        shares = self.shares
+        return _rows(shares.nodes, shares.node, self.reached[shares.point])
+
+    def blocks(self, factor: Floats, matrix: Floats) -> Floats:
+        """Sum matrices of pairs, ``(p, 3 (1 + n), 3 (1 + n))``, to those of the patches.
+
+        ``factor`` is that of each point, shape ``(p,)``; the result has the shape
+        ``(b, 3 (m + n), 3 (m + n))``.
+        """
+        count = len(self.patch_nodes)
+        return _kernels.sum_blocks(self.phi, self.patch, count, factor, matrix)
+
+    @cached_property
+    def patch_nodes(self) -> Ints:
+        """Nodes of both facets of each patch, shape ``(b, m + n)``."""
+        return self.reached[np.unique(self.patch, return_index=True)[1]]
+
+    def take(self, nodes: Ints) -> "MortarPoints":
+        """Select the points of some nodes, see `ContactPoints.take`."""
+        shares, used = self.shares.take(nodes)
+        return self.only(used, shares)
+
+    def only(self, points: Ints, shares: Shares) -> "MortarPoints":
+        """Select some points, with the shares of nodes in them."""
+        patch = np.unique(self.patch[points], return_inverse=True)[1].astype(np.int32)
+        of_points = self.segment[points], self.offset[points], patch
+        return MortarPoints(self.reached[points], self.phi[points], *of_points, shares)
+
+
+def at_nodes(
+    points: MortarPoints, pairs: ContactKinematics
+) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+    """Sum kinematics of the pairs of points to those of the nodes.
+
+    Returns mean gaps at both ends, ``(m,)`` [m], rows of force and gradient, ``(m, 3 d)``, and
+    the least cosine by which a normal turns, ``(m,)``.
+    """
+    s, (lists, place) = points.shares, points._rows
+    of_shares = s.start, s.point, s.value, place, lists.shape[1]
+    ends = pairs.gap_n + points.offset, pairs.gap + points.offset, pairs.turn
+    return _kernels.sum_contact(points.phi, *of_shares, *ends, pairs.force, pairs.gradient)
+
+
+def _sums(row: Array, values: Floats, num_rows: int) -> Floats:
+    return np.bincount(row, values, minlength=num_rows).astype(np.float64, copy=False)
+
+
+def _starts(counts: Array) -> GlobalInts:
+    starts: GlobalInts = np.zeros(len(counts) + 1, dtype=np.int64)
+    np.cumsum(counts, out=starts[1:])
+    return starts
+
+
+def _rows(own: Ints, row: Ints, nodes: Ints) -> tuple[Ints, Ints]:
+    """Nodes of the rows, and places of the nodes of shares in them, see `MortarPoints`.
+
+    ``own`` is the first node of each row, shape ``(m,)``, ``row`` the row of each share, ``(i,)``,
+    ``nodes`` the nodes that it reaches, ``(i, m + n)``.
+    """
+    # The own node comes before all others; rows without shares have it, too.
+    rank = np.where(nodes == own[row][:, None], 0, nodes.astype(np.int64) + 1)
+    width = 1 + int(rank.max(initial=0))
+    keys = np.concatenate([width * np.arange(len(own)), (width * row[:, None] + rank).ravel()])
+    unique, inverse = np.unique(keys, return_inverse=True)
+    in_row, node = np.divmod(unique, width)
+    lengths = np.bincount(in_row, minlength=len(own))
+    place = np.arange(len(unique)) - _starts(lengths)[in_row]
+    lists = np.repeat(own[:, None], lengths.max(initial=1), axis=1).astype(np.int32)
+    others = node > 0
+    lists[in_row[others], place[others]] = node[others] - 1
+    return lists, place[inverse[len(own) :]].reshape(nodes.shape).astype(np.int32)

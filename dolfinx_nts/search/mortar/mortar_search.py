@@ -1,0 +1,162 @@
+"""Global search of surface-to-surface contact: facets around nodes, and segments in their reach."""
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.fem.axisymmetry import is_axisymmetric
+from dolfinx_nts.fem.elements import Element
+from dolfinx_nts.fem.node_numbering import reference_positions
+from dolfinx_nts.model.segments import area_vectors
+from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.search.global_search import GlobalSearch, owners_of
+from dolfinx_nts.search.mortar.facet_candidates import FacetCandidates
+from dolfinx_nts.search.mortar.mortar_points import MortarFacets
+from dolfinx_nts.search.mortar.whole_facets import Hats, whole_facets
+from dolfinx_nts.search.segment_candidates import FoundSegments
+from dolfinx_nts.search.smooth.smooth_patches import SmoothPatches
+
+__all__ = ["MortarCandidates", "MortarSearch"]
+
+# Reach of the search for the facets around a node, relative to the longest facet [-]: they are
+# at no distance but for round-off.
+_AROUND = 1e-6
+
+
+class MortarCandidates(FacetCandidates):
+    """Segments with the facets that may touch them.
+
+    Args:
+        found: The segments.
+        wholes: As of `FacetCandidates`.
+        facets: Facets around the owned nodes, by the nodes of the same map.
+
+    Attributes:
+        facets: The argument.
+        hats: Fields that are linear on the facets; None at degree 1, where all are.
+    """
+
+    def __init__(self, found: FoundSegments, wholes: Ints, facets: MortarFacets) -> None:
+        """Take them."""
+        super().__init__(found, wholes)
+        self.facets = facets
+        self.hats = _hats(self, facets.vertices) if self.has_middles else None
+
+
+class FacetSearch(GlobalSearch):
+    """Finds segments with the facets that they are parts of, see `GlobalSearch`. Collective.
+
+    Args:
+        nodes: Surface whose nodes search for segments.
+        segments: Surface that offers segments.
+    """
+
+    candidates: FacetCandidates
+
+    def __init__(self, nodes: Surface, segments: Surface) -> None:
+        """Offer the nodes of the facets, too."""
+        super().__init__(nodes, segments)
+        self._k, space = segments.segments.shape[1], segments.V.dofmap.index_map
+        # A sphere has no patches.
+        if segments.smooth is True:
+            patches = SmoothPatches.of(segments)
+            self._offer = patches.ids, patches.owners, *self._offer[2:]
+            self._weights = patches.weights, patches.rise
+            return
+        wholes = whole_facets(segments.segments, Element.of(segments.V).degree)
+        if wholes is not segments.segments:
+            ids, owners, orientation, key, thickness = self._offer
+            more = space.local_to_global(wholes.ravel()).reshape(wholes.shape)
+            owners = np.hstack([owners, owners_of(space)[wholes]])
+            self._offer = np.hstack([ids, more]), owners, orientation, key, thickness
+
+    def _make(self, found: FoundSegments, others: Ints, x: Floats, reach: float) -> FacetCandidates:
+        return FacetCandidates(*self._parted(found))
+
+    def _parted(self, found: FoundSegments) -> tuple[FoundSegments, Ints]:
+        k, vertices = self._k, found.vertices
+        if vertices.shape[1] == k:
+            return found, vertices
+        wholes = vertices[:, k:] if found.weights is None else vertices
+        return found._replace(vertices=np.ascontiguousarray(vertices[:, :k])), wholes
+
+
+class MortarSearch(FacetSearch):
+    """Finds the segments that facets around the owned nodes can reach, see `Search`. Collective.
+
+    Facets of other ranks are known too where an owned node is one of theirs: each rank computes
+    all that the multipliers of its nodes do.
+
+    Args:
+        nodes: Surface whose facets search for segments.
+        segments: Surface that offers segments.
+    """
+
+    candidates: MortarCandidates
+
+    def __init__(self, nodes: Surface, segments: Surface) -> None:
+        """Find the facets around the nodes."""
+        super().__init__(nodes, segments)
+        space = nodes.V.dofmap.index_map
+        X: Floats = reference_positions(nodes.V)
+        self._X = X[: space.size_local]
+        search = FacetSearch(nodes, nodes)
+        search.update(X, _AROUND * nodes.size)
+        near = search.candidates
+        # One segment of each facet, in the order of their numbers.
+        first = np.sort(np.unique(near.wholes, axis=0, return_index=True)[1])
+        around = first[(near.wholes[first] < space.size_local).any(axis=1)]
+        facets, there = near.wholes[around], near.scatter.forward(self._X)
+        self._shape = facets.shape
+        self._of_patches: tuple[Floats, Floats] | None = None
+        if near.weights is not None and near.rise is not None:
+            self._of_patches = near.weights[around], near.rise[around]
+        out = area_vectors(there[near.segments[around]], near.orientation[around])
+        own = area_vectors(there[facets[:, : self._k]], np.ones(len(facets)))
+        self._orientation = np.where(np.einsum("fi,fi->f", out, own) > 0, 1.0, -1.0)
+        size = np.linalg.norm(own, axis=1)
+        self._are_rings = is_axisymmetric(nodes.V.mesh)
+        if self._are_rings:
+            size *= 2 * np.pi * there[facets[:, : self._k], 0].mean(axis=1)
+        shares = np.repeat(size / self._k, self._k)
+        area = np.bincount(facets[:, : self._k].ravel(), shares, near.scatter.num_local)
+        self._area: Floats = area[nodes.nodes].astype(np.float64)
+        ids = near.scatter.index_map.local_to_global(facets.ravel())
+        self._others = ids, owners_of(near.scatter.index_map)[facets.ravel()]
+        self._around = _hats(near, facets) if near.has_middles else None
+
+    def per_area(self, force: Floats, area: Floats) -> Floats:
+        """Divide by the areas of the vertices, and interpolate to mid-nodes of degree 2."""
+        values = np.zeros_like(force)
+        carries = area > 0
+        values[carries] = (force[carries].T / area[carries]).T
+        if self._around is None:
+            return values
+        field = np.zeros_like(self._X)
+        columns = np.atleast_2d(values.T).T
+        field[self._nodes.nodes, : columns.shape[1]] = columns
+        spread = self._around.spread(field)[self._nodes.nodes, : columns.shape[1]]
+        return spread.reshape(force.shape)
+
+    def _make(
+        self, found: FoundSegments, others: Ints, x: Floats, reach: float
+    ) -> MortarCandidates:
+        X = np.array(found.scatter.forward(self._X))
+        wholes = others.reshape(self._shape)
+        vertices = (
+            wholes if self._of_patches is None else np.ascontiguousarray(wholes[:, : self._k])
+        )
+        facets = MortarFacets(
+            self._nodes.nodes,
+            self._area,
+            vertices,
+            self._orientation,
+            X,
+            self._are_rings,
+            wholes,
+            self._of_patches,
+        )
+        return MortarCandidates(*self._parted(found), facets)
+
+
+def _hats(candidates: FacetCandidates, facets: Ints) -> Hats:
+    return Hats(candidates.scatter, facets, candidates.segments.shape[1])
