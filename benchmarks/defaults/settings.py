@@ -1,0 +1,60 @@
+"""Settings that are compared: a method of contact and a law of contact."""
+
+from typing import NamedTuple
+
+import dolfinx_nts as nts
+
+__all__ = ["BASE", "METHODS", "SETTINGS", "Setting"]
+
+METHODS = ("node-to-segment", "mortar")
+# Stiffness of springs relative to the static stiffness of their nodes [-].
+FACTORS = (1, 2, 4, 16)
+
+
+class Setting(NamedTuple):
+    """A method and a law.
+
+    Attributes:
+        method: Of `nts.ContactPair`.
+        law: Kind of impact of `nts.LagrangeMultiplier`, or "" for springs.
+        factor: Stiffness of springs relative to the default of `nts.Penalty` [-].
+    """
+
+    method: str
+    law: str
+    factor: float = 1.0
+
+    @property
+    def enforcement(self) -> nts.LagrangeMultiplier | nts.Penalty:
+        """Law of normal contact."""
+        if self.law:
+            return nts.LagrangeMultiplier(self.law)
+        springs = nts.Penalty()
+        vars(springs)["share"] = self.factor  # as `Penalty.halved` does, before it is in use
+        return springs
+
+    def method_for(self, segments: nts.Surface | nts.Obstacle, nodes: nts.Surface) -> str:
+        """Method for a pair: node-to-segment where surface-to-surface contact does not exist."""
+        meshed = isinstance(segments, nts.Surface) and segments is not nodes
+        return self.method if meshed else METHODS[0]
+
+    def pair(
+        self,
+        nodes: nts.Surface,
+        segments: nts.Surface | nts.Obstacle,
+        friction: nts.Coulomb | None = None,
+    ) -> nts.ContactPair:
+        """Contact pair of two surfaces, or of a surface and an obstacle."""
+        method = self.method_for(segments, nodes)
+        return nts.ContactPair(nodes, segments, self.enforcement, friction, method)
+
+
+_LAWS = {law: Setting("", law) for law in ("elastic", "plastic", "resolved")}
+_LAWS |= {f"springs x {factor:g}": Setting("", "", factor) for factor in FACTORS}
+SETTINGS = {
+    f"{law}, {method}": setting._replace(method=method)
+    for method in METHODS
+    for law, setting in _LAWS.items()
+}
+# Whose costs are 1.
+BASE = "elastic, node-to-segment"
