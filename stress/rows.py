@@ -35,7 +35,7 @@ __all__ = [
 
 # Relative to the largest energy (or work) and to the sum of the nodes' momenta.
 ENERGY_TOLERANCE, MOMENTUM_TOLERANCE = 1e-9, 1e-10
-# Depth of an overlap, relative to the longest facet [-], that has to be told.
+# Depth of an overlap, relative to the longest facet [-], that has to be reported.
 _DEEP = 0.1
 # Warning that bodies have come to overlap.
 OVERLAP = "is up to .* inside"
@@ -175,12 +175,12 @@ def run(case: Case, comm: MPI.Comm) -> Outcome:
         wrong = wrong or _too_large(row, values, case)
         if setup.stepper.pairs:
             deep = _depth(row, values, _allowed(setup, values, approaches, kinks, dents))
-            # A run that stops, or has to tell of an overlap, may have nodes that are too deep.
-            told = case.may_stop and _is_told(setup, row, said)
-            told = told or case.stops or case.warns == OVERLAP
-            wrong = wrong or ("" if told else deep)
+            # A run that stops, or has to report an overlap, may have nodes that are too deep.
+            reported = case.may_stop and _is_reported(setup, row, said)
+            reported = reported or case.stops or case.warns == OVERLAP
+            wrong = wrong or ("" if reported else deep)
     if setup is not None and not error and not wrong:
-        wrong = setup.check() or _untold(setup, said)
+        wrong = setup.check() or _unreported(setup, said)
     comm.barrier()
     if comm.rank == 0:
         shutil.rmtree(folder)
@@ -288,14 +288,14 @@ def _depth(row: dict[str, Any], values: dict[str, Any], allowed: Any) -> str:
     return f"gap {gap[deepest]:.3g} < {allowed[deepest]:.3g} in row {deepest}"
 
 
-def _is_told(setup: Setup, row: dict[str, Any], said: str) -> bool:
-    """Whether a run has told of the deepest node, or it is not deep enough to be told."""
+def _is_reported(setup: Setup, row: dict[str, Any], said: str) -> bool:
+    """Whether a run has reported the deepest node, or its depth needs no report."""
     size = min(pair.segment_size for pair in setup.stepper.pairs)
     return "inside" in said or row["outcome"] == "stopped" or row["min_gap"] > -_DEEP * size
 
 
-def _untold(setup: Setup, said: str) -> str:
-    """Say which overlaps at the end no warning has told. Collective."""
+def _unreported(setup: Setup, said: str) -> str:
+    """Say which overlaps at the end no warning has reported. Collective."""
     deep = [
         f"{' in '.join(o.names)}: {o.depth:.3g}"
         for o in nts.Diagnostics(setup.stepper).overlaps()

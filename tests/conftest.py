@@ -48,7 +48,7 @@ _ROWS: pytest.StashKey[list[verified.Row]] = pytest.StashKey()
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Keep only tests that measure numbers of the page, if these are to be written."""
     if config.getoption("publish"):
-        items[:] = [item for item in items if "told" in getattr(item, "fixturenames", ())]
+        items[:] = [item for item in items if "table_row" in getattr(item, "fixturenames", ())]
 
 
 def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
@@ -163,12 +163,12 @@ def refused(comm: MPI.Comm) -> Callable[[type[Exception], str], AbstractContextM
 
 
 @pytest.fixture
-def told(request: pytest.FixtureRequest) -> Callable[[str, str, str], None]:
+def table_row(request: pytest.FixtureRequest) -> Callable[[str, str, str], None]:
     """Function by which a test reports case, reference and result of a row of `verified.TABLE`."""
     section = request.module.__doc__.splitlines()[0].removesuffix(".")
     path = str(request.path.relative_to(Path(__file__).parents[1]))
 
-    def tell(case: str, reference: str, ours: str) -> None:
+    def add(case: str, reference: str, ours: str) -> None:
         row = verified.Row(section, path, case, reference, ours)
         request.config.stash[_ROWS].append(row)
         if not request.config.getoption("publish"):
@@ -176,4 +176,4 @@ def told(request: pytest.FixtureRequest) -> Callable[[str, str, str], None]:
             assert row._replace(ours=printed.ours) == printed
             assert not verified.differs(ours, printed.ours), f"{ours}, on the page {printed.ours}"
 
-    return tell
+    return add

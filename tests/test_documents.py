@@ -62,11 +62,11 @@ def test_readme_script_prints_what_the_readme_says_without_gmsh(tmp_path, monkey
     printed = capsys.readouterr().out.splitlines()
     for line in block("text").splitlines():
         (same,) = (p for p in printed if p.split(":")[0] == line.split(":")[0])
-        for computed, told in zip(numbers(same), numbers(line), strict=True):
-            if abs(told) < ROUND_OFF:
+        for computed, published in zip(numbers(same), numbers(line), strict=True):
+            if abs(published) < ROUND_OFF:
                 assert abs(computed) < ROUND_OFF
             else:
-                assert computed == pytest.approx(told, rel=1e-5)
+                assert computed == pytest.approx(published, rel=1e-5)
     files = re.search(r"as record:  # (.+) and (.+)", SCRIPT)
     assert files and all((tmp_path / name).stat().st_size > 0 for name in files.groups())
 
@@ -148,18 +148,18 @@ def test_table_of_the_impact_is_that_of_the_runs(tmp_path):
     assert names == list(impact.VARIANTS)
     name = "`Midpoint`, plastic"
     computed = impact.table({name: impact.run(name, 1.0, tmp_path)}).splitlines()[2]
-    (told,) = (line for line in lines if line.startswith(f"| {name} "))
-    assert numbers(computed) == pytest.approx(numbers(told), rel=0.02, abs=ROUND_OFF)
+    (published,) = (line for line in lines if line.startswith(f"| {name} "))
+    assert numbers(computed) == pytest.approx(numbers(published), rel=0.02, abs=ROUND_OFF)
 
 
 @pytest.mark.parametrize("bench", [plane, rings], ids=["plane", "rings"])
 def test_tables_of_two_dimensions_are_those_of_their_commands(bench, capsys):
-    told = (DOCS / "tables" / f"{bench.__name__.split('.')[1]}.md").read_text(encoding="utf-8")
+    published = (DOCS / "tables" / f"{bench.__name__.split('.')[1]}.md").read_text(encoding="utf-8")
     bench.main([])
     heads = capsys.readouterr().out
-    assert told.startswith(heads) and told.count("\n") == 5
+    assert published.startswith(heads) and published.count("\n") == 5
     if bench is plane:
-        rows = told.splitlines()[2:]
+        rows = published.splitlines()[2:]
         for n, row in zip((25, 50), rows, strict=False):
             assert numbers(row)[1] == plane.scene(n, 2)[1].u.x.array.size
 
@@ -204,7 +204,11 @@ def test_rows_of_the_page_on_verification_are_those_that_tests_tell():
     cases = []
     for path in sorted((ROOT / "tests").rglob("test_*.py")):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "told" and node.args:
+            if (
+                isinstance(node, ast.Call)
+                and getattr(node.func, "id", "") == "published"
+                and node.args
+            ):
                 cases.append((path.name, _pattern(node.args[0])))
     rows = verified.read()
     for row in rows:

@@ -13,8 +13,8 @@ __all__ = [
     "NEVER",
     "ContactHistory",
     "ContactWork",
-    "begun_anew",
     "contact_sums",
+    "reloaded",
     "without_friction",
 ]
 
@@ -147,6 +147,6 @@ def without_friction(history: ContactHistory) -> ContactHistory:
     return replace(history, **{name: getattr(none, name) for name in names})
 
 
-def begun_anew(history: ContactHistory) -> ContactHistory:
+def reloaded(history: ContactHistory) -> ContactHistory:
     """Let springs of nodes without a segment begin loaded, where the nodes are now. Local."""
     return replace(history, key=np.where(history.key < 0, NEVER, history.key))

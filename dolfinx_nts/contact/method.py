@@ -143,7 +143,7 @@ def check_dimension(pair: Any) -> None:
         )
     if dim == 3:
         return
-    _check_rings(pair)
+    _check_axisymmetric(pair)
     wrong = ""
     if pair.method == EDGES:
         wrong = f"another method, as edges cross in space only, given {EDGES!r}"
@@ -153,12 +153,12 @@ def check_dimension(pair: Any) -> None:
         raise ValueError(f"expected, in two dimensions, {wrong}: a mesh in space can do this")
 
 
-def _check_rings(pair: Any) -> None:
+def _check_axisymmetric(pair: Any) -> None:
     """Raise ValueError if an obstacle does not fit an axisymmetric or plane mesh. Local."""
-    has_rings, segments = is_axisymmetric(pair.nodes.V.mesh), pair.segments
-    if isinstance(segments, RigidCone) and not has_rings:
+    axisymmetric, segments = is_axisymmetric(pair.nodes.V.mesh), pair.segments
+    if isinstance(segments, RigidCone) and not axisymmetric:
         raise ValueError(f"expected an axisymmetric mesh with a RigidCone, given {segments!r}")
-    if not has_rings:
+    if not axisymmetric:
         return
     if isinstance(segments, Obstacle) and not segments.is_of_revolution:
         raise ValueError(

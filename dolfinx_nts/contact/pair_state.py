@@ -14,7 +14,7 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.enforcement import Penalty, Tied
-from dolfinx_nts.contact.history import NEVER, ContactHistory, begun_anew
+from dolfinx_nts.contact.history import NEVER, ContactHistory, reloaded
 from dolfinx_nts.contact.method import EDGES, MORTAR
 from dolfinx_nts.contact.nodes_of_pairs import NodesOfPairs
 from dolfinx_nts.contact.pair import ContactPair
@@ -79,7 +79,7 @@ class PairState(Tractions, NodesOfPairs):
         self._ranges: dict[str, tuple[float, float]] | None = None
         self._logged = ""
         self.accepted: ContactHistory | Callable[[], ContactHistory]
-        self.accepted = begun_anew(ContactHistory.none(len(pair.nodes.nodes)))
+        self.accepted = reloaded(ContactHistory.none(len(pair.nodes.nodes)))
         # Cache of the contact computed by an accepted function, with the function.
         self._made: tuple[Any, ContactHistory] | None = None
         pair.attach(self)

@@ -25,7 +25,7 @@ __all__ = [
     "hoop_gradient",
     "is_axisymmetric",
     "is_on_axis",
-    "of_rings",
+    "over_circumference",
 ]
 
 _logger = logging.getLogger("dolfinx_nts")
@@ -110,7 +110,7 @@ def axis_nodes(V: fem.FunctionSpace) -> Ints:
     return np.flatnonzero(on_axis).astype(np.int32)
 
 
-def of_rings(value: Any, mesh: Mesh) -> Any:
+def over_circumference(value: Any, mesh: Mesh) -> Any:
     """Density, UFL, times 2 pi r if the mesh is axisymmetric. Local."""
     if not is_axisymmetric(mesh):
         return value

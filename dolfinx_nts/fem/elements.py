@@ -45,11 +45,11 @@ class Element:
     Args:
         cell: ``"tetrahedron"``, ``"hexahedron"``, ``"triangle"`` or ``"quadrilateral"``.
         degree: 1 or 2.
-        makes_rings: Whether the mesh is axisymmetric, so that integrals have the radius as a
+        is_axisymmetric: Whether the mesh is axisymmetric, so that integrals have the radius as a
             weight.
 
     Attributes:
-        cell, degree, makes_rings: The arguments.
+        cell, degree, is_axisymmetric: The arguments.
         basix: The scalar element in Basix.
         points: Positions of the nodes on the reference cell, shape ``(n, d)``.
         mass_degree: Quadrature degree of inertia and of loads on facets, exact for the consistent
@@ -61,15 +61,15 @@ class Element:
             hexahedra and quadrilaterals of degree 1.
     """
 
-    def __init__(self, cell: str, degree: int, makes_rings: bool = False) -> None:
-        self.cell, self.degree, self.makes_rings = cell, degree, makes_rings
+    def __init__(self, cell: str, degree: int, is_axisymmetric: bool = False) -> None:
+        self.cell, self.degree, self.is_axisymmetric = cell, degree, is_axisymmetric
         self.basix = basix.create_element(
             basix.ElementFamily.P, basix.CellType[cell], degree, basix.LagrangeVariant.gll_warped
         )
         self.points: Floats = self.basix.points
         self.is_simplex = cell in ("tetrahedron", "triangle")
         # The quadrature of quadrilaterals has an odd degree, one more than is needed.
-        self.mass_degree = 2 * degree + (self.is_simplex and makes_rings)
+        self.mass_degree = 2 * degree + (self.is_simplex and is_axisymmetric)
         self.stress_degree = 2 if self.is_simplex else 2 * degree
         self.locks = not self.is_simplex and degree == 1
 

@@ -56,20 +56,20 @@ def with_mean_gradients(value: Any, V: fem.FunctionSpace) -> Any:
         UFL scalar whose one-point integral uses the exact volumes of the cells as weights.
     """
     mesh = V.mesh
-    has_rings = is_axisymmetric(mesh)
-    if mesh.topology.cell_name() != ("quadrilateral" if has_rings else "hexahedron"):
+    axisymmetric = is_axisymmetric(mesh)
+    if mesh.topology.cell_name() != ("quadrilateral" if axisymmetric else "hexahedron"):
         return value
     known = _KNOWN.get(mesh)
     is_same = known is not None and np.array_equal(known[0], mesh.geometry.x)
     if known is None or not reductions.everywhere(mesh.comm, is_same):
         x = mesh.geometry.x[compat.geometry_nodes(mesh)]
-        numbers = (ring_means if has_rings else _numbers)(x)
+        numbers = (ring_means if axisymmetric else _numbers)(x)
         new = CellConstant(mesh, numbers.shape[1])
         new.x.array.reshape(numbers.shape)[new.function_space.dofmap.list[:, 0]] = numbers
         known = _KNOWN[mesh] = mesh.geometry.x.copy(), new.x
     # Forms of one mesh share the values.
     coefficients = CellConstant(mesh, known[1].block_size, known[1])
-    means = (_RingMeans if has_rings else _MeanGradients)(V, coefficients)
+    means = (_RingMeans if axisymmetric else _MeanGradients)(V, coefficients)
     return means.volume * map_expr_dag(means, value)
 
 

@@ -7,18 +7,18 @@ from dolfinx_nts.common.arrays import Floats
 __all__ = ["add_surroundings"]
 
 
-def add_surroundings(marker: la.Vector, V: fem.FunctionSpace, rings: int) -> None:
+def add_surroundings(marker: la.Vector, V: fem.FunctionSpace, layers: int) -> None:
     """Mark all nodes within some layers of cells around marked nodes. Collective.
 
     Args:
         marker: Nonzero at marked nodes, owned or ghost, on any rank; changed in place.
         V: Space of the nodes.
-        rings: Number of layers of cells.
+        layers: Number of layers of cells.
     """
     _share(marker)
     marks: Floats = marker.array
     nodes = V.dofmap.list
-    for _ in range(rings):
+    for _ in range(layers):
         marks[nodes[marks.take(nodes).any(axis=1)]] = 1
         _share(marker)
 

@@ -22,7 +22,7 @@ from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.contact.checks.repeated_pairs import check_repeated
 from dolfinx_nts.contact.checks.start import check_start, warn_of_bodies_without_pair
 from dolfinx_nts.contact.checks.watch import ContactWatch
-from dolfinx_nts.contact.history import begun_anew
+from dolfinx_nts.contact.history import reloaded
 from dolfinx_nts.contact.massless import is_resolved
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
@@ -325,13 +325,13 @@ class Stepper(TimeLoop):
         """
         return None
 
-    def look_for_overlaps(self) -> None:
+    def check_overlaps(self) -> None:
         """Report overlaps of bodies in the log that have not been reported before.
 
         Runs do so whenever bodies could have passed through each other, and at their end.
         """
         with self.timings.phase("overlap"):
-            self.watch.look(self.x, self.t)
+            self.watch.check_overlaps(self.x, self.t)
 
     def _check_start(self) -> None:
         """Check a displacement that the user has set."""
@@ -349,7 +349,7 @@ class Stepper(TimeLoop):
         self._was_displaced |= displaced
         if displaced:
             for contact in self.contacts:
-                contact.accept(begun_anew(contact.history))
+                contact.accept(reloaded(contact.history))
         self._x_before = self._x_before if before is None else before
 
     def _load_at(self, point: float) -> None:

@@ -100,7 +100,7 @@ class TimeLoop(State):
         """Advance by one step of length ``dt``."""
 
     @abstractmethod
-    def look_for_overlaps(self) -> None:
+    def check_overlaps(self) -> None:
         """Report overlaps that have not been reported before."""
 
     def _static_increment(self) -> float | None:
@@ -170,9 +170,9 @@ class TimeLoop(State):
                 if ends:
                     break
         except ConvergenceError:
-            self.look_for_overlaps()  # a possible cause
+            self.check_overlaps()  # a possible cause
             raise
-        self.look_for_overlaps()
+        self.check_overlaps()
 
     def _run(self, until: float, given: StepControl | None) -> Iterator[StepReport]:
         """Advance in equal steps, or as long as the control and the scheme permit."""
@@ -182,7 +182,7 @@ class TimeLoop(State):
         apart = None if gap_tol is None else self._held_apart(gap_tol)
         rejected, first, limit, short = 0, "", LimitPoint(), ShortSteps()
         ineffective, is_reported = IneffectiveCuts(inertia=not statics), given is not None
-        given_up: ConvergenceError | None = None  # ends the run unless the last resort succeeds
+        final: ConvergenceError | None = None  # ends the run unless the last resort succeeds
         with self._progress(until, initial=self.t, bar_format=_BAR) as bar:
             while until - self.t > ROUND_OFF * (smallest if given else self.dt):
                 dt, end = self._next_step(until, given)
@@ -190,7 +190,7 @@ class TimeLoop(State):
                 if before is not None:
                     self.serialize(before)
                 # With equal steps statics relaxes at once.
-                far = None if statics and given is None else given_up is not None
+                far = None if statics and given is None else final is not None
                 try:
                     report = self._advance_to(end, dt, far=far)
                     if apart is not None and gap_tol is not None:
@@ -199,8 +199,8 @@ class TimeLoop(State):
                     if before is None:
                         raise
                     self.serialize(before.rewind())
-                    if given_up is not None:
-                        raise (_in_vain(given_up, error) if statics else given_up) from None
+                    if final is not None:
+                        raise (_in_vain(final, error) if statics else final) from None
                     hopeless = any(each.is_hopeless for each in error.reports)
                     if hopeless and given is None:
                         raise
@@ -219,9 +219,9 @@ class TimeLoop(State):
                         )
                         text += f"; {first}" if rejected else ""
                     if text:
-                        given_up = ConvergenceError(text, error.reports)
+                        final = ConvergenceError(text, error.reports)
                         if hopeless or far is None or not self._has_last_resort():
-                            raise given_up from None
+                            raise final from None
                         # The last resort needs no short step.
                         self._length.uncut(rejected)
                         rejected += 1
@@ -236,7 +236,7 @@ class TimeLoop(State):
                     self._length.cut()
                     rejected += 1
                     continue
-                if given_up is not None:
+                if final is not None:
                     # The new state is unrelated to the cause of the cuts.
                     limit, short, self._length = LimitPoint(), ShortSteps(), StepLength()
                 warning = short.accept(self._length.cuts)
@@ -248,7 +248,7 @@ class TimeLoop(State):
                     limit.accept(increment / dt, rejected)
                 yield report._replace(rejected=rejected)
                 bar.update(dt)
-                rejected, first, given_up = 0, "", None
+                rejected, first, final = 0, "", None
 
     def _next_step(self, until: float, control: StepControl | None) -> tuple[float, float]:
         """Length and end of the next step, both [s]."""
@@ -315,11 +315,11 @@ class TimeLoop(State):
         return tqdm(total=end, delay=1, leave=False, disable=silent, **options)
 
 
-def _in_vain(given_up: ConvergenceError, error: ConvergenceError) -> ConvergenceError:
+def _in_vain(final: ConvergenceError, error: ConvergenceError) -> ConvergenceError:
     """Error of a run in which relaxation has failed as well. Local."""
     reason = error.reports[-1].reason if error.reports else str(error)
     return ConvergenceError(
-        f"{given_up}; nor does relaxation with a viscous resistance find another one: {reason}; "
+        f"{final}; nor does relaxation with a viscous resistance find another one: {reason}; "
         f"{IF_IT_MOVES}",
-        given_up.reports,
+        final.reports,
     )

@@ -243,7 +243,7 @@ class Recorder:
         with self._stepper.timings.phase("output"), stack:
             if together:
                 meet(self._comm, f"close {self._options.name} after step {self._ledger.step}")
-                self._stepper.look_for_overlaps()
+                self._stepper.check_overlaps()
                 if isinstance(self._stepper, QuasiStatic):
                     self._summary.describe_equilibrium(self.diagnostics, self._last)
                 self._files.fields.write(Present(self._stepper))

@@ -89,8 +89,8 @@ class J2Plasticity(Hyperelastic):
         mu, kappa = self.parameters["mu"], self.parameters["kappa"]
         E, nu = 9 * kappa * mu / (3 * kappa + mu), (3 * kappa - 2 * mu) / (6 * kappa + 2 * mu)
         law = self.hardening
-        told = {"E": E, "nu": nu, "yield_stress": law.yield_stress, "hardening": law.modulus}
-        return told | ({"saturation": (law.increase, law.rate)} if law.saturates else {})
+        arguments = {"E": E, "nu": nu, "yield_stress": law.yield_stress, "hardening": law.modulus}
+        return arguments | ({"saturation": (law.increase, law.rate)} if law.saturates else {})
 
     def conserving_stress(self, C_n: Any, C: Any, **parameters: Any) -> Any:
         """Closed form by products of means and quotients; ``metric`` follows from plastic flow."""

@@ -17,7 +17,7 @@ from dolfinx_nts.common.arguments import as_call, instances, kind_of, label
 from dolfinx_nts.common.arrays import Ints
 from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.common.named_tag import NamedTag
-from dolfinx_nts.fem.axisymmetry import is_axisymmetric, of_rings
+from dolfinx_nts.fem.axisymmetry import is_axisymmetric, over_circumference
 from dolfinx_nts.fem.elements import Element, check_space, check_tag
 from dolfinx_nts.fem.mean_gradient import with_mean_gradients
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
@@ -159,7 +159,7 @@ def bulk_form(
             if value != 0:
                 if degree == 1:
                     value = with_mean_gradients(value, bodies[0].V)
-                terms.append((of_rings(value, mesh), np.sort(cells), degree))
+                terms.append((over_circumference(value, mesh), np.sort(cells), degree))
     if not terms:  # such as the strain energy of rigid bodies
         terms.append((fem.Constant(mesh, 0.0), np.empty(0, dtype=np.int32), 0))
     # Each term has its own subdomain, even for the same cells: FFCx 0.9 computes functionals with

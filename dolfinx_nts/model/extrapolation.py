@@ -23,7 +23,7 @@ from dolfinx_nts.parallel.communication import joined
 __all__ = ["Extrapolation", "extrapolate", "group_of_nodes"]
 
 # Depth of the neighbours below the surface [cells].
-_RINGS = 2
+_LAYERS = 2
 # Numbers of neighbours in a least-squares fit [-]: more if the nearest ones lie in one layer.
 _FITTED = (12, 20, 40)
 # Sum of absolute weights [-] up to which a fit is good, and up to which it is accepted. It is 3 if
@@ -131,13 +131,13 @@ def extrapolate(bodies: Sequence[Body], nodes: Ints) -> Extrapolation:
 
 
 def _neighbours(bodies: Sequence[Body], nodes: Ints, group: Ints) -> _Neighbours:
-    """Nodes within `_RINGS` cells of the given ones, without these, from all ranks. Collective."""
+    """Nodes within `_LAYERS` cells of the given ones, without these, from all ranks. Collective."""
     V = bodies[0].V
     index_map = V.dofmap.index_map
     n, marker = index_map.size_local, la.vector(index_map)
     marker.array[nodes] = 1
     given = marker.array > 0
-    add_surroundings(marker, V, _RINGS)
+    add_surroundings(marker, V, _LAYERS)
     below = np.flatnonzero((marker.array > 0)[:n] & ~given[:n]).astype(np.int32)
     own = (
         np.asarray(index_map.local_to_global(below)),
@@ -163,22 +163,24 @@ def _row(x: Floats, distance: Floats, below: _Neighbours) -> tuple[Ints, Floats]
     # Node numbers order equal distances.
     length = np.round(distance[near] / distance[near].min() / _ROUND_OFF) * _ROUND_OFF
     near = near[np.lexsort((below.id[near], length))]
-    way = below.X[near] - x
-    if (line := _line(near, way)) is not None:
+    offset = below.X[near] - x
+    if (line := _line(near, offset)) is not None:
         return line
     best: tuple[Ints, Floats] | None = None
     least = _MOST
     for number in _FITTED:
-        if (fit := _fit(near, way, number)) is not None and (size := np.abs(fit[1]).sum()) < least:
+        if (fit := _fit(near, offset, number)) is not None and (
+            size := np.abs(fit[1]).sum()
+        ) < least:
             best, least = fit, size
         if least <= _GOOD:
             break
     return best
 
 
-def _line(near: Ints, way: Floats) -> tuple[Ints, Floats] | None:
+def _line(near: Ints, offset: Floats) -> tuple[Ints, Floats] | None:
     """The nearest node and one beyond it on a line."""
-    first, others = way[0], way[1:] - way[0]
+    first, others = offset[0], offset[1:] - offset[0]
     length, lengths = np.linalg.norm(first), np.linalg.norm(others, axis=1)
     sine = np.linalg.norm(np.cross(others, first), axis=1) / (length * lengths)
     beyond = (sine < _ROUND_OFF) & (others @ first > 0) & (length <= _FARTHEST * lengths)
@@ -189,13 +191,13 @@ def _line(near: Ints, way: Floats) -> tuple[Ints, Floats] | None:
     return near[[0, 1 + second]], np.array([1 + ratio, -ratio])
 
 
-def _fit(near: Ints, way: Floats, number: int) -> tuple[Ints, Floats] | None:
+def _fit(near: Ints, offset: Floats, number: int) -> tuple[Ints, Floats] | None:
     """Weighted least-squares fit of the nearest nodes, exact for affine fields."""
-    length = np.linalg.norm(way, axis=1)
+    length = np.linalg.norm(offset, axis=1)
     last = length[min(number, len(length)) - 1]
     some = length <= (1 + _ROUND_OFF) * last
-    near, way, length = near[some], way[some], length[some]
-    B = np.column_stack([np.ones(len(way)), way / last])
+    near, offset, length = near[some], offset[some], length[some]
+    B = np.column_stack([np.ones(len(offset)), offset / last])
     w = (length[0] / length) ** 2
     weight = w * (B @ np.linalg.pinv(B.T * w @ B, rcond=_ERROR, hermitian=True)[:, 0])
     if np.abs(weight @ B - [1, 0, 0, 0]).max() > _ERROR:

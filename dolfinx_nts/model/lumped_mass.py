@@ -52,10 +52,10 @@ def nodal_parts(element: Element, x: Floats) -> Floats:
     Returns:
         Volume of each node of each cell, shape ``(c, n)`` [m^3].
     """
-    linear = Element(element.cell, 1, element.makes_rings)
+    linear = Element(element.cell, 1, element.is_axisymmetric)
     is_curved = x.shape[1] > len(linear.points)
     # At degree 2 a nodal rule would give nodes on the axis no mass.
-    if is_curved or (element.makes_rings and element.degree > 1):
+    if is_curved or (element.is_axisymmetric and element.degree > 1):
         points, weights, values = _matrix_rule(element)
         volume = _weighted(element if is_curved else linear, points, weights, x)
         diagonal = volume @ values**2
@@ -70,7 +70,7 @@ def _weighted(shape: Element, points: Floats, weights: Floats, x: Floats) -> Flo
     values, *slopes = shape.basix.tabulate(1, points)[..., 0]
     det = np.linalg.det(np.einsum("jqv,cvi->cqij", np.array(slopes), x[:, :, : len(slopes)]))
     volumes: Floats = np.abs(det) * weights
-    return 2 * np.pi * (x[:, :, 0] @ values.T) * volumes if shape.makes_rings else volumes
+    return 2 * np.pi * (x[:, :, 0] @ values.T) * volumes if shape.is_axisymmetric else volumes
 
 
 def _matrix_rule(element: Element) -> tuple[Floats, Floats, Floats]:

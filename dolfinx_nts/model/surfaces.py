@@ -19,7 +19,7 @@ from dolfinx_nts.common.arguments import as_call, label
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.common.named_tag import NamedTag
-from dolfinx_nts.fem.axisymmetry import of_rings
+from dolfinx_nts.fem.axisymmetry import over_circumference
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.elements import Element, check_space, check_tag
 from dolfinx_nts.fem.jit import assembled, compile_quickly
@@ -265,7 +265,7 @@ class Surface(Declaration):
         Collective at the first use.
         """
         eta = ufl.TestFunction(self.V)
-        form = compile_quickly(of_rings(eta[0], self.V.mesh) * self.measure())
+        form = compile_quickly(over_circumference(eta[0], self.V.mesh) * self.measure())
         area: Floats = assembled(form).reshape(-1, dimension(self.V))
         area = area[self.nodes, 0]
         return area

@@ -28,7 +28,7 @@ from dolfinx_nts.solvers.linear.krylov import LinearSolver
 __all__ = ["NonlinearElimination"]
 
 # Number of layers of cells around the contacts in the subdomain.
-_RINGS = 2
+_LAYERS = 2
 # Number of local Newton iterations, and reduction asked of the linear solver [-]. More is useless:
 # the residual at the border remains until all nodes move.
 _STEPS, _REDUCTION = 2, 0.1
@@ -87,7 +87,7 @@ class NonlinearElimination:
             step.candidates.scatter.add(reached, dofs, np.ones((*dofs.shape, 3)))
         marks.fill(0)
         marks[: len(reached)] = reached[:, 0]
-        add_surroundings(self._marker, self._bulk.u.function_space, _RINGS)
+        add_surroundings(self._marker, self._bulk.u.function_space, _LAYERS)
         flags: Flags = marks > 0
         return flags
 

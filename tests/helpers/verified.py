@@ -1,4 +1,4 @@
-"""Numbers of the page on verification, measured by the tests with the fixture `told`.
+"""Numbers of the page on verification, measured by the tests with the fixture `table_row`.
 
 Every test run compares them with the page. ``make verification`` runs these tests alone and
 writes their results to the table of the page.

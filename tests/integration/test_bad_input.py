@@ -86,10 +86,10 @@ def test_bodies_that_no_pair_lets_touch_another_are_named(comm, caplog):
     ):
         caplog.clear()
         nts.EnergyMomentum(bodies, pairs, dt=0.1)
-        told = [record.getMessage() for record in caplog.records]
-        assert len(told) == (comm.rank == 0 and bool(names))
+        messages = [record.getMessage() for record in caplog.records]
+        assert len(messages) == (comm.rank == 0 and bool(names))
         text = f"without a contact pair with another body: {names}; harmless if they never meet"
-        assert all(text in message for message in told)
+        assert all(text in message for message in messages)
 
 
 def test_surface_in_a_space_of_another_degree_is_refused(comm, refused):

@@ -375,8 +375,8 @@ def test_a_killed_script_continues_after_restart(tmp_path, wholes, when, signum,
         stepper = blocks(MPI.COMM_SELF, num_bodies=3).stepper
         with nts.Recorder(folder / "parts", stepper, resume=True, fields=fields):
             assert stepper.step == len(rows) - 2
-        told = f"parts.checkpoint.h5 holds step {len(rows) - 2}, t = {BLOCK_STEP * call:g}: the"
-        assert killed.stderr.count(told) == 1
+        expected = f"parts.checkpoint.h5 holds step {len(rows) - 2}, t = {BLOCK_STEP * call:g}: the"
+        assert killed.stderr.count(expected) == 1
     record(blocks(MPI.COMM_SELF, num_bodies=3).stepper, folder / "parts", 8, fields)
     tables = [(folder / f"{name}.csv").read_text() for name in ("whole", "parts")]
     assert tables[0] == tables[1]

@@ -112,13 +112,13 @@ def bounce(build: Any) -> np.ndarray:
 
 @pytest.mark.serial
 @cells_
-def test_rebound_of_a_ball_of_curved_cells_is_at_least_four_times_closer(cell, told):
+def test_rebound_of_a_ball_of_curved_cells_is_at_least_four_times_closer(cell, table_row):
     straight, curved, fine = (
         bounce(partial(ball, order=order, cell=cell, edge=edge))
         for order, edge in ((1, 2), (2, 2), (2, 4))
     )
     errors = np.abs([straight, curved] / fine - 1)
-    told(
+    table_row(
         f"ball of {cell[:-2]}a of degree 2, two along a quarter of a circle",
         "finer curved cells: impulse of the rebound, and its mean time",
         ", ".join(

@@ -93,8 +93,10 @@ def test_data_dropped_by_other_laws_and_integrators_are_reported(comm, path, cap
         stepper = new(comm, **options)
         with caplog.at_level(logging.INFO, logger="dolfinx_nts"):
             assert list(nts.load_state(path, stepper)) == ["state of the linear solver", *dropped]
-        told = [m for m in caplog.messages if "run.h5 is taken over at t = 0.08; dropped: " in m]
-        assert len(told) == (comm.rank == 0)
+        messages = [
+            m for m in caplog.messages if "run.h5 is taken over at t = 0.08; dropped: " in m
+        ]
+        assert len(messages) == (comm.rank == 0)
         caplog.clear()
         history = stepper.contacts[0].history
         assert (comm.allreduce(history.active.sum()) > 0) == (other not in dropped)
@@ -118,10 +120,12 @@ def test_energy_gain_of_plastic_impact_from_an_overlap_is_reported(comm, path, c
     with caplog.at_level(logging.WARNING, logger="dolfinx_nts"):
         stepper.advance()
     energies.append(nts.Diagnostics(stepper).balance().total_energy)
-    told = [m for m in caplog.messages if f"LagrangeMultiplier(impact='{impact}') has given" in m]
+    messages = [
+        m for m in caplog.messages if f"LagrangeMultiplier(impact='{impact}') has given" in m
+    ]
     gains = energies[1] > 2 * energies[0]
     assert gains == (impact == "plastic")
-    assert len(told) == (gains and comm.rank == 0)
+    assert len(messages) == (gains and comm.rank == 0)
 
 
 def test_another_mesh_is_refused_and_nothing_changes(comm, path, refused):

@@ -82,7 +82,7 @@ def test_the_tool_gives_what_energy_and_momenta_gain(comm, obstacle, laws):
     stepper = block.stepper(pressed(obstacle), *laws, surface=block.top)
     diagnostics = nts.Diagnostics(stepper)
     first = diagnostics.balance()
-    work, told, lost, impulses, touched = 0.0, 0.0, 0.0, np.zeros((2, 3)), 0
+    work, reported, lost, impulses, touched = 0.0, 0.0, 0.0, np.zeros((2, 3)), 0
     for step in stepper.run(until=0.2):
         (on,) = diagnostics.obstacles().values()
         force, torque = on.force, on.torque
@@ -92,12 +92,12 @@ def test_the_tool_gives_what_energy_and_momenta_gain(comm, obstacle, laws):
         rate = np.linalg.norm(SPIN)
         work -= step.dt * force @ VELOCITY + torque @ SPIN / rate * 2 * np.tan(rate * step.dt / 2)
         contact = step.contact_work
-        told += contact.obstacles
+        reported += contact.obstacles
         lost += sum(contact) - contact.obstacles - contact.springs
         touched += step.num_active > 0
     last = diagnostics.balance()
     assert touched > 3 and work > 10
-    assert abs(told - work) < BALANCE * work
+    assert abs(reported - work) < BALANCE * work
     assert abs(last.total_energy - first.total_energy - work - lost) < BALANCE * work
     for name, impulse in zip(("linear_momentum", "angular_momentum"), impulses, strict=True):
         gained = getattr(last, name) - getattr(first, name)

@@ -45,11 +45,11 @@ def test_plastic_impact_throws_overlapping_bodies_apart_with_a_warning(stepper, 
     caplog.set_level(logging.WARNING, "dolfinx_nts")
     thrown = stepper(nts.EnergyMomentum)
     thrown.advance()
-    told = {r.module: r.getMessage() for r in caplog.records} if comm.rank == 0 else {}
-    told = comm.bcast(told)
-    assert set(told) == {"overlap_watch", "watch"}
-    assert all("a step of QuasiStatic" in text for text in told.values())
-    assert "throw the two apart" in told["overlap_watch"]
+    messages = {r.module: r.getMessage() for r in caplog.records} if comm.rank == 0 else {}
+    messages = comm.bcast(messages)
+    assert set(messages) == {"overlap_watch", "watch"}
+    assert all("a step of QuasiStatic" in text for text in messages.values())
+    assert "throw the two apart" in messages["overlap_watch"]
 
 
 def test_press_fit_that_statics_has_made_is_at_rest(stepper, comm, caplog, tmp_path):

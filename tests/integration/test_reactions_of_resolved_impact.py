@@ -106,9 +106,9 @@ def test_reactions_and_contact_change_the_momenta(comm, agree, method, mu, held,
     # Contact has no moment on both together.
     assert agree(np.abs((lower + upper - reactions)[:, 3:]).max() <= BALANCE * size[1])
     assert agree(np.abs(unaccounted).max() <= BALANCE * energy)
-    told, product = np.transpose(works)
-    assert agree(np.abs(told - product).max() <= BALANCE * max(np.abs(told).max(), energy))
-    assert agree((np.abs(told).max() > 1e-2) == moves)
+    reported, product = np.transpose(works)
+    assert agree(np.abs(reported - product).max() <= BALANCE * max(np.abs(reported).max(), energy))
+    assert agree((np.abs(reported).max() > 1e-2) == moves)
 
 
 @pytest.mark.serial

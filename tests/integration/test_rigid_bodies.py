@@ -185,14 +185,14 @@ def test_nodes_of_a_rigid_body_may_be_those_that_touch(comm, lower, friction):
 
 @pytest.mark.serial
 @pytest.mark.parametrize(
-    ("enforcement", "friction", "told"),
+    ("enforcement", "friction", "warns"),
     [(None, STICK, True), (None, None, False), (nts.Penalty(), STICK, False)],
 )
-def test_failures_tell_where_forces_are_not_unique(comm, enforcement, friction, told):
+def test_failures_tell_where_forces_are_not_unique(comm, enforcement, friction, warns):
     floor = nts.RigidPlane((0, 0, 0), (0, 0, 1))
     stepper = falling(comm, 0.0, friction, enforcement, target=floor)
     names = redundant(stepper.bodies, stepper.pairs)
-    assert names == (f"the boundary of body 0 and {floor.name}" if told else "")
+    assert names == (f"the boundary of body 0 and {floor.name}" if warns else "")
     scene = impact(comm, friction=STICK).stepper
     assert not redundant(scene.bodies, scene.pairs)
 

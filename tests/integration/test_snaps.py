@@ -117,9 +117,9 @@ def test_a_snap_with_resistance_is_reported_and_exact(caplog):
     start, _ = scene.place()
     step = scene.stepper._advance_to(1.0, 1.0, far=True)
     assert step.residual_norms[-1] < 1e-8 * LOAD
-    told = [text for text in caplog.messages if "no equilibrium near the last one" in text]
-    assert len(told) == (1 if MPI.COMM_WORLD.rank == 0 else 0)
-    assert all("against a viscous resistance" in text for text in told)
+    messages = [text for text in caplog.messages if "no equilibrium near the last one" in text]
+    assert len(messages) == (1 if MPI.COMM_WORLD.rank == 0 else 0)
+    assert all("against a viscous resistance" in text for text in messages)
     check_snap(start, scene)
 
 

@@ -182,9 +182,9 @@ def test_inertia_relief_is_reported_with_its_reason(mu, caplog):
     stepper.advance()
     assert stepper.contacts[0].history.lambda_N == pytest.approx(0.0)
     assert len(list(stepper.run(until=0.75))) == 2
-    told = [m for m in caplog.messages if "of the forces at work unbalanced" in m]
-    assert len(told) == (2 if MPI.COMM_WORLD.rank == 0 else 0)
-    for text in told:
+    messages = [m for m in caplog.messages if "of the forces at work unbalanced" in m]
+    assert len(messages) == (2 if MPI.COMM_WORLD.rank == 0 else 0)
+    for text in messages:
         assert "top (free: translation in x, y, z, rotation about x, y, z)" in text
         assert ("friction holds nothing where nothing presses" in text) == (mu > 0)
         assert text.startswith("only contact without friction holds") == (mu == 0)

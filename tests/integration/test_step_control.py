@@ -220,9 +220,9 @@ def test_a_first_step_that_is_cut_logs_pairs_once(comm, caplog, monkeypatch):
         with monkeypatch.context() as patch:
             fail_at(patch, range(1, 7))  # all starts of the step, and of its first half
             next(iter(stepper.run(UNTIL, nts.StepControl())))
-    told = [record.message for record in caplog.records]
-    assert sum("is cut" in text for text in told) == 2
-    assert [text for text in told if text.startswith("contact by")] == [
+    messages = [record.message for record in caplog.records]
+    assert sum("is cut" in text for text in messages) == 2
+    assert [text for text in messages if text.startswith("contact by")] == [
         str(contact) for contact in stepper.contacts
     ]
 
@@ -397,10 +397,10 @@ def test_a_run_that_crawls_says_why_once(comm, agree, caplog, monkeypatch, part)
     monkeypatch.setattr(stepper, "advance", fails_when_long)
     with caplog.at_level(logging.WARNING, "dolfinx_nts"):
         list(stepper.run(70 * whole / part, nts.StepControl()))
-    told = [record.getMessage() for record in caplog.records]
-    told = [text for text in told if "16 times shorter" in text]
-    assert agree(len(told) == (1 if comm.rank == 0 else 0))
-    assert agree(all("too long a step" in text for text in told))
+    messages = [record.getMessage() for record in caplog.records]
+    messages = [text for text in messages if "16 times shorter" in text]
+    assert agree(len(messages) == (1 if comm.rank == 0 else 0))
+    assert agree(all("too long a step" in text for text in messages))
 
 
 @pytest.mark.serial

@@ -200,7 +200,7 @@ def test_a_circle_that_moves_and_turns_gives_what_energy_and_momenta_gain():
     pair = nts.ContactPair(top, circle, friction=nts.Coulomb(mu=0.3))
     stepper = nts.EnergyMomentum([scene.lower, scene.upper], [pair], dt=0.01)
     diagnostics = nts.Diagnostics(stepper)
-    first, work, told, lost, impulses = diagnostics.balance(), 0.0, 0.0, 0.0, np.zeros(3)
+    first, work, reported, lost, impulses = diagnostics.balance(), 0.0, 0.0, 0.0, np.zeros(3)
     for step in stepper.run(until=0.2):
         (on,) = diagnostics.obstacles().values()
         (torque,) = on.torque
@@ -209,11 +209,11 @@ def test_a_circle_that_moves_and_turns_gives_what_energy_and_momenta_gain():
         impulses += step.dt * np.array([*on.force, about_origin])
         # About a fixed axis the torque does its work on twice the tangent of half the angle.
         work -= step.dt * on.force @ velocity + torque * 2 * np.tan(spin * step.dt / 2)
-        told += step.contact_work.obstacles
+        reported += step.contact_work.obstacles
         lost += sum(step.contact_work) - step.contact_work.obstacles
     last = diagnostics.balance()
     assert work > 10 and lost < -1
-    assert abs(told - work) < 1e-9 * work
+    assert abs(reported - work) < 1e-9 * work
     assert abs(last.total_energy - first.total_energy - work - lost) < 1e-9 * work
     for name, impulse in zip(
         ("linear_momentum", "angular_momentum"), (impulses[:2], impulses[2:]), strict=True

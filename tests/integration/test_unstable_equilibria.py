@@ -60,7 +60,7 @@ def column(dim: int, part: float, *, is_led: bool = False, nu: float = 0.0, pair
     return nts.QuasiStatic([body], made, dt=1.0, bcs=[clamp], loads=[load])
 
 
-def told(caplog: pytest.LogCaptureFixture) -> list[str]:
+def warnings_of(caplog: pytest.LogCaptureFixture) -> list[str]:
     """Warnings of an unstable equilibrium that any rank has given."""
     mine = [text for text in caplog.messages if TOLD in text]
     return list(chain(*MPI.COMM_WORLD.allgather(mine)))
@@ -74,7 +74,7 @@ def test_a_column_is_unstable_beyond_its_euler_load(caplog, dim, is_led, part):
     stepper = column(dim, part, is_led=is_led)
     stepper.advance()
     assert np.abs(stepper.u.x.array.reshape(-1, dim)[:, 1]).max(initial=0.0) < 1e-6 * HEIGHT
-    warnings = told(caplog)
+    warnings = warnings_of(caplog)
     assert len(warnings) == (part > 1)
     assert all("of column most near" in text for text in warnings)
 
@@ -83,7 +83,7 @@ def test_a_strip_compressed_far_in_one_step_is_reported_once(caplog):
     stepper = column(2, 6.0, is_led=True)
     stepper.advance()
     stepper.advance()
-    assert len(told(caplog)) == 1
+    assert len(warnings_of(caplog)) == 1
 
 
 def capped(part: float, *laws: Any) -> nts.QuasiStatic:
@@ -123,7 +123,7 @@ def test_a_column_below_a_free_rigid_cap_is_unstable_beyond_its_euler_load(caplo
     stepper = capped(part, *laws)
     stepper.advance()
     assert np.abs(stepper.u.x.array.reshape(-1, 2)[:, 1]).max(initial=0.0) < 1e-6 * HEIGHT
-    warnings = told(caplog)
+    warnings = warnings_of(caplog)
     assert len(warnings) == (part > 1)
     assert all("of column most near (0.5" in text for text in warnings)
 
@@ -143,7 +143,7 @@ def test_walls_keep_a_column_stable(caplog):
     """Beyond its Euler load it cannot go sideways; motions into contact do not count."""
     stepper = column(2, 2.0, is_led=True, nu=0.3, pairs=walls)
     assert stepper.advance().num_active > 0
-    assert not told(caplog)
+    assert not warnings_of(caplog)
 
 
 def test_a_shallow_arch_is_unstable_beyond_its_limit_load(caplog):
@@ -192,12 +192,12 @@ def test_a_shallow_arch_is_unstable_beyond_its_limit_load(caplog):
         weights.append(b - g * (b - a) / (g - f))
         force, stepper = led(weights[-1])
         forces.append(force)
-    assert not told(caplog)
+    assert not warnings_of(caplog)
     free = made(1.0001 * weights[-1])
     free.set_displacement(body, stepper.u)
     free.advance()
     assert free.u.x.array == pytest.approx(stepper.u.x.array, abs=1e-2 * rise)
-    assert len(told(caplog)) == 1
+    assert len(warnings_of(caplog)) == 1
 
 
 def pressed_and_drawn() -> nts.QuasiStatic:
@@ -226,7 +226,7 @@ def test_the_search_takes_few_products_and_nothing_else(caplog, monkeypatch):
         return stepper, stepper._solver.statistics
 
     searched, some = run()
-    assert not told(caplog)
+    assert not warnings_of(caplog)
     monkeypatch.setattr(LinearSolver, "negative_curvature_direction", lambda *arguments: None)
     usual, none = run()
     np.testing.assert_array_equal(searched.u.x.array, usual.u.x.array)

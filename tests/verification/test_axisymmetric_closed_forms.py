@@ -44,7 +44,7 @@ def held(data: Any, V: fem.FunctionSpace, axis: int, *names: str) -> fem.Dirichl
         *(("quadrilateral", 2, 0.3), ("triangle", 2, 0.3)),
     ],
 )
-def test_uniform_stress_is_exact_on_distorted_cells(cell, degree, nu, told):
+def test_uniform_stress_is_exact_on_distorted_cells(cell, degree, nu, table_row):
     """Radial and axial tractions on a round block: u = (a x, b y), the same stress everywhere."""
     data, V = round_block((4, 3), cell, degree, skew=0.06)
     law = nts.NeoHookean(E, nu, 1.0, volumetric="quadratic")
@@ -66,7 +66,7 @@ def test_uniform_stress_is_exact_on_distorted_cells(cell, degree, nu, told):
     stress = nts.Fields(stepper).cauchy_stress().x.array.reshape(-1, 3, 3)
     expected = np.diag([p / (t * s), q / t**2, p / (t * s)])
     error = np.abs(stress - expected).max()
-    told(
+    table_row(
         f"axisymmetric: uniform stress on distorted {cell}s of degree {degree}, nu = {nu:g}",
         "radial and axial tractions: the same stress everywhere",
         f"largest error {error:.0e} of the moduli",
@@ -76,7 +76,7 @@ def test_uniform_stress_is_exact_on_distorted_cells(cell, degree, nu, told):
 
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("cells", [(4, 6), (6, 4)])
-def test_patch_test_of_rings_is_passed_by_mortar(cells, degree, told):
+def test_patch_test_of_rings_is_passed_by_mortar(cells, degree, table_row):
     """Round blocks whose meshes do not match, pressed and widened alike: one pressure."""
     lower, upper = (
         block((0.0, z), (1.0, 1.0), (n, 2)) for z, n in ((-1.0, cells[0]), (0.0, cells[1]))
@@ -103,7 +103,7 @@ def test_patch_test_of_rings_is_passed_by_mortar(cells, degree, told):
     pressure = stepper.contacts[0].pressure
     spread = np.ptp(pressure) / pressure.mean()
     moved = np.abs(stepper.u.x.array - whole.x.array).max()
-    told(
+    table_row(
         f"axisymmetric: patch test by mortar, {cells[0]}:{cells[1]} cells, degree {degree}",
         "uniform strain and pressure",
         f"error {moved:.0e}, spread {spread:.0e}",
@@ -128,7 +128,7 @@ def test_patch_test_of_rings_is_passed_by_mortar(cells, degree, told):
         *(("triangle", 1, 0.3, 0.01), ("quadrilateral", 2, 0.3, 1e-4), ("triangle", 2, 0.3, 1e-4)),
     ],
 )
-def test_thick_tube_under_pressure_widens_as_lame_says(cell, degree, nu, margin, told):
+def test_thick_tube_under_pressure_widens_as_lame_says(cell, degree, nu, margin, table_row):
     """Plane strain along the axis: u_r = (1 + nu) p a^2/(E (b^2 - a^2)) ((1 - 2 nu) r + b^2/r)."""
     a, b, p, n = 1.0, 2.0, 1e-5, 10
     data, V = round_block((n, 2), cell, degree, corner=(a, 0.0), size=(b - a, 0.2))
@@ -142,7 +142,7 @@ def test_thick_tube_under_pressure_widens_as_lame_says(cell, degree, nu, margin,
     scale = (1 + nu) * p * a**2 / (E * (b**2 - a**2))
     exact = scale * ((1 - 2 * nu) * r + b**2 / r)
     error = np.abs(u / exact - 1).max()
-    told(
+    table_row(
         f"axisymmetric: tube of {n} {cell}s of degree {degree}, nu = {nu:g}, inner pressure",
         "Lame: radial displacement",
         f"largest error {100 * error:.2g} %",
@@ -153,10 +153,10 @@ def test_thick_tube_under_pressure_widens_as_lame_says(cell, degree, nu, margin,
 # --- an impact in space ------------------------------------------------
 
 
-def test_ball_rebounds_as_one_of_tetrahedra(told):
+def test_ball_rebounds_as_one_of_tetrahedra(table_row):
     """The same ball and plate, meshed in space with cells of the same size."""
     fine, rings, space = rings_impact(16, 2), rings_impact(6, 2), rings_impact(6, 3)
-    told(
+    table_row(
         "axisymmetric: ball on a plate, 6 cells in its radius",
         "the same bodies of tetrahedra in space, and 16 cells: rebound",
         f"{rings.rebound:.3f}, in space {space.rebound:.3f}, with 16 cells {fine.rebound:.3f}",
@@ -167,10 +167,10 @@ def test_ball_rebounds_as_one_of_tetrahedra(told):
     assert space.unknowns > 20 * rings.unknowns
 
 
-def test_rigid_ball_rebounds_as_one_in_space(told):
+def test_rigid_ball_rebounds_as_one_in_space(table_row):
     """A rigid ball on the same plate, which gives the nodes."""
     rings, space = rings_impact(8, 2, rigid=True), rings_impact(6, 3, rigid=True)
-    told(
+    table_row(
         "axisymmetric: rigid ball on a plate, 8 cells in its radius",
         "tetrahedra in space, 6 cells: rebound, greatest force",
         f"{rings.rebound:.3f}, {rings.greatest / 1e3:.1f} kN, "
@@ -181,10 +181,10 @@ def test_rigid_ball_rebounds_as_one_in_space(told):
     assert rings.mass == pytest.approx(space.mass, rel=0.01)
 
 
-def test_resolved_force_of_a_ball_is_that_in_space(told):
+def test_resolved_force_of_a_ball_is_that_in_space(table_row):
     """Nodes without mass: the force has no jumps, so that it can be compared."""
     rings, space = (rings_impact(6, dim, law="resolved") for dim in (2, 3))
-    told(
+    table_row(
         "axisymmetric: ball on a plate by resolved impact, 6 cells in its radius",
         "the same in tetrahedra: rebound, greatest force",
         f"{rings.rebound:.3f}, {rings.greatest / 1e3:.1f} kN, "
@@ -332,7 +332,7 @@ def pressed_by_body(
 E_STAR = E / (1 - NU**2)
 
 
-def test_flat_punch_has_the_force_of_boussinesq(told):
+def test_flat_punch_has_the_force_of_boussinesq(table_row):
     """F = 2 a E* d, for a smooth flat end of radius a; pressure 1/sqrt(a^2 - r^2) inside."""
     depth, a = 1e-3, 1.0
     # Fine at the edge, where the pressure has no bound.
@@ -342,7 +342,7 @@ def test_flat_punch_has_the_force_of_boussinesq(told):
     inside = r < 0.9
     shape = E_STAR * depth / np.pi / np.sqrt(a**2 - r[inside] ** 2)
     worst = np.abs(pressure[inside] / shape - 1).max()
-    told(
+    table_row(
         "axisymmetric: flat punch",
         "Boussinesq: force, pressure up to 0.9 of the radius",
         f"{100 * error:+.2f} %, within {100 * worst:.1f} %",
@@ -351,7 +351,7 @@ def test_flat_punch_has_the_force_of_boussinesq(told):
     assert worst <= 0.02
 
 
-def test_sphere_has_force_and_radius_of_hertz(told):
+def test_sphere_has_force_and_radius_of_hertz(table_row):
     """F = 4/3 E* sqrt(R) d^(3/2), a = sqrt(R d), p0 = 2 E* a/(pi R)."""
     a, R = 1.0, 100.0
     depth = a**2 / R
@@ -360,7 +360,7 @@ def test_sphere_has_force_and_radius_of_hertz(told):
     radius = np.sqrt(2.5 * p @ r**2 / p.sum())
     force, greatest = 4 / 3 * E_STAR * np.sqrt(R) * depth**1.5, 2 * E_STAR * a / (np.pi * R)
     errors = F / force - 1, radius / a - 1, pressure.max() / greatest - 1
-    told(
+    table_row(
         "axisymmetric: sphere pressed into a body, 50 cells in a",
         "Hertz: force, radius, greatest pressure",
         ", ".join(f"{100 * error:+.2f} %" for error in errors),
@@ -368,7 +368,7 @@ def test_sphere_has_force_and_radius_of_hertz(told):
     assert np.abs(errors).max() <= 0.01
 
 
-def test_cone_has_the_force_of_sneddon(told):
+def test_cone_has_the_force_of_sneddon(table_row):
     """F = 2/pi E* tan(half angle) d^2, a = 2/pi tan(half angle) d."""
     steep = np.radians(0.5)  # angle between the cone and the surface
     depth = np.pi / 2 * np.tan(steep)
@@ -377,7 +377,7 @@ def test_cone_has_the_force_of_sneddon(told):
     force = 2 / np.pi * E_STAR / np.tan(steep) * depth**2
     # Sneddon's pressure, arcosh(a/r), has sum p r^2 = F a^2/3.
     radius = np.sqrt(3 * p @ r**2 / p.sum())
-    told(
+    table_row(
         "axisymmetric: cone pressed into a body, 50 cells in a",
         "Sneddon: force, radius",
         f"{100 * (F / force - 1):+.2f} %, {100 * (radius - 1):+.2f} %",
@@ -405,14 +405,14 @@ BODIES = {
 
 
 @pytest.mark.parametrize("name", BODIES)
-def test_rigid_body_under_the_force_of_a_prescribed_motion_makes_this_motion(name, told):
+def test_rigid_body_under_the_force_of_a_prescribed_motion_makes_this_motion(name, table_row):
     """A meshed tool: led by its guide it has the closed form's force, which takes it as deep."""
     profile, size, edge, depth, exact = BODIES[name]
     went, force = pressed_by_body(profile, size, edge, depth=depth)
     assert went == pytest.approx(depth, rel=1e-12)
     error = force / exact - 1
     reached, _ = pressed_by_body(profile, size, edge, force=force)
-    told(
+    table_row(
         f"axisymmetric: {name} as a rigid body, led by a guide, then under the force it had",
         {"flat punch": "Boussinesq", "sphere": "Hertz"}[name] + ": force; the way of the guide",
         f"{100 * error:+.2f} %, the same way within 1e-8",

@@ -121,9 +121,9 @@ def test_elastic_impact_conserves_energy_in_every_step(elastic):
 
 
 @pytest.mark.serial
-def test_elastic_impact_conserves_both_momenta_in_every_step(elastic, told):
+def test_elastic_impact_conserves_both_momenta_in_every_step(elastic, table_row):
     history = elastic.history
-    told(
+    table_row(
         "`EnergyMomentum`, elastic, 200 steps of 0.01 s",
         "energy, linear and angular momentum are conserved",
         f"largest relative changes {history.energy_error:.0e}, {history.linear_drift:.0e}, "
@@ -200,7 +200,7 @@ TABLE = {
 
 @pytest.mark.serial
 @pytest.mark.parametrize("name", TABLE)
-def test_run_agrees_with_the_reference_program(name, elastic, told):
+def test_run_agrees_with_the_reference_program(name, elastic, table_row):
     if name == "EM, elastic":
         result = elastic
     else:
@@ -219,7 +219,7 @@ def test_run_agrees_with_the_reference_program(name, elastic, told):
         largest = max(largest, np.abs(np.array(found) / (K, V, impulse) - 1).max())
         assert history.num_active[step - 1] == active
     assert largest <= REFERENCE_TOLERANCE
-    told(
+    table_row(
         f"energies and impulse at four times, {name}",
         "independent NumPy program",
         f"largest relative difference {largest:.1e}",

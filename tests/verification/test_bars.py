@@ -211,10 +211,10 @@ def test_impact_of_a_bar_conserves_energy_on_any_mesh(name):
 
 @pytest.mark.serial
 @pytest.mark.parametrize("name", EXACT)
-def test_mean_force_and_duration_converge_to_wave_theory(name, told):
+def test_mean_force_and_duration_converge_to_wave_theory(name, table_row):
     """Rho c v times the section, for 2 L/c."""
     finest = impact(name, REFINEMENT[-1])
-    told(
+    table_row(
         f"{name}, 100 elements",
         PUBLISHED[name],
         f"mean force {100 * (finest.force - 1):+.1f} %, duration "
@@ -233,10 +233,10 @@ def test_mean_force_and_duration_converge_to_wave_theory(name, told):
 
 @pytest.mark.serial
 @pytest.mark.parametrize("name", STEADY)
-def test_force_that_does_not_hop_is_that_of_wave_theory(name, told):
+def test_force_that_does_not_hop_is_that_of_wave_theory(name, table_row):
     """Step by step, for the nodes that touch lose what makes them hop, or have no mass."""
     result = impact(name, 100)
-    told(
+    table_row(
         f"{name}, 100 elements, half a cell a step",
         "force rho c v for 2 L/c",
         f"mean force {100 * (result.force - 1):+.2f} %, duration "
@@ -271,7 +271,7 @@ def test_bar_touches_when_the_gap_is_passed(name):
 
 
 @pytest.mark.serial
-def test_bars_with_poisson_effect_approach_wave_theory_as_they_get_slender(told):
+def test_bars_with_poisson_effect_approach_wave_theory_as_they_get_slender(table_row):
     """Norma.jl's bars, nu = 0.25: 1e8 Pa for 2e-6 s, up to lateral inertia.
 
     The section swells behind the front. The time that this takes is that
@@ -283,7 +283,7 @@ def test_bars_with_poisson_effect_approach_wave_theory_as_they_get_slender(told)
         f"force {100 * (run.force - 1):+.1f} %, duration {100 * (run.duration - 1):+.1f} %"
         for run in (thick, slender)
     ]
-    told(
+    table_row(
         "two bars with Poisson's ratio 0.25",
         "Norma.jl: 1e8 Pa for 2e-6 s, by theory in one dimension",
         f"{changes[0]} with the given width, which has lateral inertia, "
@@ -389,10 +389,10 @@ def oscillation(cells: int) -> Oscillation:
 
 
 @pytest.mark.serial
-def test_clamped_bar_touches_and_parts_as_in_wave_theory(told):
+def test_clamped_bar_touches_and_parts_as_in_wave_theory(table_row):
     """GetFEM's demo: contact from 1 to 2 with the stress -1/2, energy 1/8."""
     finest = oscillation(REFINEMENT[-1])
-    told(
+    table_row(
         "clamped unit bar, 100 elements",
         "GetFEM's demo: energy 1/8, stress -0.5 from 1 to 2",
         f"stress {finest.stress:.4f} from {finest.touch:.2f} to {finest.release:.2f}; "

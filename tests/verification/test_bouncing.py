@@ -116,7 +116,7 @@ def first(times: list[float]) -> tuple[float, ...]:
 
 
 @pytest.mark.serial
-def test_bouncing_bar_turns_in_the_period_of_theory(told):
+def test_bouncing_bar_turns_in_the_period_of_theory(table_row):
     """Period 16/3, touch at 1 and 11/3.
 
     The contact stress is rho c (v + g t) in the first contact, so that
@@ -131,7 +131,7 @@ def test_bouncing_bar_turns_in_the_period_of_theory(told):
         assert abs(run.touch[0] - 1) <= 1.01 * dt
         assert abs(run.touch[1] - 11 / 3) <= 2 * dt
         assert abs(run.turn[0] - (1 + (np.sqrt(10) - 2) / 3)) <= dt
-    told(
+    table_row(
         "bouncing bar, multiplier, first period with 20, 40, 80 elements",
         "Doyen, Ern and Piperno 2011: 16/3",
         ", ".join(f"{100 * (run.period(1) - 1):+.2f}" for run in runs) + " %",
@@ -142,7 +142,7 @@ def test_bouncing_bar_turns_in_the_period_of_theory(told):
 
 
 @pytest.mark.serial
-def test_bouncing_bar_keeps_its_energy_for_ten_periods(told):
+def test_bouncing_bar_keeps_its_energy_for_ten_periods(table_row):
     """With a multiplier only the energy lasts, the pace does not.
 
     Each time the wall stops the node that it meets, and the energy of
@@ -150,7 +150,7 @@ def test_bouncing_bar_keeps_its_energy_for_ten_periods(told):
     bar bounces lower and sooner, and the README says so.
     """
     run = bouncing(10, 10.5)
-    told(
+    table_row(
         "the same for ten periods, 10 elements",
         "energy is conserved; the pace does not last, as each impact makes a node vibrate",
         f"energy {run.energy_error:.0e}, mean period {100 * (run.period(10) - 1):+.0f} %",
@@ -173,13 +173,15 @@ def ten_periods(cells: int) -> Bouncing:
 
 
 @pytest.mark.serial
-def test_bar_that_bounces_twenty_times_from_a_spring_keeps_its_energy_and_its_pace(told):
+def test_bar_that_bounces_twenty_times_from_a_spring_keeps_its_energy_and_its_pace(
+    table_row,
+):
     """The mean of ten periods converges to 16/3 at first order, and is as good as the first."""
     runs = [ten_periods(cells) for cells in MESHES]
     for run in runs:
         assert run.energy_error <= ENERGY_TOLERANCE
         assert len(run.touch) >= 20
-    told(
+    table_row(
         "the same by springs half as stiff as an element, 12, 18, 24 elements",
         "mean of ten periods 16/3",
         ", ".join(f"{100 * (run.period(10) - 1):+.1f}" for run in runs)
@@ -271,7 +273,7 @@ def caught(until: float) -> Caught:
 
 
 @pytest.mark.serial
-def test_ball_bounces_between_two_plates_without_any_drift(told):
+def test_ball_bounces_between_two_plates_without_any_drift(table_row):
     """Twenty impacts, counted where the ball touches the other plate.
 
     A plate of much greater mass returns the ball with the speed with
@@ -284,7 +286,7 @@ def test_ball_bounces_between_two_plates_without_any_drift(told):
     assert 0.98 <= result.speed[0] <= 1
     assert sum(t < 4.05 for t in result.touch) == 2  # one second from plate to plate
     speed = np.array(result.speed[:-1])  # the last impact may not be over
-    told(
+    table_row(
         "ball between two free plates",
         "energy and momenta are conserved; the ball comes back as fast as it came",
         f"{len(speed)} impacts: energy {result.energy_error:.0e}, momenta "

@@ -120,14 +120,16 @@ def ripple(forces: np.ndarray) -> float:
     return float(100 * np.ptp(forces) / forces.mean())
 
 
-def test_curved_cells_and_smooth_segments_smooth_the_force_on_what_slides_over_them(told):
+def test_curved_cells_and_smooth_segments_smooth_the_force_on_what_slides_over_them(
+    table_row,
+):
     straight, curved, smooth = ripple(dragged(1)), ripple(dragged(2)), ripple(dragged(1, True))
-    told(
+    table_row(
         "drag over a cylinder, 16 cells a quarter, 0.7 % of the radius deep",
         "the same force everywhere",
         f"ripple of {straight:.0f} % on straight cells, {curved:.1f} % on curved ones",
     )
-    told(
+    table_row(
         "the same on straight cells with `smooth=True`",
         "the same force everywhere",
         f"ripple of {smooth:.1g} %",
@@ -139,10 +141,10 @@ def test_curved_cells_and_smooth_segments_smooth_the_force_on_what_slides_over_t
 
 
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
-def test_smooth_segments_in_space_see_a_cylinder(cell, told):
+def test_smooth_segments_in_space_see_a_cylinder(cell, table_row):
     flat, smooth = (ripple(dragged_in_space(cell, smooth)) for smooth in (False, True))
     kind = {"hexahedron": "quadrilaterals", "tetrahedron": "triangles"}[cell]
-    told(
+    table_row(
         f"the same in space, facets of {kind}",
         "the same force everywhere",
         f"ripple of {flat:.0f} %, with `smooth=True` {smooth:.1g} %",

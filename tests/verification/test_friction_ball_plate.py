@@ -132,8 +132,8 @@ def test_friction_never_gives_energy_at_any_node_in_any_step(runs, name):
 
 @pytest.mark.serial
 @pytest.mark.parametrize("name", variants())
-def test_friction_conserves_both_momenta(runs, name, told):
-    told(
+def test_friction_conserves_both_momenta(runs, name, table_row):
+    table_row(
         f"{LABELS[name]}: ledger and momenta",
         "energy and dissipation together, and both momenta, are conserved",
         f"{runs[name].ledger_error:.0e}, {runs[name].history.linear_drift:.0e}, "
@@ -145,9 +145,9 @@ def test_friction_conserves_both_momenta(runs, name, told):
 
 @pytest.mark.serial
 @pytest.mark.parametrize("name", REFERENCE)
-def test_end_agrees_with_the_reference_program(runs, name, told):
+def test_end_agrees_with_the_reference_program(runs, name, table_row):
     energy, dissipation = REFERENCE[name]
-    told(
+    table_row(
         LABELS[name],
         f"independent NumPy program: {energy:.2f} J at the end, dissipation {dissipation:.2f} J",
         f"{runs[name].history.energy[-1]:.2f}, {runs[name].dissipation.sum():.2f} J; "
@@ -166,12 +166,12 @@ def test_newton_needs_few_iterations_and_no_step_fails(runs, name):
 
 
 @pytest.mark.serial
-def test_variant_of_the_paper_agrees_with_the_reference_program(told):
+def test_variant_of_the_paper_agrees_with_the_reference_program(table_row):
     result = run("paper", END)
     assert result.history.energy[-1] == pytest.approx(PAPER_ENERGY, rel=REFERENCE_TOLERANCE)
     missing = result.energy[0] - result.energy[-1]
     assert missing == pytest.approx(PAPER_DISSIPATION, rel=REFERENCE_TOLERANCE)
-    told(
+    table_row(
         "midpoint rule, springs, friction of the paper",
         f"independent NumPy program: {PAPER_ENERGY:.2f} J at the end, "
         f"loss {PAPER_DISSIPATION:.2f} J",

@@ -109,10 +109,10 @@ def stop(dt: float) -> Stop:
 
 
 @pytest.mark.serial
-def test_block_slides_the_distance_of_a_rigid_one(told):
+def test_block_slides_the_distance_of_a_rigid_one(table_row):
     """Distance v^2/(2 mu g), time v/(mu g), friction work m v^2/2."""
     result = stop(0.01)
-    told(
+    table_row(
         "block sliding to rest",
         "distance v²/(2μg), time v/(μg)",
         f"{100 * (result.distance - 1):+.2f} %, {100 * (result.time - 1):+.2f} %",
@@ -155,11 +155,11 @@ def slide(part: float) -> tuple[float, float]:
 
 
 @pytest.mark.serial
-def test_block_slides_down_a_slope_just_steeper_than_friction_allows(told):
+def test_block_slides_down_a_slope_just_steeper_than_friction_allows(table_row):
     """Acceleration g (sin - mu cos) for mu 1 % below tan."""
     expected = G * np.cos(np.arctan(MU)) * 0.01 * MU
     acceleration, _ = slide(0.99)
-    told(
+    table_row(
         "block on a slope, μ = 0.99 tan θ",
         "acceleration g (sin θ - μ cos θ)",
         f"{100 * (acceleration / expected - 1):+.3f} %",
@@ -253,7 +253,7 @@ def roll(kind: str, cells: int) -> Roll:
 
 @pytest.mark.serial
 @pytest.mark.parametrize("kind", BETA)
-def test_sliding_ball_begins_to_roll(kind, told):
+def test_sliding_ball_begins_to_roll(kind, table_row):
     """v/(1 + beta) at t = beta v/((1 + beta) mu g), beta = 2/5 or 0.551.
 
     The polyhedra of two meshes with their own beta, and that of the
@@ -269,7 +269,7 @@ def test_sliding_ball_begins_to_roll(kind, told):
         assert max(errors[-2]) <= BALL_TOLERANCE
         # Rolling without slip, up to vibration.
         assert abs(result.slip) <= 0.02
-    told(
+    table_row(
         f"{kind} ball that slides until it rolls, 12 cells an edge",
         "speed v/(1 + β), time β v/((1 + β) μ g)",
         f"{100 * changes[0]:+.1f} %, {100 * changes[1]:+.1f} %",
@@ -324,10 +324,10 @@ def bounce(kind: str, cells: int, mu: float) -> Bounce:
 
 
 @pytest.mark.parametrize("kind", once_except(list(BETA), "solid"))
-def test_ball_that_strikes_at_a_shallow_angle_slides_all_the_time(kind, told):
+def test_ball_that_strikes_at_a_shallow_angle_slides_all_the_time(kind, table_row):
     """Full slip: dv_t = -mu (1 + e) v_n, omega = mu (1 + e) v_n / (beta R)."""
     result = bounce(kind, 8, 0.2)
-    told(
+    table_row(
         f"oblique impact of a {kind} ball, full slip",
         "Δv = μ (1 + e) v_n, ω = μ (1 + e) v_n/(β R)",
         f"{abs(result.tangential - 1):.0e}, {abs(result.spin - 1):.0e}",

@@ -99,13 +99,13 @@ MESHES = ((3, 0.5, 0.3, 40), (5, 0.3, 0.2, 60), (8, 0.2, 0.13, 80))
 
 
 @pytest.mark.serial
-def test_impact_of_a_ball_converges_to_hertz(told):
+def test_impact_of_a_ball_converges_to_hertz(table_row):
     """Greatest force 4/3 E* sqrt(R) d^(3/2), d = (15 m v^2/(16 E* sqrt R))^(2/5).
 
     Duration 2.868 (m^2/(R E*^2 v))^(1/5), twice the time to rest.
     """
     results = [impact(*mesh) for mesh in MESHES]
-    told(
+    table_row(
         "impact of a ball, 3, 5, 8 cells in a",
         "Johnson, chapter 11: greatest force, duration",
         f"force {changes(results, 'force')}, duration {changes(results, 'duration')}",
@@ -188,14 +188,14 @@ def press(
 
 
 @pytest.mark.serial
-def test_pressed_ball_converges_to_hertz(told):
+def test_pressed_ball_converges_to_hertz(table_row):
     """Radius (3 F R/(4 E*))^(1/3), greatest pressure (6 F E*^2/(pi^3 R^2))^(1/3).
 
     The ball flattens by 1e-4 of its radius: at 2e-3 the strain of 3 %
     already softens a St. Venant-Kirchhoff material by more than 1 %.
     """
     results = [press(fine, 0.3, 0.2) for fine in (4, 8, 12)]
-    told(
+    table_row(
         "ball pressed on a plane, 4, 8, 12 cells in a",
         "Johnson, chapter 4: a, p₀",
         f"a {changes(results, 'radius', 2)}, p₀ {changes(results, 'pressure')}",
@@ -211,10 +211,10 @@ def test_pressed_ball_converges_to_hertz(told):
 
 
 @pytest.mark.serial
-def test_curved_cells_bring_the_pressure_at_least_four_times_closer(told):
+def test_curved_cells_bring_the_pressure_at_least_four_times_closer(table_row):
     """Displacements of degree 2, the same tetrahedra straight and of second order."""
     straight, curved = (press(4, 0.5, 0.3, 2, curved=curved) for curved in (False, True))
-    told(
+    table_row(
         "the same of degree 2, 4 cells in a, straight and curved cells",
         "Johnson, chapter 4: a, p₀",
         f"a {changes([straight, curved], 'radius', 2)}, "
@@ -307,10 +307,10 @@ def crush(way: float, fine: int, growth: float, coarse: float, material: str) ->
 
 
 @pytest.mark.serial
-def test_two_balls_pressed_together_converge_to_hertz(told):
+def test_two_balls_pressed_together_converge_to_hertz(table_row):
     """Flattened by 1e-3 of the radius, meshes that do not match."""
     results = [crush(0.04, *mesh, "NeoHookean") for mesh in TWO_BALLS]
-    told(
+    table_row(
         "two equal balls, meshes that do not match, 5, 8, 10 cells in a",
         "linear theory, from an approach of 1e-3 R: a, p₀, force",
         f"a {changes(results, 'radius', 2)}, p₀ {changes(results, 'pressure')}, "
@@ -337,14 +337,14 @@ def test_two_balls_leave_hertz_with_the_strain():
 
 @pytest.mark.serial
 @pytest.mark.parametrize("material", MATERIALS)
-def test_two_balls_at_published_data_differ_from_hertz_by_their_material(material, told):
+def test_two_balls_at_published_data_differ_from_hertz_by_their_material(material, table_row):
     """code_aster V6.04.104: h = 4 mm, a = 10 mm, p0 = 2798.3 MPa.
 
     That is linear theory at a strain of p0/E = 14 %, where materials
     differ: St. Venant-Kirchhoff gets softer, neo-Hooke hardly.
     """
     result = crush(4.0, *TWO_BALLS[1], material)
-    told(
+    table_row(
         f"the same with strains of 14 %, {material}",
         "code_aster V6.04.104, linear theory: p₀ = 2798.3 MPa, a = 10 mm",
         f"p₀ {100 * (result.pressure - 1):+.1f} %, a {100 * (result.radius - 1):+.1f} %",
@@ -443,11 +443,11 @@ def shift(fine: int, eps_T: float | None = None) -> Shift:
 
 
 @pytest.mark.serial
-def test_stick_zone_of_a_ball_pushed_aside_is_that_of_cattaneo_and_mindlin(told):
+def test_stick_zone_of_a_ball_pushed_aside_is_that_of_cattaneo_and_mindlin(table_row):
     """Radius c/a = (1 - Q/(mu P))^(1/3); an annulus around it slides."""
     results = [shift(fine) for fine in (4, 6, 8)]
     changes = [r.stick / (1 - r.load) ** (1 / 3) - 1 for r in results]
-    told(
+    table_row(
         "ball pressed and pushed aside, 4, 6, 8 cells in a",
         "Cattaneo and Mindlin: c/a = (1 - Q/(μP))^(1/3)",
         ", ".join(f"{100 * change:+.1f}" for change in changes) + " %",

@@ -41,7 +41,7 @@ def led(V, data, side, way):
     return fem.dirichletbc(value, dofs), update
 
 
-def test_belt_on_a_pulley_obeys_the_capstan_equation(told):
+def test_belt_on_a_pulley_obeys_the_capstan_equation(table_row):
     """T1/T2 = exp(mu phi R/(R + h/2)): friction acts at R, the belt pulls at R + h/2."""
     scene = belt(dt=0.1)
     # Nodes change one after the other, where the belt is laid on and as slip spreads from the
@@ -55,7 +55,7 @@ def test_belt_on_a_pulley_obeys_the_capstan_equation(told):
         [0, PULL], abs=ROUND_OFF * PULL
     )
     error = force[0] / PULL / np.exp(MU * ANGLE * RADIUS / (RADIUS + THICKNESS / 2)) - 1
-    told(
+    table_row(
         "belt on a pulley, a quarter turn, 20 cells on it, mu = 0.3",
         "capstan equation: exp(μφR/(R + h/2)), the ratio of the forces",
         f"{100 * error:+.2f} %",
@@ -71,7 +71,7 @@ def test_belt_is_laid_on_and_drawn_over_twice_the_way_in_a_step(caplog):
     assert not [text for text in caplog.messages if "no equilibrium near" in text]
 
 
-def test_press_fit_has_the_pressure_of_lame(told):
+def test_press_fit_has_the_pressure_of_lame(table_row):
     """A tube that is 5 um too wide for the hub in which it sits, in plane strain, as rings."""
     E, nu, inner, joint, outer, over, height = 200e9, 0.3, 0.02, 0.05, 0.10, 5e-6, 0.02
 
@@ -97,7 +97,7 @@ def test_press_fit_has_the_pressure_of_lame(told):
     narrower = ((1 - 2 * nu) * joint**2 + inner**2) / (joint**2 - inner**2)
     expected = over / (joint * (1 + nu) / E * (wider + narrower))
     pressure = np.average(pair.pressure, weights=bore.area)
-    told(
+    table_row(
         "press fit of two tubes, meshes that do not match",
         "Lame: pressure, mean of the nodes",
         f"{100 * (pressure / expected - 1):+.2f} %",
@@ -105,7 +105,7 @@ def test_press_fit_has_the_pressure_of_lame(told):
     assert pressure == pytest.approx(expected, rel=FIT_TOLERANCE)
 
 
-def test_wedge_needs_the_force_of_its_angle_and_friction(told):
+def test_wedge_needs_the_force_of_its_angle_and_friction(table_row):
     """2 H tan(alpha + arctan mu), with the horizontal force H on each block."""
     angle, mu = np.radians(10), 0.2
 
@@ -144,7 +144,7 @@ def test_wedge_needs_the_force_of_its_angle_and_friction(told):
         assert on_wedge + on_left + on_right == pytest.approx(0, abs=ROUND_OFF * on_left[0])
         errors.append(-on_wedge[1] / (2 * on_left[0] * np.tan(angle + np.arctan(mu))) - 1)
     largest = max(map(abs, errors[3:]))
-    told(
+    table_row(
         "wedge of 10 degrees between two blocks of rubber, mu = 0.2, mortar",
         "force on the wedge: 2 H tan(a + arctan μ)",
         f"largest error in eight steps {100 * largest:.2f} %",

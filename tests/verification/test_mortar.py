@@ -25,10 +25,10 @@ EXACT = 1e-9
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 @pytest.mark.parametrize("cells", [(4, 6), (6, 4)])
-def test_patch_test_is_passed_whichever_side_is_finer(cell, cells, degree, told):
+def test_patch_test_is_passed_whichever_side_is_finer(cell, cells, degree, table_row):
     blocks = compress(*cells, MORTAR, cell=cell, degree=degree)
     pressure = blocks.stepper.contacts[0].pressure
-    told(
+    table_row(
         f"patch test, {cell}, {cells[0]}:{cells[1]} cells" + degree // 2 * ", degree 2",
         "uniform stress and pressure",
         f"spread {np.ptp(blocks.stress):.0e}, {np.ptp(pressure) / pressure.mean():.0e}",
@@ -42,11 +42,11 @@ def test_patch_test_is_passed_whichever_side_is_finer(cell, cells, degree, told)
 
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 @pytest.mark.parametrize("cells", [(4, 6), (6, 4)])
-def test_patch_test_is_passed_by_smooth_surfaces(cell, cells, told):
+def test_patch_test_is_passed_by_smooth_surfaces(cell, cells, table_row):
     """Patches have the mean of their facets, and therefore the same load."""
     blocks = compress(*cells, MORTAR, cell=cell, smooth=True)
     pressure = blocks.stepper.contacts[0].pressure
-    told(
+    table_row(
         f"patch test, {cell}, {cells[0]}:{cells[1]} cells, smooth surfaces",
         "uniform stress and pressure",
         f"spread {np.ptp(blocks.stress):.0e}, {np.ptp(pressure) / pressure.mean():.0e}",
@@ -68,10 +68,10 @@ def test_patch_test_is_passed_on_a_slope_in_any_position(cell, cells, degree):
 
 
 @pytest.mark.parametrize("smooth", [False, True])
-def test_patch_test_is_nearly_passed_on_facets_that_are_no_parallelograms(smooth, told):
+def test_patch_test_is_nearly_passed_on_facets_that_are_no_parallelograms(smooth, table_row):
     blocks = compress(6, 4, MORTAR, swirl=0.5, smooth=smooth)
     error = np.abs(blocks.stress - blocks.stress.mean()).max()
-    told(
+    table_row(
         "the same, facets that are no parallelograms" + smooth * ", smooth surfaces",
         "uniform stress",
         f"largest error {error:.0e}",
@@ -102,9 +102,9 @@ def impact(method: str) -> tuple[Scene, History]:
     return scene, scene.run(40)
 
 
-def test_impact_conserves_energy_and_momenta_to_round_off(told):
+def test_impact_conserves_energy_and_momenta_to_round_off(table_row):
     _, history = impact("mortar")
-    told(
+    table_row(
         "ball on plate",
         "energy and momenta are conserved",
         f"{history.energy_error:.0e}, {max(history.linear_drift, history.angular_drift):.0e}",
@@ -173,7 +173,7 @@ def tilted_impact(method: str, swapped: bool, tilt: float) -> tuple[float, float
     return diagnostics.body_velocity(bodies[1])[2] - before, error
 
 
-def test_impulse_hardly_depends_on_which_side_has_the_nodes(told):
+def test_impulse_hardly_depends_on_which_side_has_the_nodes(table_row):
     """In steps that resolve a cell; in longer ones chance decides which nodes touch first."""
     changes = []
     for method, tilt in (("mortar", 0.12), ("mortar", 0.2), ("node-to-segment", 0.12)):
@@ -182,7 +182,7 @@ def test_impulse_hardly_depends_on_which_side_has_the_nodes(told):
         changes.append(100 * abs(other[0] / one[0] - 1))
     assert max(changes[:2]) <= 1
     assert changes[2] >= 2
-    told(
+    table_row(
         "impact of a tilted block, sides exchanged",
         "the same impulse",
         f"{changes[0]:.1f} and {changes[1]:.1f} %, by nodes and segments {changes[2]:.1f} %",
@@ -252,7 +252,7 @@ def sliding_bulge(comm: MPI.Comm) -> tuple[nts.EnergyMomentum, nts.Diagnostics]:
     return stepper, nts.Diagnostics(stepper)
 
 
-def test_a_touching_node_does_not_sink_in_as_its_facets_slide_over_a_rim(told):
+def test_a_touching_node_does_not_sink_in_as_its_facets_slide_over_a_rim(table_row):
     """By overlaps of the bodies, which know nothing of pairs."""
     stepper, diagnostics = sliding_bulge(MPI.COMM_WORLD)
     energy, depth, active = diagnostics.balance().total_energy, 0.0, 0
@@ -261,7 +261,7 @@ def test_a_touching_node_does_not_sink_in_as_its_facets_slide_over_a_rim(told):
         depths = [max(found.depth, found.reverse_depth) for found in diagnostics.overlaps()]
         depth = max(depth, *depths, 0.0)
     way = 0.5 * stepper.dt
-    told(
+    table_row(
         "coarse bulge that slides over the rim of a plate",
         "sinks in by a few ways of a step, 2.5 mm",
         f"{1e3 * depth:.1f} mm, energy {abs(diagnostics.balance().total_energy / energy - 1):.0e}",

@@ -44,13 +44,13 @@ def impact(law: str, method: str = "mortar") -> tuple[Scene, dict[str, np.ndarra
 
 
 @laws
-def test_energy_and_what_friction_took_are_conserved(law, told):
+def test_energy_and_what_friction_took_are_conserved(law, table_row):
     """Springs of friction store a part; some nodes stick, others slide."""
     _, rows = impact(law)
     energy = rows["total"][:, 1:3].sum(axis=1)
     taken = np.cumsum(rows["dissipation"][:, 0]) + rows["dissipation"][:, 1]
     error = np.abs((energy[1:] + taken) / energy[0] - 1).max()
-    told(
+    table_row(
         f"ball on plate, μ = 1, {law}",
         "energy and dissipation together are conserved",
         f"{error:.0e}",
@@ -109,14 +109,14 @@ def test_moved_bodies_have_moved_results(law, cell, rng):
         *(((2, 3), "hexahedron", 2), ((3, 2), "tetrahedron", 2)),
     ],
 )
-def test_blocks_that_stick_are_sheared_as_one(cells, cell, degree, told):
+def test_blocks_that_stick_are_sheared_as_one(cells, cell, degree, table_row):
     """A patch test: nodes do not match, stress and deformation are homogeneous all the same."""
     F = np.eye(3) + np.array([[0.0, 0.0, 0.003], [0.0, 0.0, 0.001], [0.0, 0.0, -0.01]])
     stepper, error, stress = deform(cells, F, cell=cell, friction=nts.Coulomb(5.0), degree=degree)
     (contact,) = stepper.contacts
     history = contact.history
     assert history.active[history.area > 0].all() and not history.sliding.any()
-    told(
+    table_row(
         f"two blocks that stick, sheared and compressed, {cells[0]}:{cells[1]} cells"
         + degree // 2 * f", {cell} of degree 2",
         "homogeneous deformation",

@@ -131,10 +131,10 @@ FINER, COARSER = 0.012, 0.019
 
 
 @pytest.mark.parametrize("swapped", [False, True])
-def test_nodal_pressure_is_that_of_hertz(swapped, told):
+def test_nodal_pressure_is_that_of_hertz(swapped, table_row):
     """Six times as near as with nodes and segments, and ten times as smooth."""
     mortar, nodes = (pressed(m, 16, 12, swapped) for m in ("mortar", "node-to-segment"))
-    told(
+    table_row(
         f"{'coarser' if swapped else 'finer'} side as nodes, 6 to 8 cells in a",
         "Hertz within 0.85 a, root mean square",
         f"mortar {100 * mortar.error:.1f} %, of which roughness {100 * mortar.roughness:.1f} %; "
@@ -149,10 +149,10 @@ def test_nodal_pressure_is_that_of_hertz(swapped, told):
 # The finer side has eight cells in the contact radius in the first, the coarser one seven in the
 # second.
 @pytest.mark.parametrize(("swapped", "cells"), [(False, (20, 16)), (True, (24, 18))])
-def test_contact_radius_and_greatest_pressure_are_those_of_hertz(swapped, cells, told):
+def test_contact_radius_and_greatest_pressure_are_those_of_hertz(swapped, cells, table_row):
     """Within 1 %, whichever side has the nodes."""
     result = pressed("mortar", *cells, swapped, EIGHTH)
-    told(
+    table_row(
         f"{'coarser side as nodes, 7' if swapped else 'finer side as nodes, 8'} cells in a",
         "Hertz: a, p₀ at the centre",
         f"a {100 * (result.radius - 1):+.2f} %, p₀ {100 * (result.greatest - 1):+.2f} %",

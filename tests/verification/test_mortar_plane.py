@@ -72,13 +72,13 @@ def pressed_blocks(cells, F, *, cell, slope=0.0, angle=0.0, friction=None, degre
 @pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
 @pytest.mark.parametrize("cells", [(4, 6), (6, 4)])
 @pytest.mark.parametrize(("slope", "angle"), [(0.0, 0.0), (0.3, 0.7)], ids=["flat", "slope"])
-def test_patch_test_is_passed(cell, cells, slope, angle, degree, told):
+def test_patch_test_is_passed(cell, cells, slope, angle, degree, table_row):
     """All sides are pressed alike, so that nothing slides down a slope."""
     stepper, moved, error = pressed_blocks(
         cells, 0.99 * np.eye(2), cell=cell, slope=slope, angle=angle, degree=degree
     )
     pressure = stepper.contacts[0].pressure
-    told(
+    table_row(
         f"patch test, {cell}, {cells[0]}:{cells[1]} cells"
         + (", slope" if slope else "")
         + degree // 2 * ", degree 2",
@@ -175,10 +175,10 @@ LARGEST = {(1, False): 0.011, (1, True): 0.018, (2, False): 0.019, (2, True): 0.
 
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("swapped", [False, True])
-def test_nodal_pressure_of_a_line_contact_is_that_of_hertz(swapped, degree, told):
+def test_nodal_pressure_of_a_line_contact_is_that_of_hertz(swapped, degree, table_row):
     """A third of the error with nodes and segments at most, and a tenth of the roughness."""
     mortar, nodes = (pressed_parabola(m, swapped, degree) for m in ("mortar", "node-to-segment"))
-    told(
+    table_row(
         f"line contact, {'coarser' if swapped else 'finer'} side as nodes, 7 to 9 cells in a"
         + degree // 2 * ", degree 2",
         "Hertz within 0.85 a, root mean square",

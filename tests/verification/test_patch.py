@@ -68,11 +68,11 @@ CHANGE = 0.05
 
 @pytest.mark.serial
 @pytest.mark.parametrize("finer_as_nodes", [True, False])
-def test_error_of_the_patch_test_is_what_the_readme_says(finer_as_nodes, told):
+def test_error_of_the_patch_test_is_what_the_readme_says(finer_as_nodes, table_row):
     """4 cells along an edge against 6, 8 against 12: no convergence at the contact."""
     meshes = [(4, 6), (8, 12)] if finer_as_nodes else [(6, 4), (12, 8)]
     (coarse, coarse_mean, _), (fine, fine_mean, _) = (stress_error(*mesh) for mesh in meshes)
-    told(
+    table_row(
         f"{'finer' if finer_as_nodes else 'coarser'} side as nodes, 4:6 and 8:12 cells",
         "uniform stress, which one pass does not transmit (Zavarise and De Lorenzis 2009)",
         f"largest error {100 * coarse:.0f} and {100 * fine:.0f} %",
@@ -89,9 +89,9 @@ BOTH = 0.0421
 
 
 @pytest.mark.parametrize("meshes", [(4, 6), once((6, 4))])
-def test_two_half_passes_prefer_no_side_in_the_patch_test(meshes, told):
+def test_two_half_passes_prefer_no_side_in_the_patch_test(meshes, table_row):
     largest, _, pressed = stress_error(*meshes, nts.two_half_passes)
-    told(
+    table_row(
         f"two half passes, {meshes[0]}:{meshes[1]} cells",
         "uniform stress",
         f"largest error {100 * largest:.1f} %",
@@ -103,10 +103,10 @@ def test_two_half_passes_prefer_no_side_in_the_patch_test(meshes, told):
 
 @pytest.mark.serial
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
-def test_error_of_the_patch_test_is_larger_at_degree_two(cell, told):
+def test_error_of_the_patch_test_is_larger_at_degree_two(cell, table_row):
     stress = compress(4, 6, cell=cell, degree=2).stress
     largest = np.abs(stress - 1).max()
-    told(
+    table_row(
         f"displacements of degree 2, {cell}, middle of the cells, 4:6 cells",
         "uniform stress",
         f"largest error {100 * largest:.0f} %",

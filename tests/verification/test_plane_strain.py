@@ -46,7 +46,7 @@ def rectangles(degree: int = 1, **boxes: Any) -> tuple[meshing.MeshData, fem.Fun
 # --- a bar on a wall ---------------------------------------------------
 
 
-def test_bar_strikes_a_wall_as_in_wave_theory(told):
+def test_bar_strikes_a_wall_as_in_wave_theory(table_row):
     """Cirak and West (2005): stress rho c v for 2 L/c, then all speed is back."""
     L, width, v, n = 10.0, 2.0, 0.1, 100
     data, V = rectangles(bar=((0, 0), (L, width), (n, 1)))
@@ -66,7 +66,7 @@ def test_bar_strikes_a_wall_as_in_wave_theory(told):
     duration = dt * (np.flatnonzero(forces)[-1] + 1)
     time, force = duration / (2 * L), dt * np.sum(forces) / duration / (v * width)
     rebound = diagnostics.body_velocity(bar)[0] / v
-    told(
+    table_row(
         "plane strain: bar on a wall, 100 elements",
         "wave theory: stress rho c v, contact for 2 L/c, all speed back",
         f"mean force {100 * (force - 1):+.1f} %, duration {100 * (time - 1):+.1f} %, "
@@ -145,7 +145,7 @@ def pressed(fine: int, nu: float, mu: float = 0.0, part: float = 0.0) -> Contact
     return Contact(x - p @ x / p.sum(), p, np.abs(pair.history.force[:, 0]), pair.pressure)
 
 
-def test_pressed_cylinder_converges_to_hertz(told):
+def test_pressed_cylinder_converges_to_hertz(table_row):
     """Radius sqrt(4 P R/(pi E*)), greatest pressure sqrt(P E*/(pi R)) of a line contact."""
     E_star, errors = E / (1 - 0.3**2), []
     for cells in (4, 8):
@@ -156,7 +156,7 @@ def test_pressed_cylinder_converges_to_hertz(told):
         radius = contact.radius / np.sqrt(4 * P * R / (np.pi * E_star))
         errors.append([radius - 1, greatest / np.sqrt(P * E_star / (np.pi * R)) - 1])
     coarse, fine = 100 * np.array(errors)
-    told(
+    table_row(
         "plane strain: cylinder pressed onto a plane, 4 and 8 cells in a",
         "Hertz' line contact: a, greatest pressure",
         f"a {coarse[0]:+.1f} and {fine[0]:+.1f} %, pressure {coarse[1]:+.1f} and {fine[1]:+.1f} %",
@@ -165,7 +165,7 @@ def test_pressed_cylinder_converges_to_hertz(told):
     assert (np.abs(fine) < 0.6 * np.abs(coarse)).all()
 
 
-def test_stick_zone_of_a_cylinder_pushed_aside_is_that_of_cattaneo_and_mindlin(told):
+def test_stick_zone_of_a_cylinder_pushed_aside_is_that_of_cattaneo_and_mindlin(table_row):
     """Half width c/a = sqrt(1 - Q/(mu P)); what the traction lacks to mu p is Hertz's there."""
     mu, errors = 0.5, []
     for fine in (4, 8):
@@ -175,7 +175,7 @@ def test_stick_zone_of_a_cylinder_pushed_aside_is_that_of_cattaneo_and_mindlin(t
         load = contact.t.sum() / (mu * contact.p.sum())
         assert load == pytest.approx(0.5, abs=0.05)
         errors.append(stick / np.sqrt(1 - load) - 1)
-    told(
+    table_row(
         "plane strain: cylinder pushed aside, 4 and 8 cells in a",
         "Cattaneo and Mindlin: half width of the stick zone",
         f"{100 * errors[0]:+.1f} and {100 * errors[1]:+.1f} %",
@@ -194,7 +194,9 @@ def test_stick_zone_of_a_cylinder_pushed_aside_is_that_of_cattaneo_and_mindlin(t
         *((2, 4, 4, 1e-3), (2, 4, 6, 0.636)),
     ],
 )
-def test_error_of_the_patch_test_is_what_the_limitations_say(degree, lower, upper, expected, told):
+def test_error_of_the_patch_test_is_what_the_limitations_say(
+    degree, lower, upper, expected, table_row
+):
     """Matching meshes pass but for the strain of 1e-4; the upper side has the nodes."""
     way, nu = 1e-4, 0.3
     data, V = rectangles(
@@ -218,7 +220,7 @@ def test_error_of_the_patch_test_is_what_the_limitations_say(degree, lower, uppe
     if lower == upper:
         assert error <= expected
         return
-    told(
+    table_row(
         f"plane strain: patch test, degree {degree}, {lower}:{upper} cells, nodes on the latter",
         "uniform stress, which one-pass node-to-segment contact fails",
         f"largest error {100 * error:.0f} %",
@@ -242,7 +244,7 @@ def block(mu: float, gravity: Any) -> tuple[nts.Body, nts.EnergyMomentum]:
     return body, nts.EnergyMomentum([body], [pair], dt=STEP, loads=[load])
 
 
-def test_block_slides_the_distance_of_a_rigid_one(told):
+def test_block_slides_the_distance_of_a_rigid_one(table_row):
     """Distance v^2/(2 mu g); friction and gravity explain the energy."""
     v = 2.0
     body, stepper = block(MU, (0.0, -GRAVITY))
@@ -256,7 +258,7 @@ def test_block_slides_the_distance_of_a_rigid_one(told):
         assert abs(error) <= 1e-9 * energy
     distance = diagnostics.centre_of_mass(body)[0] - start
     ratio = distance / (v**2 / (2 * MU * GRAVITY))
-    told(
+    table_row(
         "plane strain: block sliding to rest",
         "distance v^2/(2 mu g)",
         f"{100 * (ratio - 1):+.2f} %",

@@ -120,7 +120,7 @@ def bars(law, dt, times=None, gap=GAP, element=HEXAHEDRA):
     ],
 )
 def test_error_is_of_second_order_in_the_step_also_through_release(
-    law, element, until, order, told
+    law, element, until, order, table_row
 ):
     # A wave takes 0.1 through a cell of degree 1, and through half of one of degree 2.
     *runs, finest = (bar(law, dt, until, element) for dt in (0.02, 0.01, 0.0025))
@@ -129,7 +129,7 @@ def test_error_is_of_second_order_in_the_step_also_through_release(
         exact = getattr(finest, name)
         coarse, fine = (np.linalg.norm(getattr(run, name) - exact) for run in runs)
         orders.append(np.log2(coarse / fine))
-    told(
+    table_row(
         f"bar on a wall by {law} until t = {until}" + _of(element),
         "second order of displacements and velocities in the step",
         f"{orders[0]:.2f}, {orders[1]:.2f}",
@@ -145,7 +145,7 @@ def _of(element):
 
 
 @pytest.mark.serial
-def test_order_does_not_depend_on_where_in_a_step_the_impact_falls(told):
+def test_order_does_not_depend_on_where_in_a_step_the_impact_falls(table_row):
     # It falls a quarter, a half and three quarters of the longest step after the end of one.
     until, changes = 0.6, []
     for gap in GAP + SPEED * 0.02 * np.array([0.25, 0.5, 0.75]):
@@ -160,7 +160,7 @@ def test_order_does_not_depend_on_where_in_a_step_the_impact_falls(told):
         )
     coarse, fine = np.max(changes, axis=0)
     orders = np.log2(coarse / fine)
-    told(
+    table_row(
         "bar on a wall by resolved, impact within a step",
         "second order of the greatest change of displacements and velocities with the step",
         f"{orders[0]:.2f}, {orders[1]:.2f}",
@@ -176,13 +176,13 @@ def test_springs_give_way_as_their_cells_do_whatever_the_step():
 
 
 @pytest.mark.serial
-def test_force_is_that_of_waves_where_elastic_impact_hops(told):
+def test_force_is_that_of_waves_where_elastic_impact_hops(table_row):
     resolved, elastic = (bar(law, 0.02, 2.6).force for law in ("resolved", "elastic"))
     # Contact from 0.1 to 2.1 s with the force 1 of wave theory.
     impulses = [force.sum() * 0.02 / 2 for force in (resolved, elastic)]
     assert impulses == pytest.approx([1, 1], abs=0.02)
     overshoot = [100 * (force.max() - 1) for force in (resolved, elastic)]
-    told(
+    table_row(
         "force of a bar on a wall, 10 elements",
         "that of wave theory; behind a jump a mesh rings",
         f"greatest force {overshoot[0]:+.0f} %, by elastic impact {overshoot[1]:+.0f} %",
@@ -223,7 +223,7 @@ def exact_in_time(num_cells, edges):
 
 
 @pytest.mark.serial
-def test_force_is_the_one_of_the_mesh_which_rings_whatever_the_step(told):
+def test_force_is_the_one_of_the_mesh_which_rings_whatever_the_step(table_row):
     force = bar("resolved", 0.0025, 2.6).force
     exact = exact_in_time(CELLS, np.arange(len(force) + 1) * 0.0025 - GAP / SPEED)
     assert np.sqrt(np.mean((force - exact) ** 2)) <= 0.01
@@ -233,7 +233,7 @@ def test_force_is_the_one_of_the_mesh_which_rings_whatever_the_step(told):
         theory = np.diff(np.minimum(edges, 2.0)) / np.diff(edges)
         square = (exact_in_time(num_cells, edges) - theory) ** 2
         errors.append(100 * np.sqrt(np.sum(square * np.diff(edges)) / 2))
-    told(
+    table_row(
         "force of a bar of 100 and 400 elements on a wall, exactly integrated in time",
         "that of wave theory, which needs all wave lengths",
         f"{errors[0]:.0f} % rms, {errors[1]:.0f} %",
@@ -390,7 +390,7 @@ def on_plate(
     ],
 )
 def test_nodes_on_edges_of_facets_keep_second_order_by_mortar_and_on_smooth_surfaces(
-    method, smooth, mu, element, finer, told
+    method, smooth, mu, element, finer, table_row
 ):
     # The lowest node comes down above an edge of the plate; a wave takes 0.008 through a cell,
     # and at degree 2 0.013 through half of one.
@@ -418,7 +418,7 @@ def test_nodes_on_edges_of_facets_keep_second_order_by_mortar_and_on_smooth_surf
         )
     orders = [observed_order(steps, results) for results in zip(*ends, strict=True)]
     plate = "smooth plate" if smooth else "plate"
-    told(
+    table_row(
         f"ball on a {plate}, {method}, resolved impact, friction {mu}" + _of(element),
         "second order of displacements and velocities in the step",
         f"{orders[0]:.2f}, {orders[1]:.2f}",

@@ -69,12 +69,12 @@ def bar(material, dt, speed=SPEED):
 
 @pytest.mark.serial
 @pytest.mark.parametrize("name", UNIT)
-def test_error_is_of_second_order_in_the_step(name, told):
+def test_error_is_of_second_order_in_the_step(name, table_row):
     # A wave takes 0.1 through a cell.
     steps = (0.01, 0.005, 0.0025)
     ends, lost = zip(*(bar(UNIT[name](), dt) for dt in steps), strict=True)
     orders = [observed_order(steps, results) for results in zip(*ends, strict=True)]
-    told(
+    table_row(
         f"bar on a wall by resolved, {name}",
         "second order of displacements and velocities in the step",
         f"{orders[0]:.2f}, {orders[1]:.2f}",

@@ -101,7 +101,7 @@ def test_mean_gaps_of_surfaces_lose_energy_at_contacts_only(comm, agree, frictio
 
 
 @pytest.mark.serial
-def test_surfaces_without_rebound_press_without_hopping(told):
+def test_surfaces_without_rebound_press_without_hopping(table_row):
     roughness, loss = {}, {}
     for e in (1.0, 0.0):
         law = nts.LagrangeMultiplier("restitution", e=e)
@@ -114,7 +114,7 @@ def test_surfaces_without_rebound_press_without_hopping(told):
         changes = np.diff(pressures, 2, axis=0)
         roughness[e] = np.abs(changes).sum() / np.abs(pressures).sum()
         loss[e] = 1 - diagnostics.balance().total_energy / before
-    told(
+    table_row(
         "ball on a plate by mortar, impact with e = 0",
         "second differences in time of the nodal pressures, relative to these",
         f"{roughness[0.0]:.2f}, by elastic impact {roughness[1.0]:.1f}; loss of energy "

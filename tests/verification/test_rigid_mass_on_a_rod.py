@@ -102,7 +102,7 @@ def errors(num_cells, scheme):
 
 
 @pytest.mark.parametrize("law", SCHEMES)
-def test_duration_rebound_and_forces_are_exact_within_two_percent(law, told):
+def test_duration_rebound_and_forces_are_exact_within_two_percent(law, table_row):
     meshes = 60, 120, 240
     by_mesh = 100 * np.array([errors(num_cells, SCHEMES[law]) for num_cells in meshes])
     assert np.abs(by_mesh[:, 0]).max() < 2.0
@@ -117,7 +117,7 @@ def test_duration_rebound_and_forces_are_exact_within_two_percent(law, told):
         return ", ".join(f"{value:+.2f}" for value in values)
 
     duration, rebound, before, after, _, _, force = (row(column) for column in by_mesh.T)
-    told(
+    table_row(
         f"rigid mass strikes a clamped rod of the same mass, 60, 120, 240 cells, {law}: "
         "duration, rebound, impulse before and after the wave comes back, mean force of 0.2 L/c "
         "behind its jump, and that of 0.05, 0.1, 0.2 L/c with 240 cells",

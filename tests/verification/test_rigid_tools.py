@@ -82,12 +82,12 @@ def scene(tool: Tool) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("name", TOOLS)
-def test_tool_in_space_has_the_force_of_the_closed_form(name, told):
+def test_tool_in_space_has_the_force_of_the_closed_form(name, table_row):
     tool = TOOLS[name]
     results = [led(name, scale) for scale in (1.0, tool.refined)]
     errors = [force / tool.force - 1 for force, _ in results]
     radii = [radius - 1 for _, radius in results]
-    told(
+    table_row(
         f"{name} pressed into a body in space, degree 2, two meshes",
         "Boussinesq, Sneddon, Hertz: force, radius by the moment of the pressure",
         f"force {changes(errors)}, radius {changes(radii)}",
@@ -97,12 +97,12 @@ def test_tool_in_space_has_the_force_of_the_closed_form(name, told):
 
 
 @pytest.mark.parametrize("name", TOOLS)
-def test_tool_under_the_force_of_a_prescribed_motion_makes_this_motion(name, told):
+def test_tool_under_the_force_of_a_prescribed_motion_makes_this_motion(name, table_row):
     tool = TOOLS[name]
     force, _ = led(name, 1.0)
     depth, *_ = press(tool.profile, tool.size, force=force, **scene(tool))
     error = abs(depth / tool.depth - 1)
-    told(
+    table_row(
         f"{name} in space under the force that its guide had: depth",
         "that of the guide",
         f"the same within {max(error, 1e-8):.0e}",

@@ -175,9 +175,9 @@ def balances(run: Run) -> str:
 
 
 @pytest.mark.serial
-def test_two_rings_rebound_with_exact_energy_and_momenta(told):
+def test_two_rings_rebound_with_exact_energy_and_momenta(table_row):
     run = rings(0.0, 9.0)
-    told("two soft rings", "energy, linear and angular momentum are conserved", balances(run))
+    table_row("two soft rings", "energy, linear and angular momentum are conserved", balances(run))
     check_balances(run)
     check_rebound(run)
     assert run.dissipation == 0
@@ -185,9 +185,9 @@ def test_two_rings_rebound_with_exact_energy_and_momenta(told):
 
 @pytest.mark.serial
 @pytest.mark.parametrize("eps_T", [None, 1e6], ids=["exact", "spring"])
-def test_two_rings_with_friction_spin_afterwards(eps_T, told):
+def test_two_rings_with_friction_spin_afterwards(eps_T, table_row):
     run = rings(0.3, 9.0, eps_T)
-    told(
+    table_row(
         f"two soft rings, μ = 0.3, {'tangential spring' if eps_T else 'exact friction'}",
         "energy with dissipation, linear and angular momentum are conserved",
         balances(run),
@@ -203,9 +203,9 @@ def test_two_rings_with_friction_spin_afterwards(eps_T, told):
 
 @pytest.mark.serial
 @pytest.mark.parametrize("method", ["node-to-segment", "mortar"])
-def test_two_tori_rebound_with_exact_energy_and_momenta(method, told):
+def test_two_tori_rebound_with_exact_energy_and_momenta(method, table_row):
     run = tori(9.0, method)
-    told(
+    table_row(
         f"two soft tori (Yang and Laursen 2008), {method}",
         "energy, linear and angular momentum are conserved",
         balances(run),

@@ -103,10 +103,10 @@ def ripple(speeds: np.ndarray) -> float:
     return float(100 * rest.std() / speeds.mean())
 
 
-def test_a_disc_with_smooth_segments_rolls_as_a_disc(told):
+def test_a_disc_with_smooth_segments_rolls_as_a_disc(table_row):
     polygon = ripple(rolling(32, by_disc=True))
     flat, smooth = (ripple(rolling(32, smooth=smooth)) for smooth in (False, True))
-    told(
+    table_row(
         "ripple of the speed of a disc of 32 facets that rolls, rms",
         "constant",
         f"{polygon:.1f} % with its nodes on a plane; as segments against fine nodes {flat:.1f} %, "
@@ -116,10 +116,10 @@ def test_a_disc_with_smooth_segments_rolls_as_a_disc(told):
     assert smooth < 0.1
 
 
-def test_a_rigid_ball_with_smooth_segments_rolls_as_a_ball(told):
+def test_a_rigid_ball_with_smooth_segments_rolls_as_a_ball(table_row):
     polyhedron = ripple(rolling_in_space(by_ball=True))
     flat, smooth = (ripple(rolling_in_space(smooth=smooth)) for smooth in (False, True))
-    told(
+    table_row(
         "ripple of the speed of a rigid ball of 16 facets around that rolls, rms",
         "constant",
         f"{polyhedron:.1f} % with its nodes on a plane; as segments against fine nodes "
@@ -149,14 +149,14 @@ def turned_aside(upper_cells: int, *, smooth: bool = False, **laws: Any) -> floa
     return float(max(speeds))
 
 
-def test_balls_of_few_facets_collide_centrally_on_a_smooth_one_with_fine_nodes(told):
+def test_balls_of_few_facets_collide_centrally_on_a_smooth_one_with_fine_nodes(table_row):
     springs = {"enforcement": nts.Penalty()}
     coarse, coarse_smooth, fine, fine_smooth = (
         turned_aside(cells, smooth=smooth, **springs)
         for cells in (16, 64)
         for smooth in (False, True)
     )
-    told(
+    table_row(
         "discs of 16 facets collide centrally with 1 m/s: speed to the side",
         "0",
         f"{100 * coarse:.0f} % of the speed, with `smooth=True` {100 * coarse_smooth:.0f} %; "

@@ -110,9 +110,9 @@ def pressed(cell: str, by: str, order: int = 2, smooth: tuple[str, ...] = ()) ->
 
 @pytest.mark.parametrize("by", ["shaft", "hub"])
 @pytest.mark.parametrize("cell", ["triangle", "quadrilateral", "tetrahedron", "hexahedron"])
-def test_shrink_fit_has_the_pressure_of_lame_at_each_node(cell, by, told):
+def test_shrink_fit_has_the_pressure_of_lame_at_each_node(cell, by, table_row):
     ratio = pressed(cell, by)
-    told(
+    table_row(
         f"shrink fit of {cell[:-2] + 'a' if cell.endswith('hedron') else cell + 's'} of degree 2 "
         f"on curved cells, nodes of the {by}, mortar",
         "Lame: pressure at each node",
@@ -123,9 +123,9 @@ def test_shrink_fit_has_the_pressure_of_lame_at_each_node(cell, by, told):
 
 @pytest.mark.parametrize("by", ["shaft", "hub"])
 @pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
-def test_shrink_fit_of_straight_cells_has_it_with_smooth_surfaces(cell, by, told):
+def test_shrink_fit_of_straight_cells_has_it_with_smooth_surfaces(cell, by, table_row):
     ratio = pressed(cell, by, order=1, smooth=("shaft", "hub"))
-    told(
+    table_row(
         f"shrink fit of straight {cell[:-2] + 'a' if cell.endswith('hedron') else cell + 's'}, "
         f"smooth surfaces, nodes of the {by}, mortar",
         "Lame: pressure at each node",

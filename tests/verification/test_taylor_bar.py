@@ -30,7 +30,7 @@ def copper_rod():
     return V, nts.Body(V, meshtags(mesh, 2, cells, np.ones_like(cells)), 1, copper)
 
 
-def test_final_shape_of_a_copper_rod_is_the_published_one(told):
+def test_final_shape_of_a_copper_rod_is_the_published_one(table_row):
     V, rod = copper_rod()
     mesh = V.mesh
     foot = locate_entities_boundary(mesh, 1, lambda x: np.isclose(x[1], 0))
@@ -44,8 +44,8 @@ def test_final_shape_of_a_copper_rod_is_the_published_one(told):
     works = [step.damping_work for step in steps]
     lost = start - diagnostics.balance().total_energy
     length, radius = 1e3 * stepper.x[:, 1].max(), 1e3 * stepper.x[:, 0].max()
-    told("length after 80 μs", "published: 21.4 to 21.5 mm", f"{length:.2f} mm")
-    told("radius of the foot", "published: 6.97 to 7.24 mm", f"{radius:.2f} mm")
+    table_row("length after 80 μs", "published: 21.4 to 21.5 mm", f"{length:.2f} mm")
+    table_row("radius of the foot", "published: 6.97 to 7.24 mm", f"{radius:.2f} mm")
     assert max(works) <= 0
     # Points that flow one way and the other way in turn would cost thousands.
     assert sum(step.newton_iterations for step in steps) <= 7 * len(steps)

@@ -26,14 +26,14 @@ def run(comm, edges):
     return depth, error, speed
 
 
-def test_tumbling_cubes_overlap_by_half_a_step_at_most_where_edges_touch(comm, told):
+def test_tumbling_cubes_overlap_by_half_a_step_at_most_where_edges_touch(comm, table_row):
     depth, _, _ = run(comm, edges=False)
     with_edges, error, speed = run(comm, edges=True)
     assert abs(error) < 1e-10
     assert depth > 0.1
     # Two nodes may come nearer by twice the speed; half a step of that stays.
     assert with_edges < 0.008 * speed
-    told(
+    table_row(
         "five rigid cubes of 1 m tumble in a box, elastic impact",
         "no overlap",
         f"deepest {100 * with_edges:.1f} cm with edges that touch, {100 * depth:.0f} cm without",

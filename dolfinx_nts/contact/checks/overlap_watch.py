@@ -69,7 +69,7 @@ class OverlapWatch:
         self._moved = False
         self._allowed: Floats = np.zeros((1, 1))
         # Remaining allowed approach of any two bodies, and bound on it in the last step.
-        self._room, self._step = 0.0, 0.0
+        self._clearance, self._step = 0.0, 0.0
 
     @cached_property
     def search(self) -> OverlapSearch:
@@ -151,13 +151,13 @@ class OverlapWatch:
                         sink_nodes_inside(contact, self.search, outer, x)
 
     @property
-    def room(self) -> float:
+    def clearance(self) -> float:
         """Remaining allowed approach of any two bodies until a check is due [m]."""
-        return self._room
+        return self._clearance
 
     def travel(self, displacement: float) -> None:
         """Reduce the allowed approach by a bound on the motion [m]. Local."""
-        self._room -= displacement
+        self._clearance -= displacement
         self._moved = self._moved or displacement > 0
 
     def moved_far(self, displacement: float) -> bool:
@@ -169,9 +169,9 @@ class OverlapWatch:
         """
         self._step = 2 * displacement
         self.travel(self._step)
-        return self._room < self._step
+        return self._clearance < self._step
 
-    def meeting(
+    def overlap_on_path(
         self, ends: tuple[Floats, Floats], times: tuple[float, float], displacement: float
     ) -> Overlap | None:
         """Find bodies of a pair that a step brings into each other, on straight paths. Collective.
@@ -189,7 +189,7 @@ class OverlapWatch:
             The deepest overlap that reaches the centres of cells and was not there before, at the
             first such position; None without.
         """
-        if self._seen is None or 2 * displacement <= self._room:
+        if self._seen is None or 2 * displacement <= self._clearance:
             return None
         (x_n, x), (t_n, t) = ends, times
         nearer = self.search.approach(x, t, *self._seen)
@@ -223,11 +223,11 @@ class OverlapWatch:
         nearer = self._allowed if self._seen is None else self.search.approach(x, t, *self._seen)
         if np.any(nearer + self._step > _USED * self._allowed):
             # Within a run, self-overlaps are checked for bodies with self contact only.
-            self.look(x, t, self._selves)
+            self.check(x, t, self._selves)
         else:
-            self._room = float((self._allowed - nearer).min())
+            self._clearance = float((self._allowed - nearer).min())
 
-    def look(self, x: Floats, t: float, selves: Collection[str] | None = None) -> None:
+    def check(self, x: Floats, t: float, selves: Collection[str] | None = None) -> None:
         """Check the state if anything has moved, and report new overlaps.
 
         Args:
@@ -274,7 +274,7 @@ class OverlapWatch:
         least = part * self.search.smallest_cell
         overlaps, apart = self.search.find(x, least, t, selves)
         self._allowed = apart + self._unseen
-        self._seen, self._room = (x, t), float(self._allowed.min())
+        self._seen, self._clearance = (x, t), float(self._allowed.min())
         if not self._has_parts and not any(self._between_bodies(each) for each in overlaps):
             self._clear(x, float((apart + self._passing_approach).min()))
         for overlap in overlaps:

@@ -194,8 +194,8 @@ def _is_lost(
     after, gap = candidates.pair(points, x, paths.entered, reach)
     came = paths.begin >= 0
     deep = came | (-candidates.gap(points, x, entered) > too_deep(candidates, entered))
-    lost = (after < 0) & deep & (paths.way > _DEEP * size)
-    flags: Flags = lost | (came & (gap > 0) & (paths.way > _PAST * size))
+    lost = (after < 0) & deep & (paths.length > _DEEP * size)
+    flags: Flags = lost | (came & (gap > 0) & (paths.length > _PAST * size))
     return flags
 
 

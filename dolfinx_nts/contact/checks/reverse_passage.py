@@ -41,12 +41,12 @@ _USED = 0.95
 _STRAIGHT, _WHOLE = 0.5, 2.0
 
 
-class _Look(NamedTuple):
+class _SinceCheck(NamedTuple):
     """Positions ``(l, 3)`` at a check, motion since then, and its limit [m]."""
 
     x: Floats | None
-    way: float
-    room: float
+    approach: float
+    limit: float
 
 
 class ReversePassages:
@@ -73,16 +73,16 @@ class ReversePassages:
     def forget(self) -> None:
         """Discard earlier motion, after the state was set. Local."""
         # Data of the last check, and data after acceptance of the checked step.
-        self._last = self._checked = _Look(None, 0.0, self._shortest)
+        self._last = self._checked = _SinceCheck(None, 0.0, self._shortest)
 
-    def clear(self, x: Floats, room: float) -> None:
+    def clear(self, x: Floats, limit: float) -> None:
         """Restart from positions without overlaps. Local.
 
         Args:
             x: The positions, shape ``(l, 3)`` [m].
-            room: Least approach from there by which bodies of a pair pass through each other [m].
+            limit: Least approach from there by which bodies of a pair pass through each other [m].
         """
-        self._last = _Look(x, 0.0, max(room, self._shortest))
+        self._last = _SinceCheck(x, 0.0, max(limit, self._shortest))
 
     def check(self, x_n: Floats, x: Floats, moved: float) -> str:
         """Message naming vertices that leave on another side in a step, or "".
@@ -92,21 +92,24 @@ class ReversePassages:
             x: Positions at its end, shape ``(l, 3)`` [m].
             moved: Largest displacement increment of any node, the same on all ranks [m].
         """
-        before, way, room = self._last
+        before, approach, limit = self._last
         before = x_n.copy() if before is None else before
-        self._checked = _Look(before, way + 2 * moved, room)
-        if self._checked.way <= room:
+        self._checked = _SinceCheck(before, approach + 2 * moved, limit)
+        if self._checked.approach <= limit:
             return ""
         # The sum of steps is a crude bound, since most nodes move in the same direction.
-        ways = [sweep.approach(before, x) for sweep in self._sweeps]
-        farthest = max(ways, default=0.0)
-        self._checked = _Look(before, farthest, room)
-        if farthest <= _USED * room:
+        approaches = [sweep.approach(before, x) for sweep in self._sweeps]
+        farthest = max(approaches, default=0.0)
+        self._checked = _SinceCheck(before, farthest, limit)
+        if farthest <= _USED * limit:
             return ""
-        found = [sweep.passing(before, x, w) for sweep, w in zip(self._sweeps, ways, strict=True)]
+        found = [
+            sweep.passing(before, x, each)
+            for sweep, each in zip(self._sweeps, approaches, strict=True)
+        ]
         # Deep vertices are followed on their whole path, up to the other side.
         stays = any(is_deep for _, is_deep in found) and farthest <= _WHOLE * self._shortest
-        self._checked = _Look(before if stays else x.copy(), 0.0, self._shortest)
+        self._checked = _SinceCheck(before if stays else x.copy(), 0.0, self._shortest)
         return next(filter(None, (text for text, _ in found)), "")
 
     def accept(self) -> None:
@@ -114,16 +117,16 @@ class ReversePassages:
         self._last = self._checked
 
     @property
-    def room(self) -> float:
+    def clearance(self) -> float:
         """Allowed approach of vertices and facets until the next check [m]."""
-        x, way, room = self._last
+        x, approach, limit = self._last
         if not self._sweeps:
             return np.inf
-        return 0.0 if x is None else room - way
+        return 0.0 if x is None else limit - approach
 
-    def travel(self, way: float) -> None:
-        """Add a bound on the approach of vertices and facets within `room` [m]. Local."""
-        self._last = self._last._replace(way=self._last.way + way)
+    def travel(self, approach: float) -> None:
+        """Add a bound on the approach of vertices and facets within `clearance` [m]. Local."""
+        self._last = self._last._replace(approach=self._last.approach + approach)
 
     def serialize(self, archive: Archive) -> None:
         """Serialize the last check."""
@@ -132,7 +135,7 @@ class ReversePassages:
         if archive.giving:
             self.forget()
             if stored is not None:
-                self._last = _Look(stored[0], *map(float, stored[1]))
+                self._last = _SinceCheck(stored[0], *map(float, stored[1]))
 
 
 class _Sweep:

@@ -59,8 +59,8 @@ class SoftSprings:
         ``x`` are positions of the local nodes, shape ``(l, 3)`` [m]. Unlike other obstacles, a
         plane has no depth at which nodes are lost.
         """
-        told = [contact for contact in self._contacts if contact not in self._watched]
-        return next(filter(None, (self._sunk_through(contact, x) for contact in told)), "")
+        reported = [contact for contact in self._contacts if contact not in self._watched]
+        return next(filter(None, (self._sunk_through(contact, x) for contact in reported)), "")
 
     def _sunk_through(self, contact: PairState, x: Floats) -> str:
         """Names of bodies on the other side of the obstacle of a pair, or ""."""
@@ -76,10 +76,10 @@ class SoftSprings:
                 return f"{body.name} has sunk into {obstacle.name} as a whole"
         return ""
 
-    def look(self) -> None:
+    def check(self) -> None:
         """Check the accepted contact of pairs that were not reported."""
-        told = _deep(self._watched)
-        for contact, depth in told:
+        deep = _deep(self._watched)
+        for contact, depth in deep:
             pair = contact.pair
             if pair.nodes.V.mesh.comm.rank == 0:
                 _logger.warning(
@@ -91,8 +91,8 @@ class SoftSprings:
                     100 * depth / pair.segment_size,
                     contact,
                 )
-        if told:
-            known = [contact for contact, _ in told]
+        if deep:
+            known = [contact for contact, _ in deep]
             self._watched = [contact for contact in self._watched if contact not in known]
 
 

@@ -44,7 +44,7 @@ class EnergyGain:
     def __init__(self, comm: MPI.Comm) -> None:
         self._comm, self._reported, self._largest = comm, 0.0, 0.0
 
-    def look(
+    def check(
         self,
         works: Mapping[PairState | JointState, ContactWork],
         kinetic: tuple[float, float],
@@ -108,7 +108,7 @@ class ContactWatch:
         self.velocity: Floats = np.zeros(dimension(bodies[0].V))
         # Allowed approach of any two nodes until the next check, and its value when vertices and
         # overlaps were updated last [m].
-        self._room = self._settled = 0.0
+        self._clearance = self._settled = 0.0
 
     @cached_property
     def _passage(self) -> float:
@@ -138,33 +138,33 @@ class ContactWatch:
         Returns:
             Whether no check is due; otherwise the step is not registered.
         """
-        way = 2 * moved
-        if way >= self._passage:
+        approach = 2 * moved
+        if approach >= self._passage:
             return False
-        left = self._room - way
+        left = self._clearance - approach
         # The next step may be as long.
-        if left < way:
+        if left < approach:
             self.settle()
-            room = min(self.vertices.room, self.overlaps.room)
-            left = room - way
-            if left < way:
+            clearance = min(self.vertices.clearance, self.overlaps.clearance)
+            left = clearance - approach
+            if left < approach:
                 return False
-            self._settled = room
-        self._room = left
+            self._settled = clearance
+        self._clearance = left
         return True
 
     def settle(self) -> None:
         """Update vertices and overlaps for the motion of steps without checks. Local."""
-        way = self._settled - self._room if math.isfinite(self._settled) else 0.0
-        if way > 0:
-            self.vertices.travel(way)
-            self.overlaps.travel(way)
-        self._room = self._settled = 0.0
+        approach = self._settled - self._clearance if math.isfinite(self._settled) else 0.0
+        if approach > 0:
+            self.vertices.travel(approach)
+            self.overlaps.travel(approach)
+        self._clearance = self._settled = 0.0
 
-    def look(self, x: Floats, t: float) -> None:
+    def check_overlaps(self, x: Floats, t: float) -> None:
         """Check for overlaps now."""
         self.settle()
-        self.overlaps.look(x, t)
+        self.overlaps.check(x, t)
 
     def forget(self) -> None:
         """Discard earlier motion, after the state was set. Local."""

@@ -47,7 +47,7 @@ _NO_SPRINGS = _kernels.Springs(
 )
 
 # Number of edge springs that may act on one node [-]: one for each adjacent edge.
-_MEETING = 2.0
+_EDGES_PER_NODE = 2.0
 
 
 def compliance(pair: ContactPair, mass: Floats) -> Floats:
@@ -65,7 +65,7 @@ def compliance(pair: ContactPair, mass: Floats) -> Floats:
     nodes, segments = pair.nodes.nodes, pair.segments
     if pair.method == EDGES:
         both = (each for each in (pair.nodes, segments) if isinstance(each, Surface))
-        return np.full(len(nodes), _MEETING * sum(_of_lightest(each, mass) for each in both))
+        return np.full(len(nodes), _EDGES_PER_NODE * sum(_of_lightest(each, mass) for each in both))
     own: Floats = 1 / mass[nodes]
     if isinstance(segments, Surface):
         counts = np.array([len(nodes), len(segments.nodes)], dtype=float)
@@ -339,8 +339,8 @@ class ContactSprings:
             for scatter, springs in ((old.scatter, old.springs), (new.scatter, new.springs)):
                 on_map = (lambda y: y) if scatter is None else scatter.forward
                 own = slice(self._num_own)
-                way = on_map(carried)[springs.dofs[:, own]]
-                obstacle += float(np.vdot(springs.force[:, own], way)) / 2
+                displacement = on_map(carried)[springs.dofs[:, own]]
+                obstacle += float(np.vdot(springs.force[:, own], displacement)) / 2
         du_old = du if old.scatter is None else old.scatter.forward(du)
         du_new = du_old
         if new.scatter is not old.scatter:

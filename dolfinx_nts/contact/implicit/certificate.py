@@ -241,7 +241,7 @@ def check_boundaries(
     steps: Sequence[ContactStep],
     ends: tuple[Floats, Floats],
     times: tuple[float, float],
-    way: float,
+    displacement: float,
 ) -> str:
     """Name bodies that a step brings into each other without contact force, or "". Collective.
 
@@ -253,9 +253,9 @@ def check_boundaries(
         steps: The solved contact.
         ends: Positions of the local nodes of the space at both ends of the step, ``(l, 3)`` [m].
         times: Times of these [s].
-        way: Largest displacement increment of any node, the same on all ranks [m].
+        displacement: Largest displacement increment of any node, the same on all ranks [m].
     """
-    overlap = watch.meeting(ends, times, way)
+    overlap = watch.overlap_on_path(ends, times, displacement)
     if overlap is None:
         return ""
     pressing = {
@@ -302,11 +302,11 @@ def _without_segment(step: ContactStep) -> int:
     points = search.points.take(node)
     after, _ = candidates.pair(points, step.x, now[node], search.reach)
     last = np.where(now >= 0, now, before)[node]
-    beside = _beside(step, points, last)
-    return int(np.count_nonzero((after < 0) & ~beside))
+    outside = _outside_candidate(step, points, last)
+    return int(np.count_nonzero((after < 0) & ~outside))
 
 
-def _beside(step: ContactStep, points: ContactPoints, segment: Ints) -> Flags:
+def _outside_candidate(step: ContactStep, points: ContactPoints, segment: Ints) -> Flags:
     """Whether points have left their segments sideways, over a rim of the surface."""
     candidates = step.search.candidates
     depth = -candidates.gap(points, step.x, segment)

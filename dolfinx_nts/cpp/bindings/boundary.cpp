@@ -1,6 +1,6 @@
 #include "boxes.h"
 #include "nts/search/moving_boundaries.h"
-#include "nts/search/ways.h"
+#include "nts/search/paths.h"
 
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
@@ -86,27 +86,27 @@ public:
     return values;
   }
 
-  auto cuts(const Doubles& ways, const Rows& where)
+  auto cuts(const Doubles& paths, const Rows& where)
   {
-    check_points("ways", ways, 6, where);
-    std::vector<WayCut> found;
-    for (std::size_t i = 0; i < ways.shape(0); ++i)
+    check_points("paths", paths, 6, where);
+    std::vector<PathCut> found;
+    for (std::size_t i = 0; i < paths.shape(0); ++i)
     {
-      const Vec3 begin = vector(view(ways), 2 * i),
-                 end = vector(view(ways), 2 * i + 1);
+      const Vec3 begin = vector(view(paths), 2 * i),
+                 end = vector(view(paths), 2 * i + 1);
       at(where, i).cuts(
           begin, end, [&](double s, int side)
           { found.push_back({static_cast<std::int32_t>(i), s, side}); });
     }
-    auto way = create<std::int32_t>({found.size(), 2});
+    auto path = create<std::int32_t>({found.size(), 2});
     auto s = create<double>({found.size()});
     for (std::size_t i = 0; i < found.size(); ++i)
     {
-      way.data()[2 * i] = found[i].way;
-      way.data()[2 * i + 1] = found[i].side;
+      path.data()[2 * i] = found[i].path;
+      path.data()[2 * i + 1] = found[i].side;
       s.data()[i] = found[i].s;
     }
-    return std::tuple(way, s);
+    return std::tuple(path, s);
   }
 
 private:
@@ -199,9 +199,9 @@ void boundary(nb::module_& m)
            "(n, 3), (n,), (n,), (2, n) sum over all parts of a boundary -> "
            "distance to the nearest triangle (n,), or to another that is as "
            "near as the third argument; 0 where crossings say outside")
-      .def("cuts", &Boundaries::cuts, nb::arg("ways"), nb::arg("where"),
-           "(w, 6) begins and ends, (w,) -> where straight ways meet a "
-           "triangle: which way, and 1 if it leaves the boundary there, -1 if "
+      .def("cuts", &Boundaries::cuts, nb::arg("paths"), nb::arg("where"),
+           "(w, 6) begins and ends, (w,) -> where straight paths meet a "
+           "triangle: which path, and 1 if it leaves the boundary there, -1 if "
            "it enters it, 0 at edges of triangles (c, 2); and where on it, "
            "from 0 to 1 (c,)");
 }

@@ -68,20 +68,20 @@ auto balance_batch(const Doubles& normal, const Doubles& force,
 }
 
 auto slides_batch(const Doubles& limit, const Doubles& trial,
-                  const Doubles& way, const Doubles& heading,
+                  const Doubles& motion, const Doubles& heading,
                   const In<bool>& sliding)
 {
   const std::size_t m = limit.size();
   check("limit", limit, {m});
   check("trial", trial, {m, 2});
-  check("way", way, {m, 2});
+  check("motion", motion, {m, 2});
   check("heading", heading, {m, 2});
   check("sliding", sliding, {m});
   auto flags = create<bool>({m});
   for (std::size_t i = 0; i < m; ++i)
     flags.data()[i] = slides(limit.data()[i], vector2(view(trial), i),
-                             vector2(view(way), i), vector2(view(heading), i),
-                             sliding.data()[i]);
+                             vector2(view(motion), i),
+                             vector2(view(heading), i), sliding.data()[i]);
   return flags;
 }
 
@@ -100,28 +100,29 @@ auto with_friction_batch(const Doubles& columns, const Doubles& direction)
   return mixed;
 }
 
-double longest_in_cones(const Doubles& v, const Doubles& way)
+double longest_in_cones(const Doubles& v, const Doubles& increment)
 {
   check("v", v, {any, any});
-  check("way", way, {v.shape(0), v.shape(1)});
+  check("increment", increment, {v.shape(0), v.shape(1)});
   const std::size_t d = v.shape(1);
   if (d == 0)
     throw nb::value_error("v: expected a component along the axis of cones");
   double longest = std::numeric_limits<double>::infinity();
   for (std::size_t i = 0; i < v.size(); i += d)
     longest = std::min(longest, longest_in_cone(view(v).subspan(i, d),
-                                                view(way).subspan(i, d)));
+                                                view(increment).subspan(i, d)));
   return longest;
 }
 } // namespace
 
 void friction(nb::module_& m)
 {
-  m.def("longest_in_cones", &longest_in_cones, nb::arg("v"), nb::arg("way"),
+  m.def("longest_in_cones", &longest_in_cones, nb::arg("v"),
+        nb::arg("increment"),
         "(m, d), (m, d) -> how far all vectors stay in cones of right angles, "
-        "in units of ways");
+        "in units of increments");
   m.def("slides", &slides_batch, nb::arg("limit"), nb::arg("trial"),
-        nb::arg("way"), nb::arg("heading"), nb::arg("sliding"),
+        nb::arg("motion"), nb::arg("heading"), nb::arg("sliding"),
         "(m,), (m, 2), (m, 2), (m, 2), (m,) -> whether each slides (m,)");
   m.def("with_friction", &with_friction_batch, nb::arg("columns"),
         nb::arg("direction"),

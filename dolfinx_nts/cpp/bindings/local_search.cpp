@@ -139,7 +139,7 @@ public:
     const FacetsAroundNodes around = facets.at(x_facets, numbers);
     auto entered = create<std::int32_t>({n});
     auto leaves = create<bool>({n});
-    auto begin = create<double>({n}), way = create<double>({n}),
+    auto begin = create<double>({n}), length = create<double>({n}),
          cosine = create<double>({n}), gap = create<double>({n});
     const auto follow_group
         = [&]<class S>(std::size_t group, std::size_t from, std::size_t to)
@@ -162,7 +162,7 @@ public:
         entered.data()[i] = among_all(t.entered, group);
         leaves.data()[i] = t.leaves;
         begin.data()[i] = t.begin;
-        way.data()[i] = t.way;
+        length.data()[i] = t.length;
         cosine.data()[i] = t.cosine;
         gap.data()[i] = t.gap;
       }
@@ -175,7 +175,7 @@ public:
                    [&](std::size_t group, std::size_t from, std::size_t to)
                    { follow_group.template operator()<S>(group, from, to); });
              });
-    return std::tuple(entered, leaves, begin, way, cosine, gap);
+    return std::tuple(entered, leaves, begin, length, cosine, gap);
   }
 
   Result pair_own(const Doubles& x_node, const Ints& current, double slack,
@@ -482,13 +482,14 @@ void local_search(nb::module_& m)
            "(n, 3), (n,), -, - or (g,), (l, 3), NodeFacets, (f, 3), (n,) their "
            "numbers, (s,) -> segment (n,) or -1, xi (n, 2), gap (n,), normal "
            "(n, 3), see nts/search/facing.h")
-      .def("follow", &SegmentsAndTrees::follow, nb::arg("x_node_n"),
-           nb::arg("x_node"), nb::arg("row"), nb::arg("inside"), nb::arg("x_n"),
-           nb::arg("x"), nb::arg("facets"), nb::arg("x_facets"),
-           nb::arg("numbers"),
-           "(n, 3), (n, 3), (n,), (n,), (l, 3), (l, 3), NodeFacets, (f, 3), "
-           "(n,) -> entered, leaves, begin, way, cosine, gap, each (n,), see "
-           "nts/search/trajectory.h")
+      .def(
+          "follow", &SegmentsAndTrees::follow, nb::arg("x_node_n"),
+          nb::arg("x_node"), nb::arg("row"), nb::arg("inside"), nb::arg("x_n"),
+          nb::arg("x"), nb::arg("facets"), nb::arg("x_facets"),
+          nb::arg("numbers"),
+          "(n, 3), (n, 3), (n,), (n,), (l, 3), (l, 3), NodeFacets, (f, 3), "
+          "(n,) -> entered, leaves, begin, length, cosine, gap, each (n,), see "
+          "nts/search/trajectory.h")
       .def(
           "pair_own", &SegmentsAndTrees::pair_own, nb::arg("x_node"),
           nb::arg("current"), nb::arg("slack"), nb::arg("reach"), nb::arg("x"),

@@ -16,14 +16,14 @@ void flexible_gmres(nanobind::module_& m);
 void contact_schwarz(nanobind::module_& m);
 void friction(nanobind::module_& m);
 void leapfrog(nanobind::module_& m);
-void meetings(nanobind::module_& m);
+void overlapping_boxes(nanobind::module_& m);
 void mortar(nanobind::module_& m);
 void mortar_slip(nanobind::module_& m);
 void nodal_friction(nanobind::module_& m);
 void rows(nanobind::module_& m);
 void springs(nanobind::module_& m);
 void volume_ratio(nanobind::module_& m);
-void ways(nanobind::module_& m);
+void paths(nanobind::module_& m);
 } // namespace nts::bindings
 
 NB_MODULE(_kernels, m)
@@ -42,12 +42,12 @@ NB_MODULE(_kernels, m)
   nts::bindings::contact_schwarz(m);
   nts::bindings::friction(m);
   nts::bindings::leapfrog(m);
-  nts::bindings::meetings(m);
+  nts::bindings::overlapping_boxes(m);
   nts::bindings::mortar(m);
   nts::bindings::mortar_slip(m);
   nts::bindings::nodal_friction(m);
   nts::bindings::rows(m);
   nts::bindings::springs(m);
   nts::bindings::volume_ratio(m);
-  nts::bindings::ways(m);
+  nts::bindings::paths(m);
 }

@@ -55,20 +55,20 @@ public:
 
   auto judge(const Nodes& node, const Flags& active, const Doubles& p,
              const Doubles& limit, const Doubles& trial,
-             const Doubles& way) const
+             const Doubles& motion) const
   {
     const std::size_t m = check_pairs(node, active);
     check("p", p, {m});
     check("limit", limit, {m});
     check("trial", trial, {m, 2});
-    check("way", way, {m, 2});
+    check("motion", motion, {m, 2});
     auto heading = create<double>({m, 2});
     auto sliding = create<bool>({m});
     for (std::size_t i = 0; i < m; ++i)
     {
       const auto [slides, along] = _friction.judge(
           row(node, i), active.data()[i], p.data()[i], limit.data()[i],
-          vector2(view(trial), i), vector2(view(way), i));
+          vector2(view(trial), i), vector2(view(motion), i));
       sliding.data()[i] = slides;
       store(along, view(heading), i);
     }
@@ -225,7 +225,7 @@ void nodal_friction(nb::module_& m)
       .def("sticks", &NodalFriction::sticks, nb::arg("node"), nb::arg("active"),
            "-> whether multipliers hold pairs in the tangent plane (m,)")
       .def("judge", &NodalFriction::judge, nb::arg("node"), nb::arg("active"),
-           nb::arg("p"), nb::arg("limit"), nb::arg("trial"), nb::arg("way"),
+           nb::arg("p"), nb::arg("limit"), nb::arg("trial"), nb::arg("motion"),
            "pressing forces (m,), largest tractions (m,), (m, 2), (m, 2) -> "
            "directions of the tractions (m, 2), and whether nodes should slide "
            "(m,)")

@@ -315,7 +315,7 @@ class CentralDifference(Stepper):
         self.cell_energies = forces.strain_energy, forces.strain_energy - strained + internal
         self._springs.accept()
         if num_deep:
-            watch.look()
+            watch.check()
         return StepReport(
             step=self.step + 1,
             t=self.t + dt,
@@ -364,7 +364,7 @@ class CentralDifference(Stepper):
             bounds: The same for each pair [m].
         """
         fast = self._springs.fast(bounds)
-        if not fast and 2 * moved <= self.watch.vertices.room:
+        if not fast and 2 * moved <= self.watch.vertices.clearance:
             self.watch.vertices.travel(2 * moved)
             return
         x_n, x = (self._X + in_space(nodal(u)) for u in (self.u_n, self.u))

@@ -226,7 +226,11 @@ class RigidLeapfrog(RigidStates):
         guided = [body.body.guide is not None for body in self._bodies]
         rows = self._leap.reactions[guided]
         # Axisymmetric: axial force and work.
-        return reactions_of(rows[:, 1::2], 1) if self._are_rings else reactions_of(rows, self.dim)
+        return (
+            reactions_of(rows[:, 1::2], 1)
+            if self._is_axisymmetric
+            else reactions_of(rows, self.dim)
+        )
 
 
 class Drift:

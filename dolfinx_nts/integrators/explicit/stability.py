@@ -151,7 +151,7 @@ class Cells:
         for material, part in cells.items():
             x = X[nodes[part, :k], : self._dim]
             # Axisymmetric cells have hoop strains in addition to those in the plane.
-            if element.degree == 1 and not element.makes_rings:
+            if element.degree == 1 and not element.is_axisymmetric:
                 squared.append(cell_frequency(material, x))
             else:
                 on_axis = is_on_axis(V.mesh, X[nodes[part]])
@@ -252,7 +252,7 @@ def highest_frequency(
         volume = np.abs(np.linalg.det(J)) * weights
         scale = 1 / np.sqrt(material.rho * nodal_parts(element, x[block]))
         strain = np.einsum("sij,cqaj->cqsai", basis[:, :d, :d], gradient)
-        if element.makes_rings:
+        if element.is_axisymmetric:
             r = x[block, :, 0] @ shape.T
             volume *= 2 * np.pi * r
             strain[..., 0] += basis[:, 2, 2, None] * (values / r[:, :, None])[:, :, None]

@@ -456,7 +456,7 @@ class ImplicitStepper(Stepper):
             history = contact_history(step, pairs)
             works[step.state] = contact_work(step, pairs, history)
             step.state.accept(history)
-        self.watch.springs.look()
+        self.watch.springs.check()
         self._step_solver.relief.warn(steps)
         x, v, du = self.x, self.v.x.array[:n], (self._u - self._u_n)[:n]
         reactions, constraints = self._reactions.of(steps, solution, x, self._motion.owned(du))
@@ -481,7 +481,7 @@ class ImplicitStepper(Stepper):
         )
         self.inertia_defect, t = total.inertia, self.t + self.dt
         if not self._is_static:
-            self.watch.gains.look(works, total.kinetic, t, total.open_gaps)
+            self.watch.gains.check(works, total.kinetic, t, total.open_gaps)
         # In statics all forces may be reactions, so that only internal forces give a scale.
         internal = self._bulk.forces() if self._is_static else solution.end.R_bulk
         internal = internal - self._lumped_mass * (v - v_n) / self.dt

@@ -189,13 +189,13 @@ class VtkHdfFile:
             try:
                 blocks.append(Block.read(path))
             except Exception as error:  # of many kinds
-                return self._anew(f"{path} cannot be read: {error}")
+                return self._rewrite(f"{path} cannot be read: {error}")
         there = {step for block in blocks for step in block.steps}
         if missing := {step for step in self._steps if step <= last} - there:
-            return self._anew(f"{self._folder.path} lacks the fields of step {min(missing)}")
+            return self._rewrite(f"{self._folder.path} lacks the fields of step {min(missing)}")
         return blocks
 
-    def _anew(self, reason: str) -> list[Block]:
+    def _rewrite(self, reason: str) -> list[Block]:
         # Somebody has changed the files; the run itself is whole.
         moved = self._folder.move_aside()
         _logger.warning("%s; the fields begin anew, %s", reason, moved)

@@ -28,7 +28,7 @@ class VolumeRatio:
         cell = basix.CellType[element.cell]
         points, _ = basix.make_quadrature(cell, element.stress_degree)
         values, *gradients = element.basix.tabulate(1, points)[..., 0]
-        self._shapes = values, np.stack(gradients, axis=-1), element.makes_rings
+        self._shapes = values, np.stack(gradients, axis=-1), element.is_axisymmetric
         owned = V.mesh.topology.index_map(V.mesh.topology.dim).size_local
         self._numbers = np.arange(owned) if cells is None else cells
         self._cells: Ints = V.dofmap.list[self._numbers]

@@ -7,7 +7,7 @@ import ufl
 from dolfinx import fem
 
 from dolfinx_nts.common.arguments import as_call, instances
-from dolfinx_nts.fem.axisymmetry import of_rings
+from dolfinx_nts.fem.axisymmetry import over_circumference
 from dolfinx_nts.fem.components import deformation_gradient, gradient
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.model.bodies import Body
@@ -46,7 +46,7 @@ class _SurfaceLoad(LoadWithValue):
     def _integral(self, work: Any) -> ufl.Form:
         """Integral over the surface by a rule that is exact for a constant pressure."""
         ds = self._surface.measure(Element.of(self.V).mass_degree)
-        return of_rings(work, self.V.mesh) * ds
+        return over_circumference(work, self.V.mesh) * ds
 
 
 class Traction(_SurfaceLoad):

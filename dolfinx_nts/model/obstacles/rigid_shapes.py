@@ -203,12 +203,12 @@ class ExactObstacle(Obstacle):
         (entry, n_in), (exit_, n_out) = (
             (y, self.distance(y)[1]) for y in (x_n + s[:, None] * (x - x_n) for s in (begin, end))
         )
-        way = np.linalg.norm(exit_ - entry, axis=1)
+        length = np.linalg.norm(exit_ - entry, axis=1)
         return Trajectories(
             np.where(enters, 0, -1).astype(np.int32),
             enters & (end < 1),
             np.where(inside >= 0, -1.0, begin),
-            np.where(enters, way, 0.0),
+            np.where(enters, length, 0.0),
             np.einsum("mi,mi->m", n_in, n_out),
             np.einsum("mi,mi->m", x - entry, n_in),
         )
@@ -369,8 +369,8 @@ class _Round(ExactObstacle):
     def _part_inside(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
         # Zeros of |r_n + s (r - r_n)|^2 - radius^2.
         (r_n, length), (r, _) = self._radial(x_n), self._radial(x)
-        way = r - r_n
-        square, half = (np.einsum("mi,mi->m", way, y) for y in (way, r_n))
+        motion = r - r_n
+        square, half = (np.einsum("mi,mi->m", motion, y) for y in (motion, r_n))
         root = np.sqrt(np.fmax(half**2 - square * (length**2 - self.radius**2), 0.0))
         square = np.where(square > 0, square, np.inf)
         low, high = (np.clip((-half + side * root) / square, 0.0, 1.0) for side in (-1.0, 1.0))

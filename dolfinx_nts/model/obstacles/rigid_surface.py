@@ -104,8 +104,8 @@ class RigidSurface(Obstacle):
         inward = -area_vectors(self.corners, self._orientation)
         inward *= size[:, None] / np.linalg.norm(inward, axis=1)[:, None]
         everywhere = Facing.everywhere(len(size))
-        ways = self.follow(centre, centre + inward, self.key.astype(np.int32), everywhere)
-        through = passages(size, np.where(ways.leaves, ways.way, np.inf))
+        paths = self.follow(centre, centre + inward, self.key.astype(np.int32), everywhere)
+        through = passages(size, np.where(paths.leaves, paths.length, np.inf))
         return float(through.min(initial=np.inf))
 
     def _pairs(self, x: Floats, segment: Ints) -> tuple[Floats, Floats]:
@@ -139,8 +139,8 @@ class RigidSurface(Obstacle):
         return found, gap
 
     def follow(self, x_n: Floats, x: Floats, inside: Ints, facing: Facing) -> Trajectories:
-        ways = x_n, x, np.full(len(x), -1, dtype=np.int32), inside, self._points, self._points
-        return Trajectories(*self._segments.follow(*ways, *facing.arguments))
+        ends = x_n, x, np.full(len(x), -1, dtype=np.int32), inside, self._points, self._points
+        return Trajectories(*self._segments.follow(*ends, *facing.arguments))
 
     def depth(self, x: Floats) -> Floats:
         # Only to the depth to which nodes touch: half a facet.
@@ -169,9 +169,9 @@ class RigidSurface(Obstacle):
         """
         chosen = self._facets[facets], self._orientation[facets], self.key[facets]
         none, everywhere = np.full(len(x), -1, dtype=np.int32), Facing.everywhere(len(x))
-        ways = begin, x, none, none, self._points, self._points
-        found = Trajectories(*_kernels.Segments(*chosen).follow(*ways, *everywhere.arguments))
-        depth = np.where(found.leaves, -found.way, -found.gap)
+        ends = begin, x, none, none, self._points, self._points
+        found = Trajectories(*_kernels.Segments(*chosen).follow(*ends, *everywhere.arguments))
+        depth = np.where(found.leaves, -found.length, -found.gap)
         return np.where(found.entered >= 0, depth, 0.0)
 
     def is_at_rim(self, x: Floats, segment: Ints) -> Flags:

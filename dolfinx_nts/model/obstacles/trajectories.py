@@ -37,7 +37,7 @@ class Trajectories(NamedTuple):
         entered: Segment through which the point enters, or -1, shape ``(m,)``.
         leaves: Whether the point leaves the body again, shape ``(m,)``.
         begin: Time of entry, -1 if it starts inside, shape ``(m,)`` [-].
-        way: Length of the path below the surface, shape ``(m,)`` [m].
+        length: Length of the path below the surface, shape ``(m,)`` [m].
         cosine: Cosine between the normals at entry and at exit or end, shape ``(m,)`` [-].
         gap: Gap at the end to the plane of entry, shape ``(m,)`` [m].
     """
@@ -45,7 +45,7 @@ class Trajectories(NamedTuple):
     entered: Ints
     leaves: Flags
     begin: Floats
-    way: Floats
+    length: Floats
     cosine: Floats
     gap: Floats
 
@@ -80,9 +80,9 @@ class Trajectories(NamedTuple):
             goes_on = part.begin < 0
             last = part._replace(
                 begin=np.where(goes_on, last.begin, k + part.begin),
-                way=part.way + np.where(goes_on, last.way, 0.0),
+                length=part.length + np.where(goes_on, last.length, 0.0),
             )
-            is_longer = (last.entered >= 0) & (last.way >= longest.way)
+            is_longer = (last.entered >= 0) & (last.length >= longest.length)
             longest = cls(*map(np.where, [is_longer] * len(last), last, longest))
         begin = np.where(longest.begin < 0, -1.0, longest.begin / num_parts)
         return longest._replace(begin=begin)
@@ -99,7 +99,9 @@ class Trajectories(NamedTuple):
         size = np.append(sizes, np.inf)[self.entered]
         # Depth of the edge between the planes of entry and exit, in the middle of the path.
         depth = (
-            self.way / 2 * np.sqrt(np.fmax(1 - self.cosine, 0.0) / np.fmax(1 + self.cosine, 1e-9))
+            self.length
+            / 2
+            * np.sqrt(np.fmax(1 - self.cosine, 0.0) / np.fmax(1 + self.cosine, 1e-9))
         )
         through = (self.cosine < -_kernels.WALL) | (depth > _CORNER * size)
         flags: Flags = (self.entered >= 0) & np.where(self.leaves, through, self.cosine < 0)

@@ -126,9 +126,9 @@ class EdgeCandidates(SegmentCandidates):
         row = np.full(len(x), -1, dtype=np.int32)
         row[points.nodes] = np.arange(len(current))
         held = current[current >= 0]
-        looks = np.zeros(len(x), dtype=bool)
-        looks[points.nodes[current < 0] if np.isinf(slack) else points.nodes] = True
-        met = np.flatnonzero(looks[self._carrier]).astype(np.int32)
+        searches = np.zeros(len(x), dtype=bool)
+        searches[points.nodes[current < 0] if np.isinf(slack) else points.nodes] = True
+        met = np.flatnonzero(searches[self._carrier]).astype(np.int32)
         found = self._met(x, met, reach)
         candidate, gaps, beyond, depth = (
             found.with_others(self._held(x, held, slack)) if len(held) else found

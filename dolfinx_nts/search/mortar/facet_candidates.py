@@ -18,7 +18,7 @@ __all__ = ["FacetCandidates", "rises"]
 
 # Distance outside a curved facet in reference coordinates [-] within which it is extrapolated.
 # Larger values extrapolate strongly curved facets; smaller ones use flat facets more often.
-_BESIDE = 0.5
+_OUTSIDE = 0.5
 # Kernels of flat facets, and of curved ones and patches, see `Candidates.contact`.
 _FLAT: dict[str, Callable[..., Any]] = {
     "conserving": _kernels.contact_conserving,
@@ -92,15 +92,15 @@ class FacetCandidates(SegmentCandidates):
         """
         if self._of_flat is None:
             return segment
-        beside = np.zeros(len(segment), dtype=bool)
+        outside_facet = np.zeros(len(segment), dtype=bool)
         for x in states:
             xi = self.places(points, x, segment)
             outside = np.fmax(-xi.min(axis=1), xi.max(axis=1) - 1)
             if self.segments.shape[1] == 3:
                 outside = np.fmax(outside, xi.sum(axis=1) - 1)
             # Negated, to include NaN where there is no projection.
-            beside |= ~(outside <= _BESIDE)
-        return np.where(beside, segment + len(self.segments), segment).astype(np.int32)
+            outside_facet |= ~(outside <= _OUTSIDE)
+        return np.where(outside_facet, segment + len(self.segments), segment).astype(np.int32)
 
     def gap(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
         return self._projections(points, x, segment)[1]

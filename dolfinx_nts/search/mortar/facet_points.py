@@ -75,7 +75,7 @@ class FacetPoints:
             x,
             reach,
             float(candidates.sunk.max(initial=0.0)),
-            facets.are_rings,
+            facets.is_axisymmetric,
             is_smooth,
         )
         k = dual.shape[1]

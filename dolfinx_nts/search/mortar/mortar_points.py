@@ -40,7 +40,7 @@ class MortarFacets:
         vertices: Nodes of the facets in Basix order, vertices first, shape ``(f, n)``.
         orientation: +1 where a_1 x a_2 points out of the body, otherwise -1, ``(f,)``.
         X: Reference positions of the nodes of the map, shape ``(l, 3)`` [m].
-        are_rings: Whether they stand for rings about the axis y.
+        is_axisymmetric: Whether the mesh is axisymmetric.
         wholes: Nodes on which the points of the facets depend, shape ``(f, m)``: the same, or
             those of the patches of a smooth surface.
         of_patches: Weights of these nodes in the control points of the patches, shape
@@ -53,7 +53,7 @@ class MortarFacets:
     vertices: Ints
     orientation: Floats
     X: Floats
-    are_rings: bool
+    is_axisymmetric: bool
     wholes: Ints
     of_patches: tuple[Floats, Floats] | None
 

@@ -114,8 +114,8 @@ class MortarSearch(FacetSearch):
         own = area_vectors(there[facets[:, : self._k]], np.ones(len(facets)))
         self._orientation = np.where(np.einsum("fi,fi->f", out, own) > 0, 1.0, -1.0)
         size = np.linalg.norm(own, axis=1)
-        self._are_rings = is_axisymmetric(nodes.V.mesh)
-        if self._are_rings:
+        self._is_axisymmetric = is_axisymmetric(nodes.V.mesh)
+        if self._is_axisymmetric:
             size *= 2 * np.pi * there[facets[:, : self._k], 0].mean(axis=1)
         shares = np.repeat(size / self._k, self._k)
         area = np.bincount(facets[:, : self._k].ravel(), shares, near.scatter.num_local)
@@ -151,7 +151,7 @@ class MortarSearch(FacetSearch):
             vertices,
             self._orientation,
             X,
-            self._are_rings,
+            self._is_axisymmetric,
             wholes,
             self._of_patches,
         )

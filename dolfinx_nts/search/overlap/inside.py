@@ -75,7 +75,7 @@ class Insides:
             x, before = self._in_space(x), self._in_space(before)
         return reductions.least(self._comm, self._kernels.displacements(x, before))
 
-    def meetings(self, touch: Floats) -> tuple[Floats, Ints, Floats, Floats]:
+    def overlapping_boxes(self, touch: Floats) -> tuple[Floats, Ints, Floats, Floats]:
         """Find pairs of boundaries that may overlap, by their boxes. Local.
 
         Args:
@@ -87,7 +87,7 @@ class Insides:
             depth, ``(p,)`` [m]; and least and greatest coordinates of the points of the first
             boundary that may be deeper in the second, ``(p, 2, 3)`` [m]. The same on all ranks.
         """
-        return _kernels.meetings(self._boxes, touch)
+        return _kernels.overlapping_boxes(self._boxes, touch)
 
     def depth(self, points: Floats, where: Ints, least: Floats) -> Floats:
         """Penetration depth of points. Collective.
@@ -177,7 +177,7 @@ class Insides:
         """
         path, place = self._kernels.cuts(paths, where)
         path, place = joined(self._comm, path), joined(self._comm, place)
-        return _kernels.points_on_ways(paths, number, path, place)
+        return _kernels.points_on_paths(paths, number, path, place)
 
     def _extremes(self, least: Floats) -> Floats:
         """Least and greatest values of all ranks; greatest values are negated in ``least``."""

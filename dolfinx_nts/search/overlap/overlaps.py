@@ -194,7 +194,7 @@ class OverlapSearch:
         touching = np.maximum(_TOUCHING * self._sizes, least)
         in_obstacles, clearance = self._with_obstacles(x, t, touching)
         self._insides.move(x)
-        apart, pairs, depth, regions = self._insides.meetings(touching)
+        apart, pairs, depth, regions = self._insides.overlapping_boxes(touching)
         if self._obstacles:
             np.fill_diagonal(apart, clearance)
         found = self._between_bodies(x, pairs, depth, regions) if len(pairs) else []
@@ -230,7 +230,7 @@ class OverlapSearch:
                 deeper in the second one, shape ``(p, 2, 3)`` [m].
         """
         inner, outer = np.ascontiguousarray(pairs.T)
-        paths, number = _kernels.ways_in(x, self._nodes, self._edges, inner, regions)
+        paths, number = _kernels.paths_in(x, self._nodes, self._edges, inner, regions)
         paths, number = joined(self._comm, paths), joined(self._comm, number)
         points, pair = self._insides.points_on(paths, outer[number], number)
         deep = self._insides.depth(points, outer[pair], touching[pair])

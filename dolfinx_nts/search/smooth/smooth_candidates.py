@@ -16,7 +16,7 @@ __all__ = ["SmoothCandidates", "weights_of_pairs"]
 
 # Largest distance from the centre of a patch in its coordinates [-] at which it is used: half of
 # the patch, and as much beyond an edge.
-_BESIDE = 1.0
+_OUTSIDE = 1.0
 
 
 class SmoothCandidates(SegmentCandidates):
@@ -51,7 +51,7 @@ class SmoothCandidates(SegmentCandidates):
         if len(some):
             pairs, orientation = self._patches(points.take(some), x, segment[some])
             xi, smooth, *_ = _kernels.patch_project(pairs, orientation)
-            near = np.abs(xi - 0.5).max(axis=1) <= _BESIDE  # false where there is no projection
+            near = np.abs(xi - 0.5).max(axis=1) <= _OUTSIDE  # false where there is no projection
             gap[some[near]] = smooth[near]
         return segment, gap
 

@@ -121,9 +121,9 @@ class CoupledPairs(ActivePairs):
         super().__init__(candidates, state, dim)
         blocks, dofs = self.blocks, self._pair_dofs
         assert isinstance(state.pairs.blocks, PointBlocks)
-        self._given_up = state.pairs.blocks.given_up.take(dofs)
+        self._eliminated = state.pairs.blocks.eliminated.take(dofs)
         self._gradients, self._forces = (
-            self._given_up.system(blocks.rank, rows, blocks.normal, transposed=transposed)
+            self._eliminated.system(blocks.rank, rows, blocks.normal, transposed=transposed)
             for rows, transposed in ((blocks.gradients, False), (blocks.columns, True))
         )
 
@@ -137,7 +137,7 @@ class CoupledPairs(ActivePairs):
         missing = self._kernel.missing(values, *self.part(x))
         directions = self._gradients.directions
         steps = self._gradients.solve(missing[:, : directions.shape[1]])
-        self._given_up.move((steps[:, None] @ directions)[:, 0], x)
+        self._eliminated.move((steps[:, None] @ directions)[:, 0], x)
         return self.part(x)
 
     def act(self, part: Part, y: Floats) -> Floats:
@@ -145,7 +145,7 @@ class CoupledPairs(ActivePairs):
         self._kernel.add_tangent(*part, y, ghosts)
         self.ghosts.add_of_ghosts(y, ghosts)
         directions = self._forces.directions
-        force = (directions @ self._given_up.gather(y)[:, :, None])[:, :, 0]
+        force = (directions @ self._eliminated.gather(y)[:, :, None])[:, :, 0]
         removed = np.zeros((len(force), y.shape[1]))
         removed[:, : force.shape[1]] = self._forces.solve(force)
         ghosts.fill(0)

@@ -43,7 +43,7 @@ class RigidStates:
         self._comm: MPI.Comm = V.mesh.comm
         self._bodies, self.guides = tuple(bodies), Guides(self._comm, bodies)
         self.dim, self.exists = dimension(V), bool(bodies)
-        self._are_rings = is_axisymmetric(V.mesh)
+        self._is_axisymmetric = is_axisymmetric(V.mesh)
         self._given: set[tuple[LinearFields, str]] = set()
         none = np.empty(0, dtype=np.int32)
         self.nodes: Ints = np.unique(np.concatenate([none, *(body.nodes for body in bodies)]))
@@ -73,7 +73,7 @@ class RigidStates:
         of_u, of_v = self._fields.sums(u, v)
         q, fields = self._fields.positions(of_u), self._fields.fit(of_u)
         directors, motions, how = q[:, 1:], rigid_motions(q), "moves and turns it as a whole"
-        if self._are_rings:  # rotations of the section would deform the body
+        if self._is_axisymmetric:  # rotations of the section would deform the body
             fields = combined(self._fields.nearest(motions, of_u), motions)
             how = "moves it along the axis y as a whole"
         gram = directors @ directors.transpose(0, 2, 1)

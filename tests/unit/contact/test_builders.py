@@ -183,12 +183,12 @@ def test_pairs_with_obstacles_have_the_laws_and_are_logged(comm, caplog):
     assert all(p.enforcement is penalty and p.friction is friction for p in pairs)
     assert pairs[-1].segments is plane
     assert len(ids(pairs[-1].nodes)) == 8 + 26 + 56
-    told = [
+    expected = [
         "pair 1: nodes of box 2 against the segments of box 0, box 1",
         "pair 2: nodes of box 1 against the segments of box 0",
         "pair 3: nodes of all bodies against RigidPlane",
     ]
-    assert caplog.messages == (told if comm.rank == 0 else [])
+    assert caplog.messages == (expected if comm.rank == 0 else [])
 
 
 @pytest.mark.at_most_two_ranks
@@ -199,8 +199,8 @@ def test_bodies_that_may_touch_themselves_get_a_pair_with_their_own_boundary(com
     assert [pair.touches_itself for pair in others] == [False, False]
     assert own.touches_itself
     assert np.array_equal(ids(own.nodes), ids(nts.boundary_of(bodies[1])))
-    told = "pair 3: nodes of box 1 against their own segments"
-    assert caplog.messages[2:] == ([told] if comm.rank == 0 else [])
+    expected = "pair 3: nodes of box 1 against their own segments"
+    assert caplog.messages[2:] == ([expected] if comm.rank == 0 else [])
     (own,) = nts.all_pairs(bodies[:1], self_contact=bodies[:1])
     assert own.touches_itself
 
@@ -217,8 +217,8 @@ def test_smooth_segments_are_those_between_bodies_whose_faces_meet(comm, caplog)
     faces, edges = "node-to-segment", "edge-to-edge"
     assert kinds == [(faces, True), (edges, False), (faces, False), (faces, False)]
     nts.EnergyMomentum(bodies, pairs, dt=0.01)
-    told = "pair 1: nodes of box 1 against the smooth segments of box 0"
-    assert caplog.messages[:1] == ([told] if comm.rank == 0 else [])
+    expected = "pair 1: nodes of box 1 against the smooth segments of box 0"
+    assert caplog.messages[:1] == ([expected] if comm.rank == 0 else [])
     (pair,) = nts.all_pairs(bodies, method="mortar", smooth=True)
     assert isinstance(pair.segments, nts.Surface) and pair.segments.smooth and pair.nodes.smooth
 

@@ -45,7 +45,7 @@ class Scene:
 
 
 @pytest.fixture
-def told(comm, caplog):
+def reported_overlaps(comm, caplog):
     """Warnings of overlaps so far, those of rank 0 on all ranks. Collective."""
     caplog.set_level(logging.WARNING, "dolfinx_nts")
 
@@ -62,30 +62,32 @@ def run(stepper, until):
         pass
 
 
-def test_a_pair_with_wrong_roles_is_reported_once_with_names_and_advice(comm, told):
+def test_a_pair_with_wrong_roles_is_reported_once_with_names_and_advice(comm, reported_overlaps):
     scene = Scene(comm)
     # Nodes of the plate lie beside the cube, whose vertices sink in between them.
     stepper = scene.stepper(nts.ContactPair(scene.top, scene.bottom))
     run(stepper, 0.2)
-    (text,) = told()
+    (text,) = reported_overlaps()
     assert "cube is up to 0." in text and "inside plate" in text
     assert "holds the nodes of plate only" in text and "two_half_passes" in text
     (deepest,) = stepper.watch.overlaps.deepest.values()
     assert deepest.names == ("cube", "plate") and deepest.reverse_depth < deepest.depth
 
 
-def test_a_missing_pair_is_reported_with_the_remedy(comm, told):
+def test_a_missing_pair_is_reported_with_the_remedy(comm, reported_overlaps):
     stepper = Scene(comm).stepper()
     run(stepper, 0.3)
-    (text,) = told()
+    (text,) = reported_overlaps()
     assert "cube" in text and "plate" in text and FORGOTTEN in text and "all_pairs" in text
 
 
-def test_a_growing_overlap_is_reported_again_at_double_depth_or_at_cell_centres(comm, told):
+def test_a_growing_overlap_is_reported_again_at_double_depth_or_at_cell_centres(
+    comm, reported_overlaps
+):
     stepper = Scene(comm).stepper()
     for _ in stepper.run(until=0.26):
-        stepper.watch.overlaps.look(stepper.x, stepper.t, ())
-    first, twice, cells = told()
+        stepper.watch.overlaps.check(stepper.x, stepper.t, ())
+    first, twice, cells = reported_overlaps()
     assert "up to 0.04 inside" in first
     assert "up to 0.12 inside" in twice and "0 centres of cells" in twice
     assert "up to 0.14 inside" in cells and "1 centres of cells" in cells
@@ -112,63 +114,65 @@ def watched_fall(bodies, num_steps):
         stepper.set_velocity(body, (0.0, 0.0, -1.0))
     for _ in range(num_steps):
         stepper.advance()
-        stepper.watch.overlaps.look(stepper.x, stepper.t, ())
+        stepper.watch.overlaps.check(stepper.x, stepper.t, ())
     return stepper
 
 
-def test_the_deepest_overlap_of_one_cause_is_reported_and_others_are_counted(comm, told):
+def test_the_deepest_overlap_of_one_cause_is_reported_and_others_are_counted(
+    comm, reported_overlaps
+):
     bodies = plate_and_cubes(comm, [-0.02, -0.05, -0.03, -0.06, -0.04])
     nts.EnergyMomentum(bodies, dt=0.02).advance()
-    (text,) = told()
+    (text,) = reported_overlaps()
     assert text.startswith("cube 3 starts up to 0.06 inside plate (")
     assert f", and 4 more by less: {FORGOTTEN}" in text and text.count("inside plate") == 1
 
 
-def test_overlaps_of_one_cause_are_reported_as_they_become_deeper(comm, told):
+def test_overlaps_of_one_cause_are_reported_as_they_become_deeper(comm, reported_overlaps):
     stepper = watched_fall(plate_and_cubes(comm, [0.015, 0.035, 0.034]), num_steps=4)
     # The others are hardly deeper when they are seen. Each of two bodies is as deep in the other.
-    (first,) = told()
+    (first,) = reported_overlaps()
     assert first.startswith("at t = 0.06 ") and "is up to 0.045 inside" in first
     assert "cube 0" in first and "more by less" not in first
-    stepper.look_for_overlaps()
-    stepper.look_for_overlaps()
-    _, last = told()
+    stepper.check_overlaps()
+    stepper.check_overlaps()
+    _, last = reported_overlaps()
     assert last.startswith("until t = 0.08 ") and "was up to 0.046 inside" in last
     assert "cube 2" in last and f", and 1 more by less: {FORGOTTEN}" in last
 
 
-def test_working_contact_is_not_reported(comm, told):
+def test_working_contact_is_not_reported(comm, reported_overlaps):
     scene = Scene(comm)
     stepper = scene.stepper(nts.ContactPair(scene.bottom, scene.top), dt=0.002)
     assert any(step.num_active for step in stepper.run(until=0.06))
-    assert told() == []
+    assert reported_overlaps() == []
 
 
-def test_soft_springs_are_reported_as_the_cause(comm, told):
+def test_soft_springs_are_reported_as_the_cause(comm, reported_overlaps):
     scene = Scene(comm)
     pair = nts.ContactPair(scene.bottom, scene.top, nts.Penalty(eps_N=1.0))
     run(scene.stepper(pair), 0.2)
-    (text,) = told()
+    (text,) = reported_overlaps()
     assert "springs" in text and "eps_N" in text
 
 
-def test_explicit_runs_are_watched(comm, told):
+def test_explicit_runs_are_watched(comm, reported_overlaps):
     stepper = Scene(comm).stepper(dt=None, scheme=nts.CentralDifference)
     run(stepper, 0.12)
-    (text,) = told()
+    (text,) = reported_overlaps()
     assert FORGOTTEN in text
 
 
-def test_initial_overlaps_are_reported_before_the_first_step(comm, told):
+def test_initial_overlaps_are_reported_before_the_first_step(comm, reported_overlaps):
     scene = Scene(comm, height=-0.05)
     stepper = scene.stepper(nts.ContactPair(scene.bottom, scene.top))
     stepper.set_velocity(scene.cube, (0.0, 0.0, 0.0))
     stepper.advance()
-    (text,) = told()
+    (text,) = reported_overlaps()
     assert text.startswith("cube starts up to 0.05 inside plate (0.18 of the longest facet; 4 ")
     assert "harmless" in text
     run(stepper, 0.1)
-    assert len(told()) == 1  # elastic impact keeps the depth, which is known
+    assert len(reported_overlaps()) == 1  # elastic impact keeps the depth, which is known
 
 
 @pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.QuasiStatic])
@@ -245,17 +249,17 @@ def test_bodies_that_do_not_start_in_rigid_facets_are_not_refused(comm, height, 
     assert report.reactions[0].force[2] == 0
 
 
-def test_initial_overlaps_that_contact_does_not_detect_are_reported(comm, told):
+def test_initial_overlaps_that_contact_does_not_detect_are_reported(comm, reported_overlaps):
     """Facets of the plate are 0.71 m long, and no node of it is inside the cube."""
     scene = Scene(comm, -0.05)
     pair = nts.ContactPair(scene.top, scene.bottom, nts.LagrangeMultiplier("plastic"))
     assert scene.stepper(pair, dt=0.001).advance().num_active == 0
-    (text,) = told()
+    (text,) = reported_overlaps()
     assert text.startswith("cube starts up to 0.") and "inside plate" in text
     assert "does not see that" in text and "harmless" not in text
 
 
-def test_a_shrink_fit_found_by_contact_is_not_reported_as_undetected(comm, told):
+def test_a_shrink_fit_found_by_contact_is_not_reported_as_undetected(comm, reported_overlaps):
     """Chords of the coarse ring go deeper into the fine one than its nodes, which contact sees."""
     fit, radius = 2e-3, 0.5  # m, a chord of 16 lies 9.6e-3 m below its arc
 
@@ -277,13 +281,13 @@ def test_a_shrink_fit_found_by_contact_is_not_reported_as_undetected(comm, told)
     pair = nts.ContactPair(nodes, segments, nts.LagrangeMultiplier("plastic"))
     step = nts.EnergyMomentum(bodies, [pair], dt=1e-4).advance()
     assert step.num_active == 32
-    (text,) = told()
+    (text,) = reported_overlaps()
     assert text.startswith("shaft starts up to 0.01") and "inside hub" in text
     assert "sees 0.002 of that" in text
     assert "shrink fit" in text and "does not see" not in text
 
 
-def test_penetration_between_active_nodes_is_reported_as_the_cause(comm, told):
+def test_penetration_between_active_nodes_is_reported_as_the_cause(comm, reported_overlaps):
     """Edges of the plate go through the cube from the one node that touches it."""
     scene = Scene(comm, height=0.0, at=0.35, width=0.4)
     V, down = scene.top.V, fem.Constant(scene.top.V.mesh, (0.0, 0.0, 0.0))
@@ -298,26 +302,28 @@ def test_penetration_between_active_nodes_is_reported_as_the_cause(comm, told):
 
     stepper = nts.QuasiStatic(scene.bodies, [pair], dt=0.1, bcs=conditions, update=update)
     run(stepper, 0.3)
-    (text,) = told()
+    (text,) = reported_overlaps()
     assert comm.allreduce(np.nansum(np.abs(pair.history.gap))) < 1e-12
     (overlap,) = nts.Diagnostics(stepper).overlaps()
     assert overlap.reverse_depth > overlap.depth / 2
     assert "holds the nodes of plate only" in text and "two_half_passes" in text
 
 
-def test_a_body_placed_into_another_between_steps_is_reported(comm, told):
+def test_a_body_placed_into_another_between_steps_is_reported(comm, reported_overlaps):
     scene = Scene(comm)
     stepper = scene.stepper(nts.ContactPair(scene.bottom, scene.top))
     stepper.set_velocity(scene.cube, (0.0, 0.0, 0.0))
     stepper.advance()
-    assert told() == []
+    assert reported_overlaps() == []
     stepper.set_displacement(scene.cube, (0.0, 0.0, -0.1))
     stepper.advance()
-    (text,) = told()
+    (text,) = reported_overlaps()
     assert "starts up to 0.08 inside" in text
 
 
-def test_a_resumed_run_does_not_report_gaps_of_elastic_impact_as_initial_overlap(comm, told):
+def test_a_resumed_run_does_not_report_gaps_of_elastic_impact_as_initial_overlap(
+    comm, reported_overlaps
+):
     """It would tell a start of a fiftieth of a facet, and a run of a tenth."""
     scene, saved = Scene(comm, height=0.031), Snapshot()
     pair = nts.ContactPair(scene.bottom, scene.top)
@@ -329,43 +335,43 @@ def test_a_resumed_run_does_not_report_gaps_of_elastic_impact_as_initial_overlap
     resumed = scene.stepper(pair)
     resumed.serialize(saved.rewind())
     run(resumed, 0.06)
-    assert told() == []
+    assert reported_overlaps() == []
 
 
-def test_the_end_of_a_run_reports_the_largest_depth_of_an_overlap(comm, told):
+def test_the_end_of_a_run_reports_the_largest_depth_of_an_overlap(comm, reported_overlaps):
     stepper = watched_fall(plate_and_cubes(comm, [0.015, 0.035]), num_steps=5)
-    stepper.look_for_overlaps()
-    first, last = told()
+    stepper.check_overlaps()
+    first, last = reported_overlaps()
     assert "cube 0" in first and "is up to 0.045 inside" in first
     assert "cube 1" in last and "was up to 0.065 inside" in last
 
 
-def test_a_small_overlap_at_the_end_of_a_run_is_reported(comm, told):
+def test_a_small_overlap_at_the_end_of_a_run_is_reported(comm, reported_overlaps):
     scene = Scene(comm, height=0.01)
     stepper = scene.stepper(dt=0.05)
     run(stepper, 0.05)  # less than half of a cell
-    (text,) = told()
+    (text,) = reported_overlaps()
     assert "at t = 0.05 cube is up to 0.04 inside plate" in text
 
 
-def test_a_recorder_checks_overlaps_at_the_end_of_a_user_loop(comm, told, tmp_path):
+def test_a_recorder_checks_overlaps_at_the_end_of_a_user_loop(comm, reported_overlaps, tmp_path):
     stepper = Scene(comm, height=0.01).stepper(dt=0.05)
     name = comm.bcast(str(tmp_path / "run"))
     with nts.Recorder(name, stepper) as record:
         record.write(stepper.advance())
-        assert told() == []
-    assert len(told()) == 1
+        assert reported_overlaps() == []
+    assert len(reported_overlaps()) == 1
     assert "cube overlaps plate by up to 0.04 m" in record.summary()
 
 
-def test_overlap_with_an_obstacle_without_pair_is_reported(comm, told):
+def test_overlap_with_an_obstacle_without_pair_is_reported(comm, reported_overlaps):
     scene = Scene(comm)
     floor = nts.RigidPlane((0, 0, -0.5), (0, 0, 1))
     wall = nts.RigidPlane((0.5, 0, 0), (1, 0, 0))
     away = nts.boundary_of(scene.plate, where=lambda x: x[0] > 0.9)
     stepper = scene.stepper(nts.ContactPair(away, wall), nts.ContactPair(scene.bottom, floor))
     stepper.advance()
-    texts = told()
+    texts = reported_overlaps()
     assert any("cube starts" in t and "RigidPlane 1" in t and FORGOTTEN in t for t in texts)
 
 
@@ -373,31 +379,31 @@ def test_overlap_with_an_obstacle_without_pair_is_reported(comm, told):
 def test_nothing_is_looked_at_while_bodies_are_apart(comm, monkeypatch):
     scene = Scene(comm, height=1.02)
     stepper = scene.stepper(dt=0.05)
-    looks, look = [], OverlapWatch.look
-    monkeypatch.setattr(OverlapWatch, "look", lambda *args: (looks.append(1), look(*args)))
+    checks, check = [], OverlapWatch.check
+    monkeypatch.setattr(OverlapWatch, "check", lambda *args: (checks.append(1), check(*args)))
     for _ in range(10):
         stepper.advance()
-    assert not looks  # the cube has moved by less than half of the distance
+    assert not checks  # the cube has moved by less than half of the distance
     run(stepper, 2.0)
-    assert 1 < len(looks) < 25
+    assert 1 < len(checks) < 25
 
 
 @pytest.mark.serial
 def test_bodies_in_touch_are_looked_at_when_they_came_nearer_by_a_cell(comm, monkeypatch):
-    """The cube slides over the plate; clean looks prove that no vertex has passed a node."""
+    """The cube slides over the plate; clean checks prove that no vertex has passed a node."""
     scene = Scene(comm, height=0.0)
     stepper = scene.stepper(nts.ContactPair(scene.top, scene.bottom), dt=0.005)
     stepper.set_velocity(scene.cube, (1.0, 0.0, 0.0))
-    looks, ways, look = [], [], OverlapWatch.look
+    checks, paths, check = [], [], OverlapWatch.check
     follow = reverse_passage.through_to_another_side
-    monkeypatch.setattr(OverlapWatch, "look", lambda *args: looks.append(1) or look(*args))
+    monkeypatch.setattr(OverlapWatch, "check", lambda *args: checks.append(1) or check(*args))
     monkeypatch.setattr(
-        reverse_passage, "through_to_another_side", lambda *args: ways.append(1) or follow(*args)
+        reverse_passage, "through_to_another_side", lambda *args: paths.append(1) or follow(*args)
     )
     for _ in range(100):
         stepper.advance()
     run(stepper, 0.75)
     # Cells are 0.2 and 0.25 thick, and there is one look at the end of the run, which is neither
     # near one of the others nor beyond the rim of the plate.
-    assert len(looks) == int(0.75 / (0.85 * 0.7 * 0.45)) + 1
-    assert not ways
+    assert len(checks) == int(0.75 / (0.85 * 0.7 * 0.45)) + 1
+    assert not paths

@@ -74,5 +74,5 @@ def test_pairs_of_both_directions_need_no_second_look(comm):
     bullet = Bullet(comm)
     surfaces = nts.boundary_of(bullet.plate), nts.boundary_of(bullet.block)
     watch = ReversePassages(nts.two_half_passes(*surfaces))
-    assert watch.room == np.inf
+    assert watch.clearance == np.inf
     assert watch.check(bullet.at(0, 0, 0), bullet.at(0, 0, -0.9), 0.9) == ""

@@ -88,7 +88,7 @@ def test_impacts_of_viscous_blocks_lose_what_the_branches_take(comm):
 
 
 @pytest.mark.serial
-def test_stress_of_held_shear_relaxes_as_in_closed_form(comm, told):
+def test_stress_of_held_shear_relaxes_as_in_closed_form(comm, table_row):
     shear, time, num_steps = 0.4, 0.4, 300
     box = Box(comm, material=rubber(), shape=(1, 1, 1))
     stepper = held(nts.QuasiStatic, box, lambda t: shear, time / num_steps)
@@ -109,7 +109,7 @@ def test_stress_of_held_shear_relaxes_as_in_closed_form(comm, told):
     S = 2 * SHEAR * (E + over * deviator) + YOUNG * NU / 1.3 / 0.4 * np.trace(E) * np.eye(3)
     found = nts.Fields(stepper).cauchy_stress().x.array.reshape(-1, 3, 3)
     assert np.abs(found - F @ S @ F.T).max(initial=0) <= 5e-3 * np.abs(S).max()
-    told("energy at constant shear", "closed form", percent(max(errors)))
+    table_row("energy at constant shear", "closed form", percent(max(errors)))
     assert max(errors) <= 5e-3
     assert ledger.error <= CLOSED
 
@@ -118,7 +118,7 @@ def test_stress_of_held_shear_relaxes_as_in_closed_form(comm, told):
 @pytest.mark.parametrize(
     ("scheme", "num_steps"), [(nts.EnergyMomentum, 60), (nts.Midpoint, 60), (nts.QuasiStatic, 800)]
 )
-def test_cyclic_loss_is_that_of_the_loss_modulus(comm, told, scheme, num_steps):
+def test_cyclic_loss_is_that_of_the_loss_modulus(comm, table_row, scheme, num_steps):
     period, shear, branches = 1.0, 1e-3, [(0.8, 0.1), (0.3, 0.2)]
     omega = 2 * np.pi / period
     box = Box(comm, material=rubber(1e-6, branches), shape=(1, 1, 1))
@@ -127,7 +127,7 @@ def test_cyclic_loss_is_that_of_the_loss_modulus(comm, told, scheme, num_steps):
     loss = SHEAR * sum(s * omega * tau / (1 + (omega * tau) ** 2) for s, tau in branches)
     exact = np.pi * shear**2 * loss * VOLUME
     error = abs(-sum(works[num_steps:]) / exact - 1)
-    told(
+    table_row(
         f"{scheme.__name__}: loss in a cycle of shear, {num_steps} steps",
         "loss modulus",
         percent(error),

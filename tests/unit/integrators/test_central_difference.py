@@ -164,7 +164,7 @@ BAR = nts.SaintVenantKirchhoff(1.0, 0.0, 1.0)
 
 
 @pytest.mark.serial
-def test_bar_rebounds_from_a_wall_as_in_wave_theory(comm, told):
+def test_bar_rebounds_from_a_wall_as_in_wave_theory(comm, table_row):
     """Mean force rho c v times the section, for 2 L/c; all speed is back."""
     v, cells, side = 0.001, 80, 0.2
     box = Box(comm, shape=(1, 1, cells), size=(side, side, 1.0), material=BAR)
@@ -181,7 +181,7 @@ def test_bar_rebounds_from_a_wall_as_in_wave_theory(comm, told):
     duration, mean = max(active) / 2 - 1, np.sum(force) * dt / 2 / (v * side**2) - 1
     rebound = diagnostics.body_velocity(box.body)[2] / v - 1
     energy = diagnostics.balance().total_energy / start - 1
-    told(
+    table_row(
         "bar on a wall, `CentralDifference`, 80 elements",
         "wave theory",
         f"mean force {100 * mean:+.1f} %, duration {100 * duration:+.1f} %, "
@@ -249,7 +249,7 @@ def test_nodes_far_from_an_obstacle_are_not_looked_up(comm, monkeypatch):
 
 @pytest.mark.serial
 @pytest.mark.parametrize("friction", [None, nts.Coulomb(0.3)], ids=["smooth", "rough"])
-def test_ball_on_plate(comm, friction, told):
+def test_ball_on_plate(comm, friction, table_row):
     """Energy without friction; with it that of the converged reference."""
     first = scenes.ball_plate(comm, nts.Midpoint, nts.Penalty())
     (pair,), bodies = first.stepper.pairs, first.stepper.bodies
@@ -262,7 +262,7 @@ def test_ball_on_plate(comm, friction, told):
     assert np.abs(momenta(ledger.diagnostics) - start).max() <= CONSERVED * np.linalg.norm(start)
     assert ledger.error <= CLOSED
     energy = ledger.diagnostics.balance().total_energy
-    told(
+    table_row(
         f"ball on plate, `CentralDifference`, {'frictionless' if friction is None else 'μ = 0.3'}",
         "momenta, and energy with all that the ledger has, are conserved",
         f"ledger {ledger.error:.0e}; energy "

@@ -121,7 +121,7 @@ LAWS = {
 @pytest.mark.serial
 @pytest.mark.parametrize("name", LAWS)
 @pytest.mark.parametrize("end", [1.5, 0.6])
-def test_tension_and_compression_are_those_of_the_closed_form(comm, told, name, end):
+def test_tension_and_compression_are_those_of_the_closed_form(comm, table_row, name, end):
     numbers, yield_stress = LAWS[name]
     box = Box(comm, material=metal(**numbers), shape=(1, 1, 1))
     num_steps = 50
@@ -140,13 +140,13 @@ def test_tension_and_compression_are_those_of_the_closed_form(comm, told, name, 
     errors.append(np.abs(fields.von_mises_stress().x.array * J / q - 1).max(initial=0))
     error = comm.allreduce(max(errors), MPI.MAX)
     kind = "tension" if end > 1 else "compression"
-    told(f"{kind} to a stretch of {end}, {name} hardening", "closed form", percent(error))
+    table_row(f"{kind} to a stretch of {end}, {name} hardening", "closed form", percent(error))
     assert error <= 5e-3
 
 
 @pytest.mark.serial
 @pytest.mark.parametrize("scheme", [nts.QuasiStatic, nts.EnergyMomentum])
-def test_cycles_of_shear_lose_the_area_of_their_loop(comm, told, scheme):
+def test_cycles_of_shear_lose_the_area_of_their_loop(comm, table_row, scheme):
     # Perfectly plastic, to four strains of yield and back, by steps of an eighth of that strain.
     yields = YIELD / 100 / np.sqrt(3) / SHEAR
     amplitude, num_steps = 4 * yields, 128
@@ -162,7 +162,7 @@ def test_cycles_of_shear_lose_the_area_of_their_loop(comm, told, scheme):
     steps = ledger.reports[num_steps:]
     loss, work = -sum(s.damping_work for s in steps), sum(s.support_work for s in steps)
     exact = 4 * (amplitude - yields) * YIELD / 100 / np.sqrt(3) * VOLUME
-    told(
+    table_row(
         f"{scheme.__name__}: dissipation in a cycle of shear",
         "area of the loop",
         percent(abs(loss / exact - 1)),
@@ -176,7 +176,7 @@ def test_cycles_of_shear_lose_the_area_of_their_loop(comm, told, scheme):
 
 
 @pytest.mark.serial
-def test_large_shear_has_the_shear_stress_of_yield(comm, told):
+def test_large_shear_has_the_shear_stress_of_yield(comm, table_row):
     shear, law = 0.5, metal(yield_stress=YIELD / 10, hardening=0.5)
     box = Box(comm, material=law, shape=(1, 1, 1))
     stepper = sheared(box, nts.QuasiStatic, lambda t: shear * t, 0.01)
@@ -186,12 +186,12 @@ def test_large_shear_has_the_shear_stress_of_yield(comm, told):
     q = brentq(lambda q: q - law.hardening.yield_stress - 0.5 * (shear - q / SHEAR / 3**0.5)
                / 3**0.5, 0, YIELD)  # fmt: skip
     error = comm.allreduce(np.abs(stress * np.sqrt(3) / q - 1).max(initial=0), MPI.MAX)
-    told("shear stress at a shear of 0.5", "closed form", percent(error))
+    table_row("shear stress at a shear of 0.5", "closed form", percent(error))
     assert error <= 5e-3
 
 
 @pytest.mark.serial
-def test_plane_strain_yields_at_the_stress_of_the_plane(told):
+def test_plane_strain_yields_at_the_stress_of_the_plane(table_row):
     # Without hardening: sigma = -2/sqrt(3) sigma_0, as the middle stress is half of it.
     mesh = create_unit_square(MPI.COMM_SELF, 2, 2, CellType.quadrilateral)
     V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
@@ -212,7 +212,7 @@ def test_plane_strain_yields_at_the_stress_of_the_plane(told):
     list(stepper.run(until=1.0))
     stress = nts.Fields(stepper).cauchy_stress().x.array.reshape(-1, 3, 3)
     error = np.abs(stress[:, 0, 0] / (-2 / np.sqrt(3) * YIELD / 10) - 1).max()
-    told("compression in plane strain, no hardening", "closed form", percent(error))
+    table_row("compression in plane strain, no hardening", "closed form", percent(error))
     assert error <= 5e-3
 
 

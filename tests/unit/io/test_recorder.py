@@ -388,12 +388,12 @@ def test_an_immediate_interrupt_logs_how_to_continue(comm, folder, caplog, check
             if step.step == 4:
                 raise KeyboardInterrupt
             recorder.write(step)
-    told = [record.getMessage() for record in caplog.records]
-    assert len(told) == (comm.rank == 0)
+    messages = [record.getMessage() for record in caplog.records]
+    assert len(messages) == (comm.rank == 0)
     text = "step after 3; .*run.checkpoint.h5 holds step 2, t = 0.04: the same script with .*resume"
     if checkpoint_every is None:
         text = "step after 3; there is no checkpoint: with .*checkpoint_every=50, resume=True"
-    assert all(re.search(text, message) for message in told)
+    assert all(re.search(text, message) for message in messages)
 
 
 @pytest.mark.at_most_two_ranks
@@ -411,9 +411,9 @@ def test_a_scheme_that_multiplies_the_energy_is_reported_once(comm, folder, capl
     ledger = record(stepper, folder / "run", 6)._ledger
     grows = ledger.last.total_energy > 1.5 * ledger.first.total_energy
     assert grows == (dt == 0.04 and scheme is not nts.EnergyMomentum)
-    told = [r.getMessage() for r in caplog.records if "use EnergyMomentum" in r.getMessage()]
-    assert len(told) == (grows and comm.rank == 0)
-    assert all(f"{scheme.__name__} has added " in text for text in told)
+    messages = [r.getMessage() for r in caplog.records if "use EnergyMomentum" in r.getMessage()]
+    assert len(messages) == (grows and comm.rank == 0)
+    assert all(f"{scheme.__name__} has added " in text for text in messages)
 
 
 def test_the_summary_of_a_run_that_goes_on_has_the_time_until_now(comm, folder):

@@ -100,9 +100,9 @@ def test_what_is_no_mesh_of_the_plane_is_refused(comm, model, x, cells, message)
     try:
         read_mesh(model, comm)
     except ValueError as error:
-        told = str(error)
-    assert len(set(comm.allgather(told))) == 1
-    assert re.search(message, told), told
+        text = str(error)
+    assert len(set(comm.allgather(text))) == 1
+    assert re.search(message, text), text
 
 
 def test_nodes_of_no_cell_of_the_plane_are_left_out(comm, model):

@@ -31,13 +31,13 @@ def test_other_elements_and_materials_are_fine(comm, cell, degree, nu, caplog):
 
 def test_stepper_warns_of_tetrahedra_that_lock(comm, caplog):
     nts.EnergyMomentum([body(comm, "tetrahedron", 1, 0.45)], dt=0.01)
-    told = [(record.levelno, record.getMessage()) for record in caplog.records]
+    messages = [(record.levelno, record.getMessage()) for record in caplog.records]
     text = (
         "tetrahedra of degree 1 lock at Poisson's ratios of 0.45 and more, in body 0: "
         "energies are right for the mesh, but bodies are far too stiff in bending and impact; "
         "take degree 2, or hexahedra"
     )
-    assert told == ([(logging.WARNING, text)] if comm.rank == 0 else [])
+    assert messages == ([(logging.WARNING, text)] if comm.rank == 0 else [])
 
 
 def test_plastic_tetrahedra_lock_at_any_poisson_ratio(comm, caplog):

@@ -154,7 +154,7 @@ def test_ways_are_cut_where_they_enter_and_leave_a_cube():
     np.testing.assert_allclose(place[order], [0.25, 0.5, 0.5], atol=ROUNDING)
     number = np.arange(10, 14, dtype=np.int32)
     order = order[::-1]
-    points, number = _kernels.points_on_ways(ways, number, way[order], place[order])
+    points, number = _kernels.points_on_paths(ways, number, way[order], place[order])
     np.testing.assert_array_equal(number, [10, 11])
     np.testing.assert_allclose(points, [[0.3, 0.4, 0.5], [0.3, 0.4, 0.75]], atol=ROUNDING)
 
@@ -166,7 +166,7 @@ def test_parts_of_ways_that_may_be_inside_are_known_by_their_ends():
     way, side, place = zip(*cuts, strict=True)
     way = np.column_stack([way, side]).astype(np.int32)
     number = np.arange(5, dtype=np.int32)
-    points, number = _kernels.points_on_ways(ways, number, way, np.array(place))
+    points, number = _kernels.points_on_paths(ways, number, way, np.array(place))
     np.testing.assert_array_equal(number, [4, 0, 1, 2, 2, 3, 3, 3])
     expected = [0.3, 0.25, 0.75, 0.25, 0.75, 0.1, 0.6, 0.9]
     np.testing.assert_allclose(points[:, 0], expected, atol=ROUNDING)

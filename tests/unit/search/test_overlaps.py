@@ -240,8 +240,8 @@ def test_depth_in_obstacles_is_the_negative_gap(comm):
     points = np.array([[-9.0, -9, 0.1], [9, -9, 0.1], [-9, 9, 0.1], [9, 9, 0.1]])
     facets = nts.RigidSurface(points, [[0, 1, 2, 3]], outside=(0, 0, 9))
     found = overlaps(bodies, obstacles=[floor, ball, again, facets])
-    told = {o.names: (round(o.depth, 12), o.nodes) for o in found}
-    assert told == {
+    by_names = {o.names: (round(o.depth, 12), o.nodes) for o in found}
+    assert by_names == {
         ("body 1", "RigidPlane 1"): (0.3, 25 + 16),
         ("body 2", "RigidPlane 1"): (0.3, 9),
         ("body 2", "RigidSphere"): (0.1, 1),

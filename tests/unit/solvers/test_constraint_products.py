@@ -61,10 +61,10 @@ def test_entries_are_those_of_the_product_of_dense_matrices(b, h, transposed, rn
 def test_nodes_without_parents_are_their_own(rng):
     *arguments, parents, weights, directions = problem(rng, 3, 1)
     parents[:, 0], weights[:] = np.arange(len(parents)), 1.0
-    told = _kernels.constraint_products(*arguments, parents, weights, directions)
+    products = _kernels.constraint_products(*arguments, parents, weights, directions)
     none = np.empty((len(parents), 0))
     bare = _kernels.constraint_products(*arguments, none.astype(np.int32), none, directions)
-    assert all(map(np.array_equal, told, bare))
+    assert all(map(np.array_equal, products, bare))
 
 
 @pytest.mark.parametrize("b", [2, 3])

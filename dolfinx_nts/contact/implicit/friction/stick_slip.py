@@ -149,10 +149,10 @@ class StickSlip(Friction):
         if eps_T is not None:
             old, c, value = self._state.history, eps_T[node], self._slips.linear[node]
             t = transport(old.traction[node], old.normal[node], slip.frame_n, slip.normal_n)
-            way = trial = t + c[:, None] * value
+            motion = trial = t + c[:, None] * value
         else:
             t, c, value = self.traction[node], self._stiffness[node], self._slips.of(node)
-            way, trial = value, t + (_SLIP_WEIGHT * c)[:, None] * value
+            motion, trial = value, t + (_SLIP_WEIGHT * c)[:, None] * value
         lags = None if self._has_spring else self._pivoting.changes_singly(node)
         limiting = self._lagged.pressing(node, p, lags)
         known = float(iteration > 0)  # multipliers of the first guess mean nothing
@@ -162,9 +162,9 @@ class StickSlip(Friction):
             length = length_of(value) if limits.depends_on_slip else np.zeros(len(node))
             judged = limit = limits.at(node, known * limiting, before * length)
         if iteration == 0:
-            heading, sliding, violators = self._first_heading(pairs, way), before, 0
+            heading, sliding, violators = self._first_heading(pairs, motion), before, 0
         else:
-            heading, sliding = self._nodal.judge(node, active, p, judged.force, trial, way)
+            heading, sliding = self._nodal.judge(node, active, p, judged.force, trial, motion)
             violates = active & (sliding != before)
             changes, violators = self._pivoting.select(violates, node, iteration)
             sliding ^= violates ^ changes
@@ -186,15 +186,15 @@ class StickSlip(Friction):
             violators += int(np.count_nonzero(lags & sliding & active))
         return violators
 
-    def _first_heading(self, pairs: PairKinematics, way: Floats) -> Floats:
+    def _first_heading(self, pairs: PairKinematics, motion: Floats) -> Floats:
         """Directions in which nodes would slide in the first iteration, ``(m, 2)``. Local.
 
-        A node that does not move yet has the direction in which it slid before. ``way`` is the
+        A node that does not move yet has the direction in which it slid before. ``motion`` is the
         slip of the pairs, shape ``(m, 2)`` [m], or with springs their trial traction [N].
         """
         node, old, slip = pairs.node, self._state.history, pairs.slip
         last = transport(old.traction[node], old.normal[node], slip.frame_n, slip.normal_n)
-        return np.where(np.any(way != 0, axis=1)[:, None], way, last)
+        return np.where(np.any(motion != 0, axis=1)[:, None], motion, last)
 
     def _exact(
         self,

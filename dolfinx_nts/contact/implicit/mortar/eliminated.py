@@ -8,10 +8,10 @@ from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.mortar.mortar_search import MortarCandidates
 
-__all__ = ["GivenUp"]
+__all__ = ["EliminatedDofs"]
 
 
-class GivenUp:
+class EliminatedDofs:
     """Eliminated displacements of nodes and of their mid-nodes, see `Hats`.
 
     Args:
@@ -25,9 +25,9 @@ class GivenUp:
         # Cache of the last system and its transpose, with ranks and rows.
         self._last: dict[bool, tuple[Ints, Floats, NodalSystem]] = {}
 
-    def take(self, dofs: Ints) -> "GivenUp":
+    def take(self, dofs: Ints) -> "EliminatedDofs":
         """Eliminated displacements of other pairs, shape ``(m, d)``."""
-        return self if dofs is self._dofs else GivenUp(self._candidates, self._free, dofs)
+        return self if dofs is self._dofs else EliminatedDofs(self._candidates, self._free, dofs)
 
     def system(
         self, rank: Ints, rows: Floats, normal: Floats, *, transposed: bool = False

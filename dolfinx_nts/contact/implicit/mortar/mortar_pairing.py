@@ -5,7 +5,7 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints, same_numbers
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
-from dolfinx_nts.contact.implicit.mortar.eliminated import GivenUp
+from dolfinx_nts.contact.implicit.mortar.eliminated import EliminatedDofs
 from dolfinx_nts.contact.implicit.mortar.mortar_slip import MortarSlip, NodalFrames
 from dolfinx_nts.contact.implicit.pair_blocks import PairBlocks
 from dolfinx_nts.contact.implicit.pairing import Pairing
@@ -144,7 +144,7 @@ class PointBlocks(PairBlocks):
         tangent: Derivative of the forces of the points, shape ``(p, 3 (1+k), 3 (1+k))`` [1/m].
 
     Attributes:
-        given_up: Eliminated displacements of the nodes.
+        eliminated: Eliminated displacements of the nodes.
     """
 
     may_overlap = True
@@ -159,7 +159,7 @@ class PointBlocks(PairBlocks):
         self._points, self._tangent = points, tangent
         self._scatter, self._free = candidates.scatter, free
         self.dofs, self.nodes = points.lists, points.patch_nodes
-        self.given_up = GivenUp(candidates, free, self.dofs)
+        self.eliminated = EliminatedDofs(candidates, free, self.dofs)
 
     def tangent(self, lambda_N: Floats) -> Floats:
         force = self._points.shares.spread(lambda_N, len(self._tangent))
@@ -177,7 +177,7 @@ class PointBlocks(PairBlocks):
         return force * self._free[self.dofs].reshape(force.shape)
 
     def gathered(self, force: Floats) -> Floats:
-        return self.given_up.gather(force)
+        return self.eliminated.gather(force)
 
     def balance(
         self,
@@ -194,7 +194,7 @@ class PointBlocks(PairBlocks):
             self._scatter.add(total, self.dofs, tractions.reshape(*self.dofs.shape, 3))
             force = force + self.gathered(total)
             columns = _kernels.with_friction(columns, direction)
-        system = self.given_up.system(rank, columns, normal, transposed=True)
+        system = self.eliminated.system(rank, columns, normal, transposed=True)
         solution = system.solve(-np.einsum("mi,mci->mc", force, system.directions))
         multipliers = np.zeros((len(rank), 3))
         # Without a solution here, the whole linear system determines the multipliers.
@@ -211,12 +211,12 @@ class PointBlocks(PairBlocks):
         u: Floats,
     ) -> None:
         rank = held.astype(np.int32)
-        system = self.given_up.system(rank, gradients, normal)
+        system = self.eliminated.system(rank, gradients, normal)
         distance = system.solve(gap[:, None])[:, 0]
         # A singular system has no finite solution: such nodes do not move.
         near = held & (np.where(np.isnan(distance), np.inf, np.abs(distance)) <= farthest)
         increment = -np.where(near, distance, 0.0)[:, None] * normal
-        self.given_up.move(increment[:, : u.shape[1]], u)
+        self.eliminated.move(increment[:, : u.shape[1]], u)
 
 
 def _of_nodes(points: MortarPoints, contact: ContactKinematics) -> ContactKinematics:

@@ -44,15 +44,16 @@ inline Matrix<2, 2> between_frames(const double* to,
 /// @brief Whether a node slides by what is known now.
 /// @param[in] limit Largest traction [N].
 /// @param[in] trial Traction if it stuck [N].
-/// @param[in] way Where it goes: a traction or a slip.
+/// @param[in] motion Direction of slip, as a traction or a slip increment.
 /// @param[in] heading Direction of the traction, of any length.
 /// @param[in] slid Whether it slid in the last iteration; such a node sticks
-/// before it slides the other way.
-inline bool slides(double limit, const Vec2& trial, const Vec2& way,
+/// before its slip reverses.
+inline bool slides(double limit, const Vec2& trial, const Vec2& motion,
                    const Vec2& heading, bool slid) noexcept
 {
   const double size = std::sqrt(trial[0] * trial[0] + trial[1] * trial[1]);
-  const bool reverses = slid && heading[0] * way[0] + heading[1] * way[1] < 0;
+  const bool reverses
+      = slid && heading[0] * motion[0] + heading[1] * motion[1] < 0;
   return size > std::max(limit, 0.) && !reverses;
 }
 
@@ -123,29 +124,31 @@ inline TractionModel exact_friction(const FrictionLimit& limit, const Vec2& t,
   return model;
 }
 
-/// @brief How far a vector in the interior of a cone of right angles can go, in
-/// units of its way; infinity where it never leaves the cone.
-/// @param[in] v, way Vectors, their part along the axis first.
+/// @brief Longest step along an increment from a point in the interior of a
+/// right circular cone of 90 degrees, relative to the increment; infinity where
+/// it never leaves the cone.
+/// @param[in] v, increment Vectors, component along the axis first.
 inline double longest_in_cone(std::span<const double> v,
-                              std::span<const double> way) noexcept
+                              std::span<const double> increment) noexcept
 {
-  double across = 0, ways = 0, both = 0;
+  double across = 0, squares = 0, both = 0;
   for (std::size_t c = 1; c < v.size(); ++c)
   {
     across += v[c] * v[c];
-    ways += way[c] * way[c];
-    both += v[c] * way[c];
+    squares += increment[c] * increment[c];
+    both += v[c] * increment[c];
   }
   const double tangential = std::sqrt(across);
-  const double a = way[0] * way[0] - ways, b = v[0] * way[0] - both,
+  const double a = increment[0] * increment[0] - squares,
+               b = v[0] * increment[0] - both,
                c = (v[0] - tangential) * (v[0] + tangential);
   const double under = b * b - a * c;
   const double divisor = std::sqrt(std::max(under, 0.)) - b;
   double longest = std::numeric_limits<double>::infinity();
   if (under >= 0 && divisor > 0)
     longest = c / divisor;
-  if (way[0] < 0)
-    longest = std::min(longest, -v[0] / way[0]);
+  if (increment[0] < 0)
+    longest = std::min(longest, -v[0] / increment[0]);
   return longest;
 }
 

@@ -33,9 +33,9 @@ Motion drift(double dt, std::span<const double> v, std::span<const double> a,
              std::span<double> rate, std::span<double> u, std::span<double> du,
              std::span<const double> about) noexcept
 {
-  std::array<double, D> way;
+  std::array<double, D> common;
   for (std::size_t i = 0; i < D; ++i)
-    way[i] = dt * about[i];
+    common[i] = dt * about[i];
   // As integers, NaN is above all numbers.
   std::uint64_t most = 0, most_relative = 0;
   for (std::size_t node = 0; node < rate.size(); node += D)
@@ -48,7 +48,7 @@ Motion drift(double dt, std::span<const double> v, std::span<const double> a,
       u[i] += dt * rate[i];
       du[i] = u[i] - start;
       square += du[i] * du[i];
-      const double other = du[i] - way[i - node];
+      const double other = du[i] - common[i - node];
       relative += other * other;
     }
     most = std::max(most, std::bit_cast<std::uint64_t>(square));

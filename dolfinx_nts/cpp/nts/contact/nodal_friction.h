@@ -67,21 +67,21 @@ struct NodalFriction
   /// @param[in] p Pressing force [N].
   /// @param[in] limit Largest traction [N].
   /// @param[in] trial Traction if it stuck [N].
-  /// @param[in] way Where it goes: a traction or a slip.
+  /// @param[in] motion Direction of slip, as a traction or a slip increment.
   Judgement judge(std::size_t j, bool active, double p, double limit,
-                  const Vec2& trial, const Vec2& way) const noexcept
+                  const Vec2& trial, const Vec2& motion) const noexcept
   {
     const bool slid = sliding[j];
     // With p < 0, which may pass, a traction points backwards.
     const Vec2 along
-        = first_direction(vector2(slid ? heading : traction, j), way);
+        = first_direction(vector2(slid ? heading : traction, j), motion);
     // At the limit, as where loads rest after sliding, round-off must not
     // decide, nor where it is not known yet how much a node presses that has
     // just arrived.
     const bool is_open
         = is_at_limit(limit, trial, rounding[j]) || (active && p == 0);
     const bool leaves
-        = is_open ? slid : nts::slides(limit, trial, way, along, slid);
+        = is_open ? slid : nts::slides(limit, trial, motion, along, slid);
     return {leaves || on_axis[j], along};
   }
 

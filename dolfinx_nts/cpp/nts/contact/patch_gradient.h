@@ -53,14 +53,14 @@ Foot foot(const Pair<S>& pair, const Vec3& d, const Vec2& start) noexcept
     const Vec3 r = pair.node - combine(S::phi(f.xi), pair.segment);
     f.height = dot(r, d) / dot(d, d);
     const Vec2 step = {dot(f.c[0], r), dot(f.c[1], r)};
-    const double way = std::max(std::abs(step[0]), std::abs(step[1]));
-    if (f.converged || way <= round_off)
+    const double change = std::max(std::abs(step[0]), std::abs(step[1]));
+    if (f.converged || change <= round_off)
     {
       f.converged = true;
       return f;
     }
     f.xi = {f.xi[0] + step[0], f.xi[1] + step[1]};
-    f.converged = way <= converging;
+    f.converged = change <= converging;
   }
   return {};
 }
@@ -77,14 +77,15 @@ double below_tangent_plane(const std::array<Vec3, S::vertices>& x,
   const double offset = std::sqrt(0.15);
   const std::array<double, 3> place = {0.5 - offset, 0.5, 0.5 + offset};
   constexpr std::array<double, 3> weight = {5. / 18, 8. / 18, 5. / 18};
-  const Vec2 way = {xi[0] - p.xi[0], xi[1] - p.xi[1]};
+  const Vec2 path = {xi[0] - p.xi[0], xi[1] - p.xi[1]};
   double height = 0;
   for (std::size_t g = 0; g < 3; ++g)
   {
-    const Vec2 at = {p.xi[0] + place[g] * way[0], p.xi[1] + place[g] * way[1]};
-    const Vec2 bend = along_second<S>(x, at, p.normal) * way;
+    const Vec2 at
+        = {p.xi[0] + place[g] * path[0], p.xi[1] + place[g] * path[1]};
+    const Vec2 bend = along_second<S>(x, at, p.normal) * path;
     height
-        -= weight[g] * (1 - place[g]) * (bend[0] * way[0] + bend[1] * way[1]);
+        -= weight[g] * (1 - place[g]) * (bend[0] * path[0] + bend[1] * path[1]);
   }
   return height;
 }
@@ -138,7 +139,7 @@ void contact_conserving(const Pair<S>& pair_n, const Pair<S>& pair,
 
   // Tangent. Motion of d and beta with q at t_{n+1}:
   Matrix<3, dofs> turn;
-  Matrix<2, dofs> way;
+  Matrix<2, dofs> dbeta;
   for (std::size_t j = 0; j < dofs; ++j)
   {
     const Vec2 t = s.metric_inverse * Vec2{s.dn[0][j], s.dn[1][j]};
@@ -146,7 +147,7 @@ void contact_conserving(const Pair<S>& pair_n, const Pair<S>& pair,
     for (std::size_t i = 0; i < 3; ++i)
       turn[i][j] = dd[i];
     for (std::size_t a = 0; a < 2; ++a)
-      way[a][j] = 0.5 * w[j / 3] * f.c[a][j % 3] - f.height * dot(f.c[a], dd);
+      dbeta[a][j] = 0.5 * w[j / 3] * f.c[a][j % 3] - f.height * dot(f.c[a], dd);
   }
   // Motion of the excess, by the normal and the nodes, and by beta.
   PairVector<S> slope = {};
@@ -161,7 +162,7 @@ void contact_conserving(const Pair<S>& pair_n, const Pair<S>& pair,
     slope[j] = 2
                    * (turn[0][j] * between[0] + turn[1][j] * between[1]
                       + turn[2][j] * between[2])
-               + fall[0] * way[0][j] + fall[1] * way[1][j];
+               + fall[0] * dbeta[0][j] + fall[1] * dbeta[1][j];
     if (j >= 3)
       slope[j] += (here[j / 3 - 1] - phi[j / 3 - 1]) * p.normal[j % 3];
   }
@@ -179,9 +180,9 @@ void contact_conserving(const Pair<S>& pair_n, const Pair<S>& pair,
     }
     for (std::size_t A = 0; A < points; ++A)
     {
-      const double dw
-          = A == 0 ? 0
-                   : -dphi[0][A - 1] * way[0][j] - dphi[1][A - 1] * way[1][j];
+      const double dw = A == 0 ? 0
+                               : -dphi[0][A - 1] * dbeta[0][j]
+                                     - dphi[1][A - 1] * dbeta[1][j];
       const Vec3 dv = strains ? motion.slope(A, J, b, spin) : Vec3{};
       for (std::size_t i = 0; i < 3; ++i)
         contact.tangent[3 * A + i][j] = w[A] * turn[i][j] + d[i] * dw

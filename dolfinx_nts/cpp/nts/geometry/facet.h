@@ -194,12 +194,12 @@ Vec2 pulled_back(const Vec2& y, const std::array<Vec2, F::vertices>& c) noexcept
     if (!(std::abs(det(J)) > degenerate * std::abs(det(first))))
       J = first;
     Vec2 step = inverse(J) * Vec2{y[0] - there[0], y[1] - there[1]};
-    const double way = std::max(std::abs(step[0]), std::abs(step[1]));
+    const double length = std::max(std::abs(step[0]), std::abs(step[1]));
     // The first step inverts the affine part of the map.
-    if (iteration > 0 && way > longest)
-      step = {longest / way * step[0], longest / way * step[1]};
+    if (iteration > 0 && length > longest)
+      step = {longest / length * step[0], longest / length * step[1]};
     xi = {xi[0] + step[0], xi[1] + step[1]};
-    if (way < accurate)
+    if (length < accurate)
       break;
   }
   return xi;

@@ -77,11 +77,11 @@ Projection<S> project(const Pair<S>& pair, double orientation) noexcept
     if (!(det(A) > convex * area && A[0][0] > 0))
       A = p.metric;
     Vec2 dxi = inverse(A) * Vec2{dot(r, p.tangents[0]), dot(r, p.tangents[1])};
-    const double way = std::max(std::abs(dxi[0]), std::abs(dxi[1]));
-    const double part = way > longest ? longest / way : 1;
+    const double change = std::max(std::abs(dxi[0]), std::abs(dxi[1]));
+    const double part = change > longest ? longest / change : 1;
     p.xi = {p.xi[0] + part * dxi[0], p.xi[1] + part * dxi[1]};
     // Round-off in xi grows with the distance of the node.
-    const double excess = way - round_off;
+    const double excess = change - round_off;
     p.converged
         = excess <= 0
           || excess * excess * trace <= round_off * round_off * dot(r, r);

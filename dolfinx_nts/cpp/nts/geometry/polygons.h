@@ -172,8 +172,9 @@ void integrate(const Polygon& p, Add&& add)
     const Matrix<2, 2> R = root(m.second);
     for (const Vec2& v : {Vec2{-1, -1}, {1, -1}, {1, 1}, {-1, 1}})
     {
-      const Vec2 way = R * v;
-      add(Vec2{m.centroid[0] + way[0], m.centroid[1] + way[1]}, m.area / 4);
+      const Vec2 offset = R * v;
+      add(Vec2{m.centroid[0] + offset[0], m.centroid[1] + offset[1]},
+          m.area / 4);
     }
   }
   else
@@ -191,9 +192,9 @@ void integrate(const Polygon& p, Add&& add)
     const double length = std::sqrt(2.);
     for (const Vec2& v : {Vec2{-height, -0.5}, {height, -0.5}, {0, 1}})
     {
-      const Vec2 way = back * (R * v);
-      add(Vec2{m.centroid[0] + length * way[0],
-               m.centroid[1] + length * way[1]},
+      const Vec2 offset = back * (R * v);
+      add(Vec2{m.centroid[0] + length * offset[0],
+               m.centroid[1] + length * offset[1]},
           m.area / 3);
     }
   }

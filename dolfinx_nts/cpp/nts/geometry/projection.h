@@ -105,12 +105,12 @@ Projection<S> project(const Pair<S>& pair, double orientation) noexcept
       A = p.metric;
     const Vec2 f = {dot(r, p.tangents[0]), dot(r, p.tangents[1])};
     const Vec2 dxi = inverse(A) * f;
-    const double way = std::max(std::abs(dxi[0]), std::abs(dxi[1]));
-    if (way <= unit) // there already, as in the second pass where it is flat
+    const double change = std::max(std::abs(dxi[0]), std::abs(dxi[1]));
+    if (change <= unit) // there already, as in the second pass where it is flat
       return finished(r, n);
     p.xi = {p.xi[0] + dxi[0], p.xi[1] + dxi[1]};
     // Round-off in xi grows with the distance of the node.
-    const double excess = way - round_off;
+    const double excess = change - round_off;
     p.converged
         = excess <= 0
           || excess * excess * trace <= round_off * round_off * dot(r, r);

@@ -17,8 +17,8 @@ inline double squared_distance(const Vec3& point, const Vec3& begin,
   const Vec3 along = end - begin, r = point - begin;
   const double square = dot(along, along);
   const double s = square > 0 ? std::clamp(dot(r, along) / square, 0., 1.) : 0.;
-  const Vec3 way = r - s * along;
-  return dot(way, way);
+  const Vec3 offset = r - s * along;
+  return dot(offset, offset);
 }
 
 /// @brief Squared distance of a point to a triangle [m^2].

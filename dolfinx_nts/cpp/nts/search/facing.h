@@ -290,7 +290,7 @@ public:
     return !waits(node, i, p, [&]() -> const Tree& { return tree; });
   }
 
-  /// @brief Whether the node may enter a segment on its way.
+  /// @brief Whether the node may enter a segment on its path.
   /// @param[in] from Where it begins [m].
   /// @param[in] i The segment.
   /// @param[in] normal Its normal there.

@@ -18,7 +18,7 @@ struct Trajectory
   std::int32_t entered = -1; ///< segment, -1 where it enters none
   bool leaves = false;       ///< whether it comes out again
   double begin = 0;          ///< time when it enters, -1 if it starts inside
-  double way = 0;            ///< below the surface, relative to it [m]
+  double length = 0;         ///< below the surface, relative to it [m]
   double cosine = 1; ///< between the normals where it enters and leaves [-]
   double gap = NAN;  ///< at the end, to the plane of the segment entered [m]
 };
@@ -149,7 +149,7 @@ public:
     if (!_crossings[0].inward && node.leads_along(_crossings[0].normal))
       longest = {.entered = _crossings[0].segment,
                  .leaves = true,
-                 .way = _crossings[0].time * norm(path),
+                 .length = _crossings[0].time * norm(path),
                  .cosine = -1};
     for (std::size_t i = 0; i < _crossings.size(); ++i)
     {
@@ -171,9 +171,9 @@ public:
       }
       const auto [centre, normal] = _surface.plane(in.segment, 1);
       const Vec3 moved = centre - _surface.plane(in.segment, 0)[0];
-      t.way = (end - std::max(in.time, 0.)) * norm(path - moved);
+      t.length = (end - std::max(in.time, 0.)) * norm(path - moved);
       t.gap = dot(to - centre, normal);
-      if (longest.entered < 0 || t.way > longest.way)
+      if (longest.entered < 0 || t.length > longest.length)
         longest = t;
     }
     return longest;

@@ -23,8 +23,8 @@ inline double farthest(std::span<const double> x,
   double square = 0;
   for (const std::size_t i : rows)
   {
-    const Vec3 way = vector(x, i) - vector(before, i);
-    const double there = dot(way, way);
+    const Vec3 moved = vector(x, i) - vector(before, i);
+    const double there = dot(moved, moved);
     if (std::isnan(there))
       return there;
     square = std::max(square, there);

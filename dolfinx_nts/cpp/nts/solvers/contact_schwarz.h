@@ -156,11 +156,11 @@ public:
     for (const Constraint& constraint : _constraints)
     {
       const std::size_t s = B * _number[constraint.nodes[0]];
-      std::array<double, B> given_up;
-      std::copy_n(_x.begin() + s, B, given_up.begin());
+      std::array<double, B> eliminated;
+      std::copy_n(_x.begin() + s, B, eliminated.begin());
       std::fill_n(_x.begin() + s, B, 0.0);
       for (std::size_t a = 0; a < constraint.nodes.size(); ++a)
-        add_product(constraint.left[a], given_up.data(),
+        add_product(constraint.left[a], eliminated.data(),
                     _x.data() + B * _number[constraint.nodes[a]]);
     }
     _factors.apply(_x, _x);
@@ -180,7 +180,7 @@ private:
     std::size_t rank;                    // number of constraints
     std::vector<std::int32_t> nodes;     // that they reach, its own first
     std::vector<Columns<B>> right, left; // Z_0a and (Z~^T)_a0
-    Columns<B> given_up;                 // E E^T at the node
+    Columns<B> eliminated;               // E E^T at the node
   };
 
   /// @brief A block of the contact tangent.
@@ -278,12 +278,12 @@ private:
       result.right.push_back(Columns<B>::of(right));
       result.left.push_back(Columns<B>::of(left));
     }
-    Block<B> given_up = {};
+    Block<B> eliminated = {};
     for (std::size_t a = 0; a < constraints; ++a)
       for (std::size_t c = 0; c < B; ++c)
         for (std::size_t d = 0; d < B; ++d)
-          given_up[c][d] += E[a][c] * E[a][d];
-    result.given_up = Columns<B>::of(given_up);
+          eliminated[c][d] += E[a][c] * E[a][d];
+    result.eliminated = Columns<B>::of(eliminated);
     return result;
   }
 
@@ -423,7 +423,7 @@ private:
       if (constrainer[p])
         _projected.add(
             static_cast<std::int32_t>(p),
-            constrainer[p]->given_up
+            constrainer[p]->eliminated
                 * static_cast<float>(_scale * _stiffness[_nodes[p]]));
       _projected.end_row();
     }

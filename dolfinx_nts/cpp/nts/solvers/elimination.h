@@ -94,10 +94,11 @@ void close_gaps(std::span<const std::int32_t> nodes,
     if (!moves[i])
       continue;
     const double* n = normal.data() + B * i;
-    const double way = gap[i] / inner<B>(n, gradients.data() + stride * i);
-    if (std::islessequal(std::abs(way), farthest[i])) // quiet where it is NaN
+    const double distance = gap[i] / inner<B>(n, gradients.data() + stride * i);
+    if (std::islessequal(std::abs(distance),
+                         farthest[i])) // quiet where it is NaN
       for (std::size_t c = 0; c < B; ++c)
-        x[B * nodes[i] + c] -= way * n[c];
+        x[B * nodes[i] + c] -= distance * n[c];
   }
 }
 

@@ -4,11 +4,11 @@
 
 #include <vector>
 
-/// @brief Boundaries that may overlap, by boxes around them, and what of them.
+/// @brief Boundaries that may overlap, by their bounding boxes.
 namespace nts
 {
 /// @brief A boundary with points that may be inside another one.
-struct Meeting
+struct OverlappingBoxes
 {
   std::int32_t inner, outer; ///< numbers of the boundaries
   double depth;              ///< depth from which on it counts [m]
@@ -20,20 +20,20 @@ struct Meeting
 /// @param[in] touch Depth of a touch of each; of two the lesser counts [m] (g).
 /// @param[out] apart Distances of any two boxes, 0 where they overlap and
 /// infinite on the diagonal (g, g) [m].
-inline std::vector<Meeting> meetings(std::span<const Box> boxes,
-                                     std::span<const double> touch,
-                                     std::span<double> apart)
+inline std::vector<OverlappingBoxes>
+overlapping_boxes(std::span<const Box> boxes, std::span<const double> touch,
+                  std::span<double> apart)
 {
   const std::size_t n = boxes.size();
-  std::vector<Meeting> found;
+  std::vector<OverlappingBoxes> found;
   for (std::size_t i = 0; i < n; ++i)
     for (std::size_t j = 0; j < n; ++j)
     {
       const double depth = std::min(touch[i], touch[j]);
-      const double way = i == j ? INFINITY : distance(boxes[i], boxes[j]);
-      apart[n * i + j] = std::max(way, 0.);
+      const double between = i == j ? INFINITY : distance(boxes[i], boxes[j]);
+      apart[n * i + j] = std::max(between, 0.);
       // A point deep in the outer boundary is as deep in its box.
-      if (way < -depth)
+      if (between < -depth)
         found.push_back({static_cast<std::int32_t>(i),
                          static_cast<std::int32_t>(j), depth,
                          part_inside(boxes[i], boxes[j], depth)});

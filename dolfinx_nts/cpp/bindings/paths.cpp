@@ -1,4 +1,4 @@
-#include "nts/search/ways.h"
+#include "nts/search/paths.h"
 #include "array.h"
 
 #include <nanobind/stl/tuple.h>
@@ -36,33 +36,33 @@ private:
   std::vector<std::int32_t> _numbers;
 };
 
-/// @brief Points on ways, and a number of each way by which they are found
+/// @brief Points on paths, and a number of each path by which they are found
 /// again.
-auto points_on_ways(const Doubles& ways, const Rows& number, const Rows& way,
-                    const Doubles& s)
+auto points_on_paths(const Doubles& paths, const Rows& number, const Rows& path,
+                     const Doubles& s)
 {
-  check("ways", ways, {any, 6});
-  check("number", number, {ways.shape(0)});
-  check("way", way, {s.size(), 2});
-  std::vector<WayCut> cuts(s.size());
+  check("paths", paths, {any, 6});
+  check("number", number, {paths.shape(0)});
+  check("path", path, {s.size(), 2});
+  std::vector<PathCut> cuts(s.size());
   for (std::size_t i = 0; i < cuts.size(); ++i)
   {
-    cuts[i] = {way.data()[2 * i], s.data()[i], way.data()[2 * i + 1]};
-    if (cuts[i].way < 0
-        || static_cast<std::size_t>(cuts[i].way) >= ways.shape(0))
-      throw nb::value_error("way: expected rows of ways");
+    cuts[i] = {path.data()[2 * i], s.data()[i], path.data()[2 * i + 1]};
+    if (cuts[i].path < 0
+        || static_cast<std::size_t>(cuts[i].path) >= paths.shape(0))
+      throw nb::value_error("path: expected rows of paths");
   }
   Found found;
-  points_of_ways(view(ways), std::move(cuts),
-                 [&](std::int32_t w, const Vec3& point)
-                 { found.add(number.data()[w], {point}); });
+  points_of_paths(view(paths), std::move(cuts),
+                  [&](std::int32_t w, const Vec3& point)
+                  { found.add(number.data()[w], {point}); });
   return found.arrays(3);
 }
 
-/// @brief Nodes and edges in regions, as ways, and the number of the region.
-auto ways_in_regions(const Doubles& x, const std::vector<Rows>& nodes,
-                     const std::vector<Rows>& edges, const Rows& which,
-                     const Doubles& regions)
+/// @brief Nodes and edges in regions, as paths, and the number of the region.
+auto paths_in_regions(const Doubles& x, const std::vector<Rows>& nodes,
+                      const std::vector<Rows>& edges, const Rows& which,
+                      const Doubles& regions)
 {
   check("x", x, {any, 3});
   check("regions", regions, {which.size(), 2, 3});
@@ -76,23 +76,23 @@ auto ways_in_regions(const Doubles& x, const std::vector<Rows>& nodes,
     check("edges", others, {any, 2});
     for (const Rows& rows : {some, others})
       check_rows("nodes, edges: expected rows of x", rows, x.shape(0));
-    ways_in(view(x), view(some), view(others),
-            {vector(view(regions), 2 * r), vector(view(regions), 2 * r + 1)},
-            [&](const Vec3& begin, const Vec3& end)
-            { found.add(static_cast<std::int32_t>(r), {begin, end}); });
+    paths_in(view(x), view(some), view(others),
+             {vector(view(regions), 2 * r), vector(view(regions), 2 * r + 1)},
+             [&](const Vec3& begin, const Vec3& end)
+             { found.add(static_cast<std::int32_t>(r), {begin, end}); });
   }
   return found.arrays(6);
 }
 } // namespace
 
-void ways(nb::module_& m)
+void paths(nb::module_& m)
 {
-  m.def("points_on_ways", &points_on_ways, nb::arg("ways"), nb::arg("number"),
-        nb::arg("way"), nb::arg("s"),
-        "(w, 6), (w,), (c, 2), (c,) cuts as of Boundaries.cuts -> ways that "
-        "are points, then middles of the parts of ways that are cut and not "
-        "known to be outside (m, 3), and the number of the way of each (m,)");
-  m.def("ways_in", &ways_in_regions, nb::arg("x"), nb::arg("nodes"),
+  m.def("points_on_paths", &points_on_paths, nb::arg("paths"),
+        nb::arg("number"), nb::arg("path"), nb::arg("s"),
+        "(w, 6), (w,), (c, 2), (c,) cuts as of Boundaries.cuts -> paths that "
+        "are points, then middles of the parts of paths that are cut and not "
+        "known to be outside (m, 3), and the number of the path of each (m,)");
+  m.def("paths_in", &paths_in_regions, nb::arg("x"), nb::arg("nodes"),
         nb::arg("edges"), nb::arg("which"), nb::arg("regions"),
         "(l, 3), for each boundary rows of x (n,) and (e, 2), (r,) the "
         "boundary of each region, (r, 2, 3) -> begin and end of nodes, which "

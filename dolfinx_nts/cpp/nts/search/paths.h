@@ -16,10 +16,10 @@ namespace nts
 /// @param[in] region The region.
 /// @param[out] found Called with start and end of each path, which are equal
 /// for nodes.
-template <class OnWay>
-void ways_in(std::span<const double> x, std::span<const std::int32_t> nodes,
-             std::span<const std::int32_t> edges, const Box& region,
-             OnWay&& found)
+template <class OnPath>
+void paths_in(std::span<const double> x, std::span<const std::int32_t> nodes,
+              std::span<const std::int32_t> edges, const Box& region,
+              OnPath&& found)
 {
   // Edges have more ends than nodes.
   constexpr std::uint8_t unknown = 0xff;
@@ -40,10 +40,10 @@ void ways_in(std::span<const double> x, std::span<const std::int32_t> nodes,
 }
 
 /// @brief An intersection of a path with a boundary.
-struct WayCut
+struct PathCut
 {
-  std::int32_t way; ///< number of the path
-  double s;         ///< place on it, from 0 to 1
+  std::int32_t path; ///< number of the path
+  double s;          ///< place on it, from 0 to 1
   /// 1 if the path leaves the boundary, -1 if it enters, 0 if it intersects an
   /// edge or a vertex
   std::int32_t side;
@@ -51,32 +51,33 @@ struct WayCut
 
 /// @brief Paths of length zero, and midpoints of the parts of other paths
 /// between intersections that are not known to be outside.
-/// @param[in] ways Start and end of each path, (w, 6) [m].
+/// @param[in] paths Start and end of each path, (w, 6) [m].
 /// @param[in] cuts Intersections in any order. Paths without any have no parts.
 /// @param[out] found Called with the number of the path and the point; paths of
 /// length zero come first.
 template <class OnPoint>
-void points_of_ways(std::span<const double> ways, std::vector<WayCut> cuts,
-                    OnPoint&& found)
+void points_of_paths(std::span<const double> paths, std::vector<PathCut> cuts,
+                     OnPoint&& found)
 {
-  for (std::size_t w = 0; w < ways.size() / 6; ++w)
-    if (const Vec3 point = vector(ways, 2 * w);
-        point == vector(ways, 2 * w + 1))
+  for (std::size_t w = 0; w < paths.size() / 6; ++w)
+    if (const Vec3 point = vector(paths, 2 * w);
+        point == vector(paths, 2 * w + 1))
       found(static_cast<std::int32_t>(w), point);
   std::ranges::sort(cuts, {},
-                    [](const WayCut& c) { return std::pair(c.way, c.s); });
+                    [](const PathCut& c) { return std::pair(c.path, c.s); });
   for (std::size_t i = 0; i < cuts.size(); ++i)
   {
-    const std::int32_t way = cuts[i].way;
-    const Vec3 begin = vector(ways, 2 * way), end = vector(ways, 2 * way + 1);
+    const std::int32_t path = cuts[i].path;
+    const Vec3 begin = vector(paths, 2 * path),
+               end = vector(paths, 2 * path + 1);
     const auto add = [&](double from, double to)
     {
       const double s = (from + to) / 2;
-      found(way, (1 - s) * begin + s * end);
+      found(path, (1 - s) * begin + s * end);
     };
-    if ((i == 0 || cuts[i - 1].way != way) && cuts[i].side >= 0)
+    if ((i == 0 || cuts[i - 1].path != path) && cuts[i].side >= 0)
       add(0, cuts[i].s);
-    const bool last = i + 1 == cuts.size() || cuts[i + 1].way != way;
+    const bool last = i + 1 == cuts.size() || cuts[i + 1].path != path;
     if (cuts[i].side <= 0 && (last || cuts[i + 1].side >= 0))
       add(cuts[i].s, last ? 1 : cuts[i + 1].s);
   }

@@ -1,4 +1,4 @@
-#include "nts/search/meetings.h"
+#include "nts/search/overlapping_boxes.h"
 #include "boxes.h"
 
 #include <nanobind/stl/tuple.h>
@@ -7,7 +7,7 @@ namespace nts::bindings
 {
 namespace
 {
-auto meetings_of(const Doubles& boxes, const Doubles& touch)
+auto overlapping_boxes_of(const Doubles& boxes, const Doubles& touch)
 {
   const std::size_t n = touch.size();
   check("touch", touch, {n});
@@ -16,18 +16,19 @@ auto meetings_of(const Doubles& boxes, const Doubles& touch)
   for (std::size_t i = 0; i < n; ++i)
     around.push_back(box_by_corners(boxes, i));
   auto apart = create<double>({n, n});
-  const std::vector<Meeting> found = meetings(around, view(touch), view(apart));
+  const std::vector<OverlappingBoxes> found
+      = overlapping_boxes(around, view(touch), view(apart));
   auto pair = create<std::int32_t>({found.size(), 2});
   auto depth = create<double>({found.size()}),
        region = create<double>({found.size(), 2, 3});
   for (std::size_t p = 0; p < found.size(); ++p)
   {
-    const Meeting& meeting = found[p];
-    pair.data()[2 * p] = meeting.inner;
-    pair.data()[2 * p + 1] = meeting.outer;
-    depth.data()[p] = meeting.depth;
-    store(meeting.region.lower, view(region), 2 * p);
-    store(meeting.region.upper, view(region), 2 * p + 1);
+    const OverlappingBoxes& both = found[p];
+    pair.data()[2 * p] = both.inner;
+    pair.data()[2 * p + 1] = both.outer;
+    depth.data()[p] = both.depth;
+    store(both.region.lower, view(region), 2 * p);
+    store(both.region.upper, view(region), 2 * p + 1);
   }
   return std::tuple(apart, pair, depth, region);
 }
@@ -41,9 +42,10 @@ auto approach_of(const Doubles& displacements)
 }
 } // namespace
 
-void meetings(nb::module_& m)
+void overlapping_boxes(nb::module_& m)
 {
-  m.def("meetings", &meetings_of, nb::arg("boxes"), nb::arg("touch"),
+  m.def("overlapping_boxes", &overlapping_boxes_of, nb::arg("boxes"),
+        nb::arg("touch"),
         "(2, g, 3) corners of boxes around the whole of each boundary, (g,) "
         "-> distances of any two boxes (g, g), 0 where they overlap and "
         "infinite on the diagonal; those two that overlap by more than a "
