@@ -56,7 +56,7 @@ def test_readme_is_short():
     assert len(README.split()) <= 800
 
 
-def test_readme_script_prints_what_the_readme_says_without_gmsh(tmp_path, monkeypatch, capsys):
+def test_readme_script_prints_as_in_the_readme_without_gmsh(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "gmsh", None)  # as if it were not installed
     execute(SCRIPT, monkeypatch, tmp_path)
     printed = capsys.readouterr().out.splitlines()
@@ -108,7 +108,7 @@ def test_each_demo_is_a_tutorial():
     assert sorted(listed) == sorted(path.with_suffix("").as_posix() for path in demos)
 
 
-def test_the_columns_of_a_table_are_those_that_are_explained(comm, tmp_path):
+def test_all_columns_of_a_table_are_explained(comm, tmp_path):
     page = (DOCS / "howto" / "columns.md").read_text(encoding="utf-8")
     cells = [line.split(" | ")[0] for line in page.splitlines() if line.startswith("| `")]
     explained = [name for cell in cells for name in re.findall(r"`([a-z_0-9]+)`", cell)]
@@ -129,7 +129,7 @@ def test_the_columns_of_a_table_are_those_that_are_explained(comm, tmp_path):
     assert sorted(set(plain)) == sorted(explained)
 
 
-def test_messages_that_are_explained_are_those_of_the_package():
+def test_explained_messages_exist_in_the_package():
     page = (DOCS / "howto" / "troubleshooting.md").read_text(encoding="utf-8")
     quoted = re.findall(r'^"(.+)"$', page, re.MULTILINE)
     texts = []
@@ -142,7 +142,7 @@ def test_messages_that_are_explained_are_those_of_the_package():
         assert any(all(part in text for part in parts) for text in texts), message
 
 
-def test_table_of_the_impact_is_that_of_the_runs(tmp_path):
+def test_table_of_the_impact_agrees_with_the_runs(tmp_path):
     lines = (DOCS / "tables" / "impact.md").read_text(encoding="utf-8").splitlines()
     names = [line.split(" | ")[0].removeprefix("| ") for line in lines[2:] if line.startswith("|")]
     assert names == list(impact.VARIANTS)
@@ -153,7 +153,7 @@ def test_table_of_the_impact_is_that_of_the_runs(tmp_path):
 
 
 @pytest.mark.parametrize("bench", [plane, rings], ids=["plane", "rings"])
-def test_tables_of_two_dimensions_are_those_of_their_commands(bench, capsys):
+def test_tables_of_two_dimensions_agree_with_their_commands(bench, capsys):
     published = (DOCS / "tables" / f"{bench.__name__.split('.')[1]}.md").read_text(encoding="utf-8")
     bench.main([])
     heads = capsys.readouterr().out
@@ -164,7 +164,7 @@ def test_tables_of_two_dimensions_are_those_of_their_commands(bench, capsys):
             assert numbers(row)[1] == plane.scene(n, 2)[1].u.x.array.size
 
 
-def test_per_cents_in_the_text_are_those_of_a_table():
+def test_per_cents_in_the_text_occur_in_a_table():
     """Tables are written by commands, and what a sentence says is in one of them."""
     tables = "".join(path.read_text(encoding="utf-8") for path in (DOCS / "tables").glob("*.md"))
     measured = {token.lstrip("+-") for token in re.findall(r"[-+]?\d+(?:\.\d+)?", tables)}
@@ -176,7 +176,7 @@ def test_per_cents_in_the_text_are_those_of_a_table():
             assert number in measured, f"{number} %"
 
 
-def test_numbers_of_other_codes_in_the_readme_are_those_of_their_table():
+def test_numbers_of_other_codes_in_the_readme_agree_with_their_table():
     table = (DOCS / "tables" / "peers.md").read_text(encoding="utf-8")
     rows = [line.strip("| ").split(" | ") for line in table.splitlines()[2:]]
     by_code = {row[0].split()[0]: row for row in reversed(rows)}  # of ours the first row
@@ -200,7 +200,7 @@ def test_shell_blocks_of_the_cluster_page_are_scripts():
     subprocess.run(["bash", "-n"], input=script, text=True, check=True)
 
 
-def test_rows_of_the_page_on_verification_are_those_that_tests_tell():
+def test_rows_of_the_page_on_verification_are_measured_by_tests():
     cases = []
     for path in sorted((ROOT / "tests").rglob("test_*.py")):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):

@@ -131,7 +131,7 @@ def test_arguments_input_and_folder_arrive_unchanged(tmp_path: Path) -> None:
 
 @inside
 @pytest.mark.parametrize("status", [0, 1, 77, 255])
-def test_exit_status_is_that_of_the_command(status: int) -> None:
+def test_exit_status_agrees_with_the_command(status: int) -> None:
     assert subprocess.run([RUN, "bash", "-c", f"exit {status}"]).returncode == status
 
 
@@ -201,7 +201,7 @@ def test_debian_sees_all_folders_of_users(host: Host) -> None:
     assert not [name for name in system if f"--bind /{name} " in binds]
 
 
-def test_what_debian_hides_is_named(host: Host) -> None:
+def test_packages_hidden_by_debian_are_named(host: Host) -> None:
     host.call("true")
     hidden = "/usr/bin/env"
     where = "copy it to a folder outside of /usr/"

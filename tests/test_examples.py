@@ -126,7 +126,7 @@ def run(example: doctest.DocTest, names: dict[str, Any], monkeypatch: pytest.Mon
 
 
 @pytest.mark.parametrize("package", sorted(EXAMPLES))
-def test_examples_print_what_their_docstrings_say(
+def test_examples_print_as_in_their_docstrings(
     package, constant_names, folder, tmp_path, monkeypatch
 ):
     if package == "plotting":

@@ -30,7 +30,7 @@ def test_there_are_hundreds_of_cases_with_names_of_their_own():
     assert len(set(names)) == len(names) >= 500
 
 
-def test_errors_are_told_apart():
+def test_errors_are_distinguished():
     def raises(rng):
         raise RuntimeError("no")
 
@@ -55,7 +55,7 @@ def test_depth_and_distance_of_points_in_a_box(dim, is_cut):
     assert nodal_mass(box.X, cells).sum() == pytest.approx((6, 24)[dim - 2])
 
 
-def test_force_in_a_column_is_that_of_its_energy():
+def test_force_in_a_column_agrees_with_its_energy():
     h, stretch = 1e-6, 1.3
     energy = [0.5 * (s**2 - 1 - 2 * np.log(s)) for s in (stretch + h, stretch - h)]
     assert column_force(stretch, 2.0, 3.0) == pytest.approx(3 * (energy[0] - energy[1]) / (2 * h))

@@ -24,7 +24,7 @@ def mesh() -> scene.Scene:
     return scene.read()
 
 
-def test_energy_of_a_turned_homogeneous_strain_is_that_of_the_law(mesh):
+def test_energy_of_a_turned_homogeneous_strain_agrees_with_the_law(mesh):
     bodies = Hexahedra.of(mesh.X, mesh.plate)
     F = rotation((1, 2, 0), 0.7) @ np.diag([1.1, 0.9, 1.2])
     strain = (F.T @ F - np.eye(3)) / 2
@@ -39,13 +39,13 @@ def test_energy_of_a_turned_homogeneous_strain_is_that_of_the_law(mesh):
 def test_forces_and_stiffness_are_derivatives_of_the_energy(mesh, rng):
     bodies = Hexahedra.of(mesh.X, mesh.ball[:3])
     x = mesh.X + 0.02 * rng.normal(size=mesh.X.shape)
-    way = rng.normal(size=x.shape)
-    ends = [x + s * 1e-6 * way for s in (1, -1)]
+    direction = rng.normal(size=x.shape)
+    ends = [x + s * 1e-6 * direction for s in (1, -1)]
     slope = (bodies.energy(ends[0]) - bodies.energy(ends[1])) / 2e-6
-    assert np.vdot(bodies.forces(x), way) == pytest.approx(slope, rel=1e-6)
+    assert np.vdot(bodies.forces(x), direction) == pytest.approx(slope, rel=1e-6)
     change = (bodies.forces(ends[0]) - bodies.forces(ends[1])) / 2e-6
     product = np.zeros_like(x)
-    local = way[bodies.cells].reshape(-1, 24, 1)
+    local = direction[bodies.cells].reshape(-1, 24, 1)
     np.add.at(product, bodies.cells, (bodies.stiffness(x) @ local).reshape(-1, 8, 3))
     assert np.abs(product - change).max() <= 1e-6 * np.abs(change).max()
 
@@ -86,7 +86,7 @@ def test_input_for_calculix_has_all_nodes_cells_and_facets_in_contact(mesh):
     assert count("*SURFACE, NAME=TOP") == len(mesh.top)
 
 
-def test_forces_of_the_pressed_and_dragged_block_are_those_of_theory(monkeypatch):
+def test_forces_of_the_pressed_and_dragged_block_agree_with_theory(monkeypatch):
     """As judged by another program: Hertz, and Cattaneo and Mindlin in the first step aside."""
     monkeypatch.setattr(press_by_ours, "NUM_STEPS", press.NUM_DOWN + 1)
     pressed = press.read()

@@ -62,7 +62,7 @@ def test_row_ends_as_it_has_to(comm, name):
 
 
 @pytest.mark.parametrize("seed", [3, *map(once, [24, 29, 46])])
-def test_random_bodies_bounce_or_tell_what_is_wrong(comm, seed):
+def test_random_bodies_bounce_or_stop_with_an_error(comm, seed):
     assert run(RANDOM[seed], comm).wrong == ""
 
 

@@ -86,8 +86,8 @@ def boxes(
         surfaces[f"bottom {number}"] = first + np.flatnonzero(nodes[:, 2] == 0)
         surfaces[f"top {number}"] = first + np.flatnonzero(nodes[:, 2] == nodes[:, 2].max())
         if cell == "tetrahedron":
-            ways = [[0, 1 << a, (1 << a) + (1 << b), 7] for a, b, _ in permutations(range(3))]
-            hexahedra = hexahedra[:, ways].reshape(-1, 4)
+            chains = [[0, 1 << a, (1 << a) + (1 << b), 7] for a, b, _ in permutations(range(3))]
+            hexahedra = hexahedra[:, chains].reshape(-1, 4)
         X.append(nodes)
         cells.append(first + hexahedra)
         body.append(np.full(len(hexahedra), number))

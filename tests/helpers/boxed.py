@@ -74,8 +74,8 @@ class Box:
         """Volume enclosed by the facets of the cavity. Collective."""
         x = self.positions(stepper)[self.corners]
         if self.cell == "tetrahedron":
-            ways = [[0, 1 << a, (1 << a) + (1 << b), 7] for a, b, _ in permutations(range(3))]
-            return sum(abs(np.linalg.det(x[way[1:]] - x[way[0]])) / 6 for way in ways)
+            chains = [[0, 1 << a, (1 << a) + (1 << b), 7] for a, b, _ in permutations(range(3))]
+            return sum(abs(np.linalg.det(x[chain[1:]] - x[chain[0]])) / 6 for chain in chains)
         points, weights = np.polynomial.legendre.leggauss(3)
         volume = 0.0
         for i, j, k in np.ndindex(3, 3, 3):

@@ -72,10 +72,10 @@ def compress(
     mesh, cells, facets, tag = nts.read_mesh(build, comm)
     X = mesh.geometry.x
     x, y = X[:, 0].copy(), X[:, 1].copy()
-    way = swirl * np.sin(np.pi * x) * np.sin(np.pi * y)
+    swirls = swirl * np.sin(np.pi * x) * np.sin(np.pi * y)
     # The faces of the blocks stay where they are.
-    X[:, 0] -= way * (y - 0.5)
-    X[:, 1] += way * (x - 0.5)
+    X[:, 0] -= swirls * (y - 0.5)
+    X[:, 1] += swirls * (x - 0.5)
     inner = np.all(np.abs(2 * X - np.round(2 * X)) > 1e-9, axis=1)
     moved = np.random.default_rng(1).uniform(-jitter / upper, jitter / upper, (inner.sum(), 3))
     X[inner] += moved

@@ -203,13 +203,13 @@ def sliding_blocks(
     rubber = nts.SaintVenantKirchhoff(*numbers, one_point=())
     bodies = {name: nts.Body(V, cells, tag[name], rubber) for name in ("body 0", "body 1")}
     surfaces = [nts.Surface(V, facets, tag[name]) for name in ("bottom 1", "top 0")]
-    way = fem.Constant(mesh, (0.0, 0.0, 0.0))
+    offset = fem.Constant(mesh, (0.0, 0.0, 0.0))
     held = [fem.locate_dofs_topological(V, 2, facets.find(tag[s])) for s in ("bottom 0", "top 1")]
-    bcs = [fem.dirichletbc(np.zeros(3), held[0], V), fem.dirichletbc(way, held[1], V)]
+    bcs = [fem.dirichletbc(np.zeros(3), held[0], V), fem.dirichletbc(offset, held[1], V)]
 
     def update(t: float) -> None:
         slide = 0.15 * max(t - 1, 0.0) / n
-        way.value[:] = [slide, slide / 3, -0.01 * min(t, 1.0)]
+        offset.value[:] = [slide, slide / 3, -0.01 * min(t, 1.0)]
 
     pair = nts.ContactPair(*surfaces, enforcement, friction)
     stepper = scheme(list(bodies.values()), [pair], dt=1.0, bcs=bcs, update=update)

@@ -209,7 +209,7 @@ def test_conserving_stress_is_exact_for_large_steps_of_any_law():
     assert last.strain_energy > 0.05 * first.total_energy
 
 
-def test_loads_and_obstacles_give_what_the_momentum_gains():
+def test_impulses_of_loads_and_obstacles_balance_the_momentum():
     """Ring forces: traction, body force, weight and a plane that comes down."""
     data, V = round_block((3, 4), corner=(0.2, 0.0), size=(0.3, 1.0))
     body = nts.Body(V, data.cells, data.tag["block"], nts.NeoHookean(**RUBBER))
@@ -318,7 +318,7 @@ def test_the_stable_step_is_estimated_on_the_safe_side(cell, degree):
 
 
 @pytest.mark.parametrize("impact", ["elastic", once("resolved")])
-def test_files_and_checkpoints_of_rings(tmp_path, monkeypatch, impact):
+def test_files_and_checkpoints_of_axisymmetric_bodies(tmp_path, monkeypatch, impact):
     monkeypatch.chdir(tmp_path if MPI.COMM_WORLD.size == 1 else MPI.COMM_WORLD.bcast(str(tmp_path)))
 
     def stepper():

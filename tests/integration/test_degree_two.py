@@ -107,7 +107,7 @@ def test_friction_dissipates_the_energy_of_the_ledger(comm, cell, friction):
     ],
     ids=["elastic", "exact stick", "penalty", "plastic"],
 )
-def test_surfaces_conserve_what_they_should(comm, cell, laws):
+def test_surfaces_of_degree_two_conserve_energy_and_momenta(comm, cell, laws):
     """Surface-to-surface contact, with multipliers at vertices."""
     scene = blocks(comm, partial(with_law, *laws, method="mortar"), cell=cell)
     ledger = Ledger(scene.stepper)

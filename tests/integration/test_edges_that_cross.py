@@ -163,12 +163,12 @@ def test_edges_that_are_pressed_together_carry_the_force_in_equilibrium(comm):
 
 
 @pytest.mark.serial
-@pytest.mark.parametrize("beside", [(0.6, 0.0), (0.0, 0.6)])
+@pytest.mark.parametrize("offset", [(0.6, 0.0), (0.0, 0.6)])
 @pytest.mark.parametrize("enforcement", [None, nts.Penalty(2.0e4)])
-def test_an_edge_passing_the_end_of_another_edge_has_no_contact(comm, enforcement, beside):
-    # One goes by 0.1 m beside the end of the other; faces meet when it is as deep below it.
+def test_an_edge_passing_the_end_of_another_edge_has_no_contact(comm, enforcement, offset):
+    # One goes by 0.1 m next to the end of the other; faces meet when it is as deep below it.
     laws = {"is_rigid": True, "n": 1, "enforcement": enforcement, "dt": 0.01}
-    scene = crossed(comm, place=[*beside, np.sqrt(2) + 0.02], velocity=(0.0, 0.0, -1.0), **laws)
+    scene = crossed(comm, place=[*offset, np.sqrt(2) + 0.02], velocity=(0.0, 0.0, -1.0), **laws)
     x = scene.stepper.x.copy()
     for _ in range(8):
         scene.stepper.advance()

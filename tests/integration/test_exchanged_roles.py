@@ -249,7 +249,7 @@ def drag(comm, angle, friction, floor):
 @pytest.mark.serial
 @pytest.mark.parametrize("friction", [0.5, 0.0])
 @pytest.mark.parametrize("angle", [75, 90, 105, 120, 135, 150])
-def test_friction_of_an_edge_between_coarse_nodes_is_that_of_coulomb(comm, angle, friction):
+def test_friction_of_an_edge_between_coarse_nodes_agrees_with_coulomb(comm, angle, friction):
     ratios, depth = drag(comm, angle, friction, (5, 2))
     # The floor tilts below the edge of the block as a whole facet.
     np.testing.assert_allclose(ratios, friction, atol=0.04)

@@ -64,13 +64,13 @@ def drag(comm, angle, dim, friction):
 
 @pytest.mark.parametrize("friction", [0.5, 0.0])
 @pytest.mark.parametrize("angle", ANGLES)
-def test_friction_of_a_dragged_block_is_that_of_coulomb(comm, angle, friction):
+def test_friction_of_a_dragged_block_agrees_with_coulomb(comm, angle, friction):
     # The block leans and the nodes pass one by one: the ratio varies by 0.02.
     np.testing.assert_allclose(drag(comm, angle, 2, friction), friction, atol=0.02)
 
 
 @pytest.mark.parametrize("angle", [75, 105, 135])
-def test_friction_of_a_dragged_block_in_space_is_that_of_coulomb(comm, angle):
+def test_friction_of_a_dragged_block_in_space_agrees_with_coulomb(comm, angle):
     np.testing.assert_allclose(drag(comm, angle, 3, 0.5), 0.5, atol=0.02)
 
 

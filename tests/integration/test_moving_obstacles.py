@@ -77,7 +77,7 @@ SPRINGS, RUBS = nts.Penalty(eps_N=1e5), nts.Coulomb(mu=0.3)
     ],
     ids=["elastic", "plastic", "springs"],
 )
-def test_the_tool_gives_what_energy_and_momenta_gain(comm, obstacle, laws):
+def test_work_and_impulses_of_the_tool_balance_energy_and_momenta(comm, obstacle, laws):
     block = Block(comm)
     stepper = block.stepper(pressed(obstacle), *laws, surface=block.top)
     diagnostics = nts.Diagnostics(stepper)

@@ -187,7 +187,7 @@ def test_segments_are_the_same_however_linear_systems_are_solved(
 
 
 @pytest.mark.several_ranks
-def test_meshes_with_ghost_cells_and_supports_by_facets_give_what_one_rank_does(comm):
+def test_meshes_with_ghost_cells_and_supports_by_facets_agree_with_one_rank(comm):
     """As `dolfinx.mesh.create_box` makes them, with a condition of a constant value."""
 
     def press(comm):

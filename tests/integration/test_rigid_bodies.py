@@ -21,7 +21,7 @@ STICK = nts.Coulomb(mu=0.3)
 
 
 @pytest.mark.serial
-def test_free_rotation_is_that_of_eulers_equations_to_second_order():
+def test_free_rotation_agrees_with_eulers_equations_to_second_order():
     omega = np.array([3.0, 0.4, -0.3])
     exact = eulers(omega, 1.0)
     errors = []
@@ -172,7 +172,7 @@ def test_rigid_body_bounces_on_a_floor_with_exact_energy(comm, tilt, friction):
     ("lower", "friction"),
     [("rigid", None), ("rigid", nts.Coulomb(0.1)), ("deformable", None), ("deformable", STICK)],
 )
-def test_nodes_of_a_rigid_body_may_be_those_that_touch(comm, lower, friction):
+def test_nodes_of_a_rigid_body_may_touch(comm, lower, friction):
     scene = impact(comm, rigid_nodes=True, both_rigid=lower == "rigid", friction=friction)
     first, last, given, active = run(scene)
     assert active > 0
@@ -188,7 +188,7 @@ def test_nodes_of_a_rigid_body_may_be_those_that_touch(comm, lower, friction):
     ("enforcement", "friction", "warns"),
     [(None, STICK, True), (None, None, False), (nts.Penalty(), STICK, False)],
 )
-def test_failures_tell_where_forces_are_not_unique(comm, enforcement, friction, warns):
+def test_failures_name_pairs_without_unique_forces(comm, enforcement, friction, warns):
     floor = nts.RigidPlane((0, 0, 0), (0, 0, 1))
     stepper = falling(comm, 0.0, friction, enforcement, target=floor)
     names = redundant(stepper.bodies, stepper.pairs)

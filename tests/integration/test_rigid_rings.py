@@ -128,7 +128,7 @@ def test_other_schemes_keep_axial_momentum_and_have_a_ledger(comm, case, frictio
 @pytest.mark.parametrize(
     "make", [nts.EnergyMomentum, once(nts.GeneralizedAlpha), once(nts.CentralDifference)]
 )
-def test_free_fall_and_dead_force_are_those_of_newton(comm, make):
+def test_free_fall_and_dead_force_agree_with_newton(comm, make):
     """A dome alone: acceleration by its weight and by a force on the mass of the closed form."""
     scene = dome_on_block(comm, both_rigid=True)
     force = nts.Force(scene.dome, (0.0, 500.0))

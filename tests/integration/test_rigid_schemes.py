@@ -30,7 +30,7 @@ ROTATING = {
 
 @pytest.mark.serial
 @pytest.mark.parametrize("scheme", ROTATING.values(), ids=ROTATING)
-def test_free_rotation_is_that_of_eulers_equations_to_second_order(scheme):
+def test_free_rotation_agrees_with_eulers_equations_to_second_order(scheme):
     omega = np.array([3.0, 0.4, -0.3])
     exact, errors = eulers(omega, 1.0), []
     for dt in (0.05, 0.025):

@@ -61,7 +61,7 @@ def test_oblique_impact_conserves_energy_and_momenta(cell, degree, method, impac
 @pytest.mark.serial
 @pytest.mark.parametrize("impact", ["elastic", "resolved"])
 @pytest.mark.parametrize("method", ["node-to-segment", "mortar"])
-def test_motion_is_that_of_one_layer_in_space_in_plane_strain(method, impact):
+def test_motion_agrees_with_one_layer_in_space_in_plane_strain(method, impact):
     # The layer cannot move along z, and is so thin that its forces are a tenth.
     states = []
     for depth in (0.0, 0.1):
@@ -191,7 +191,7 @@ def test_weight_of_a_block_rests_on_one_that_is_held():
         assert np.abs(np.subtract(turning, [moment])).max() < 1e-4
 
 
-def test_a_circle_that_moves_and_turns_gives_what_energy_and_momenta_gain():
+def test_a_moving_circle_balances_energy_and_momenta():
     velocity, spin, centre = np.array([0.3, -0.7]), 4.0, np.array([0.1, 1.53])
     scene = blocks("triangle")
     motion = nts.Motion(lambda t: velocity * t, lambda t: spin * t, centre=centre)
@@ -244,7 +244,7 @@ def test_motions_out_of_the_plane_are_refused(motion, message):
 @pytest.mark.parametrize(
     ("cell", "degree"), [once("quadrilateral", 1), ("triangle", 1), once("quadrilateral", 2)]
 )
-def test_stress_is_that_of_plane_strain(cell, degree):
+def test_stress_agrees_with_plane_strain(cell, degree):
     scene, stretch = blocks(cell, degree=degree), 1.2
     bodies = [scene.lower, scene.upper]
     stepper = nts.EnergyMomentum(bodies, dt=0.01)
@@ -262,7 +262,7 @@ def test_stress_is_that_of_plane_strain(cell, degree):
 
 
 @pytest.mark.parametrize(("degree", "method"), [(1, "mortar"), (2, "node-to-segment")])
-def test_circle_and_line_hold_a_block_and_files_tell_of_it(tmp_path, degree, method):
+def test_circle_and_line_hold_a_block_and_files_record_it(tmp_path, degree, method):
     scene = blocks("triangle", degree=degree)
     rising = nts.Motion(lambda t: (0.0, 0.05 * t))
     line = nts.RigidPlane((0.0, -0.51), (0.0, 1.0)).moving(rising)

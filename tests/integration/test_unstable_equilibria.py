@@ -27,7 +27,9 @@ def euler_load(dim: int, free_length: float) -> float:
     return float(np.pi**2 * MODULUS * inertia / free_length**2)
 
 
-def column(dim: int, part: float, *, is_led: bool = False, nu: float = 0.0, pairs=None) -> Any:
+def column(
+    dim: int, part: float, *, is_displaced: bool = False, nu: float = 0.0, pairs=None
+) -> Any:
     """A column that is clamped at its left end, and pressed by a part of its Euler load.
 
     A dead force acts on its free right end; or a clamp there moves.
@@ -51,7 +53,7 @@ def column(dim: int, part: float, *, is_led: bool = False, nu: float = 0.0, pair
     clamp = fem.dirichletbc(np.zeros(dim), ends[0], V)
     area = HEIGHT * (WIDTH if dim == 3 else 1.0)
     made = pairs(V, body, facets, tag) if pairs else []
-    if is_led:
+    if is_displaced:
         way = part * euler_load(dim, LENGTH / 2) * LENGTH / (MODULUS * area)
         lead = fem.dirichletbc(np.array([-way, 0.0, 0.0][:dim]), ends[1], V)
         return nts.QuasiStatic([body], made, dt=1.0, bcs=[clamp, lead])
@@ -67,11 +69,11 @@ def warnings_of(caplog: pytest.LogCaptureFixture) -> list[str]:
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-@pytest.mark.parametrize("is_led", [once(False), True])
+@pytest.mark.parametrize("is_displaced", [once(False), True])
 @pytest.mark.parametrize("part", [once(0.9), 1.1])
-def test_a_column_is_unstable_beyond_its_euler_load(caplog, dim, is_led, part):
+def test_a_column_is_unstable_beyond_its_euler_load(caplog, dim, is_displaced, part):
     """The column stays straight in both cases, as nothing pushes it sideways."""
-    stepper = column(dim, part, is_led=is_led)
+    stepper = column(dim, part, is_displaced=is_displaced)
     stepper.advance()
     assert np.abs(stepper.u.x.array.reshape(-1, dim)[:, 1]).max(initial=0.0) < 1e-6 * HEIGHT
     warnings = warnings_of(caplog)
@@ -80,7 +82,7 @@ def test_a_column_is_unstable_beyond_its_euler_load(caplog, dim, is_led, part):
 
 
 def test_a_strip_compressed_far_in_one_step_is_reported_once(caplog):
-    stepper = column(2, 6.0, is_led=True)
+    stepper = column(2, 6.0, is_displaced=True)
     stepper.advance()
     stepper.advance()
     assert len(warnings_of(caplog)) == 1
@@ -141,7 +143,7 @@ def walls(V, body, facets, tag):
 
 def test_walls_keep_a_column_stable(caplog):
     """Beyond its Euler load it cannot go sideways; motions into contact do not count."""
-    stepper = column(2, 2.0, is_led=True, nu=0.3, pairs=walls)
+    stepper = column(2, 2.0, is_displaced=True, nu=0.3, pairs=walls)
     assert stepper.advance().num_active > 0
     assert not warnings_of(caplog)
 

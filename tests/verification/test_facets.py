@@ -120,7 +120,7 @@ def ripple(forces: np.ndarray) -> float:
     return float(100 * np.ptp(forces) / forces.mean())
 
 
-def test_curved_cells_and_smooth_segments_smooth_the_force_on_what_slides_over_them(
+def test_curved_cells_and_smooth_segments_smooth_the_force_of_sliding(
     table_row,
 ):
     straight, curved, smooth = ripple(dragged(1)), ripple(dragged(2)), ripple(dragged(1, True))

@@ -119,7 +119,7 @@ def runs() -> dict[str, Run]:
 
 @pytest.mark.serial
 @pytest.mark.parametrize("name", variants())
-def test_energy_is_that_of_the_start_less_the_dissipation(runs, name):
+def test_energy_agrees_with_the_start_less_the_dissipation(runs, name):
     assert runs[name].ledger_error <= LEDGER_TOLERANCE
 
 

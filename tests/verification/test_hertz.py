@@ -443,7 +443,7 @@ def shift(fine: int, eps_T: float | None = None) -> Shift:
 
 
 @pytest.mark.serial
-def test_stick_zone_of_a_ball_pushed_aside_is_that_of_cattaneo_and_mindlin(table_row):
+def test_stick_zone_of_a_ball_pushed_aside_agrees_with_cattaneo_and_mindlin(table_row):
     """Radius c/a = (1 - Q/(mu P))^(1/3); an annulus around it slides."""
     results = [shift(fine) for fine in (4, 6, 8)]
     changes = [r.stick / (1 - r.load) ** (1 / 3) - 1 for r in results]

@@ -30,13 +30,13 @@ def held(V, data, side, axis=None):
     return fem.dirichletbc(np.zeros(2) if axis is None else np.float64(0), dofs, space)
 
 
-def led(V, data, side, way):
+def displaced(V, data, side, motion):
     """Condition that moves a side by a function of time, and the update of a stepper."""
     dofs = fem.locate_dofs_topological(V, 1, data.facets.find(data.tag[side]))
     value = fem.Function(V)
 
     def update(t):
-        value.x.array.reshape(-1, 2)[dofs] = way(t)
+        value.x.array.reshape(-1, 2)[dofs] = motion(t)
 
     return fem.dirichletbc(value, dofs), update
 
@@ -63,7 +63,7 @@ def test_belt_on_a_pulley_obeys_the_capstan_equation(table_row):
     assert abs(error) < BELT_TOLERANCE
 
 
-def test_belt_is_laid_on_and_drawn_over_twice_the_way_in_a_step(caplog):
+def test_belt_is_laid_on_and_drawn_over_twice_the_distance_in_a_step(caplog):
     """Where it curves, tangential ways leave gaps that say nothing of what presses."""
     scene = belt(dt=0.2)
     for step in scene.stepper.run(until=1.4):
@@ -135,7 +135,7 @@ def test_wedge_needs_the_force_of_its_angle_and_friction(table_row):
         )
         for wall, side in zip(walls, ("left", "right"), strict=True)
     ]
-    driven, update = led(V, data, "wedge_top", lambda t: (0, -0.5 * t))
+    driven, update = displaced(V, data, "wedge_top", lambda t: (0, -0.5 * t))
     bcs = [driven, held(V, data, "left_left"), held(V, data, "right_right")]
     stepper = nts.QuasiStatic(bodies, pairs, dt=0.1, bcs=bcs, update=update)
     errors = []

@@ -116,7 +116,7 @@ def test_impact_conserves_energy_and_momenta_to_round_off(table_row):
     assert max(history.iterations) <= 8
 
 
-def test_impact_is_that_of_nodes_and_segments_but_for_the_mesh():
+def test_impact_agrees_with_nodes_and_segments_but_for_the_mesh():
     (_, mortar), (_, nodes) = impact("mortar"), impact("node-to-segment")
     assert mortar.kinetic[-1] == pytest.approx(nodes.kinetic[-1], rel=5e-3)
     assert not np.allclose(mortar.kinetic, nodes.kinetic, rtol=1e-6)

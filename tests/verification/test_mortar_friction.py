@@ -44,7 +44,7 @@ def impact(law: str, method: str = "mortar") -> tuple[Scene, dict[str, np.ndarra
 
 
 @laws
-def test_energy_and_what_friction_took_are_conserved(law, table_row):
+def test_sum_of_energy_and_frictional_dissipation_is_conserved(law, table_row):
     """Springs of friction store a part; some nodes stick, others slide."""
     _, rows = impact(law)
     energy = rows["total"][:, 1:3].sum(axis=1)
@@ -68,7 +68,7 @@ def test_momenta_are_conserved_with_friction(law):
         assert change <= 1e-12 * np.linalg.norm(momentum[0])
 
 
-def test_friction_takes_what_it_takes_between_nodes_and_segments():
+def test_friction_dissipates_as_between_nodes_and_segments():
     """But for the mesh: five nodes of the ball touch at first."""
     (_, mortar), (_, nodes) = impact("multipliers"), impact("multipliers", "node-to-segment")
     taken = [rows["dissipation"][:, 0].sum() for rows in (mortar, nodes)]

@@ -131,7 +131,7 @@ FINER, COARSER = 0.012, 0.019
 
 
 @pytest.mark.parametrize("swapped", [False, True])
-def test_nodal_pressure_is_that_of_hertz(swapped, table_row):
+def test_nodal_pressure_agrees_with_hertz(swapped, table_row):
     """Six times as near as with nodes and segments, and ten times as smooth."""
     mortar, nodes = (pressed(m, 16, 12, swapped) for m in ("mortar", "node-to-segment"))
     table_row(
@@ -149,7 +149,7 @@ def test_nodal_pressure_is_that_of_hertz(swapped, table_row):
 # The finer side has eight cells in the contact radius in the first, the coarser one seven in the
 # second.
 @pytest.mark.parametrize(("swapped", "cells"), [(False, (20, 16)), (True, (24, 18))])
-def test_contact_radius_and_greatest_pressure_are_those_of_hertz(swapped, cells, table_row):
+def test_contact_radius_and_greatest_pressure_agree_with_hertz(swapped, cells, table_row):
     """Within 1 %, whichever side has the nodes."""
     result = pressed("mortar", *cells, swapped, EIGHTH)
     table_row(

@@ -175,7 +175,7 @@ LARGEST = {(1, False): 0.011, (1, True): 0.018, (2, False): 0.019, (2, True): 0.
 
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("swapped", [False, True])
-def test_nodal_pressure_of_a_line_contact_is_that_of_hertz(swapped, degree, table_row):
+def test_nodal_pressure_of_a_line_contact_agrees_with_hertz(swapped, degree, table_row):
     """A third of the error with nodes and segments at most, and a tenth of the roughness."""
     mortar, nodes = (pressed_parabola(m, swapped, degree) for m in ("mortar", "node-to-segment"))
     table_row(

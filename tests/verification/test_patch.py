@@ -68,7 +68,7 @@ CHANGE = 0.05
 
 @pytest.mark.serial
 @pytest.mark.parametrize("finer_as_nodes", [True, False])
-def test_error_of_the_patch_test_is_what_the_readme_says(finer_as_nodes, table_row):
+def test_error_of_the_patch_test_agrees_with_the_readme(finer_as_nodes, table_row):
     """4 cells along an edge against 6, 8 against 12: no convergence at the contact."""
     meshes = [(4, 6), (8, 12)] if finer_as_nodes else [(6, 4), (12, 8)]
     (coarse, coarse_mean, _), (fine, fine_mean, _) = (stress_error(*mesh) for mesh in meshes)

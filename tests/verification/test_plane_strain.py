@@ -165,7 +165,7 @@ def test_pressed_cylinder_converges_to_hertz(table_row):
     assert (np.abs(fine) < 0.6 * np.abs(coarse)).all()
 
 
-def test_stick_zone_of_a_cylinder_pushed_aside_is_that_of_cattaneo_and_mindlin(table_row):
+def test_stick_zone_of_a_cylinder_pushed_aside_agrees_with_cattaneo_and_mindlin(table_row):
     """Half width c/a = sqrt(1 - Q/(mu P)); what the traction lacks to mu p is Hertz's there."""
     mu, errors = 0.5, []
     for fine in (4, 8):
@@ -194,7 +194,7 @@ def test_stick_zone_of_a_cylinder_pushed_aside_is_that_of_cattaneo_and_mindlin(t
         *((2, 4, 4, 1e-3), (2, 4, 6, 0.636)),
     ],
 )
-def test_error_of_the_patch_test_is_what_the_limitations_say(
+def test_error_of_the_patch_test_agrees_with_the_limitations(
     degree, lower, upper, expected, table_row
 ):
     """Matching meshes pass but for the strain of 1e-4; the upper side has the nodes."""

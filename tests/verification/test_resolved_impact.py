@@ -169,14 +169,14 @@ def test_order_does_not_depend_on_where_in_a_step_the_impact_falls(table_row):
 
 
 @pytest.mark.serial
-def test_springs_give_way_as_their_cells_do_whatever_the_step():
+def test_springs_yield_as_their_cells_do_whatever_the_step():
     depths = [bar("springs", dt, 1.2).depth for dt in (0.02, 0.0025)]
     assert depths == pytest.approx([SPEED, SPEED], rel=0.2)  # the strain behind the front
     assert depths[0] == pytest.approx(depths[1], rel=1e-3)
 
 
 @pytest.mark.serial
-def test_force_is_that_of_waves_where_elastic_impact_hops(table_row):
+def test_force_agrees_with_waves_where_elastic_impact_hops(table_row):
     resolved, elastic = (bar(law, 0.02, 2.6).force for law in ("resolved", "elastic"))
     # Contact from 0.1 to 2.1 s with the force 1 of wave theory.
     impulses = [force.sum() * 0.02 / 2 for force in (resolved, elastic)]
@@ -441,7 +441,7 @@ def test_nodes_on_edges_of_facets_keep_second_order_by_mortar_and_on_smooth_surf
         once("mortar", 0.3, {"smooth": True}, HEXAHEDRA),
     ],
 )
-def test_ball_on_a_plate_conserves_all_but_what_friction_dissipates(
+def test_ball_on_a_plate_loses_the_frictional_dissipation_only(
     comm, agree, method, mu, plate, element
 ):
     stepper = on_plate(comm, 0.005, method, mu, element=element, **plate)
@@ -526,7 +526,7 @@ def test_energy_is_exact_in_steps_in_which_waves_cross_many_cells(dt):
 
 
 @pytest.mark.serial
-def test_steps_that_do_not_resolve_a_cell_are_told_once(caplog):
+def test_steps_that_do_not_resolve_a_cell_are_reported_once(caplog):
     bars.__wrapped__("resolved", 0.15, [0.6])
     (message,) = (m for m in caplog.messages if "waves cross" in m)
     assert "waves cross 1.4 cells" in message

@@ -132,7 +132,7 @@ BLOCKS = {
         ("damped", "node-to-segment", 0.3),
     ],
 )
-def test_blocks_lose_what_materials_and_friction_take(comm, agree, name, method, mu):
+def test_blocks_lose_the_dissipation_of_materials_and_friction(comm, agree, name, method, mu):
     friction = nts.Coulomb(mu) if mu else None
 
     def make(bodies, pairs, dt):

@@ -292,7 +292,7 @@ def test_rod_that_strikes_the_floor_by_an_edge_has_the_impulse_of_a_rigid_one(e,
     assert np.abs(last.angular_momentum[[0, 2]]).max() <= 1e-11  # no other end is struck
 
 
-def test_what_cannot_have_a_coefficient_of_restitution_is_refused(comm, refused):
+def test_laws_without_a_coefficient_of_restitution_are_refused(comm, refused):
     for impact, e in (("restitution", None), ("elastic", 0.5)):
         with refused(ValueError, f"with no other, given impact '{impact}' and e = {e}"):
             nts.LagrangeMultiplier(impact, e=e)

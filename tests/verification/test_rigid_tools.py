@@ -68,7 +68,7 @@ TOOLS = {
 
 
 @cache
-def led(name: str, scale: float) -> tuple[float, float]:
+def prescribed(name: str, scale: float) -> tuple[float, float]:
     """Force on a moving tool [N], and radius of contact by the moment of its pressure [m]."""
     tool = TOOLS[name]
     size = f"{scale} * ({tool.size})"
@@ -84,7 +84,7 @@ def scene(tool: Tool) -> dict[str, Any]:
 @pytest.mark.parametrize("name", TOOLS)
 def test_tool_in_space_has_the_force_of_the_closed_form(name, table_row):
     tool = TOOLS[name]
-    results = [led(name, scale) for scale in (1.0, tool.refined)]
+    results = [prescribed(name, scale) for scale in (1.0, tool.refined)]
     errors = [force / tool.force - 1 for force, _ in results]
     radii = [radius - 1 for _, radius in results]
     table_row(
@@ -99,7 +99,7 @@ def test_tool_in_space_has_the_force_of_the_closed_form(name, table_row):
 @pytest.mark.parametrize("name", TOOLS)
 def test_tool_under_the_force_of_a_prescribed_motion_makes_this_motion(name, table_row):
     tool = TOOLS[name]
-    force, _ = led(name, 1.0)
+    force, _ = prescribed(name, 1.0)
     depth, *_ = press(tool.profile, tool.size, force=force, **scene(tool))
     error = abs(depth / tool.depth - 1)
     table_row(

@@ -21,7 +21,7 @@ def test_numbers_come_back_with_their_kinds():
 
 
 @pytest.mark.parametrize("kind", ["same", "nodal"])
-def test_arrays_are_copied_on_both_ways(kind):
+def test_arrays_are_copied_in_both_directions(kind):
     archive = Snapshot()
     ids = np.arange(2)
 

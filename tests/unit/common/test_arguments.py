@@ -26,7 +26,7 @@ def test_lists_are_returned_as_tuples():
         ([str], "expected a str, given the class str"),
     ],
 )
-def test_what_is_no_list_of_a_kind_is_refused(items, message):
+def test_lists_of_other_kinds_are_refused(items, message):
     with pytest.raises(TypeError, match=message):
         instances(str, items)
 
@@ -39,7 +39,7 @@ def test_numbers_of_any_type_are_taken(value):
 
 @pytest.mark.parametrize("value", ["1", None, 1j, [1.0]])
 @pytest.mark.parametrize("check", [real, finite, nonnegative, positive])
-def test_what_is_no_number_is_refused(check, value):
+def test_arguments_that_are_no_numbers_are_refused(check, value):
     with pytest.raises(TypeError, match="expected a number for a, given"):
         check("a", value)
 

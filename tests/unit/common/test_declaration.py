@@ -21,7 +21,7 @@ DECLARED = [
 
 @pytest.mark.serial
 @pytest.mark.parametrize(("item", "name"), DECLARED, ids=lambda value: type(value).__name__)
-def test_what_is_declared_never_changes(item, name):
+def test_declarations_are_immutable(item, name):
     before, kind = repr(item), type(item).__name__
     with pytest.raises(
         AttributeError, match=f"{name}: make another {kind} with it, and what takes"
@@ -43,7 +43,7 @@ def test_bodies_surfaces_and_pairs_never_change(comm):
 
 
 @pytest.mark.parametrize("name", ["bodies", "pairs", "loads"])
-def test_what_was_given_to_a_stepper_never_changes(comm, name):
+def test_arguments_of_a_stepper_are_immutable(comm, name):
     stepper = scenes.blocks(comm).stepper
     before = getattr(stepper, name)
     with pytest.raises(AttributeError, match=f"make a new EnergyMomentum with other {name}"):

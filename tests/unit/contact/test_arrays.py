@@ -32,7 +32,7 @@ def sums(rows, values):
     ],
     ids=["as it is", "by columns", "strided", "single", "integers", "swapped bytes"],
 )
-def test_what_holds_the_same_numbers_gives_the_same(given):
+def test_arrays_of_the_same_numbers_give_the_same_result(given):
     np.testing.assert_array_equal(sums(ROWS, given), SUMS)
 
 
@@ -51,7 +51,7 @@ def test_numbers_that_a_type_cannot_hold_are_refused(rows):
     ],
     ids=["single", "strided", "read-only"],
 )
-def test_what_is_written_to_is_never_a_copy(total):
+def test_output_arrays_are_never_copied(total):
     with pytest.raises(TypeError, match="incompatible function arguments"):
         _kernels.add_rows(total, np.zeros((0, 3)), ROWS, VALUES)
     assert not total.any()

@@ -43,7 +43,7 @@ def num_segments(surface):
     return surface.V.mesh.comm.allreduce(len(surface.segments))
 
 
-def test_boundary_is_that_of_the_body_alone(comm):
+def test_boundary_agrees_with_the_body_alone(comm):
     bodies, _, _ = row(comm)
     for n, body in zip((1, 2, 3), bodies, strict=True):
         surface = nts.boundary_of(body)
@@ -166,7 +166,7 @@ def test_any_two_bodies_meet_in_one_pair_finer_nodes_against_coarser_segments(co
         once((3, 3), (0.0, 1e5), True),
     ],
 )
-def test_nodes_are_those_of_the_softer_of_similar_meshes(comm, cells, stiffness, first_gives_nodes):
+def test_the_softer_of_similar_meshes_gives_the_nodes(comm, cells, stiffness, first_gives_nodes):
     bodies, _, _ = row(comm, cells, [max(E, 1e-6) for E in stiffness])
     (pair,) = nts.all_pairs(bodies)
     expected = bodies[0 if first_gives_nodes else 1]

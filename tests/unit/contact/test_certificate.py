@@ -89,7 +89,7 @@ def step_of(facets, before, after, held):
         ((0.1, -0.3), (-0.3, -0.9), (True, False), NO_SEGMENT),  # too deep beside it
     ],
 )
-def test_nodes_that_sink_in_are_told_from_nodes_beside_the_surface(
+def test_penetrating_nodes_are_distinguished_from_nodes_next_to_the_surface(
     facets, before, after, held, message
 ):
     assert check_penetration(step_of(facets, before, after, held), dt=0.1) == message

@@ -28,7 +28,7 @@ def two_states(k, orientation):
 
 @kinds
 @sides
-def test_slip_and_its_gradients_are_those_of_the_twin(k, orientation):
+def test_slip_and_its_gradients_agree_with_the_twin(k, orientation):
     x_n, x, signs = two_states(k, orientation)
     twin = [reference.convective_slip(*pair, orientation) for pair in zip(x_n, x, strict=True)]
     for ours, theirs in zip(

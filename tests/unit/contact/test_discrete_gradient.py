@@ -98,7 +98,7 @@ def test_kernel_and_twin_agree(k, orientation, scheme):
 @segments
 @signs
 @schemes
-def test_gaps_gradient_and_turn_are_those_of_the_two_states(implementation, k, orientation, scheme):
+def test_gaps_gradient_and_turn_agree_with_the_two_states(implementation, k, orientation, scheme):
     x_n, x, signs = steps(k, orientation, 5)
     gap_n, gap, _, gradient, _, turn = getattr(implementation, scheme)(x_n, x, signs)
     _, expected_n, normal_n, _ = nts.batched.project(x_n, signs)

@@ -29,7 +29,7 @@ def swept(x):
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
-def test_force_and_gap_are_those_of_the_quadrilateral_that_the_edge_sweeps(scheme):
+def test_force_and_gap_agree_with_the_quadrilateral_that_the_edge_sweeps(scheme):
     x_n, x, orientation = states(1)
     kernel = getattr(_kernels, f"contact_{scheme}")
     gap_n, gap, force, gradient, _, turn = kernel(x_n, x, orientation)

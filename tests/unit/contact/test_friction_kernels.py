@@ -31,7 +31,7 @@ class Friction:
         self.kernel = _kernels.NodalFriction(has_springs, *arrays)
 
 
-def test_what_is_at_the_limit_or_on_the_axis_keeps_its_state(rng):
+def test_nodes_at_the_limit_or_on_the_axis_keep_their_state(rng):
     of, p = Friction(rng), np.full(M, 2.0)
     trial = np.array([[0.3, 0.0], [1.0, 0.0], [0.1, 0.0], [0.6, 0.0], [0.0, 0.0]])
     of.heading[of.node] = of.traction[of.node] = [1.0, 0.0]
@@ -69,7 +69,7 @@ def test_tractions_follow_their_model(rng, has_springs):
     np.testing.assert_array_equal(of.traction[others], before[others])
 
 
-def test_known_tractions_turn_with_the_slip_and_leave_out_what_sticks(rng):
+def test_known_tractions_turn_with_the_slip_of_sliding_nodes(rng):
     of, not_own = Friction(rng), np.arange(M) == 3
     rank, known, direction = of.kernel.known(of.node, of.active, not_own, 3)
     assert rank.tolist() == [3, 1, 0, 0, 1]
@@ -87,7 +87,7 @@ def test_known_tractions_turn_with_the_slip_and_leave_out_what_sticks(rng):
         of.kernel.known(of.node + N, of.active, not_own, 3)
 
 
-def test_what_is_known_stays_the_same_in_other_frames(rng):
+def test_known_tractions_are_the_same_in_other_frames(rng):
     of, names = Friction(rng), ("traction", "explicit", "direction", "heading", "modelled")
     frame = np.linalg.qr(rng.normal(size=(M, 3, 3)))[0][:, :2]
     before = {name: getattr(of, name).copy() for name in (*names, "stiffness")}
@@ -154,7 +154,7 @@ def test_unit_vectors_have_unit_length_or_none(rng):
     np.testing.assert_allclose(unit * length[:, None], rows[:, :3], rtol=0, atol=1e-14)
 
 
-def test_vectors_stay_in_cones_up_to_the_first_way_out(rng):
+def test_vectors_stay_in_cones_up_to_the_longest_step(rng):
     v, way = rng.normal(size=(2, M, 3))
     v[:, 0] = 0.1 + np.linalg.norm(v[:, 1:], axis=1)
     longest = _kernels.longest_in_cones(v, way)

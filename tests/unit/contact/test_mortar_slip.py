@@ -37,7 +37,7 @@ def test_shares_turn_to_the_frames_of_nodes(shares, rng):
     np.testing.assert_allclose(parts, value[:, None, None] * (U @ V), rtol=0, atol=1e-14)
 
 
-def test_slips_and_tractions_are_those_of_the_shares(shares, rng):
+def test_slips_and_tractions_agree_with_the_shares(shares, rng):
     start, point, _ = shares
     parts, slip, frame = rng.normal(size=(START[-1], 2, 2)), rng.normal(size=(P, 2)), frames(rng, P)
     mean, tangents = _kernels.sum_slip(start, point, parts, slip, frame)
@@ -52,7 +52,7 @@ def test_slips_and_tractions_are_those_of_the_shares(shares, rng):
 
 
 @pytest.mark.parametrize("k", [3, 4])
-def test_second_derivatives_are_those_of_points(k, rng):
+def test_second_derivatives_agree_with_points(k, rng):
     count, phi, block = 2, rng.random((P, k)), np.array([0, 1, 1, 0, 1, 0], dtype=np.int32)
     w, b, t = rng.normal(size=(P, 1 + k)), rng.normal(size=(P, 2, 1 + k)), rng.normal(size=(P, 2))
     expected = _kernels.sum_blocks(phi, block, count, np.ones(P), _kernels.slip_hessian(w, b, t))

@@ -122,7 +122,7 @@ def test_evaluation_leaves_the_history_untouched(comm, agree):
     assert comm.allreduce(np.count_nonzero(pair.history.active)) > 0
 
 
-def test_penetrating_nodes_are_active_first_then_those_that_push(comm):
+def test_penetrating_nodes_are_active_first_then_nodes_under_pressure(comm):
     scene = scenes.blocks(comm)
     step, x, _ = attempt(scene, "conserving", weight=0.0)
     state = step.evaluate(x, None, 0)

@@ -149,7 +149,7 @@ def test_conserving_force_is_continuous_where_a_rigid_motion_is_disturbed(kind):
 
 
 @pytest.mark.parametrize("kind", ["edge", "triangle"])
-def test_force_of_a_flat_patch_is_that_of_the_flat_segment(kind):
+def test_force_of_a_flat_patch_agrees_with_the_flat_segment(kind):
     x_n, x, orientation = states(kind, 5)
     places = np.array(PLACES[kind])
     corners = [0, 3] if kind.startswith("edge") else [0, 3, 9]

@@ -70,7 +70,7 @@ def test_a_failed_step_does_not_count(comm):
         assert "pass through" in bullet.watch.check(start, below, 0.9)
 
 
-def test_pairs_of_both_directions_need_no_second_look(comm):
+def test_pairs_of_both_directions_need_no_check_of_vertices(comm):
     bullet = Bullet(comm)
     surfaces = nts.boundary_of(bullet.plate), nts.boundary_of(bullet.block)
     watch = ReversePassages(nts.two_half_passes(*surfaces))

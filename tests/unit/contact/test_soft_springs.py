@@ -52,7 +52,7 @@ def cube(comm, obstacle, eps_N, dt, scheme, is_rigid=True):
 
 
 @pytest.mark.serial
-def test_explicit_steps_tell_of_a_depth_that_lasts_a_few_steps(comm, caplog):
+def test_explicit_steps_report_a_depth_that_lasts_a_few_steps(comm, caplog):
     # Nine springs of 1 N/m: w = 3/s and a depth of 1/w, for pi/w, in which there are 20 steps.
     plane = nts.RigidPlane((0, 0, 0), (0, 0, 1))
     stepper = cube(comm, plane, 1.0, np.pi / 60, nts.CentralDifference)

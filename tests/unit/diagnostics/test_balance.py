@@ -139,7 +139,7 @@ def test_contact_force_is_the_rate_of_momentum_of_the_upper_body(comm):
     assert total[2] > 0
 
 
-def test_strain_energies_of_bodies_are_those_of_each(comm):
+def test_strain_energies_of_bodies_agree_with_single_bodies(comm):
     stepper = blocks(comm).stepper
     for _ in range(4):
         stepper.advance()
@@ -288,6 +288,6 @@ def test_wrong_arguments_are_refused(comm, refused):
         Diagnostics(two_boxes(comm)).centre_of_mass(body)
 
 
-def test_diagnostics_tell_their_stepper(comm):
+def test_diagnostics_print_their_stepper(comm):
     stepper = two_boxes(comm)
     assert repr(Diagnostics(stepper)) == f"Diagnostics(stepper={type(stepper).__name__})"

@@ -20,7 +20,7 @@ GRADIENT = np.array([[0.2, 0.3, 0.0], [-0.1, 0.05, 0.2], [0.0, 0.1, -0.1]])
 
 
 @pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 1), ("tetrahedron", 2)])
-def test_stress_of_a_homogeneous_deformation_is_that_of_the_law(comm, agree, cell, degree):
+def test_stress_of_a_homogeneous_deformation_agrees_with_the_law(comm, agree, cell, degree):
     stepper = blocks(comm, cell=cell, degree=degree).stepper
     for body in stepper.bodies:
         stepper.set_displacement(body, lambda X: GRADIENT @ X)

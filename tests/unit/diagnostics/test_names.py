@@ -13,7 +13,7 @@ def test_names_of_parts_are_words_without_letters_that_a_column_cannot_have():
     assert part_names("body", names) == ["ball_outer_rigid_plane", "7", "größe_mm"]
 
 
-def test_what_stands_before_a_name_is_left_out_and_words_of_the_name_are_kept():
+def test_prefixes_of_a_name_are_left_out_and_its_words_are_kept():
     names = [
         *("a moving RigidPlane", "the boundary of tube", "a part of the boundary of tube"),
         *("a", "a_rim", "rim", "end of the rod", "the boundary of a, a RigidSphere"),

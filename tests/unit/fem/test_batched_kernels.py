@@ -169,7 +169,7 @@ def test_nobody_translates_for_a_library_that_is_there(comm, monkeypatch):
     assert len(calls) == 1
 
 
-def test_what_cannot_be_batched_is_left_to_ffcx(comm, monkeypatch, caplog):
+def test_forms_that_cannot_be_batched_use_ffcx(comm, monkeypatch, caplog):
     work = virtual_work(comm, nts.NeoHookean(E=1.0, nu=0.3, rho=1.0))
     expected = fem.assemble_vector(compile_form(work)).array
     monkeypatch.setenv("CXX", "no-such-compiler")

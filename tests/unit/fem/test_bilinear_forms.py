@@ -62,7 +62,7 @@ def assert_same(matrix, reference):
 
 
 @pytest.mark.parametrize(("cell", "degree"), SPACES)
-def test_values_of_functions_and_constants_are_those_of_the_moment(comm, cell, degree):
+def test_values_of_functions_and_constants_are_read_at_assembly(comm, cell, degree):
     functions, form = tangent(comm, cell, degree)
     matrix, reference = CellMatrix(form), compile_bilinear_form(form)
     before = assert_same(matrix, reference)
@@ -73,7 +73,7 @@ def test_values_of_functions_and_constants_are_those_of_the_moment(comm, cell, d
         before = after
 
 
-def test_without_a_compiler_of_vectors_kernels_are_those_of_ffcx(comm, monkeypatch):
+def test_without_a_compiler_of_vectors_kernels_agree_with_ffcx(comm, monkeypatch):
     _, form = tangent(comm, "hexahedron", 1)
     monkeypatch.setenv("CXX", "no-such-compiler")
     given = assembled(CellMatrix(form).compiled)

@@ -28,7 +28,7 @@ def test_motion_is_summed_up(rng, dim):
     np.testing.assert_allclose(motion_sums(x, p, v), expected, rtol=0, atol=1e-13)
 
 
-def test_bounds_are_those_of_some_nodes(rng):
+def test_bounds_cover_selected_nodes_only(rng):
     x, nodes = rng.normal(size=(9, 3)), np.array([4, 0, 8], np.int32)
     np.testing.assert_array_equal(bounds(x, nodes), [x[nodes].min(axis=0), x[nodes].max(axis=0)])
     np.testing.assert_array_equal(bounds(x, nodes[:0]), [[np.inf] * 3, [-np.inf] * 3])

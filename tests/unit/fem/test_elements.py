@@ -64,7 +64,7 @@ def test_every_node_is_in_the_middle_of_its_diagonals(cell):
 
 @cells_
 @degrees
-def test_numbers_of_nodes_are_unique_and_those_of_any_partition(comm, cell, degree):
+def test_numbers_of_nodes_are_unique_in_any_partition(comm, cell, degree):
     data = box_meshes.boxes([(3, 4, 2)], [(1.2, 1.0, 0.5)], cell)
 
     def positions(on):

@@ -162,7 +162,7 @@ def test_expressions_are_compared_node_by_node(comm):
 
 
 @pytest.mark.serial
-def test_installed_packages_are_asked_once_what_they_have_for_the_compiler(monkeypatch):
+def test_installed_packages_are_searched_once_for_compiler_files(monkeypatch):
     scans, distributions = [], metadata.distributions
     monkeypatch.setattr(metadata, "distributions", lambda: scans.append(1) or distributions())
     given = metadata.entry_points

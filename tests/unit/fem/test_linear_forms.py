@@ -90,7 +90,7 @@ def assert_same(form, reference, rounding=ROUNDING):
 
 @pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize(("cell", "degree"), SPACES)
-def test_values_of_functions_are_those_of_the_moment(comm, cell, degree):
+def test_values_of_functions_are_read_at_assembly(comm, cell, degree):
     case = Case(comm, cell, degree)
     work = case.action()
     form, reference = CellForm(work), compile_form(work)
@@ -102,7 +102,7 @@ def test_values_of_functions_are_those_of_the_moment(comm, cell, degree):
 
 @pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 1), ("tetrahedron", 2)])
-def test_an_argument_that_is_constant_in_cells_gives_what_each_cell_has(comm, cell, degree):
+def test_an_argument_constant_in_cells_gives_cell_integrals(comm, cell, degree):
     case = Case(comm, cell, degree)
     W = fem.functionspace(case.V.mesh, ("Discontinuous Lagrange", 0, (2,)))
     first, second = ufl.TestFunction(W)
@@ -129,7 +129,7 @@ def test_single_precision_where_it_is_enough(comm, cell, degree):
 
 
 @pytest.mark.at_most_two_ranks
-def test_values_of_constants_are_those_of_the_moment(comm):
+def test_values_of_constants_are_read_at_assembly(comm):
     case = Case(comm)
     work = case.action()
     form, reference = CellForm(work), compile_form(work)
@@ -212,7 +212,7 @@ def test_form_without_functions(comm):
 
 
 @pytest.mark.serial
-def test_kernel_refuses_what_does_not_fit():
+def test_kernel_refuses_arrays_of_wrong_shape():
     nodes = np.array([[0, 1, 2, 3]], dtype=np.int32)
     X, values = np.zeros((4, 3)), np.zeros(12)
     for kernel in (_kernels.ElementKernel, _kernels.BatchKernel):

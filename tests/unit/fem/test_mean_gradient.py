@@ -86,7 +86,7 @@ def test_gradients_of_other_spaces_stay(comm):
 
 
 @pytest.mark.serial
-def test_a_mesh_that_was_moved_is_known_anew_and_none_is_kept(comm):
+def test_a_moved_mesh_is_evaluated_again_and_none_is_kept(comm):
     V, *_ = distorted(comm, "hexahedron")
     volumes = []
     for _ in range(2):

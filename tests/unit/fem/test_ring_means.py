@@ -13,7 +13,7 @@ MIDDLE = np.array([[0.5, 0.5]])
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_means_of_any_field_are_those_of_a_fine_quadrature(seed):
+def test_means_of_any_field_agree_with_a_fine_quadrature(seed):
     rng = np.random.default_rng(seed)
     corners = np.array([[0.0, 0.0], [1.0, 0.1], [-0.1, 0.9], [1.2, 1.1]])
     X = corners + 0.15 * rng.uniform(-1, 1, (4, 2)) + [0.3, 0.0]

@@ -51,7 +51,7 @@ def test_branches_only_take_energy_and_all_of_it_is_accounted_for(comm, cell, sc
     check_dissipation(comm, cell, rubber(), scheme)
 
 
-def test_the_defect_of_a_step_is_that_of_its_own_length(comm):
+def test_the_defect_of_a_step_agrees_with_its_own_length(comm):
     box = Box(comm, material=rubber())
     stepper = nts.EnergyMomentum([box.body], dt=0.02)
     stepper.set_velocity(box.body, swirl)
@@ -69,7 +69,7 @@ def test_the_defect_of_a_step_is_that_of_its_own_length(comm):
     assert abs(diagnostics.bulk_defect()) <= tiny * energy
 
 
-def test_impacts_of_viscous_blocks_lose_what_the_branches_take(comm):
+def test_impacts_of_viscous_blocks_lose_the_viscous_dissipation(comm):
     stepper = scene(comm, SCHEMES["branches"]).stepper
     ledger = Ledger(stepper)
     ledger.run(12)
@@ -118,7 +118,7 @@ def test_stress_of_held_shear_relaxes_as_in_closed_form(comm, table_row):
 @pytest.mark.parametrize(
     ("scheme", "num_steps"), [(nts.EnergyMomentum, 60), (nts.Midpoint, 60), (nts.QuasiStatic, 800)]
 )
-def test_cyclic_loss_is_that_of_the_loss_modulus(comm, table_row, scheme, num_steps):
+def test_cyclic_loss_agrees_with_the_loss_modulus(comm, table_row, scheme, num_steps):
     period, shear, branches = 1.0, 1e-3, [(0.8, 0.1), (0.3, 0.2)]
     omega = 2 * np.pi / period
     box = Box(comm, material=rubber(1e-6, branches), shape=(1, 1, 1))
@@ -135,7 +135,7 @@ def test_cyclic_loss_is_that_of_the_loss_modulus(comm, table_row, scheme, num_st
     assert error <= 5e-3
 
 
-def test_a_cut_step_forgets_what_it_tried(comm):
+def test_a_cut_step_discards_its_attempt(comm):
     box = Box(comm, material=rubber())
     stepper = nts.EnergyMomentum([box.body], dt=0.02)
     stepper.set_velocity(box.body, swirl)
@@ -164,7 +164,7 @@ def test_a_spinning_body_does_not_relax_by_its_rotation(comm):
 
 
 @pytest.mark.serial
-def test_where_branches_are_refused_and_how_they_are_told(comm):
+def test_refused_branches_and_their_messages(comm):
     law = rubber()
     assert "branches=[(0.8, 0.03), (0.5, 0.4)]" in repr(law)
     for wrong in ([(0.0, 1.0)], [(0.5, -1.0)], [(np.inf, 1.0)]):

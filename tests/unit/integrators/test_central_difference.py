@@ -138,7 +138,7 @@ def test_box_falls_as_a_stone(comm):
 
 
 @pytest.mark.serial
-def test_difference_to_the_energy_momentum_scheme_is_that_of_the_mass(comm):
+def test_difference_to_the_energy_momentum_scheme_agrees_with_the_mass(comm):
     """It falls with the square of the cells, as lumped mass is of second order."""
 
     def end(scheme, cells):
@@ -531,6 +531,6 @@ def test_nodes_keep_their_segments_among_other_candidates(comm, agree):
     assert agree(np.array_equal(other.key[found[paired]], keys))
 
 
-def test_report_and_ledger_are_those_of_a_step_without_iterations(comm):
+def test_report_and_ledger_agree_with_a_step_without_iterations(comm):
     report = nts.CentralDifference([Box(comm).body]).advance()
     assert (report.step, report.newton_iterations, report.residual_norms) == (1, 0, ())

@@ -87,7 +87,7 @@ def test_steadily_turning_body_is_not_slowed_by_stiffness_damping(comm):
     np.testing.assert_allclose(turned, ledger.start.angular_momentum, atol=1e-9)
 
 
-def test_damping_is_that_of_its_body(comm):
+def test_damping_agrees_with_its_body(comm):
     data = box_meshes.boxes([(2, 2, 2), (2, 2, 2)], [(1.0, 0.8, 0.6), (1.0, 0.8, 0.6)])
     mesh, cells, _, tag = box_meshes.distribute(comm, data)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))

@@ -29,7 +29,7 @@ def test_drift_moves_by_the_velocity_in_the_middle(arrays):
 
 @pytest.mark.untrapped
 @pytest.mark.parametrize("value", [np.nan, -np.nan, np.inf])
-def test_drift_tells_of_an_entry_that_is_not_finite(arrays, value):
+def test_drift_reports_an_entry_that_is_not_finite(arrays, value):
     for part in (0, 1, 3):
         v, a, rate, u = np.where(np.arange(4)[:, None, None] == part, 0.0, arrays)
         (v, a, rate, u)[part][2, 1] = value

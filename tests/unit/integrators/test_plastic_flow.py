@@ -48,7 +48,7 @@ def test_flow_only_takes_energy_and_all_of_it_is_accounted_for(comm, cell, schem
     check_dissipation(comm, cell, metal(), scheme)
 
 
-def test_impacts_of_plastic_blocks_lose_what_flows(comm, folder, agree):
+def test_impacts_of_plastic_blocks_lose_the_plastic_dissipation(comm, folder, agree):
     stepper = scene(comm, SCHEMES["plastic"]).stepper
     ledger = Ledger(stepper)
     ledger.run(12)
@@ -121,7 +121,7 @@ LAWS = {
 @pytest.mark.serial
 @pytest.mark.parametrize("name", LAWS)
 @pytest.mark.parametrize("end", [1.5, 0.6])
-def test_tension_and_compression_are_those_of_the_closed_form(comm, table_row, name, end):
+def test_tension_and_compression_agree_with_the_closed_form(comm, table_row, name, end):
     numbers, yield_stress = LAWS[name]
     box = Box(comm, material=metal(**numbers), shape=(1, 1, 1))
     num_steps = 50
@@ -254,7 +254,7 @@ def test_metal_that_flows_to_and_fro_needs_few_iterations(comm, dt):
     "law", [nts.LagrangeMultiplier(), once(nts.Penalty())], ids=["exact", "springs"]
 )
 @pytest.mark.parametrize("way", [once(5e-5), 1.6e-4])
-def test_the_first_step_bends_a_sheet_that_lies_flat_with_friction(comm, law, way):
+def test_the_first_step_bends_a_flat_sheet_with_friction(comm, law, way):
     corners = [(-18e-3, 0.0), (18e-3, 2e-3)]
     mesh = create_rectangle(comm, corners, [36, 2], CellType.quadrilateral)
     V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
@@ -310,7 +310,7 @@ def test_products_know_whether_points_flow_that_are_just_at_yield(comm, rng):
         np.testing.assert_allclose(rounded, product, atol=1e-9 * scale)
 
 
-def test_a_cut_step_forgets_what_it_tried(comm):
+def test_a_cut_step_discards_its_attempt(comm):
     box = Box(comm, material=metal())
     stepper = nts.EnergyMomentum([box.body], dt=0.02)
     stepper.set_velocity(box.body, swirl)

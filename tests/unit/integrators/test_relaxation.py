@@ -44,7 +44,7 @@ class Model:
 
 
 @pytest.mark.parametrize("beyond", [1e-6, 1e-3, 0.3])
-def test_the_equilibrium_beyond_a_limit_point_is_that_of_the_closed_form(beyond):
+def test_the_equilibrium_beyond_a_limit_point_agrees_with_the_closed_form(beyond):
     """The other well is the only root of the cubic, x = 2 cosh(arcosh(f / limit) / 3) / sqrt(3)."""
     f = LIMIT * (1 + beyond)
     model = Model(lambda x: x**3 - x - f, lambda x: 3 * x**2 - 1, -1 / np.sqrt(3))

@@ -194,7 +194,7 @@ def test_run_to_the_past_does_nothing_and_says_so(comm, caplog):
 
 
 @pytest.mark.serial
-def test_run_without_a_loop_is_told(comm, caplog):
+def test_run_without_a_loop_is_reported(comm, caplog):
     stepper = one_box(comm, nts.EnergyMomentum).stepper
     stepper.run(until=0.1)
     assert ('write "for step in stepper.run(...)"' in caplog.text) == (comm.rank == 0)
@@ -316,7 +316,7 @@ def test_velocity_and_displacement_may_be_functions_of_the_position(comm):
         assert largest(scene, (after - before)[others]) == 0
 
 
-def test_report_says_what_happened(comm):
+def test_report_describes_the_step(comm):
     scene = scenes.blocks(comm)
     (pair,) = scene.stepper.pairs
     for number in range(1, 5):

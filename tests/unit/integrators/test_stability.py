@@ -43,7 +43,7 @@ def test_length_does_not_depend_on_the_frame(rng):
 
 @pytest.mark.serial
 @pytest.mark.parametrize("k", [4, 8, 27])
-def test_length_is_that_of_eigenvalues(rng, k):
+def test_length_agrees_with_eigenvalues(rng, k):
     x = rng.normal(size=(30, 3))
     cells = rng.permuted(np.tile(np.arange(30, dtype=np.int32), (20, 1)), axis=1)[:, :k].copy()
     r = x[cells] - x[cells].mean(axis=1, keepdims=True)
@@ -55,7 +55,7 @@ def test_length_is_that_of_eigenvalues(rng, k):
 
 @pytest.mark.serial
 @pytest.mark.parametrize("nu", [0.0, 0.4])
-def test_frequency_of_a_cube_is_that_of_its_swelling(nu):
+def test_frequency_of_a_cube_agrees_with_its_swelling(nu):
     """Dilation by e: energy 9 K e^2 h^3/2, kinetic energy 3 rho h^5 e'^2/8."""
     E, rho, h = 4.0, 2.0, 0.5
     corners = h * np.array(list(np.ndindex(2, 2, 2)), dtype=float)[None]

@@ -60,7 +60,7 @@ def test_the_rest_of_a_halved_step_ends_where_the_step_ends():
     assert not even.goes_on(0.2, 0.1)
 
 
-def test_given_times_are_met_exactly_and_the_way_there_is_halved():
+def test_given_times_are_met_exactly_by_halved_steps():
     control = StepControl(times=[1.0, 0.5])
     assert ends(control, 0.0, 0.3, 1.2) == pytest.approx([0.25, 0.5, 0.75, 1.0, 1.2])
     assert {0.5, 1.0, 1.2} <= set(ends(control, 0.0, 0.3, 1.2))
@@ -99,7 +99,7 @@ def test_a_cut_starts_the_count_of_good_steps_again():
     assert length.cuts == 0
 
 
-def test_control_tells_its_arguments():
+def test_control_prints_its_arguments():
     control = StepControl(smallest=1e-5, times=[0.2, 0.1])
     assert repr(control) == "StepControl(smallest=1e-05, gap_tol=None, times=(0.1, 0.2))"
 

@@ -32,9 +32,7 @@ def test_a_kill_at_any_instant_leaves_the_former_file_or_the_new_one(tmp_path, m
 @pytest.mark.parametrize(
     ("durable", "calls"), [(False, ["replace"]), (True, ["fsync", "replace", "fsync"])]
 )
-def test_what_shall_survive_a_power_failure_is_on_disk_before_it_has_its_name(
-    tmp_path, monkeypatch, durable, calls
-):
+def test_a_synced_file_is_on_disk_before_it_has_its_name(tmp_path, monkeypatch, durable, calls):
     found = []
 
     def noted(name, function):
@@ -46,7 +44,7 @@ def test_what_shall_survive_a_power_failure_is_on_disk_before_it_has_its_name(
     assert found == calls
 
 
-def test_an_error_leaves_the_former_file_and_nothing_beside_it(tmp_path, monkeypatch):
+def test_an_error_leaves_the_former_file_and_no_other(tmp_path, monkeypatch):
     path = tmp_path / "a"
     monkeypatch.setattr(atomic_file.os, "replace", lambda *arguments: os.stat(tmp_path / "nowhere"))
     with pytest.raises(FileNotFoundError, match=r"No such file or directory: '.*/a'$"):

@@ -72,7 +72,7 @@ MOVED = Motion(rotation([1, 2, 3], 0.1), np.zeros(3))
     ],
     ids="same-bodies same-pairs damping impact friction penalty turned scheme mesh".split(),
 )
-def test_what_differs_is_named(comm, change, names):
+def test_differences_are_named(comm, change, names):
     stepper = blocks(comm).stepper
     one, other = fingerprint(stepper), fingerprint(change(comm, stepper))
     assert {name for name in one | other if one.get(name) != other.get(name)} == names

@@ -88,7 +88,7 @@ def test_file_that_was_removed_while_it_was_opened_is_not_taken_for_the_lock(pat
     second.release()
 
 
-def test_file_system_without_locks_is_told(path, monkeypatch, caplog):
+def test_file_system_without_locks_is_reported(path, monkeypatch, caplog):
     def refuse(*arguments):
         raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
 
@@ -112,7 +112,7 @@ FOREIGN = {
 
 
 @pytest.mark.parametrize("kind", FOREIGN)
-def test_what_another_program_has_made_is_refused_and_stays(path, kind):
+def test_files_of_other_programs_are_refused_and_stay(path, kind):
     mine = path.with_name("mine")
     mine.write_text("process 1 on mine since yesterday")
     FOREIGN[kind](path)

@@ -270,7 +270,7 @@ def test_nothing_is_created_when_the_folder_of_the_fields_is_a_file(comm, folder
 
 
 @pytest.mark.at_most_two_ranks
-def test_stress_and_what_the_user_adds_are_in_the_files_also_after_resuming(comm, folder, agree):
+def test_stress_and_fields_of_the_user_are_in_the_files_also_after_resuming(comm, folder, agree):
     def part(until):
         stepper = blocks(comm).stepper
         V = stepper.u.function_space
@@ -348,7 +348,7 @@ def test_columns_and_fields_of_the_user_that_do_not_fit_are_refused(comm, folder
 
 
 @pytest.mark.at_most_two_ranks
-def test_it_tells_its_arguments(comm, folder, monkeypatch):
+def test_it_prints_its_arguments(comm, folder, monkeypatch):
     monkeypatch.chdir(folder)
     recorder = Recorder("run", blocks(comm).stepper, times=[0.1, np.float64(0.25)], resume=True)
     assert repr(recorder) == (

@@ -25,7 +25,7 @@ def rows(comm, whole):
     return Slab(whole[begin:end], int(begin), len(whole))
 
 
-def test_hdf5_reads_what_the_ranks_have_written(comm, folder, agree):
+def test_hdf5_reads_files_written_by_all_ranks(comm, folder, agree):
     path, x, flags = folder / "a.h5", np.arange(21.0).reshape(7, 3), np.arange(5) % 2 > 0
     arrays = {
         "x": [rows(comm, x), rows(comm, -x)],
@@ -61,7 +61,7 @@ def test_many_names_find_room(comm, folder, agree):
         assert agree(all(np.array_equal(file[name], array) for name, array in whole.items()))
 
 
-def test_an_error_leaves_the_former_file_and_nothing_beside_it(comm, folder, refused, agree):
+def test_an_error_leaves_the_former_file_and_no_other(comm, folder, refused, agree):
     path = folder / "a"
     if comm.rank == 0:
         path.mkdir()

@@ -122,7 +122,7 @@ def test_memory_of_written_states_is_used_again(tmp_path, run, monkeypatch):
     assert steps_of(path) == list(range(20))
 
 
-def test_an_error_leaves_what_was_held_back(tmp_path, run):
+def test_an_error_keeps_buffered_fields(tmp_path, run):
     file = VtkHdfFile(tmp_path / "run.vtkhdf", run, RunFields(run))
     run.go_to(0)
     file.open(False)

@@ -150,7 +150,7 @@ def test_damaged_states_are_moved_aside_with_a_warning(tmp_path, run, caplog, da
         assert text.endswith(f"; the fields begin anew, and the earlier ones were moved to {aside}")
 
 
-def test_a_missing_folder_is_told(tmp_path, run, caplog):
+def test_a_missing_folder_is_reported(tmp_path, run, caplog):
     record(tmp_path / "run.xdmf", run, [5], resume_at=2)
     assert steps_of(tmp_path / "run.xdmf") == [5]
     assert caplog.messages[0].endswith(

@@ -14,7 +14,7 @@ MESH = ufl.Mesh(basix.ufl.element("Lagrange", "tetrahedron", 1, shape=(3,)))
 X, A = ufl.Constant(MESH), ufl.Constant(MESH, shape=(3, 3))
 
 
-def test_what_occurs_in_many_places_is_evaluated_once():
+def test_repeated_expressions_are_evaluated_once():
     """As a tree the expression has 3^40 leaves."""
     y, expected = X, 0.5
     for _ in range(40):
@@ -22,7 +22,7 @@ def test_what_occurs_in_many_places_is_evaluated_once():
     assert Evaluation(y).value({X: 0.5}) == expected
 
 
-def test_sums_over_indices_and_derivatives_are_those_of_numpy(rng):
+def test_sums_over_indices_and_derivatives_agree_with_numpy(rng):
     B, D = rng.normal(size=(2, 3, 3))
     variable = ufl.variable(A)
     for function, expected in (

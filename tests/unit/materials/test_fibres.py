@@ -44,7 +44,7 @@ def principal_stress(stretch, dispersion):
 @pytest.mark.parametrize(
     "stretch", [(1.3, 0.9, 0.85), (1.25, 1.25, 0.7), (0.8, 0.85, 1.5)], ids=["uni", "bi", "slack"]
 )
-def test_stress_of_stretches_is_that_of_the_closed_form(at, stretch, dispersion):
+def test_stress_of_stretches_agrees_with_the_closed_form(at, stretch, dispersion):
     material, stretch = law(dispersion=dispersion), np.array(stretch)
     S = at(material.stress)(np.diag(stretch**2)).reshape(3, 3)
     P = principal_stress(stretch, dispersion)

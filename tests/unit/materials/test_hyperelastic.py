@@ -204,7 +204,7 @@ def test_small_stress_at_rest_by_rounded_numbers_is_accepted():
     nts.Hyperelastic(lambda C: 1e3 * (ufl.tr(C) - 3) ** 2 + 1e-4 * ufl.tr(C), rho=1.0)
 
 
-def test_energy_and_stress_without_numbers_are_those_of_the_material():
+def test_energy_and_stress_without_numbers_agree_with_the_material():
     C = ufl.Identity(3) * 1.1
     for material in MATERIALS.values():
         given = material.parameters
@@ -228,7 +228,7 @@ def test_stiff_exponentials_are_accepted():
         (nts.Hyperelastic(lambda C: ufl.tr(C) + 1 / ufl.det(C), rho=1.0), True),
     ],
 )
-def test_energies_tell_whether_they_resist_collapse(material, resists):
+def test_energies_know_whether_they_resist_collapse(material, resists):
     assert material.resists_collapse == resists
 
 
@@ -242,7 +242,7 @@ def test_energies_tell_whether_they_resist_collapse(material, resists):
         nts.Yeoh(0.5 * MU, 0.1, 0.2, LMBDA + 2 / 3 * MU, rho=1.0),
     ],
 )
-def test_moduli_at_rest_are_those_of_lame(material):
+def test_moduli_at_rest_agree_with_lame(material):
     """2 mu E + lambda tr(E) 1 in an orthonormal basis of the strains."""
     trace = np.einsum("aii->a", strain_basis())
     expected = 2 * MU * np.eye(6) + LMBDA * np.outer(trace, trace)

@@ -154,7 +154,7 @@ def test_impossible_materials_are_refused():
 
 @pytest.mark.serial
 @pytest.mark.parametrize(("E", "nu"), [(2.0e3, 0.3), (1.0, 0.0), (5.0, -0.5), (1.0e5, 0.49)])
-def test_young_and_poisson_are_those_of_uniaxial_stress(E, nu):
+def test_young_and_poisson_agree_with_uniaxial_stress(E, nu):
     # Strain (e, -nu e, -nu e) has the stress (E e, 0, 0) in Hooke's law.
     material = nts.SaintVenantKirchhoff(E, nu, rho=1.0)
     strain = 0.1 * np.array([1.0, -nu, -nu])

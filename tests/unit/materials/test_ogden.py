@@ -91,7 +91,7 @@ def evaluated():
 
 @pytest.mark.serial
 @pytest.mark.parametrize("terms", TERMS)
-def test_energy_stress_and_tangent_are_those_of_eigenvalues(comm, rng, evaluated, terms):
+def test_energy_stress_and_tangent_agree_with_eigenvalues(comm, rng, evaluated, terms):
     mesh, modulus = Box(comm, shape=(1, 1, 1)).mesh, law(terms, SOFT).least_modulus
     near = [0.0, *10.0 ** -np.arange(1.0, 15.0)]
     squares = [np.array([1.0, 1 + d, 1 - 0.3 * d]) for d in near]
@@ -240,7 +240,7 @@ def test_a_body_flies_with_its_energy_and_momenta(comm, scheme, cell):
 
 
 @pytest.mark.serial
-def test_explicit_steps_are_those_of_the_mooney_rivlin_law(comm):
+def test_explicit_steps_agree_with_the_mooney_rivlin_law(comm):
     results = []
     for material in (
         nts.Ogden((160.0, -60.0), (2.0, -2.0), KAPPA, RHO),

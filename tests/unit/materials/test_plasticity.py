@@ -99,7 +99,7 @@ def states(rng, law, way):
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_the_return_is_that_of_a_twin_and_keeps_the_plastic_volume(name):
+def test_the_return_agrees_with_a_twin_and_keeps_the_plastic_volume(name):
     rng, law, flown = np.random.default_rng(3), LAWS[name], 0
     point = Point(law)
     for way, alpha, _ in product((1, 10, 100), (0.0, 0.2), range(30)):
@@ -148,7 +148,7 @@ def test_changes_of_volume_have_one_point_whatever_the_poisson_ratio(nu):
     assert (most.left_out, volumetric.left_out) == ({"mu", "kappa"}, {"mu"})
 
 
-def test_what_is_told_and_refused():
+def test_logged_parameters_and_refused_arguments():
     law = nts.J2Plasticity(1.0, 0.3, 2.0, yield_stress=0.1, hardening=0.2, saturation=(0.3, 4.0))
     assert "yield_stress=0.1, hardening=0.2, saturation=(0.3, 4" in repr(law)
     assert law.hardening == (0.1, 0.2, 0.3, 4.0)

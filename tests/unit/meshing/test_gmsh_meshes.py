@@ -481,7 +481,7 @@ def test_parts_and_shapes_of_the_cad_kernel_go_together_in_space():
         (True, (3,), 2, r"given no elements: call gmsh\.model\.mesh\.generate\(3\)"),
     ],
 )
-def test_model_without_bodies_is_refused_with_what_helps(synchronize, dims, meshed, match):
+def test_model_without_bodies_is_refused_with_advice(synchronize, dims, meshed, match):
     def build(model):
         model.occ.addBox(0, 0, 0, 1, 1, 1)
         if synchronize:

@@ -150,7 +150,7 @@ def test_mixed_cells_and_facets_without_groups_of_a_file(comm, model, tmp_path, 
 
 
 @pytest.mark.serial
-def test_element_types_are_those_of_gmsh(model):
+def test_element_types_agree_with_gmsh(model):
     import gmsh
 
     for number, kind in KINDS.items():

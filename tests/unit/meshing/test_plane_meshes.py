@@ -94,7 +94,7 @@ def test_a_file_of_triangles_next_to_quadrilaterals_is_cut_into_these(
     ],
     ids=["out of the plane", "crossed", "flat", "incomplete"],
 )
-def test_what_is_no_mesh_of_the_plane_is_refused(comm, model, x, cells, message):
+def test_meshes_out_of_the_plane_are_refused(comm, model, x, cells, message):
     if model:
         add_sheet(model, x, cells)
     try:

@@ -79,7 +79,7 @@ def test_support_at_rest_does_no_work(comm):
     assert abs(ledger.gained) <= SOLVED
 
 
-def test_support_that_strikes_a_body_gives_what_contact_takes(comm):
+def test_work_of_a_support_that_strikes_a_body_equals_that_of_contact(comm):
     # The lower block is driven; its top nodes are given and in contact.
     data = box_meshes.boxes([(2, 2, 1), (1, 1, 1)], [(1.0, 1.0, 0.5), (0.6, 0.7, 0.5)])
     data.X[data.cells[data.body == 1].ravel().min() :] += [0.15, 0.17, 0.52]
@@ -216,7 +216,7 @@ def test_wrong_conditions_are_refused(comm, refused):
 
 
 @pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.CentralDifference])
-def test_a_condition_that_holds_nothing_is_told(comm, scheme, caplog):
+def test_a_condition_without_dofs_is_reported(comm, scheme, caplog):
     box = Box(comm)
     nowhere = fem.locate_dofs_geometrical(box.V, lambda x: x[0] > 99.0)
     dofs = (box.dofs(0), nowhere)

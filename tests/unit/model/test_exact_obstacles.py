@@ -59,4 +59,4 @@ def test_ball_by_its_distance_is_a_rigid_sphere(rng):
     assert (found.entered == 0).sum() > 5
     enters = found.entered == 0
     np.testing.assert_allclose(found.begin[enters], expected.begin[enters], atol=1e-6)
-    np.testing.assert_allclose(found.way[enters], expected.way[enters], atol=1e-6)
+    np.testing.assert_allclose(found.length[enters], expected.length[enters], atol=1e-6)

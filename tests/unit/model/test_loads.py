@@ -211,7 +211,7 @@ def test_a_load_of_the_users_own_may_act_on_every_body(comm):
 
 
 @pytest.mark.serial
-def test_printed_load_and_body_tell_their_arguments_in_one_line(comm):
+def test_printed_load_and_body_have_their_arguments_in_one_line(comm):
     def rising(t):
         return (0.0, 0.0, t)
 

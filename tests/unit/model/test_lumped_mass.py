@@ -27,7 +27,7 @@ def distorted(comm, rng, cell, degree):
 
 @cells_
 @pytest.mark.parametrize("degree", [1, 2])
-def test_mass_and_centre_are_those_of_the_bodies(comm, rng, cell, degree):
+def test_mass_and_centre_agree_with_all_bodies(comm, rng, cell, degree):
     V, bodies = distorted(comm, rng, cell, degree)
     mass = lumped_mass(bodies)
     assert comm.allreduce(int((mass <= 0).sum())) == 0

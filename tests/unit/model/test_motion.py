@@ -69,7 +69,7 @@ def work_on_both(force, x_n, x):
 
 @shapes
 @schemes
-def test_gaps_are_those_of_the_obstacle_declared_where_it_is(name, scheme, rng):
+def test_gaps_agree_with_the_obstacle_declared_where_it_is(name, scheme, rng):
     x_n, x, segment = states(rng)
     seen = contact(name, scheme, x_n, x, segment)
     for place, at, gap in ((start, x_n, seen.gap_n), (end, x, seen.gap)):
@@ -90,7 +90,7 @@ def test_work_on_node_and_obstacle_is_the_change_of_the_gap(name, rng):
 
 
 @shapes
-def test_work_on_the_obstacle_is_that_of_the_motion_it_imparts(name, rng):
+def test_work_on_the_obstacle_agrees_with_the_motion_it_imparts(name, rng):
     x_n, x, _ = states(rng)
     force = rng.normal(size=x.shape)
     seen = FRAME.at_start(x_n), FRAME.at_end(x)
@@ -150,7 +150,7 @@ def test_a_rotation_vector_is_the_matrix_about_its_axis():
         assert frame.angle == pytest.approx(angle, abs=1e-7)
 
 
-def test_a_whole_turn_in_a_step_is_seen_half_way():
+def test_a_whole_turn_in_a_step_is_seen_at_half_of_it():
     frame = nts.Motion(rotation=lambda t: (0, 0, 2 * np.pi * t)).frame(0, 1)
     assert frame.angle == pytest.approx(2 * np.pi)
 

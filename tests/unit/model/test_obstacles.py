@@ -117,7 +117,7 @@ def test_work_of_a_traction_on_an_obstacle_is_the_slip(name, rng):
 
 @pytest.mark.serial
 @obstacles
-def test_tangents_turn_with_the_normal_on_the_shortest_way(name, rng):
+def test_tangents_turn_with_the_normal_by_the_smallest_rotation(name, rng):
     """Whatever the axes are: a traction must not turn about the normal."""
     obstacle, _ = CASES[name]
     x_n, x, segment = states(rng, m=300)

@@ -20,7 +20,7 @@ def test_p_waves_have_the_speed_of_the_closed_form(comm):
 
 
 @pytest.mark.parametrize(("factor", "warns"), [(0.99, False), (1.01, True)])
-def test_body_faster_than_its_waves_is_told_once(comm, caplog, factor, warns):
+def test_body_faster_than_its_waves_is_reported_once(comm, caplog, factor, warns):
     stepper = scenes.blocks(comm).stepper
     body = stepper.bodies[0]
     direction = np.array([2.0, -1.0, 2.0]) / 3

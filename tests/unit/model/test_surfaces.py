@@ -147,7 +147,7 @@ def test_areas_of_the_nodes_sum_to_the_area_of_the_surface(comm, cell, ghosts):
 
 
 @pytest.mark.at_most_two_ranks
-def test_area_of_the_ball_is_that_of_its_facets(comm):
+def test_area_of_the_ball_agrees_with_its_facets(comm):
     # Bilinear facets, |a1 x a2| integrated by a much higher rule.
     mesh, _, facets, tag = read_mesh(scenes.BALL_PLATE, comm)
     surface = nts.Surface(space(mesh), facets, tag["ball_outer"])

@@ -16,7 +16,7 @@ def table(ids):
     return np.column_stack([10.0 * ids, -ids])
 
 
-def test_each_rank_hears_from_those_that_have_something_for_it(comm, agree):
+def test_each_rank_receives_messages_of_its_senders(comm, agree):
     # Of each two neighbours the lower one has rows for the other, and then the other way round.
     for step in (1, -1) * 3:
         to, source = comm.rank + step, comm.rank - step

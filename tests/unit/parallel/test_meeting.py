@@ -38,7 +38,7 @@ def test_a_context_that_other_ranks_do_not_enter_is_refused_on_all(comm, refused
         act()
 
 
-def test_ranks_that_come_soon_are_told_from_those_that_do_not(comm, agree):
+def test_late_ranks_are_distinguished_from_missing_ones(comm, agree):
     assert agree(all_come(comm, "leave"))
     if comm.size == 1:
         return

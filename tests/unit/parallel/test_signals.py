@@ -50,7 +50,7 @@ def test_second_signal_takes_effect_at_once(comm, handler):
         assert signal.getsignal(signal.SIGINT) is handler
 
 
-def test_signal_that_has_waited_does_what_it_would_have_done(comm, handler):
+def test_a_delayed_signal_has_its_effect(comm, handler):
     with Interrupts(comm) as interrupts:
         signal.raise_signal(signal.SIGINT)
         with pytest.raises(Stopped):

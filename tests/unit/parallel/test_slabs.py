@@ -42,7 +42,7 @@ def test_rows_lie_in_the_order_of_their_numbers(comm, mine, agree):
         assert agree(any(np.array_equal(found, e) and found.dtype == e.dtype for e in expected))
 
 
-def test_rows_take_the_place_of_those_that_nobody_needs(comm, mine, agree):
+def test_rows_replace_unused_ones(comm, mine, agree):
     slabs, rows = Slabs(comm, mine), table(mine).astype(float)
     former = slabs.slab(rows + 1).values
     found = slabs.slab(rows, former)

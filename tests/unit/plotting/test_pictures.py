@@ -229,7 +229,7 @@ def test_picture_that_was_not_drawn_here_shows_and_writes_nothing(tmp_path):
 
 
 @pytest.mark.serial
-def test_energy_error_is_what_no_work_explains(tmp_path):
+def test_energy_error_is_the_unexplained_change(tmp_path):
     names = ["time", "total_energy"]
     causes = ("loads", "supports", "obstacles", "damping", "friction")
     names += [f"energy_{cause}" for cause in causes]
@@ -288,7 +288,7 @@ def recorded(comm, folder):
     return positions
 
 
-def test_states_of_a_movie_are_those_of_the_run(comm, folder, agree, recorded):
+def test_states_of_a_movie_agree_with_the_run(comm, folder, agree, recorded):
     times, grids = pictures._states(folder / "run.vtkhdf", "velocity", "v")
     assert agree(np.allclose(times, BLOCK_STEP * np.arange(3)))
     for grid, x in zip(grids, recorded, strict=True):

@@ -50,8 +50,12 @@ def touching():
 def looks_along_z(plotter):
     """Whether the camera is above the plane, with y upwards."""
     position, focus, up = map(np.array, plotter.camera_position)
-    way = position - focus
-    return way[2] > 0 and np.abs(way[:2]).max() <= 1e-9 * way[2] and abs(up[1] - 1) <= 1e-9
+    direction = position - focus
+    return (
+        direction[2] > 0
+        and np.abs(direction[:2]).max() <= 1e-9 * direction[2]
+        and abs(up[1] - 1) <= 1e-9
+    )
 
 
 def test_bodies_of_the_plane_are_drawn_with_their_obstacles(comm, touching):
@@ -83,7 +87,7 @@ def test_contact_forces_of_the_plane_are_drawn_where_they_act(comm, touching):
 
 
 @pytest.mark.serial
-def test_area_of_an_obstacle_of_the_plane_is_what_it_fills():
+def test_area_of_an_obstacle_of_the_plane_is_filled():
     points = np.array([[-1.0, -1.0, 0.0], [1.0, 1.0, 0.0]])
     circle = nts.RigidSphere((0.2, 0.1), 0.5)
     assert surface_near(circle, points, 0.0).area == pytest.approx(np.pi / 4, rel=5e-3)

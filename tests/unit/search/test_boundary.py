@@ -37,8 +37,8 @@ class Boundary:
         crossings = np.ones((2, len(points)), np.int32) if crossings is None else crossings
         return self._kernels.distance(points, which(points), least, crossings)
 
-    def cuts(self, ways):
-        return self._kernels.cuts(ways, which(ways))
+    def cuts(self, paths):
+        return self._kernels.cuts(paths, which(paths))
 
 
 def which(points):
@@ -123,7 +123,7 @@ def test_a_ray_that_hits_an_edge_or_a_vertex_says_so(turn, rng):
         np.testing.assert_allclose(boundary.winding(points[inside]), 1, atol=ROUNDING)
 
 
-def test_the_distance_is_that_of_the_nearest_of_many_points_of_the_triangles(rng):
+def test_the_distance_agrees_with_the_nearest_of_many_points_of_the_triangles(rng):
     triangles, points = crumpled(rng, n=3), rng.uniform(-1, 1, (200, 3))
     s, t = (a.ravel() for a in np.meshgrid(*2 * [np.linspace(0, 1, 41)]))
     s, t = s[s + t <= 1], t[s + t <= 1]
@@ -144,29 +144,29 @@ def test_the_distance_from_a_cube_is_exact(rng):
     np.testing.assert_allclose(Boundary(box()).distance(points), expected, atol=ROUNDING)
 
 
-def test_ways_are_cut_where_they_enter_and_leave_a_cube():
+def test_paths_are_cut_where_they_enter_and_leave_a_cube():
     begin = np.array([[0.3, 0.4, -1.0], [0.3, 0.4, 0.5], [0.3, 0.4, 2.0], [3.0, 3.0, 3.0]])
     end = np.array([[0.3, 0.4, 3.0], [0.3, 0.4, 1.5], [0.3, 0.4, 5.0], [4.0, 3.0, 3.0]])
-    ways = np.hstack([begin, end])
-    way, place = Boundary(box()).cuts(ways)
-    order = np.lexsort((place, way[:, 0]))
-    np.testing.assert_array_equal(way[order], [[0, -1], [0, 1], [1, 1]])
+    paths = np.hstack([begin, end])
+    path, place = Boundary(box()).cuts(paths)
+    order = np.lexsort((place, path[:, 0]))
+    np.testing.assert_array_equal(path[order], [[0, -1], [0, 1], [1, 1]])
     np.testing.assert_allclose(place[order], [0.25, 0.5, 0.5], atol=ROUNDING)
     number = np.arange(10, 14, dtype=np.int32)
     order = order[::-1]
-    points, number = _kernels.points_on_paths(ways, number, way[order], place[order])
+    points, number = _kernels.points_on_paths(paths, number, path[order], place[order])
     np.testing.assert_array_equal(number, [10, 11])
     np.testing.assert_allclose(points, [[0.3, 0.4, 0.5], [0.3, 0.4, 0.75]], atol=ROUNDING)
 
 
-def test_parts_of_ways_that_may_be_inside_are_known_by_their_ends():
+def test_parts_of_paths_that_may_be_inside_are_known_by_their_ends():
     """Between x = 0 and 1, with cuts through triangles and edges of them; and a point."""
-    ways = np.array([[0.0, 0, 0, 1, 0, 0]] * 4 + [[0.3] * 6])
+    paths = np.array([[0.0, 0, 0, 1, 0, 0]] * 4 + [[0.3] * 6])
     cuts = [(0, 1, 0.5), (1, -1, 0.5), (2, 0, 0.5), (3, 1, 0.2), (3, -1, 0.4), (3, 0, 0.8)]
-    way, side, place = zip(*cuts, strict=True)
-    way = np.column_stack([way, side]).astype(np.int32)
+    path, side, place = zip(*cuts, strict=True)
+    path = np.column_stack([path, side]).astype(np.int32)
     number = np.arange(5, dtype=np.int32)
-    points, number = _kernels.points_on_paths(ways, number, way, np.array(place))
+    points, number = _kernels.points_on_paths(paths, number, path, np.array(place))
     np.testing.assert_array_equal(number, [4, 0, 1, 2, 2, 3, 3, 3])
     expected = [0.3, 0.25, 0.75, 0.25, 0.75, 0.1, 0.6, 0.9]
     np.testing.assert_allclose(points[:, 0], expected, atol=ROUNDING)
@@ -177,9 +177,9 @@ def test_boundaries_come_nearer_by_the_difference_of_their_displacements(rng):
     rows = np.arange(9, dtype=np.int32).reshape(3, 3)
     boundaries = _kernels.Boundaries([r.ravel() for r in rows], [r[None] for r in rows])
     nearer = _kernels.approach(boundaries.displacements(moved, x))
-    way = (moved - x)[rows]
+    moves = (moved - x)[rows]
     for i, j in np.ndindex(3, 3):
-        apart = np.abs(way[i][:, None] - way[j]).max(axis=(0, 1))
+        apart = np.abs(moves[i][:, None] - moves[j]).max(axis=(0, 1))
         assert nearer[i, j] == pytest.approx(np.linalg.norm(apart) if i != j else 0.0, rel=1e-14)
 
 
@@ -205,7 +205,7 @@ def test_nodes_and_edges_whose_boxes_meet_a_box_are_found(rng):
     expected = ends[meets.all(axis=1)].reshape(-1, 6)
     which, regions = np.array([0, 1], np.int32), np.array([region + 9, region])
     lists = [nodes[:1], nodes], [edges[:1], edges]
-    found, number = _kernels.ways_in(x, *lists, which, regions)
+    found, number = _kernels.paths_in(x, *lists, which, regions)
     np.testing.assert_array_equal(found, expected)
     np.testing.assert_array_equal(number, np.ones(len(expected)))
 
@@ -270,7 +270,7 @@ def test_wrong_arguments_are_refused():
     boundary = Boundary(box())
     with pytest.raises(ValueError, match=r"points: expected shape \(any, 3\)"):
         boundary.distance(np.zeros((2, 2)))
-    with pytest.raises(ValueError, match=r"ways: expected shape \(any, 6\)"):
+    with pytest.raises(ValueError, match=r"paths: expected shape \(any, 6\)"):
         boundary.cuts(np.zeros((2, 3)))
     with pytest.raises(ValueError, match="where: expected numbers of boundaries"):
         boundaries.winding(np.zeros((1, 3)), np.array([1], np.int32))

@@ -78,7 +78,7 @@ def test_others_are_no_pairs(case):
     assert pairs.pair(CARRIER, x, NONE, 0.5)[0][0] == -1
 
 
-def test_what_crosses_where_two_edges_meet_crosses_one_of_them():
+def test_an_edge_crossing_at_a_common_vertex_crosses_one_edge():
     # Two edges in a row: the second one begins where the first one ends.
     found = []
     for shift in (0.5, -0.5):
@@ -166,7 +166,7 @@ def test_gradient_and_tangent_are_derivatives(scheme, rng):
     assert np.abs(change - contact.tangent[0] @ way).max() < 1e-7
 
 
-def test_slip_is_that_of_the_nearest_points_and_has_its_derivatives(rng):
+def test_slip_agrees_with_the_nearest_points_and_has_its_derivatives(rng):
     pairs, segment, x_n, x = states(rng)
     at_n, at = (nodes_of(pairs, segment, y) for y in (x_n, x))
     slip = pairs.slip("objective", CARRIER, x_n, x, segment)

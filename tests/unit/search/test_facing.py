@@ -69,13 +69,13 @@ def test_rims_of_flush_blocks_face_the_top_and_not_the_sides(comm, agree, cell):
         assert agree(np.isnan(gap[~bottom]).all())
 
 
-def test_block_beside_another_faces_its_side(comm, agree):
+def test_block_next_to_another_faces_its_side(comm, agree):
     two = Two(comm, ((0, 0, 0), (1, 1, 1), (2, 2, 2)), ((1, 0, 0), (2, 1, 1), (2, 2, 2)))
     X, gap = two.gaps((GAP, 0, 0))
     assert agree(np.allclose(gap[np.isclose(X[:, 0], 1)], GAP, atol=1e-12))
 
 
-def test_edge_of_a_turned_block_faces_what_it_presses_on(comm, agree):
+def test_edge_of_a_turned_block_faces_the_pressed_surface(comm, agree):
     # A thin fin that stands on its narrow side, and one that lies on its broad side.
     floor = ((-2, -2, -1), (2, 2, 0), (4, 4, 1))
     for fin in (((0, 0, 0), (0.02, 1, 1), (1, 3, 3)), ((0, 0, 0), (1, 1, 0.02), (3, 3, 1))):
@@ -93,7 +93,7 @@ def test_node_below_a_thin_plate_is_not_taken_for_one_deep_inside(comm, agree):
     assert agree(np.allclose(gap[np.isclose(X[:, 2], 0)], -0.03, atol=1e-12))
 
 
-def test_side_of_a_block_hides_what_lies_behind_its_rim(comm, agree):
+def test_side_of_a_block_hides_segments_behind_its_rim(comm, agree):
     # A slanted block stands before the end of a beam of one long cell. Its lower edge looks away
     # from the end, and up to the under side, behind whose plane it is: beyond the end, not inside.
     beam = ((0, -1, 0), (4, 1, 0.5), (1, 1, 1))
@@ -103,7 +103,7 @@ def test_side_of_a_block_hides_what_lies_behind_its_rim(comm, agree):
 
 
 @cells
-def test_looks_at_any_distance_find_what_a_look_far_enough_finds(comm, agree, cell):
+def test_searches_at_any_distance_find_the_same_segment(comm, agree, cell):
     floor, stone = ((0, 0, 0), (4, 4, 1), (5, 5, 2)), ((0, 0, 0), (1, 1, 1), (4, 4, 4))
     two, rng = Two(comm, floor, stone, cell=cell), np.random.default_rng(7)
     X, found, search = two.V.tabulate_dof_coordinates(), 0, two.search()
@@ -141,7 +141,7 @@ def find(node, triangles, segments):
 
 
 @pytest.mark.serial
-def test_node_faces_what_its_cone_of_normals_meets(rng):
+def test_node_faces_segments_within_its_cone_of_normals(rng):
     square = np.array([[-9.0, -9, 0], [9, -9, 0], [-9, 9, 0], [9, 9, 0]])
     num_faced = 0
     for _ in range(300):
@@ -195,7 +195,7 @@ def test_node_ahead_of_an_edge_waits_for_the_face_beyond_it(rng):
 
 
 @pytest.mark.serial
-def test_nodes_that_face_nothing_do_not_look_at_all_segments():
+def test_nodes_that_face_nothing_do_not_search_all_segments():
     n, m = 40, 200
     grid = np.arange((n + 1) ** 2, dtype=np.int32).reshape(n + 1, n + 1)
     corners = (grid[:-1, :-1], grid[1:, :-1], grid[:-1, 1:], grid[1:, 1:])

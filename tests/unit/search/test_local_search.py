@@ -103,7 +103,7 @@ def test_nearest_of_slivers_is_found(k, angle, rng):
 
 
 @segments_
-def test_xi_gap_and_normal_are_those_of_the_projection(k, rng):
+def test_xi_gap_and_normal_agree_with_the_projection(k, rng):
     segments, orientation = bumpy_surface(k)
     nodes = rng.uniform(LOWER, UPPER, (60, 3))
     for node, segment, xi, gap, normal in zip(
@@ -171,7 +171,7 @@ def test_lowest_key_wins_a_tie(key, height):
 
 @pytest.mark.parametrize("key", [[0, 1], [1, 0]])
 @pytest.mark.parametrize("side", [0, 1])
-def test_node_beside_a_sharp_edge_is_in_front_of_it(key, side):
+def test_node_next_to_a_sharp_edge_is_in_front_of_it(key, side):
     """Behind the plane of one facet of a wedge, a node may be in front of the other."""
     facet = np.array([[0.0, 0, 0], [0, 1, 0], [0.4, 0, 1], [0.4, 1, 1]])
     segments = np.stack([facet * [-1, 1, 1], facet])  # The normals are outward and down.

@@ -61,7 +61,7 @@ shapes = pytest.mark.parametrize("k", [3, 4])
 
 
 @shapes
-def test_points_tile_what_is_covered_and_lie_on_their_segments(k, rng):
+def test_points_tile_the_overlap_and_are_on_their_segments(k, rng):
     _, _, x, points = choose(k, rng)
     assert points.shares.area.sum() == pytest.approx(0.81, rel=1e-12)
     pairs = np.concatenate([points.of(x)[:, None], x[points.reached[:, k:]]], axis=1)
@@ -227,7 +227,7 @@ def test_no_mean_gap_is_less_than_the_gaps_around_the_node(k, rng):
 
 
 @pytest.mark.parametrize("kink", [0.02, 0.3, 0.5, 0.98])
-def test_part_of_dual_functions_above_a_kink_is_that_of_the_integrals(kink):
+def test_part_of_dual_functions_above_a_kink_agrees_with_the_integrals(kink):
     """An edge of length 1 above a chamfer: (1 - p) / (1 + 2 p), with the kink at p."""
     x = np.zeros((5, 3))
     x[:, 0], x[4, 1] = [0.0, 1.0, -1.0, kink, 3.0], -0.4 * (3 - kink)
@@ -241,7 +241,7 @@ def test_part_of_dual_functions_above_a_kink_is_that_of_the_integrals(kink):
     assert part == pytest.approx([(1 - kink) / (1 + 2 * kink), 1.0], rel=1e-9)
 
 
-def test_facets_that_look_away_have_no_points(rng):
+def test_facets_that_face_away_have_no_points(rng):
     surface, candidates, x, _ = choose(4, rng)
     away = replace(surface, orientation=-surface.orientation)
     points = FacetPoints.choose(away, candidates, x, x, 1.0).points()
@@ -323,7 +323,7 @@ def test_kinematics_of_nodes_are_means_rows_and_the_least_turn_of_their_points(k
 
 
 @shapes
-def test_expanded_matrices_are_those_of_facets_and_segments(k, rng):
+def test_expanded_matrices_agree_with_facets_and_segments(k, rng):
     *_, x, points = choose(k, rng)
     p = len(points.segment)
     matrix, factor = rng.normal(size=(p, 3 + 3 * k, 3 + 3 * k)), rng.normal(size=p)

@@ -29,7 +29,7 @@ def nodes(comm):
 
 
 @obstacles
-def test_pairs_are_those_of_the_obstacle_within_reach(name, nodes):
+def test_pairs_are_nodes_within_reach_of_the_obstacle(name, nodes):
     candidates = ObstacleCandidates(OBSTACLES[name], nodes)
     x = nodes.V.tabulate_dof_coordinates()
     none = np.full(len(nodes.nodes), -1, dtype=np.int32)
@@ -64,7 +64,7 @@ def test_nodes_that_may_get_inside_are_near(name, nodes, reach, comm):
 
 
 @obstacles
-def test_approach_is_the_longest_way_of_a_node(name, nodes, comm):
+def test_approach_is_the_longest_displacement_of_a_node(name, nodes, comm):
     search = ObstacleSearch(OBSTACLES[name], nodes)
     x = nodes.V.tabulate_dof_coordinates()
     before = search.positions(x)

@@ -193,7 +193,7 @@ def contains(points, x, cells):
 @pytest.mark.serial
 @pytest.mark.parametrize("seed", range(3))
 @cells_
-def test_nodes_and_cells_inside_are_those_in_cells_of_the_other(comm, cell, seed):
+def test_nodes_and_cells_inside_are_in_cells_of_the_other(comm, cell, seed):
     rng = np.random.default_rng(seed)
     bodies = bodies_of(
         comm,

@@ -34,7 +34,7 @@ def test_ghosts_get_the_values_of_their_owners(scatter, agree, d):
 
 
 @pytest.mark.parametrize("d", [2, 3])
-def test_owners_get_what_all_ranks_have(comm, scatter, agree, d):
+def test_owners_get_contributions_of_all_ranks(comm, scatter, agree, d):
     number, n = numbers(scatter), scatter.index_map.size_local
     for seed in (0, 1):
         here = np.random.default_rng([seed, comm.rank]).normal(size=(scatter.num_local, d))

@@ -82,7 +82,7 @@ def test_turns_that_are_apart_or_touch_do_not_overlap(comm, turn):
 
 
 @pytest.mark.serial
-def test_only_those_that_are_named_are_looked_at():
+def test_only_named_boundaries_are_checked():
     body = strip(MPI.COMM_SELF)
     x = spiral(body.V.tabulate_dof_coordinates(), 0.12)
     assert OverlapSearch([body], []).find(x, selves=())[0] == []

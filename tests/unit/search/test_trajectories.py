@@ -53,7 +53,7 @@ def crossings(node_n, node, segment_n, segment):
 
 
 @pytest.mark.parametrize("k", [3, 4])
-def test_nodes_enter_and_leave_when_samples_of_their_ways_do(k, rng):
+def test_times_of_entry_and_exit_match_sampled_paths(k, rng):
     num_entered = num_left = 0
     for _ in range(500):
         segment_n, segment = CORNERS[:k] + 0.6 * rng.normal(size=(2, k, 3))
@@ -65,7 +65,7 @@ def test_nodes_enter_and_leave_when_samples_of_their_ways_do(k, rng):
         if not inwards or (expected and not expected[0][1]):
             continue
         assert result.entered[0] == 0
-        pairs = []  # time of entry and of exit of each way below the segment
+        pairs = []  # time of entry and of exit of each path below the segment
         for i in inwards:
             end = next((time for time, inward in expected[i:] if not inward), 1.0)
             pairs.append((expected[i][0], end))
@@ -73,8 +73,8 @@ def test_nodes_enter_and_leave_when_samples_of_their_ways_do(k, rng):
         assert abs(result.begin[0] - longest[0]) < 2 / NUM_TIMES
         assert result.leaves[0] == (longest[1] < 1)
         relative = np.linalg.norm((node - node_n) - (segment - segment_n).mean(axis=0))
-        way = (longest[1] - longest[0]) * relative
-        assert abs(result.way[0] - way) < 4 * relative / NUM_TIMES
+        length = (longest[1] - longest[0]) * relative
+        assert abs(result.length[0] - length) < 4 * relative / NUM_TIMES
         num_entered, num_left = num_entered + 1, num_left + bool(result.leaves[0])
     assert num_entered > 50
     assert num_left > 0
@@ -87,17 +87,17 @@ def test_nodes_through_a_wall_leave_on_its_other_side():
     nodes_n = np.array([[0.0, 0, 1], [0, 0, 1], [0, 0, 1], [0, 0, -0.05]])
     nodes = np.array([[0.0, 0, -1], [0, 0, -0.05], [0, 0, 0.5], [0, 0, -1]])
     inside = np.array([-1, -1, -1, 0], dtype=np.int32)
-    ways = follow(nodes_n, nodes, wall, wall, inside)
-    np.testing.assert_array_equal(ways.entered, [0, 0, -1, 0])
-    np.testing.assert_array_equal(ways.leaves, [True, False, False, True])
-    np.testing.assert_allclose(ways.begin[:2], [1 / 2, 1 / 1.05], rtol=1e-6)
-    np.testing.assert_allclose(ways.way[[0, 1, 3]], [0.1, 0.05, 0.05], rtol=1e-5)
-    np.testing.assert_allclose(ways.gap[[0, 1, 3]], [-1, -0.05, -1], rtol=1e-12)
-    np.testing.assert_array_equal(ways.passes(np.array([4.0, 4.0])), [True, False, False, True])
+    paths = follow(nodes_n, nodes, wall, wall, inside)
+    np.testing.assert_array_equal(paths.entered, [0, 0, -1, 0])
+    np.testing.assert_array_equal(paths.leaves, [True, False, False, True])
+    np.testing.assert_allclose(paths.begin[:2], [1 / 2, 1 / 1.05], rtol=1e-6)
+    np.testing.assert_allclose(paths.length[[0, 1, 3]], [0.1, 0.05, 0.05], rtol=1e-5)
+    np.testing.assert_allclose(paths.gap[[0, 1, 3]], [-1, -0.05, -1], rtol=1e-12)
+    np.testing.assert_array_equal(paths.passes(np.array([4.0, 4.0])), [True, False, False, True])
     # The wall moves to meet a node that rests.
-    ways = follow(nodes_n[:1], nodes_n[:1], wall, wall + np.array([0, 0, 2]))
-    assert ways.leaves[0]
-    np.testing.assert_allclose(ways.way[0], 0.1, rtol=1e-5)
+    paths = follow(nodes_n[:1], nodes_n[:1], wall, wall + np.array([0, 0, 2]))
+    assert paths.leaves[0]
+    np.testing.assert_allclose(paths.length[0], 0.1, rtol=1e-5)
 
 
 def test_corners_that_are_cut_off_are_not_passed():
@@ -108,9 +108,9 @@ def test_corners_that_are_cut_off_are_not_passed():
     for depth, passes in ((0.02, False), (0.5, True)):
         begin, end = np.array([[-2.0, 0, 2]]), np.array([[2.0, 0, -2]])
         shift = np.array([-depth, 0, -depth])
-        ways = follow(begin + shift, end + shift, block, block)
-        assert ways.leaves[0]
-        assert ways.passes(np.array([1.0, 1.0]))[0] == passes
+        paths = follow(begin + shift, end + shift, block, block)
+        assert paths.leaves[0]
+        assert paths.passes(np.array([1.0, 1.0]))[0] == passes
 
 
 @pytest.mark.parametrize(
@@ -118,33 +118,33 @@ def test_corners_that_are_cut_off_are_not_passed():
     [nts.RigidSphere((0.1, 0.2, 0.3), 0.5), nts.RigidCylinder((0.1, 0.2, 0.3), (1, 2, 3), 0.5)],
     ids=["sphere", "cylinder"],
 )
-def test_ways_inside_an_obstacle_are_those_of_samples(obstacle, rng):
+def test_paths_inside_an_obstacle_match_samples(obstacle, rng):
     x_n, x = rng.uniform(-1, 1, (2, 300, 3))
     start = obstacle.distance(x_n)[0]
     outside = start > 0
     x_n, x = x_n[outside], x[outside]
     none = np.full(len(x), -1, dtype=np.int32)
-    ways = obstacle.follow(x_n, x, none, Facing.everywhere(len(x)))
+    paths = obstacle.follow(x_n, x, none, Facing.everywhere(len(x)))
     s = np.linspace(0, 1, NUM_TIMES)
     gap = np.array([obstacle.distance(x_n + part * (x - x_n))[0] for part in s])
     part_inside = (gap < 0).mean(axis=0)
-    way = part_inside * np.linalg.norm(x - x_n, axis=1)
-    np.testing.assert_allclose(ways.way, way, atol=4 / NUM_TIMES)
+    length = part_inside * np.linalg.norm(x - x_n, axis=1)
+    np.testing.assert_allclose(paths.length, length, atol=4 / NUM_TIMES)
     clear = (part_inside == 0) | (part_inside > 4 / NUM_TIMES)
-    np.testing.assert_array_equal((ways.entered >= 0)[clear], (part_inside > 0)[clear])
+    np.testing.assert_array_equal((paths.entered >= 0)[clear], (part_inside > 0)[clear])
     entered = part_inside > 4 / NUM_TIMES
-    np.testing.assert_array_equal(ways.leaves[entered], (gap[-1] >= 0)[entered])
-    assert 0 < np.count_nonzero(ways.leaves) < np.count_nonzero(entered) < len(x)
+    np.testing.assert_array_equal(paths.leaves[entered], (gap[-1] >= 0)[entered])
+    assert 0 < np.count_nonzero(paths.leaves) < np.count_nonzero(entered) < len(x)
 
 
 def test_planes_and_hollow_obstacles_are_never_passed(rng):
     x_n, x = rng.uniform(-2, 2, (2, 50, 3))
     none, everywhere = np.full(50, -1, dtype=np.int32), Facing.everywhere(50)
     floor = nts.RigidPlane((0, 0, 0), (0, 0, 1))
-    ways = floor.follow(x_n, x, none, everywhere)
+    paths = floor.follow(x_n, x, none, everywhere)
     through = (x_n[:, 2] > 0) & (x[:, 2] < 0)
-    assert not ways.passes(np.ones(1))[x_n[:, 2] > 0].any()
-    np.testing.assert_allclose(ways.gap[through], x[through, 2], atol=1e-14)
+    assert not paths.passes(np.ones(1))[x_n[:, 2] > 0].any()
+    np.testing.assert_allclose(paths.gap[through], x[through, 2], atol=1e-14)
     tube = nts.RigidCylinder((0, 0, 0), (0, 0, 1), 3.0, hollow=True)
     assert (tube.follow(x_n, 0.9 * x, none, everywhere).entered < 0).all()
     assert floor.shortest_passage == tube.shortest_passage == np.inf

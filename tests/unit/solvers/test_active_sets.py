@@ -33,7 +33,7 @@ OTHERS = {
 
 
 @pytest.mark.parametrize("name", OTHERS)
-def test_what_changes_on_one_rank_gives_a_new_number_on_all(comm, agree, name):
+def test_a_change_on_one_rank_gives_a_new_number_on_all(comm, agree, name):
     sets = ActiveSets(comm)
     assert sets.number([pairs()]) == sets.number([pairs()]) == 1
     some = OTHERS[name] if comm.rank == comm.size - 1 else pairs()

@@ -22,7 +22,7 @@ def test_rows_of_any_nodes_are_gathered_from_their_owners(comm, matrices, agree)
     assert agree(np.allclose(found, expected, rtol=0, atol=ROUNDING * np.abs(dense).max()))
 
 
-def test_diagonal_is_that_of_the_owned_rows(comm, matrices):
+def test_diagonal_agrees_with_the_owned_rows(comm, matrices):
     rows, dense, _ = matrices
     diagonal = np.concatenate(comm.allgather(rows.diagonal())).ravel()
     np.testing.assert_allclose(diagonal, np.diag(dense), rtol=ROUNDING)

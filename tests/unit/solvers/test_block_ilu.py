@@ -19,7 +19,7 @@ def test_rows_of_other_ranks_are_eliminated_next_to_their_neighbours():
 
 
 @pytest.mark.parametrize("fill", [False, True])
-def test_factors_are_those_of_each_rank_and_its_neighbours(comm, rng, fill):
+def test_factors_cover_each_rank_and_its_neighbours(comm, rng, fill):
     tangent = scenes.blocks(comm).stepper._tangent
     tangent.assemble_nearby()
     N = tangent.rows.index_map.size_global

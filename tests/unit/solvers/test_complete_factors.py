@@ -48,7 +48,7 @@ def solve(start, column, X, value, b):
     [((1, 1, 1), 1), ((4, 2, 2), 1), ((9, 7, 3), 1), ((5, 4, 2), 3)],
     ids=["node", "front", "box", "bodies"],
 )
-def test_solution_is_that_of_the_dense_matrix(rng, shape, bodies, dim):
+def test_solution_agrees_with_the_dense_matrix(rng, shape, bodies, dim):
     start, column, X = grid(shape, bodies=bodies)
     value, A = matrix(rng, start, column, dim)
     b = rng.normal(size=(len(X), dim))

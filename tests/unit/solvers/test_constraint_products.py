@@ -42,7 +42,7 @@ def dense(nodes, rank, rows, parents, weights, directions):
 
 @pytest.mark.parametrize(("b", "h"), [(2, 1), (3, 1), (2, 2), (3, 4)])
 @pytest.mark.parametrize("transposed", [False, True])
-def test_entries_are_those_of_the_product_of_dense_matrices(b, h, transposed, rng):
+def test_entries_agree_with_the_product_of_dense_matrices(b, h, transposed, rng):
     arguments = problem(rng, b, h)
     row, column, value = _kernels.constraint_products(*arguments)
     whole = dense(*arguments)

@@ -27,7 +27,7 @@ def test_parts_together_are_the_whole(kind, rng):
 
 
 @kinds
-def test_those_that_touch_some_nodes_are_found(kind, rng):
+def test_constraints_of_some_nodes_are_found(kind, rng):
     whole = ContactBlocks(*blocks(kind, rng))
     wanted = rng.permutation(NODES)[:6]
     lists = np.split(whole.nodes, whole.start[1:-1])

@@ -11,7 +11,7 @@ pytestmark = pytest.mark.serial
 
 
 @kinds
-def test_slopes_at_nodes_are_those_of_the_tangent_there(kind, rng):
+def test_slopes_at_nodes_agree_with_the_tangent_there(kind, rng):
     whole = ContactBlocks(*blocks(kind, rng))
     found = slopes_at_nodes(whole)
     for part, slope, (_, gradients, columns) in zip(
@@ -45,7 +45,7 @@ def test_nodes_are_essential_that_constraints_or_slopes_reach(kind, rng):
 
 
 @kinds
-def test_lists_keep_what_constraints_have_at_their_nodes(kind, rng):
+def test_lists_keep_nodal_gradients_of_constraints(kind, rng):
     whole = ContactBlocks(*blocks(kind, rng))
     keeps = rng.random(len(whole.nodes)) < 0.5
     start, *rows = _kernels.at_nodes(whole.start, keeps, whole.gradients, whole.columns, 3)

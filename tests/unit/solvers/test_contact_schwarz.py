@@ -267,7 +267,7 @@ def test_wrong_matrices_and_nodes_are_refused(rng):
 
 
 @pytest.mark.parametrize("sign", [-1, 1])
-def test_largest_sizes_tell_what_is_not_a_number(rng, sign):
+def test_largest_sizes_pass_on_nan(rng, sign):
     a, b = rng.normal(size=(2, 4, 3))
     assert _kernels.largest_size(a) == np.abs(a).max()
     assert _kernels.largest_difference(a, b) == np.abs(a - b).max()
@@ -280,7 +280,7 @@ def test_largest_sizes_tell_what_is_not_a_number(rng, sign):
         _kernels.largest_difference(a, b[:2])
 
 
-def test_largest_violation_is_that_of_constraints(rng):
+def test_largest_violation_agrees_with_constraints(rng):
     excess = rng.normal(size=(4, 3))
     rank = np.array([0, 1, 3, 2], dtype=np.int32)
     of_constraints = [*excess[1, :1], *excess[2], *excess[3, :2]]

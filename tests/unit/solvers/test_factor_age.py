@@ -48,14 +48,14 @@ def is_due(age, steps):
     return any(age.count(MORE, DECADES) or age.renew() for _ in range(steps))
 
 
-def test_factors_that_need_more_iterations_are_made_anew_after_some_steps():
+def test_factors_that_need_more_iterations_are_recomputed_after_some_steps():
     age, _ = made()
     age.count(FEW, DECADES)
     assert not is_due(age, 3)
     assert is_due(age, 4)
 
 
-def test_a_hard_first_step_does_not_excuse_what_age_costs_later():
+def test_a_hard_first_step_does_not_excuse_later_costs_of_age():
     """As where a flat face lands: iterations of that step tell nothing of the factors."""
     age, _ = made()
     for iterations in (MANY, FEW):
@@ -76,7 +76,7 @@ def test_solves_without_contact_say_nothing_of_an_impact():
     assert age.one_application_reduction == slow == pytest.approx(10 ** (-DECADES / MANY))
 
 
-def test_factors_that_are_slow_from_the_start_give_way_within_their_first_step():
+def test_factors_that_are_slow_from_the_start_are_replaced_in_their_first_step():
     age, factors = made()
     for _ in range(3):
         age.count(MANY, DECADES / 4)

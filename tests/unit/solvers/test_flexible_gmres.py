@@ -14,7 +14,7 @@ NODES, DIM = 700, 2  # more numbers than are read at once, on one rank or on sev
 ROUNDING = 1e-11
 
 
-def test_residuals_are_the_least_of_what_the_preconditioner_gave(comm, rng):
+def test_residuals_are_the_least_in_the_krylov_space(comm, rng):
     bounds = np.linspace(0, NODES, comm.size + 1).astype(int)
     own = slice(*bounds[comm.rank : comm.rank + 2])
     A = np.eye(NODES * DIM) + 0.1 * rng.normal(size=(NODES * DIM,) * 2) / np.sqrt(NODES * DIM)
@@ -41,7 +41,7 @@ def test_residuals_are_the_least_of_what_the_preconditioner_gave(comm, rng):
 
 
 @pytest.mark.serial
-def test_residuals_of_solutions_are_zero_and_those_of_singular_systems_not_finite():
+def test_residuals_of_solutions_are_zero_and_of_singular_systems_not_finite():
     b = np.array([[3.0, 0.0], [4.0, 0.0]])
     exact, singular = _kernels.FlexibleGmres(b, None), _kernels.FlexibleGmres(b, None)
     assert exact.residual == 5.0

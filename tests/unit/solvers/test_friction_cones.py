@@ -76,6 +76,6 @@ def test_points_that_share_nothing_do_not_change_each_other(rng):
         np.testing.assert_array_equal(both.slides[half], alone.slides)
 
 
-def test_what_never_moves_is_not_decided():
+def test_constraints_without_dofs_stay_undecided():
     assert friction_cones.solve(np.zeros((3, 3)), np.array([-1.0, 0.0, 0.0]), np.ones(1)) is None
     assert friction_cones.solve(np.eye(3), np.zeros(3), np.ones(1)) is None

@@ -66,7 +66,7 @@ def test_shortest_increments_close_gaps_that_may_come_twice(rows, rng, repeat):
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.02])
-def test_what_is_left_of_forces_keeps_gaps(rows, rng, friction):
+def test_projected_forces_keep_gaps(rows, rng, friction):
     _, stiffness, free, dofs, gradient = rows
     constraints = held(rows, np.zeros(NUM_ROWS), friction)
     nodes = moving(free)

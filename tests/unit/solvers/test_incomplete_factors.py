@@ -30,7 +30,7 @@ def solve(rows, order, b, *, fill=False):
 @pytest.mark.parametrize("is_natural", [True, False])
 @pytest.mark.parametrize("fill", [False, True])
 @pytest.mark.parametrize("dim", [2, 3])
-def test_factors_are_those_of_the_definition(rng, share, is_natural, fill, dim):
+def test_factors_agree_with_the_definition(rng, share, is_natural, fill, dim):
     rows, A, pattern = matrix(rng, share, dim)
     order = np.arange(NODES) if is_natural else rng.permutation(NODES)
     b = rng.normal(size=(NODES, dim))
@@ -91,7 +91,7 @@ def test_entries_far_below_rounding_leave_no_trace(row, dim):
 
 
 @pytest.mark.parametrize("dim", [2, 3])
-def test_what_falls_off_ends_at_zero(dim):
+def test_decaying_solutions_end_at_zero(dim):
     # x_i = -1e-3 x_(i-1), single precision ends at 1e-45.
     n = 40
     start = np.array([0, *range(1, 2 * n, 2)])
@@ -178,7 +178,7 @@ def test_wrong_arguments_are_refused(rng):
         factors.apply(b, np.zeros(3 * NODES))
 
 
-def test_some_rows_alone_are_those_of_the_factors(rng):
+def test_some_rows_alone_agree_with_the_factors(rng):
     rows, A, pattern = matrix(rng, 0.5)
     order, b = rng.permutation(NODES), rng.normal(size=(NODES, 3))
     factors = _kernels.IncompleteFactors()

@@ -50,7 +50,7 @@ LAWS = {
 
 @pytest.mark.parametrize("cell", ["hexahedron", once("tetrahedron")])
 @pytest.mark.parametrize("law", LAWS)
-def test_increments_are_those_of_the_saddle_system(comm, monkeypatch, cell, law):
+def test_increments_solve_the_saddle_system(comm, monkeypatch, cell, law):
     enforcement, friction, expected = LAWS[law]
     scene = scenes.blocks(comm, nts.EnergyMomentum, enforcement, cell=cell, friction=friction)
     differences, ranks, solver = compare(monkeypatch, scene, 10)
@@ -67,7 +67,7 @@ def test_three_bodies_and_two_pairs_are_solved_together(comm, monkeypatch):
 
 
 @pytest.mark.parametrize("friction", [once(None), nts.Coulomb(0.3)])
-def test_increments_with_rigid_bodies_are_those_of_the_saddle_system(comm, monkeypatch, friction):
+def test_increments_with_rigid_bodies_solve_the_saddle_system(comm, monkeypatch, friction):
     scene = impact(comm, friction=friction)
     differences, _, solver = compare(monkeypatch, scene, 10)
     assert len(differences) > 3 and max(differences) < AGREEMENT

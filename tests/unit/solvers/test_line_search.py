@@ -40,7 +40,7 @@ def move(stepper, start, du):
     return bulk.forces()
 
 
-def test_an_increment_into_flow_the_other_way_ends_where_its_work_does(comm, stepper):
+def test_an_increment_into_reverse_flow_ends_at_zero_work(comm, stepper):
     bulk = stepper._bulk
     start = stepper.u.x.array[: bulk.num_owned].copy()
     du, R = increment(stepper, 2.0)
@@ -66,7 +66,7 @@ def test_an_increment_into_flow_the_other_way_ends_where_its_work_does(comm, ste
     assert 0 < part < 1
 
 
-def test_increments_that_the_tangent_tells_are_left(stepper):
+def test_increments_that_the_tangent_predicts_stay_unchanged(stepper):
     bulk = stepper._bulk
     start = stepper.u.x.array[: bulk.num_owned].copy()
     du, R = increment(stepper, 1e-6)

@@ -251,7 +251,7 @@ def test_multigrid_in_single_precision_converges_as_that_of_petsc(comm, monkeypa
     np.testing.assert_allclose(own, expected, atol=1e-9)
 
 
-def test_factors_that_do_not_exist_on_one_rank_give_way_to_stronger_ones(comm, monkeypatch, agree):
+def test_factors_missing_on_one_rank_are_replaced_by_stronger_ones(comm, monkeypatch, agree):
     reference, singular = scenes.blocks(comm), scenes.blocks(comm)
     reference.stepper.advance()
     build = _kernels.IncompleteFactors.factorise
@@ -269,9 +269,7 @@ def test_factors_that_do_not_exist_on_one_rank_give_way_to_stronger_ones(comm, m
 
 @pytest.mark.serial
 @pytest.mark.parametrize("nu", [0.3, 0.499])
-def test_complete_factors_in_single_precision_serve_as_well_as_those_of_mumps(
-    comm, monkeypatch, nu
-):
+def test_complete_factors_in_single_precision_serve_as_well_as_mumps(comm, monkeypatch, nu):
     # Slow iterations would choose them one after the other.
     monkeypatch.setattr(factor_age, "_MOST_CROSSINGS", np.inf)
     monkeypatch.setattr(factor_age, "_EXACT_PAYS", np.inf)

@@ -120,7 +120,7 @@ def punch(comm, kind, depth):
 
 @pytest.mark.parametrize("kind", ["obstacle", "guide", "supports"])
 @pytest.mark.parametrize("depth", [once(0.01), 0.02])
-def test_tools_that_meet_a_sheet_on_their_way(comm, kind, depth):
+def test_tools_that_meet_a_sheet_within_the_increment(comm, kind, depth):
     # A guided body moved in one increment by a fifth of the sheet takes 68 iterations.
     stepper = punch(comm, kind, depth)
     assert stepper.advance().newton_iterations <= 20
@@ -129,7 +129,7 @@ def test_tools_that_meet_a_sheet_on_their_way(comm, kind, depth):
 
 
 @pytest.mark.serial
-def test_forces_of_the_way_are_those_of_the_residual(comm, rng):
+def test_forces_of_the_increment_equal_the_residual(comm, rng):
     stepper = press(comm, nts.NeoHookean, 0.05)
     bulk = stepper._bulk
     u = bulk.u.x.array
@@ -151,7 +151,7 @@ def test_forces_of_the_way_are_those_of_the_residual(comm, rng):
 
 
 @pytest.mark.serial
-def test_a_change_within_cells_counts_not_the_way_of_them_all(comm):
+def test_only_deformation_of_cells_counts_not_their_translation(comm):
     bulk = press(comm, nts.NeoHookean, 0.05, n=4)._bulk
     X = bulk.u.function_space.tabulate_dof_coordinates()
     assert largest_strain(bulk, np.full(X.size, 7.0)) == 0
@@ -159,7 +159,7 @@ def test_a_change_within_cells_counts_not_the_way_of_them_all(comm):
 
 
 @pytest.mark.serial
-def test_a_rest_of_the_way_is_not_waited_for(comm, monkeypatch):
+def test_a_rest_of_the_increment_is_not_waited_for(comm, monkeypatch):
     """Its forces are lost in the round-off of the residual, which never becomes smaller."""
     strains = []
 
@@ -239,7 +239,7 @@ def test_a_body_that_supports_lead_as_a_whole_is_not_waited_for(comm):
     np.testing.assert_allclose(*given, rtol=0.0, atol=1e-15)
 
 
-def test_a_resistance_lets_supports_go_all_their_way(comm):
+def test_a_resistance_lets_supports_reach_their_displacement(comm):
     """It takes more increments than Newton's method may take for what follows them."""
     law, way, options = CASES["neo-Hooke"]
     usual, dragged = (press(comm, law, way, **options) for _ in range(2))

@@ -51,7 +51,7 @@ def test_zero_and_rows_without_blocks(rng):
 
 
 @pytest.mark.serial
-def test_values_are_those_of_the_time_when_it_was_made(rng):
+def test_values_are_copied_at_construction(rng):
     (start, column, value), _, _ = matrix(rng, 1.0)
     x, y, again = rng.normal(size=(max(column) + 1, 3)), *np.empty((2, NODES, 3))
     A = _kernels.SingleMatrix(start, column, value)
@@ -62,7 +62,7 @@ def test_values_are_those_of_the_time_when_it_was_made(rng):
 
 
 @pytest.mark.serial
-def test_kernel_refuses_what_does_not_fit(rng):
+def test_kernel_refuses_arrays_of_wrong_shape(rng):
     rows, _, _ = matrix(rng, 1.0)
     A = _kernels.SingleMatrix(*rows)
     x, y = np.zeros((max(rows[1]) + 1, 3)), np.zeros((NODES, 3))
@@ -74,7 +74,7 @@ def test_kernel_refuses_what_does_not_fit(rng):
         _kernels.SingleMatrix(rows[0][:-1], *rows[1:])
 
 
-def test_products_of_single_precision_are_those_of_all_ranks(comm, matrices, agree):
+def test_products_of_single_precision_include_all_ranks(comm, matrices, agree):
     rows, dense, _ = matrices
     operator = SinglePrecisionOperator(rows)
     A = operator.matrix()

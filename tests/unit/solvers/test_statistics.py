@@ -26,7 +26,7 @@ COUNTED = {
 
 
 @pytest.mark.parametrize("direct", [False, True])
-def test_counts_are_those_of_the_calls(comm, monkeypatch, direct):
+def test_counts_agree_with_the_calls(comm, monkeypatch, direct):
     calls = Counter()
 
     def count(name, owner, method):

@@ -28,7 +28,7 @@ def test_few_iterations_leave_it_narrow_whatever_factors_cost():
 
 
 @pytest.mark.parametrize(("iterations", "part", "pays"), [(4, 0.02, True), (8, 0.0, False)])
-def test_many_iterations_start_a_trial_that_what_costs_less_wins(iterations, part, pays):
+def test_many_iterations_start_a_trial_and_the_cheaper_width_wins(iterations, part, pays):
     width = SubdomainWidth()
     while not width.is_wide:
         width.count(8, 2.0)

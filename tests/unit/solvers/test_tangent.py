@@ -68,7 +68,7 @@ def test_given_displacements_do_not_count_as_stiffness_in_any_units(comm, E):
     np.testing.assert_allclose(supported[x < 0.1], np.mean(known), rtol=1e-12)
 
 
-def test_a_soft_body_keeps_its_stiffness_beside_a_stiff_one(comm):
+def test_a_soft_body_keeps_its_stiffness_next_to_a_stiff_one(comm):
     """Rubber that lies on steel, of which springs and many tests take their scale."""
 
     def build(model):
@@ -83,13 +83,13 @@ def test_a_soft_body_keeps_its_stiffness_beside_a_stiff_one(comm):
     )
     held = fem.locate_dofs_geometrical(V, lambda x: x[1] > 1.99)
     bcs = [fem.dirichletbc(np.zeros(2), held, V)]
-    alone, beside = (
+    alone, together = (
         nts.QuasiStatic([above, below], dt=1.0, bcs=bcs)._tangent.nodal_stiffness()
         for below in (soft, stiff)
     )
     nodes = above.nodes[above.nodes < len(alone)]
     is_free = V.tabulate_dof_coordinates()[nodes, 1] < 1.99
-    np.testing.assert_allclose(beside[nodes[is_free]], alone[nodes[is_free]], rtol=1e-12)
+    np.testing.assert_allclose(together[nodes[is_free]], alone[nodes[is_free]], rtol=1e-12)
     # Held nodes have the mean stiffness of their own body.
-    known = comm.allreduce([*beside[nodes[is_free]]])
-    np.testing.assert_allclose(beside[nodes[~is_free]], np.mean(known), rtol=1e-12)
+    known = comm.allreduce([*together[nodes[is_free]]])
+    np.testing.assert_allclose(together[nodes[~is_free]], np.mean(known), rtol=1e-12)

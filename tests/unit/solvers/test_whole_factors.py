@@ -41,7 +41,7 @@ def test_systems_of_many_constraints_are_solved(n, m):
 
 
 @pytest.mark.serial
-def test_factors_that_lack_room_are_none_and_signs_are_those_of_eigenvalues(monkeypatch):
+def test_factors_without_memory_fail_and_signs_are_of_eigenvalues(monkeypatch):
     A = constrained(300, 290, np.random.default_rng(0))
     matrix = as_sparse(A)
     matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
