@@ -11,7 +11,7 @@ import dolfinx_nts as nts
 from dolfinx_nts import parts
 
 MU, ANGLE, RADIUS, THICKNESS = 0.3, np.pi / 2, 1.0, 0.02  # -, rad, m, m
-TAIL, PULL, WAY = 0.3, 1e3, 0.02  # m, N/m, m per unit of time
+TAIL, PULL, TRAVEL = 0.3, 1e3, 0.02  # m, N/m, m per unit of time
 
 
 class Belt(NamedTuple):
@@ -45,7 +45,7 @@ def belt(dt: float, enforcement: nts.LagrangeMultiplier | nts.Penalty | None = N
     drawn = fem.Function(V)
 
     def update(t):
-        drawn.x.array.reshape(-1, 2)[right] = (WAY * max(t - 1, 0), 0)
+        drawn.x.array.reshape(-1, 2)[right] = (TRAVEL * max(t - 1, 0), 0)
 
     bcs = [fem.dirichletbc(drawn, right)]
     return Belt(nts.QuasiStatic([body], [pair], dt=dt, bcs=bcs, loads=[slack], update=update), pair)

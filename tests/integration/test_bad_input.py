@@ -178,15 +178,15 @@ def test_prescribed_nodes_in_contact_with_supported_surfaces_are_named(comm, ref
     bodies = [nts.Body(V, cells, tag[k], nts.NeoHookean(1e5, 0.3, 1e3)) for k in ("floor", "block")]
     bottom = nts.Surface(V, facets, tag["block_bottom"])
     pair = nts.ContactPair(bottom, nts.Surface(V, facets, tag["floor_top"]))
-    way = fem.Constant(mesh, 0.0)
+    travel = fem.Constant(mesh, 0.0)
 
     def update(t):
-        way.value = -t
+        travel.value = -t
 
     bcs = []
     for axis in range(3) if sideways else [2]:
         W = V.sub(axis)
-        for name, value in (("floor_top", fem.Constant(mesh, 0.0)), ("block_bottom", way)):
+        for name, value in (("floor_top", fem.Constant(mesh, 0.0)), ("block_bottom", travel)):
             if axis < 2:
                 value = fem.Constant(mesh, 0.0)
             dofs = fem.locate_dofs_topological(W, 2, facets.find(tag[name]))

@@ -43,8 +43,8 @@ def ball(model: Any, order: int, cell: str, edge: int = 2) -> None:
     if order == 2:
         _, outer = model.getEntitiesForPhysicalName("ball_outer")[0]
         for node in np.unique(model.mesh.getElements(2, outer)[2][0]):
-            way = model.mesh.getNode(node)[0] - CENTRE
-            model.mesh.setNode(node, CENTRE + RADIUS * way / np.linalg.norm(way), [])
+            travel = model.mesh.getNode(node)[0] - CENTRE
+            model.mesh.setNode(node, CENTRE + RADIUS * travel / np.linalg.norm(travel), [])
 
 
 def disc(model: Any, cell: str) -> None:

@@ -17,14 +17,14 @@ pytestmark = pytest.mark.at_most_two_ranks
 
 ENERGY_TOLERANCE, MOMENTUM_TOLERANCE, POSITION_TOLERANCE = 1e-10, 1e-11, 1e-9
 RUBBER = nts.NeoHookean(E=1e5, nu=0.3, rho=1e3)
-RADII, WAY = (0.5, 0.4), np.array([0.55, 0.72, 0.0])  # m
+RADII, TRAVEL = (0.5, 0.4), np.array([0.55, 0.72, 0.0])  # m
 kinds = pytest.mark.parametrize("cell", ["triangle", "quadrilateral", once("tetrahedron")])
 
 
 def balls(model: Any, cell: str) -> None:
     """Add two balls, or discs, side by side, with cells of second order."""
     dim = 3 if cell == "tetrahedron" else 2
-    for number, (radius, at) in enumerate(zip(RADII, (0 * WAY, WAY), strict=True)):
+    for number, (radius, at) in enumerate(zip(RADII, (0 * TRAVEL, TRAVEL), strict=True)):
         if dim == 3:
             body = model.occ.addSphere(*at, radius)
         else:

@@ -296,7 +296,7 @@ def test_matching_blocks_pass_the_patch_test(comm, cell):
     pair = nts.ContactPair(
         nts.Surface(V, facets, tag["bottom 1"]), nts.Surface(V, facets, tag["top 0"])
     )
-    way = fem.Constant(mesh, 0.0)
+    travel = fem.Constant(mesh, 0.0)
 
     def held(axis, value, where):
         dofs = fem.locate_dofs_geometrical((V.sub(axis), V.sub(axis).collapse()[0]), where)
@@ -307,12 +307,12 @@ def test_matching_blocks_pass_the_patch_test(comm, cell):
         held(0, zero, lambda X: np.isclose(X[0], 0)),
         held(1, zero, lambda X: np.isclose(X[1], 0)),
         held(2, zero, lambda X: np.isclose(X[2], 0)),
-        held(2, way, lambda X: np.isclose(X[2], 1)),
+        held(2, travel, lambda X: np.isclose(X[2], 1)),
     ]
     compression = 1e-4
 
     def update(t):
-        way.value = -compression * t
+        travel.value = -compression * t
 
     stepper = nts.QuasiStatic(bodies, [pair], dt=1.0, bcs=bcs, update=update)
     stepper.advance()

@@ -126,14 +126,14 @@ def test_any_number_of_ranks_finds_the_same(comm):
 def test_edges_out_of_reach_are_not_looked_at(comm, monkeypatch):
     scene = crossed(comm, is_rigid=True)
     scene.stepper.set_displacement(scene.bodies["upper"], (0.0, 0.0, 5.0))
-    looks = []
+    calls = []
     crossing = EdgeCandidates._crossing
     monkeypatch.setattr(
-        EdgeCandidates, "_crossing", lambda *args: looks.append(1) or crossing(*args)
+        EdgeCandidates, "_crossing", lambda *args: calls.append(1) or crossing(*args)
     )
     for _ in range(5):
         scene.stepper.advance()
-    assert not looks
+    assert not calls
     assert scene.stepper.contacts[-1].search.num_searches == 1
 
 

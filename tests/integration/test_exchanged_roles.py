@@ -83,7 +83,7 @@ class Scene:
         return depth
 
 
-def press(comm, turn, way=0.02, **how):
+def press(comm, turn, travel=0.02, **how):
     """Press the block into the floor in statics; return its force and the depth [N, m]."""
     scene, reverse = Scene(comm, turn), how.pop("reverse", False)
     pair = scene.pair(LAWS["elastic"], **how)
@@ -93,12 +93,12 @@ def press(comm, turn, way=0.02, **how):
     middle = reduced(comm, scene.X[scene.up.nodes, z])
     upper = scene.up.nodes[scene.X[scene.up.nodes, z] > middle + 1e-9]
     bottom = scene.low.nodes[np.isclose(scene.X[scene.low.nodes, z], -1.0)]
-    lead = fem.Constant(scene.V.mesh, np.zeros(scene.dim))
+    drive = fem.Constant(scene.V.mesh, np.zeros(scene.dim))
 
     def update(t):
-        lead.value[z] = -way * t
+        drive.value[z] = -travel * t
 
-    bcs = [scene.held(bottom), scene.held(upper, lead)]
+    bcs = [scene.held(bottom), scene.held(upper, drive)]
     stepper = nts.QuasiStatic([scene.low, scene.up], [pair], dt=0.5, bcs=bcs, update=update)
     *_, last = stepper.run(until=1.0)
     of_pair = nts.Diagnostics(stepper).contact_force()
@@ -222,13 +222,13 @@ def drag(comm, angle, friction, floor):
     surfaces = nts.boundary_of(low), nts.boundary_of(up)
     law = nts.Coulomb(friction) if friction else None
     pair = nts.ContactPair(*surfaces, friction=law, exchange=True)
-    lead = fem.Constant(mesh, np.zeros(2))
+    drive = fem.Constant(mesh, np.zeros(2))
 
     def update(t):
-        lead.value[:] = slide * max(t - 0.2, 0) / 0.8, -press * min(t, 0.2) / 0.2
+        drive.value[:] = slide * max(t - 0.2, 0) / 0.8, -press * min(t, 0.2) / 0.2
 
     ends = [fem.locate_dofs_geometrical(V, lambda x, z=z: np.isclose(x[1], z)) for z in (0, 2)]
-    bcs = [fem.dirichletbc(np.zeros(2), ends[0], V), fem.dirichletbc(lead, ends[1], V)]
+    bcs = [fem.dirichletbc(np.zeros(2), ends[0], V), fem.dirichletbc(drive, ends[1], V)]
     stepper = nts.QuasiStatic([low, up], [pair], dt=0.1, bcs=bcs, update=update)
     X = V.tabulate_dof_coordinates()
     top = low.nodes[np.isclose(X[low.nodes, 1], 1)]

@@ -10,7 +10,7 @@ from helpers.plane import blocks
 
 pytestmark = pytest.mark.at_most_two_ranks
 
-DEPTH, WAY, NUM_STEPS, DURATION = 0.08, 0.1, 8, 1.0  # m, m, -, s
+DEPTH, TRAVEL, NUM_STEPS, DURATION = 0.08, 0.1, 8, 1.0  # m, m, -, s
 
 
 def press_and_slide(place, scheme, law, method):
@@ -20,16 +20,16 @@ def press_and_slide(place, scheme, law, method):
     """
     scene = blocks(place=place)
     V = scene.V
-    led = fem.Constant(V.mesh, np.zeros(2))
+    driven = fem.Constant(V.mesh, np.zeros(2))
 
     def at(height, value):
         dofs = fem.locate_dofs_geometrical(V, lambda x: np.isclose(x[1], place[1] + height))
         return fem.dirichletbc(value, dofs, V)
 
     def update(t):
-        led.value[:] = WAY * max(t - 0.5, 0.0), -(0.02 + DEPTH) * min(2 * t, 1.0)
+        driven.value[:] = TRAVEL * max(t - 0.5, 0.0), -(0.02 + DEPTH) * min(2 * t, 1.0)
 
-    bcs = [at(-0.5, np.zeros(2)), at(1.02, led)]
+    bcs = [at(-0.5, np.zeros(2)), at(1.02, driven)]
     pair = nts.ContactPair(scene.nodes, scene.segments, law, nts.Coulomb(0.3), method)
     bodies, dt = [scene.lower, scene.upper], DURATION / NUM_STEPS
     stepper = scheme(bodies, [pair], dt=dt, bcs=bcs, update=update)

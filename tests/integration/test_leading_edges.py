@@ -50,13 +50,13 @@ def scene(comm, angle, dim, friction):
 def drag(comm, angle, dim, friction):
     """Ratio of the tangential to the normal force on the block in each step of sliding."""
     V, bodies, pairs, bottom, top = scene(comm, angle, dim, friction)
-    lead, zero = fem.Constant(V.mesh, np.zeros(dim)), np.zeros(dim)
+    drive, zero = fem.Constant(V.mesh, np.zeros(dim)), np.zeros(dim)
 
     def update(t):
-        lead.value[0] = SLIDE * max(t - 0.2, 0) / 0.8
-        lead.value[dim - 1] = -PRESS * min(t, 0.2) / 0.2
+        drive.value[0] = SLIDE * max(t - 0.2, 0) / 0.8
+        drive.value[dim - 1] = -PRESS * min(t, 0.2) / 0.2
 
-    bcs = [fem.dirichletbc(zero, bottom, V), fem.dirichletbc(lead, top, V)]
+    bcs = [fem.dirichletbc(zero, bottom, V), fem.dirichletbc(drive, top, V)]
     stepper = nts.QuasiStatic(bodies, pairs, dt=0.1, bcs=bcs, update=update)
     forces = np.array([report.reactions[1].force for report in stepper.run(until=0.8)])[2:]
     return forces[:, 0] / -forces[:, dim - 1]

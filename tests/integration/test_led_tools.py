@@ -50,7 +50,7 @@ def bushing(comm, tool, method="node-to-segment"):
     def angle(t):
         return 4 * ANGLE * max(t - 2, 0.0)
 
-    motion, bodies, led = nts.Motion(shift, angle, (0.0, 0.0)), [sleeve], np.empty(0, int)
+    motion, bodies, driven = nts.Motion(shift, angle, (0.0, 0.0)), [sleeve], np.empty(0, int)
     if tool == "obstacle":
         shaft = nts.RigidSphere((0.0, 0.0), BORE - GAP).moving(motion)
     elif tool == "guide":
@@ -59,13 +59,13 @@ def bushing(comm, tool, method="node-to-segment"):
     else:
         bodies.append(nts.Body(V, cells, tag["pin"], nts.NeoHookean(E=1e9, nu=0.3, rho=7800.0)))
         shaft = nts.boundary_of(bodies[1])
-        led = fem.locate_dofs_geometrical(V, lambda x: np.hypot(x[0], x[1]) < BORE - GAP / 2)
-        bcs.append(fem.dirichletbc(u, led))
+        driven = fem.locate_dofs_geometrical(V, lambda x: np.hypot(x[0], x[1]) < BORE - GAP / 2)
+        bcs.append(fem.dirichletbc(u, driven))
 
     def update(t):
         values = u.x.array.reshape(-1, 2)
         values[rim] = -SQUEEZE * min(t, 1.0) * X[rim] / RIM
-        values[led] = X[led] @ turning(angle(t)).T - X[led] + shift(t)
+        values[driven] = X[driven] @ turning(angle(t)).T - X[driven] + shift(t)
 
     bore = nts.boundary_of(sleeve, where=lambda x: np.hypot(x[0], x[1]) < 1.1 * BORE)
     pair = nts.ContactPair(bore, shaft, friction=nts.Coulomb(0.3), method=method)
@@ -102,7 +102,7 @@ def test_a_pin_that_begins_to_turn_takes_a_bushing_along(comm, tool, method):
     np.testing.assert_allclose(pressed(whole), expected, atol=1e-6 * np.abs(expected).max())
 
 
-def dragged(tool, way, angle=0.0, nu=0.3):
+def dragged(tool, travel, angle=0.0, nu=0.3):
     """A block that is pressed into a tool until t = 1, which moves away and turns then.
 
     The tool is below the block, whose top supports press down.
@@ -110,7 +110,7 @@ def dragged(tool, way, angle=0.0, nu=0.3):
     centre = (0.5, 0.0)
 
     def shift(t):
-        return way * max(t - 1, 0.0), 0.0
+        return travel * max(t - 1, 0.0), 0.0
 
     def turn(t):
         return angle * max(t - 1, 0.0)
@@ -143,8 +143,8 @@ def test_the_first_iterate_follows_the_tool_to_first_order(tool, motion):
     """Bodies, closed and sticking contact, and its forces follow with their tangents."""
     residuals = []
     for size in (0.004, 0.002):
-        way, angle = {"shift": (size, 0.0), "turn": (0.0, size)}[motion]
-        stepper = dragged(tool, 4 * way, 4 * angle)
+        travel, angle = {"shift": (size, 0.0), "turn": (0.0, size)}[motion]
+        stepper = dragged(tool, 4 * travel, 4 * angle)
         *_, step = stepper.run(until=1.25)
         residuals.append(step.residual_norms[1])
     assert residuals[0] / residuals[1] == pytest.approx(4.0, rel=0.2)

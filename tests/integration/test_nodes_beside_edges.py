@@ -14,7 +14,7 @@ from helpers.box_meshes import boxes, distribute
 pytestmark = pytest.mark.serial
 
 DEPTH = 0.03  # of the node below the top of the block [m]
-BESIDE = 0.14  # of the node beside its edge, within 15 % of the length of the facet [m]
+OFFSET = 0.14  # of the node beside its edge, within 15 % of the length of the facet [m]
 
 
 def corner_first():
@@ -27,7 +27,7 @@ def corner_first():
     return np.column_stack([(diagonal + across) / 2**0.5, (diagonal - across) / 2**0.5, edge])
 
 
-def scene(beside, *, height=-DEPTH, x=0.5):
+def scene(offset, *, height=-DEPTH, x=0.5):
     """Space, bodies and lowest node of a cube above the edge of a block.
 
     The corner is beside the edge and below the top of the block; the cube leans over it, and
@@ -37,7 +37,7 @@ def scene(beside, *, height=-DEPTH, x=0.5):
     block, cube = (np.unique(data.cells[data.body == i]) for i in range(2))
     data.X[block] -= data.X[block].min(axis=0) + np.array([0.0, 0.0, 1.0])
     unit = data.X[cube] - data.X[cube].min(axis=0)
-    data.X[cube] = unit @ corner_first().T + [x, -beside, height]
+    data.X[cube] = unit @ corner_first().T + [x, -offset, height]
     mesh, cells, _, tag = distribute(MPI.COMM_SELF, data)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     bodies = [nts.RigidBody(V, cells, tag[f"body {i}"], 10.0) for i in range(2)]
@@ -46,9 +46,9 @@ def scene(beside, *, height=-DEPTH, x=0.5):
     return V, bodies, nodes[np.argmin(X[:, 2])]
 
 
-def gap_of(beside, *, height=-DEPTH, x=0.5, before=None):
+def gap_of(offset, *, height=-DEPTH, x=0.5, before=None):
     """Gap of the corner, NaN without a segment; it was at a height before, if that is given."""
-    V, (block, cube), corner = scene(beside, height=height, x=x)
+    V, (block, cube), corner = scene(offset, height=height, x=x)
     nodes, segments = nts.boundary_of(cube), nts.boundary_of(block)
     X = V.tabulate_dof_coordinates()
     candidates, _ = GlobalSearch(nodes, segments).update(X, np.inf)
@@ -64,10 +64,10 @@ def gap_of(beside, *, height=-DEPTH, x=0.5, before=None):
 
 @pytest.mark.parametrize("x", [0.3, 0.5])
 def test_a_node_coming_from_beyond_a_sharp_edge_has_no_segment(x):
-    assert np.isnan(gap_of(BESIDE, x=x))
+    assert np.isnan(gap_of(OFFSET, x=x))
     # Through the plane of the top it comes into contact: bodies slide over their rims.
-    assert gap_of(BESIDE, x=x, height=0.02) == pytest.approx(0.02)
-    assert gap_of(BESIDE, x=x, before=0.02) == pytest.approx(-DEPTH)
+    assert gap_of(OFFSET, x=x, height=0.02) == pytest.approx(0.02)
+    assert gap_of(OFFSET, x=x, before=0.02) == pytest.approx(-DEPTH)
     # So it does where round-off or a bulge of a hundredth puts it beside the edge.
     assert gap_of(0.005, x=x) == pytest.approx(-DEPTH)
 

@@ -30,15 +30,15 @@ def test_no_friction_acts_across_a_plane_of_symmetry(comm, method):
     bodies = [nts.Body(V, cells, tag[name], rubber) for name in ("lower", "upper")]
     bottom, top = (nts.Surface(V, facets, tag[name]) for name in ("upper_bottom", "lower_top"))
     pair = nts.ContactPair(bottom, top, friction=nts.Coulomb(MU), method=method)
-    way, still, across = fem.Constant(mesh, np.zeros(3)), np.zeros(3), V.sub(1).collapse()[0]
+    travel, still, across = fem.Constant(mesh, np.zeros(3)), np.zeros(3), V.sub(1).collapse()[0]
     everywhere = fem.locate_dofs_geometrical((V.sub(1), across), lambda x: x[0] > -1.0)
     bcs = [fem.dirichletbc(fem.Function(across), everywhere, V.sub(1))]
-    for name, value in (("upper_top", way), ("lower_bottom", still)):
+    for name, value in (("upper_top", travel), ("lower_bottom", still)):
         dofs = fem.locate_dofs_topological(V, 2, facets.find(tag[name]))
         bcs.append(fem.dirichletbc(value, dofs, V))
 
     def update(t):
-        way.value = [0.004 * max(t - 1.0, 0.0), 0.0, -0.003 * min(t, 1.0)]
+        travel.value = [0.004 * max(t - 1.0, 0.0), 0.0, -0.003 * min(t, 1.0)]
 
     stepper = nts.QuasiStatic(bodies, [pair], dt=1.0, bcs=bcs, update=update)
     for _ in stepper.run(until=2.0):

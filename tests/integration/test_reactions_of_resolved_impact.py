@@ -17,22 +17,22 @@ def ends(scene, held):
     """Supports of the sides x = -1 or 1 of the lower block, and a function that moves them."""
     V, back = scene.V, scene.turn.T
     d = len(back)
-    bcs, ways = [], []
+    bcs, travels = [], []
     for side in held:
 
         def is_there(x, side=side):
             at = back @ x[:d]
             return np.isclose(at[0], side) & (at[1] < 0.01)
 
-        way = fem.Function(V)
-        bcs.append(fem.dirichletbc(way, fem.locate_dofs_geometrical(V, is_there)))
-        ways.append(way)
+        travel = fem.Function(V)
+        bcs.append(fem.dirichletbc(travel, fem.locate_dofs_geometrical(V, is_there)))
+        travels.append(travel)
 
-    def lead(t):
-        for way, direction in zip(ways, np.eye(d), strict=False):
-            way.x.array.reshape(-1, d)[:] = 0.1 * np.sin(5 * t) * (direction + 0.5)
+    def drive(t):
+        for travel, direction in zip(travels, np.eye(d), strict=False):
+            travel.x.array.reshape(-1, d)[:] = 0.1 * np.sin(5 * t) * (direction + 0.5)
 
-    return bcs, lead
+    return bcs, drive
 
 
 def struck(scene, bcs, update, method, mu):
@@ -74,14 +74,14 @@ def in_space(reaction, d):
 )
 def test_reactions_and_contact_change_the_momenta(comm, agree, method, mu, held, depth, moves):
     scene = plane.blocks(angle=0.3, width=6, depth=depth, comm=comm)
-    bcs, lead = ends(scene, held)
-    stepper = struck(scene, bcs, lead if moves else None, method, mu)
+    bcs, drive = ends(scene, held)
+    stepper = struck(scene, bcs, drive if moves else None, method, mu)
     plane.throw(scene, stepper)
     diagnostics, d = nts.Diagnostics(stepper), len(scene.turn)
     before, energy = momenta(scene, stepper), diagnostics.balance().total_energy
     changes, reactions, forces, unaccounted, works, refund = [], [], [], [], [], 0.0
-    ways = [bc.g for bc in bcs]
-    last = [way.x.array[:d].copy() for way in ways]
+    travels = [bc.g for bc in bcs]
+    last = [travel.x.array[:d].copy() for travel in travels]
     for _ in range(STEPS):
         step = stepper.advance()
         after, total = momenta(scene, stepper), diagnostics.balance().total_energy
@@ -92,7 +92,7 @@ def test_reactions_and_contact_change_the_momenta(comm, agree, method, mu, held,
         forces.append(force)
         given = sum(reaction.work for reaction in step.reactions)
         unaccounted.append(total - energy - sum(step.contact_work) - given)
-        now = [way.x.array[:d].copy() for way in ways]
+        now = [travel.x.array[:d].copy() for travel in travels]
         for reaction, a, b in zip(step.reactions, last, now, strict=True):
             works.append((reaction.work, np.array(reaction.force) @ (b - a)))
         refund += abs(step.contact_work.refund)
@@ -119,11 +119,11 @@ def test_motion_is_galilei_invariant_with_moving_supports(comm, method):
         scene = plane.blocks(angle=0.3, width=6, comm=comm)
         bcs, _ = ends(scene, (-1, 1))
 
-        def lead(t, bcs=bcs, velocity=velocity):
+        def drive(t, bcs=bcs, velocity=velocity):
             for bc in bcs:
                 bc.g.x.array.reshape(-1, 2)[:] = t * velocity
 
-        stepper = struck(scene, bcs, lead, method, 0.3)
+        stepper = struck(scene, bcs, drive, method, 0.3)
         falls = scene.turn @ [0.8, -1.2]
         for body, own in ((scene.lower, 0.0), (scene.upper, falls)):
             stepper.set_velocity(body, velocity + own)

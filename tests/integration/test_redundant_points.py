@@ -79,10 +79,10 @@ def test_a_box_that_slides_stops_where_the_closed_form_has_it(scheme):
     diagnostics = nts.Diagnostics(stepper)
     start = diagnostics.centre_of_mass(box)[0]
     iterations = [step.newton_iterations for step in stepper.run(until=0.2)]
-    way = diagnostics.centre_of_mass(box)[0] - start
+    travel = diagnostics.centre_of_mass(box)[0] - start
     # In the step in which it stops it goes on for less than a step.
     last = MU * G * stepper.dt**2
-    assert abs(way - speed**2 / (2 * MU * G)) < last
+    assert abs(travel - speed**2 / (2 * MU * G)) < last
     # The mean velocity of a step is none from then on.
     assert abs(diagnostics.body_velocity(box)[0]) < MU * G * stepper.dt
     assert max(iterations) <= FEW
@@ -97,9 +97,9 @@ def test_a_box_on_a_slope_slides_above_the_friction_angle(comm, scheme, part):
     start = diagnostics.centre_of_mass(box)
     for step in stepper.run(until=0.1):
         assert step.newton_iterations <= FEW
-    way = diagnostics.centre_of_mass(box) - start
+    travel = diagnostics.centre_of_mass(box) - start
     acceleration = max(G * (np.sin(slope) - MU * np.cos(slope)), 0.0)
-    np.testing.assert_allclose(way, [acceleration * stepper.t**2 / 2, 0.0, 0.0], atol=1e-11)
+    np.testing.assert_allclose(travel, [acceleration * stepper.t**2 / 2, 0.0, 0.0], atol=1e-11)
 
 
 @pytest.mark.serial

@@ -73,8 +73,8 @@ def test_impact_keeps_energy_and_axial_momentum(comm, agree, case):
         assert abs(last.total_energy - size) < 1e-10 * size
     change = abs(last.linear_momentum - first.linear_momentum)[0]
     assert change < 1e-10 * abs(first.linear_momentum[0])
-    ways, across = axial(stepper.u, scene.dome)
-    assert agree(across == 0.0 and (not len(ways) or np.ptp(ways) < 1e-13))
+    travels, across = axial(stepper.u, scene.dome)
+    assert agree(across == 0.0 and (not len(travels) or np.ptp(travels) < 1e-13))
     if not shape.get("inner"):
         # The mass of the closed form, and the velocity that all nodes have.
         speeds, across = axial(stepper.v, scene.dome)
@@ -139,9 +139,9 @@ def test_free_fall_and_dead_force_agree_with_newton(comm, make):
     balances = nts.Diagnostics(stepper).bodies()
     assert balances["2"].velocity[0] == pytest.approx((500 / DOME_MASS - 3.0) * 0.1, rel=1e-9)
     assert balances["1"].velocity[0] == pytest.approx(-0.3, rel=1e-9)
-    ways, across = axial(stepper.u, scene.dome)
+    travels, across = axial(stepper.u, scene.dome)
     assert across == 0.0
-    assert np.allclose(ways, (500 / DOME_MASS - 3.0) * 0.1**2 / 2, rtol=1e-9)
+    assert np.allclose(travels, (500 / DOME_MASS - 3.0) * 0.1**2 / 2, rtol=1e-9)
 
 
 @pytest.mark.parametrize("friction", [once(None), STICK])
@@ -177,7 +177,7 @@ def test_tied_dome_goes_with_the_block(comm, method):
     assert last.strain_energy > 0.01 * first.total_energy
 
 
-def led(comm, make, guide, *, force=None, loads=(), dt=0.1, **laws):
+def driven(comm, make, guide, *, force=None, loads=(), dt=0.1, **laws):
     """A dome with prescribed motion or force on a block on a clamped foot."""
     scene = dome_on_block(comm, guide)
     loads = [make_load(scene) for make_load in loads]
@@ -203,7 +203,7 @@ STATICS = {
 
 @pytest.mark.parametrize("case", once_except(list(STATICS), "friction"))
 def test_force_control_is_displacement_control_in_statics(comm, agree, case):
-    stepper, _ = led(comm, nts.QuasiStatic, nts.Guide(motion=nts.Motion(down)), **STATICS[case])
+    stepper, _ = driven(comm, nts.QuasiStatic, nts.Guide(motion=nts.Motion(down)), **STATICS[case])
     forces, states = [0.0], []
     for _ in range(3):
         foot, tool = stepper.advance().reactions
@@ -217,7 +217,7 @@ def test_force_control_is_displacement_control_in_statics(comm, agree, case):
         return 0.0, np.interp(t, np.arange(4) * 0.1, forces)
 
     for guide in (nts.Guide(slides="y"), None):
-        stepper, _ = led(comm, nts.QuasiStatic, guide, force=force, **STATICS[case])
+        stepper, _ = driven(comm, nts.QuasiStatic, guide, force=force, **STATICS[case])
         for state in states:
             foot, *of_guide = stepper.advance().reactions
             assert agree(np.abs(stepper.x - state).max(initial=0.0) < 1e-10)
@@ -228,19 +228,19 @@ def test_force_control_is_displacement_control_in_statics(comm, agree, case):
 @pytest.mark.parametrize("make", [once(nts.QuasiStatic), nts.EnergyMomentum])
 def test_spring_between_dome_and_base_is_in_balance(comm, make):
     dt = 0.1 if make is nts.QuasiStatic else 0.01
-    stepper, scene = led(comm, make, None, loads=[spring_of], dt=dt, friction=STICK)
+    stepper, scene = driven(comm, make, None, loads=[spring_of], dt=dt, friction=STICK)
     diagnostics = nts.Diagnostics(stepper)
     for _ in range(5):
         before, u_n = diagnostics.linear_momentum(), axial(stepper.u, scene.dome)[0]
         report = stepper.advance()
         (foot,) = report.reactions
         u = axial(stepper.u, scene.dome)[0]
-        way = comm.allreduce((u_n + u if dt < 0.1 else 2 * u).min(initial=np.inf), op=MPI.MIN) / 2
+        drop = comm.allreduce((u_n + u if dt < 0.1 else 2 * u).min(initial=np.inf), op=MPI.MIN) / 2
         t = stepper.t - (stepper.dt / 2 if dt < 0.1 else 0.0)
-        pull = -STIFFNESS * (way + 0.1 * t)
+        pull = -STIFFNESS * (drop + 0.1 * t)
         gained = diagnostics.linear_momentum() - before if dt < 0.1 else np.zeros(1)
         assert gained[0] / stepper.dt == pytest.approx(pull + foot.force[0], rel=1e-7, abs=1e-6)
-    assert way < -1e-5
+    assert drop < -1e-5
 
 
 def test_led_dome_does_the_work_of_its_guide(comm):
@@ -251,13 +251,13 @@ def test_led_dome_does_the_work_of_its_guide(comm):
         (nts.CentralDifference, 2e-4, nts.Penalty()),
     ):
         guide = nts.Guide(motion=nts.Motion(down))
-        stepper, scene = led(comm, make, guide, dt=dt, friction=STICK, enforcement=law)
+        stepper, scene = driven(comm, make, guide, dt=dt, friction=STICK, enforcement=law)
         stepper.set_velocity(scene.dome, (0.0, -0.3))
         _, last, active, _, rest, _ = run(stepper, 0.15)
         assert active > 0 and last.strain_energy > 1.0
         assert abs(rest) < 1e-10 * last.total_energy
-        ways, across = axial(stepper.u, scene.dome)
-        assert across == 0.0 and np.allclose(ways, -0.3 * 0.15, rtol=1e-12)
+        travels, across = axial(stepper.u, scene.dome)
+        assert across == 0.0 and np.allclose(travels, -0.3 * 0.15, rtol=1e-12)
 
 
 @pytest.mark.parametrize("make", [nts.EnergyMomentum, nts.CentralDifference])
@@ -273,8 +273,8 @@ def test_column_with_a_rigid_half_shares_its_nodes(comm, agree, make):
     assert abs(rest) < 1e-10 * first.total_energy
     assert abs(last.linear_momentum - first.linear_momentum)[0] < 1e-9
     assert last.strain_energy > 0.01 * first.total_energy
-    ways, across = axial(stepper.u, half)
-    assert agree(across == 0.0 and (not len(ways) or np.ptp(ways) < 1e-13))
+    travels, across = axial(stepper.u, half)
+    assert agree(across == 0.0 and (not len(travels) or np.ptp(travels) < 1e-13))
 
 
 RESUMED = {
@@ -288,7 +288,7 @@ def test_motion_is_the_same_on_any_number_of_ranks_and_resumed(comm, agree, tmp_
     folder, (make, law, dt) = comm.bcast(tmp_path), RESUMED[case]
 
     def scene(on):
-        made, parts = led(
+        made, parts = driven(
             on, make, nts.Guide(slides="y"), force=(0, -900), dt=dt, friction=STICK, enforcement=law
         )
         made.set_velocity(parts.dome, DOWN)
@@ -307,9 +307,9 @@ def test_motion_is_the_same_on_any_number_of_ranks_and_resumed(comm, agree, tmp_
     assert agree(step.num_active > 0)
     assert agree(np.array_equal(here.u.x.array, whole[0].u.x.array))
     assert agree(np.array_equal(here.v.x.array, whole[0].v.x.array))
-    (way, *_), there = axial(alone[0].u, alone[1])[0], axial(here.u, dome)[0]
-    assert way < -0.02
-    assert agree(np.abs(there - way).max(initial=0.0) < 1e-10)
+    (travel, *_), there = axial(alone[0].u, alone[1])[0], axial(here.u, dome)[0]
+    assert travel < -0.02
+    assert agree(np.abs(there - travel).max(initial=0.0) < 1e-10)
     if comm.rank == 0:
         header, *_, last = (folder / "run.csv").read_text().splitlines()
         row = dict(zip(header.split(","), map(float, last.split(",")), strict=True))
@@ -372,7 +372,7 @@ def test_dirichlet_conditions_on_a_rigid_dome_are_refused(comm, refused):
 
 
 def test_a_force_that_nothing_resists_has_no_equilibrium(comm, refused):
-    stepper, _ = led(comm, nts.QuasiStatic, None, force=(0.0, 5.0))
+    stepper, _ = driven(comm, nts.QuasiStatic, None, force=(0.0, 5.0))
     with refused(
         nts.ConvergenceError, r"no support or contact holds body 2 \(free: translation in y\)"
     ):

@@ -144,7 +144,7 @@ def test_friction_at_the_end_of_a_step_acts_along_the_sphere_there(rng):
     points = NodalPoints(contact.nodes.nodes[node])
     segment = candidates.find(contact.history.key[node])
     dofs = points.dofs(candidates.segments[segment])
-    way, turn = rng.normal(size=(2, 3))
+    travel, turn = rng.normal(size=(2, 3))
     own, ball, t = (
         rng.normal(size=X.shape),
         stepper.bodies[1].nodes,
@@ -162,7 +162,7 @@ def test_friction_at_the_end_of_a_step_acts_along_the_sphere_there(rng):
             + np.cross(k, arm) * np.sin(angle)
             + np.outer(arm @ k, k) * (1 - np.cos(angle))
         )
-        x[ball] = middle + h * way + arm
+        x[ball] = middle + h * travel + arm
         return candidates.scatter.forward(x)
 
     def slip(h):

@@ -11,7 +11,7 @@ from dolfinx_nts import parts
 
 pytestmark = pytest.mark.serial
 
-RADIUS, DEPTH, WAY, STEPS = 0.25, 0.3, 0.02, 14  # m, m, m, -
+RADIUS, DEPTH, TRAVEL, STEPS = 0.25, 0.3, 0.02, 14  # m, m, m, -
 
 
 def rolling(cells: int, mu: float, squeeze: float) -> tuple[nts.QuasiStatic, nts.RigidBody]:
@@ -44,7 +44,7 @@ def rolling(cells: int, mu: float, squeeze: float) -> tuple[nts.QuasiStatic, nts
     shift = fem.Constant(mesh, (0.0, 0.0))
 
     def update(t):
-        shift.value[:] = WAY * max(t - 1, 0), -squeeze * min(t, 1)
+        shift.value[:] = TRAVEL * max(t - 1, 0), -squeeze * min(t, 1)
 
     below, above = (
         fem.locate_dofs_topological(V, 1, facets.find(tag[side]))
@@ -74,4 +74,4 @@ def test_a_disc_rolls_on_from_node_to_node(cells, mu, squeeze, caplog):
         assert lower + upper == pytest.approx(0, abs=1e-9 * size)
     assert not [text for text in caplog.messages if "no equilibrium near" in text]
     x, _ = nts.Diagnostics(stepper).centre_of_mass(disc)[:2]
-    assert x == pytest.approx(WAY * (STEPS - 1) / 2, rel=0.1)
+    assert x == pytest.approx(TRAVEL * (STEPS - 1) / 2, rel=0.1)

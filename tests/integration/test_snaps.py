@@ -66,9 +66,9 @@ def pushed(dt):
     return arch(dt, nts.Guide(slides="y"), lambda punch: nts.Force(punch, lambda t: (0, -LOAD * t)))
 
 
-def led(way, num_steps):
+def driven(travel, num_steps):
     """Heights of a punch with prescribed displacement [m], and its reactions [N/m]."""
-    guide = nts.Guide(motion=nts.Motion(translation=lambda t: (0, -way * t)))
+    guide = nts.Guide(motion=nts.Motion(translation=lambda t: (0, -travel * t)))
     scene = arch(1 / num_steps, guide)
     curve = [scene.place() for _ in scene.stepper.run(1.0)]
     assert len(curve) == num_steps
@@ -79,7 +79,7 @@ def check_snap(start, scene):
     """Compare the state under the whole load with the one under prescribed displacement."""
     height, force = scene.place()
     assert force == pytest.approx(LOAD, rel=1e-9)
-    heights, forces = led(start - height, 40)
+    heights, forces = driven(start - height, 40)
     assert heights[-1] == pytest.approx(height, rel=1e-12)
     assert forces[-1] == pytest.approx(LOAD, rel=1e-8)
     # The arch has a limit load, from which the force falls to less than half.
@@ -221,15 +221,15 @@ def test_a_block_that_is_sheared_rolls_over_its_edge():
     mesh, cells, facets, tag = nts.read_mesh(build, MPI.COMM_WORLD)
     V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
     body = nts.Body(V, cells, tag["block"], nts.NeoHookean(1e6, nu, 1e3))
-    led = fem.Constant(mesh, np.zeros(2))
+    driven = fem.Constant(mesh, np.zeros(2))
     top = fem.locate_dofs_topological(V, 1, facets.find(tag["block_top"]))
 
     def update(t):
-        led.value[:] = 0.05 * max(t - 1, 0), -0.05 * min(t, 1)
+        driven.value[:] = 0.05 * max(t - 1, 0), -0.05 * min(t, 1)
 
     plane = nts.RigidPlane((0, 0), (0, 1))
     pair = nts.ContactPair(nts.boundary_of(body), plane, friction=nts.Coulomb(mu))
-    bcs = [fem.dirichletbc(led, top, V)]
+    bcs = [fem.dirichletbc(driven, top, V)]
     stepper = nts.QuasiStatic([body], [pair], dt=1.0, bcs=bcs, update=update)
     *_, last = stepper.run(8.0)
     (contact,) = stepper.contacts

@@ -10,7 +10,7 @@ from helpers.plane import blocks, turning
 
 pytestmark = pytest.mark.at_most_two_ranks
 
-MU, ANGLE, WAY, DEPTH = 0.3, 0.5, 0.25, 0.03  # -, rad, m, m
+MU, ANGLE, TRAVEL, DEPTH = 0.3, 0.5, 0.25, 0.03  # -, rad, m, m
 CENTRE = (0.0, -0.5)  # m
 
 
@@ -23,7 +23,7 @@ def press_and_turn(kind):
     V = scene.V
     centre = np.array(CENTRE)[:, None]
 
-    def led(low, high, extra):
+    def top_u(low, high, extra):
         """Nodes between two heights, turned about the centre after a shift."""
         u = fem.Function(V)
 
@@ -35,7 +35,7 @@ def press_and_turn(kind):
         dofs = fem.locate_dofs_geometrical(V, lambda x: (x[1] > low) & (x[1] < high))
         return fem.dirichletbc(u, dofs)
 
-    bcs = [led(-0.51, -0.49, np.zeros(2)), led(1.01, 1.03, np.array([WAY, -0.02 - DEPTH]))]
+    bcs = [top_u(-0.51, -0.49, np.zeros(2)), top_u(1.01, 1.03, np.array([TRAVEL, -0.02 - DEPTH]))]
     segments, method, law = scene.segments, "node-to-segment", None
     if kind == "obstacle":
         motion = nts.Motion(rotation=lambda t: ANGLE * t, centre=CENTRE)
@@ -111,12 +111,12 @@ def test_nodes_that_slide_over_round_obstacles_have_coulombs_friction(comm, name
     mesh, cells, facets, tag = nts.read_mesh(build, comm)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     block = nts.Body(V, cells, tag["block"], nts.NeoHookean(E=1e5, nu=0.3, rho=1e3))
-    led = fem.Constant(mesh, np.zeros(3))
+    top_u = fem.Constant(mesh, np.zeros(3))
     top = fem.locate_dofs_topological(V, 2, facets.find(tag["block_top"]))
-    bcs = [fem.dirichletbc(led, top, V)]
+    bcs = [fem.dirichletbc(top_u, top, V)]
 
     def update(t):
-        led.value[:] = (0.0, 0.0, -0.06 * t) if t <= 1 else (0.2 * (t - 1), 0.13 * (t - 1), -0.06)
+        top_u.value[:] = (0.0, 0.0, -0.06 * t) if t <= 1 else (0.2 * (t - 1), 0.13 * (t - 1), -0.06)
 
     bottom = nts.Surface(V, facets, tag["block_bottom"])
     pair = nts.ContactPair(bottom, obstacle, law, nts.Coulomb(MU))

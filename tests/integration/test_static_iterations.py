@@ -60,15 +60,15 @@ def test_a_strip_begins_to_slide_with_few_iterations(comm):
     mesh, cells, facets, tag = nts.read_mesh(build, comm)
     V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
     strip = nts.Body(V, cells, tag["strip"], nts.NeoHookean(E=1e6, nu=0.3, rho=1e3))
-    led = fem.Constant(mesh, np.zeros(2))
+    driven = fem.Constant(mesh, np.zeros(2))
     top = fem.locate_dofs_topological(V, 1, facets.find(tag["strip_top"]))
 
     def update(t):
-        led.value[:] = 0.05 * max(t - 0.1, 0), -0.01 * min(t / 0.1, 1)
+        driven.value[:] = 0.05 * max(t - 0.1, 0), -0.01 * min(t / 0.1, 1)
 
     bottom = nts.Surface(V, facets, tag["strip_bottom"])
     pair = nts.ContactPair(bottom, nts.RigidPlane((0, 0), (0, 1)), friction=nts.Coulomb(0.3))
-    bcs = [fem.dirichletbc(led, top, V)]
+    bcs = [fem.dirichletbc(driven, top, V)]
     stepper = nts.QuasiStatic([strip], [pair], dt=0.1, bcs=bcs, update=update)
     assert max(step.newton_iterations for step in stepper.run(until=0.6)) <= 5
 
@@ -198,8 +198,8 @@ def test_reversed_motion_takes_no_more_iterations_than_its_start():
 
     def update(t):
         """Press down until t = 1, draw sideways until t = 2, wait until t = 3, and go back."""
-        way = 0.2 * min(max(t - 1, 0), 1, 4 - t), -0.2 * min(t, 1, 4 - t)
-        u.x.array.reshape(-1, 2)[top] = way
+        travel = 0.2 * min(max(t - 1, 0), 1, 4 - t), -0.2 * min(t, 1, 4 - t)
+        u.x.array.reshape(-1, 2)[top] = travel
 
     pair = nts.ContactPair(scene.nodes, scene.segments, friction=nts.Coulomb(1.0))
     bcs = [fem.dirichletbc(u, dofs) for dofs in (low, top)]

@@ -40,21 +40,21 @@ def punched(tool, gap, *, crumb=0.0, **laws):
     mesh, cells, facets, tag = nts.read_mesh(build, MPI.COMM_SELF)
     V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
     bodies = [nts.Body(V, cells, tag["sheet"], RUBBER)]
-    led, way = fem.Constant(mesh, np.zeros(2)), DEPTH + gap
+    driven, travel = fem.Constant(mesh, np.zeros(2)), DEPTH + gap
     held = fem.locate_dofs_geometrical(V, lambda x: (x[1] < -0.099) | (x[0] > 1.9))
     top = fem.locate_dofs_topological(V, 1, facets.find(tag["punch_top"]))
     bcs = [fem.dirichletbc(np.zeros(2), held, V)]
     if tool == "guide":
-        guide = nts.Guide(motion=nts.Motion(lambda t: (0.0, -way * t)))
+        guide = nts.Guide(motion=nts.Motion(lambda t: (0.0, -travel * t)))
         bodies.append(nts.RigidBody(V, cells, tag["punch"], 1e3, guide=guide))
     else:
         bodies.append(nts.Body(V, cells, tag["punch"], nts.NeoHookean(1e7, 0.3, 1e3)))
-        bcs.append(fem.dirichletbc(led, top, V))
+        bcs.append(fem.dirichletbc(driven, top, V))
     if crumb:
         bodies.append(nts.Body(V, cells, tag["crumb"], RUBBER))
 
     def update(t):
-        led.value[:] = 0.0, -way * t
+        driven.value[:] = 0.0, -travel * t
 
     sides = [nts.Surface(V, facets, tag[name]) for name in ("sheet_top", "punch_bottom")]
     pair = nts.ContactPair(*sides, friction=nts.Coulomb(0.1), **laws)

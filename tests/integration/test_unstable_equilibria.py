@@ -54,9 +54,9 @@ def column(
     area = HEIGHT * (WIDTH if dim == 3 else 1.0)
     made = pairs(V, body, facets, tag) if pairs else []
     if is_displaced:
-        way = part * euler_load(dim, LENGTH / 2) * LENGTH / (MODULUS * area)
-        lead = fem.dirichletbc(np.array([-way, 0.0, 0.0][:dim]), ends[1], V)
-        return nts.QuasiStatic([body], made, dt=1.0, bcs=[clamp, lead])
+        travel = part * euler_load(dim, LENGTH / 2) * LENGTH / (MODULUS * area)
+        drive = fem.dirichletbc(np.array([-travel, 0.0, 0.0][:dim]), ends[1], V)
+        return nts.QuasiStatic([body], made, dt=1.0, bcs=[clamp, drive])
     pressure = part * euler_load(dim, 2 * LENGTH) / area
     load = nts.Traction(nts.Surface(V, facets, tag["column_right"]), (-pressure, 0.0, 0.0)[:dim])
     return nts.QuasiStatic([body], made, dt=1.0, bcs=[clamp], loads=[load])
@@ -171,7 +171,7 @@ def test_a_shallow_arch_is_unstable_beyond_its_limit_load(caplog):
     W = V.sub(1)
     middle, _ = fem.locate_dofs_geometrical((W, W.collapse()[0]), is_middle)
     down = fem.Constant(mesh, 0.0)
-    lead = fem.dirichletbc(down, middle, W)
+    drive = fem.dirichletbc(down, middle, W)
 
     def update(t):
         down.value = -rise * t
@@ -181,18 +181,18 @@ def test_a_shallow_arch_is_unstable_beyond_its_limit_load(caplog):
         load = nts.Gravity([body], (0.0, -weight))
         return nts.QuasiStatic([body], dt=0.25, bcs=[clamps, *bcs], loads=[load], update=update)
 
-    def led(weight):
+    def driven(weight):
         """Lead the top down; returns the force that this takes, and the last state."""
-        stepper = made(weight, lead)
+        stepper = made(weight, drive)
         *_, last = stepper.run(1.0)
         return last.reactions[1].force[1], stepper
 
     # The weight that needs no force there, by secants.
-    weights, forces = [0.0, 0.2], [led(0.0)[0], led(0.2)[0]]
+    weights, forces = [0.0, 0.2], [driven(0.0)[0], driven(0.2)[0]]
     while abs(forces[-1]) > 1e-9 * abs(forces[0]):
         (a, b), (f, g) = weights[-2:], forces[-2:]
         weights.append(b - g * (b - a) / (g - f))
-        force, stepper = led(weights[-1])
+        force, stepper = driven(weights[-1])
         forces.append(force)
     assert not warnings_of(caplog)
     free = made(1.0001 * weights[-1])

@@ -48,9 +48,7 @@ def arrays(path):
 
 @pytest.mark.several_ranks
 @pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 1), ("tetrahedron", 2)])
-def test_files_of_several_ranks_equal_those_of_one_rank_bit_for_bit(
-    comm, folder, agree, cell, degree
-):
+def test_files_of_several_ranks_equal_files_of_one_rank(comm, folder, agree, cell, degree):
     def written(on, name, kind):
         stepper = moved(blocks(on, cell=cell, degree=degree).stepper)
         with nts.Recorder(folder / name, stepper, fields=kind, stress=True):

@@ -196,7 +196,7 @@ def test_bar_that_bounces_twenty_times_from_a_spring_keeps_its_energy_and_its_pa
 
 # --- the ball ----------------------------------------------------------
 
-BALL_SPEED, WAY = 0.02, 0.01
+BALL_SPEED, TRAVEL = 0.02, 0.01
 
 
 @dataclass(frozen=True)
@@ -234,7 +234,7 @@ def caught(until: float) -> Caught:
         meshing.add_solid_ball(
             model, "ball", centre=(0, 0, 0), radius=1.0, cells_per_edge=2, layers=1
         )
-        for name, z in (("lower", -1.4 - WAY), ("upper", 1 + WAY)):
+        for name, z in (("lower", -1.4 - TRAVEL), ("upper", 1 + TRAVEL)):
             box = {"corner": (-1.5, -1.5, z), "size": (3, 3, 0.4), "cells": (3, 3, 1)}
             meshing.add_box(model, name, **box)
 

@@ -60,8 +60,8 @@ def dragged(order: int, smooth: bool = False) -> np.ndarray:
         """Press the tip in until t = 1, and turn it about the axis until t = 11."""
         angle = 2 * FACET * max(t - 1, 0) / 10
         Q = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-        way = (X[top] - (0, DEPTH * min(t, 1))) @ Q.T - X[top]
-        moved.x.array.reshape(-1, 2)[top] = way
+        travel = (X[top] - (0, DEPTH * min(t, 1))) @ Q.T - X[top]
+        moved.x.array.reshape(-1, 2)[top] = travel
 
     move(0.0)
     bcs = [fem.dirichletbc(held, core), fem.dirichletbc(moved, top)]
@@ -99,8 +99,8 @@ def dragged_in_space(cell: str, smooth: bool) -> np.ndarray:
     def move(t: float) -> None:
         """Press the cube in until t = 1, and turn it about the axis until t = 11."""
         turn = rotation([0.0, 1.0, 0.0], 2 * FACET * max(t - 1, 0) / 10)
-        way = (X[above] - (0, 0, DEPTH * min(t, 1))) @ turn.T - X[above]
-        moved.x.array.reshape(-1, 3)[above] = way
+        travel = (X[above] - (0, 0, DEPTH * min(t, 1))) @ turn.T - X[above]
+        moved.x.array.reshape(-1, 3)[above] = travel
 
     move(0.0)
     bcs = [fem.dirichletbc(held, core), fem.dirichletbc(moved, above)]

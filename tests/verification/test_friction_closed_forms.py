@@ -170,11 +170,11 @@ def test_block_slides_down_a_slope_just_steeper_than_friction_allows(table_row):
 @pytest.mark.serial
 def test_block_sticks_on_a_slope_just_flatter_than_friction_allows():
     """At rest for mu 1 % above tan: less than a thousandth of the other's pace."""
-    acceleration, way = slide(1.01)
+    acceleration, travel = slide(1.01)
     assert abs(acceleration) <= 1e-3 * G * np.cos(np.arctan(MU)) * 0.01 * MU
     # It shears by rho g sin(slope) H^2 / (2 G); micro-slip is of that size.
     shear = RHO * G * MU * 0.25**2 / (2 * 1e7 / 2.6)
-    assert 0 < way <= 5 * shear
+    assert 0 < travel <= 5 * shear
 
 
 # --- balls -------------------------------------------------------------

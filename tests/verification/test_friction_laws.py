@@ -44,10 +44,10 @@ def block() -> nts.RigidBody:
     return nts.RigidBody(V, tags, tag["b"], rho=RHO, guide=nts.Guide(slides="xz"))
 
 
-def on_plate(body: nts.Body, way: Any, law: Any, enforcement: Any) -> nts.ContactPair:
+def on_plate(body: nts.Body, travel: Any, law: Any, enforcement: Any) -> nts.ContactPair:
     """Contact of the lower side with a plate that has gone a way along x by time. Collective."""
     plate = nts.RigidPlane((0, 0, 0), UP).moving(
-        nts.Motion(translation=lambda t: (way(t), 0.0, 0.0))
+        nts.Motion(translation=lambda t: (travel(t), 0.0, 0.0))
     )
     return nts.ContactPair(
         nts.boundary_of(body, where=lambda x: x[2] < 1e-9), plate, enforcement, law
@@ -69,13 +69,13 @@ def test_block_on_a_braking_plate_follows_the_stribeck_curve(stepper, dt, contac
     """
     a, v0, jump, static, kinetic, speed = 5.0, 2.0, 0.2, 0.4, 0.2, 0.5
 
-    def way(t: float) -> float:
+    def travel(t: float) -> float:
         braking = max(t - LOADED, 0.0)
         return v0 * t - jump * braking - a * braking**2 / 2
 
     b = block()
     law = nts.Stribeck(static, kinetic, speed, eps_T=contact["eps_T"])
-    pair = on_plate(b, way, law, contact["enforcement"])
+    pair = on_plate(b, travel, law, contact["enforcement"])
     s = stepper([b], [pair], dt=dt, loads=[nts.Gravity([b], gravity)])
     s.set_velocity(b, (v0, 0, 0))
     energy = RHO * HEIGHT * v0**2

@@ -164,15 +164,15 @@ def press(
     ball = nts.Body(V, cells, tag["ball"], nts.SaintVenantKirchhoff(E, NU, RHO))
     surface = nts.Surface(V, facets, tag["ball_outer"])
     pair = nts.ContactPair(surface, PLANE)
-    way = fem.Constant(mesh, 0.0)
+    travel = fem.Constant(mesh, 0.0)
     bcs = [
         support(V, facets, tag["ball_x"], 0),
         support(V, facets, tag["ball_y"], 1),
-        support(V, facets, tag["ball_top"], 2, way),
+        support(V, facets, tag["ball_top"], 2, travel),
     ]
 
     def update(t: float) -> None:
-        way.value = -depth * t
+        travel.value = -depth * t
 
     stepper = nts.QuasiStatic([ball], [pair], dt=0.25, bcs=bcs, update=update)
     iterations = [report.newton_iterations for report in stepper.run(1.0)]
@@ -255,13 +255,13 @@ class Crush:
 
 
 @cache
-def crush(way: float, fine: int, growth: float, coarse: float, material: str) -> Crush:
+def crush(travel: float, fine: int, growth: float, coarse: float, material: str) -> Crush:
     """Press balls of radius 50, E = 20000, nu = 0.3 by a displacement (mm, MPa). Collective.
 
     Theory: a = sqrt(R h/2), p0 = E/(pi (1 - nu^2)) sqrt(2 h/R), F = 2/3 pi a^2 p0.
 
     Args:
-        way: Approach h of the middle planes.
+        travel: Approach h of the middle planes.
         fine: Cells in the contact radius of the upper ball; the lower
             one has two thirds of them.
         growth: Growth of the cells away from the contact.
@@ -269,8 +269,8 @@ def crush(way: float, fine: int, growth: float, coarse: float, material: str) ->
         material: Name of the material.
     """
     comm, radius, modulus = MPI.COMM_WORLD, 50.0, 2e4
-    a = np.sqrt(radius * way / 2)
-    p0 = modulus / (np.pi * (1 - NU**2)) * np.sqrt(2 * way / radius)
+    a = np.sqrt(radius * travel / 2)
+    p0 = modulus / (np.pi * (1 - NU**2)) * np.sqrt(2 * travel / radius)
 
     def build(model) -> None:
         shape = {"radius": radius, "height": radius, "zone": 1.3 * a, "growth": growth}
@@ -291,7 +291,7 @@ def crush(way: float, fine: int, growth: float, coarse: float, material: str) ->
     bcs.append(support(V, facets, tag["lower_top"], 2, up))
 
     def update(t: float) -> None:
-        down.value, up.value = -way * t / 2, way * t / 2
+        down.value, up.value = -travel * t / 2, travel * t / 2
 
     stepper = nts.QuasiStatic(bodies, [pair], dt=0.25, bcs=bcs, update=update)
     for _ in stepper.run(1.0):
@@ -328,7 +328,9 @@ def test_two_balls_pressed_together_converge_to_hertz(table_row):
 @pytest.mark.serial
 def test_two_balls_leave_hertz_with_the_strain():
     """St. Venant-Kirchhoff: as a/R, the root of the displacement, or faster."""
-    results = [crush(way, *TWO_BALLS[0], "SaintVenantKirchhoff") for way in (4, 0.4, 0.04, 0.004)]
+    results = [
+        crush(travel, *TWO_BALLS[0], "SaintVenantKirchhoff") for travel in (4, 0.4, 0.04, 0.004)
+    ]
     for name in ("radius", "pressure"):
         values = [getattr(result, name) for result in results]
         changes = np.abs(np.array(values[:3]) - values[3])
@@ -416,10 +418,10 @@ def shift(fine: int, eps_T: float | None = None) -> Shift:
     # Cattaneo, Mindlin: half of the force that makes all of it slide.
     normal = 4 / 3 * E / (1 - nu**2) * np.sqrt(R) * depth**1.5
     shear = E / (2 * (1 + nu))
-    way = 3 * mu * normal * (2 - nu) / (16 * a * shear) * (1 - 0.5 ** (2 / 3))
+    travel = 3 * mu * normal * (2 - nu) / (16 * a * shear) * (1 - 0.5 ** (2 / 3))
 
     def update(t: float) -> None:
-        down.value, aside.value = -depth * min(t, 1.0), way * max(t - 1.0, 0.0)
+        down.value, aside.value = -depth * min(t, 1.0), travel * max(t - 1.0, 0.0)
 
     stepper = nts.QuasiStatic([ball], [pair], dt=0.25, bcs=bcs, update=update)
     iterations = [report.newton_iterations for report in stepper.run(2.0)]

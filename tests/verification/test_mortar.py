@@ -260,12 +260,12 @@ def test_a_touching_node_does_not_sink_in_as_its_facets_slide_over_a_rim(table_r
         active += stepper.advance().num_active > 0
         depths = [max(found.depth, found.reverse_depth) for found in diagnostics.overlaps()]
         depth = max(depth, *depths, 0.0)
-    way = 0.5 * stepper.dt
+    travel = 0.5 * stepper.dt
     table_row(
         "coarse bulge that slides over the rim of a plate",
         "sinks in by a few ways of a step, 2.5 mm",
         f"{1e3 * depth:.1f} mm, energy {abs(diagnostics.balance().total_energy / energy - 1):.0e}",
     )
     assert active >= 15
-    assert depth <= 3 * way
+    assert depth <= 3 * travel
     assert diagnostics.balance().total_energy == pytest.approx(energy, rel=1e-10)

@@ -47,12 +47,12 @@ class Scale:
     """Size of the contact in the blocks of the size 1.
 
     Attributes:
-        way: Way of the top.
+        travel: Displacement of the top.
         least: Size of the cells at the centre, relative to equal ones.
         power: Power of the coordinate by which they grow.
     """
 
-    way: float
+    travel: float
     least: float
     power: float
 
@@ -100,7 +100,7 @@ def pressed(method: str, upper: int, lower: int, swapped: bool, scale: Scale = Q
         bcs.append(fem.dirichletbc(value, fem.locate_dofs_topological(V.sub(2), 2, part), V.sub(2)))
 
     def update(t: float) -> None:
-        down.value = -scale.way * t
+        down.value = -scale.travel * t
 
     stepper = nts.QuasiStatic(bodies, [pair], dt=1 / 3, bcs=bcs, update=update)
     for report in stepper.run(1.0):

@@ -99,7 +99,7 @@ def test_blocks_that_stick_are_sheared_as_one(cells):
     assert moved <= 1e-10
 
 
-RADIUS, WAY = 4.0, 0.02
+RADIUS, TRAVEL = 4.0, 0.02
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,7 @@ def pressed_parabola(method: str, swapped: bool, degree: int = 1) -> Pressure:
         )
 
     def update(t: float) -> None:
-        down.value = -WAY * t
+        down.value = -TRAVEL * t
 
     bcs = [
         held(0, zero, "lower_left", "upper_left", "lower_bottom", "upper_top"),

@@ -198,7 +198,7 @@ def test_error_of_the_patch_test_agrees_with_the_limitations(
     degree, lower, upper, expected, table_row
 ):
     """Matching meshes pass but for the strain of 1e-4; the upper side has the nodes."""
-    way, nu = 1e-4, 0.3
+    travel, nu = 1e-4, 0.3
     data, V = rectangles(
         degree,
         lower=((0, 0), (1, 0.5), (lower, lower // 2)),
@@ -211,12 +211,12 @@ def test_error_of_the_patch_test_agrees_with_the_limitations(
     bcs = [
         support(data, V, 0, 0, "lower_left", "upper_left"),
         support(data, V, 1, 0, "lower_bottom"),
-        support(data, V, 1, np.float64(-way), "upper_top"),
+        support(data, V, 1, np.float64(-travel), "upper_top"),
     ]
     stepper = nts.QuasiStatic(bodies, [pair], dt=1.0, bcs=bcs)
     stepper.advance()
     stress = nts.Fields(stepper).cauchy_stress().x.array.reshape(-1, 3, 3)[:, 1, 1]
-    error = np.abs(stress / (-way / (1 - nu**2)) - 1).max()
+    error = np.abs(stress / (-travel / (1 - nu**2)) - 1).max()
     if lower == upper:
         assert error <= expected
         return

@@ -67,9 +67,9 @@ def collide(stepper: nts.EnergyMomentum, until: float) -> Run:
     comm = stepper.u.function_space.mesh.comm
 
     def approach() -> float:
-        way = diagnostics.centre_of_mass(bodies[0]) - diagnostics.centre_of_mass(bodies[1])
+        travel = diagnostics.centre_of_mass(bodies[0]) - diagnostics.centre_of_mass(bodies[1])
         speed = diagnostics.body_velocity(bodies[1]) - diagnostics.body_velocity(bodies[0])
-        return float(speed @ way / np.linalg.norm(way))
+        return float(speed @ travel / np.linalg.norm(travel))
 
     first, before = diagnostics.balance(), approach()
     energy, linear, angular, dissipation, active, iterations = ([] for _ in range(6))

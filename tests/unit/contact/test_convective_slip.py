@@ -112,11 +112,11 @@ def test_tangent_of_the_pairs_is_the_derivative_of_their_forces(comm, rng, cell,
     scene = scenes.blocks(comm, nts.Midpoint, cell=cell)
     pair = pair_of(scene, nts.Penalty(50.0), nts.Coulomb(mu, eps_T=20.0, law="convective"))
     x_n = scene.stepper.x
-    way = 0.04 * scene.stepper.v.x.array.reshape(-1, 3)
-    x = x_n + way + 0.01 * rng.normal(size=x_n.shape)
+    travel = 0.04 * scene.stepper.v.x.array.reshape(-1, 3)
+    x = x_n + travel + 0.01 * rng.normal(size=x_n.shape)
     contact, given = PairState(pair), np.ones(len(pair.nodes.nodes))
     contact.choose_penalty(given, given)  # it has those of its laws
-    step = ContactStep(contact, "midpoint", x_n, x_n + way, np.ones(len(x)))
+    step = ContactStep(contact, "midpoint", x_n, x_n + travel, np.ones(len(x)))
     for iteration in range(3):
         state = step.evaluate(x, None, iteration)
     assert state.changed == 0

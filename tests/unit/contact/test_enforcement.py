@@ -61,12 +61,12 @@ def test_active_set_solves_the_complementarity(impact, rng):
 
 @pytest.mark.parametrize("e", [0.0, 0.3, 1.0])
 def test_restitution_holds_nodes_within_half_a_step_of_the_surface(e, rng):
-    law, way = LagrangeMultiplier("restitution", e), -0.2
+    law, travel = LagrangeMultiplier("restitution", e), -0.2
     gap, none = rng.uniform(0.2, 0.4, 50), np.zeros(50, dtype=bool)
     held = none
     for _ in range(3):
-        arrives = law.eligible(gap, gap + way, np.full(50, SIZE), none) & ~held
-        gap += way * np.where(arrives, law.part, ~held)
+        arrives = law.eligible(gap, gap + travel, np.full(50, SIZE), none) & ~held
+        gap += travel * np.where(arrives, law.part, ~held)
         held = held | arrives
     assert held.all()
     assert np.abs(gap).max() <= 0.1

@@ -46,8 +46,8 @@ def limit_at(p, slip=None, law=LAWS["Coulomb"]):
     return limits(len(p), law).at(np.arange(len(p), dtype=np.int32), p, slip)
 
 
-def slides(trial, way, p, heading, sliding):
-    return _kernels.slides(limit_at(p).force, trial, way, heading, sliding)
+def slides(trial, travel, p, heading, sliding):
+    return _kernels.slides(limit_at(p).force, trial, travel, heading, sliding)
 
 
 def exact(t, slip, p, c, heading, sliding, law=LAWS["Coulomb"]):

@@ -155,12 +155,12 @@ def test_unit_vectors_have_unit_length_or_none(rng):
 
 
 def test_vectors_stay_in_cones_up_to_the_longest_step(rng):
-    v, way = rng.normal(size=(2, M, 3))
+    v, travel = rng.normal(size=(2, M, 3))
     v[:, 0] = 0.1 + np.linalg.norm(v[:, 1:], axis=1)
-    longest = _kernels.longest_in_cones(v, way)
+    longest = _kernels.longest_in_cones(v, travel)
 
     def distance(part):
-        x = v + part * way
+        x = v + part * travel
         return (x[:, 0] - np.linalg.norm(x[:, 1:], axis=1)).min()
 
     assert abs(distance(longest)) < 1e-13

@@ -41,8 +41,8 @@ def test_a_rotated_obstacle_moves_between_two_iterates(shape, rng):
     values.of(one, frame.at_end(x), measured, gradients)
     frame.advance_to(0.75)
     found = values.of(one, frame.at_end(x + dx), np.zeros((1, *shape)), gradients)
-    way = 0.5 + np.cross(0.5 * turn, x - (centre + 1.25))
-    np.testing.assert_allclose(found[0], measured[0] + gradients[0] @ (dx - way)[0], rtol=1e-12)
+    travel = 0.5 + np.cross(0.5 * turn, x - (centre + 1.25))
+    np.testing.assert_allclose(found[0], measured[0] + gradients[0] @ (dx - travel)[0], rtol=1e-12)
 
 
 @pytest.mark.parametrize("shape", [(), (2,)])

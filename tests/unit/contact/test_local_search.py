@@ -12,7 +12,7 @@ from dolfinx_nts.meshing import parts
 pytestmark = pytest.mark.serial
 
 # Where the node begins beside the plate, where it would be over it, and deep inside of it [m].
-BESIDE, OVER, DEEP = (1.3, 0.1), (0.8, 0.05), (0.8, -0.9)
+OFFSET, OVER, DEEP = (1.3, 0.1), (0.8, 0.05), (0.8, -0.9)
 
 
 @pytest.fixture
@@ -34,13 +34,13 @@ def scene(comm):
     node = int(np.argmin(X[bottom.nodes] @ [1, 1, 0]))
 
     def at(place):
-        shift = np.array([place[0] - BESIDE[0], 0.0, place[1] - BESIDE[1]])
+        shift = np.array([place[0] - OFFSET[0], 0.0, place[1] - OFFSET[1]])
         moved = X.copy()
         moved[bottom.nodes] += shift
         return moved
 
     state.search.begin(0.0, 0.0)
-    return LocalSearch(state, at(BESIDE), at(OVER)), at, np.array([node], dtype=np.int32)
+    return LocalSearch(state, at(OFFSET), at(OVER)), at, np.array([node], dtype=np.int32)
 
 
 def iterate(search, at, node):

@@ -67,8 +67,8 @@ def test_half_passes_share_the_areas_at_edges_and_corners(comm):
     bodies = [nts.Body(V, cells, tag[f"body {i}"], material) for i in (0, 1)]
     pairs = nts.two_half_passes(*(nts.boundary_of(body) for body in bodies), nts.Penalty(1e9))
     ends = [fem.locate_dofs_geometrical(V, lambda x, z=z: np.isclose(x[2], z)) for z in (0.0, 1.0)]
-    ways = np.array([0.0, 0.0, 0.0]), np.array([0.0, 0.0, -STRAIN])
-    bcs = [fem.dirichletbc(way, dofs, V) for way, dofs in zip(ways, ends, strict=True)]
+    travels = np.array([0.0, 0.0, 0.0]), np.array([0.0, 0.0, -STRAIN])
+    bcs = [fem.dirichletbc(travel, dofs, V) for travel, dofs in zip(travels, ends, strict=True)]
     stepper = nts.QuasiStatic(bodies, pairs, dt=1.0, bcs=bcs)
     stepper.advance()
     for contact in stepper.contacts:

@@ -104,8 +104,8 @@ def test_pieces_and_sides_fill_cells_of_the_plane_and_their_edges(cell, degree):
     for edge, closure, (sides, pieces) in zip(
         basix.topology(kind)[1], closures, element.sides, strict=True
     ):
-        way = element.points[sides[:, 1]] - element.points[sides[:, 0]]
+        travel = element.points[sides[:, 1]] - element.points[sides[:, 0]]
         expected = np.linalg.norm(corners[edge[1]] - corners[edge[0]]) / degree
-        np.testing.assert_allclose(np.linalg.norm(way, axis=1), expected, rtol=ROUNDING)
+        np.testing.assert_allclose(np.linalg.norm(travel, axis=1), expected, rtol=ROUNDING)
         assert set(sides.ravel()) == set(closure) and len(sides) == degree
         assert all(set(side) <= set(piece) for side, piece in zip(sides, pieces, strict=True))

@@ -494,13 +494,13 @@ def test_least_gap_of_nodes_inside_is_known_without_a_search(comm, monkeypatch):
 def test_nodes_in_reach_are_looked_for_only_after_bodies_have_moved(comm, monkeypatch, agree):
     seldom, often = (blocks(comm, friction=nts.Coulomb(0.4)) for _ in range(2))
     few, many = seldom.stepper, often.stepper
-    look, found = neighbour_list.NeighbourList._rebuild, []
+    check, found = neighbour_list.NeighbourList._rebuild, []
     search, size = few.contacts[0].search, few.pairs[0].segment_size
 
     def watched(self, x):
         since = self._travelled if np.isinf(self._travelled) else search.approach(x, places)
         found.append(since / size)
-        look(self, x)
+        check(self, x)
 
     monkeypatch.setattr(neighbour_list.NeighbourList, "_rebuild", watched)
     for _ in range(100):

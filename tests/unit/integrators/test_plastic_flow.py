@@ -253,8 +253,8 @@ def test_metal_that_flows_to_and_fro_needs_few_iterations(comm, dt):
 @pytest.mark.parametrize(
     "law", [nts.LagrangeMultiplier(), once(nts.Penalty())], ids=["exact", "springs"]
 )
-@pytest.mark.parametrize("way", [once(5e-5), 1.6e-4])
-def test_the_first_step_bends_a_flat_sheet_with_friction(comm, law, way):
+@pytest.mark.parametrize("travel", [once(5e-5), 1.6e-4])
+def test_the_first_step_bends_a_flat_sheet_with_friction(comm, law, travel):
     corners = [(-18e-3, 0.0), (18e-3, 2e-3)]
     mesh = create_rectangle(comm, corners, [36, 2], CellType.quadrilateral)
     V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
@@ -263,7 +263,7 @@ def test_the_first_step_bends_a_flat_sheet_with_friction(comm, law, way):
     sheet = nts.Body(V, meshtags(mesh, 2, cells, np.ones_like(cells)), 1, steel)
     ends = nts.Surface.where(V, lambda X: (X[1] < 1e-6) & (np.abs(X[0]) > 9.9e-3))
     top = nts.Surface.where(V, lambda X: X[1] > 2e-3 - 1e-6)
-    motion = nts.Motion(translation=lambda t: (0.0, -way * t))
+    motion = nts.Motion(translation=lambda t: (0.0, -travel * t))
     tool = nts.RigidSphere((0.0, 4.001e-3), 2e-3).moving(motion)
     pairs = [
         nts.ContactPair(surface, obstacle, law, nts.Coulomb(0.1))

@@ -109,9 +109,9 @@ def test_reactions_loads_and_inertia_are_in_balance_with_separate_works(comm, sc
         works = (after - before) @ np.array([G, TRACTION]).T
         assert step.load_works == pytest.approx(np.diag(works), rel=1e-9, abs=TOLERANCE * scale)
         assert step.load_work == sum(step.load_works)
-        way = speed * step.dt * np.array([0.3, -0.2, 0.1])
+        travel = speed * step.dt * np.array([0.3, -0.2, 0.1])
         for reaction in reactions[:2]:
-            work = np.dot(reaction.force, way)
+            work = np.dot(reaction.force, travel)
             assert reaction.work == pytest.approx(work, rel=1e-9, abs=TOLERANCE * scale)
         assert step.support_work == sum(r.work for r in reactions)
         num_active += step.num_active

@@ -76,9 +76,9 @@ def test_resistance_falls_slowly_along_a_motion_that_is_not_stable_and_fast_at_r
     resistance = Resistance()
     resistance.fail()
     part = resistance.part
-    for way in (1.0, 2.0):
+    for travel in (1.0, 2.0):
         assert resistance.part == part
-        resistance.accept(way)
+        resistance.accept(travel)
     assert resistance.part == pytest.approx(part / 2)
     resistance.accept(1.0)
     assert resistance.part == pytest.approx(part / 20)

@@ -447,7 +447,7 @@ def test_a_load_that_update_sets_acts_as_a_function_of_time_does(comm, scheme, k
         V, (body,) = scene.stepper.u.function_space, scene.stepper.bodies
         top = nts.boundary_of(body, where=lambda x: x[2] > 0.59)
         eta, along = ufl.TestFunction(V), ufl.as_vector((1.0, 0.0, 0.0))
-        pull, led = fem.Constant(V.mesh, 0.0), fem.Constant(V.mesh, np.zeros(3))
+        pull, end = fem.Constant(V.mesh, 0.0), fem.Constant(V.mesh, np.zeros(3))
         space = fem.functionspace(V.mesh, ("DG", 0))
         spread = fem.Function(space)
         loads = {
@@ -462,11 +462,15 @@ def test_a_load_that_update_sets_acts_as_a_function_of_time_does(comm, scheme, k
         def update(t):
             pull.value = 10 * np.sin(5 * t)
             spread.x.array[:] = pull.value
-            led.value[1] = 1e-3 * np.sin(5 * t)
+            end.value[1] = 1e-3 * np.sin(5 * t)
             asked.append(t)
 
         stepper = scheme(
-            [body], dt=dt, bcs=[fem.dirichletbc(led, dofs, V)], loads=[loads[kind]()], update=update
+            [body],
+            dt=dt,
+            bcs=[fem.dirichletbc(end, dofs, V)],
+            loads=[loads[kind]()],
+            update=update,
         )
         for step in stepper.run(until=0.2):
             assert asked[-1] == pytest.approx(step.t)

@@ -78,10 +78,10 @@ def energy(C, G):
     return MU / 2 * (np.linalg.det(C) ** (-1 / 3) * np.vdot(C, G) - 3)
 
 
-def states(rng, law, way):
+def states(rng, law, travel):
     """Tensor C and an admissible metric at the start of a step, and C at its end.
 
-    The step is as long as ``way`` strains at which the material yields, but at most 0.6.
+    The step is as long as ``travel`` strains at which the material yields, but at most 0.6.
     """
     F_n = one + 0.3 * rng.uniform(-1, 1, (3, 3))
     F_n /= np.cbrt(np.linalg.det(F_n))
@@ -94,7 +94,7 @@ def states(rng, law, way):
     G = F_inv @ v @ np.diag(np.exp(w)) @ v.T @ F_inv.T
     G = twin(C_n, G, 0.0, law._replace(modulus=0.0, increase=0.0))[2]
     h = rng.normal(size=(3, 3))
-    F = (one + min(way * yields, 0.6) * h / np.linalg.norm(h)) @ F_n
+    F = (one + min(travel * yields, 0.6) * h / np.linalg.norm(h)) @ F_n
     return C_n, G, F.T @ F
 
 
@@ -102,8 +102,8 @@ def states(rng, law, way):
 def test_the_return_agrees_with_a_twin_and_keeps_the_plastic_volume(name):
     rng, law, flown = np.random.default_rng(3), LAWS[name], 0
     point = Point(law)
-    for way, alpha, _ in product((1, 10, 100), (0.0, 0.2), range(30)):
-        _, G, C = states(rng, law, way)
+    for travel, alpha, _ in product((1, 10, 100), (0.0, 0.2), range(30)):
+        _, G, C = states(rng, law, travel)
         t, x, metric = point.flow(C, G, alpha)
         exact = twin(C, G, alpha, law)
         flown += x > 0
@@ -115,13 +115,13 @@ def test_the_return_agrees_with_a_twin_and_keeps_the_plastic_volume(name):
 
 
 @pytest.mark.parametrize("name", LAWS)
-@pytest.mark.parametrize("way", [0.3, 1, 3, 10, 100])
-def test_no_step_gains_energy_by_plastic_flow(name, way):
+@pytest.mark.parametrize("travel", [0.3, 1, 3, 10, 100])
+def test_no_step_gains_energy_by_plastic_flow(name, travel):
     # Any step of the energy-momentum scheme, with the stress t S of which the work is
     # t (W(C, G_n) - W_n), from any admissible state.
     rng, law, flown, least = np.random.default_rng(5), LAWS[name], 0, np.inf
     for _ in range(200):
-        C_n, G, C = states(rng, law, way)
+        C_n, G, C = states(rng, law, travel)
         t, *_ = twin((C_n + C) / 2, G, 0.0, law)
         _, x, after = twin(C, G, 0.0, law)
         before, trial, end = energy(C_n, G), energy(C, G), energy(C, after)

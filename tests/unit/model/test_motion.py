@@ -110,8 +110,8 @@ def test_tangents_are_the_derivatives_of_the_forces(name, scheme, rng):
     d, t = 0.1 * rng.normal(size=x.shape), rng.normal(size=(len(x), 2))
 
     def slip_of_scheme(y):
-        way = slip(name, x_n, y, segment)
-        return way.at_end() if scheme == "static" else way
+        travel = slip(name, x_n, y, segment)
+        return travel.at_end() if scheme == "static" else travel
 
     def force(y):
         normal = contact(name, scheme, x_n, y, segment).force
@@ -157,8 +157,8 @@ def test_a_whole_turn_in_a_step_is_seen_at_half_of_it():
 
 def test_the_frame_carries_points_as_far_as_they_say(rng):
     _, x, _ = states(rng)
-    way = np.linalg.norm(x - start(FRAME.at_end(x)), axis=1)
-    np.testing.assert_allclose(FRAME.displacement(x), way, atol=ROUNDING)
+    travel = np.linalg.norm(x - start(FRAME.at_end(x)), axis=1)
+    np.testing.assert_allclose(FRAME.displacement(x), travel, atol=ROUNDING)
 
 
 def test_an_obstacle_is_another_one_when_it_moves():

@@ -50,12 +50,8 @@ def touching():
 def looks_along_z(plotter):
     """Whether the camera is above the plane, with y upwards."""
     position, focus, up = map(np.array, plotter.camera_position)
-    direction = position - focus
-    return (
-        direction[2] > 0
-        and np.abs(direction[:2]).max() <= 1e-9 * direction[2]
-        and abs(up[1] - 1) <= 1e-9
-    )
+    view = position - focus
+    return view[2] > 0 and np.abs(view[:2]).max() <= 1e-9 * view[2] and abs(up[1] - 1) <= 1e-9
 
 
 def test_bodies_of_the_plane_are_drawn_with_their_obstacles(comm, touching):

@@ -159,11 +159,11 @@ def test_gradient_and_tangent_are_derivatives(scheme, rng):
     direction, h = np.zeros_like(x), 1e-5
     direction[rows] = rng.normal(size=(4, 3))
     ends = [pairs.contact(scheme, CARRIER, x_n, x + s * h * direction, segment) for s in (1, -1)]
-    way = direction[rows].ravel()
+    travel = direction[rows].ravel()
     slope = (ends[0].gap - ends[1].gap) / (2 * h)
-    assert slope == pytest.approx(contact.gradient @ way, rel=1e-7)
+    assert slope == pytest.approx(contact.gradient @ travel, rel=1e-7)
     change = (ends[0].force - ends[1].force)[0] / (2 * h)
-    assert np.abs(change - contact.tangent[0] @ way).max() < 1e-7
+    assert np.abs(change - contact.tangent[0] @ travel).max() < 1e-7
 
 
 def test_slip_agrees_with_the_nearest_points_and_has_its_derivatives(rng):
@@ -180,8 +180,8 @@ def test_slip_agrees_with_the_nearest_points_and_has_its_derivatives(rng):
     direction[rows] = rng.normal(size=(4, 3))
     ends = [pairs.slip("objective", CARRIER, x_n, x + s * h * direction, segment) for s in (1, -1)]
     change = np.einsum("mi,mid->d", t, ends[0].force - ends[1].force) / (2 * h)
-    way = direction[rows].ravel()
-    assert np.abs(change - slip.tangent(t)[0] @ way).max() < 1e-7
+    travel = direction[rows].ravel()
+    assert np.abs(change - slip.tangent(t)[0] @ travel).max() < 1e-7
     # The nearest points of two lines, by a linear system of their own.
     a_1, a_2, b_1, b_2 = at_n
     d = np.column_stack([a_2 - a_1, b_1 - b_2])

@@ -228,8 +228,8 @@ def test_node_in_front_of_its_segment_sees_that_it_is_inside_of_another_body(dep
     for height in (0.3 - 1e-6, 0.2, -1e-6):
         assert find([0.4, 0.4, height], segments, orientation, current=0)[0][0] == 0
     # So it does beside the block, below the plane of its lower side.
-    beside = segments + np.array([[0.0], [0.5]])[..., None] * [1, 0, 0]
-    assert find(node, beside, orientation, current=0)[0][0] == 0
+    outside = segments + np.array([[0.0], [0.5]])[..., None] * [1, 0, 0]
+    assert find(node, outside, orientation, current=0)[0][0] == 0
     # Iterates of a step do not look.
     assert find(node, segments, orientation, current=0, slack=np.inf)[0][0] == 0
 
@@ -326,8 +326,8 @@ def test_near_nodes_are_those_within_reach_of_a_box(k, rng):
     for reach in (0.1, 0.3):
         segments = segments + 0.01  # by less than the margin of the tree
         lower, upper = segments.min(axis=1), segments.max(axis=1)
-        beside = np.maximum(lower - nodes[:, None], nodes[:, None] - upper).clip(0)
-        expected = np.flatnonzero(np.linalg.norm(beside, axis=2).min(axis=1) <= reach)
+        outside = np.maximum(lower - nodes[:, None], nodes[:, None] - upper).clip(0)
+        expected = np.flatnonzero(np.linalg.norm(outside, axis=2).min(axis=1) <= reach)
         assert 0 < len(expected) < len(nodes)
         near = kernel.near(nodes, reach, segments.reshape(-1, 3))
         np.testing.assert_array_equal(near, expected)
@@ -337,8 +337,8 @@ def test_near_nodes_are_those_within_reach_of_a_box(k, rng):
 @pytest.mark.untrapped
 def test_farthest_point(rng):
     x, before = rng.normal(size=(2, 9, 3))
-    ways = np.linalg.norm(x - before, axis=1)
-    assert _kernels.farthest(x, before) == pytest.approx(ways.max(), rel=1e-14)
+    travels = np.linalg.norm(x - before, axis=1)
+    assert _kernels.farthest(x, before) == pytest.approx(travels.max(), rel=1e-14)
     assert _kernels.farthest(x[:0], before[:0]) == 0
     x[5, 1] = np.nan
     assert np.isnan(_kernels.farthest(x, before))

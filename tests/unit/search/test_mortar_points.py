@@ -82,9 +82,9 @@ def test_far_vertices_of_segments_are_not_taken_for_points_of_a_curved_facet():
     segments = (segments + 9).astype(np.int32)
     sizes = np.full(n, 1.0), np.full(n, 1.0)
     found = FoundSegments(scatter, segments, np.ones(n), np.arange(n), *sizes)
-    for way in np.linspace(2.0, 3.0, 11):
+    for travel in np.linspace(2.0, 3.0, 11):
         facet, flat = (
-            np.vstack([np.insert(xy + np.array([way, 2.2]), 2, 0.1, axis=1), below])
+            np.vstack([np.insert(xy + np.array([travel, 2.2]), 2, 0.1, axis=1), below])
             for xy in (bent, at)
         )
         of_facet = nodes[None], -np.ones(1), flat, False, nodes[None], None
@@ -138,8 +138,8 @@ def test_multipliers_of_partly_covered_facets_are_positive(k, rng):
     assert np.isnan(points.shares.mean(height))[partial_facets == 0].all()
 
 
-def slide_over_rim(k: int, way: float, lift):
-    """Means of heights, and areas, of a sheet of 2 by 2 facets, slid by ``way`` over a rim.
+def slide_over_rim(k: int, travel: float, lift):
+    """Means of heights, and areas, of a sheet of 2 by 2 facets, slid by ``travel`` over a rim.
 
     The first row of nodes lies at y = 0.1 + way, the rim of the other sheet at y = 1; heights
     are given by ``lift`` of the coordinates (v, 2) on the sheet and the distance from the rim.
@@ -147,8 +147,8 @@ def slide_over_rim(k: int, way: float, lift):
     none = np.random.default_rng(0)
     above, facets = sheet(2, k, 0.8, none, 0.0)
     below, segments = sheet(3, k, 1.0, none, 0.0)
-    above[:, 2] = lift(above[:, :2], 0.9 - way - above[:, 1])
-    x = np.vstack([above + np.array([0.1, 0.1 + way, 0.0]), below])
+    above[:, 2] = lift(above[:, :2], 0.9 - travel - above[:, 1])
+    x = np.vstack([above + np.array([0.1, 0.1 + travel, 0.0]), below])
     n, segments = len(segments), (segments + len(above)).astype(np.int32)
     sizes = np.full(n, 0.4), np.full(n, 1.0)
     found = FoundSegments(serial_scatter(len(x)), segments, np.ones(n), np.arange(n), *sizes)
@@ -163,12 +163,12 @@ def slide_over_rim(k: int, way: float, lift):
 def test_mean_gap_of_a_touching_node_stays_as_facets_slide_over_a_rim(k):
     """It is the gap of the node to the rim, and behind it changes no faster than the node."""
     step, middle = 0.002, 4
-    ways, gaps = np.arange(0.0, 0.8, step), []
-    for way in ways:
-        mean, area = slide_over_rim(k, way, lambda at, _: 0.4 * ((at - 0.4) ** 2).sum(axis=1))
+    travels, gaps = np.arange(0.0, 0.8, step), []
+    for travel in travels:
+        mean, area = slide_over_rim(k, travel, lambda at, _: 0.4 * ((at - 0.4) ** 2).sum(axis=1))
         assert area.min() >= 0
         gaps.append(mean[middle])
-    assert np.abs(gaps)[ways <= 0.45].max() <= 1e-12
+    assert np.abs(gaps)[travels <= 0.45].max() <= 1e-12
     assert np.abs(np.diff(gaps)).max() <= step
 
 
@@ -176,11 +176,11 @@ def test_mean_gap_of_a_touching_node_stays_as_facets_slide_over_a_rim(k):
 def test_nodes_beyond_a_rim_are_no_lever(k):
     """A sheet that turns about the rim opens; nodes beyond it hardly count as deep."""
     slope, facet = 0.1, 0.4
-    for way in np.arange(0.0, 0.8, 0.01):
-        mean, area = slide_over_rim(k, way, lambda _, inside: slope * inside)
+    for travel in np.arange(0.0, 0.8, 0.01):
+        mean, area = slide_over_rim(k, travel, lambda _, inside: slope * inside)
         assert np.nanmin(mean) >= -0.2 * slope * facet
         # The integral over what lies above the other sheet, but for the tilt of projections.
-        farthest, covered = 0.9 - way, min(0.8, 0.9 - way)
+        farthest, covered = 0.9 - travel, min(0.8, 0.9 - travel)
         integral = 0.8 * slope * (farthest * covered - covered**2 / 2)
         assert (area * np.nan_to_num(mean)).sum() == pytest.approx(integral, rel=2e-2)
 

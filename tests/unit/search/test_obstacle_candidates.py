@@ -69,9 +69,9 @@ def test_approach_is_the_longest_displacement_of_a_node(name, nodes, comm):
     x = nodes.V.tabulate_dof_coordinates()
     before = search.positions(x)
     assert search.approach(x, before) == 0.0
-    way = np.array([0.1, -0.2, 0.2])
-    moved = x + way
-    moved[nodes.nodes[: len(nodes.nodes) // 2]] += way
+    travel = np.array([0.1, -0.2, 0.2])
+    moved = x + travel
+    moved[nodes.nodes[: len(nodes.nodes) // 2]] += travel
     farthest = 0.6 if len(nodes.nodes) > 1 else 0.3
     assert search.approach(moved, before) == pytest.approx(comm.allreduce(farthest, op=MPI.MAX))
 

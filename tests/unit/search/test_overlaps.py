@@ -94,9 +94,9 @@ def test_bodies_that_move_alike_come_no_nearer_to_each_other(comm):
     search = OverlapSearch(bodies, [nts.RigidPlane((0, 0, -1), (0, 0, 1)).moving(rising)])
     x = bodies[0].V.tabulate_dof_coordinates()
     search.find(x)
-    way = np.array([0.3, 0.0, -0.4])
-    alike, alone = x + way, x.copy()
-    alone[bodies[1].nodes] += way
+    travel = np.array([0.3, 0.0, -0.4])
+    alike, alone = x + travel, x.copy()
+    alone[bodies[1].nodes] += travel
     own = np.hypot(0.3, 0.7)  # with regard to the floor
     np.testing.assert_allclose(
         search.approach(alike, 0.1, x, 0.0), np.diag([own, own]), atol=ROUNDING
@@ -170,9 +170,9 @@ def test_bodies_that_share_nodes_count_as_one(comm):
 
 @pytest.mark.at_most_two_ranks
 def test_flush_sides_neither_hide_an_overlap_nor_make_one(comm):
-    beside = box((1, 0, 0), (1, 1, 1), (3, 3, 3))
+    neighbour = box((1, 0, 0), (1, 1, 1), (3, 3, 3))
     upper = box((0, 0, 0.99), (1, 1, 1), (3, 3, 3))
-    (overlap,) = overlaps(bodies_of(comm, box((0, 0, 0), (1, 1, 1), (3, 3, 3)), upper, beside))
+    (overlap,) = overlaps(bodies_of(comm, box((0, 0, 0), (1, 1, 1), (3, 3, 3)), upper, neighbour))
     assert set(overlap.names) == {"body 1", "body 2"}
     np.testing.assert_allclose(overlap.depth, 0.01, rtol=1e-10)
     assert (overlap.nodes, overlap.cells) == (8, 0)

@@ -45,10 +45,10 @@ def is_inside(X, turn):
     """Which points of the strip are inside another turn."""
     found = np.zeros(len(X), dtype=bool)
     s, y, z = X.T
-    for way in (-2 * np.pi, 2 * np.pi):
-        there = s + way
+    for travel in (-2 * np.pi, 2 * np.pi):
+        there = s + travel
         y_there = y * (1 + WIDENING * s) / (1 + WIDENING * there)
-        z_there = z + turn * way / (2 * np.pi)
+        z_there = z + turn * travel / (2 * np.pi)
         within = (there > 0) & (there < LENGTH) & (abs(y_there) < 0.5)
         found |= within & (z_there > 0) & (z_there < THICKNESS)
     return found

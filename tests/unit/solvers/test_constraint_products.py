@@ -29,14 +29,14 @@ def problem(rng, b, h):
 def dense(nodes, rank, rows, parents, weights, directions):
     """All of G^T E, with constraint a of a node at c node + a: G and E as matrices."""
     c, n, b = directions.shape
-    G, E, way = np.zeros((c * n, n, b)), np.zeros((c * n, n, b)), np.zeros((n, n))
-    np.add.at(way, (np.arange(n)[:, None], parents), weights)
+    G, E, travel = np.zeros((c * n, n, b)), np.zeros((c * n, n, b)), np.zeros((n, n))
+    np.add.at(travel, (np.arange(n)[:, None], parents), weights)
     for own, held, some, row in zip(nodes[:, 0], rank, nodes, rows, strict=True):
         for a in range(held):
             np.add.at(G[c * own + a], some, row[a].reshape(-1, b))
     for vertex in range(n):
         for a in range(c):
-            E[c * vertex + a] = way[:, vertex, None] * directions[a, vertex]
+            E[c * vertex + a] = travel[:, vertex, None] * directions[a, vertex]
     return G.reshape(c * n, -1) @ E.reshape(c * n, -1).T
 
 

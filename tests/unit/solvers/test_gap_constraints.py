@@ -41,13 +41,13 @@ def moving(free):
     return np.flatnonzero(free.any(axis=1)).astype(np.int32)
 
 
-def held(rows, way, friction=0.0, repeat=1):
+def held(rows, travel, friction=0.0, repeat=1):
     """Make the constraints, each as often as said, half of them in another pair."""
     scatter, stiffness, free, dofs, gradient = rows
     order = np.tile(np.arange(NUM_ROWS), repeat)
     force = (gradient + friction).reshape(NUM_ROWS, -1)
     holds = [
-        KeptGaps(scatter, dofs[i], gradient.reshape(NUM_ROWS, -1)[i], force[i], way[i])
+        KeptGaps(scatter, dofs[i], gradient.reshape(NUM_ROWS, -1)[i], force[i], travel[i])
         for i in np.split(order, [3])
     ]
     nodes = moving(free)
@@ -57,10 +57,10 @@ def held(rows, way, friction=0.0, repeat=1):
 @pytest.mark.parametrize("repeat", [1, 2])
 def test_shortest_increments_close_gaps_that_may_come_twice(rows, rng, repeat):
     _, stiffness, free, dofs, gradient = rows
-    way = rng.standard_normal(NUM_ROWS)
-    x = held(rows, way, repeat=repeat).shortest()
+    travel = rng.standard_normal(NUM_ROWS)
+    x = held(rows, travel, repeat=repeat).shortest()
     root = np.sqrt(np.broadcast_to(stiffness, free.shape)).ravel()
-    exact = np.linalg.pinv(dense(dofs, gradient, free) / root) @ way / root
+    exact = np.linalg.pinv(dense(dofs, gradient, free) / root) @ travel / root
     exact = exact.reshape(-1, 3)
     assert x == pytest.approx(exact[moving(free)], abs=1e-10 * np.abs(exact).max())
 

@@ -14,7 +14,7 @@ from helpers.once import once, once_except
 AGREEMENT = 1e-7
 
 
-def press(comm, law, way, *, nu=0.499, n=3, cell="hexahedron", degree=1, table=False):
+def press(comm, law, travel, *, nu=0.499, n=3, cell="hexahedron", degree=1, table=False):
     """Return a block with supported ends; the upper one moves down by a speed [m/s]."""
 
     def build(model):
@@ -41,7 +41,7 @@ def press(comm, law, way, *, nu=0.499, n=3, cell="hexahedron", degree=1, table=F
     upper = fem.dirichletbc(u, held["block_top"], V)
 
     def update(t):
-        u.value[2] = -way * t
+        u.value[2] = -travel * t
 
     return nts.QuasiStatic(bodies, pairs, dt=1.0, bcs=[lower, upper], update=update)
 
@@ -65,8 +65,8 @@ CASES = {
 @pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize("case", once_except(list(CASES), "tetrahedra of degree 2", "contact"))
 def test_one_step_leads_where_many_lead(comm, case):
-    law, way, options = CASES[case]
-    whole, parts_of_it = (press(comm, law, way, **options) for _ in range(2))
+    law, travel, options = CASES[case]
+    whole, parts_of_it = (press(comm, law, travel, **options) for _ in range(2))
     report = whole.advance()
     # With supports moved in one increment, 50 iterations from each start fail.
     assert report.newton_iterations <= 35
@@ -95,7 +95,7 @@ def punch(comm, kind, depth):
     edge = np.isclose(np.abs(X[:, :2]), 0.25).any(axis=1) & (X[:, 2] < 1e-9)
     top = np.isclose(X[:, 2], gap + 0.1)
     own = V.dofmap.index_map.size_local + V.dofmap.index_map.num_ghosts
-    held, led = (np.flatnonzero(flags[:own]).astype(np.int32) for flags in (edge, top))
+    held, driven = (np.flatnonzero(flags[:own]).astype(np.int32) for flags in (edge, top))
     u = fem.Constant(mesh, (0.0, 0.0, 0.0))
     bcs = [fem.dirichletbc(np.zeros(3), held, V)]
     motion = nts.Motion(lambda t: (0.0, 0.0, -(depth + gap) * t))
@@ -108,7 +108,7 @@ def punch(comm, kind, depth):
         bodies.append(nts.RigidBody(V, cells, tag["punch"], 7e3, guide=guide))
     if kind == "supports":
         bodies.append(nts.Body(V, cells, tag["punch"], nts.NeoHookean(2e11, 0.3, 7e3)))
-        bcs.append(fem.dirichletbc(u, led, V))
+        bcs.append(fem.dirichletbc(u, driven, V))
 
     def update(t):
         u.value[2] = -(depth + gap) * t
@@ -134,13 +134,13 @@ def test_forces_of_the_increment_equal_the_residual(comm, rng):
     bulk = stepper._bulk
     u = bulk.u.x.array
     u[:] = 0.01 * rng.normal(size=u.size)
-    way = boundary_increment(bulk)
-    assert not np.any(np.delete(way.ravel(), bulk.supports.fixed))
-    expected, before, errors = bulk.action(way, includes_given=True).ravel(), u.copy(), []
+    travel = boundary_increment(bulk)
+    assert not np.any(np.delete(travel.ravel(), bulk.supports.fixed))
+    expected, before, errors = bulk.action(travel, includes_given=True).ravel(), u.copy(), []
     for part in (1e-3, 5e-4):
-        u[:] = before + part * way.ravel()
+        u[:] = before + part * travel.ravel()
         after = bulk.forces()
-        u[:] = before - part * way.ravel()
+        u[:] = before - part * travel.ravel()
         change = (after - bulk.forces()) / (2 * part)
         change[bulk.given] = 0
         errors.append(np.linalg.norm(change - expected))
@@ -222,27 +222,27 @@ def test_a_body_that_supports_lead_as_a_whole_is_not_waited_for(comm):
     bodies = [nts.Body(V, cells, tag[name], law) for name in ("led", "loaded")]
     u = fem.Function(V)
     X = V.tabulate_dof_coordinates()[:, :2]
-    led = fem.locate_dofs_geometrical(V, lambda x: x[1] > 0.9)
+    driven = fem.locate_dofs_geometrical(V, lambda x: x[1] > 0.9)
     foot = fem.locate_dofs_geometrical(V, lambda x: x[1] < 0.1)
     angle = 0.25
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
     def update(t):
-        u.x.array.reshape(-1, 2)[led] = X[led] @ (turn - np.eye(2)).T
+        u.x.array.reshape(-1, 2)[driven] = X[driven] @ (turn - np.eye(2)).T
 
-    bcs = [fem.dirichletbc(np.zeros(2), foot, V), fem.dirichletbc(u, led)]
+    bcs = [fem.dirichletbc(np.zeros(2), foot, V), fem.dirichletbc(u, driven)]
     weight = nts.Gravity(bodies, (0.0, -9.81))
     stepper = nts.QuasiStatic(bodies, [], dt=1.0, bcs=bcs, loads=[weight], update=update)
     assert stepper.advance().newton_iterations <= 12
-    given = (f.x.array.reshape(-1, 2)[led] for f in (stepper.u, u))
+    given = (f.x.array.reshape(-1, 2)[driven] for f in (stepper.u, u))
     # Products on other ranks may round ghosts otherwise.
     np.testing.assert_allclose(*given, rtol=0.0, atol=1e-15)
 
 
 def test_a_resistance_lets_supports_reach_their_displacement(comm):
     """It takes more increments than Newton's method may take for what follows them."""
-    law, way, options = CASES["neo-Hooke"]
-    usual, dragged = (press(comm, law, way, **options) for _ in range(2))
+    law, travel, options = CASES["neo-Hooke"]
+    usual, dragged = (press(comm, law, travel, **options) for _ in range(2))
     expected = result(usual, usual.advance())
     found = result(dragged, dragged._advance_to(1.0, 1.0, far=True))
     np.testing.assert_allclose(found, expected, atol=AGREEMENT * max(expected))
