@@ -204,11 +204,8 @@ def test_rows_of_the_page_on_verification_are_measured_by_tests():
     cases = []
     for path in sorted((ROOT / "tests").rglob("test_*.py")):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if (
-                isinstance(node, ast.Call)
-                and getattr(node.func, "id", "") == "published"
-                and node.args
-            ):
+            is_row = isinstance(node, ast.Call) and getattr(node.func, "id", "") == "table_row"
+            if is_row and node.args:
                 cases.append((path.name, _pattern(node.args[0])))
     rows = verified.read()
     for row in rows:
