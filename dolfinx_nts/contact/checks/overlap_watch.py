@@ -328,21 +328,21 @@ class OverlapWatch:
         depth = max(seen)
         if depth < _SEEN * overlap.depth:
             return (
-                "their contact pair does not see that, as it looks at its nodes only, and up to "
-                "half a facet deep; it neither holds the two nor pushes them apart, and they may "
-                "pass through each other; move them apart before the first step"
+                "their contact pair does not see that, as it checks its nodes only, to a depth of "
+                "half a facet; no force acts there, and the bodies may pass through each other; "
+                "move them apart before the first step"
             )
         if depth < overlap.depth / 2:
             return (
-                f"their contact pair sees {depth:.3g} of that, where its nodes are; harmless "
-                "between facets of round surfaces that fit, as in a shrink fit; otherwise move the "
-                "two apart before the first step, as nothing pushes the rest out"
+                f"the nodes of their contact pair are {depth:.3g} inside; harmless between facets "
+                "of round surfaces that fit, as in a shrink fit; otherwise move the bodies apart "
+                "before the first step, as no force acts on the deeper parts"
             )
         return (
-            "harmless if it is meant: a press fit comes about in a step of QuasiStatic, from which "
-            "load_state goes on with inertia; where inertia acts at once, elastic impact holds "
-            "this depth, while plastic impact and springs throw the two apart; otherwise move them "
-            "apart before the first step"
+            "harmless if it is meant: a step of QuasiStatic makes a press fit, from which "
+            "load_state continues with inertia; without it, elastic impact keeps this depth, "
+            "while plastic impact and springs throw the bodies apart; otherwise move them apart "
+            "before the first step"
         )
 
     def _in_run(self, overlap: Overlap) -> str:
@@ -364,19 +364,20 @@ class OverlapWatch:
         if not held:
             return (
                 "their contact pair holds the nodes of {outer} only, and {inner} sinks in "
-                "between them; the finer or softer surface should give the nodes, or both, where "
+                "between them; use the finer or softer surface as nodes, or both surfaces where "
                 "corners or edges strike (two_half_passes, or one surface of both bodies that "
                 "touches itself)"
             )
         if any(isinstance(contact.pair.enforcement, Penalty) for contact in held):
             return (
-                "the springs of their contact pair yield that much, which stiffer ones (eps_N) or "
-                "LagrangeMultiplier do not, or steps are too long (dt)"
+                "the springs of their contact pair are compressed that much; stiffer ones "
+                "(eps_N), LagrangeMultiplier or a smaller dt reduce it"
             )
         return (
-            "their contact pair holds nodes where the step has brought them in which they touch; "
-            "harmless if it stays, and less with a smaller dt or StepControl(gap_tol=...); if it "
-            "grows, the pair lacks surfaces that touch (all_pairs has all of them)"
+            "multipliers keep nodes at the depth that they reached in the step in which they "
+            "touched; harmless if it does not grow, and less with a smaller dt or "
+            "StepControl(gap_tol=...); if it grows, the pair lacks surfaces that touch "
+            "(all_pairs has all of them)"
         )
 
     def _forgotten(self, overlap: Overlap) -> str:
@@ -387,12 +388,12 @@ class OverlapWatch:
             return ""
         if one == other:
             return (
-                "no contact pair lets it touch itself, so that nothing keeps its walls apart; "
+                "no contact pair lets it touch itself, and its walls pass through each other; "
                 "all_pairs(self_contact=[...]) makes one"
             )
         return (
-            "no contact pair names the two, so that nothing keeps them apart; add one, for "
-            "instance by all_pairs, unless it is meant"
+            "no contact pair contains both, so that no contact force acts between them; add one, "
+            "for instance by all_pairs, unless it is meant"
         )
 
 
@@ -415,8 +416,8 @@ def _described(overlap: Overlap) -> str:
     outer = "itself" if outer == inner else outer
     return (
         f"up to {overlap.depth:.3g} inside {outer} "
-        f"({overlap.depth / overlap.size:.2g} of the longest facet; {overlap.nodes} nodes of the "
-        f"surfaces and {overlap.cells} centres of cells are inside)"
+        f"({overlap.depth / overlap.size:.2g} of the longest facet; nodes inside: {overlap.nodes}, "
+        f"cell centres inside: {overlap.cells})"
     )
 
 

@@ -83,9 +83,8 @@ class SoftSprings:
             pair = contact.pair
             if pair.nodes.V.mesh.comm.rank == 0:
                 _logger.warning(
-                    "springs between %s let nodes sink in by %.3g (%.0f %% of a facet): energies "
-                    "count them, but the bodies overlap; take a stiffer Penalty (%s) or a "
-                    "LagrangeMultiplier",
+                    "springs between %s are compressed by up to %.3g (%.0f %% of a facet), so that "
+                    "the bodies overlap: use a stiffer Penalty (%s) or a LagrangeMultiplier",
                     pair.between,
                     depth,
                     100 * depth / pair.segment_size,

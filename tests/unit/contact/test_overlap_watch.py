@@ -16,7 +16,7 @@ pytestmark = pytest.mark.at_most_two_ranks
 
 SOFT = nts.NeoHookean(E=1e4, nu=0.3, rho=1e3)
 STIFF = nts.NeoHookean(E=1e7, nu=0.3, rho=1e3)
-FORGOTTEN = "no contact pair names the two"
+FORGOTTEN = "no contact pair contains both"
 
 
 class Scene:
@@ -89,8 +89,8 @@ def test_a_growing_overlap_is_reported_again_at_double_depth_or_at_cell_centres(
         stepper.watch.overlaps.check(stepper.x, stepper.t, ())
     first, twice, cells = reported_overlaps()
     assert "up to 0.04 inside" in first
-    assert "up to 0.12 inside" in twice and "0 centres of cells" in twice
-    assert "up to 0.14 inside" in cells and "1 centres of cells" in cells
+    assert "up to 0.12 inside" in twice and "cell centres inside: 0" in twice
+    assert "up to 0.14 inside" in cells and "cell centres inside: 1" in cells
 
 
 def plate_and_cubes(comm, heights):
@@ -169,7 +169,8 @@ def test_initial_overlaps_are_reported_before_the_first_step(comm, reported_over
     stepper.set_velocity(scene.cube, (0.0, 0.0, 0.0))
     stepper.advance()
     (text,) = reported_overlaps()
-    assert text.startswith("cube starts up to 0.05 inside plate (0.18 of the longest facet; 4 ")
+    assert text.startswith("cube starts up to 0.05 inside plate (0.18 of the longest facet; ")
+    assert "nodes inside: 4," in text
     assert "harmless" in text
     run(stepper, 0.1)
     assert len(reported_overlaps()) == 1  # elastic impact keeps the depth, which is known
@@ -283,7 +284,7 @@ def test_a_shrink_fit_found_by_contact_is_not_reported_as_undetected(comm, repor
     assert step.num_active == 32
     (text,) = reported_overlaps()
     assert text.startswith("shaft starts up to 0.01") and "inside hub" in text
-    assert "sees 0.002 of that" in text
+    assert "are 0.002 inside" in text
     assert "shrink fit" in text and "does not see" not in text
 
 

@@ -30,9 +30,9 @@ def test_springs_that_do_not_stop_nodes_are_reported_once(comm, caplog, scheme, 
         stepper.advance()
         depth = max(depth, comm.allreduce(-pair.gap(stepper.x).min(initial=0.0), op=scenes.MPI.MAX))
     assert (depth > limit) == warns
-    messages = [text for text in caplog.messages if "let nodes sink in by" in text]
+    messages = [text for text in caplog.messages if "are compressed by up to" in text]
     assert len(messages) == (warns and comm.rank == 0)
-    text = "take a stiffer Penalty (contact by Penalty, eps_N = 1e-09 N/m) or a LagrangeMultiplier"
+    text = "use a stiffer Penalty (contact by Penalty, eps_N = 1e-09 N/m) or a LagrangeMultiplier"
     assert all(text in message for message in messages)
 
 
@@ -59,7 +59,7 @@ def test_explicit_steps_report_a_depth_that_lasts_a_few_steps(comm, caplog):
     deepest = min(stepper.x[:, 2].min() for _ in stepper.run(until=1.2))
     assert deepest == pytest.approx(-1 / 3, rel=0.01) and stepper.step < 50
     assert np.allclose(stepper.v.x.array.reshape(-1, 3), [0, 0, 1], rtol=0, atol=0.01)
-    (message,) = [text for text in caplog.messages if "let nodes sink in by" in text]
+    (message,) = [text for text in caplog.messages if "are compressed by up to" in text]
     assert "body 0 and a RigidPlane" in message
 
 
