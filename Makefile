@@ -12,8 +12,9 @@ demo: ## ball on plate with both schemes
 	@mkdir -p results
 	@cd results && ../$(RUN) python3 ../demos/demo_ball_plate.py
 
-bench: ## run time against error, SIZE=default (7 to 15 minutes) or full
+bench: ## run time against error, and methods and laws of contact, SIZE=default (17 to 25 minutes) or full
 	$(RUN) python3 -m benchmarks --size $(SIZE)
+	$(RUN) python3 -m benchmarks.defaults
 	@echo "The results lie in $(CURDIR)/results/bench"
 
 bench-peers: ## the first impact in CalculiX, GetFEM and by IPC, judged by one routine (10 minutes)

@@ -88,7 +88,7 @@ def markdown(results: Sequence[Result]) -> str:
     dynamic = [r for r in results if SCENES[r.scene].is_dynamic]
     parts = ["All scenes:", summary(results, kinds)]
     parts += ["Scenes with inertia:", summary(dynamic, kinds)]
-    for contact in kinds:
+    for contact in dict.fromkeys(result.contact for result in results):
         parts += [f"Contact of kind “{contact}”:", summary(results, [contact])]
     for name in SCENES:
         own = [result for result in results if result.scene == name]
