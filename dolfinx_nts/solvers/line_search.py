@@ -1,4 +1,4 @@
-r"""Line search of Newton's method, for stresses whose tangent jumps.
+r"""Line search of Newton's method, for forces whose tangent jumps.
 
 At the onset and the end of plastic flow the tangent of a point may change by a factor of a
 thousand. With the plastic tangent Newton's method overshoots: an unloading point becomes elastic
@@ -12,6 +12,10 @@ that resist more have :math:`g(1) > 0`. As the additional resistance may set in 
 hundred times E, the secant method would underestimate the zero by far. Bisection is used instead,
 until the work is less than half of E. Contact is linearised: the work of its constraints and
 springs is the difference of E and the work of the bodies, :math:`E_b = \Delta u \cdot K \Delta u`.
+
+Contact springs resist more or less as they close and open, so that iterates may alternate between
+two sets of loaded springs. If all contact is by springs, their forces are part of the residual
+above, and nothing is linearised.
 """
 
 import numpy as np
@@ -34,10 +38,14 @@ class LineSearch:
 
     Args:
         bulk: Residual of the bodies; its ``u`` moves.
+        springs: Whether all contact is by springs, so that residuals contain its forces.
+
+    Attributes:
+        springs: The argument.
     """
 
-    def __init__(self, bulk: Bulk) -> None:
-        self._bulk = bulk
+    def __init__(self, bulk: Bulk, *, springs: bool) -> None:
+        self._bulk, self.springs = bulk, springs
         self._du: Floats | None = None
 
     def forget(self) -> None:
@@ -55,26 +63,30 @@ class LineSearch:
         """
         self._du, self._part, self._cuts = du, part, 0
         self._short, self._long = 0.0, part
-        self._start, self._R_bulk = self._nodes.copy(), R_bulk
+        self._start, self._before = self._nodes.copy(), R if self.springs else R_bulk
+        work = float(-du @ R)
+        if self.springs:
+            self._work = self._resisted = float(reductions.total(self._bulk.comm, work))
+            return
         resistance = self._bulk.rounded_action(du.reshape(self._start.shape))
-        works = np.array([-du @ R, du @ resistance.ravel()])
-        self._work, self._of_bulk = map(float, reductions.total(self._bulk.comm, works))
+        works = np.array([work, du @ resistance.ravel()])
+        self._work, self._resisted = map(float, reductions.total(self._bulk.comm, works))
 
-    def cuts(self, R_bulk: Floats) -> bool:
+    def cuts(self, R: Floats) -> bool:
         """Bisect the applied increment if it is too long, or was shortened too much.
 
         Args:
-            R_bulk: Residual of the bodies after it, shape ``(d n,)`` [N].
+            R: Residual of the bodies after it, with contact by springs, shape ``(d n,)`` [N].
 
         Returns:
             Whether ``u`` was changed.
         """
-        if self._du is None or self._of_bulk <= 0 or self._cuts == _MOST_CUTS:
+        if self._du is None or self._resisted <= 0 or self._cuts == _MOST_CUTS:
             return False
-        change = float(reductions.total(self._bulk.comm, float(self._du @ (R_bulk - self._R_bulk))))
+        change = float(reductions.total(self._bulk.comm, float(self._du @ (R - self._before))))
         # Constraints that close gaps do work as well.
-        work = max(self._work, self._of_bulk)
-        rest = change + self._part * (work - self._of_bulk) - work
+        work = max(self._work, self._resisted)
+        rest = change + self._part * (work - self._resisted) - work
         if not (abs(rest) if self._cuts else rest) > _LEFT * work:
             return False
         if rest > 0:

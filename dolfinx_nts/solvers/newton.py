@@ -13,6 +13,7 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.timing import Timings
+from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.coupled.decided_step import predict
@@ -169,7 +170,8 @@ class _Iteration:
         self._segments = SegmentChoice(bulk.comm, attempt.steps, not system.inertia)
         self._target = 0.0  # target of the last residual
         system.relief.begin()
-        self._search = LineSearch(bulk) if system.jumps else None
+        springs = system.inertia and bool(attempt.steps) and all(map(_has_springs, attempt.steps))
+        self._search = LineSearch(bulk, springs=springs) if system.jumps or springs else None
         # In statics the cone problem uses factors of the elastic tangent, wrong in plastic flow.
         may_decide = system.inertia or not system.jumps
         self._may_decide = may_decide and not attempt.begins_sticking
@@ -205,7 +207,7 @@ class _Iteration:
             R_bulk[bulk.given] = 0
             if attempt.drag is not None:
                 R_bulk += attempt.drag.force()
-            if self._search is not None:
+            if self._search is not None and not self._search.springs:
                 if self._search.cuts(R_bulk):
                     return None
                 self._search.forget()
@@ -218,6 +220,10 @@ class _Iteration:
         R = relief.relieve(R_free + R_contact, x, attempt.force_scale, steps, states)
         R = bulk.rigid.balance(self._nodes, R.reshape(self._nodes.shape)).ravel()
         R = motion.add_forces(R, states, self._target)
+        if self._search is not None and self._search.springs:
+            if self._search.cuts(R):
+                return None
+            self._search.forget()
         return Iterate(x, states, R, R_bulk, R_contact, forces)
 
     def measure(self, iterate: Iterate) -> Measures:
@@ -329,6 +335,11 @@ class _Iteration:
             if self._system.linear.one_application_reduction <= _ROUGH_REDUCTION:
                 rtol = max(rtol, _ROUGH_REDUCTION)
         return rtol if self._system.inertia else min(rtol, _STATIC_REDUCTION)
+
+
+def _has_springs(step: ContactStep) -> bool:
+    """Whether contact is by springs in a step. Local."""
+    return isinstance(step.state.pair.enforcement, Penalty)
 
 
 def _forcing(norms: Sequence[float], target: float) -> float:

@@ -44,7 +44,7 @@ def test_an_increment_into_reverse_flow_ends_at_zero_work(comm, stepper):
     bulk = stepper._bulk
     start = stepper.u.x.array[: bulk.num_owned].copy()
     du, R = increment(stepper, 2.0)
-    work, search = reductions.total(comm, float(-du @ R)), LineSearch(bulk)
+    work, search = reductions.total(comm, float(-du @ R)), LineSearch(bulk, springs=False)
     forces = bulk.forces()
     search.begin(du, 1.0, R, forces)
 
@@ -70,7 +70,7 @@ def test_increments_that_the_tangent_predicts_stay_unchanged(stepper):
     bulk = stepper._bulk
     start = stepper.u.x.array[: bulk.num_owned].copy()
     du, R = increment(stepper, 1e-6)
-    search = LineSearch(bulk)
+    search = LineSearch(bulk, springs=False)
     search.begin(du, 1.0, R, bulk.forces())
     assert not search.cuts(move(stepper, start, du))
     np.testing.assert_array_equal(stepper.u.x.array[: bulk.num_owned], start + du)
@@ -79,7 +79,7 @@ def test_increments_that_the_tangent_predicts_stay_unchanged(stepper):
 def test_without_an_increment_there_is_nothing_to_cut(stepper):
     bulk = stepper._bulk
     start = stepper.u.x.array[: bulk.num_owned].copy()
-    search = LineSearch(bulk)
+    search = LineSearch(bulk, springs=False)
     du, R = increment(stepper, 2.0)
     search.begin(du, 1.0, R, bulk.forces())
     search.forget()

@@ -45,9 +45,9 @@ class FrozenPoints(LocalSearch):
     candidates: MortarCandidates
     pairing: MortarPairing
     # Largest number of renewals of the points in a step [-].
-    _most_renewals = 2
-    # Gap relative to the size of a segment [-] above which the position of points is irrelevant,
-    # since active nodes are nearly closed.
+    _most_renewals = 6
+    # Gap relative to the size of a segment [-] above which the position of points is irrelevant
+    # at nodes without force.
     _nearby = 0.01
 
     def __init__(self, state: PairState | JointState, x_n: Floats, x_trial: Floats) -> None:
@@ -108,22 +108,26 @@ class FrozenPoints(LocalSearch):
         return self.segment[node], np.zeros(len(node), dtype=bool)
 
     def reproject(self, x: Floats, node: Ints, held: Flags, converged: bool) -> tuple[int, bool]:
-        if not reductions.anywhere(self._comm, self._is_due(x, node, converged)):
+        near = self._near(node, held)
+        if not reductions.anywhere(self._comm, self._is_due(x, near, converged)):
             return 0, False
         self._renewals += 1
         self._choose(x)
         return len(node), True
 
-    def _is_due(self, x: Floats, node: Ints, converged: bool) -> bool:
-        """Whether points of nodes, ``(m,)``, are not those that they should be. Local."""
+    def _is_due(self, x: Floats, near: Ints, converged: bool) -> bool:
+        """Whether points of the result of `_near` are not those that they should be. Local."""
         may_move = self._renewals < self._most_renewals
-        return may_move and self.pairing.num_beyond(x, self._near(node)) > 0
+        return may_move and self.pairing.num_beyond(x, near) > 0
 
-    def _near(self, node: Ints) -> Ints:
-        """Nodes among ``(m,)`` with a small gap, for which the position of points matters."""
+    def _near(self, node: Ints, held: Flags) -> Ints:
+        """Nodes among ``(m,)`` for which the position of points matters. Local.
+
+        They transmit force, flags ``held`` of shape ``(m,)``, or have a small gap.
+        """
         size = self.candidates.size
         size = size.take(self.segment[node], mode="wrap") if len(size) else np.ones(len(node))
-        near: Ints = node[self.gap[node] < self._nearby * size]
+        near: Ints = node[held | (self.gap[node] < self._nearby * size)]
         return near
 
 
@@ -152,8 +156,7 @@ class SettlingPoints(FrozenPoints):
         """Equilibrium alone: the gap before the step decides nothing."""
         return (x,)
 
-    def _is_due(self, x: Floats, node: Ints, converged: bool) -> bool:
-        near = self._near(node)
+    def _is_due(self, x: Floats, near: Ints, converged: bool) -> bool:
         moved = self.pairing.places(x, near) - self.pairing.places(self.pairing.x_chosen, near)
         may_move = self._renewals < self._most_renewals
         if may_move and np.abs(moved).max(initial=0.0) > _SETTLED:
