@@ -60,7 +60,7 @@ myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath"]
 myst_fence_as_directive = ["math"]
 myst_heading_anchors = 3
 
-# `Name` is a link to what has this name.
+# `Name` is a link to the object of this name.
 default_role = "any"
 autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"
@@ -75,7 +75,7 @@ html_title = f"dolfinx_nts {release}"
 html_show_sourcelink = False
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
-# Pages without others beside them.
+# Pages without a sidebar.
 html_sidebars = {"gallery": [], "index": []}
 html_theme_options = {
     "header_links_before_dropdown": 8,

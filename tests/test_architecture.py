@@ -53,7 +53,7 @@ LIBRARIES = {
 }
 
 # Largest number of public members of a class, and of attributes that its methods set, both
-# with inherited ones: those of `CentralDifference`. Lower them whenever classes get smaller.
+# with inherited ones: as in `CentralDifference`. Lower them whenever classes get smaller.
 MAX_MEMBERS, MAX_ATTRIBUTES = 33, 44
 
 # Largest number of modules in a folder.

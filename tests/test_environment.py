@@ -1,4 +1,4 @@
-"""The script behind the Makefile: arguments, exit status, and what it does when things fail.
+"""The script behind the Makefile: arguments, exit status, and failures.
 
 Debian is not set up for real here: a stand-in project, in which no Python has DOLFINx, calls
 stand-ins of ``mmdebstrap``, ``bwrap`` and ``apt``.

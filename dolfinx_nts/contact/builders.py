@@ -89,8 +89,8 @@ def all_pairs(
     """Contact pairs between all bodies, and with obstacles. Collective.
 
     n bodies need n - 1 pairs. Bodies are sorted by their longest facets. The first pair has the
-    nodes of the finer half and the segments of the coarser half; further pairs divide each half in
-    the same way. Of two meshes whose facets differ by less than half, the mesh of a body fifteen
+    nodes of the finer half and the segments of the coarser half; further pairs divide each half
+    again. Of two meshes whose facets differ by less than half, the mesh of a body fifteen
     times as stiff counts as coarser, since its vertices would penetrate between the nodes of the
     softer body. Bodies that share nodes count as one; a warning names bodies that share nodes but
     no facet. There is one pair for each obstacle, and one for each self contact.

@@ -1,8 +1,8 @@
 """Contact with the roles of both surfaces exchanged, where edges of the segments touch faces.
 
-Node-to-segment contact holds the nodes of one surface. An edge or a corner of the other one sinks
-into a face between its nodes. There the contact is that of a vertex of the segments with a facet of
-the nodes: `exchange_roles` adds a pair in which these vertices are the nodes.
+Node-to-segment contact constrains the nodes of one surface. An edge or a corner of the other one
+penetrates faces between these nodes. `exchange_roles` adds a pair in which the vertices of the
+segments are the nodes, and the facets of the nodes the segments.
 """
 
 from collections.abc import Iterable, Sequence
@@ -95,19 +95,18 @@ def exchange_roles(
     """Add a pair with exchanged roles to each pair of nodes and segments. Collective.
 
     Its nodes are the vertices on convex edges and corners of the segments, its segments the facets
-    of the nodes, its laws those of the pair. A vertex is held once a solution has it deeper below a
-    face than a hundredth of the smallest facet there, and as long as a force acts on it. With
-    inertia it is held where it is then, as pushing it out would do work. A vertex above a node is
-    not held, as the contact of that node holds it. Scenes in which no vertex sinks so deep are
-    solved as without exchanged roles.
+    of the nodes. Both pairs have the same laws. A vertex becomes active once a solution has it
+    deeper below a face than a hundredth of the smallest facet there, and stays active as long as a
+    force acts on it. With inertia its gap is kept, as pushing it out would do work. A vertex above
+    an active node stays inactive. Scenes in which no vertex penetrates so deep are solved as
+    without exchanged roles.
 
-    Pairs without exchanged roles are those of mortar and edge contact, of obstacles, of a surface
-    with itself, of springs, ties and massless nodes, those with ``exchange=False``, and those of
-    which another pair has the vertices as nodes.
+    Roles are not exchanged for mortar and edge contact, obstacles, self contact, springs, ties,
+    massless nodes, ``exchange=False``, and if another pair has the vertices as nodes.
 
     Args:
         contacts: States of all pairs of a stepper. The new states are their `exchange`.
-        excluded: Bodies of which rigid ones must not give nodes.
+        excluded: Bodies; the nodes of a pair must not belong to a rigid one of them.
         is_static: Whether there is no inertia; then only pairs with ``exchange=True`` have them.
 
     Returns:

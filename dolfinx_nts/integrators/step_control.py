@@ -105,7 +105,7 @@ class EvenSteps:
     Local, except where a method says otherwise.
 
     Attributes:
-        target: End of the current step [s], if it is halved that of all its parts.
+        target: End of the current step [s]; of a halved step, the end of its last part.
     """
 
     def __init__(self) -> None:

@@ -154,7 +154,7 @@ class StepFailure:
     def _coarser(self) -> str:
         """Advice for pairs with nodes farther apart than the vertices of segments, or "".
 
-        Each node then presses a facet in by itself, and vertices sink in between. Collective.
+        Single nodes then indent facets, and vertices penetrate between the nodes. Collective.
         """
         found = []
         for step, _ in self._steps:

@@ -15,7 +15,7 @@ __all__ = ["PlaneStress"]
 
 
 class PlaneStress(Hyperelastic):
-    r"""Turns a material into that of a sheet in plane stress, in two dimensions. Local.
+    r"""Material of a sheet in plane stress, in two dimensions. Local.
 
     Only laws with a closed form of the thickness are accepted. Your own law may be given as an
     energy of the in-plane entries of C, which has no stress along z either. Forces (also of a

@@ -61,8 +61,8 @@ class SharedSegments:
             segment: Segments of nodes with one segment, shape ``(m,)``.
 
         Returns:
-            Place among the nodes and segment of each entry, shape ``(i,)``, and where those of
-            each node begin, with the end, shape ``(m + 1,)``.
+            Place among the nodes and segment of each entry, shape ``(i,)``, and offsets of
+            the entries of each node, shape ``(m + 1,)``.
         """
         first = np.searchsorted(self.node, node)
         counts = np.where(

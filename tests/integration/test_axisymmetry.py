@@ -349,7 +349,7 @@ def test_files_and_checkpoints_of_axisymmetric_bodies(tmp_path, monkeypatch, imp
     assert "angular" not in record.summary()
 
 
-# --- what is refused ---------------------------------------------------
+# --- refused arguments ---------------------------------------------------
 
 
 def square(dim=2, low=0.0):
@@ -411,7 +411,7 @@ def test_the_axis_is_no_surface():
         (nts.RigidSphere((0.3, 2), 0.5), "its centre on it"),
         (nts.RigidPlane((0, 0, 2), (0, 0, -1)), "points of 2 coordinates"),
     ],
-    ids=["oblique plane", "sphere beside the axis", "plane in space"],
+    ids=["oblique plane", "sphere off the axis", "plane in space"],
 )
 def test_obstacles_that_are_not_of_revolution_are_refused(obstacle, message):
     data, V = round_block()

@@ -265,7 +265,7 @@ def test_files_show_all_nodes_and_checkpoints_continue(comm, tmp_path, cell, sch
     assert grid.n_cells == 8 * num_cells and grid.n_points == len(x)
     np.testing.assert_allclose(grid.points + grid["displacement"], x, rtol=0, atol=1e-12)
     sizes = grid.compute_cell_sizes()["Volume"]
-    assert np.all(np.abs(sizes) > 0)  # cells may be mirrored, as those of the mesh
+    assert np.all(np.abs(sizes) > 0)  # cells may be mirrored, as in the mesh
     for name in ("gap", "contact_pressure", "active", "slip_state", "friction_traction"):
         assert name in grid.point_data
     assert set(grid.cell_data["body"]) == {0, 1}

@@ -18,7 +18,7 @@ from helpers.separation import separation
 from reference.bulk import rotation
 
 SPRINGS = nts.Penalty(2.0e4)
-# Of the spring [m] that stops cubes of 10 kg, of which one comes with 1 m/s.
+# Compression of the spring [m] that stops two cubes of 10 kg, one of them at 1 m/s.
 DEPTH = 1.0 * np.sqrt(10.0 / 2 / SPRINGS.eps_N)
 explicit = partial(crossed, scheme=nts.CentralDifference, dt=1e-3)
 rigid = partial(explicit, is_rigid=True, enforcement=SPRINGS)

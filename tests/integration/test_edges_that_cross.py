@@ -166,7 +166,7 @@ def test_edges_that_are_pressed_together_carry_the_force_in_equilibrium(comm):
 @pytest.mark.parametrize("offset", [(0.6, 0.0), (0.0, 0.6)])
 @pytest.mark.parametrize("enforcement", [None, nts.Penalty(2.0e4)])
 def test_an_edge_passing_the_end_of_another_edge_has_no_contact(comm, enforcement, offset):
-    # One goes by 0.1 m next to the end of the other; faces meet when it is as deep below it.
+    # It passes at 0.1 m from the end of the other; faces meet when it is as deep below it.
     laws = {"is_rigid": True, "n": 1, "enforcement": enforcement, "dt": 0.01}
     scene = crossed(comm, place=[*offset, np.sqrt(2) + 0.02], velocity=(0.0, 0.0, -1.0), **laws)
     x = scene.stepper.x.copy()

@@ -66,7 +66,7 @@ def test_eccentric_impact_obeys_newtons_law(comm, e):
     scene = with_e(comm, e, dt=0.002)
     first, last, given = strike(scene, 0.04)
     check(first, last, given)
-    # Where the edges meet: beside the centre of the lower cube by x, of the upper one by y.
+    # Distance of the crossing point from the centres: x on the lower cube, y on the upper one.
     time = (PLACE[2] - np.sqrt(2)) / -VELOCITY[2]
     x, y = PLACE[:2] + time * VELOCITY[:2]
     compliance = 2 / MASS + 6 * (x**2 + y**2) / MASS

@@ -120,7 +120,7 @@ def test_corner_in_the_middle_of_a_large_facet_is_held_with_the_force_of_the_rev
     comm, turn
 ):
     force, depth = press(comm, turn, exchange=True)
-    assert depth < 1e-3  # an edge sinks beside its vertices as facets bend
+    assert depth < 1e-3  # an edge penetrates next to its vertices as facets bend
     of_reverse, _ = press(comm, turn, reverse=True)
     assert force == pytest.approx(of_reverse, rel=1e-6)
     assert force > 50  # N

@@ -17,7 +17,7 @@ DT = 0.01  # s
 
 
 def block(scheme, path, *, moved="top", floor=()):
-    """A block of 1 m in the plane, one side of which moves down by a function of time [m]."""
+    """A block of 1 m in the plane, with a prescribed motion of one side [m]."""
 
     def build(model):
         parts.add_rectangle(model, "block", corner=(0, 0), size=(1, 1), cells=(2, 2))

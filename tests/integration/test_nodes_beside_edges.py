@@ -14,7 +14,7 @@ from helpers.box_meshes import boxes, distribute
 pytestmark = pytest.mark.serial
 
 DEPTH = 0.03  # of the node below the top of the block [m]
-OFFSET = 0.14  # of the node beside its edge, within 15 % of the length of the facet [m]
+OFFSET = 0.14  # of the node from its edge, within 15 % of the length of the facet [m]
 
 
 def corner_first():
@@ -30,8 +30,8 @@ def corner_first():
 def scene(offset, *, height=-DEPTH, x=0.5):
     """Space, bodies and lowest node of a cube above the edge of a block.
 
-    The corner is beside the edge and below the top of the block; the cube leans over it, and
-    none of its facets there looks at the side of the block.
+    The corner is next to the edge and below the top of the block; the cube leans over it, and
+    none of its facets there faces the side of the block.
     """
     data = boxes([(1, 1, 1)] * 2, [(1.0, 1.0, 1.0)] * 2)
     block, cube = (np.unique(data.cells[data.body == i]) for i in range(2))
@@ -68,7 +68,7 @@ def test_a_node_coming_from_beyond_a_sharp_edge_has_no_segment(x):
     # Through the plane of the top it comes into contact: bodies slide over their rims.
     assert gap_of(OFFSET, x=x, height=0.02) == pytest.approx(0.02)
     assert gap_of(OFFSET, x=x, before=0.02) == pytest.approx(-DEPTH)
-    # So it does where round-off or a bulge of a hundredth puts it beside the edge.
+    # So it does where round-off or a bulge of a hundredth puts it next to the edge.
     assert gap_of(0.005, x=x) == pytest.approx(-DEPTH)
 
 

@@ -80,7 +80,7 @@ def test_a_box_that_slides_stops_where_the_closed_form_has_it(scheme):
     start = diagnostics.centre_of_mass(box)[0]
     iterations = [step.newton_iterations for step in stepper.run(until=0.2)]
     travel = diagnostics.centre_of_mass(box)[0] - start
-    # In the step in which it stops it goes on for less than a step.
+    # It stops within a step.
     last = MU * G * stepper.dt**2
     assert abs(travel - speed**2 / (2 * MU * G)) < last
     # The mean velocity of a step is none from then on.

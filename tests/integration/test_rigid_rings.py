@@ -317,7 +317,7 @@ def test_motion_is_the_same_on_any_number_of_ranks_and_resumed(comm, agree, tmp_
         assert not [name for name in row if name.startswith("guide") and "moment" in name]
 
 
-# --- what is refused ---------------------------------------------------
+# --- refused arguments ---------------------------------------------------
 
 
 def test_guides_that_turn_or_leave_the_axis_are_refused(comm, refused):

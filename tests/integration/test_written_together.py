@@ -101,7 +101,7 @@ def test_memory_for_writing_is_shared_by_the_ranks(comm, folder, agree, what):
     stepper = nts.EnergyMomentum([Box(comm, shape=(14, 14, 14)).body], dt=0.1)
     if what == "checkpoint":
         file = folder / "run.h5"
-        checkpoint.save(file, stepper)  # what it makes once, it keeps
+        checkpoint.save(file, stepper)  # cached data
         mine = peak(lambda: checkpoint.save(file, stepper))
     else:
         with nts.Recorder(folder / "run", stepper, fields=what) as record:

@@ -257,7 +257,7 @@ class BallPlate:
             own = np.flatnonzero(active)
             F, G, T = self.contacts(old.x, x, own, [segments[n] for n in own], multiplier[own])
             R = inertia + force + F @ multiplier[own]
-            # The increment that balances the forces, and those of unit multipliers.
+            # Increments that balance the forces, and unit multipliers.
             K = (K + 2 / dt**2 * self.mass + T).tocsc()
             factors = scipy.sparse.linalg.splu(
                 K,

@@ -57,7 +57,7 @@ def test_uniform_stress_is_exact_on_distorted_cells(cell, degree, nu, table_row)
     X, u = V.tabulate_dof_coordinates(), stepper.u.x.array.reshape(-1, 2)
     a, b = (float(u[:, i] @ X[:, i] / (X[:, i] @ X[:, i])) for i in (0, 1))
     assert np.abs(u - X[:, :2] * [a, b]).max() < 1e-9
-    # Piola's stress of the law at these stretches is that of the loads.
+    # Piola's stress of the law at these stretches equals the loads.
     t, s = 1 + a, 1 + b
     lmbda, mu, J = E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu)), t * t * s
     assert mu * (t - 1 / t) + lmbda * (J - 1) * J / t == pytest.approx(p, abs=1e-9)
@@ -196,7 +196,7 @@ def test_resolved_force_of_a_ball_is_that_in_space(table_row):
 
 # --- rigid tools -------------------------------------------------------
 
-FAR, NU = 400.0, 0.3  # radius of the body over that of contact
+FAR, NU = 400.0, 0.3  # ratio of the radii of body and contact
 NEAR = "0.02 + 0.1 * Max(0, Sqrt(x * x + y * y) - 1.3)"  # 50 cells in the radius of contact
 
 
@@ -406,16 +406,16 @@ BODIES = {
 
 @pytest.mark.parametrize("name", BODIES)
 def test_rigid_body_under_the_force_of_a_prescribed_motion_makes_this_motion(name, table_row):
-    """A meshed tool: led by its guide it has the closed form's force, which takes it as deep."""
+    """A meshed tool: moved by its guide it has the force of the closed form, and the reverse."""
     profile, size, edge, depth, exact = BODIES[name]
     went, force = pressed_by_body(profile, size, edge, depth=depth)
     assert went == pytest.approx(depth, rel=1e-12)
     error = force / exact - 1
     reached, _ = pressed_by_body(profile, size, edge, force=force)
     table_row(
-        f"axisymmetric: {name} as a rigid body, led by a guide, then under the force it had",
-        {"flat punch": "Boussinesq", "sphere": "Hertz"}[name] + ": force; the way of the guide",
-        f"{100 * error:+.2f} %, the same way within 1e-8",
+        f"axisymmetric: {name} as a rigid body, moved by a guide, then under the force it had",
+        {"flat punch": "Boussinesq", "sphere": "Hertz"}[name] + ": force; the travel of the guide",
+        f"{100 * error:+.2f} %, the same travel within 1e-8",
     )
     assert abs(error) <= 0.01
     assert abs(reached / depth - 1) < 1e-8

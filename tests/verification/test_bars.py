@@ -42,7 +42,7 @@ class Case:
         side: Edge of its square section.
         modulus: Young's modulus, Poisson's ratio, density.
         speed: Speed of a bar.
-        gap: Way of a bar to the contact.
+        gap: Distance of a bar from the contact.
         two: Whether two bars meet, or one meets a wall.
         uniaxial_strain: Whether all four sides are held on rollers, or
             only two, so that the section may change.

@@ -168,7 +168,7 @@ SPRING, MESHES = 0.5, (12, 18, 24)
 
 
 def ten_periods(cells: int) -> Bouncing:
-    """Bounce for ten periods and what they are too long by, and one touch more."""
+    """Bounce for ten periods, their relative excess, and one more contact."""
     return bouncing(cells, 10.4 + 5 / cells, NON_DISPERSIVE, SPRING)
 
 

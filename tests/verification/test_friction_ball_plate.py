@@ -34,7 +34,7 @@ MEAN_ITERATIONS, MOST_ITERATIONS = 4.8, 10
 
 
 # The variant of the paper: midpoint rule, penalty, slip by convective
-# coordinates; energy at the end, and what is missing in it and the springs.
+# coordinates; energy at the end, and the defect of it and the springs.
 PAPER_ENERGY, PAPER_DISSIPATION = 1673.62, 307.82
 
 
@@ -177,7 +177,7 @@ def test_variant_of_the_paper_agrees_with_the_reference_program(table_row):
         f"loss {PAPER_DISSIPATION:.2f} J",
         f"{result.history.energy[-1]:.2f}, {missing:.2f} J",
     )
-    # Neither penalty nor friction works half-way exactly as their springs store.
+    # Work of penalty and friction at midpoints differs slightly from the spring energy.
     assert 1e-4 < result.ledger_error < 1e-2
     assert result.history.linear_drift <= LINEAR_TOLERANCE
     assert result.history.angular_drift <= ANGULAR_TOLERANCE

@@ -119,7 +119,7 @@ def test_block_slides_the_distance_of_a_rigid_one(table_row):
     )
     assert abs(result.distance - 1) <= DISTANCE_TOLERANCE
     assert abs(result.time - 1) <= PACE_TOLERANCE
-    # What is left of the energy is vibration.
+    # The rest of the energy is vibration.
     assert abs(result.dissipation - 1) <= 0.01
     assert result.ledger_error <= LEDGER_TOLERANCE
     assert result.speed <= 0.01
@@ -133,7 +133,7 @@ def test_stopping_distance_does_not_depend_on_the_step(dt):
 
 
 def slide(part: float) -> tuple[float, float]:
-    """Acceleration and way of a block on a slope, mu = part * tan(slope).
+    """Acceleration and distance of a block on a slope, mu = part * tan(slope).
 
     Gravity grows within 0.3 s, so that the block hardly vibrates; the
     acceleration is that from 0.4 s to 1 s. Collective.

@@ -23,7 +23,7 @@ G, RHO, HEIGHT = 10.0, 1e3, 0.25
 UP = (0.0, 0.0, 1.0)
 # Until then gravity grows smoothly, so that a block on springs does not bounce [s].
 LOADED = 0.25
-# Springs that hardly give way: the mass moves by 0.1 mm under the largest friction.
+# Stiff springs: the mass moves by 0.1 mm under the largest friction.
 SPRINGS = {"enforcement": nts.Penalty(eps_N=1e6), "eps_T": 1e7}
 MULTIPLIERS = {"enforcement": nts.LagrangeMultiplier(), "eps_T": None}
 
@@ -45,7 +45,7 @@ def block() -> nts.RigidBody:
 
 
 def on_plate(body: nts.Body, travel: Any, law: Any, enforcement: Any) -> nts.ContactPair:
-    """Contact of the lower side with a plate that has gone a way along x by time. Collective."""
+    """Contact of the lower side with a plate of a given travel along x over time. Collective."""
     plate = nts.RigidPlane((0, 0, 0), UP).moving(
         nts.Motion(translation=lambda t: (travel(t), 0.0, 0.0))
     )
@@ -65,7 +65,7 @@ def on_plate(body: nts.Body, travel: Any, law: Any, enforcement: Any) -> nts.Con
 def test_block_on_a_braking_plate_follows_the_stribeck_curve(stepper, dt, contact, tolerance):
     """Relative speed v, with dv/dt = a - g mu(v) and mu = mu_k + (mu_s - mu_k) exp(-v/v_s).
 
-    The plate takes the block along. At one time it loses some speed at once, and then brakes.
+    The plate takes the block along. At one time its speed drops, and then it brakes.
     """
     a, v0, jump, static, kinetic, speed = 5.0, 2.0, 0.2, 0.4, 0.2, 0.5
 
@@ -126,7 +126,7 @@ def test_mass_on_a_spring_sticks_and_slips_on_a_belt(stepper, dt, contact, toler
         assert report.contact_work.friction <= 1e-12 * mass * v**2
         states.append((report.t, diagnostics.centre_of_mass(b)[0] - centre))
     t, x = np.array(states).T
-    # Times at which the mass passes the kinetic equilibrium on its way back.
+    # Times at which the mass passes the kinetic equilibrium on its return.
     back = np.flatnonzero((x[:-1] > 0) & (x[1:] <= 0))
     times = t[back] + x[back] / (x[back] - x[back + 1]) * (t[back + 1] - t[back])
     assert len(times) == 2
@@ -268,7 +268,7 @@ def error_of_limits(s: Any, before: Any) -> float:
 
 @pytest.mark.parametrize("method", ["node-to-segment", "mortar"])
 def test_law_of_a_user_in_statics(method):
-    """Speed is that of the load: a slip of 2 cm in each step of 1 s."""
+    """The load prescribes the speed: a slip of 2 cm in each step of 1 s."""
     s = dragged(lambda V: Viscous(), method)
     before = s.pairs[0].history
     s.advance()

@@ -64,7 +64,7 @@ def test_belt_on_a_pulley_obeys_the_capstan_equation(table_row):
 
 
 def test_belt_is_laid_on_and_drawn_over_twice_the_distance_in_a_step(caplog):
-    """Where it curves, tangential ways leave gaps that say nothing of what presses."""
+    """On its curved part, tangential motion leaves gaps unrelated to the pressure."""
     scene = belt(dt=0.2)
     for step in scene.stepper.run(until=1.4):
         assert step.newton_iterations < 50  # from the first start

@@ -232,7 +232,7 @@ def test_steps_that_are_too_long_are_cut_and_the_run_goes_on():
 
 
 def sliding_bulge(comm: MPI.Comm) -> tuple[nts.EnergyMomentum, nts.Diagnostics]:
-    """Throw a coarse block with a bulging bottom on a plate, over the rim of which it slides.
+    """Throw a coarse block with a bulging bottom on a plate, and let it slide over the rim.
 
     The node in the middle touches first; the facets around it rise, so that their outer nodes
     pass the rim high above it.
@@ -263,7 +263,7 @@ def test_a_touching_node_does_not_sink_in_as_its_facets_slide_over_a_rim(table_r
     travel = 0.5 * stepper.dt
     table_row(
         "coarse bulge that slides over the rim of a plate",
-        "sinks in by a few ways of a step, 2.5 mm",
+        "penetrates by a few increments of a step, 2.5 mm",
         f"{1e3 * depth:.1f} mm, energy {abs(diagnostics.balance().total_energy / energy - 1):.0e}",
     )
     assert active >= 15

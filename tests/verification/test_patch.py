@@ -4,7 +4,7 @@ Two blocks of the same section lie on each other and are compressed: the
 stress is the same everywhere. Node-to-segment contact with one pass does not
 transmit it where nodes do not match, and refinement does not help (Zavarise
 and De Lorenzis 2009; Hesch and Betsch 2011). The error is measured here, so
-that the README tells the truth, and so that a change of it is seen.
+that the README is right, and so that a change of it is seen.
 """
 
 from collections.abc import Callable

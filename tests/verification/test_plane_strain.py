@@ -105,7 +105,7 @@ def pressed(fine: int, nu: float, mu: float = 0.0, part: float = 0.0) -> Contact
         fine: Cells in the contact radius.
         nu: Poisson's ratio.
         mu: Coefficient of friction.
-        part: Way aside, relative to mu times the way down.
+        part: Travel aside, relative to mu times the travel down.
     """
 
     def build(model: Any) -> None:

@@ -184,7 +184,7 @@ def test_force_agrees_with_waves_where_elastic_impact_hops(table_row):
     overshoot = [100 * (force.max() - 1) for force in (resolved, elastic)]
     table_row(
         "force of a bar on a wall, 10 elements",
-        "that of wave theory; behind a jump a mesh rings",
+        "wave theory; behind a jump a mesh oscillates",
         f"greatest force {overshoot[0]:+.0f} %, by elastic impact {overshoot[1]:+.0f} %",
     )
     zigzag = [np.abs(np.diff(f, 2)).sum() / (4 * f.sum()) for f in (resolved, elastic)]
@@ -235,7 +235,7 @@ def test_force_is_the_one_of_the_mesh_which_rings_whatever_the_step(table_row):
         errors.append(100 * np.sqrt(np.sum(square * np.diff(edges)) / 2))
     table_row(
         "force of a bar of 100 and 400 elements on a wall, exactly integrated in time",
-        "that of wave theory, which needs all wave lengths",
+        "wave theory, which needs all wave lengths",
         f"{errors[0]:.0f} % rms, {errors[1]:.0f} %",
     )
 
@@ -466,7 +466,7 @@ def test_ball_on_a_plate_loses_the_frictional_dissipation_only(
 @pytest.mark.serial
 def test_node_that_is_pressed_into_a_dent_finds_a_place_where_the_plate_is_smooth():
     # Waves have 12 m/s. Between two flat facets a node without mass, which goes to its equilibrium
-    # at once, may have it beyond the edge of either, from step 17 on.
+    # may have it beyond the edge of either, from step 17 on.
     stepper = on_plate(
         MPI.COMM_SELF, 0.002, "node-to-segment", 0.0, velocity=(0.0, 5.0, -10.0), smooth=True
     )

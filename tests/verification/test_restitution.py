@@ -179,7 +179,7 @@ def test_side_of_a_hinged_rod_meets_a_wall_at_once_and_leaves_with_a_part_of_its
     assert active >= 3  # as many as it takes of the 21 that meet the wall
     spin = last.angular_momentum[1] / first.angular_momentum[1]
     assert spin == pytest.approx(-e, abs=1e-5)
-    # An angle of 1/100 a step: what is left of the spin at e = 0 is of second order.
+    # An angle of 1/100 a step: the remaining spin at e = 0 is of second order.
     assert last.total_energy / first.total_energy == pytest.approx(e**2, abs=1e-5)
 
 

@@ -1,4 +1,4 @@
-"""Rigid tools pressed into a body in space: flat punch, cone and sphere, by force and by way.
+"""Rigid tools pressed into a body in space: flat punch, cone and sphere, by force or displacement.
 
 With 1/E* = (1 - nu^2)/E, see K. L. Johnson, Contact Mechanics, chapters 3 to 5 (Boussinesq,
 Sneddon, Hertz), as `test_axisymmetric_closed_forms`. The body is half a ball of 3200 radii of
@@ -104,7 +104,7 @@ def test_tool_under_the_force_of_a_prescribed_motion_makes_this_motion(name, tab
     error = abs(depth / tool.depth - 1)
     table_row(
         f"{name} in space under the force that its guide had: depth",
-        "that of the guide",
+        "depth of the guide",
         f"the same within {max(error, 1e-8):.0e}",
     )
     assert error <= 1e-8

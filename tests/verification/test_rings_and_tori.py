@@ -163,7 +163,7 @@ def check_balances(run: Run) -> None:
 
 
 def check_rebound(run: Run) -> None:
-    """Assert that the bodies met and are on their ways."""
+    """Assert that the bodies met and are separating."""
     assert run.approach[0] > 0 > run.approach[1]
     assert not any(run.active[-5:])
 

@@ -47,7 +47,7 @@ def test_final_shape_of_a_copper_rod_is_the_published_one(table_row):
     table_row("length after 80 μs", "published: 21.4 to 21.5 mm", f"{length:.2f} mm")
     table_row("radius of the foot", "published: 6.97 to 7.24 mm", f"{radius:.2f} mm")
     assert max(works) <= 0
-    # Points that flow one way and the other way in turn would cost thousands.
+    # Points that alternate between both directions of flow would cost thousands.
     assert sum(step.newton_iterations for step in steps) <= 7 * len(steps)
     assert max(step.newton_iterations for step in steps) <= 20
     assert abs(lost + sum(works)) <= 1e-10 * start

@@ -131,8 +131,8 @@ def check_rigid_facets(
 ) -> None:
     """Check that no body starts so deep in a `RigidSurface` that no force acts. Collective.
 
-    Nodes more than half a facet behind the facets face none of them. Facets alone do not say
-    which points are inside: a body is, where the way through it to its surface enters them.
+    Nodes more than half a facet behind the facets face none of them. Facets alone do not define
+    an interior: a body is inside if its inward rays enter the facets.
 
     Args:
         state: State of a contact pair.

@@ -193,7 +193,7 @@ def _message(step: ContactStep, node: Ints, gap: Floats, x: Floats) -> str:
 
 
 def check_penetration(step: ContactStep, dt: float) -> str:
-    """Say what is wrong with the nodes at the end of a step, or "". Collective.
+    """Message on nodes in a wrong state at the end of a step, or "". Collective.
 
     Call it after the last evaluation of the step.
 
@@ -278,7 +278,7 @@ def _numbers(flags: Flags) -> Ints:
 
 
 def _passage(step: ContactStep, free: Flags) -> Passage:
-    """Those nodes, of flags of shape ``(n,)``, that pass what they face. Local."""
+    """Nodes, of flags of shape ``(n,)``, that pass through their candidates. Local."""
     search = step.search
     ends, start = (search.x_n, step.x), search.start
     return Passage.through(search.candidates, search.points, ends, start, search.reach, free)

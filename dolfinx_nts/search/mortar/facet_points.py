@@ -25,7 +25,7 @@ class FacetPoints:
     """Points of facets, and corners of the parts of facets below which there is one segment.
 
     Attributes:
-        facets, candidates: What they were chosen for.
+        facets, candidates: Facets and candidates of both surfaces.
         places: Points and corners, without shares of nodes.
         facet: Facet of each, shape ``(p,)``.
         of_segment: Candidate whose facet each is on, shape ``(p,)``.
@@ -56,10 +56,10 @@ class FacetPoints:
 
         Args:
             facets: Facets around the nodes.
-            candidates: What they may touch.
+            candidates: Segments of the other surface.
             x_n: Positions at t_n, see `Candidates`.
             x: Positions at which segments are projected on facets.
-            reach: Distance up to which facets look for segments [m].
+            reach: Search distance of the facets [m].
         """
         is_smooth = facets.of_patches is not None or candidates.rise is not None
         facet, of_segment, weight, phi, dual = _kernels.mortar_points(

@@ -26,7 +26,7 @@ _CORNERS = {
     4: np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]),
 }
 
-# Part of its area [-] of which a node needs points to carry a multiplier.
+# Share of its area [-] with contact points that a node needs to carry a multiplier.
 _LEAST_COVERED = 1e-6
 
 
@@ -42,9 +42,9 @@ class MortarFacets:
         X: Reference positions of the nodes of the map, shape ``(l, 3)`` [m].
         is_axisymmetric: Whether the mesh is axisymmetric.
         wholes: Nodes on which the points of the facets depend, shape ``(f, m)``: the same, or
-            those of the patches of a smooth surface.
+            the nodes of the patches of a smooth surface.
         of_patches: Weights of these nodes in the control points of the patches, shape
-            ``(f, c, m)``, and in the way back to where the patches are, ``(f, m)``, see
+            ``(f, c, m)``, and in the offset from facet to patch, ``(f, m)``, see
             `FacetCandidates`; None without patches.
     """
 
@@ -58,7 +58,7 @@ class MortarFacets:
     of_patches: tuple[Floats, Floats] | None
 
     def rise(self, facet: Ints, x: Floats) -> Floats:
-        """Ways of points of facets back to where the patches are, shape ``(p, 3)`` [m]."""
+        """Offsets of points from the facets to the patches, shape ``(p, 3)`` [m]."""
         if self.of_patches is None:
             return np.zeros((len(facet), 3))
         return rises(self.of_patches[1], self.wholes, facet, x)
@@ -144,7 +144,7 @@ class Shares:
         return result
 
     def first(self, values: Ints) -> Ints:
-        """Value at the first point of each node, of those of points; -1 without, ``(m,)``."""
+        """Value at the first point of each node, ``(m,)``; -1 without points."""
         first = np.full(len(self.area), -1, dtype=np.int32)
         carries = self.area > 0
         first[carries] = values[self.point[self.start[:-1][carries]]]
@@ -169,7 +169,7 @@ class MortarPoints:
     """Contact points of nodes, see `ContactPoints`. Local.
 
     Attributes:
-        reached: Nodes on which the facet of each point depends, and that of its segment,
+        reached: Nodes on which facet and segment of each point depend,
             shape ``(p, m + n)``.
         phi: Weights of the former in the point, shape ``(p, m)``.
         segment: Candidate of each point, or what stands for it, see `FacetCandidates.of_points`,
@@ -204,7 +204,7 @@ class MortarPoints:
     def rows(self, values: Floats, parts: Floats) -> Floats:
         """Sum vectors of pairs, ``(p, c, 3 (1 + n))``, to rows of the nodes, ``(m, c, 3 d)``.
 
-        ``parts`` are those of each vector in each row, by shares, shape ``(i, c, c)``.
+        ``parts`` are the weights of the vectors in the rows, by shares, shape ``(i, c, c)``.
         """
         s, (lists, place) = self.shares, self._rows
         of_shares = s.start, s.point, parts, place
@@ -212,9 +212,9 @@ class MortarPoints:
 
     @property
     def lists(self) -> Ints:
-        """Nodes of each row, that with the multiplier first, shape ``(m, d)``.
+        """Nodes of each row, the node with the multiplier first, shape ``(m, d)``.
 
-        It comes again where a row is shorter than others.
+        Shorter rows repeat it.
         """
         return self._rows[0]
 
@@ -225,9 +225,9 @@ class MortarPoints:
         return _rows(shares.nodes, shares.node, self.reached[shares.point])
 
     def blocks(self, factor: Floats, matrix: Floats) -> Floats:
-        """Sum matrices of pairs, ``(p, 3 (1 + n), 3 (1 + n))``, to those of the patches.
+        """Sum matrices of pairs, ``(p, 3 (1 + n), 3 (1 + n))``, to matrices of the patches.
 
-        ``factor`` is that of each point, shape ``(p,)``; the result has the shape
+        ``factor`` is the factor of each point, shape ``(p,)``; the result has the shape
         ``(b, 3 (m + n), 3 (m + n))``.
         """
         count = len(self.patch_nodes)
@@ -253,7 +253,7 @@ class MortarPoints:
 def at_nodes(
     points: MortarPoints, pairs: ContactKinematics
 ) -> tuple[Floats, Floats, Floats, Floats, Floats]:
-    """Sum kinematics of the pairs of points to those of the nodes.
+    """Sum kinematics of the pairs of points for the nodes.
 
     Returns mean gaps at both ends, ``(m,)`` [m], rows of force and gradient, ``(m, 3 d)``, and
     the least cosine by which a normal turns, ``(m,)``.

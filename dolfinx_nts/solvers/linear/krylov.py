@@ -304,7 +304,7 @@ class LinearSolver:
 
         With inertia it is the complete system, if it is small and multipliers cannot be eliminated.
         In statics, where points interact over long distances and bodies may have no other support,
-        it is that of the deformable bodies.
+        it is the system of the deformable bodies.
         """
         bulk = self._operator.bulk
         if not inertia:

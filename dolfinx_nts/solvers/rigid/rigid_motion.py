@@ -1,4 +1,4 @@
-r"""Rigid bodies in the balance of a step: six unknowns each, instead of those of their nodes.
+r"""Rigid bodies in the balance of a step: six unknowns each, instead of nodal ones.
 
 Positions of the nodes of a rigid body are linear in the reference position. With the Cayley vector
 :math:`\theta` of the rotation in a step,

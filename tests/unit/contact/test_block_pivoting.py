@@ -76,7 +76,7 @@ def test_who_waits_does_not_change_back_at_once_unless_violators_become_fewer(co
     pivoting, node = pivoting_of(comm, ids, waits=np.inf), np.arange(4, dtype=np.int32)
     first, other = ids % 4 < 2, ids % 4 >= 2
     assert np.array_equal(pivoting.select(first, node, 1)[0], first)
-    # As many violate again: those that have just changed wait, others change, and all are told.
+    # As many violate again: those that have just changed wait, others change, and all are counted.
     changes, violators = pivoting.select(first, node, 2)
     assert not changes.any() and violators == 2
     # Who has waited changes.
@@ -87,7 +87,7 @@ def test_who_waits_does_not_change_back_at_once_unless_violators_become_fewer(co
 
 
 def test_a_single_node_that_has_just_changed_waits(comm):
-    """Its multiplier is that of a balance which Newton's method has not found yet."""
+    """Its multiplier belongs to an equilibrium that is not reached yet."""
     ids = ids_of(comm)
     pivoting, node = pivoting_of(comm, ids, waits=1), np.arange(4, dtype=np.int32)
     one = ids == 0

@@ -86,7 +86,7 @@ def step_of(facets, before, after, held):
         ((0.9, -0.1), (1.3, -0.1), (True, False), ""),  # a depth with which nodes may come
         ((0.1, -0.3), (-0.3, -0.3), (True, False), ""),  # over the rim
         ((0.1, -0.3), (-0.3, -0.3), (False, True), ""),
-        ((0.1, -0.3), (-0.3, -0.9), (True, False), NO_SEGMENT),  # too deep beside it
+        ((0.1, -0.3), (-0.3, -0.9), (True, False), NO_SEGMENT),  # too deep next to it
     ],
 )
 def test_penetrating_nodes_are_distinguished_from_nodes_next_to_the_surface(

@@ -21,7 +21,7 @@ sides = pytest.mark.parametrize("orientation", [1.0, -1.0])
 
 
 def two_states(k, orientation):
-    """Return pairs at t_n and some way on."""
+    """Return pairs at t_n and after a small motion."""
     x_n, signs, _, _ = sample_pairs(k, orientation)
     return x_n, x_n + 0.05 * np.random.default_rng(k).normal(size=x_n.shape), signs
 
@@ -52,7 +52,7 @@ def test_gradient_and_hessian_have_remainders_of_second_order(k, orientation, rn
         return _kernels.convective_slip(x_n, y, signs)[1]
 
     assert taylor_order(slip, x, d, np.einsum("mid,md->mi", gradient, flat)) > 1.9
-    # The force is taken half-way.
+    # The force is evaluated at the midpoint.
     assert taylor_order(forces, x, d, np.einsum("mide,me->mid", hessian, flat) / 2) > 1.9
     np.testing.assert_allclose(hessian, hessian.swapaxes(2, 3), atol=ROUNDING)
 
@@ -115,7 +115,7 @@ def test_tangent_of_the_pairs_is_the_derivative_of_their_forces(comm, rng, cell,
     travel = 0.04 * scene.stepper.v.x.array.reshape(-1, 3)
     x = x_n + travel + 0.01 * rng.normal(size=x_n.shape)
     contact, given = PairState(pair), np.ones(len(pair.nodes.nodes))
-    contact.choose_penalty(given, given)  # it has those of its laws
+    contact.choose_penalty(given, given)  # it has the stiffnesses of its laws
     step = ContactStep(contact, "midpoint", x_n, x_n + travel, np.ones(len(x)))
     for iteration in range(3):
         state = step.evaluate(x, None, iteration)

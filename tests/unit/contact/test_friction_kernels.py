@@ -14,7 +14,7 @@ class Friction:
     """Friction of `N` nodes, of which `M` have pairs."""
 
     def __init__(self, rng, has_springs=False):
-        """Draw what is known of the nodes; the last pair is on an axis, the third inactive."""
+        """Draw random states of the nodes; the last pair is on an axis, the third inactive."""
         self.node = rng.permutation(N)[:M].astype(np.int32)
         self.active = np.array([True, True, False, True, True])
         self.on_axis, self.rounding = np.zeros(N, dtype=bool), np.full(N, 1e-9)
@@ -39,10 +39,10 @@ def test_nodes_at_the_limit_or_on_the_axis_keep_their_state(rng):
     heading, sliding = of.kernel.judge(of.node, of.active, p, MU * p, trial, trial)
     assert sliding.tolist() == [False, True, False, True, True]
     np.testing.assert_array_equal(heading[0], trial[0])
-    # What presses is not known where nodes have just arrived.
+    # The pressing force of nodes in new contact is unknown.
     _, unknown = of.kernel.judge(of.node, of.active, 0 * p, MU * p, trial, trial)
     assert unknown.tolist() == [False, True, False, True, True]
-    # Nodes stick before they slide the other way.
+    # Nodes stick before their slip reverses.
     assert not of.kernel.judge(of.node, of.active, p, MU * p, -2 * trial, -trial)[1][1]
 
 
@@ -91,7 +91,7 @@ def test_known_tractions_are_the_same_in_other_frames(rng):
     of, names = Friction(rng), ("traction", "explicit", "direction", "heading", "modelled")
     frame = np.linalg.qr(rng.normal(size=(M, 3, 3)))[0][:, :2]
     before = {name: getattr(of, name).copy() for name in (*names, "stiffness")}
-    of.kernel.turn(of.node, frame)  # what has no frame takes the first one over
+    of.kernel.turn(of.node, frame)  # without a frame, the first one is taken
     for name, values in before.items():
         np.testing.assert_array_equal(getattr(of, name), values)
     turned = rng.permutation(np.array([[1.0, 0.0], [0.0, -1.0]]))[None] @ frame

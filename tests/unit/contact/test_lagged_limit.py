@@ -1,4 +1,4 @@
-"""Stick and slip of two nodes of a roller, in a dense problem of which all states are tried."""
+"""Stick and slip of two nodes of a roller, in a dense problem, with all states tried."""
 
 from itertools import product
 

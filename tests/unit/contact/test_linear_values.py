@@ -30,7 +30,7 @@ def test_values_follow_gradients_on_the_same_segment(shape, rng):
 
 @pytest.mark.parametrize("shape", [(), (2,)])
 def test_a_rotated_obstacle_moves_between_two_iterates(shape, rng):
-    """Gradients are those in space, whatever the obstacle has turned by; its own way counts."""
+    """Gradients are those in space, for any rotation of the obstacle, whose own motion counts."""
     origin, centre, turn = rng.normal(size=(3, 3))
     places = [Placement(centre + part, rotation_by(part * turn)) for part in (1.0, 1.5, 2.0)]
     frame = MovingFrame(origin, *places)

@@ -1,4 +1,4 @@
-"""Nodes and what they face within a step, ``local_search.py``."""
+"""Nodes and their candidates within a step, ``local_search.py``."""
 
 import numpy as np
 import pytest
@@ -11,13 +11,13 @@ from dolfinx_nts.meshing import parts
 
 pytestmark = pytest.mark.serial
 
-# Where the node begins beside the plate, where it would be over it, and deep inside of it [m].
+# Start next to the plate, over it, and deep inside it [m].
 OFFSET, OVER, DEEP = (1.3, 0.1), (0.8, 0.05), (0.8, -0.9)
 
 
 @pytest.fixture
 def scene(comm):
-    """A plate of one facet with its top at z = 0, a box beside it: what the box's nodes face.
+    """A plate with its top at z = 0, and a box next to it: candidates of the box's nodes.
 
     Returns the search of a step, a function of x and z of the first of the nodes that makes
     positions, and that node's position among those of the surface.

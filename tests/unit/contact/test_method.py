@@ -1,4 +1,4 @@
-"""Which contact pairs the methods beside node-to-segment contact can do."""
+"""Contact pairs that mortar and edge contact support."""
 
 from mpi4py import MPI
 

@@ -1,4 +1,4 @@
-"""Slips of nodes as means of those of contact points, against NumPy."""
+"""Slips of nodes as means of slips of contact points, against NumPy."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The watch over overlaps: from the start to the end of a run, told once, with a verdict."""
+"""Overlap checks of a run from start to end: one report for each overlap, with its cause."""
 
 import logging
 
@@ -46,7 +46,7 @@ class Scene:
 
 @pytest.fixture
 def reported_overlaps(comm, caplog):
-    """Warnings of overlaps so far, those of rank 0 on all ranks. Collective."""
+    """Warnings of overlaps so far, as logged on rank 0. Collective."""
     caplog.set_level(logging.WARNING, "dolfinx_nts")
 
     def texts():
@@ -64,7 +64,7 @@ def run(stepper, until):
 
 def test_a_pair_with_wrong_roles_is_reported_once_with_names_and_advice(comm, reported_overlaps):
     scene = Scene(comm)
-    # Nodes of the plate lie beside the cube, whose vertices sink in between them.
+    # Nodes of the plate are next to the cube, whose vertices penetrate between them.
     stepper = scene.stepper(nts.ContactPair(scene.top, scene.bottom))
     run(stepper, 0.2)
     (text,) = reported_overlaps()
@@ -99,7 +99,7 @@ def plate_and_cubes(comm, heights):
     def build(model):
         parts.add_box(model, "plate", corner=(0, 0, -0.5), size=(2, 1, 0.5), cells=(4, 2, 2))
         for i, height in enumerate(heights):
-            corner = (0.1 + 0.4 * i, 0.1, height)  # beside the nodes of the plate
+            corner = (0.1 + 0.4 * i, 0.1, height)  # between the nodes of the plate
             parts.add_box(model, f"cube {i}", corner=corner, size=(0.2, 0.2, 0.2), cells=(1, 1, 1))
 
     mesh, cells, _, tag = nts.read_mesh(build, comm)
@@ -108,7 +108,7 @@ def plate_and_cubes(comm, heights):
 
 
 def watched_fall(bodies, num_steps):
-    """Let cubes fall into the plate, with a look after each step."""
+    """Let cubes fall into the plate, with a check after each step."""
     stepper = nts.EnergyMomentum(bodies, dt=0.02)
     for body in bodies[1:]:
         stepper.set_velocity(body, (0.0, 0.0, -1.0))
@@ -325,7 +325,7 @@ def test_a_body_placed_into_another_between_steps_is_reported(comm, reported_ove
 def test_a_resumed_run_does_not_report_gaps_of_elastic_impact_as_initial_overlap(
     comm, reported_overlaps
 ):
-    """It would tell a start of a fiftieth of a facet, and a run of a tenth."""
+    """The report starts at 1/50 of a facet at the start, and at 1/10 within a run."""
     scene, saved = Scene(comm, height=0.031), Snapshot()
     pair = nts.ContactPair(scene.bottom, scene.top)
     stepper = scene.stepper(pair)

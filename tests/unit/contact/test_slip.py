@@ -15,7 +15,7 @@ sides = pytest.mark.parametrize("orientation", [1.0, -1.0])
 
 
 def two_states(k, orientation):
-    """Return pairs at t_n, with a known projection, and some way on."""
+    """Return pairs at t_n, with a known projection, and after a small motion."""
     x_n, signs, xi, _ = sample_pairs(k, orientation)
     rng = np.random.default_rng(k)
     return x_n, x_n + 0.1 * rng.normal(size=x_n.shape), signs, xi

@@ -102,6 +102,6 @@ def test_bodies_that_sink_through_an_obstacle_end_the_run(comm, refused, scheme,
     stepper.set_velocity(block, (0.0, 0.0, -2.0))
     with refused(nts.ConvergenceError, f"{text}.*stiffer springs"):
         list(stepper.run(until=0.4))
-    # Explicit steppers look at bodies as a whole every 50 steps.
+    # Explicit steppers check bodies as a whole every 50 steps.
     late = 0.1 if scheme is nts.CentralDifference and target == "plane" else 0.0
     assert 0.09 < stepper.t < 0.11 + late

@@ -125,7 +125,7 @@ def test_contact_force_is_the_rate_of_momentum_of_the_upper_body(comm):
     stepper, upper = scene.stepper, scene.bodies["body 1"]
     diagnostics = Diagnostics(stepper)
     _, bulk = reference(stepper.u.function_space)
-    num_lower = 4 * 4 * 2  # nodes; those of the upper block follow
+    num_lower = 4 * 4 * 2  # nodes; the upper block follows
     m = bulk.mass[::3, ::3][num_lower:, num_lower:].sum()
     total = np.zeros(3)
     for _ in range(6):
@@ -232,7 +232,7 @@ def test_min_gap_is_the_least_of_all_gaps_without_evaluating_far_pairs(comm, mon
 
 
 def test_contact_of_one_state_is_summed_up_once(comm, monkeypatch, agree):
-    """All numbers of all pairs take one pass and, with those of the bulk, one sum over ranks."""
+    """All numbers of all pairs take one pass, and one sum over ranks with the bulk."""
     stepper = blocks(comm).stepper
     for _ in range(3):
         stepper.advance()

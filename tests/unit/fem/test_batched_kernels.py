@@ -1,4 +1,4 @@
-"""Kernels for batches of cells against those of FFCx."""
+"""Kernels for batches of cells against FFCx."""
 
 import logging
 import platform

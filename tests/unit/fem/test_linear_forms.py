@@ -183,7 +183,7 @@ def test_numbers_behind_a_vector_are_summed_in_the_same_pass(comm, cell, degree)
     forces = bulk_form(case.bodies, lambda law, some, rho: force(test_function, law, some))
     form, alone = CellForm(bulk_form(case.bodies, both), V=V, num_sums=1), CellForm(forces)
     energies = compile_form(bulk_form(case.bodies, energy))
-    for _ in range(2):  # sums are those of the last assembly
+    for _ in range(2):  # sums are of the last assembly
         values, expected = np.zeros((2, len(case.u.x.array)))
         form.assemble(values)
         alone.assemble(expected)
@@ -250,7 +250,7 @@ def test_kernel_refuses_arrays_of_wrong_shape():
     ):
         with pytest.raises(ValueError, match=message):
             _kernels.CellIntegral(**good | wrong)
-    # A copy would not be what they are later.
+    # A copy would keep the former values.
     for name in ("functions", "constants"):
         with pytest.raises(TypeError):
             _kernels.CellIntegral(**good | {name: [values[::-1]]})

@@ -48,7 +48,7 @@ def test_positions_and_numbers_go_with_their_space():
 
 
 def test_work_of_whole_spaces_does_not_grow_with_the_number_of_bodies(monkeypatch):
-    """Positions are tabulated as often in the set-up of 2 bodies as in that of 12."""
+    """Positions are tabulated equally often in the set-up of 2 and of 12 bodies."""
 
     def num_tabulations(num_bodies):
         def build(model):

@@ -1,4 +1,4 @@
-"""Spaces: which are taken, and what is said of the others."""
+"""Accepted function spaces, and messages for others."""
 
 import basix.ufl
 import numpy as np

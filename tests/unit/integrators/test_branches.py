@@ -104,7 +104,7 @@ def test_stress_of_held_shear_relaxes_as_in_closed_form(comm, table_row):
         stored = sum(s * np.exp(-2 * stepper.t / tau) for s, tau in BRANCHES)
         exact = elastic + stored * VOLUME * SHEAR * np.vdot(deviator, deviator)
         errors.append(abs(ledger.diagnostics.strain_energy() / exact - 1))
-    # Fields tell the stress with what the branches add to it.
+    # Fields contain the stress including the branches.
     over = sum(s * np.exp(-stepper.t / tau) for s, tau in BRANCHES)
     S = 2 * SHEAR * (E + over * deviator) + YOUNG * NU / 1.3 / 0.4 * np.trace(E) * np.eye(3)
     found = nts.Fields(stepper).cauchy_stress().x.array.reshape(-1, 3, 3)

@@ -250,7 +250,7 @@ def test_nodes_far_from_an_obstacle_are_not_looked_up(comm, monkeypatch):
 @pytest.mark.serial
 @pytest.mark.parametrize("friction", [None, nts.Coulomb(0.3)], ids=["smooth", "rough"])
 def test_ball_on_plate(comm, friction, table_row):
-    """Energy without friction; with it that of the converged reference."""
+    """Energy without friction; with it the converged reference."""
     first = scenes.ball_plate(comm, nts.Midpoint, nts.Penalty())
     (pair,), bodies = first.stepper.pairs, first.stepper.bodies
     pair = nts.ContactPair(pair.nodes, pair.segments, nts.Penalty(), friction)

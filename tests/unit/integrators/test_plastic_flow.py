@@ -134,7 +134,7 @@ def test_tension_and_compression_agree_with_the_closed_form(comm, table_row, nam
     fields = nts.Fields(stepper)
     found = fields.plastic_strain().x.array
     errors.append(np.abs(found / strain - 1).max(initial=0))
-    # Fields tell the Cauchy stress, of the volume that pressure changes.
+    # Fields contain the Cauchy stress, for the compressed volume.
     q = abs(force) * end
     J = np.sqrt(1 + 2 * np.sign(end - 1) * q / 3 / BULK)
     errors.append(np.abs(fields.von_mises_stress().x.array * J / q - 1).max(initial=0))
@@ -239,7 +239,7 @@ def test_a_turned_run_is_the_same_run_turned(comm):
 
 @pytest.mark.parametrize("dt", [0.02, 0.04])
 def test_metal_that_flows_to_and_fro_needs_few_iterations(comm, dt):
-    # By whole increments Newton's method goes from flow one way to flow the other way for ever.
+    # With full increments Newton's method alternates between both directions of flow.
     box = Box(comm, material=metal(1.0), shape=(4, 4, 4), size=(1.0, 1.0, 1.0))
     stepper = nts.EnergyMomentum([box.body], dt=dt)
     stepper.set_velocity(
@@ -282,7 +282,7 @@ def test_the_first_step_bends_a_flat_sheet_with_friction(comm, law, travel):
 
 
 def test_products_know_whether_points_flow_that_are_just_at_yield(comm, rng):
-    # By less than what half of the digits tell.
+    # By less than half of the digits resolve.
     stretch = np.array([1.0, -0.5, -0.5])
 
     def von_mises(amount):

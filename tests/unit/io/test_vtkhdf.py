@@ -81,7 +81,7 @@ def test_states_are_held_back_and_share_files(tmp_path, run, name):
     path = tmp_path / f"{name}.vtkhdf"
     record(path, run, [0, 10, 50, 50, 51])
     assert names_in(tmp_path) == {f"{name}.vtkhdf", f"{name}_fields"}
-    # The first state is there at once, so that there is something to look at.
+    # The first state is written immediately, for viewing.
     assert names_in(tmp_path / f"{name}_fields") == files_of((0, 0), (10, 51))
     assert steps_of(path) == [0, 10, 50, 51]
 
@@ -138,7 +138,7 @@ def test_files_are_whole_after_a_kill_at_any_instant(
     tmp_path, run, monkeypatch, at_once, resume_at
 ):
     count, done, found = 0, False, set()
-    # The steps of another run, which come later, tell its states from these.
+    # Later steps of another run distinguish its states from these.
     new = list(range(BREAK + 1, NUM_STATES)) if resume_at else list(range(10, 10 + NUM_STATES))
     before = list(range(BREAK + 1)) if resume_at else []
     while not done:

@@ -82,7 +82,7 @@ def test_any_name_will_do(tmp_path, run, name):
 @pytest.mark.parametrize("resume_at", [None, BREAK])
 def test_files_are_whole_after_a_kill_at_any_instant(tmp_path, run, monkeypatch, resume_at):
     count, done, found = 0, False, set()
-    # The steps of another run, which come later, tell its states from these.
+    # Later steps of another run distinguish its states from these.
     new = list(range(BREAK + 1, NUM_STATES)) if resume_at else list(range(10, 10 + NUM_STATES))
     before = list(range(BREAK + 1)) if resume_at else []
     while not done:

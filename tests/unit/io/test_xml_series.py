@@ -22,7 +22,7 @@ def series(tmp_path, monkeypatch):
 
 
 def element(number):
-    """Element whose length differs from that of others."""
+    """Element of an unusual length."""
     return f'<item number="{number}">{"x" * (7 * number % 11)}</item>\n'
 
 

@@ -33,7 +33,7 @@ def test_sums_over_indices_and_derivatives_agree_with_numpy(rng):
         slope = ufl.inner(ufl.diff(function, variable), ufl.as_matrix(D.tolist()))
         evaluation = Evaluation(expand_derivatives(slope))
         assert evaluation.value({A: B.tolist()}) == pytest.approx(expected, rel=1e-12)
-        # Other numbers are not those of before.
+        # Other numbers differ from the former ones.
         assert evaluation.value({A: np.zeros((3, 3)).tolist()}) == pytest.approx(0.0)
 
 

@@ -53,7 +53,7 @@ def test_stress_of_stretches_agrees_with_the_closed_form(at, stretch, dispersion
 
 @pytest.mark.serial
 def test_a_rotation_of_body_and_fibres_rotates_the_stress(at, rng):
-    # C sees nothing of what is rotated after the deformation.
+    # C is independent of rotations after the deformation.
     Q = rotation(rng.normal(size=3), 1.1)
     A = rng.normal(size=(3, 3))
     C = np.eye(3) + 0.1 * (A + A.T)

@@ -332,7 +332,7 @@ def test_points_and_curves_of_no_cell_are_left_out(comm, model, tmp_path, order,
         assert [model.getPhysicalName(*group) for group in groups] == ["mark", "axis", "box"]
 
 
-# --- what is refused, on all ranks -------------------------------------
+# --- refused arguments, on all ranks -------------------------------------
 
 
 def test_rank_outside_the_communicator_is_refused(comm):
@@ -426,7 +426,7 @@ def test_untagged_volume_is_refused(comm, model):
 @pytest.mark.serial
 @pytest.mark.parametrize("first", ["part", "shape"])
 def test_parts_and_shapes_of_the_cad_kernel_go_together_in_the_plane(first):
-    """Half a disc is made of two shapes, whose numbers were those of the rectangle."""
+    """Half a disc is made of two shapes, which had the numbers of the rectangle."""
 
     def build(model):
         def part():

@@ -182,7 +182,7 @@ def test_pieces_of_a_cell_have_its_orientation(model, kind):
     assert len(pieces.nodes) == num_nodes and (det > 0).all()
 
 
-# --- what is refused ---------------------------------------------------
+# --- refused arguments ---------------------------------------------------
 
 
 def refused(path: Path, match: str) -> None:

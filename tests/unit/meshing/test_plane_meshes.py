@@ -15,7 +15,7 @@ from helpers.gmsh_models import ROUNDING, measure
 pytestmark = pytest.mark.at_most_two_ranks
 
 TRIANGLE, QUADRILATERAL = 2, 3  # gmsh's types
-# A square and a triangle beside it, and their nodes.
+# A square and an adjacent triangle, and their nodes.
 NODES = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [2, 0, 0]]
 MIXED = {QUADRILATERAL: [1, 2, 4, 3], TRIANGLE: [2, 5, 4]}
 # A square of second order without a node in its middle.

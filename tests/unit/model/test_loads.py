@@ -169,7 +169,7 @@ def test_tangent_of_pressure_is_the_derivative_of_its_force(comm, cell, rng):
     np.testing.assert_allclose(y.array, action, atol=1e3 * EPS * size)
 
 
-# --- what a load acts on, and what is printed of it --------------------
+# --- bodies of a load, and its printed form --------------------
 
 
 @cells_

@@ -100,7 +100,7 @@ def test_normals_of_the_ball_point_away_from_its_centre(comm):
 
 
 @pytest.mark.parametrize(
-    # Each two of the three meet in all ways.
+    # Each two of the three overlap in each order.
     ("cell", "ghosts", "degree"),
     [
         ("hexahedron", GhostMode.none, 1),

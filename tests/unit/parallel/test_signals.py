@@ -17,7 +17,7 @@ class Stopped(Exception):
 
 
 def _drop(pipe):
-    """Close a pipe whose reader is gone, with what it holds back."""
+    """Close a pipe whose reader is gone, with buffered data."""
     with suppress(BrokenPipeError):
         pipe.close()
 

@@ -1,4 +1,4 @@
-"""Pictures: written once, not empty; what they show in closed form."""
+"""Pictures: written once, not empty; contents in closed form."""
 
 import re
 from unittest import mock
@@ -33,7 +33,7 @@ def colours(comm, path):
 
 
 def num_colours(picture):
-    """Number of different colours in a picture, of which each is one number."""
+    """Number of different colours in a picture."""
     return len(
         np.unique(np.asarray(picture.convert("RGB")).astype(np.int32) @ [1 << 16, 1 << 8, 1])
     )

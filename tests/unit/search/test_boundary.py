@@ -19,7 +19,7 @@ class Boundary:
     """A boundary of triangles alone, shape (t, 3, 3)."""
 
     def __init__(self, triangles, box=None):
-        """Number the vertices; a ray leaves the given box, or that of the triangles."""
+        """Number the vertices; a ray leaves the given box, or the box of the triangles."""
         rows = np.arange(3 * len(triangles), dtype=np.int32)
         self._kernels = _kernels.Boundaries([rows], [rows.reshape(-1, 3)])
         self._kernels.move(np.ascontiguousarray(triangles).reshape(-1, 3))
@@ -241,7 +241,7 @@ def test_rays_go_to_the_nearest_side_whatever_it_is(rng):
 
 
 def test_boundaries_are_where_they_have_moved():
-    """Two cubes, of which the first moves by two."""
+    """Two cubes; the first moves by two."""
     x = np.concatenate([box().reshape(-1, 3), box().reshape(-1, 3) + 5])
     rows = np.arange(len(x), dtype=np.int32).reshape(2, -1, 3)
     boundaries = _kernels.Boundaries([r.ravel() for r in rows], list(rows))

@@ -224,19 +224,19 @@ def test_node_in_front_of_its_segment_sees_that_it_is_inside_of_another_body(dep
     node = [0.4, 0.4, 0.3 + depth]
     (segment,), _, (gap,), _ = find(node, segments, orientation, current=0)
     assert segment == 1 and abs(gap + depth) < ROUNDING
-    # In front of both, or inside of the first, it keeps what it has.
+    # In front of both, or inside the first, it keeps its segment.
     for height in (0.3 - 1e-6, 0.2, -1e-6):
         assert find([0.4, 0.4, height], segments, orientation, current=0)[0][0] == 0
-    # So it does beside the block, below the plane of its lower side.
+    # So it does next to the block, below the plane of its lower side.
     outside = segments + np.array([[0.0], [0.5]])[..., None] * [1, 0, 0]
     assert find(node, outside, orientation, current=0)[0][0] == 0
-    # Iterates of a step do not look.
+    # Iterates of a step do not search.
     assert find(node, segments, orientation, current=0, slack=np.inf)[0][0] == 0
 
 
 @pytest.mark.parametrize(("angle", "sees"), [(150, False), (95, False), (60, True), (30, True)])
 def test_node_in_a_groove_sees_a_wall_that_hangs_over_its_floor(angle, sees):
-    """Beside a wall that does not, the node stays with the floor until it is off it."""
+    """Without such a wall, the node keeps the floor until it is off it."""
     angle = np.deg2rad(angle)
     up = np.array([-np.cos(angle), 0, np.sin(angle)])
     x = np.array(

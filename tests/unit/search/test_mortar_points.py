@@ -73,7 +73,7 @@ def test_points_tile_the_overlap_and_are_on_their_segments(k, rng):
 
 
 def test_far_vertices_of_segments_are_not_taken_for_points_of_a_curved_facet():
-    """The map of a facet of degree 2 folds outside of it, and leads back from there."""
+    """The map of a facet of degree 2 folds outside of it; its inverse is found inside."""
     at = 0.5 * np.array([[0, 0], [2, 0], [0, 2], [2, 2], [1, 0], [0, 1], [2, 1], [1, 2], [1, 1]])
     bent = at + 0.3 * np.column_stack([at[:, 0] * (at[:, 0] - 1), (at[:, 0] - 0.5) ** 2])
     below, segments = sheet(6, 4, 6.0, np.random.default_rng(0), 0.0)
@@ -255,7 +255,7 @@ def test_facets_out_of_reach_or_far_behind_have_no_points(rng):
     deep = x.copy()
     deep[: len(surface.nodes), 2] = -0.3
     assert len(FacetPoints.choose(surface, candidates, deep, deep, 1.0).points().segment) == 0
-    # What was in front of the segments at the start of the step has come through them.
+    # Points in front of the segments at the start of the step have passed through them.
     assert len(FacetPoints.choose(surface, candidates, x, deep, 1.0).points().segment) > 0
 
 
@@ -309,7 +309,7 @@ def test_kinematics_of_nodes_are_means_rows_and_the_least_turn_of_their_points(k
     p, shares = len(points.segment), points.shares
     gap_n, gap, turn = rng.normal(size=(3, p))
     force, gradient = rng.normal(size=(2, p, 3 * (1 + k)))
-    turn[shares.point[shares.start[1]]] = np.nan  # tells a failure, whatever comes after it
+    turn[shares.point[shares.start[1]]] = np.nan  # marks a failure for all later rows
     pairs = ContactKinematics(gap_n, gap, force, gradient, np.empty(0), turn)
     mean_n, mean, of_force, of_gradient, least = at_nodes(points, pairs)
     parts = shares.value[:, None, None] * np.eye(2)

@@ -54,7 +54,7 @@ def turned(bodies, down):
 
 
 @pytest.mark.parametrize(
-    # Each two of the three meet in all ways.
+    # Each two of the three overlap in each order.
     ("cell", "degree", "down"),
     [
         ("hexahedron", 1, 0.0),

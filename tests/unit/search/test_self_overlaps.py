@@ -34,7 +34,7 @@ def strip(comm, cell="hexahedron", length=LENGTH):
 
 
 def spiral(X, turn):
-    """The strip wound up, turns of which are apart by so much; it grows wider on the way."""
+    """The strip wound up, turns of which are apart by so much; it grows wider along its length."""
     s, y, z = X.T
     radius = 1 + turn * s / (2 * np.pi) - z
     wound = np.column_stack([radius * np.cos(s), y * (1 + WIDENING * s), radius * np.sin(s)])
@@ -75,7 +75,7 @@ def test_turns_of_a_spiral_are_as_deep_in_each_other_as_they_are_too_near(comm, 
 @pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize("turn", [once(0.25), THICKNESS])
 def test_turns_that_are_apart_or_touch_do_not_overlap(comm, turn):
-    # Nodes of each turn lie above those of the one below.
+    # Nodes of each turn are above the nodes of the turn below.
     body = strip(comm, length=2 * np.pi * 56 / 48)
     found, _ = OverlapSearch([body], []).find(spiral(body.V.tabulate_dof_coordinates(), turn))
     assert found == []

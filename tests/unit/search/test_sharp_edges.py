@@ -31,7 +31,7 @@ def test_a_box_has_its_twelve_edges_once_on_any_number_of_ranks(comm, cell):
     X = edges.ends(surface.V.tabulate_dof_coordinates()).mean(axis=0)
     at_side = np.isclose(X, 0) | np.isclose(X, 1)
     assert (at_side.sum(axis=1) == 2).all()
-    # Facets look outward.
+    # Facets face outward.
     ids, owners = edges.offer
     assert ids.shape == owners.shape == (len(X), 2 + 2 * edges.facets.shape[2])
     assert (edges.thickness > 0).all()

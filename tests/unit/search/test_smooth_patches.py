@@ -174,7 +174,7 @@ def test_neighbours_share_their_edges_on_any_number_of_ranks(comm):
     middles = np.einsum("i,pic->pc", bernstein(0.5), curves)
     distance = np.linalg.norm(middles[:, None] - middles[None], axis=2)
     shared = (distance < 1e-13).sum(axis=1)
-    # All edges but those of the rim belong to two patches.
+    # All edges except the rim belong to two patches.
     assert np.count_nonzero(shared == 1) == 4 * 6 and np.count_nonzero(shared == 2) == 2 * 2 * 30
     assert patches.weights.shape[2] == 16
 

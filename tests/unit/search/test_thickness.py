@@ -9,7 +9,7 @@ from dolfinx_nts.search.overlap.thickness import least_thickness
 
 pytestmark = pytest.mark.at_most_two_ranks
 
-ROUNDING = 1e-4  # the ways begin just below the triangles
+ROUNDING = 1e-4  # the paths begin just below the triangles
 
 
 def box(corner, size):

@@ -85,7 +85,7 @@ def test_complete_factors_solve_the_projected_system(kind, rng):
 
 @pytest.mark.parametrize("rank", [0, 1, 3])
 def test_contact_nodes_on_one_segment_are_solved_exactly(rank, rng):
-    """What they fill lies in the pattern if they go first, however stiff their tangent is."""
+    """Their fill is in the pattern if they are eliminated first, for any stiffness."""
     rows, K, lists = stars(rng)
     m, k = lists.shape
     own = np.linalg.qr(rng.normal(size=(m, 3, 3)))[0]

@@ -44,7 +44,7 @@ def made():
 
 
 def is_due(age, steps):
-    """Whether factors are made anew within steps of which each takes more iterations."""
+    """Whether factors are recomputed when each step takes more iterations."""
     return any(age.count(MORE, DECADES) or age.renew() for _ in range(steps))
 
 
@@ -56,7 +56,7 @@ def test_factors_that_need_more_iterations_are_recomputed_after_some_steps():
 
 
 def test_a_hard_first_step_does_not_excuse_later_costs_of_age():
-    """As where a flat face lands: iterations of that step tell nothing of the factors."""
+    """As where a flat face lands: iterations of that step do not depend on the factors."""
     age, _ = made()
     for iterations in (MANY, FEW):
         age.count(iterations, DECADES)

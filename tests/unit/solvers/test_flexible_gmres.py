@@ -10,7 +10,7 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.linear.petsc_krylov import PetscKrylov
 from dolfinx_nts.solvers.linear.petsc_options import PetscOptions
 
-NODES, DIM = 700, 2  # more numbers than are read at once, on one rank or on several
+NODES, DIM = 700, 2  # more numbers than one block holds, on one rank or on several
 ROUNDING = 1e-11
 
 

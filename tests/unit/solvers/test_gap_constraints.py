@@ -16,7 +16,7 @@ NUM_ROWS, NODES_A_ROW = 7, 3
 
 @pytest.fixture
 def rows(rng):
-    """Scatter, stiffness, free dofs, and gradients by nodes, a third of which do not move."""
+    """Scatter, stiffness, free dofs, and gradients by nodes, of which a third is fixed."""
     V = fem.functionspace(mesh.create_unit_cube(MPI.COMM_SELF, 2, 2, 2), ("Lagrange", 1, (3,)))
     scatter = NodalScatter(V.dofmap.index_map)
     n = scatter.num_local
@@ -76,7 +76,7 @@ def test_projected_forces_keep_gaps(rows, rng, friction):
     G, C = (part.reshape(NUM_ROWS, -1, 3)[:, nodes].reshape(NUM_ROWS, -1) for part in of_nodes)
     size = np.abs(forces).max()
     assert np.abs(G @ (left / stiffness[nodes]).ravel()).max() <= 1e-6 * size
-    # What was taken away are forces that hold.
+    # The removed part of the forces is constraint forces.
     taken = (forces - left).ravel()
     assert C.T @ np.linalg.lstsq(C.T, taken)[0] == pytest.approx(taken, abs=1e-10 * size)
     assert constraints.slides == (friction != 0)

@@ -18,7 +18,7 @@ AGREEMENT = 1e-8
 
 
 def compare(monkeypatch, scene, num_steps):
-    """Advance; solve every linear system of contact both ways."""
+    """Advance; solve every linear system of contact by both methods."""
     differences, ranks = [], set()
     solver = scene.stepper._solver
     saddle, solve = SaddlePointSystem(solver.tangent, scene.stepper._bulk), solver.solve
@@ -81,7 +81,7 @@ def test_direct_solver_alone_gives_the_same_steps(comm, monkeypatch, friction):
         scene = scenes.blocks(comm, friction=friction, cell="tetrahedron")
         if direct:
             monkeypatch.setattr(ActiveSets, "are_coupled", lambda *_: True)
-            # Decisions on all points at once would save iterations.
+            # Coupled decisions on all points would save iterations.
             monkeypatch.setattr(LinearSolver, "consistent_states", lambda *_: None)
         iterations.append([scene.stepper.advance().newton_iterations for _ in range(10)])
         ends.append(scene.positions())

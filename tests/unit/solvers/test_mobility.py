@@ -11,7 +11,7 @@ NODES, MOTIONS = 7, 3
 @pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize("num_held", range(MOTIONS + 1))
 def test_free_motions_have_the_stiffness_that_is_wanted(comm, rng, num_held):
-    """Those that are held are not made; what strains the bodies stays as factors tell."""
+    """Clamped motions are left out; straining ones stay as the factors resist them."""
     first, last = (NODES * rank // comm.size for rank in (comm.rank, comm.rank + 1))
     motions = rng.normal(size=(MOTIONS, NODES, 2))
     P = motions.reshape(MOTIONS, -1)

@@ -13,7 +13,7 @@ SIZE, TRIALS = 40, 200
 def searched(rng, least: float):
     """Search with a preconditioner near a matrix but for its least eigenvalue.
 
-    Returns the matrix, what was found, and the number of products.
+    Returns the matrix, the result, and the number of products.
     """
     Q, _ = np.linalg.qr(rng.standard_normal((SIZE, SIZE)))
     values = rng.uniform(1.0, 100.0, SIZE)

@@ -52,7 +52,7 @@ def _squares(stepper):
     return [comm.allreduce(float(values @ values)) for values in fields]
 
 
-@pytest.mark.serial  # The mesh is divided in another way each time.
+@pytest.mark.serial  # The partition of the mesh varies.
 def test_a_resumed_run_has_the_same_digits(comm, agree, folder):
     whole, *parts = (impact(comm) for _ in range(3))
     run(whole)
@@ -77,7 +77,7 @@ def test_some_nodes_move_as_if_all_others_were_held(comm, rng, agree):
     bulk, V = stepper._bulk, stepper.u.function_space
     x = V.tabulate_dof_coordinates()
     stepper.u.x.array[:] = 0.01 * np.sin(7 * np.column_stack([x[:, 1], x[:, 2], x[:, 0]])).ravel()
-    nodes = x[:, 2] > comm.allreduce(x[:, 2].max(), op=MPI.MAX) - 1e-6  # those of a face
+    nodes = x[:, 2] > comm.allreduce(x[:, 2].max(), op=MPI.MAX) - 1e-6  # nodes of a face
     own = nodes[: bulk.num_owned // 3]
     y = 1e-3 * rng.standard_normal((len(own), 3))
     forces, of_all = bulk.forces().reshape(-1, 3), bulk.action(y)

@@ -319,7 +319,7 @@ def test_plastic_flow_takes_factors_of_the_derivative_itself(comm, agree):
 
 @pytest.mark.at_most_two_ranks
 def test_a_step_that_made_strong_factors_leaves_none_of_their_options(comm, agree):
-    # PETSc keeps options by name: those of MUMPS do not fit an incomplete factorisation.
+    # PETSc keeps options by name: MUMPS options do not fit an incomplete factorisation.
     stepper = scenes.blocks(comm).stepper
     stepper.advance()
     before = Snapshot()

@@ -28,7 +28,7 @@ steppers.append(blocks(MPI.COMM_SELF).stepper)
 steppers[1].advance()
 os.write(1, (str(steppers[1].statistics) + "\\n").encode())
 """
-# In a module of its own, which what it counts may keep alive.
+# In a module of its own, since references would keep objects alive.
 COUNTED = """
 import os
 

@@ -39,7 +39,7 @@ def test_stiffness_of_nodes_asks_for_a_matrix_only_if_there_is_none(comm):
 
 @pytest.mark.parametrize("E", [1e-6, 1e5])
 def test_given_displacements_do_not_count_as_stiffness_in_any_units(comm, E):
-    """A bar between supports, of which one is held in one direction only."""
+    """A bar between supports; one of them acts in one direction only."""
 
     def build(model):
         parts.add_box(model, "bar", corner=(0, 0, 0), size=(3, 1, 1), cells=(3, 1, 1))

@@ -46,7 +46,7 @@ class Slips:
         self._predicted: Floats = np.full((n, 2), np.nan)
 
     def measure(self, pairs: PairKinematics, x: Floats) -> None:
-        """Take the measured slips of ``m`` pairs, of which constraints see what is not none.
+        """Set the slips of ``m`` pairs as measured at positions ``x``.
 
         ``x`` are positions with ghosts, shape ``(l, 3)`` [m].
         """

@@ -95,8 +95,8 @@ class BlockPivoting:
             stays = count >= self._last
             is_stuck = stays & ~fewer & (count > 0)
             self._patience[is_stuck] -= 1
-            anew = is_stuck & (self._patience < 0) & (-self._patience % _RENEWAL == 1)
-            self._fewest[anew] = count[anew]
+            renewed = is_stuck & (self._patience < 0) & (-self._patience % _RENEWAL == 1)
+            self._fewest[renewed] = count[renewed]
             single = (count > 0) & (self._patience < 0)
             waiting = stays & ~single & (count <= self._waits)
             if (single | waiting).any():

@@ -99,8 +99,8 @@ class ExchangedContact(MultiplierContact):
     def _is_held_by_node(self, node: Ints, segment: Ints, x: Floats) -> Flags:
         """Whether vertices are above nodes that the given pair holds, shape ``(m,)``. Local.
 
-        Both constraints would be one. ``segment`` are those of the vertices, shape ``(m,)``, ``x``
-        positions with ghosts, shape ``(l, 3)`` [m].
+        Both constraints would be the same. ``segment`` are the segments of the vertices, ``(m,)``,
+        ``x`` positions with ghosts, shape ``(l, 3)`` [m].
         """
         points, candidates = self._search.points.take(node), self._candidates
         _, below = _above(candidates, points, x, segment)

@@ -25,7 +25,7 @@ struct Aggregation
   std::span<const std::int64_t> start;
   /// (i,) Points of the shares.
   std::span<const std::int32_t> point;
-  /// (i,) Shares; of c vectors of a point those of each in each, (i, c, c).
+  /// (i,) Shares, or matrices between c vectors of point and node, (i, c, c).
   std::span<const double> share;
   /// (i, k + s) Places of the nodes of facet and segment in the row of the
   /// node.
@@ -44,7 +44,7 @@ inline void sum_to_rows(const Aggregation& a, std::size_t vertices,
                         std::size_t length, std::span<double> rows)
 {
   const std::size_t k = a.width, size = 3 * (1 + vertices);
-  std::vector<double> part(size); // of a vector in that of a node
+  std::vector<double> part(size); // of the vector of a point
   for (std::size_t n = 0; n + 1 < a.start.size(); ++n)
     for (std::int64_t i = a.start[n]; i < a.start[n + 1]; ++i)
     {
@@ -100,7 +100,7 @@ inline void least(const Aggregation& a, std::span<const double> values,
   }
 }
 
-/// @brief Sum matrices of pairs to those of facet and segment.
+/// @brief Sum matrices of pairs to matrices of facet and segment.
 /// @param[in] phi Weights of the nodes of the facets, (p, k).
 /// @param[in] width Nodes of a facet, k.
 /// @param[in] vertices Vertices of a segment, s.
@@ -146,7 +146,7 @@ inline void sum_to_blocks(std::span<const double> phi, std::size_t width,
 /// @brief Positions of points of facets.
 /// @param[in] phi Weights of the nodes of the facets, (p, k).
 /// @param[in] width Nodes of a facet, k.
-/// @param[in] nodes Rows of x that begin with those of the facet, (p, stride).
+/// @param[in] nodes Rows of x, nodes of the facet first, (p, stride).
 /// @param[in] x Nodal vectors, (n, 3).
 /// @param[out] out (p, 3).
 inline void at_points(std::span<const double> phi, std::size_t width,

@@ -41,7 +41,7 @@ inline Matrix<2, 2> between_frames(const double* to,
   return {{{c / size, s / size}, {-sign * s / size, sign * c / size}}};
 }
 
-/// @brief Whether a node slides by what is known now.
+/// @brief Whether a node slides in this iteration.
 /// @param[in] limit Largest traction [N].
 /// @param[in] trial Traction if it stuck [N].
 /// @param[in] motion Direction of slip, as a traction or a slip increment.
@@ -156,7 +156,7 @@ inline double longest_in_cone(std::span<const double> v,
 /// normal, 0 where the force per multiplier has no part along it, or one for
 /// each component of the space.
 /// @param[in] normal Normal of the node.
-/// @param[in] force What is to be balanced [N].
+/// @param[in] force Force to be balanced [N].
 /// @param[in] columns Forces on the node per multiplier, rows.
 /// @param[in] rank Number of multipliers, 0, 1, 2 or 3; 0 as 1.
 /// @param[in] known Tractions that are balanced too [N].

@@ -7,8 +7,8 @@
 #include <utility>
 #include <vector>
 
-/// @brief Slips of nodes that are means of those of contact points, in frames
-/// of the nodes.
+/// @brief Slips of nodes as means of the slips of contact points, in nodal
+/// frames.
 namespace nts
 {
 /// @brief Shares of n nodes in points, as matrices between their frames.
@@ -41,8 +41,8 @@ inline Matrix<2, 3> orthonormal(const Matrix<2, 3>& frame) noexcept
           scale * (a + area) * frame[1] + -scale * b * frame[0]};
 }
 
-/// @brief Matrices of shares, (i, 2, 2): the values of the shares times what
-/// turns components in the frames of points into those of nodes.
+/// @brief Matrices of shares, (i, 2, 2): shares times the rotation of
+/// components from frames of points to nodal frames.
 /// @param[in] value Values of the shares, (i,).
 /// @param[in] of_nodes, of_points Frames, (n, 2, 3) and (p, 2, 3).
 inline void turn_shares(std::span<const std::int64_t> start,
@@ -63,7 +63,8 @@ inline void turn_shares(std::span<const std::int64_t> start,
     }
 }
 
-/// @brief Slip and frame of node n by those of points, (p, 2) and (p, 2, 3).
+/// @brief Slip and frame of node n from slips, (p, 2), and frames of points,
+/// (p, 2, 3).
 inline std::pair<Vec2, Matrix<2, 3>>
 sum_slip(const TurnedShares& shares, std::size_t n,
          std::span<const double> slip, std::span<const double> frame) noexcept
@@ -84,8 +85,7 @@ sum_slip(const TurnedShares& shares, std::size_t n,
   return {sum, orthonormal(tangents)};
 }
 
-/// @brief Tractions at points, (p, 2), to which is added, by those of the
-/// nodes, (n, 2).
+/// @brief Add tractions at points, (p, 2), from nodal tractions, (n, 2).
 inline void spread_tractions(const TurnedShares& shares,
                              std::span<const double> traction,
                              std::span<double> of_points) noexcept

@@ -19,8 +19,7 @@ inline void add_tangential(const Vec2& t, std::span<const double> rows,
     sum[e] += t[0] * rows[d + e] + t[1] * rows[2 * d + e];
 }
 
-/// @brief Friction of n nodes by arrays of the caller, and what becomes of node
-/// number j.
+/// @brief Friction state of n nodes in arrays of the caller.
 struct NodalFriction
 {
   bool has_springs;
@@ -35,7 +34,7 @@ struct NodalFriction
   std::span<double> heading;
   std::span<const double> present; ///< (n, 2) slips now [m]
   std::span<double> modelled;      ///< (n, 2) where the models were made [m]
-  /// (n, 2, 3) Tangents of what has two components, 0 where none is.
+  /// (n, 2, 3) Tangents for quantities of two components, 0 without.
   std::span<double> frame;
 
   /// @brief Whether multipliers hold an active node in the tangent plane.
@@ -44,7 +43,7 @@ struct NodalFriction
     return active && !sliding[j] && !has_springs;
   }
 
-  /// @brief Take over what is known of a node in another frame.
+  /// @brief Transform the state of a node to another frame.
   /// @param[in] to Two orthonormal tangents, rows (2, 3).
   void turn(std::size_t j, const double* to) noexcept
   {
@@ -75,9 +74,9 @@ struct NodalFriction
     // With p < 0, which may pass, a traction points backwards.
     const Vec2 along
         = first_direction(vector2(slid ? heading : traction, j), motion);
-    // At the limit, as where loads rest after sliding, round-off must not
-    // decide, nor where it is not known yet how much a node presses that has
-    // just arrived.
+    // Round-off must not decide at the limit, as where loads rest after
+    // sliding. Nor must an unknown pressing force of a node that has just
+    // come into contact.
     const bool is_open
         = is_at_limit(limit, trial, rounding[j]) || (active && p == 0);
     const bool leaves
@@ -85,8 +84,8 @@ struct NodalFriction
     return {leaves || on_axis[j], along};
   }
 
-  /// @brief Take over the state and the model of a node, and its traction
-  /// where it slides or has springs.
+  /// @brief Accept the state and the model of a node, and its traction if it
+  /// slides or has springs.
   /// @param[in] p Pressing force [N].
   /// @param[in] slip Where the model was made [m].
   /// @param[in] lagging Pressing force of a limit that lags [N], if it does.
@@ -114,8 +113,9 @@ struct NodalFriction
       store(model.fixed + p * model.direction, traction, j);
   }
 
-  /// @brief Traction of a node that does not scale with the pressing force:
-  /// that of its model at the slip now, 0 where multipliers hold it.
+  /// @brief Part of the traction of a node that does not scale with the
+  /// pressing force, from its model at the present slip; 0 if multipliers hold
+  /// it.
   Vec2 known(std::size_t j, bool is_held) const noexcept
   {
     if (is_held)

@@ -138,7 +138,7 @@ work_by_cause(const MovedSprings& before, const MovedSprings& after,
   return work;
 }
 
-/// @brief Add values, (r, B), to those of nodes, (r,); nodes may repeat.
+/// @brief Add values, (r, B), to nodes, (r,), which may repeat.
 template <std::size_t B>
 void add_rows(const ChangedValues& total, std::span<const std::int32_t> nodes,
               std::span<const double> values) noexcept

@@ -10,7 +10,7 @@
 /// batch of cells are contiguous, and back.
 ///
 /// Copies of single numbers would take as long as the kernels of small cells.
-/// Here two numbers are copied at once, as in a register of any machine.
+/// Two numbers are copied together, as in a register of any machine.
 namespace nts
 {
 /// @brief W numbers in a register of 16 bytes, or of 8.

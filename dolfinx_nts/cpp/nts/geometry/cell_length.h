@@ -57,7 +57,7 @@ inline void cell_lengths(std::span<const double> x, std::size_t d,
         for (std::size_t j = 0; j < 3; ++j)
           moments[i][j] += r[i] * r[j] / k;
     }
-    if (d == 2) // greater than that of any direction in the plane
+    if (d == 2) // greater than in any direction of the plane
       moments[2][2] = moments[0][0] + moments[1][1];
     length[c] = 2 * std::sqrt(std::max(least_eigenvalue(moments), 0.));
   }

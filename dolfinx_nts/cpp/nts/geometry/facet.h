@@ -4,8 +4,8 @@
 
 #include <type_traits>
 
-/// @brief Shape functions of whole facets: those of degree 2 in the order of
-/// Basix, those of degree 1 are the segments.
+/// @brief Shape functions of whole facets: of degree 2 in the order of Basix;
+/// facets of degree 1 are segments.
 ///
 /// `Linear` is the segment type on the same reference cell, whose shape
 /// functions belong to the vertices, which come first. Facets of degree 2 are
@@ -148,8 +148,8 @@ std::array<Vec3, 2> tangents(const std::array<Vec3, F::vertices>& x,
     return {first, combine(d[1], x)};
 }
 
-/// @brief Area of a facet by that of its reference cell [m^2]; of an edge, its
-/// length [m].
+/// @brief Area of a facet, mapped from its reference cell [m^2]; of an edge,
+/// its length [m].
 template <class F>
 double area_ratio(const std::array<Vec3, F::vertices>& x,
                   const Vec2& xi) noexcept

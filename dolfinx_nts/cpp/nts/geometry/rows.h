@@ -57,7 +57,7 @@ inline void take_rows(std::span<const double> x,
       std::copy_n(x.data() + w * rows[i], w, out.data() + w * i);
     }
   };
-  // A loop of known length copies vectors at once.
+  // A loop of known length is vectorised.
   if (width == 3)
     copy(std::integral_constant<std::size_t, 3>());
   else

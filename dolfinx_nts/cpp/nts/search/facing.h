@@ -4,21 +4,22 @@
 
 #include <optional>
 
-/// @brief What a node faces: it touches with its outside only.
+/// @brief Segments that a node can touch with the outside of its body.
 namespace nts
 {
 /// @brief Cosines of angles between directions of nodes and segments [-].
 struct FacingRule
 {
-  /// Least cosine between a segment and a direction of a node that it may
-  /// touch: 84 degrees. Without it, nodes on the sides of a body would look at
-  /// the plane on which it stands, as sides bulge. Larger, steep flanks of
+  /// Least cosine between the normal of a segment and a direction of a node
+  /// that may touch it: 84 degrees. Without it, nodes on bulging sides of a
+  /// body would face the plane on which it stands. If larger, steep flanks of
   /// wedges do not touch flat surfaces.
   static constexpr double opposed = 0.1;
-  /// Angle that is no edge: of 20 degrees, by which a step turns nodes, and
-  /// facets of smooth surfaces turn. Larger, nodes ahead of edges of more than
-  /// 150 degrees are caught (T/N = 0.56 at 170, 0.64 at 160 degrees, friction
-  /// coefficient 0.5). Smaller, nodes of coarse surfaces wait for balls.
+  /// Cosine of the largest angle that is no edge, 20 degrees: rotations within
+  /// a step, and between facets of smooth surfaces, are smaller. If larger,
+  /// nodes ahead of edges of more than 150 degrees are caught (T/N = 0.56 at
+  /// 170, 0.64 at 160 degrees, friction coefficient 0.5). If smaller, nodes of
+  /// coarse surfaces touch balls too late.
   static constexpr double turn = 0.93969262078590838;
   /// Segments opposed by more than this, 120 degrees, are two sides of a wall;
   /// a node and a segment less than 60 degrees apart are on one side.
@@ -211,14 +212,14 @@ private:
 
 /// @brief Bounds of the normals of segments, by branches of their tree.
 ///
-/// A node that faces none of them has no nearest segment by which a look at any
-/// distance could end, and would see them all.
+/// Without bounds, a search at any distance would visit all segments for a node
+/// that faces none of them.
 template <class S>
 class NormalBounds
 {
 public:
   /// @param[in] surface The segments.
-  /// @param[in] tree Theirs; without one, there are no bounds.
+  /// @param[in] tree Tree over the segments; without one, there are no bounds.
   NormalBounds(const SegmentSurface<S>& surface, const Tree* tree)
   {
     if (tree)
@@ -258,9 +259,8 @@ private:
   std::vector<Box> _boxes;
 };
 
-/// @brief Says what one node may touch: what faces it, see `find_segment`.
-///
-/// Its current segment it keeps, however it turns.
+/// @brief Admissible segments of one node: those that face it, see
+/// `find_segment`. The node keeps its current segment in any orientation.
 template <class S>
 class Facing
 {
@@ -268,7 +268,7 @@ public:
   /// @param[in] around Facets around the nodes at t_n.
   /// @param[in] node Number of the node.
   /// @param[in] surface The segments.
-  /// @param[in] normals Bounds of those of the segments.
+  /// @param[in] normals Bounds of the normals of the segments.
   /// @param[in] thickness Of the cells behind the segments, (s,) [m].
   Facing(const FacetsAroundNodes& around, std::int32_t node,
          const SegmentSurface<S>& surface, const NormalBounds<S>& normals,
@@ -319,7 +319,7 @@ public:
            || tree.has_entry([&](std::int32_t b) { return enters(b); });
   }
 
-  /// @brief See `Anything`; without bounds there is nothing to ask.
+  /// @brief See `Anything`; without bounds, branches cannot be excluded.
   int patience() const noexcept
   {
     return _normals.exist() ? 8 : std::numeric_limits<int>::max();
@@ -331,13 +331,13 @@ public:
     return _normals.meet(directions(), branch);
   }
 
-  /// @brief Whether the node may touch a segment; where not, remembers whether
-  /// it lies in front.
+  /// @brief Whether the node may touch a segment. If not, a segment that the
+  /// node is in front of is recorded.
   bool touches(const Vec3& node, std::int32_t i, const Projection<S>& p,
                const Tree& tree)
   {
-    // Deeper it is nearer to the other side of the wall. What it touches goes
-    // on where the surface turns by less than a sharp edge.
+    // A deeper node is nearer to the other side of the wall. Contact continues
+    // across edges that are not sharp.
     if (directions().are_all()
         || (p.gap >= -std::max(_thickness[i], _surface.sunk)
             && directions().faces(p.normal)
@@ -358,8 +358,8 @@ public:
     return false;
   }
 
-  /// @brief Whether a node behind the segment found for it is inside the body:
-  /// not in front of a nearer segment beside it or of the other side of a wall.
+  /// @brief Whether a node behind its segment is inside the body: not in front
+  /// of a nearer neighbour or of the other side of a wall.
   bool confirms(const Projection<S>& found, double distance) const noexcept
   {
     return found.gap >= 0 || _in_front_by > distance
@@ -369,10 +369,10 @@ public:
 
 private:
   /// @brief Whether the node is ahead of an edge of the segments, beyond which
-  /// they face it better: it lies below the edge, not on the segment.
+  /// they face it better.
   ///
-  /// The facets around the node go on below the edge: there the edge touches
-  /// them.
+  /// The node is then below the edge. The edge will touch the facets around the
+  /// node, not the node the segment.
   template <class GetTree>
   bool waits(const Vec3& node, std::int32_t i, const Projection<S>& p,
              const GetTree& tree)

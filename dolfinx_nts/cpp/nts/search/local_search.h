@@ -25,8 +25,8 @@ struct LocalSearchRule
   static constexpr double depth = 0.5;
   /// Cosine of the angle between normals from which on an edge is sharp [-].
   static constexpr double sharp = 0.86602540378443865; // 30 degrees
-  /// The same from which on one segment beside another may hang over it: more
-  /// than a right angle, which edges of many bodies have but for round-off.
+  /// Cosine below which a segment may overhang its neighbour [-]: beyond a
+  /// right angle, which edges of many bodies have but for round-off.
   static constexpr double hanging = -0.1;
 };
 
@@ -110,8 +110,7 @@ struct Anything
     return true;
   }
 
-  /// @brief Whether the node may stay with its segment, in front of which it
-  /// is.
+  /// @brief Whether a node in front of its segment may keep it.
   template <class S>
   bool stays(const Vec3&, std::int32_t, const Projection<S>&,
              const Tree&) const noexcept
@@ -122,8 +121,8 @@ struct Anything
   /// @brief Whether there may be any segment that the node may touch.
   bool faces_any(const Tree&) const noexcept { return true; }
 
-  /// @brief How many segments a look may see that the node may not touch,
-  /// before it asks which parts of the tree the node may face.
+  /// @brief Number of inadmissible segments that a query visits before it
+  /// restricts itself to admissible branches of the tree.
   int patience() const noexcept { return std::numeric_limits<int>::max(); }
 
   /// @brief Whether the node may face a segment of a branch of the tree.
@@ -137,7 +136,7 @@ struct Anything
   }
 };
 
-/// @brief Those of the nearest segments of a node that are on one side of it.
+/// @brief Nearest segments of a node on one side of it.
 template <class S>
 struct NearestOnSide
 {
@@ -146,9 +145,10 @@ struct NearestOnSide
   double height = 0;         ///< largest distance from the plane of one [m]
 };
 
-/// @brief Whether a node is beyond a sharp convex edge of a segment: beside it,
-/// and in front of another one at the nearest point of its edges, which turns
-/// away from it. There is nothing beyond to be inside of.
+/// @brief Whether a node is beyond a sharp convex edge of a segment.
+///
+/// It is then outside the segment, and in front of a segment that shares the
+/// nearest edge point and turns away: no body lies beyond such an edge.
 /// @param[in] node Position [m].
 /// @param[in] i The segment.
 /// @param[in] p Projection of the node on it.
@@ -180,11 +180,10 @@ bool is_beyond_sharp_edge(const Vec3& node, std::int32_t i,
   return is_beyond;
 }
 
-/// @brief Whether a surface goes on from a node's segment to another one.
+/// @brief Whether another segment continues the surface of a node's segment.
 ///
-/// They have a vertex in common, and none hangs over the other (`hanging`): a
-/// node that is over the first, or beside it by a small part of it, is behind
-/// the other by no more than this.
+/// Both share a vertex, and none overhangs the other (`hanging`). A node over
+/// the first, or slightly outside it, is then hardly behind the other.
 template <class S>
 bool continues(const Found& own, std::int32_t other,
                const SegmentSurface<S>& surface) noexcept
@@ -198,7 +197,7 @@ bool continues(const Found& own, std::int32_t other,
 }
 
 /// @brief Whether a node in front of its segment may have entered another part
-/// of the surface: one that is nearer than its segment, and no continuation.
+/// of the surface: a nearer segment that is no continuation.
 template <class S>
 bool may_have_entered(const Vec3& node, const Found& own,
                       const SegmentSurface<S>& surface, const Tree& tree)
@@ -218,27 +217,26 @@ bool may_have_entered(const Vec3& node, const Found& own,
 
 /// @brief Find a node's segment.
 ///
-/// A node stays with its current segment while it is over it, unless it is in
-/// front of it and has entered another part of the surface meanwhile: its
-/// nearest segment is another one, over which it is and behind which, and no
-/// continuation of the current one. Otherwise it gets the nearest segment; the
-/// lowest key wins a tie, as at edges and vertices. At an edge sharper than a
-/// right angle a node may be in front of one segment and behind another, both
-/// equally near: it is on that side on which it is farther from their planes. A
-/// node that lies off the nearest segment (`overhang`, `depth`) has none. Nor
-/// has one that is behind it and beyond a sharp convex edge, unless it had a
-/// segment on the same side of that edge: it came from beside the body, not
-/// through the plane of the segment.
+/// A node keeps its current segment while it is over it. The exception is a
+/// node in front of it that has entered another part of the surface: it is
+/// behind its nearest segment, which does not continue the current one.
+/// Otherwise the node gets the nearest segment. The lowest key wins a tie, as
+/// at edges and vertices. At an edge sharper than a right angle a node may be
+/// in front of one segment and behind another, both equally near; the side
+/// with the larger distance from the planes counts. A node too far outside or
+/// below the nearest segment (`overhang`, `depth`) has none. Nor has a node
+/// behind it and beyond a sharp convex edge, unless its current segment is on
+/// the same side of that edge: it did not pass the plane of the segment.
 /// @param[in] node Position [m].
 /// @param[in] current Segment of the previous choice, or -1.
 /// @param[in] slack By how much xi may be outside the current segment [-]; if
-/// infinite, a node that stays does not look at others.
+/// infinite, a node that keeps its segment skips the search.
 /// @param[in] reach Largest distance of interest [m].
 /// @param[in] surface The segments.
 /// @param[in] tree Returns the tree over the segments; called only if needed.
 /// @param[in] may What the node may touch, see `Anything`.
-/// @param[in] first Segment that is probably near, at which the look among all
-/// begins, or -1: it only saves time.
+/// @param[in] first Probably near segment with which the search begins, or -1;
+/// it only saves time.
 template <class S, class GetTree, class May = Anything>
 Found find_segment(const Vec3& node, std::int32_t current, double slack,
                    double reach, const SegmentSurface<S>& surface,
@@ -280,7 +278,7 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
   NearestOnSide<S> front, behind;
   double nearest = reach;
   int patience = may.patience();
-  const auto look = [&](std::int32_t i)
+  const auto visit = [&](std::int32_t i)
   {
     const double margin = tie * surface.size(i);
     // The boxes of a cached tree are wider than segments.
@@ -322,24 +320,24 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
                ? &found
                : nullptr;
   };
-  double bound = first < 0 ? reach : look(first);
+  double bound = first < 0 ? reach : visit(first);
   const bool faces_first = front.segment >= 0 || behind.segment >= 0;
   if (!faces_first && !may.faces_any(segments))
     return kept;
   segments.nearest(node, bound, [&](std::int32_t i)
-                   { return i == first ? bound : bound = look(i); });
+                   { return i == first ? bound : bound = visit(i); });
   if (patience <= 0)
   {
     patience = std::numeric_limits<int>::max();
-    segments.nearest(node, reach, look,
+    segments.nearest(node, reach, visit,
                      [&](std::int32_t branch) { return may.enters(branch); });
     if (!chosen())
       return kept;
-    // Only now all that is nearer counts: it may be what the node faces
-    // instead, or in front of which it is.
+    // Now all nearer segments count: the node may face one of them instead,
+    // or be in front of one.
     nearest += more * surface.size(chosen()->segment);
     front = behind = {};
-    segments.nearest(node, nearest, look);
+    segments.nearest(node, nearest, visit);
   }
   const NearestOnSide<S>* found = chosen();
   if (!found || !may.confirms(found->projection, nearest))

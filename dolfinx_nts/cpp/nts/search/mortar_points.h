@@ -47,7 +47,7 @@ struct MortarPoints
   std::vector<std::int32_t> segment; ///< number of the segment
   std::vector<double> weight;        ///< reference area [m^2]; 0 at corners
   std::vector<double> phi;           ///< shape functions of the facet, (p, n)
-  std::vector<double> psi;           ///< those of the multipliers, (p, k)
+  std::vector<double> psi;           ///< shape functions of multipliers, (p, k)
 };
 
 /// @brief Positions of nodes at one end of a step, and of segments [m].
@@ -71,9 +71,9 @@ public:
   using Part = std::conditional_t<k == 2, Interval, Polygon>;
 
   /// @param[in] facets Facets of the nodes, like segments.
-  /// @param[in] segments What they may touch.
+  /// @param[in] segments Segments of the other surface.
   /// @param[in] ends Other positions of both.
-  /// @param[in] reach Distance up to which facets look for segments [m].
+  /// @param[in] reach Search distance of the facets [m].
   MortarSearch(const SegmentSurface<F>& facets,
                const SegmentSurface<S>& segments, const Ends& ends,
                double reach)

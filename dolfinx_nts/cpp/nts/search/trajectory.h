@@ -129,7 +129,7 @@ public:
   /// @param[in] row Its row of the surface's positions, or -1: segments of
   /// which it is a vertex are left out.
   /// @param[in] inside Segment behind which it starts, or -1.
-  /// @param[in] node What it may touch, see `Facing`.
+  /// @param[in] node Admissible segments of the node, see `Facing`.
   /// @param[in] tree Returns the tree over the segments in the first state.
   template <class S, class GetTree>
   Trajectory follow(const Vec3& from, const Vec3& to, std::int32_t row,
@@ -182,7 +182,7 @@ public:
 private:
   /// Distances relative to the size of a triangle [-]: from its plane, counted
   /// as zero, and outside of its edges, counted as inside.
-  static constexpr double on_plane = 1e-9, beside = 1e-6;
+  static constexpr double on_plane = 1e-9, outside = 1e-6;
 
   struct Crossing
   {
@@ -257,7 +257,7 @@ private:
                   const double u
                       = dot(cross(p.node, p.second), p.normal) / square,
                       v = dot(cross(p.first, p.node), p.normal) / square;
-                  if (u >= -beside && v >= -beside && u + v <= 1 + beside)
+                  if (u >= -outside && v >= -outside && u + v <= 1 + outside)
                     _crossings.push_back(
                         {s, inward, segment,
                          (orientation / std::sqrt(square)) * p.normal});

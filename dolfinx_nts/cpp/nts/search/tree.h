@@ -88,7 +88,7 @@ public:
   }
 
   /// @brief Whether a branch without children can be entered.
-  /// @param[in] enters Says whether to look into a branch, by its number.
+  /// @param[in] enters Whether to visit a branch, by its number.
   bool has_entry(const auto& enters, std::int32_t index = 0) const
   {
     if (_branches.empty() || !enters(index))
@@ -102,7 +102,7 @@ public:
   /// @param[in] point The point [m].
   /// @param[in] bound Largest distance of interest [m].
   /// @param[in] visit Called with a segment; returns the new bound, NaN to end.
-  /// @param[in] enters Says whether to look into a branch, by its number.
+  /// @param[in] enters Whether to visit a branch, by its number.
   template <class Visit, class Enters = Always>
   void nearest(const Vec3& point, double bound, Visit&& visit,
                const Enters& enters = {}) const
@@ -128,8 +128,8 @@ private:
     std::int32_t left = -1, right = -1;
   };
 
-  /// @brief Set the box of each branch, which box_at gives, from those of its
-  /// segments.
+  /// @brief Set the box of each branch, which box_at gives, from the boxes of
+  /// its segments.
   template <class BoxOf, class BoxAt>
   void gather(BoxOf&& box_of, BoxAt&& box_at) const
   {

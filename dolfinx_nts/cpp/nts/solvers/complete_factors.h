@@ -63,7 +63,7 @@ public:
     }
   }
 
-  /// @brief Whether a pattern may be that of the factors.
+  /// @brief Whether a pattern agrees with the factors.
   bool fits(std::span<const std::int64_t> start,
             std::span<const std::int32_t> column) const noexcept
   {
@@ -262,7 +262,7 @@ private:
     return true;
   }
 
-  /// @brief Solve for up to K right-hand sides at once.
+  /// @brief Solve for up to K right-hand sides together.
   template <std::size_t K>
   void solve(std::span<const double> b, std::span<double> x, std::size_t count)
   {

@@ -23,7 +23,7 @@
 /// first need them, and are reused for later contacts.
 ///
 /// Contact nodes are eliminated first. With friction or springs, C ties them
-/// to the nodes of their segments by stiffnesses far above those of the bulk,
+/// to the nodes of their segments by stiffnesses far above the bulk,
 /// and what their elimination fills then lies between these nodes and their
 /// neighbours: in the pattern of A, so that incomplete factors keep it. The
 /// other way round, the fill between contact nodes with a common segment is
@@ -56,7 +56,7 @@ public:
     _z.resize(B * columns);
   }
 
-  /// @brief Nodes of the columns of K, at least those of its rows.
+  /// @brief Nodes of the columns of K, which include its rows.
   std::size_t num_columns() const noexcept { return _number.size(); }
 
   /// @brief Add constraints and blocks of the tangent, all nodes rows of K.
@@ -431,7 +431,7 @@ private:
 
   BlockMatrix<B> _K;
   std::vector<double> _stiffness;   // mean entry on the diagonal of each node
-  double _scale;                    // of what is in single precision
+  double _scale;                    // of values in single precision
   PackedRows<B> _rows;              // of K that contacts have needed, scaled
   std::vector<std::int64_t> _taken; // offset of the rows of each node, or -1
   std::vector<Constraint> _constraints;

@@ -14,10 +14,10 @@
 
 namespace nts
 {
-/// Rows and columns that are eliminated at once.
+/// Rows and columns that are eliminated together.
 inline constexpr std::size_t panel = 48;
 
-/// Columns that are computed at once.
+/// Columns that are computed together.
 inline constexpr std::size_t wide = 16;
 
 /// @brief L numbers in a register, named by its size, as compilers keep wider
@@ -30,7 +30,7 @@ struct FloatRegister
 
 /// @brief C -= A B, with few columns of A, at most `panel`.
 /// @tparam L Numbers in a register.
-/// @tparam height Rows at once, of which registers hold the sums.
+/// @tparam height Rows whose sums are in registers.
 /// @param[in] rows, inner, columns Numbers: A is (rows, inner).
 /// @param[in] a, b, c Distances of rows in memory.
 template <std::size_t L, std::size_t height>
@@ -171,7 +171,7 @@ inline void subtract_from_vector(const float* A, const float* x, float* y,
   subtract_rows<4>(A, x, y, rows, columns);
 }
 
-/// @brief The same for K vectors at once, (columns, K) and (rows, K): one, or
+/// @brief The same for K vectors together, (columns, K) and (rows, K): one, or
 /// as many as are `wide`.
 template <std::size_t K>
 void subtract_product(const float* A, const float* x, float* y,

@@ -150,7 +150,7 @@ public:
   /// @brief x = (L U)^-1 b.
   /// @param[in] b Right-hand side of all rows, or of the first ones.
   /// @param[out] x Values of the first rows, all or fewer; may be b.
-  /// @param[in] behind Right-hand side of the rows behind those of b.
+  /// @param[in] behind Right-hand side of the rows after b.
   void apply(std::span<const double> b, std::span<double> x,
              std::span<const double> behind = {})
   {
@@ -164,7 +164,7 @@ public:
   /// @param[in] b Right-hand side of all rows, or of the first ones.
   /// @param[out] x Values of the first rows, all or fewer, of which others than
   /// these rows are left as they are.
-  /// @param[in] behind Right-hand side of the rows behind those of b.
+  /// @param[in] behind Right-hand side of the rows after b.
   void apply_at(std::span<const std::int32_t> places, std::span<const double> b,
                 std::span<double> x, std::span<const double> behind = {})
   {
@@ -242,7 +242,7 @@ private:
 
   double _scale = 1; // of the matrix
   std::vector<std::int32_t> _order;
-  std::vector<std::size_t> _begin; // rows of L, then those of U from the last
+  std::vector<std::size_t> _begin; // rows of L, then of U from the last
   PackedRows<B> _factors;
   std::vector<float> _x; // values in this order
 };

@@ -165,7 +165,7 @@ public:
   }
 
 private:
-  /// @brief Place of a number, that of none where it is not known.
+  /// @brief Place of a number, or an invalid place if it is unknown.
   std::size_t find(std::int64_t wanted) const noexcept
   {
     const auto there = std::ranges::lower_bound(_number, wanted);
