@@ -14,7 +14,8 @@ from dolfinx_nts.common.arguments import as_call, kind_of, label
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
-from dolfinx_nts.contact.friction.laws import FrictionLaw, check_law, friction_law
+from dolfinx_nts.contact.friction.laws import FrictionLaw, friction_law
+from dolfinx_nts.contact.friction.limits import check_law
 from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.method import (
     EDGES,

@@ -6,7 +6,8 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats, Ints
-from dolfinx_nts.contact.friction.laws import FrictionLaw, Limits
+from dolfinx_nts.contact.friction.laws import FrictionLaw
+from dolfinx_nts.contact.friction.limits import Limits
 from dolfinx_nts.contact.friction.traction import slip_energy, spring_model, transport
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.search.candidates import Candidates

@@ -15,7 +15,7 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats
-from dolfinx_nts.contact.friction.laws import NodalLimit
+from dolfinx_nts.contact.friction.limits import NodalLimit
 
 __all__ = ["TractionModel", "exact_model", "slip_energy", "spring_model", "transport"]
 

@@ -5,7 +5,7 @@ import pytest
 
 import dolfinx_nts as nts
 from dolfinx_nts import _kernels
-from dolfinx_nts.contact.friction.laws import Limits
+from dolfinx_nts.contact.friction.limits import Limits
 from dolfinx_nts.contact.friction.traction import exact_model, spring_model, transport
 from reference.bulk import rotation, taylor_order
 

@@ -7,7 +7,8 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.enforcement import Penalty
-from dolfinx_nts.contact.friction.laws import FrictionLaw, Limits, NodalLimit
+from dolfinx_nts.contact.friction.laws import FrictionLaw
+from dolfinx_nts.contact.friction.limits import Limits, NodalLimit
 from dolfinx_nts.contact.friction.traction import (
     TractionModel,
     exact_model,
