@@ -148,5 +148,5 @@ def without_friction(history: ContactHistory) -> ContactHistory:
 
 
 def reloaded(history: ContactHistory) -> ContactHistory:
-    """Let springs of nodes without a segment begin loaded, where the nodes are now. Local."""
+    """Contact whose springs are loaded by the present gaps of nodes without a segment. Local."""
     return replace(history, key=np.where(history.key < 0, NEVER, history.key))

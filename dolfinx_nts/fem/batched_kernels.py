@@ -60,7 +60,7 @@ class _Library(NamedTuple):
 
     @classmethod
     def of(cls, module: Path, *, is_single: bool, columns: Columns | None) -> "_Library":
-        """Library for the form in a module of FFCx.
+        """Shared library of the form, from its FFCx module.
 
         Raises:
             OSError: The C code does not exist.

@@ -288,7 +288,7 @@ class TimeLoop(State):
         return [held_apart(pair, x, gap_tol) for pair in self.contacts]
 
     def _checked(self, before: list[Flags], gap_tol: float) -> list[Flags]:
-        """Such nodes after the current step; raises if there are new ones."""
+        """Active nodes with a large gap after the step; raises if there are new ones."""
         after = self._held_apart(gap_tol)
         new = [
             pair.nodes.node_ids[now & ~then]

@@ -115,7 +115,7 @@ class Friction:
         return np.zeros(len(pairs.node))
 
     def accepted(self, pairs: PairKinematics, x: Floats) -> tuple[Floats, dict[str, Any]]:
-        """Energy of the springs, ``(n,)`` [J], and what the history remembers, by its names.
+        """Energy of the springs, ``(n,)`` [J], and values of the history, by name.
 
         ``x`` are the positions with ghosts at the end of the step, shape ``(l, 3)`` [m].
         """

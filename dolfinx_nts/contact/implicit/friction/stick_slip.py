@@ -116,7 +116,7 @@ class StickSlip(Friction):
         self._slips.measure(pairs, x)
 
     def follow_contact(self, pairs: PairKinematics, before: Flags, active: Flags) -> None:
-        """Release nodes, and let new ones stick that come within the cone of friction."""
+        """Release inactive nodes; new active nodes stick if they are inside the friction cone."""
         changes = active != before
         if not changes.any():
             return

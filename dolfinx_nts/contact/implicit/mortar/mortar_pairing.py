@@ -108,7 +108,7 @@ class MortarPairing(Pairing):
         return total[facets.nodes]
 
     def is_same(self, pairs: PairKinematics) -> Flags:
-        """True for all, as no node has a segment of its own."""
+        """True for all nodes, since mortar contact assigns no segments to nodes."""
         return np.ones(len(pairs.node), dtype=bool)
 
     def num_beyond(self, x: Floats, node: Ints) -> int:

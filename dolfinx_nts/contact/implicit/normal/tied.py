@@ -85,7 +85,7 @@ class Bond(StickSlip):
         acts_at_end: bool,
     ) -> None:
         super().__init__(state, Coulomb(mu=1.0), is_static, search, stiffness, acts_at_end)
-        # By symmetry rings have nothing to tie across the axis.
+        # Nodes on an axis of symmetry have no tangential constraint.
         self.sliding[:] = self._on_axis
 
     def follow_contact(self, pairs: PairKinematics, before: Flags, active: Flags) -> None:
