@@ -228,9 +228,9 @@ def test_no_mean_gap_is_less_than_the_gaps_around_the_node(k, rng):
 
 @pytest.mark.parametrize("kink", [0.02, 0.3, 0.5, 0.98])
 def test_part_of_dual_functions_above_a_kink_agrees_with_the_integrals(kink):
-    """An edge of length 1 above a chamfer: (1 - p) / (1 + 2 p), with the kink at p."""
+    """An edge of length 1 above a flat chamfer: (1 - p) / (1 + 2 p), with the kink at p."""
     x = np.zeros((5, 3))
-    x[:, 0], x[4, 1] = [0.0, 1.0, -1.0, kink, 3.0], -0.4 * (3 - kink)
+    x[:, 0], x[4, 1] = [0.0, 1.0, -1.0, kink, 3.0], -0.02 * (3 - kink)
     edge, below = np.array([[0, 1]], dtype=np.int32), np.array([[2, 3], [3, 4]], dtype=np.int32)
     sizes = np.ones(2), np.ones(2)
     found = FoundSegments(serial_scatter(5), below, -np.ones(2), np.arange(2), *sizes)
@@ -239,6 +239,34 @@ def test_part_of_dual_functions_above_a_kink_agrees_with_the_integrals(kink):
     points = FacetPoints.choose(surface, FacetCandidates(found, below), x, x, 10.0)
     part = points.largest_parts((x,), 1e-12)
     assert part == pytest.approx([(1 - kink) / (1 + 2 * kink), 1.0], rel=1e-9)
+    assert not points.kink.any()
+
+
+@pytest.mark.parametrize("depth", [0.0, 0.01, 0.05])
+@pytest.mark.parametrize("kink", [0.3, 0.5])
+def test_openings_above_a_steep_chamfer_neither_press_nor_lift_in_equilibrium(kink, depth):
+    """Points on the sole count with linear functions, those above the chamfer by their gaps."""
+    x = np.zeros((5, 3))
+    x[:, 0], x[4, 1] = [0.0, 1.0, -1.0, kink, 3.0], -(3 - kink)
+    x[:2, 1] = -depth
+    edge, below = np.array([[0, 1]], dtype=np.int32), np.array([[2, 3], [3, 4]], dtype=np.int32)
+    sizes = np.ones(2), np.ones(2)
+    found = FoundSegments(serial_scatter(5), below, -np.ones(2), np.arange(2), *sizes)
+    surface = MortarFacets(
+        edge[0], np.full(2, 0.5), edge, np.ones(1), x, are_rings=False, wholes=edge, of_patches=None
+    )
+    chosen = FacetPoints.choose(surface, FacetCandidates(found, below), x, x, 10.0)
+    assert (chosen.kink == 1).all()
+    part = chosen.largest_parts((x,), 1e-12)
+    points, in_equilibrium = chosen.points(part), chosen.points(part, x, 1e-12)
+    gap = chosen.candidates.gap(points, x, points.segment)
+    opening = np.fmax(gap, 0)
+    linear, weighted = (some.shares.mean(opening) for some in (points, in_equilibrium))
+    assert (linear > 0).all()
+    assert (weighted[0] >= 0) and (weighted < linear).all()
+    # Area on which the first node acts: that above the sole, and little of the rest.
+    sole = kink - kink**2 / 2
+    assert sole <= in_equilibrium.shares.area[0] <= sole + 0.1 * bool(depth) + 1e-9
 
 
 def test_facets_that_face_away_have_no_points(rng):

@@ -5,8 +5,6 @@ the step. The force of each multiplier is then a sum of discrete gradients with 
 and does no work while the mean gap is constant.
 """
 
-from collections.abc import Sequence
-
 from mpi4py import MPI
 
 import numpy as np
@@ -22,6 +20,7 @@ from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.mortar.facet_points import FacetPoints
+from dolfinx_nts.search.mortar.mortar_points import MortarPoints
 from dolfinx_nts.search.mortar.mortar_search import MortarCandidates
 
 __all__ = ["FrozenPoints", "SettlingPoints", "TiedPoints"]
@@ -74,12 +73,12 @@ class FrozenPoints(LocalSearch):
     def _take(self, x_n: Floats, x: Floats) -> None:
         ends = x_n, x
         found = FacetPoints.choose(self.candidates.facets, self.candidates, *ends, self.reach)
-        part = found.largest_parts(self._bounded_at(x_n, x), self._slack)
+        part = self._largest_parts(found, x_n, x)
         if self._renewals > 1:
             # Parts come to rest sooner if they do not grow again.
             part = np.where(self._has_fallen(part), part, self._part)
         self._found, self._part = found, part
-        points = found.points(part)
+        points = self._points(found, part, x)
         self.pairing = MortarPairing(self.candidates, points, self.x_n, x.copy())
         # The segment with the lowest number represents the segments of the points of a node.
         self.segment = points.shares.first(points.segment % len(self.candidates.segments))
@@ -90,13 +89,17 @@ class FrozenPoints(LocalSearch):
         self.approach = Approach(self.segment, gap_n, gap_trial, trial)
         self.gap = gap_n.copy()
 
-    def _bounded_at(self, x_n: Floats, x: Floats) -> Sequence[Floats]:
-        """Positions at which no mean gap is less than all gaps around its node.
+    def _largest_parts(self, found: FacetPoints, x_n: Floats, x: Floats) -> Floats:
+        """Largest parts of dual functions around the nodes, shape ``(n,)``.
 
-        None in resolved impact: parts of dual functions that change from step to step take its
-        second order in time (0.6 for 2.7).
+        In resolved impact they do not depend on gaps: parts that change from step to step take
+        its second order in time (0.6 for 2.7).
         """
-        return () if self._is_resolved else (x_n, x)
+        return found.largest_parts(() if self._is_resolved else (x_n, x), self._slack)
+
+    def _points(self, found: FacetPoints, part: Floats, x: Floats) -> MortarPoints:
+        """Points with shares of the nodes, chosen at x."""
+        return found.points(part)
 
     def _has_fallen(self, part: Floats) -> Flags:
         """Whether the parts of dual functions have to be less than they are, shape ``(n,)``."""
@@ -141,20 +144,23 @@ class TiedPoints(FrozenPoints):
         X = self.candidates.scatter.forward(reference_positions(self._V))
         self._take(X, X)
 
-    def _bounded_at(self, x_n: Floats, x: Floats) -> Sequence[Floats]:
-        """None, as tied nodes have gaps of either sign."""
-        return ()
+    def _points(self, found: FacetPoints, part: Floats, x: Floats) -> MortarPoints:
+        """Points with dual functions alone, as tied nodes have gaps of either sign."""
+        return found.points()
 
 
 class SettlingPoints(FrozenPoints):
     """Quadrature points of statics, renewed until they belong to the equilibrium."""
-
     _most_renewals = 6
     _nearby = 0.1
 
-    def _bounded_at(self, x_n: Floats, x: Floats) -> Sequence[Floats]:
-        """Equilibrium alone: the gap before the step decides nothing."""
-        return (x,)
+    def _largest_parts(self, found: FacetPoints, x_n: Floats, x: Floats) -> Floats:
+        """Parts in equilibrium: the gap before the step decides nothing."""
+        return found.largest_parts((x,), self._slack)
+
+    def _points(self, found: FacetPoints, part: Floats, x: Floats) -> MortarPoints:
+        """Points whose weights belong to the equilibrium."""
+        return found.points(part, x, self._slack)
 
     def _is_due(self, x: Floats, near: Ints, converged: bool) -> bool:
         moved = self.pairing.places(x, near) - self.pairing.places(self.pairing.x_chosen, near)
@@ -162,5 +168,5 @@ class SettlingPoints(FrozenPoints):
         if may_move and np.abs(moved).max(initial=0.0) > _SETTLED:
             return True
         # Before equilibrium gaps that will be equal are not.
-        part = self._found.largest_parts((x,), self._slack) if converged else self._part
+        part = self._largest_parts(self._found, x, x) if converged else self._part
         return bool(self._has_fallen(part)[near].any())
