@@ -242,7 +242,7 @@ def test_part_of_dual_functions_above_a_kink_agrees_with_the_integrals(kink):
     assert not points.kink.any()
 
 
-@pytest.mark.parametrize("depth", [0.0, 0.01, 0.05])
+@pytest.mark.parametrize("depth", [0.0, 0.01])
 @pytest.mark.parametrize("kink", [0.3, 0.5])
 def test_openings_above_a_steep_chamfer_neither_press_nor_lift_in_equilibrium(kink, depth):
     """Points on the sole count with linear functions, those above the chamfer by their gaps."""
