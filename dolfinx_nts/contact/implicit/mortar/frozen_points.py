@@ -151,6 +151,7 @@ class TiedPoints(FrozenPoints):
 
 class SettlingPoints(FrozenPoints):
     """Quadrature points of statics, renewed until they belong to the equilibrium."""
+
     _most_renewals = 6
     _nearby = 0.1
 
