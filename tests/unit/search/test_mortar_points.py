@@ -252,9 +252,8 @@ def test_openings_above_a_steep_chamfer_neither_press_nor_lift_in_equilibrium(ki
     edge, below = np.array([[0, 1]], dtype=np.int32), np.array([[2, 3], [3, 4]], dtype=np.int32)
     sizes = np.ones(2), np.ones(2)
     found = FoundSegments(serial_scatter(5), below, -np.ones(2), np.arange(2), *sizes)
-    surface = MortarFacets(
-        edge[0], np.full(2, 0.5), edge, np.ones(1), x, are_rings=False, wholes=edge, of_patches=None
-    )
+    of_edge = edge, np.ones(1), x, False, edge, None
+    surface = MortarFacets(edge[0], np.full(2, 0.5), *of_edge)
     chosen = FacetPoints.choose(surface, FacetCandidates(found, below), x, x, 10.0)
     assert (chosen.kink == 1).all()
     part = chosen.largest_parts((x,), 1e-12)
