@@ -209,7 +209,8 @@ class FacetPoints:
             scatter, k = self.candidates.scatter, psi.shape[1]
             values = np.ones((scatter.index_map.size_local, 3))
             values[facets.nodes, 0] = part
-            gap, linear, kink = np.zeros(len(inner)), self.linear[inner], self.kink[inner]
+            gap: Floats = np.zeros(len(inner))
+            linear, kink = self.linear[inner], self.kink[inner]
             if x is not None:
                 gaps, least = self._gaps(x)
                 gap, values[facets.nodes, 1] = gaps[inner], least[facets.nodes]
