@@ -23,13 +23,13 @@ __all__ = ["FacetPoints"]
 
 # Spread of the normals of undeformed segments below the facets around a node, 1 less the length of
 # their mean [-]: up to the first one they are a smooth surface, from the second one on a kink. A
-# kink by the angle a in the middle has a^2 / 8: 10 and 20 degrees. Larger: pressed chamfers of 17
-# degrees open next to them (27 of 63 generated cases with the double); smaller: pressures on round
-# segments that are longer than a tenth of their radius are rougher.
+# kink by the angle a in the middle has a^2 / 8: 5 and 10 degrees. Larger: steeper chamfers press as
+# with dual functions (pressed ones of 17 degrees open the sole in 33 of 63 generated cases);
+# smaller: coarser round segments count as kinks, with rougher pressures.
 _SMOOTH, _KINKED = 0.001, 0.004
 # Openings above a kink count in full up to this multiple of the least gap in equilibrium [-].
-# Larger: forces at kinks are too small; smaller: points between nodes of surfaces that touch do not
-# count, and mean gaps jump as they do. Force on the coarsest sole: 9 % too small with 4.
+# Larger: openings lift nodes and forces are too small (45 % without this limit on the coarsest
+# sole, 9 % with 4); smaller: points that are open by the waviness of pressed meshes count less.
 _COUNTED = 4.0
 
 
