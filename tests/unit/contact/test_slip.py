@@ -100,3 +100,17 @@ def test_frames_are_orthonormal_and_span_the_tangent_plane(k, orientation):
         assert np.abs(np.einsum("mic,mc->mi", e, normal)).max() < ROUNDING
         cross = signs[:, None] * np.cross(e[:, 0], e[:, 1])
         np.testing.assert_allclose(cross, normal, atol=ROUNDING)
+
+
+@kinds
+def test_tractions_turn_with_the_segment_whatever_the_order_of_its_vertices(k):
+    x_n, x, signs, _ = two_states(k, 1.0)
+    vertices = [1, 2, 0] if k == 3 else [1, 3, 0, 2]  # turned about the normal
+    turns = []
+    for order in (np.arange(1 + k), np.array([0, *np.add(vertices, 1)])):
+        *_, frame_n, frame = _kernels.slip(x_n[:, order], x[:, order], signs)
+        np.testing.assert_allclose(
+            frame @ frame.swapaxes(1, 2), np.tile(np.eye(2), (len(x), 1, 1)), atol=ROUNDING
+        )
+        turns.append(np.einsum("mai,maj->mij", frame, frame_n))
+    np.testing.assert_allclose(turns[1], turns[0], atol=ROUNDING)

@@ -28,7 +28,7 @@ struct Slip
   std::array<double, nodes> w = {};                ///< weights of x_s - x_bar
   std::array<std::array<double, nodes>, 2> b = {}; ///< weights of e_i
   Matrix<2, 3> frame_n = {};                       ///< e_i at t_n
-  Matrix<2, 3> frame = {}; ///< orthonormal frame at the projection of q_{n+1}
+  Matrix<2, 3> frame = {}; ///< convected to the projection of q_{n+1}
 };
 
 /// @brief Orthonormal frame of a projection: e_1 along a_1, e_2 in the
@@ -45,6 +45,29 @@ Matrix<2, 3> tangent_frame(const Projection<S>& p, Matrix<2, 2>& c) noexcept
   return e;
 }
 
+/// @brief Orthonormal frame that is nearest to c[i][a] a_a, an orthonormal
+/// frame that moved with the segment: m^(-1/2) times its vectors, of scalar
+/// products m.
+///
+/// It turns with them under any change of the coordinates of the segment, so
+/// that the order of the vertices does not count.
+template <class S>
+Matrix<2, 3> convected_frame(const Projection<S>& p,
+                             const Matrix<2, 2>& c) noexcept
+{
+  Matrix<2, 3> moved, e;
+  for (std::size_t i = 0; i < 2; ++i)
+    moved[i] = c[i][0] * p.tangents[0] + c[i][1] * p.tangents[1];
+  const double m00 = dot(moved[0], moved[0]), m11 = dot(moved[1], moved[1]);
+  const double m01 = dot(moved[0], moved[1]);
+  // The root is (m + d I)/t, and its determinant d.
+  const double d = std::sqrt(m00 * m11 - m01 * m01);
+  const double t = std::sqrt(m00 + m11 + 2 * d);
+  e[0] = (1 / (d * t)) * ((m11 + d) * moved[0] - m01 * moved[1]);
+  e[1] = (1 / (d * t)) * ((m00 + d) * moved[1] - m01 * moved[0]);
+  return e;
+}
+
 /// @brief Slip between two projected states of a pair.
 /// @param[in] pair_n, pair States at t_n and t_{n+1}.
 /// @param[in] p_n, p Their projections on the segment.
@@ -55,8 +78,8 @@ Slip<S> slip(const Pair<S>& pair_n, const Pair<S>& pair,
   constexpr std::size_t k = S::vertices;
   Slip<S> s;
   Matrix<2, 2> c;
-  s.frame = tangent_frame(p, c);
   s.frame_n = tangent_frame(p_n, c);
+  s.frame = convected_frame(p, c);
   const auto phi = S::phi(p_n.xi);
   const auto dphi = S::dphi(p_n.xi);
   s.w[0] = 1;
