@@ -238,6 +238,7 @@ class Boundaries:
 
 class Springs:
     node: _Ints
+    num_nodes: int
     key: _Keys
     dofs: _Ints
     force: _Floats

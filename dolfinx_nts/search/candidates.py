@@ -15,7 +15,7 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts._kernels import HYSTERESIS
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
+from dolfinx_nts.common.arrays import Array, Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.model.frames import Frame
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.model.obstacles.adjacent_facets import AdjacentFacets
@@ -25,7 +25,7 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.points import ContactPoints, NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter
 
-__all__ = ["Candidates", "Search", "sunk_from", "too_deep"]
+__all__ = ["Candidates", "Search", "mean_gaps", "sunk_from", "too_deep"]
 
 # Depth relative to the size of a candidate [-] up to which points may leave it.
 _DEEP = 0.1
@@ -98,21 +98,30 @@ class Candidates(ABC):
         reach: float,
         numbers: Ints,
         stiffness: Floats,
+        start: Array | None = None,
+        slack: float = HYSTERESIS,
     ) -> tuple[Ints, Floats, _kernels.Springs]:
         """Pair nodes and evaluate the springs of penetrating ones, see `cpp/nts/contact/springs.h`.
 
         Args:
-            points: The ``c`` nodes.
+            points: The ``c`` nodes; a node that is equally near to several candidates occurs once
+                for each.
             x: Positions.
             current: Current candidates or -1, shape ``(c,)``.
             reach: Largest gap of interest [m].
             numbers: Numbers of the nodes in the returned springs, shape ``(c,)``.
             stiffness: Stiffness of each spring, shape ``(c,)`` [N/m].
+            start: First occurrence of each node, and the end, shape ``(m + 1,)``; None where all
+                nodes occur once.
+            slack: See `pair`.
 
         Returns:
-            Candidate and gap as of `pair`, ``(c,)``; and springs of the nodes with gap < 0.
+            Candidate as of `pair`, and gap, the mean of those of the same node, ``(c,)``; and
+            springs of the nodes with gap < 0.
         """
-        segment, gap = self.pair(points, x, current, reach)
+        segment, gap = self.pair(points, x, current, reach, slack)
+        if start is not None:
+            gap = mean_gaps(gap, start)
         inside = np.flatnonzero(gap < 0).astype(np.int32)
         some, facet, depth = points.take(inside), segment[inside], gap[inside]
         gradient = self.contact("static", some, x, x, facet).gradient
@@ -187,6 +196,13 @@ class Candidates(ABC):
             Flags, shape ``(n,)``: all eligible nodes, except in self contact.
         """
         return eligible
+
+
+def mean_gaps(gap: Floats, start: Array) -> Floats:
+    """Mean of the gaps of each node in place of its gaps, see `Candidates.penalty_forces`."""
+    counts = np.diff(start)
+    means: Floats = np.repeat(np.add.reduceat(gap, start[:-1]) / counts, counts)
+    return means
 
 
 def too_deep(candidates: Candidates, segment: Ints) -> Floats:

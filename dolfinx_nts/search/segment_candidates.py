@@ -6,12 +6,12 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts._kernels import HYSTERESIS
-from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
+from dolfinx_nts.common.arrays import Array, Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.model.kinematics import ContactKinematics, ConvectiveSlip, Slip
 from dolfinx_nts.model.obstacles.adjacent_facets import AdjacentFacets
 from dolfinx_nts.model.obstacles.rims import is_nearest_a_rim
 from dolfinx_nts.model.obstacles.trajectories import Trajectories, passages
-from dolfinx_nts.search.candidates import Candidates
+from dolfinx_nts.search.candidates import Candidates, mean_gaps
 from dolfinx_nts.search.points import ContactPoints, NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter
 
@@ -101,8 +101,12 @@ class SegmentCandidates(Candidates):
         reach: float,
         numbers: Ints,
         stiffness: Floats,
+        start: Array | None = None,
+        slack: float = HYSTERESIS,
     ) -> tuple[Ints, Floats, _kernels.Springs]:
-        segment, xi, gap, normal = self._choose(points, x, current, reach, HYSTERESIS)
+        segment, xi, gap, normal = self._choose(points, x, current, reach, slack)
+        if start is not None:
+            gap = mean_gaps(gap, start)
         springs = _kernels.penalty_forces(
             numbers, points.nodes, segment, xi, gap, normal, self.segments, self.key, stiffness
         )

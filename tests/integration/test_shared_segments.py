@@ -7,11 +7,15 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
+from dolfinx_nts.common.archive import Snapshot
 from helpers import scenes
 from helpers.box_meshes import boxes, distribute
+from helpers.boxed import CLOSED, Ledger
 from helpers.once import once
 
-GAP, STEP = 1e-3, 5e-3  # m, s
+GAP, STEP, SHORT = 1e-3, 5e-3, 2e-3  # m, s, s in explicit steps
+# Explicit steps, in which the blocks touch, slide and part [-].
+LONG = 200
 # Of velocities [m/s]: round-off and the tolerance of Newton's method, measured 8e-12.
 SAME = 1e-9
 # Change of the energy [J], relative to the kinetic energy at the start.
@@ -44,7 +48,7 @@ def impact(V, bodies, pair, scheme=nts.EnergyMomentum, velocity=(0.0, 0.0, -1.0)
     of x, how many nodes have several segments in each step, and the change of the energy, relative
     to the kinetic energy at the start. Collective.
     """
-    stepper = scheme(bodies, [pair], dt=STEP)
+    stepper = scheme(bodies, [pair], dt=SHORT if scheme is nts.CentralDifference else STEP)
     stepper.set_velocity(bodies[1], velocity)
     before, shared = nts.Diagnostics(stepper).balance(), []
     for _ in range(steps):
@@ -90,6 +94,24 @@ def test_nodes_above_vertices_depend_neither_on_numbers_nor_on_round_off(scheme,
 
 
 @pytest.mark.serial
+@pytest.mark.parametrize("friction", [None, nts.Coulomb(0.3)])
+def test_explicit_steps_depend_neither_on_numbers_nor_on_round_off(friction):
+    # Nodes slide over edges in the direction of y, along which the scene is not symmetric.
+    def velocities(seed):
+        V, bodies, surfaces = blocks(MPI.COMM_SELF, seed)
+        pair = nts.ContactPair(*surfaces, nts.Penalty(), friction)
+        return impact(V, bodies, pair, nts.CentralDifference, (0.0, 0.3, -1.0), LONG)
+
+    v, mirrored, shared, _ = velocities(seed=0)
+    assert max(shared) > 0
+    np.testing.assert_allclose(mirrored, v, rtol=0, atol=SAME)
+    renumbered = velocities(seed=1)
+    assert renumbered[2] == shared
+    np.testing.assert_allclose(renumbered[0], v, rtol=0, atol=SAME)
+    np.testing.assert_allclose(renumbered[1], renumbered[0], rtol=0, atol=SAME)
+
+
+@pytest.mark.serial
 @pytest.mark.parametrize("law", [nts.LagrangeMultiplier(), nts.Penalty(1e4)])
 def test_energy_is_conserved_where_nodes_slide_off_vertices(law):
     V, bodies, surfaces = blocks(MPI.COMM_SELF, cell="tetrahedron")
@@ -124,21 +146,87 @@ def test_nodes_above_vertices_of_a_rigid_surface_do_not_depend_on_its_numbers(fr
 
 
 @pytest.mark.several_ranks
+@pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.CentralDifference])
 @pytest.mark.parametrize("friction", [None, nts.Coulomb(0.3)])
-def test_nodes_share_segments_of_several_ranks(comm, friction):
+def test_nodes_share_segments_of_several_ranks(comm, friction, scheme):
     def owner(midpoints):
         return (midpoints[:, 0] + midpoints[:, 2] > 0.9).astype(np.int32) % comm.size
 
+    explicit = scheme is nts.CentralDifference
+    law, steps = (nts.Penalty(), 60) if explicit else (None, 4)
     V, bodies, surfaces = blocks(comm, owner=owner)
-    v, _, shared, change = impact(V, bodies, nts.ContactPair(*surfaces, None, friction))
+    pair = nts.ContactPair(*surfaces, law, friction)
+    v, _, shared, change = impact(V, bodies, pair, scheme, steps=steps)
     X = V.tabulate_dof_coordinates()[: V.dofmap.index_map.size_local]
     every = np.vstack(comm.allgather(np.hstack((X[in_space(X)], v))))
     V, bodies, surfaces = blocks(MPI.COMM_SELF)
-    alone, *_ = impact(V, bodies, nts.ContactPair(*surfaces, None, friction))
+    pair = nts.ContactPair(*surfaces, law, friction)
+    alone, *_ = impact(V, bodies, pair, scheme, steps=steps)
     np.testing.assert_allclose(every[in_space(every[:, :3]), 3:], alone, rtol=0, atol=SAME)
     assert comm.allreduce(max(shared)) > 0
-    if friction is None:
+    if friction is None and not explicit:
         assert abs(change) < CONSERVED
+
+
+@pytest.mark.serial
+def test_explicit_steps_between_facets_of_a_rigid_surface_do_not_depend_on_its_numbers():
+    def velocities(order):
+        V, bodies, (nodes, _) = blocks(MPI.COMM_SELF)
+        y, x = np.indices((4, 4)).reshape(2, 16) / 3
+        points = np.stack([x, y, 0.4 - 0.02 * np.abs(x - 1 / 3)], axis=1)
+        number = np.arange(16).reshape(4, 4)
+        facets = [number[j : j + 2, i : i + 2].ravel() for j in range(3) for i in range(3)]
+        obstacle = nts.RigidSurface(points, np.array(facets)[order], outside=(0.5, 0.5, 9.0))
+        pair = nts.ContactPair(nodes, obstacle, nts.Penalty())
+        return impact(V, bodies, pair, nts.CentralDifference, steps=60)
+
+    (v, _, shared, _), (renumbered, *_) = (velocities(np.arange(9)[::s]) for s in (1, -1))
+    assert max(shared) > 0
+    np.testing.assert_allclose(renumbered, v, rtol=0, atol=SAME)
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("friction", [None, nts.Coulomb(0.3)])
+def test_ledger_and_momenta_of_explicit_steps_close_where_nodes_slide_over_edges(friction):
+    _, bodies, surfaces = blocks(MPI.COMM_SELF)
+    pair = nts.ContactPair(*surfaces, nts.Penalty(), friction)
+    stepper = nts.CentralDifference(bodies, [pair], dt=SHORT)
+    stepper.set_velocity(bodies[1], (0.0, 0.3, -1.0))
+    ledger = Ledger(stepper)
+    before = ledger.diagnostics.balance()
+    shared = []
+    for _ in range(40):
+        ledger.run(1)
+        shared.append(np.count_nonzero(pair.history.shared))
+    after = ledger.diagnostics.balance()
+    assert len(set(shared)) > 1
+    assert ledger.error <= CLOSED
+    for name in ("linear_momentum", "angular_momentum"):
+        value = getattr(before, name)
+        np.testing.assert_allclose(getattr(after, name), value, rtol=0, atol=1e-10)
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("friction", [None, nts.Coulomb(0.3)])
+def test_explicit_steps_resume_with_all_segments_of_nodes(friction):
+    def stepper():
+        _, bodies, surfaces = blocks(MPI.COMM_SELF)
+        pair = nts.ContactPair(*surfaces, nts.Penalty(), friction)
+        stepper = nts.CentralDifference(bodies, [pair], dt=SHORT)
+        stepper.set_velocity(bodies[1], (0.0, 0.3, -1.0))
+        return stepper
+
+    # After the nodes have moved along their segments.
+    first, archive, resumed = stepper(), Snapshot(), stepper()
+    for _ in range(4):
+        first.advance()
+    assert first.contacts[0].history.shared.any()
+    first.serialize(archive)
+    resumed.serialize(archive.rewind())
+    for _ in range(10):
+        reports = [each.advance() for each in (first, resumed)]
+        assert reports[0].contact_work == reports[1].contact_work
+    np.testing.assert_array_equal(resumed.v.x.array, first.v.x.array)
 
 
 @pytest.mark.serial

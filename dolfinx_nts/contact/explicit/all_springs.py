@@ -109,7 +109,7 @@ class AllSprings:
         each = zip(self._contacts, self.pairs, self._before, self._forces, strict=True)
         for contact, springs, old, new in each:
             deep = springs.num_deep if springs.num_deep and watches(contact) else 0
-            counts = springs.num_lost, deep, springs.num_segments, len(new.springs.node)
+            counts = springs.num_lost, deep, springs.num_segments, new.springs.num_nodes
             each_sum = zip(sums, (*counts, *springs.work(old, new, x, du)), strict=True)
             sums = [a + b for a, b in each_sum]
         return sums

@@ -9,6 +9,8 @@ from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.friction.laws import FrictionLaw
 from dolfinx_nts.contact.friction.limits import Limits
 from dolfinx_nts.contact.friction.traction import slip_energy, spring_model, transport
+from dolfinx_nts.contact.implicit.mortar.mortar_slip import MortarSlip, NodalFrames
+from dolfinx_nts.contact.implicit.shared_segments import shared_points
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.search.candidates import Candidates
 from dolfinx_nts.search.points import NodalPoints
@@ -70,12 +72,21 @@ class SpringFriction(Friction):
         lambda_N: Floats,
         dt: float,
     ) -> dict[str, Any]:
-        state, law, node, old = self._state, self._law, springs.node, self._state.history
+        state, law, old = self._state, self._law, self._state.history
         assert state.eps_T is not None
+        inside = lambda_N < 0
+        segment, p, node = segment[inside], -lambda_N[inside], springs.node
+        points, x_n = NodalPoints(springs.dofs[:, 0]), candidates.scatter.forward(x_n)
+        slip = of_rows = candidates.slip(law.law, points, x_n, x, segment)
+        shares = None
+        if springs.num_nodes < len(node):
+            # Nodes with several segments have the mean slip.
+            node, start = np.unique(node, return_index=True)
+            start, p = np.append(start, len(springs.node)), np.add.reduceat(p, start)
+            shared = shared_points(springs.dofs[start[:-1], 0], springs.dofs, segment, start)
+            frames = NodalFrames.of(shared, of_rows)
+            slip, shares = MortarSlip(shared, of_rows, frames), shared.shares
         eps_T = state.eps_T[node]
-        points, inside = NodalPoints(springs.dofs[:, 0]), lambda_N < 0
-        segment, p = segment[inside], -lambda_N[inside]
-        slip = candidates.slip(law.law, points, candidates.scatter.forward(x_n), x, segment)
         t_n = transport(old.traction[node], old.normal[node], slip.frame_n, slip.normal_n)
         trial = t_n + eps_T[:, None] * slip.value
         limits = Limits(law, state.nodes, dt, lambda: state.nodes.area, old.slip)
@@ -84,10 +95,15 @@ class SpringFriction(Friction):
         slides = _kernels.slides(judged.force, trial, trial, trial, np.zeros(len(node), dtype=bool))
         model = spring_model(limit, trial, p, eps_T, trial, slides)
         t = model.explicit + p[:, None] * model.direction
+        on_rows, stored = t, np.einsum("mi,mi->m", t, t) / (2 * eps_T)
+        if shares is not None:
+            of_shares = shares.start, shares.point, frames.parts
+            on_rows = _kernels.spread_tractions(*of_shares, t, len(springs.node))
+            stored = shares.spread(stored, len(springs.node))
         force, energy = springs.force, springs.energy
-        force -= np.einsum("mi,mij->mj", t, slip.gradient).reshape(force.shape)
+        force -= np.einsum("mi,mij->mj", on_rows, of_rows.gradient).reshape(force.shape)
+        energy += stored
         lasting = slip.value - (t - t_n) / eps_T[:, None]
-        energy += np.einsum("mi,mi->m", t, t) / (2 * eps_T)
         parts: dict[str, Any] = {
             **self.without_contact(),
             "sliding": np.zeros(len(old.slip), dtype=bool),

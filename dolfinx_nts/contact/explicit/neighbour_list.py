@@ -12,11 +12,12 @@ from mpi4py import MPI
 import numpy as np
 
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.common.arrays import Array, Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Candidates
 from dolfinx_nts.search.points import NodalPoints
+from dolfinx_nts.search.shared_segments import SharedSegments
 
 __all__ = ["NeighbourList"]
 
@@ -34,15 +35,21 @@ _USED = 0.75
 class NeighbourList:
     """Nodes that may touch before the list is rebuilt. Collective, as are its methods.
 
+    A node that is equally near to several segments has a row for each, with equal parts of its
+    stiffness, and the mean of their gaps, so that neither round-off nor the numbering chooses
+    one of them. Other nodes have one row.
+
     Args:
         state: State of the contact pair, whose springs have been chosen at the first update.
 
     Attributes:
         candidates: Candidates in reach.
-        number: Indices of listed nodes among the nodes of the surface, shape ``(c,)``.
+        number: Indices of listed nodes among the nodes of the surface, ascending, shape ``(c,)``.
         points: Their contact points, with the normals of the last search.
         stiffness: Stiffness of their springs, shape ``(c,)`` [N/m].
-        current: Their current segments or -1, shape ``(c,)``; set by the caller after pairing.
+        current: Their current segments or -1, shape ``(c,)``; see `keep`.
+        start: First row of each node, and the end, shape ``(m + 1,)``; None with one row each.
+        shared: Segments of the nodes with several.
         is_idle: Whether no node is listed on any rank.
     """
 
@@ -51,6 +58,7 @@ class NeighbourList:
     points: NodalPoints
     stiffness: Floats
     current: Ints
+    start: Array | None
     is_idle = False
 
     def __init__(self, state: PairState) -> None:
@@ -58,6 +66,12 @@ class NeighbourList:
         self._comm: MPI.Comm = state.nodes.V.mesh.comm
         # Positions of nodes and vertices at the last search.
         self._positions: tuple[Floats, Floats]
+        # Points of all nodes at the last search, and the listed nodes, shape ``(m,)``.
+        self._of_all: NodalPoints
+        self._listed: Ints
+        # Segments on which the rows pressed in the last state, otherwise -1, shape ``(c,)``.
+        self._pressed: Ints
+        self.shared = SharedSegments(len(state.nodes.nodes))
         self.forget()
 
     def forget(self) -> None:
@@ -86,36 +100,130 @@ class NeighbourList:
         if self._travelled > _USED * margin:
             self._rebuild(x)
 
+    def keep(self, segment: Ints, gap: Floats) -> None:
+        """Keep segments or -1 and gaps of all rows, shape ``(c,)``, for the next state. Local."""
+        self.current = segment
+        self._pressed = np.where(gap < 0, segment, -1)
+
+    def change(self, x: Floats, segment: Ints, gap: Floats) -> bool:
+        """Keep segments of rows, and assign all equally near ones to nodes that need it. Local.
+
+        These are nodes that begin to press, or press on a segment that is new to them. They get
+        the nearest segment around theirs, and all that are as near.
+
+        Args:
+            x: Positions with ghosts, shape ``(l, 3)`` [m].
+            segment: Segments of the rows or -1, shape ``(c,)``.
+            gap: Gaps to these, shape ``(c,)`` [m].
+
+        Returns:
+            Whether rows have changed, so that forces have to be evaluated again.
+        """
+        before = self._pressed
+        self.keep(segment, gap)
+        if np.array_equal(self._pressed, before):
+            return False
+        is_new = (self._pressed != before) & (self._pressed >= 0)
+        around = self.candidates.adjacent(x) if is_new.any() else None
+        if around is None:
+            return False
+        adjacent, vertices = around
+        first = np.arange(len(segment)) if self.start is None else self.start[:-1]
+        (place,) = np.logical_or.reduceat(is_new, first).nonzero()
+        node, found = self._listed[place], segment[first[place]]
+        points = self._of_all.take(node)
+        none = np.full(len(node), -1, dtype=np.int32)
+        nearest, _ = self.candidates.pair(points, x, none, self.reach)
+        is_next = nearest >= 0
+        is_next[is_next] = adjacent.have_common_vertices(found[is_next], nearest[is_next])
+        own = np.where(is_next, nearest, found)
+        row, facet = adjacent.as_near(points.of(x), vertices, own, self.candidates.size[own])
+        if not (len(row) or self.shared.many[node].any() or np.any(own != found)):
+            return False
+        self.shared.replace(node, row, facet)
+        of_nodes = segment[first]
+        of_nodes[place] = own
+        self._set_rows(of_nodes)
+        return True
+
+    def _set_rows(self, segment: Ints) -> None:
+        """Set rows of the listed nodes, by the segments of nodes with one, shape ``(m,)``."""
+        number, start = self._listed, None
+        eps_N = self._state.eps_N
+        assert eps_N is not None
+        if self.shared.many.any():
+            row, segment, start = self.shared.entries(number, segment)
+            eps_N, number = eps_N[number] / np.diff(start), number[row]
+            self.stiffness = eps_N[row]
+        else:
+            self.stiffness = eps_N[number]
+        self.number, self.current, self.start = number, segment, start
+        self.points = self._of_all.take(number)
+
     def serialize(self, archive: Archive, name: str, x: Floats) -> None:
+        keys = self._serialized_shared(archive, f"{name}/shared")
         arrays: Sequence[Any] | None = None
         if not archive.giving and np.isfinite(self._travelled):
-            arrays = [self.number, np.array([self._travelled, self.is_idle]), *self._positions]
+            arrays = [self._listed, np.array([self._travelled, self.is_idle]), *self._positions]
         arrays = archive.local(name, arrays)
         if not archive.giving:
             return
         if arrays is None:
-            self._rebuild(x)
+            self._rebuild(x, keys)
             return
-        number, (travelled, is_idle), nodes, vertices = arrays
+        listed, (travelled, is_idle), nodes, vertices = arrays
         self._travelled, self.is_idle = float(travelled), bool(is_idle)
         self._positions = nodes, vertices
         candidates = self._state.search.candidates
         points = self._state.facets.points(x)
-        self._choose(candidates, points, number, candidates.find(self._state.history.key))
+        current = candidates.find(self._state.history.key)
+        self._choose(candidates, points, listed, current, keys)
+        self._press(self._state.history.active)
 
-    def _rebuild(self, x: Floats) -> None:
+    def _serialized_shared(self, archive: Archive, name: str) -> tuple[Ints, GlobalInts]:
+        """Serialize nodes with several segments; return them and the keys of their segments."""
+        ids, (node, key) = self._state.nodes.node_ids, self._shared_keys()
+        counts = np.bincount(node, minlength=len(ids))
+        width = int(counts.max(initial=0))
+        width = archive.same(f"{name}_width", int(reductions.largest(self._comm, float(width))))
+        if not width:
+            return node, key
+        keys = np.full((len(ids), width), -1, dtype=np.int64)
+        if not archive.giving:
+            keys[node, np.arange(len(node)) - np.searchsorted(node, node)] = key
+        keys = archive.nodal(name, ids, keys)
+        number, column = np.nonzero(keys >= 0)
+        return number.astype(np.int32), keys[number, column]
+
+    def _shared_keys(self) -> tuple[Ints, GlobalInts]:
+        """Nodes with several segments and the keys of these, both ``(i,)``."""
+        shared = self.shared
+        key = self.candidates.key[shared.segment] if len(shared.node) else np.empty(0, np.int64)
+        return shared.node, key
+
+    def _rebuild(self, x: Floats, keys: tuple[Ints, GlobalInts] | None = None) -> None:
         state, margin = self._state, _MARGIN * self._state.pair.segment_size
+        if keys is None:
+            keys = self._shared_keys()
         candidates, _ = state.search.update(x, self.reach + margin)
         if np.isinf(self._travelled):
             current = candidates.find(state.history.key)
+            pressed = state.history.active
         else:
             current = np.full(len(state.nodes.nodes), -1, dtype=np.int32)
             current[self.number] = self._current_in(candidates)
+            pressed = np.zeros(len(current), dtype=bool)
+            pressed[self.number[self._pressed >= 0]] = True
         self._travelled, self._positions = 0.0, state.search.positions(x)
         points = state.facets.points(x)
         near = candidates.near(points, candidates.scatter.forward(x), margin + state.search.sunk)
-        self._choose(candidates, points, near, current)
+        self._choose(candidates, points, near, current, keys)
+        self._press(pressed)
         self.is_idle = not reductions.total(self._comm, len(near))
+
+    def _press(self, pressed: Flags) -> None:
+        """Set whether each node of the surface pressed in the last state, shape ``(n,)``."""
+        self._pressed = np.where(pressed[self.number], self.current, -1)
 
     def _current_in(self, candidates: Candidates) -> Ints:
         """Last segments of the listed nodes among candidates, or -1, shape ``(c,)``."""
@@ -127,10 +235,21 @@ class NeighbourList:
         return segment
 
     def _choose(
-        self, candidates: Candidates, points: NodalPoints, number: Ints, current: Ints
+        self,
+        candidates: Candidates,
+        points: NodalPoints,
+        number: Ints,
+        current: Ints,
+        keys: tuple[Ints, GlobalInts],
     ) -> None:
         """List nodes of the surface by ``number``, with their last segments or -1."""
-        state = self._state
-        assert state.eps_N is not None
-        self.candidates, self.number, self.current = candidates, number, current[number]
-        self.points, self.stiffness = points.take(number), state.eps_N[number]
+        self.candidates, self._of_all, self._listed = candidates, points, number
+        node, key = keys
+        if len(node) or len(self.shared.node):
+            segment = candidates.find(key)
+            kept = np.isin(node, number) & ~np.isin(node, node[segment < 0])
+            self.shared = SharedSegments(len(self.shared.many))
+            several = np.unique(node[kept])
+            place = np.searchsorted(several, node[kept]).astype(np.int32)
+            self.shared.replace(several, place, segment[kept])
+        self._set_rows(current[number])

@@ -168,22 +168,26 @@ class ContactSprings:
         """
         state, neighbours = self._state, self._neighbours
         neighbours.serialize(archive, f"{name}/neighbours", state.search.frame.at_end(x))
-        k = neighbours.candidates.segments.shape[1]
-        force: Floats = np.zeros((len(state.nodes.nodes), 1 + k, 3))
+        candidates, n = neighbours.candidates, len(state.nodes.nodes)
+        counts = np.bincount(neighbours.number, minlength=n)
+        width = int(reductions.largest(self._comm, float(counts.max(initial=1))))
+        force: Floats = np.zeros((n, width, 1 + candidates.segments.shape[1], 3))
         if forces is not None:
-            force[forces.springs.node] = forces.springs.force
+            node = forces.springs.node
+            force[node, np.arange(len(node)) - np.searchsorted(node, node)] = forces.springs.force
         force = archive.nodal(f"{name}/force", state.nodes.node_ids, force)
         if forces is not None and not archive.giving:
             return forces
-        history, candidates = state.history, neighbours.candidates
+        history = state.history
         dissipation = _NO_DISSIPATION if state.pair.friction is None else history.dissipation
         if neighbours.is_idle:
             return SpringForces(None, _NO_SPRINGS, dissipation, lambda: history)
-        node = np.flatnonzero(history.active).astype(np.int32)
-        key = history.key[node]
-        vertices = candidates.segments.take(candidates.find(key), axis=0)
-        dofs = NodalPoints(state.nodes.nodes[node]).dofs(vertices)
-        springs = _kernels.Springs(node, key, dofs, force[node], history.energy[node])
+        (row,) = history.active[neighbours.number].nonzero()
+        node, segment = neighbours.number[row], neighbours.current[row]
+        dofs = NodalPoints(state.nodes.nodes[node]).dofs(candidates.segments.take(segment, axis=0))
+        force = force[node, np.arange(len(node)) - np.searchsorted(node, node)]
+        energy = history.energy[node] / counts[node]
+        springs = _kernels.Springs(node, candidates.key[segment], dofs, force, energy)
         return SpringForces(candidates.scatter, springs, dissipation, lambda: history)
 
     @property
@@ -278,13 +282,17 @@ class ContactSprings:
                 parts.get("dissipation", _NO_DISSIPATION),
                 lambda: replace(nothing, **parts),
             )
-        candidates, number, stiffness = seen.candidates, seen.number, seen.stiffness
+        candidates = seen.candidates
         x = candidates.scatter.forward(x)
-        segment, gap, springs = candidates.penalty_forces(
-            seen.points, x, seen.current, seen.reach, number, stiffness
-        )
+        segment, gap, springs = self._springs(x)
         self.num_lost = self._count_lost(x, seen.current, segment)
-        seen.current = segment
+        if seen.change(x, segment, gap):
+            # Nodes off the rim keep all segments that they have just got.
+            segment, gap, springs = self._springs(x, np.inf)
+            seen.keep(segment, gap)
+        number, stiffness, shared = seen.number, seen.stiffness, nothing.shared
+        if seen.start is not None:
+            shared = seen.shared.sums(candidates.key)
         self.num_deep = int(np.count_nonzero(gap < -self._deep))
         lambda_N = stiffness * gap
         slip = self._friction.add_to(springs, candidates, x_n, x, segment, lambda_N, dt)
@@ -297,6 +305,7 @@ class ContactSprings:
             )
             values: dict[str, Any] = {
                 "key": key,
+                "shared": shared,
                 "active": active,
                 "lambda_N": multiplier,
                 "force": force if on_nodes is None else on_nodes,
@@ -308,6 +317,16 @@ class ContactSprings:
 
         dissipation = slip.get("dissipation", _NO_DISSIPATION)
         return SpringForces(candidates.scatter, springs, dissipation, history)
+
+    def _springs(
+        self, x: Floats, slack: float = _kernels.HYSTERESIS
+    ) -> tuple[Ints, Floats, _kernels.Springs]:
+        """Segments and gaps of the listed nodes, and springs, see `Candidates.penalty_forces`."""
+        seen = self._neighbours
+        of_rows = seen.number, seen.stiffness, seen.start
+        return seen.candidates.penalty_forces(
+            seen.points, x, seen.current, seen.reach, *of_rows, slack
+        )
 
     def _on_own_side(self, springs: _kernels.Springs, candidates: Candidates) -> Floats | None:
         """Forces on the nodes of the surface, ``(n, 3)`` [N]; None if springs act on single nodes.

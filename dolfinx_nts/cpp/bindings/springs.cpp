@@ -12,7 +12,7 @@ namespace
 using Ints = In<std::int32_t>;
 using Keys = In<std::int64_t>;
 
-/// @brief Springs of m nodes at one state, by arrays that Python may change.
+/// @brief Springs of nodes at one state, by arrays that Python may change.
 class Springs
 {
 public:
@@ -37,6 +37,15 @@ public:
   }
 
   const Ints& node() const noexcept { return _node; }
+
+  std::size_t num_nodes() const noexcept
+  {
+    std::size_t sum = 0;
+    for (std::size_t i = 0; i < _node.size(); ++i)
+      sum += i == 0 || _node.data()[i] != _node.data()[i - 1];
+    return sum;
+  }
+
   const Keys& key() const noexcept { return _key; }
   const Ints& dofs() const noexcept { return _dofs; }
   const Out<double>& force() const noexcept { return _force; }
@@ -115,13 +124,16 @@ auto contact_of(const Springs& springs, std::size_t num_own, std::size_t n,
   for (Out<double>* of_all : {&multiplier, &energy, &force, &normal})
     std::ranges::fill(view(*of_all), 0.);
   std::size_t m = 0;
-  for (std::size_t i = 0; i < c; ++i)
+  // A node that is equally near to several segments has consecutive springs.
+  for (std::size_t i = 0, first = 0; i < c; ++i)
   {
     const auto node = static_cast<std::size_t>(number.data()[i]);
+    if (number.data()[i] != number.data()[first])
+      first = i;
     const std::int32_t row = segment.data()[i];
     if (row >= static_cast<std::ptrdiff_t>(key.size()))
       throw nb::value_error("segment: expected -1 or rows of key");
-    if (row >= 0)
+    if (row >= 0 && i == first)
       keys.data()[node] = key.data()[row];
     gaps.data()[node] = gap.data()[i];
     if (!std::isless(gap.data()[i], 0.))
@@ -129,17 +141,18 @@ auto contact_of(const Springs& springs, std::size_t num_own, std::size_t n,
     if (m >= springs.node().size())
       throw nb::value_error("springs: expected one of each gap < 0");
     active.data()[node] = true;
-    energy.data()[node] = springs.energy().data()[m];
-    const double lambda = stiffness.data()[i] * gap.data()[i];
-    multiplier.data()[node] = lambda;
-    Vec3 sum = {};
+    energy.data()[node] += springs.energy().data()[m];
+    multiplier.data()[node] += stiffness.data()[i] * gap.data()[i];
+    Vec3 sum = vector(view(std::as_const(force)), node);
     for (std::size_t a = 0; a < num_own; ++a)
       sum += vector(view(springs.force()), width * m + a);
     for (std::size_t j = 0; j < 3; ++j)
-    {
       force.data()[3 * node + j] = sum[j];
-      normal.data()[3 * node + j] = sum[j] / -lambda;
-    }
+    // The mean of several normals is shorter than a unit vector.
+    const double size
+        = i == first ? -multiplier.data()[node] : std::sqrt(dot(sum, sum));
+    for (std::size_t j = 0; j < 3; ++j)
+      normal.data()[3 * node + j] = size > 0 ? sum[j] / size : 0.;
     ++m;
   }
   return std::tuple(keys, active, multiplier, force, gaps, normal, energy);
@@ -214,7 +227,9 @@ void springs(nb::module_& m)
            nb::arg("force").noconvert(), nb::arg("energy").noconvert(),
            "(m,), (m,), (m, 1+k), (m, 1+k, 3), (m,)")
       .def_prop_ro("node", &Springs::node,
-                   "Numbers of the nodes, ascending, (m,)")
+                   "Numbers of the nodes, ascending, (m,); a node on several "
+                   "segments has a spring on each")
+      .def_prop_ro("num_nodes", &Springs::num_nodes, "Number of nodes")
       .def_prop_ro("key", &Springs::key, "Keys of their segments, (m,)")
       .def_prop_ro("dofs", &Springs::dofs,
                    "Nodes and vertices of the pairs, (m, 1+k)")
@@ -232,7 +247,7 @@ void springs(nb::module_& m)
         nb::arg("gap"), nb::arg("key"), nb::arg("stiffness"),
         "springs of gaps < 0, their nodes on the surface, nodes of that, (c,), "
         "(c,) or -1, (c,), (s,), (c,) -> key (n,), active (n,), lambda_N (n,), "
-        "force by each spring (n, 3), gap (n,), normal (n, 3), energy (n,)");
+        "force (n, 3), gap (n,), normal (n, 3), energy (n,)");
   m.def("contact_sums", &contact_sums_of, nb::arg("x"), nb::arg("nodes"),
         nb::arg("force"), nb::arg("energy"), nb::arg("active"),
         nb::arg("acts_on"), nb::arg("area"),

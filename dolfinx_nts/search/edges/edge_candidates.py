@@ -68,6 +68,8 @@ class EdgeCandidates(SegmentCandidates):
     _weights = WEIGHTS
     # Not the kernel of facets.
     penalty_forces = Candidates.penalty_forces
+    # Pairs of edges have no neighbours.
+    adjacent = Candidates.adjacent
 
     def __init__(
         self,

@@ -57,6 +57,29 @@ def test_contact_of_springs_is_put_where_their_nodes_are(rng, num_own):
         np.testing.assert_array_equal(value, other)
 
 
+def test_springs_of_a_node_on_several_segments_are_summed_up(rng):
+    node, key = np.array([2, 2, 5], np.int32), np.array([7, 5, 9])
+    number, segment = np.array([2, 2, 4, 5], np.int32), np.array([2, 0, 1, 1], np.int32)
+    gap, stiffness = np.array([-0.1, -0.1, 0.3, -0.2]), np.array([1.0, 1.0, 3.0, 4.0])
+    normal, energy = rng.normal(size=(3, 3)), rng.uniform(size=3)
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    pressed = gap < 0
+    force = (-(stiffness * gap)[pressed, None] * normal)[:, None].repeat(5, axis=1)
+    dofs = np.zeros((3, 5), dtype=np.int32)
+    springs = _kernels.Springs(node, key[segment[pressed]], dofs, force, energy)
+    assert springs.num_nodes == 2
+    found = _kernels.contact_of_springs(springs, 1, 6, number, segment, gap, key, stiffness)
+    keys, active, multiplier, forces, gaps, normals, energies = found
+    np.testing.assert_array_equal(keys, [-1, -1, 9, -1, 5, 5])
+    np.testing.assert_array_equal(np.flatnonzero(active), [2, 5])
+    np.testing.assert_allclose(multiplier[[2, 5]], [-0.2, -0.8])
+    np.testing.assert_allclose(forces[2], 0.1 * (normal[0] + normal[1]))
+    np.testing.assert_allclose(energies[[2, 5]], [energy[0] + energy[1], energy[2]])
+    np.testing.assert_array_equal(gaps, [np.nan, np.nan, -0.1, np.nan, 0.3, -0.2])
+    mean = normal[0] + normal[1]
+    np.testing.assert_allclose(normals[[2, 5]], [mean / np.linalg.norm(mean), normal[2]])
+
+
 def test_contact_of_nodes_is_summed_up(rng):
     """The mortar gives areas of its own to some nodes."""
     x, nodes = rng.normal(size=(7, 3)), np.array([4, 0, 6], np.int32)
@@ -122,6 +145,32 @@ def test_work_is_sorted_by_cause(rng, friction):
         before, after, du_n, du, dissipation if friction else np.empty(0)
     )
     np.testing.assert_allclose(given, expected)
+
+
+def test_work_of_a_node_on_several_segments_has_one_cause(rng):
+    """Node 1 stays on two segments, 2 goes to another set, 3 comes and 4 leaves."""
+
+    def springs(node, key):
+        m = len(node)
+        values = rng.normal(size=(m, 4, 3)), rng.uniform(size=m)
+        dofs = rng.integers(9, size=(m, 4)).astype(np.int32)
+        return _kernels.Springs(np.array(node, np.int32), np.array(key), dofs, *values)
+
+    def remainder(number):
+        work = 0.0
+        for side, sign in ((before, -1), (after, 1)):
+            rows = side.node == number
+            work += np.vdot(side.force[rows], du[side.dofs[rows]]) / 2
+            work += sign * side.energy[rows].sum()
+        return work + dissipation[number]
+
+    du, dissipation = rng.normal(size=(9, 3)), rng.uniform(size=5)
+    before = springs([1, 1, 2, 2, 4, 4], [5, 6, 5, 6, 7, 8])
+    after = springs([1, 1, 2, 3, 3], [5, 6, 5, 1, 2])
+    given = _kernels.work_by_cause(before, after, du, du, dissipation)
+    stored = before.energy.sum() - after.energy.sum()
+    causes = [remainder(1) + remainder(4), remainder(3), remainder(2)]
+    np.testing.assert_allclose(given, [*causes, stored, -dissipation.sum()])
 
 
 def test_rows_that_repeat_are_all_added(rng):

@@ -4,7 +4,10 @@
 #include "nts/geometry/nodal_values.h"
 #include "nts/search/self_contact.h"
 
+#include <algorithm>
+#include <array>
 #include <cstdint>
+#include <limits>
 #include <span>
 #include <vector>
 
@@ -65,7 +68,8 @@ void penalty_forces(const Paired& pairs,
   }
 }
 
-/// @brief Springs of m nodes at one state, and a displacement.
+/// @brief Springs at one state, and a displacement. A node that is equally near
+/// to several segments has a spring on each.
 struct MovedSprings
 {
   std::span<const std::int32_t> node; ///< numbers of nodes, ascending, (m,)
@@ -75,7 +79,7 @@ struct MovedSprings
   std::span<const double> energy;     ///< stored, (m,) [J]
   std::span<const double> du;         ///< displacement, (l, 3) [m]
 
-  /// @brief Work of the force of a node [J].
+  /// @brief Work of the force of a spring [J].
   double work(std::size_t m) const noexcept
   {
     const std::size_t width = dofs.size() / node.size();
@@ -84,6 +88,14 @@ struct MovedSprings
       sum += dot(vector(force, a), vector(du, dofs[a]));
     return sum;
   }
+
+  /// @brief End of the springs of a node that begin at i, if they do.
+  std::size_t end_of(std::int32_t number, std::size_t i) const noexcept
+  {
+    while (i < node.size() && node[i] == number)
+      ++i;
+    return i;
+  }
 };
 
 /// @brief Work of the mean of two forces, by its cause: what springs and
@@ -91,8 +103,8 @@ struct MovedSprings
 /// @param[in] before, after Springs at the ends of a step.
 /// @param[in] dissipation By friction at each node in the step, (n,) [J]; empty
 /// if there is no friction.
-/// @return Work of nodes that stayed on their segment, that came, that changed
-/// it; energy taken from springs; minus the dissipation [J].
+/// @return Work of nodes that stayed on their segments, that came, that changed
+/// them; energy taken from springs; minus the dissipation [J].
 inline std::array<double, 5>
 work_by_cause(const MovedSprings& before, const MovedSprings& after,
               std::span<const double> dissipation) noexcept
@@ -106,31 +118,29 @@ work_by_cause(const MovedSprings& before, const MovedSprings& after,
     friction
   };
   std::array<double, 5> work = {};
-  const auto dissipated = [&](std::int32_t node) noexcept
-  { return dissipation.empty() ? 0. : dissipation[node]; };
   std::size_t i = 0, j = 0;
   while (i < before.node.size() || j < after.node.size())
   {
-    const bool old
-        = i < before.node.size()
-          && (j == after.node.size() || before.node[i] <= after.node[j]);
-    const bool now
-        = j < after.node.size()
-          && (i == before.node.size() || after.node[j] <= before.node[i]);
-    const bool same = !old || !now || before.key[i] == after.key[j];
-    double& sum = work[!old ? came : same ? stayed : changed];
-    sum += dissipated(old ? before.node[i] : after.node[j]);
-    if (old)
+    constexpr std::int32_t none = std::numeric_limits<std::int32_t>::max();
+    const std::int32_t number
+        = std::min(i < before.node.size() ? before.node[i] : none,
+                   j < after.node.size() ? after.node[j] : none);
+    const std::size_t old = before.end_of(number, i);
+    const std::size_t now = after.end_of(number, j);
+    const bool same = old == i || now == j
+                      || std::ranges::equal(before.key.subspan(i, old - i),
+                                            after.key.subspan(j, now - j));
+    double& sum = work[old == i ? came : same ? stayed : changed];
+    sum += dissipation.empty() ? 0. : dissipation[number];
+    for (; i < old; ++i)
     {
       sum += before.work(i) / 2 - before.energy[i];
       work[springs] += before.energy[i];
-      ++i;
     }
-    if (now)
+    for (; j < now; ++j)
     {
       sum += after.work(j) / 2 + after.energy[j];
       work[springs] -= after.energy[j];
-      ++j;
     }
   }
   for (const double energy : dissipation)
