@@ -183,7 +183,8 @@ class Penalty(Declaration):
             do not deform, None means half the mass of the lighter one divided by the square of
             the first step, so that a body striking at one point penetrates by about its motion in
             one or two steps; in statics, ten times the stiffness of the stiffest deformable node.
-            A surface with all displacements prescribed counts as rigid.
+            A surface with all displacements prescribed counts as rigid. `CentralDifference`
+            chooses its springs by the stiffness of the cells at the surfaces.
 
     Attributes:
         eps_N: The argument.

@@ -23,15 +23,16 @@ class AllSprings:
     Args:
         contacts: State of each contact pair.
         mass: See `ContactSprings`.
+        modulus: See `ContactSprings`.
 
     Attributes:
         pairs: Springs of each pair.
         has_friction: Whether any pair has friction.
     """
 
-    def __init__(self, contacts: Sequence[PairState], mass: Floats) -> None:
+    def __init__(self, contacts: Sequence[PairState], mass: Floats, modulus: Floats) -> None:
         self._contacts = tuple(contacts)
-        self.pairs = [ContactSprings(contact, mass) for contact in contacts]
+        self.pairs = [ContactSprings(contact, mass, modulus) for contact in contacts]
         self.has_friction = any(contact.pair.friction is not None for contact in contacts)
         self._forces: tuple[SpringForces, ...] = ()
         self._before: tuple[SpringForces, ...] = ()

@@ -18,20 +18,19 @@ from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.checks.passage import Passage, passing_nodes_message, shortest_passage_of
 from dolfinx_nts.contact.checks.soft_springs import deep_from
 from dolfinx_nts.contact.enforcement import Penalty
+from dolfinx_nts.contact.explicit.default_stiffness import SOFT, compliance, stiffness_of_cells
 from dolfinx_nts.contact.explicit.friction import Friction, SpringFriction
 from dolfinx_nts.contact.explicit.neighbour_list import NeighbourList
 from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.method import EDGES
-from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.components import in_space
-from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.candidates import Candidates, sunk_from
 from dolfinx_nts.search.points import NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter
 
-__all__ = ["ContactSprings", "SpringForces", "compliance"]
+__all__ = ["ContactSprings", "SpringForces"]
 
 # Default stiffness of tangential springs relative to normal ones [-].
 _SOFTER = 0.1
@@ -45,39 +44,6 @@ _NO_SPRINGS = _kernels.Springs(
     np.empty((0, 1, 3)),
     np.empty(0),
 )
-
-# Number of edge springs that may act on one node [-]: one for each adjacent edge.
-_EDGES_PER_NODE = 2.0
-
-
-def compliance(pair: ContactPair, mass: Floats) -> Floats:
-    """Inverse effective masses of the springs of a pair, of both sides. Collective.
-
-    The force of an edge spring acts on both ends of an edge.
-
-    Args:
-        pair: The pair.
-        mass: Lumped mass of the owned nodes, shape ``(n,)`` [kg].
-
-    Returns:
-        At each node of the surface of nodes, shape ``(m,)`` [1/kg].
-    """
-    nodes, segments = pair.nodes.nodes, pair.segments
-    if pair.method == EDGES:
-        both = (each for each in (pair.nodes, segments) if isinstance(each, Surface))
-        return np.full(len(nodes), _EDGES_PER_NODE * sum(_of_lightest(each, mass) for each in both))
-    own: Floats = 1 / mass[nodes]
-    if isinstance(segments, Surface):
-        counts = np.array([len(nodes), len(segments.nodes)], dtype=float)
-        counts = reductions.total(pair.nodes.V.mesh.comm, counts)
-        own += max(1.0, counts[0] / counts[1]) * _of_lightest(segments, mass)
-    return own
-
-
-def _of_lightest(surface: Surface, mass: Floats) -> float:
-    """Inverse mass of the lightest node of a surface [1/kg]. Collective."""
-    lightest = float(mass[surface.nodes].min(initial=np.inf))
-    return 1 / float(reductions.least(surface.V.mesh.comm, lightest))
 
 
 class SpringForces(NamedTuple):
@@ -116,6 +82,7 @@ class ContactSprings:
     Args:
         state: State of the contact pair.
         mass: Lumped mass of the owned nodes, shape ``(n,)`` [kg].
+        modulus: See `stiffness_of_cells`.
 
     Attributes:
         num_lost: Number of nodes of this rank that the last evaluation lost, too deep inside.
@@ -127,7 +94,7 @@ class ContactSprings:
         ValueError: The pair is enforced by multipliers.
     """
 
-    def __init__(self, state: PairState, mass: Floats) -> None:
+    def __init__(self, state: PairState, mass: Floats, modulus: Floats) -> None:
         pair = state.pair
         if not isinstance(pair.enforcement, Penalty):
             raise ValueError(
@@ -142,6 +109,10 @@ class ContactSprings:
         # If nodes of both sides have springs, each spring moves half of the mass.
         sides = (2 if pair.touches_itself else 1) / self._share
         self._reduced_mass: Floats = 1 / (sides * compliance(pair, mass))
+        self._cells: Floats | None = None
+        # Edges press at points, where their springs carry whole bodies.
+        if given is None and pair.method != EDGES:
+            self._cells = stiffness_of_cells(pair, modulus) / sides
         self._no_contact = ContactHistory.none(len(self._reduced_mass))
         self._neighbours = NeighbourList(state)
         self.shortest_passage = shortest_passage_of(pair)
@@ -211,10 +182,12 @@ class ContactSprings:
     def choose_penalty(self, squared_frequency: float) -> None:
         """Choose the default stiffness of springs. Collective.
 
-        ``squared_frequency`` is the target for normal springs with the reduced mass of a node and
-        a vertex of a segment [1/s^2].
+        ``squared_frequency`` is the largest of normal springs with the reduced mass of a node and
+        a vertex of a segment [1/s^2]: springs are as stiff as cells, or as the step allows.
         """
         penalty: Floats = squared_frequency * self._reduced_mass
+        if self._cells is not None:
+            penalty = np.minimum(penalty, self._cells / SOFT)
         if self._penalty is not None:
             penalty = np.full_like(penalty, self._penalty)
         penalty /= self._share  # the state multiplies by it

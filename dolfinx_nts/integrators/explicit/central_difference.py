@@ -30,7 +30,7 @@ from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.components import in_space, nodal
 from dolfinx_nts.integrators.explicit.explicit_forms import ExplicitBulk, PresentForces
 from dolfinx_nts.integrators.explicit.leapfrog import Drift
-from dolfinx_nts.integrators.explicit.stability import Stability
+from dolfinx_nts.integrators.explicit.stability import Stability, nodal_moduli
 from dolfinx_nts.integrators.rates import NoRates
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.rigid import rigid_leapfrog
@@ -100,8 +100,9 @@ class CentralDifference(Stepper):
 
     Args:
         bodies: Bodies of one space, which fill the mesh.
-        pairs: Contact pairs of these bodies, all with `Penalty`. A penalty without a number is
-            chosen from ``dt``: the smaller the step, the stiffer the springs.
+        pairs: Contact pairs of these bodies, all with `Penalty`. Springs without a number are 3/5
+            as stiff as the cells on both sides in series, or softer where ``dt`` is close to the
+            stable step. Between rigid bodies they are as stiff as ``dt`` allows.
         dt: Length of a step [s]; None for 0.7 of the estimate.
         bcs: See `EnergyMomentum`.
         loads: Loads on the bodies.
@@ -110,8 +111,8 @@ class CentralDifference(Stepper):
     Attributes:
         stable_step: Estimate of the largest stable step [s], from the sizes of the cells, the
             materials at C = 1, damping and penalties with a number. It does not depend on ``dt``,
-            and is updated every 50 steps. Default penalties are chosen for the first ``dt``, so
-            that later steps can hardly be longer.
+            and is updated every 50 steps. Default penalties that the first ``dt`` limits leave
+            hardly any room for longer steps later.
         mass: Lumped mass of the owned nodes, shape ``(n,)`` [kg].
 
     Raises:
@@ -164,7 +165,7 @@ class CentralDifference(Stepper):
         self._drift = Drift(functions, self.supports, self._rigid, ghosts)
         mobility: Floats = np.where(self._drift.given, 0.0, 1 / self.mass[:, None])
         mobility[self._rigid.nodes] = 0.0
-        self._springs = AllSprings(self.contacts, resisting)
+        self._springs = AllSprings(self.contacts, resisting, nodal_moduli(bodies, len(self.mass)))
         mass = float(reductions.total(self._comm, self.mass.sum()))
         self._stability = Stability(bodies, self._springs.pairs, mass)
         self.stable_step, default = self._stability.longest_steps(self.x)

@@ -29,7 +29,15 @@ from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.lumped_mass import nodal_parts
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["Cells", "Damping", "Stability", "cell_frequency", "highest_frequency", "largest_step"]
+__all__ = [
+    "Cells",
+    "Damping",
+    "Stability",
+    "cell_frequency",
+    "highest_frequency",
+    "largest_step",
+    "nodal_moduli",
+]
 
 # Default step, and longest step with default springs, relative to the estimate [-]. The springs
 # take the remainder.
@@ -93,7 +101,7 @@ class Stability:
         return longest, _DEFAULT * estimate
 
     def choose_penalties(self, x: Floats, dt: float) -> None:
-        """Choose default springs as stiff as dt [s] allows, and set `limit`."""
+        """Choose default springs, not stiffer than dt [s] allows, and set `limit`."""
         bulk, _ = self._cells.limits(x)
         squared = (self._damping.highest(dt) - bulk - self._given) / 2
         for springs in self._springs:
@@ -223,6 +231,21 @@ def cell_frequency(material: Hyperelastic, x: Floats) -> Floats:
         K = np.einsum("cjk,ijmn,cnl->cikml", S, D, S, optimize=True)
         squared[block] = np.linalg.eigvalsh(K.reshape(-1, d * d, d * d))[:, -1] / material.rho
     return squared
+
+
+def nodal_moduli(bodies: Sequence[Body], n: int) -> Floats:
+    """P-wave moduli at C = 1 of n owned nodes, shape ``(n,)`` [Pa]. Local.
+
+    They are infinite in rigid bodies and where they vanish. Of anisotropic materials the largest
+    along the coordinate axes counts, and of several bodies at a node that of the stiffest one.
+    """
+    moduli: Floats = np.zeros(n)
+    for body in bodies:
+        nodes = body.nodes[body.nodes < n]
+        modulus = np.inf if body.is_rigid else body.material.moduli.diagonal()[:3].max()
+        moduli[nodes] = np.maximum(moduli[nodes], modulus)
+    moduli[moduli <= 0] = np.inf
+    return moduli
 
 
 def highest_frequency(
