@@ -7,8 +7,9 @@ the mean of its gaps to all of them instead.
 import numpy as np
 
 from dolfinx_nts.common.arrays import Array, Flags, Floats, GlobalInts, Ints
+from dolfinx_nts.search.mortar.mortar_points import MortarPoints, Shares
 
-__all__ = ["SharedSegments"]
+__all__ = ["SharedSegments", "shared_points"]
 
 
 class SharedSegments:
@@ -81,3 +82,18 @@ class SharedSegments:
         counts = np.diff(start).reshape(-1, *(1,) * (values.ndim - 1))
         means: Floats = np.add.reduceat(values, start[:-1]) / counts
         return means
+
+
+def shared_points(own: Ints, dofs: Ints, segment: Ints, start: Array) -> MortarPoints:
+    """Contact points at nodes, one for each of their segments, with equal shares. Local.
+
+    Args:
+        own: The nodes, shape ``(m,)``.
+        dofs: Node and vertices of the segment of each point, shape ``(i, 1 + k)``.
+        segment: The segments, shape ``(i,)``.
+        start: Where the points of each node begin, and the end, shape ``(m + 1,)``.
+    """
+    number, counts = np.arange(len(segment), dtype=np.int32), np.diff(start)
+    shares = Shares(own, np.ones(len(own)), start, number, 1 / np.repeat(counts, counts))
+    ones, none = np.ones((len(segment), 1)), np.zeros(len(segment))
+    return MortarPoints(dofs, ones, segment, none, number, shares)

@@ -74,7 +74,7 @@ def noise(t, force, first=0.1):
 
 
 @pytest.mark.parametrize("dt", [None, 0.5, 0.25], ids=["default", "half", "quarter"])
-def test_contact_force_of_default_springs_is_steady_at_any_step(dt, told):
+def test_contact_force_of_default_springs_is_steady_at_any_step(dt, table_row):
     results = [rods(n, dt) for n in (20, 40, 80)]
     values = [noise(*result[:2]) for result in results]
     # The front takes about four cells, a fifth of the plateau's half in 20 cells.
@@ -87,7 +87,7 @@ def test_contact_force_of_default_springs_is_steady_at_any_step(dt, told):
         assert abs(speed - 0.5) < 0.5 / n
     if dt is not None:
         name = {0.5: "half", 0.25: "a quarter of"}[dt]
-        told(
+        table_row(
             f"rods 1:2, `CentralDifference`, {name} a cell a step, 20, 40 and 80 cells",
             "one-dimensional theory: constant force for 2 L/c",
             ", ".join(f"{100 * value:.1f}" for value in values) + " %",

@@ -8,12 +8,12 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.friction.laws import FrictionLaw
 from dolfinx_nts.contact.friction.limits import Limits
+from dolfinx_nts.contact.friction.mortar_slip import MortarSlip, NodalFrames
 from dolfinx_nts.contact.friction.traction import slip_energy, spring_model, transport
-from dolfinx_nts.contact.implicit.mortar.mortar_slip import MortarSlip, NodalFrames
-from dolfinx_nts.contact.implicit.shared_segments import shared_points
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.search.candidates import Candidates
 from dolfinx_nts.search.points import NodalPoints
+from dolfinx_nts.search.shared_segments import shared_points
 
 __all__ = ["Friction", "SpringFriction"]
 

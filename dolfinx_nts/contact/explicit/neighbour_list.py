@@ -153,8 +153,8 @@ class NeighbourList:
         assert eps_N is not None
         if self.shared.many.any():
             row, segment, start = self.shared.entries(number, segment)
-            eps_N, number = eps_N[number] / np.diff(start), number[row]
-            self.stiffness = eps_N[row]
+            self.stiffness = (eps_N[number] / np.diff(start))[row]
+            number = number[row]
         else:
             self.stiffness = eps_N[number]
         self.number, self.current, self.start = number, segment, start
@@ -188,7 +188,7 @@ class NeighbourList:
         width = archive.same(f"{name}_width", int(reductions.largest(self._comm, float(width))))
         if not width:
             return node, key
-        keys = np.full((len(ids), width), -1, dtype=np.int64)
+        keys: GlobalInts = np.full((len(ids), width), -1, dtype=np.int64)
         if not archive.giving:
             keys[node, np.arange(len(node)) - np.searchsorted(node, node)] = key
         keys = archive.nodal(name, ids, keys)

@@ -109,10 +109,10 @@ class ContactSprings:
         # If nodes of both sides have springs, each spring moves half of the mass.
         sides = (2 if pair.touches_itself else 1) / self._share
         self._reduced_mass: Floats = 1 / (sides * compliance(pair, mass))
-        self._cells: Floats | None = None
+        self._cells = np.full(len(self._reduced_mass), np.inf)
         # Edges press at points, where their springs carry whole bodies.
         if given is None and pair.method != EDGES:
-            self._cells = stiffness_of_cells(pair, modulus) / sides
+            self._cells[:] = stiffness_of_cells(pair, modulus) / sides
         self._no_contact = ContactHistory.none(len(self._reduced_mass))
         self._neighbours = NeighbourList(state)
         self.shortest_passage = shortest_passage_of(pair)
@@ -186,8 +186,7 @@ class ContactSprings:
         a vertex of a segment [1/s^2]: springs are as stiff as cells, or as the step allows.
         """
         penalty: Floats = squared_frequency * self._reduced_mass
-        if self._cells is not None:
-            penalty = np.minimum(penalty, self._cells / SOFT)
+        penalty = np.minimum(penalty, self._cells / SOFT)
         if self._penalty is not None:
             penalty = np.full_like(penalty, self._penalty)
         penalty /= self._share  # the state multiplies by it

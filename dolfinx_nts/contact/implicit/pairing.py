@@ -5,18 +5,18 @@ from abc import ABC, abstractmethod
 import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.contact.friction.mortar_slip import MortarSlip, NodalFrames
 from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
-from dolfinx_nts.contact.implicit.mortar.mortar_slip import MortarSlip, NodalFrames
 from dolfinx_nts.contact.implicit.pair_blocks import OwnBlocks
-from dolfinx_nts.contact.implicit.shared_segments import SharedBlocks, shared_points
+from dolfinx_nts.contact.implicit.shared_segments import SharedBlocks
 from dolfinx_nts.contact.joint_state import JointNodes
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.search.candidates import Candidates
 from dolfinx_nts.search.mortar.mortar_points import MortarPoints, at_nodes
 from dolfinx_nts.search.points import NodalPoints
-from dolfinx_nts.search.shared_segments import SharedSegments
+from dolfinx_nts.search.shared_segments import SharedSegments, shared_points
 
 __all__ = ["NodePairing", "Pairing"]
 

@@ -5,35 +5,18 @@ conserved with the mean of several as exactly as with one. The segments of a nod
 steps only, or with the segment that it faces.
 """
 
-import numpy as np
-
-from dolfinx_nts.common.arrays import Array, Flags, Floats, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.implicit.pair_blocks import OwnBlocks
-from dolfinx_nts.search.mortar.mortar_points import MortarPoints, Shares
+from dolfinx_nts.search.mortar.mortar_points import MortarPoints
 
-__all__ = ["SharedBlocks", "shared_points"]
-
-
-def shared_points(own: Ints, dofs: Ints, segment: Ints, start: Array) -> MortarPoints:
-    """Contact points at nodes, one for each of their segments, with equal shares. Local.
-
-    Args:
-        own: The nodes, shape ``(m,)``.
-        dofs: Node and vertices of the segment of each point, shape ``(i, 1 + k)``.
-        segment: The segments, shape ``(i,)``.
-        start: Where the points of each node begin, and the end, shape ``(m + 1,)``.
-    """
-    number, counts = np.arange(len(segment), dtype=np.int32), np.diff(start)
-    shares = Shares(own, np.ones(len(own)), start, number, 1 / np.repeat(counts, counts))
-    ones, none = np.ones((len(segment), 1)), np.zeros(len(segment))
-    return MortarPoints(dofs, ones, segment, none, number, shares)
+__all__ = ["SharedBlocks"]
 
 
 class SharedBlocks(OwnBlocks):
     """One block for each segment of a node.
 
     Args:
-        points: Points of the nodes on their segments, see `shared_points`.
+        points: Points of the nodes on their segments, see `search/shared_segments.py`.
         dofs: Nodes of the rows, shape ``(m, d)``.
         unknown: 1 where the displacement is unknown, otherwise 0, of the rows, ``(m, 3 d)``, and
             of the points, ``(i, 3 (1 + k))``; None if all are unknown.

@@ -4,9 +4,9 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints, same_numbers
+from dolfinx_nts.contact.friction.mortar_slip import MortarSlip, NodalFrames
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.mortar.eliminated import EliminatedDofs
-from dolfinx_nts.contact.implicit.mortar.mortar_slip import MortarSlip, NodalFrames
 from dolfinx_nts.contact.implicit.pair_blocks import PairBlocks
 from dolfinx_nts.contact.implicit.pairing import Pairing
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
