@@ -49,7 +49,7 @@ def test_plastic_impact_throws_overlapping_bodies_apart_with_a_warning(stepper, 
     messages = comm.bcast(messages)
     assert set(messages) == {"overlap_watch", "watch"}
     assert all("a step of QuasiStatic" in text for text in messages.values())
-    assert "throw the two apart" in messages["overlap_watch"]
+    assert "throw the bodies apart" in messages["overlap_watch"]
 
 
 def test_press_fit_that_statics_has_made_is_at_rest(stepper, comm, caplog, tmp_path):
