@@ -112,7 +112,8 @@ class FacetPoints:
             offset = candidates.shortened(places, x, segment, facets.rise(facet, x))
             places = replace(places, offset=offset)
         found = cls(facets, candidates, places, facet, of_segment, weight, linear, dual, 0 * weight)
-        return replace(found, kink=found._kinks())
+        # Facets of smooth segments turn, their patches do not.
+        return found if candidates.rise is not None else replace(found, kink=found._kinks())
 
     def _kinks(self) -> Floats:
         """Greatest kink of the segments around the vertices of the facet of each point, ``(p,)``.
