@@ -245,12 +245,23 @@ class Convergence:
             return is_due and (seen.changed > 0 or seen.is_open or self._is_slow(seen))
         if self.iteration == 0 or seen.changed < 2:
             return False
-        if not (is_supported or self._has_minimum or self._du_norm <= self._scales.near):
+        if not self.is_accurate(self._du_norm, is_supported=is_supported):
             return False
         is_far = seen.norm > _SETTLED * seen.scale
         if is_far and (self._has_minimum or not is_supported):
             return True
         return is_due and seen.norm > _MARGINAL * seen.scale
+
+    def is_accurate(self, du_norm: float, *, is_supported: bool) -> bool:
+        """Whether slips are accurate enough for the cone problem in statics. Local.
+
+        Slips of bodies that only friction supports are linearised; others do not drift.
+
+        Args:
+            du_norm: Largest component of an increment [m].
+            is_supported: Whether all bodies are supported by more than contact.
+        """
+        return is_supported or self._has_minimum or du_norm <= self._scales.near
 
     @property
     def _has_minimum(self) -> bool:

@@ -269,8 +269,14 @@ class _Iteration:
 
     def update(self, iterate: Iterate, seen: Measures) -> None:
         """Solve the linear system of an iterate and add its solution to u."""
-        R, states = self._decide(iterate, seen)
-        du, du_norm, longest = self._increment(R, states, seen)
+        R, states = iterate.R, self._attempt.motion.predict(iterate.states)
+        decided = self._decide(iterate, states, seen)
+        du, du_norm, longest = self._increment(*(decided or (R, states)), seen)
+        if decided and self._balanced and self._drifts(du_norm):
+            # With the states that were decided, bodies would slide farther than slips are linear.
+            du, du_norm, longest = self._increment(R, states, seen)
+        elif decided:
+            R, states = decided
         system, attempt, motion = self._system, self._attempt, self._attempt.motion
         part = longest / du_norm if du_norm > longest else 1.0
         if self._search is not None and not motion.advances:
@@ -288,25 +294,31 @@ class _Iteration:
         self.convergence.count_increment(du_norm, is_long=du_norm > longest)
 
     def _decide(
-        self, iterate: Iterate, seen: Measures
-    ) -> tuple[Floats, tuple[ContactContribution, ...]]:
-        """Residual and states of the linear system, by the cone problem where it is due."""
+        self, iterate: Iterate, states: tuple[ContactContribution, ...], seen: Measures
+    ) -> tuple[Floats, tuple[ContactContribution, ...]] | None:
+        """Residual and states by the cone problem, where it is due and has a solution."""
         system, attempt, R = self._system, self._attempt, iterate.R
-        steps, relief, motion = attempt.steps, system.relief, attempt.motion
-        states = motion.predict(iterate.states)
+        steps, relief = attempt.steps, system.relief
         is_supported = not relief.bodies
         if not self._may_decide:
-            return R, states
+            return None
         if not self.convergence.needs_cone_problem(seen, is_supported=is_supported):
-            return R, states
+            return None
         with attempt.timings.phase("solve"):
             decided = system.linear.consistent_states(R, steps, states, system.inertia, relief)
         if decided is None:
-            return R, states
+            return None
         R_contact = contact_residual(steps, decided, self._nodes.shape)
         R = iterate.R_bulk - relief.force.ravel() + R_contact
         R = system.bulk.rigid.balance(self._nodes, R.reshape(self._nodes.shape)).ravel()
-        return motion.add_forces(R, decided), decided
+        return attempt.motion.add_forces(R, decided), decided
+
+    def _drifts(self, du_norm: float) -> bool:
+        """Whether an increment is beyond the accuracy of the cone problem in statics. Local."""
+        system = self._system
+        if system.inertia:
+            return False
+        return not self.convergence.is_accurate(du_norm, is_supported=not system.relief.bodies)
 
     def _increment(
         self, R: Floats, states: tuple[ContactContribution, ...], seen: Measures
