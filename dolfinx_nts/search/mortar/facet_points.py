@@ -66,6 +66,8 @@ class FacetPoints:
         x_n: Floats,
         x: Floats,
         reach: float,
+        *,
+        kinks: bool = True,
     ) -> "FacetPoints":
         """Choose the points of all nodes. Collective.
 
@@ -75,6 +77,7 @@ class FacetPoints:
             x_n: Positions at t_n, see `Candidates`.
             x: Positions at which segments are projected on facets.
             reach: Search distance of the facets [m].
+            kinks: Whether facets above kinks of flat segments have linear functions.
         """
         is_smooth = facets.of_patches is not None or candidates.rise is not None
         facet, of_segment, weight, phi, dual = _kernels.mortar_points(
@@ -113,7 +116,8 @@ class FacetPoints:
             places = replace(places, offset=offset)
         found = cls(facets, candidates, places, facet, of_segment, weight, linear, dual, 0 * weight)
         # Facets of smooth segments turn, their patches do not.
-        return found if candidates.rise is not None else replace(found, kink=found._kinks())
+        has_kinks = kinks and candidates.rise is None
+        return replace(found, kink=found._kinks()) if has_kinks else found
 
     def _kinks(self) -> Floats:
         """Greatest kink of the segments around the vertices of the facet of each point, ``(p,)``.

@@ -45,6 +45,9 @@ class FrozenPoints(LocalSearch):
     pairing: MortarPairing
     # Largest number of renewals of the points in a step [-].
     _most_renewals = 6
+    # Whether facets above kinks have linear functions: in equilibrium alone, as in impacts with
+    # friction Newton's method may fail with them.
+    _has_kinks = False
     # Gap relative to the size of a segment [-] above which the position of points is irrelevant
     # at nodes without force.
     _nearby = 0.01
@@ -72,7 +75,9 @@ class FrozenPoints(LocalSearch):
 
     def _take(self, x_n: Floats, x: Floats) -> None:
         ends = x_n, x
-        found = FacetPoints.choose(self.candidates.facets, self.candidates, *ends, self.reach)
+        found = FacetPoints.choose(
+            self.candidates.facets, self.candidates, *ends, self.reach, kinks=self._has_kinks
+        )
         part = self._largest_parts(found, x_n, x)
         if self._renewals > 1:
             # Parts come to rest sooner if they do not grow again.
@@ -153,6 +158,7 @@ class SettlingPoints(FrozenPoints):
     """Quadrature points of statics, renewed until they belong to the equilibrium."""
 
     _most_renewals = 6
+    _has_kinks = True
     _nearby = 0.1
 
     def _largest_parts(self, found: FacetPoints, x_n: Floats, x: Floats) -> Floats:
