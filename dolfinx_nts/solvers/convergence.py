@@ -245,23 +245,22 @@ class Convergence:
             return is_due and (seen.changed > 0 or seen.is_open or self._is_slow(seen))
         if self.iteration == 0 or seen.changed < 2:
             return False
-        if not self.is_accurate(self._du_norm, is_supported=is_supported):
+        if self._du_norm > self.longest_decided(is_supported=is_supported):
             return False
         is_far = seen.norm > _SETTLED * seen.scale
         if is_far and (self._has_minimum or not is_supported):
             return True
         return is_due and seen.norm > _MARGINAL * seen.scale
 
-    def is_accurate(self, du_norm: float, *, is_supported: bool) -> bool:
-        """Whether slips are accurate enough for the cone problem in statics. Local.
+    def longest_decided(self, *, is_supported: bool) -> float:
+        """Trust radius of increments with states by the cone problem [m]. Local.
 
-        Slips of bodies that only friction supports are linearised; others do not drift.
-
-        Args:
-            du_norm: Largest component of an increment [m].
-            is_supported: Whether all bodies are supported by more than contact.
+        In statics, slips of bodies that only friction supports are linearised, and wrong ones let
+        the bodies drift away. Otherwise there is no limit. ``is_supported`` is as for
+        `needs_cone_problem`.
         """
-        return is_supported or self._has_minimum or du_norm <= self._scales.near
+        has_limit = not (self._inertia or is_supported or self._has_minimum)
+        return self._scales.near if has_limit else math.inf
 
     @property
     def _has_minimum(self) -> bool:

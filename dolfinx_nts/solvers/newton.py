@@ -271,12 +271,11 @@ class _Iteration:
         """Solve the linear system of an iterate and add its solution to u."""
         R, states = iterate.R, self._attempt.motion.predict(iterate.states)
         decided = self._decide(iterate, states, seen)
-        du, du_norm, longest = self._increment(*(decided or (R, states)), seen)
-        if decided and self._balanced and self._drifts(du_norm):
-            # With the states that were decided, bodies would slide farther than slips are linear.
-            du, du_norm, longest = self._increment(R, states, seen)
-        elif decided:
-            R, states = decided
+        R, states = decided or (R, states)
+        du, du_norm, longest = self._increment(R, states, seen)
+        if decided:
+            is_supported = not self._system.relief.bodies
+            longest = min(longest, self.convergence.longest_decided(is_supported=is_supported))
         system, attempt, motion = self._system, self._attempt, self._attempt.motion
         part = longest / du_norm if du_norm > longest else 1.0
         if self._search is not None and not motion.advances:
@@ -312,13 +311,6 @@ class _Iteration:
         R = iterate.R_bulk - relief.force.ravel() + R_contact
         R = system.bulk.rigid.balance(self._nodes, R.reshape(self._nodes.shape)).ravel()
         return attempt.motion.add_forces(R, decided), decided
-
-    def _drifts(self, du_norm: float) -> bool:
-        """Whether an increment is beyond the accuracy of the cone problem in statics. Local."""
-        system = self._system
-        if system.inertia:
-            return False
-        return not self.convergence.is_accurate(du_norm, is_supported=not system.relief.bodies)
 
     def _increment(
         self, R: Floats, states: tuple[ContactContribution, ...], seen: Measures
