@@ -6,11 +6,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import dolfinx_nts as nts
 from benchmarks import __main__ as driver
 from benchmarks import publish
+from benchmarks.defaults.regret import Result, regrets
 from benchmarks.scenes import ball_on_plate
 from benchmarks.targets import Target
 
@@ -167,3 +169,20 @@ def test_figures_and_tables_get_into_the_documents(folder, tmp_path):
     assert (tmp_path / "docs" / "tables" / "peers.md").read_text() == "| code |"
     assert "Order of accuracy" in (tmp_path / "docs" / "tables" / "benchmarks.md").read_text()
     assert len(list((tmp_path / "docs" / "figures").iterdir())) == 4
+
+
+def test_regret_compares_with_the_best_setting_and_the_cheapest_one_as_right():
+    rows = [
+        ("best", 0.5, 4.0),  # below the tolerance, which counts as equal to it
+        ("cheap", 1.04, 1.0),
+        ("wrong", 3.0, 0.5),
+    ]
+    results = [
+        Result("scene", name, "surfaces", {}, error, cost=cost) for name, error, cost in rows
+    ]
+    results.append(Result("scene", "none", "surfaces", {}, failure="refused"))
+    found = {setting: regret for (_, setting), regret in regrets(results).items()}
+    assert found["best"] == (1.0, 4.0)
+    assert found["cheap"] == (pytest.approx(1.04), 1.0)
+    assert found["wrong"] == (3.0, 1.0)
+    assert found["none"] == (np.inf, np.inf)

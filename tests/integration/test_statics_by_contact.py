@@ -80,7 +80,7 @@ def test_a_block_rests_on_a_block(cell, mu, ramped):
 @pytest.mark.parametrize(
     # In the second step of the first all nodes are at their limit and none has far to slide.
     ("mu", "ramped"),
-    [(0.003, False), once(0.003, True), once(0.01, False)],
+    [(0.003, False), once(0.003, True), once(0.01, False), once(0.0102, False)],
 )
 def test_friction_that_hardly_holds_a_block_is_found(mu, ramped):
     blocks = Blocks(cell="tetrahedron")

@@ -43,7 +43,8 @@ class FrozenPoints(LocalSearch):
 
     candidates: MortarCandidates
     pairing: MortarPairing
-    # Largest number of renewals of the points in a step [-].
+    # Largest number of renewals of the points in a step [-]. More: steps that find no points cost
+    # more; fewer (2): points have slid off their segments in some impacts on corners.
     _most_renewals = 6
     # Whether facets above kinks have linear functions: in equilibrium alone, as in impacts with
     # friction Newton's method may fail with them.
@@ -157,7 +158,6 @@ class TiedPoints(FrozenPoints):
 class SettlingPoints(FrozenPoints):
     """Quadrature points of statics, renewed until they belong to the equilibrium."""
 
-    _most_renewals = 6
     _has_kinks = True
     _nearby = 0.1
 
