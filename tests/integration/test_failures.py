@@ -129,6 +129,8 @@ def run(folder: Path, num_ranks: int, where: str, ranks: str, checkpoint_every: 
     # A process that has started MPI gives its children an environment of its own.
     own = ("OMPI_COMM_", "OMPI_UNIVERSE", "PMIX_", "PMI_")
     env = {k: v for k, v in os.environ.items() if not k.startswith(own)}
+    # Where a run is killed, Open MPI leaves a folder that confuses a later one.
+    env["PRTE_MCA_prte_tmpdir_base"] = str(folder)
     tests = Path(__file__).parents[1]
     paths = [str(tests), str(tests.parent), env.get("PYTHONPATH", "")]
     env["PYTHONPATH"] = os.pathsep.join(paths)
