@@ -81,7 +81,7 @@ def all_pairs(
     self_contact: Sequence[Body] = (),
     enforcement: LagrangeMultiplier | Penalty | None = None,
     friction: FrictionLaw | float | None = None,
-    method: Method = "node-to-segment",
+    method: Method | None = None,
     edges: bool = False,
     smooth: bool = False,
     exchange: bool | None = None,
@@ -155,7 +155,9 @@ def all_pairs(
     groups = sorted(connected(bodies), key=coarseness)
     pairs: list[ContactPair] = []
 
-    def add(nodes: Sequence[Body], segments: Sequence[Body] | Obstacle, by: Method = NODES) -> None:
+    def add(
+        nodes: Sequence[Body], segments: Sequence[Body] | Obstacle, by: Method | None = NODES
+    ) -> None:
         target: Surface | Obstacle
         if isinstance(segments, Obstacle):
             target, text = segments, f"{'edges of ' * (by == EDGES)}{type(segments).__name__}"

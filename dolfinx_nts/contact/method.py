@@ -14,7 +14,7 @@ from dolfinx_nts.model.surfaces import Surface
 
 __all__ = [
     *("EDGES", "KINDS", "MORTAR", "NODES", "Method"),
-    *("check_dimension", "check_method", "check_smooth", "check_tie"),
+    *("check_dimension", "check_method", "check_smooth", "check_tie", "default_method"),
     *("has_patches", "may_be_smooth"),
 ]
 
@@ -31,6 +31,19 @@ KINDS = {
 }
 # Supported laws of impact of edges; "" for springs.
 _OF_EDGES = ("", "elastic", "plastic", "restitution")
+
+
+def default_method(pair: Any) -> Method:
+    """Method of a pair for which none was given: mortar contact where it is possible. Local.
+
+    ``pair`` is as for `check_method`, without the method. Smooth segments, ties and convective
+    friction act at nodes, where they are exact.
+    """
+    between_surfaces = isinstance(pair.segments, Surface) and not pair.touches_itself
+    at_nodes = pair.exchange or pair.is_convective or isinstance(pair.enforcement, Tied)
+    if not between_surfaces or at_nodes or pair.segments.smooth:
+        return NODES
+    return NODES if isinstance(pair.nodes.smooth, RigidSphere) else MORTAR
 
 
 def check_method(pair: Any) -> None:

@@ -5,6 +5,7 @@ which contains the state of contact.
 """
 
 import logging
+from copy import copy
 from typing import Any, Protocol
 from weakref import WeakSet
 
@@ -20,11 +21,13 @@ from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.method import (
     EDGES,
     KINDS,
+    NODES,
     Method,
     check_dimension,
     check_method,
     check_smooth,
     check_tie,
+    default_method,
 )
 from dolfinx_nts.model.obstacles.obstacle import Obstacle
 from dolfinx_nts.model.surfaces import Surface, sharpest_corner
@@ -72,7 +75,8 @@ class ContactPair(Declaration):
     Args:
         nodes: Surface whose nodes may touch.
         segments: Surface whose segments they may touch, or a rigid obstacle.
-        enforcement: Law of normal contact. None for Lagrange multipliers with elastic impact.
+        enforcement: Law of normal contact. None for springs (`Penalty`) with inertia, in explicit
+            steps too, and for Lagrange multipliers in statics and at nodes of rigid bodies.
         friction: Law of friction, such as `Coulomb`, `Stribeck`, `SlipWeakening` or `Tresca`, or a
             `FrictionLaw` of your own; a number is the coefficient of Coulomb's law. None for
             contact without friction.
@@ -83,7 +87,9 @@ class ContactPair(Declaration):
             ``"edge-to-edge"``: edges of the first surface must not cross edges of the second one,
             or of a `RigidSurface`, if both edges are convex and turn by more than 30 degrees. Use
             it in addition to a pair of the same surfaces with one of the other methods, which do
-            not detect crossing edges.
+            not detect crossing edges. None for mortar contact between two surfaces, and for
+            node-to-segment contact with obstacles, smooth or tied surfaces, in self contact and
+            in explicit steps.
         name: Name in columns and legends; empty for the names of the two sides.
         exchange: Whether node-to-segment contact with multipliers also holds vertices on convex
             edges and corners of the segments: where one sinks deeper than a hundredth of a facet
@@ -92,7 +98,8 @@ class ContactPair(Declaration):
             inertia alone, as in statics constraints of both sides may let a soft surface buckle.
 
     Attributes:
-        nodes, segments, enforcement, method, name, exchange: The arguments.
+        nodes, segments, name, exchange: The arguments.
+        enforcement, method: The arguments, or the defaults of dynamics.
         friction: Law of friction; None if its coefficient is 0.
         touches_itself: Whether nodes and segments are the same surface.
 
@@ -116,7 +123,7 @@ class ContactPair(Declaration):
         segments: Surface | Obstacle,
         enforcement: LagrangeMultiplier | Penalty | None = None,
         friction: FrictionLaw | float | None = None,
-        method: Method = "node-to-segment",
+        method: Method | None = None,
         *,
         name: str = "",
         exchange: bool | None = None,
@@ -130,7 +137,9 @@ class ContactPair(Declaration):
                 "expected a Surface, such as boundary_of(body), or an obstacle as segments, given "
                 f"{kind_of(segments)}"
             )
-        enforcement = LagrangeMultiplier() if enforcement is None else enforcement
+        is_open = enforcement is None, method is None
+        if enforcement is None:
+            enforcement = LagrangeMultiplier() if exchange else Penalty()
         if not isinstance(enforcement, LagrangeMultiplier | Penalty):
             raise TypeError(
                 "expected LagrangeMultiplier or Penalty as enforcement, "
@@ -149,7 +158,10 @@ class ContactPair(Declaration):
         self.touches_itself = isinstance(segments, Surface) and _check_surfaces(nodes, segments)
         if not (exchange is None or isinstance(exchange, bool)):
             raise TypeError(f"expected exchange=True, False or None, given {exchange!r}")
-        self.method, self.name, self.exchange = method, label(name), exchange
+        self.name, self.exchange = label(name), exchange
+        self.method: Method = default_method(self) if method is None else method
+        self._law_is_open, self._method_is_open = is_open
+        self._declared: ContactPair | None = None
         check_method(self)
         check_tie(self)
         check_dimension(self)
@@ -160,6 +172,32 @@ class ContactPair(Declaration):
             with agreed(nodes.V.mesh.comm, "evaluate friction"):
                 check_law(self.friction, nodes)
         self._states: WeakSet[AcceptedContact] = WeakSet()
+
+    def with_defaults(
+        self, enforcement: LagrangeMultiplier | Penalty, *, nodal: bool = False
+    ) -> "ContactPair":
+        """Pair of a stepper, with its laws where none were given. Local.
+
+        Args:
+            enforcement: Law of normal contact.
+            nodal: Whether nodes are followed instead of surfaces.
+
+        Returns:
+            A pair that shares the states of this one; this one if nothing is left open.
+        """
+        method = NODES if nodal and self._method_is_open else self.method
+        enforcement = enforcement if self._law_is_open else self.enforcement
+        if method == self.method and enforcement is self.enforcement:
+            return self
+        pair = copy(self)
+        # A copy is complete; its states remain those of the declaration.
+        vars(pair).update(enforcement=enforcement, method=method, _declared=self.declared)
+        return pair
+
+    @property
+    def declared(self) -> "ContactPair":
+        """Pair that was given to the stepper: this one, unless its laws were left open. Local."""
+        return self._declared or self
 
     def attach(self, state: AcceptedContact) -> None:
         """Attach the state of a stepper, as long as it exists. Local."""

@@ -56,7 +56,7 @@ class ContactForce(Declaration):
         Raises:
             ValueError: The stepper has no such pair.
         """
-        own = [contact for contact in contacts if contact.pair is self.pair]
+        own = [contact for contact in contacts if contact.pair.declared is self.pair.declared]
         if not own:
             raise ValueError(f"expected a pair of this stepper, given {self.pair.between}")
         comm: MPI.Comm = self.pair.nodes.V.mesh.comm

@@ -22,6 +22,7 @@ from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.contact.checks.repeated_pairs import check_repeated
 from dolfinx_nts.contact.checks.start import check_start, warn_of_bodies_without_pair
 from dolfinx_nts.contact.checks.watch import ContactWatch
+from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.history import reloaded
 from dolfinx_nts.contact.massless import is_resolved
 from dolfinx_nts.contact.pair import ContactPair
@@ -142,6 +143,10 @@ class Stepper(TimeLoop):
     bodies = SetOnce[tuple[Body, ...]]()
     pairs = SetOnce[tuple[ContactPair, ...]]()
 
+    def _with_defaults(self, pair: ContactPair) -> ContactPair:
+        """Pair with the laws of this stepper where none were given. Collective."""
+        return pair.with_defaults(Penalty())
+
     def __new__(cls, *arguments: Any, **options: Any) -> Any:
         """Check the arguments, with an error that names the class and its arguments."""
         hint = ", bodies and pairs first and all others by name (dt=, the length of a step [s])"
@@ -163,7 +168,7 @@ class Stepper(TimeLoop):
         warn_of_locking(bodies)
         check_volumes(bodies)
         self.bodies = tuple(bodies)
-        self.pairs = instances(ContactPair, pairs)
+        self.pairs = tuple(map(self._with_defaults, instances(ContactPair, pairs)))
         self.loads = instances(Load, loads)
         for pair in self.pairs:
             if pair.nodes.V != V:

@@ -25,6 +25,7 @@ from dolfinx_nts.common.arguments import instances
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.explicit.all_springs import AllSprings
 from dolfinx_nts.contact.history import ContactWork
+from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.method import EDGES, NODES, has_patches
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.components import in_space, nodal
@@ -63,7 +64,7 @@ def check_scope(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> None:
         TypeError: An argument has the wrong type.
         ValueError: A contact method, smooth segments or a material needs an implicit stepper.
     """
-    methods = {pair.method for pair in instances(ContactPair, pairs)}
+    methods = {pair.method for pair in pairs}
     if others := sorted(methods - {NODES, EDGES}):
         raise _out_of_scope(
             f"pairs of method {NODES!r} or {EDGES!r}", " and ".join(map(repr, others))
@@ -148,6 +149,7 @@ class CentralDifference(Stepper):
         loads: Sequence[Load] = (),
         update: Callable[[float], None] | None = None,
     ) -> None:
+        pairs = tuple(map(self._with_defaults, instances(ContactPair, pairs)))
         check_scope(bodies, pairs)
         first = 1.0 if dt is None else dt
         super().__init__(bodies, pairs, dt=first, loads=loads, update=update)
@@ -177,6 +179,9 @@ class CentralDifference(Stepper):
         self._stability.choose_penalties(self.x, self.dt)
         self._forces = PresentForces(self._bulk, self._springs, mobility)
         self._positions, self._nodal_u = np.empty_like(self._X), nodal(self.u)
+
+    def _with_defaults(self, pair: ContactPair) -> ContactPair:
+        return pair.with_defaults(Penalty(), nodal=True)
 
     def serialize(self, archive: Archive) -> None:
         """Serialize the state and the forces, so that none are evaluated again."""

@@ -21,7 +21,7 @@ from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arguments import finite, instances
 from dolfinx_nts.common.arrays import Floats, GlobalInts
 from dolfinx_nts.common.declaration import SetOnce
-from dolfinx_nts.contact.enforcement import LagrangeMultiplier
+from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.integrators.implicit.implicit_stepper import ImplicitStepper
 from dolfinx_nts.integrators.rates import ConsistentMass, Rates
@@ -120,7 +120,8 @@ class GeneralizedAlpha(ImplicitStepper):
     ) -> None:
         if not 0 <= finite("rho_inf", rho_inf) <= 1:
             raise ValueError(f"expected a spectral radius rho_inf in [0, 1], given {rho_inf}")
-        for pair in instances(ContactPair, pairs):
+        pairs = [pair.with_defaults(Penalty()) for pair in instances(ContactPair, pairs)]
+        for pair in pairs:
             law = pair.enforcement
             if isinstance(law, LagrangeMultiplier) and law.holds_gaps:
                 raise ValueError(

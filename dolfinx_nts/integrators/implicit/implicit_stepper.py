@@ -37,6 +37,7 @@ from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.normal.interface import known_nodes
 from dolfinx_nts.contact.massless import is_resolved, massless_nodes
+from dolfinx_nts.contact.method import EDGES
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.integrators.implicit.attempt import AdmissibleMotion, Start, StepProblem
@@ -46,9 +47,9 @@ from dolfinx_nts.integrators.implicit.static_stiffness import choose_default_sti
 from dolfinx_nts.integrators.implicit.step_forces import Reactions, StepForces, StepWorks
 from dolfinx_nts.integrators.implicit.step_solver import StepSolver
 from dolfinx_nts.integrators.massless.resolved_impact import ResolvedImpact
-from dolfinx_nts.integrators.rates import MidpointRates
+from dolfinx_nts.integrators.rates import MidpointRates, NoRates
 from dolfinx_nts.integrators.report import StepReport
-from dolfinx_nts.integrators.rigid import check_statics, rigid_motion
+from dolfinx_nts.integrators.rigid import check_statics, gives_rigid_nodes, rigid_motion
 from dolfinx_nts.integrators.statics.relaxation import IF_IT_MOVES
 from dolfinx_nts.integrators.step_failure import SHORTER_STEP_HELPS, StepFailure
 from dolfinx_nts.integrators.stepper import Stepper
@@ -165,6 +166,17 @@ class ImplicitStepper(Stepper):
     @property
     def _solver(self) -> LinearSolver:
         return self._step_solver.linear
+
+    def _with_defaults(self, pair: ContactPair) -> ContactPair:
+        """Springs, but multipliers in statics, at edges and at nodes of rigid bodies. Collective.
+
+        Rigid bodies and edges have no elasticity by which nodes could vibrate in contact.
+        """
+        springs = self.scheme.contact == "static"  # generalised alpha gains energy by multipliers
+        rigid = gives_rigid_nodes(pair, self.bodies)
+        if self.scheme.rates is NoRates or not springs and (rigid or pair.method == EDGES):
+            return pair.with_defaults(LagrangeMultiplier(), nodal=rigid)
+        return super()._with_defaults(pair)
 
     @property
     def _sleeping(self) -> SleepingBodies:
