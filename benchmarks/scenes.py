@@ -294,7 +294,9 @@ def pile(comm: MPI.Comm, scheme: str, h: float | None, *, n: int, friction: Any 
             point[axis], normal[axis] = end, sign
             walls.append(nts.RigidPlane(point, normal))
     enforcement = SCHEMES[scheme].enforcement()
-    pairs = nts.all_pairs(balls, obstacles=walls, enforcement=enforcement, friction=friction)
+    pairs = nts.all_pairs(
+        balls, obstacles=walls, enforcement=enforcement, friction=friction, method="node-to-segment"
+    )
     weight = nts.Gravity(balls, (0.0, 0.0, -9.81))
     stepper = SCHEMES[scheme].integrator(balls, pairs, dt=h, loads=[weight])
     for ball in balls:

@@ -70,7 +70,9 @@ inner, outer = (nts.Surface(V, facets, tag[f"tube_{side}"]) for side in ("inner"
 # here only the inside can touch.
 
 # +
-contact = nts.ContactPair(nodes=inner, segments=inner)
+contact = nts.ContactPair(
+    nodes=inner, segments=inner, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+)
 
 
 def hold(axis, where):

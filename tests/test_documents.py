@@ -115,7 +115,12 @@ def test_all_columns_of_a_table_are_explained(comm, tmp_path):
     old = blocks(comm).stepper
     bcs = [fem.dirichletbc(np.zeros(3), old.bodies[0].nodes[:1], old.bodies[0].V)]
     loads = [nts.Gravity(old.bodies, (0, 0, -1))]
-    floor = nts.ContactPair(old.pairs[0].nodes, nts.RigidPlane((0, 0, -9), (0, 0, 1)))
+    floor = nts.ContactPair(
+        old.pairs[0].nodes,
+        nts.RigidPlane((0, 0, -9), (0, 0, 1)),
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
     pairs = [*old.pairs, floor]
     stepper = nts.EnergyMomentum(old.bodies, pairs, dt=0.1, bcs=bcs, loads=loads)
     parts = ("pairs", "between", "obstacles", "supports", "loads", "bodies")

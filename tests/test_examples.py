@@ -84,7 +84,12 @@ def constant_names() -> dict[str, Any]:
 @contextmanager
 def names_of_an_example(constant_names: dict[str, Any]) -> Iterator[dict[str, Any]]:
     """Add a new stepper, and a pair that belongs to no stepper; restore the mesh at the end."""
-    pair = nts.ContactPair(constant_names["bottom"], constant_names["top"])
+    pair = nts.ContactPair(
+        constant_names["bottom"],
+        constant_names["top"],
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
     x = constant_names["mesh"].geometry.x
     before = x.copy()
     yield constant_names | {"pair": pair, "stepper": falling_block(constant_names)}
@@ -93,7 +98,12 @@ def names_of_an_example(constant_names: dict[str, Any]) -> Iterator[dict[str, An
 
 def falling_block(names: dict[str, Any]) -> nts.EnergyMomentum:
     """Stepper in which the upper block strikes the lower one in the second step."""
-    pair = nts.ContactPair(names["bottom"], names["top"])
+    pair = nts.ContactPair(
+        names["bottom"],
+        names["top"],
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
     stepper = nts.EnergyMomentum(names["bodies"], [pair], dt=0.01)
     stepper.set_velocity(names["other"], (0.0, 0.0, -1.0))
     return stepper

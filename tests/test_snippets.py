@@ -67,7 +67,14 @@ def space() -> dict[str, Any]:
     return {
         **{"mesh": mesh, "cells": cells, "V": V, "tag": tag | {"tool": tag["ball"]}},
         **{"ball": ball, "plate": plate, "bodies": [ball, plate], "ball_outer": bottom},
-        **{"plate_top": top, "pairs": [nts.ContactPair(bottom, top)]},
+        **{
+            "plate_top": top,
+            "pairs": [
+                nts.ContactPair(
+                    bottom, top, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+                )
+            ],
+        },
     }
 
 

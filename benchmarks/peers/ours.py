@@ -46,6 +46,7 @@ def _run(
         nodes=nts.Surface(V, facets, tag["ball_outer"]),
         segments=nts.Surface(V, facets, tag["plate_top"]),
         enforcement=enforcement,
+        method="node-to-segment",
     )
     stepper = integrator([ball, plate], [contact], dt=dt)
     stepper.set_velocity(ball, VELOCITY)

@@ -38,11 +38,15 @@ def _press(
     scene = Scene({"low": low, "up": up}, nts.NeoHookean(E=_E, nu=0.0, rho=1e3), simplices)
     bodies = list(scene.bodies.values())
     if method == "all pairs":
-        pairs = nts.all_pairs(bodies)
+        pairs = nts.all_pairs(
+            bodies, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+        )
     else:
         nodes = scene.surface("up", lambda x: np.isclose(x[-1], 1 - overlap))
         segments = scene.surface("low", lambda x: np.isclose(x[-1], 1))
-        pairs = [nts.ContactPair(nodes, segments, method=method)]
+        pairs = [
+            nts.ContactPair(nodes, segments, method=method, enforcement=nts.LagrangeMultiplier())
+        ]
     held = [
         scene.held("low", lambda x: np.isclose(x[-1], 0)),
         scene.held("up", lambda x: np.isclose(x[-1], 2 - overlap)),

@@ -84,11 +84,23 @@ class _Column:
             nodes, segments, body, other = segments, nodes, other, body
         self.nodes = nodes
         if target == "mortar":
-            self.pairs = [nts.ContactPair(nodes, segments, method="mortar")]
+            self.pairs = [
+                nts.ContactPair(
+                    nodes, segments, method="mortar", enforcement=nts.LagrangeMultiplier()
+                )
+            ]
         else:
-            self.pairs = [nts.ContactPair(nodes, segments)]
+            self.pairs = [
+                nts.ContactPair(
+                    nodes, segments, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+                )
+            ]
         if target == "edges":
-            self.pairs.append(nts.ContactPair(nodes, segments, method="edge-to-edge"))
+            self.pairs.append(
+                nts.ContactPair(
+                    nodes, segments, method="edge-to-edge", enforcement=nts.LagrangeMultiplier()
+                )
+            )
         self.touching = Touching(body, other, _H, modulus, target == "mortar", moving)
 
     def _obstacle(self, target: str, gap: float) -> tuple[Any, Obstacle]:

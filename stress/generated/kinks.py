@@ -64,7 +64,7 @@ def _kink(rng: np.random.Generator, element: str, place: int, slope: float, what
         return np.isclose(x[-1], height + slope * np.maximum(x[0] - kink, 0))
 
     segments = scene.surface("block", is_sole)
-    pair = nts.ContactPair(nodes, segments, method="mortar")
+    pair = nts.ContactPair(nodes, segments, method="mortar", enforcement=nts.LagrangeMultiplier())
     boundaries = scene.boundary("base"), scene.boundary("block")
     touching = Touching(*boundaries, 1.0, _E, mortar=True, moving=what == "impact")
     held = [scene.held("base", lambda x: np.isclose(x[-1], -1))]

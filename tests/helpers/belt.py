@@ -39,7 +39,7 @@ def belt(dt: float, enforcement: nts.LagrangeMultiplier | nts.Penalty | None = N
     body = nts.Body(V, data.cells, data.tag["belt"], nts.NeoHookean(E=1e7, nu=0.0, rho=1e3))
     left, inner = (nts.Surface(V, data.facets, data.tag[f"belt_{s}"]) for s in ("left", "bottom"))
     pulley = nts.RigidSphere(centre=(0, 0), radius=RADIUS)
-    pair = nts.ContactPair(inner, pulley, enforcement, nts.Coulomb(MU))
+    pair = nts.ContactPair(inner, pulley, enforcement, nts.Coulomb(MU), method="node-to-segment")
     slack = nts.Traction(left, lambda t: (0, -PULL / THICKNESS * min(t, 1.0)))
     right = fem.locate_dofs_topological(V, 1, data.facets.find(data.tag["belt_right"]))
     drawn = fem.Function(V)

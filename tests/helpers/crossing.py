@@ -67,7 +67,9 @@ def crossed(
         bodies = [nts.RigidBody(V, cells, t, NUMBERS[2]) for t in tags]
     else:
         bodies = [nts.Body(V, cells, t, nts.NeoHookean(*NUMBERS)) for t in tags]
-    pairs = nts.all_pairs(bodies, enforcement=enforcement, friction=friction, edges=edges)
+    pairs = nts.all_pairs(
+        bodies, enforcement=enforcement, friction=friction, edges=edges, method="node-to-segment"
+    )
     stepper = scheme(bodies, pairs, dt=dt)
     stepper.set_velocity(bodies[1], motion.Q @ np.asarray(velocity))
     return Scene(stepper, dict(zip(("lower", "upper"), bodies, strict=True)), NUMBERS)

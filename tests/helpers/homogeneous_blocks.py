@@ -54,7 +54,11 @@ def deform(
     bodies = [nts.Body(V, tags, tag[f"body {number}"], material) for number in (0, 1)]
     surfaces = {name: nts.Surface(V, facets, tag[name]) for name in data.surfaces}
     pair = nts.ContactPair(
-        surfaces["bottom 1"], surfaces["top 0"], friction=friction, method="mortar"
+        surfaces["bottom 1"],
+        surfaces["top 0"],
+        friction=friction,
+        method="mortar",
+        enforcement=nts.LagrangeMultiplier(),
     )
     strain = (F.T @ F - np.eye(3)) / 2
     lmbda, mu = 0.3 / (1.3 * 0.4), 1 / 2.6

@@ -68,7 +68,12 @@ def press(
         dofs = fem.locate_dofs_topological(V.sub(axis), 2, sides["xy"[axis]])
         bcs.append(fem.dirichletbc(0.0, dofs, V.sub(axis)))
     top = nts.Surface(V, data.facets, data.tag["top"])
-    pair = nts.ContactPair(top, nts.boundary_of(tool, where=lambda x: x[2] < TOOL_TOP / 2))
+    pair = nts.ContactPair(
+        top,
+        nts.boundary_of(tool, where=lambda x: x[2] < TOOL_TOP / 2),
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
     loads = [] if force is None else [nts.Force(tool, (0.0, 0.0, -force / 4))]
     stepper = nts.QuasiStatic([body, tool], [pair], dt=1.0, bcs=bcs, loads=loads)
     report = stepper.advance()

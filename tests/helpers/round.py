@@ -111,7 +111,12 @@ def marble(comm: MPI.Comm, *, smooth: bool = True, depth: float = 0.0) -> Any:
     tags = tagged(domain, lambda x: np.linalg.norm(x, axis=1) < 0.55)
     bodies = [nts.Body(V, tags, tag, nts.NeoHookean(*RUBBER)) for tag in (1, 2)]
     hollow = nts.boundary_of(bodies[0], where=lambda x: np.hypot(x[0], x[1]) < 0.51, smooth=smooth)
-    pair = nts.ContactPair(nts.boundary_of(bodies[1]), hollow)
+    pair = nts.ContactPair(
+        nts.boundary_of(bodies[1]),
+        hollow,
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
     return nts.EnergyMomentum(bodies, [pair], dt=0.01)
 
 

@@ -249,6 +249,7 @@ def free_flight(
             nts.Surface(V, facets, tag[f"top {number - 1}"]),
             enforcement,
             friction,
+            method="node-to-segment",
         )
         for number in range(1, num_bodies)
     ]

@@ -126,7 +126,7 @@ def test_bar_without_lateral_strain_strikes_as_one_in_the_plane():
         bar = nts.Body(V, tags, 2, nts.SaintVenantKirchhoff(1.0, 0.0, 1.0))
         end = nts.boundary_of(bar, where=lambda x: x[1] < 0.011)
         law = nts.LagrangeMultiplier("resolved")
-        pair = nts.ContactPair(end, nts.RigidPlane((0, 0), (0, 1)), law)
+        pair = nts.ContactPair(end, nts.RigidPlane((0, 0), (0, 1)), law, method="node-to-segment")
         stepper = nts.EnergyMomentum([bar], [pair], dt=0.02)
         stepper.set_velocity(bar, (0.0, -0.1))
         diagnostics, force = nts.Diagnostics(stepper), []
@@ -225,7 +225,9 @@ def test_impulses_of_loads_and_obstacles_balance_the_momentum():
     ]
     down = nts.Motion(lambda t: (0.0, -0.5 * t))
     lid = nts.RigidPlane((0, 1.002), (0, -1)).moving(down)
-    pair = nts.ContactPair(surface["top"], lid)
+    pair = nts.ContactPair(
+        surface["top"], lid, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+    )
     stepper = nts.EnergyMomentum([body], [pair], dt=0.004, loads=loads)
     diagnostics = nts.Diagnostics(stepper)
     first, impulse, given, on_lid = diagnostics.balance(), 0.0, 0.0, 0.0
@@ -283,7 +285,13 @@ def test_a_ball_rests_on_a_plate_by_contact_alone():
 
 def test_the_poles_of_a_shell_that_meet_on_the_axis_bounce():
     body = shell()
-    pairs = nts.all_pairs([body], self_contact=[body], friction=nts.Coulomb(0.3))
+    pairs = nts.all_pairs(
+        [body],
+        self_contact=[body],
+        friction=nts.Coulomb(0.3),
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
     stepper = nts.EnergyMomentum([body], pairs, dt=0.0025)
     stepper.set_velocity(
         body, lambda x: np.array([0 * x[0], -22 * x[1] * np.exp(-((x[0] / 0.25) ** 2))])
@@ -417,7 +425,9 @@ def test_obstacles_that_are_not_of_revolution_are_refused(obstacle, message):
     data, V = round_block()
     top = nts.Surface(V, data.facets, data.tag["block_top"])
     with pytest.raises(ValueError, match=message):
-        nts.ContactPair(top, obstacle)
+        nts.ContactPair(
+            top, obstacle, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+        )
 
 
 def test_unsupported_axisymmetric_features_are_refused():
@@ -434,7 +444,16 @@ def test_unsupported_axisymmetric_features_are_refused():
         nts.EnergyMomentum(scene.bodies, dt=0.01, bcs=[wrong])
     aside = nts.RigidPlane((0, 3), (0, -1)).moving(nts.Motion(lambda t: (0.1 * t, 0.0)))
     stepper = nts.EnergyMomentum(
-        scene.bodies, [nts.ContactPair(nts.boundary_of(scene.ball), aside)], dt=0.01
+        scene.bodies,
+        [
+            nts.ContactPair(
+                nts.boundary_of(scene.ball),
+                aside,
+                enforcement=nts.LagrangeMultiplier(),
+                method="node-to-segment",
+            )
+        ],
+        dt=0.01,
     )
     with pytest.raises(ValueError, match="a motion along the axis"):
         stepper.advance()
@@ -446,7 +465,12 @@ def test_cones_need_an_axis():
     V = fem.functionspace(domain, ("Lagrange", 1, (2,)))
     top = nts.Surface.where(V, lambda x: np.isclose(x[1], 1.0))
     with pytest.raises(ValueError, match="axisymmetric mesh with a RigidCone"):
-        nts.ContactPair(top, nts.RigidCone((0, 1), 1.2))
+        nts.ContactPair(
+            top,
+            nts.RigidCone((0, 1), 1.2),
+            enforcement=nts.LagrangeMultiplier(),
+            method="node-to-segment",
+        )
     for arguments, message in (
         (((0.1, 0), 1.2), "on the axis"),
         (((0, 0), 1.6), "half_angle < pi/2"),

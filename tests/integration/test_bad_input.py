@@ -75,14 +75,29 @@ def test_bodies_that_no_pair_lets_touch_another_are_named(comm, caplog):
     bodies = three_boxes(comm)
     surfaces = [nts.boundary_of(body) for body in bodies]
     floor = nts.RigidPlane((0, 0, -1), (0, 0, 1))
-    onto_floor = nts.ContactPair(nts.boundary_of(*bodies), floor)
-    chain = [nts.ContactPair(surfaces[i], surfaces[i + 1]) for i in range(2)]
-    itself = nts.ContactPair(surfaces[2], surfaces[2])
+    onto_floor = nts.ContactPair(
+        nts.boundary_of(*bodies),
+        floor,
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
+    chain = [
+        nts.ContactPair(
+            surfaces[i],
+            surfaces[i + 1],
+            enforcement=nts.LagrangeMultiplier(),
+            method="node-to-segment",
+        )
+        for i in range(2)
+    ]
+    itself = nts.ContactPair(
+        surfaces[2], surfaces[2], enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+    )
     for pairs, names in (
         ([onto_floor], "box 0, box 1, box 2"),
         ([itself, chain[0]], "box 2"),
         (chain, ""),
-        (nts.all_pairs(bodies), ""),
+        (nts.all_pairs(bodies, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"), ""),
     ):
         caplog.clear()
         nts.EnergyMomentum(bodies, pairs, dt=0.1)
@@ -104,7 +119,7 @@ def test_node_on_both_sides_of_a_pair_is_refused(comm, refused):
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     top, side = (nts.Surface(V, facets, tag[f"plate_{name}"]) for name in ("top", "left"))
     with refused(ValueError, "given 11 nodes on both sides"):
-        nts.ContactPair(side, top)
+        nts.ContactPair(side, top, enforcement=nts.LagrangeMultiplier(), method="node-to-segment")
 
 
 @pytest.mark.parametrize("bad", [np.nan, *map(once, [np.inf, -np.inf])])
@@ -177,7 +192,12 @@ def test_prescribed_nodes_in_contact_with_supported_surfaces_are_named(comm, ref
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     bodies = [nts.Body(V, cells, tag[k], nts.NeoHookean(1e5, 0.3, 1e3)) for k in ("floor", "block")]
     bottom = nts.Surface(V, facets, tag["block_bottom"])
-    pair = nts.ContactPair(bottom, nts.Surface(V, facets, tag["floor_top"]))
+    pair = nts.ContactPair(
+        bottom,
+        nts.Surface(V, facets, tag["floor_top"]),
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
     travel = fem.Constant(mesh, 0.0)
 
     def update(t):

@@ -155,7 +155,9 @@ def test_impact_conserves_energy_and_momenta(comm, cell, friction, method):
     mesh, cells, _, tag = nts.read_mesh(build, comm)
     V = fem.functionspace(mesh, ("Lagrange", 2, (3,)))
     bodies = [nts.Body(V, cells, tag[name], RUBBER) for name in ("ball", "plate")]
-    pairs = nts.all_pairs(bodies, friction=friction, method=method)
+    pairs = nts.all_pairs(
+        bodies, friction=friction, method=method, enforcement=nts.LagrangeMultiplier()
+    )
     stepper = nts.EnergyMomentum(bodies, pairs, dt=5e-3)
     stepper.set_velocity(bodies[0], (2.0, 0.0, -2.0))
     ledger = Ledger(stepper)

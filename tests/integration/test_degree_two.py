@@ -134,7 +134,14 @@ def test_obstacles_stop_all_nodes(comm, cell, obstacle):
         "sphere": nts.RigidSphere((0.52, 0.37, -2.03), 2.0),
     }
     stepper = nts.EnergyMomentum(
-        [body], nts.all_pairs([body], obstacles=[below[obstacle]]), dt=scenes.BLOCK_STEP
+        [body],
+        nts.all_pairs(
+            [body],
+            obstacles=[below[obstacle]],
+            enforcement=nts.LagrangeMultiplier(),
+            method="node-to-segment",
+        ),
+        dt=scenes.BLOCK_STEP,
     )
     stepper.set_velocity(body, (0.1, 0.0, -1.0))
     ledger = Ledger(stepper)
@@ -294,7 +301,10 @@ def test_matching_blocks_pass_the_patch_test(comm, cell):
     material = nts.SaintVenantKirchhoff(E, 0.3, 1.0)
     bodies = [nts.Body(V, cells, tag[f"body {i}"], material) for i in (0, 1)]
     pair = nts.ContactPair(
-        nts.Surface(V, facets, tag["bottom 1"]), nts.Surface(V, facets, tag["top 0"])
+        nts.Surface(V, facets, tag["bottom 1"]),
+        nts.Surface(V, facets, tag["top 0"]),
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
     )
     travel = fem.Constant(mesh, 0.0)
 

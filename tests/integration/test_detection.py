@@ -58,7 +58,12 @@ class Flight:
             surfaces = [nts.boundary_of(body) for body in bodies]
             pair = nts.ContactPair(*(surfaces[::-1] if reverse else surfaces), enforcement)
         else:
-            pair = nts.ContactPair(nts.boundary_of(self.block), OBSTACLES[target], enforcement)
+            pair = nts.ContactPair(
+                nts.boundary_of(self.block),
+                OBSTACLES[target],
+                enforcement,
+                method="node-to-segment",
+            )
         if scheme is not nts.CentralDifference:
             options["dt"] = STEP
         self.stepper = scheme(bodies, [pair], bcs=bcs, **options)
@@ -141,7 +146,12 @@ def fall(comm, num_cells, how):
         pairs = [nts.ContactPair(*surfaces)]
     else:
         # Edges of faces alone are no kinks, so that roles are not exchanged there.
-        pairs = nts.all_pairs([top, low], exchange=False)
+        pairs = nts.all_pairs(
+            [top, low],
+            exchange=False,
+            enforcement=nts.LagrangeMultiplier(),
+            method="node-to-segment",
+        )
     held = fem.locate_dofs_geometrical(V, lambda x: x[2] < 1e-9)
     bcs = [fem.dirichletbc(np.zeros(3), held, V)]
     stepper = nts.EnergyMomentum([top, low], pairs, dt=5e-3, bcs=bcs)
@@ -189,7 +199,12 @@ def test_nodes_that_sink_through_a_thin_plate_are_not_lost_at_the_next_facet(com
     plate, block = (nts.Body(V, cells, tag[name], rubber) for name in ("plate", "block"))
     held = fem.locate_dofs_geometrical(V, lambda x: x[2] < -0.049)
     bcs = [fem.dirichletbc(np.zeros(3), held, V)]
-    pair = nts.ContactPair(nts.boundary_of(block), nts.boundary_of(plate), nts.Penalty(eps_N=1.0))
+    pair = nts.ContactPair(
+        nts.boundary_of(block),
+        nts.boundary_of(plate),
+        nts.Penalty(eps_N=1.0),
+        method="node-to-segment",
+    )
     stepper = scheme([plate, block], [pair], bcs=bcs, dt=1e-3)
     stepper.set_velocity(block, (12.0, 0.0, -3.5))
     with refused(nts.ConvergenceError, "sank .*stiffer springs"):

@@ -211,9 +211,9 @@ def test_an_edge_rotating_past_a_corner_is_not_active_deep_inside(comm):
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     bodies = [nts.RigidBody(V, cells, tag[f"body {i}"], 2.0) for i in range(2)]
     springs = nts.Penalty(4e4)
-    pairs = nts.all_pairs(bodies, enforcement=springs, edges=True)
+    pairs = nts.all_pairs(bodies, enforcement=springs, edges=True, method="node-to-segment")
     pairs += [
-        nts.ContactPair(pair.segments, pair.nodes, springs)
+        nts.ContactPair(pair.segments, pair.nodes, springs, method="node-to-segment")
         for pair in pairs
         if pair.method != "edge-to-edge"
     ]

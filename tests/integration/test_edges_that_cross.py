@@ -215,7 +215,9 @@ def test_an_edge_that_is_pressed_flat_on_a_face_between_its_nodes_does_not_sink_
     low = fem.locate_dofs_geometrical(V, lambda x: x[2] < 0.1)
     high = fem.locate_dofs_geometrical(V, lambda x: x[2] > np.sqrt(0.5) + 0.4)
     bcs = [fem.dirichletbc(np.zeros(3), low, V), fem.dirichletbc(moved, high)]
-    pairs = nts.all_pairs(bodies, edges=True)
+    pairs = nts.all_pairs(
+        bodies, edges=True, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+    )
     stepper = nts.QuasiStatic(bodies, pairs, dt=0.02, bcs=bcs, update=update)
     for _ in range(3):
         report = stepper.advance()

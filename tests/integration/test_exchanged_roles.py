@@ -88,7 +88,9 @@ def press(comm, turn, travel=0.02, **how):
     scene, reverse = Scene(comm, turn), how.pop("reverse", False)
     pair = scene.pair(LAWS["elastic"], **how)
     if reverse:
-        pair = nts.ContactPair(pair.segments, pair.nodes, pair.enforcement)
+        pair = nts.ContactPair(
+            pair.segments, pair.nodes, pair.enforcement, method="node-to-segment"
+        )
     z = scene.dim - 1
     middle = reduced(comm, scene.X[scene.up.nodes, z])
     upper = scene.up.nodes[scene.X[scene.up.nodes, z] > middle + 1e-9]
@@ -263,8 +265,11 @@ def test_pairs_in_both_directions_have_no_exchanged_roles(comm):
         nts.boundary_of(scene.low), nts.boundary_of(scene.up), nts.Penalty(1e5)
     )
     low, up = nts.boundary_of(scene.low), nts.boundary_of(scene.up)
-    both = nts.ContactPair(low, up), nts.ContactPair(up, low)
-    mortar = nts.ContactPair(low, up, method="mortar")
+    both = (
+        nts.ContactPair(low, up, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"),
+        nts.ContactPair(up, low, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"),
+    )
+    mortar = nts.ContactPair(low, up, method="mortar", enforcement=nts.LagrangeMultiplier())
     for chosen in (pairs, both, [mortar]):
         stepper = nts.EnergyMomentum([scene.low, scene.up], chosen, dt=1e-3)
         assert all(contact.exchange is None for contact in stepper.contacts)

@@ -296,7 +296,9 @@ def test_motions_of_obstacles_that_differ_between_ranks_are_refused(comm, refuse
     speed = 1.0 + (comm.rank == one_rank(comm))
     motion = nts.Motion(translation=lambda t: (0.0, 0.0, -speed * t))
     lid = nts.RigidPlane((0, 0, 99.0), (0, 0, -1)).moving(motion)
-    pairs = nts.all_pairs(old.bodies, obstacles=[lid])
+    pairs = nts.all_pairs(
+        old.bodies, obstacles=[lid], enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+    )
     stepper = nts.EnergyMomentum(old.bodies, pairs, dt=1e-3)
     with refused(ValueError, "with a moving RigidPlane = 0 0 -0.00"):
         stepper.advance()

@@ -56,14 +56,30 @@ def force(pairs):
 
 PLANE = nts.RigidPlane((0.0, -GAP), (0.0, 1.0))
 PAIRINGS = {
-    "nodes": lambda bottom, floor, _: [nts.ContactPair(bottom, floor)],
-    "roles exchanged": lambda bottom, floor, _: [nts.ContactPair(floor, bottom)],
-    "mortar": lambda bottom, floor, _: [nts.ContactPair(bottom, floor, method="mortar")],
-    "plastic": lambda bottom, floor, _: [
-        nts.ContactPair(bottom, floor, nts.LagrangeMultiplier("plastic"))
+    "nodes": lambda bottom, floor, _: [
+        nts.ContactPair(
+            bottom, floor, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+        )
     ],
-    "all pairs": lambda bottom, floor, bodies: nts.all_pairs(bodies),
-    "plane": lambda bottom, floor, _: [nts.ContactPair(bottom, PLANE)],
+    "roles exchanged": lambda bottom, floor, _: [
+        nts.ContactPair(
+            floor, bottom, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+        )
+    ],
+    "mortar": lambda bottom, floor, _: [
+        nts.ContactPair(bottom, floor, method="mortar", enforcement=nts.LagrangeMultiplier())
+    ],
+    "plastic": lambda bottom, floor, _: [
+        nts.ContactPair(bottom, floor, nts.LagrangeMultiplier("plastic"), method="node-to-segment")
+    ],
+    "all pairs": lambda bottom, floor, bodies: nts.all_pairs(
+        bodies, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+    ),
+    "plane": lambda bottom, floor, _: [
+        nts.ContactPair(
+            bottom, PLANE, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+        )
+    ],
 }
 
 
@@ -89,7 +105,8 @@ def test_springs_carry_a_step_beyond_the_search():
     stiff = 1e3 * MODULUS
     law = nts.Penalty(stiff)
     stepper, pairs, bottom = column(
-        lambda bottom, floor, _: [nts.ContactPair(bottom, floor, law)], dt=1.0
+        lambda bottom, floor, _: [nts.ContactPair(bottom, floor, law, method="node-to-segment")],
+        dt=1.0,
     )
     stepper.advance()
     # Springs at six nodes; the ones at corners carry half.
@@ -167,7 +184,7 @@ def test_explicit_far_step_finds_contact_or_is_refused(pairing, facets):
 
     def with_springs(*sides):
         (pair,) = PAIRINGS[pairing](*sides)
-        return [nts.ContactPair(pair.nodes, pair.segments, law)]
+        return [nts.ContactPair(pair.nodes, pair.segments, law, method="node-to-segment")]
 
     stepper, pairs, bottom = column(with_springs, nts.CentralDifference)
     speed = facets * 0.2 / stepper.dt

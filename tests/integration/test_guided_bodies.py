@@ -237,7 +237,13 @@ def test_pendulum_keeps_its_energy_and_its_hinge():
 def test_guide_in_the_plane_slides_and_turns(comm):
     scene = blocks(rigid=True, guide=nts.Guide(slides="y", turns="z"))
     upper = scene.upper
-    pair = nts.ContactPair(scene.segments, scene.nodes, friction=STICK)
+    pair = nts.ContactPair(
+        scene.segments,
+        scene.nodes,
+        friction=STICK,
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
     loads = [nts.Force(upper, (0.0, -5e4)), nts.Moment(upper, 2e3)]
     stepper = nts.EnergyMomentum([scene.lower, upper], [pair], dt=2e-3, loads=loads)
     centre = nts.Diagnostics(stepper).centre_of_mass(upper)

@@ -26,6 +26,8 @@ def test_loaded_nodes_stay_active_on_shorter_segments(comm):
     pair = nts.ContactPair(
         nts.Surface(V, facets, tag["block_bottom"]),
         nts.boundary_of(*grounds, where=lambda x: x[1] > -GAP / 2),
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
     )
     # Each node is caught at its gap in the first step, and pressed from then on.
     speed = 2.1 * GAP / DT

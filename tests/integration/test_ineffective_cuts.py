@@ -37,7 +37,15 @@ def block(scheme, path, *, moved="top", floor=()):
     bcs = [fem.dirichletbc(place, sides.pop(moved), V)]
     if not floor:
         bcs += [fem.dirichletbc(np.zeros(2), dofs, V) for dofs in sides.values()]
-    pairs = [nts.ContactPair(nts.boundary_of(body), each) for each in floor]
+    pairs = [
+        nts.ContactPair(
+            nts.boundary_of(body),
+            each,
+            enforcement=nts.LagrangeMultiplier(),
+            method="node-to-segment",
+        )
+        for each in floor
+    ]
     return scheme([body], pairs, dt=DT, bcs=bcs, update=update)
 
 

@@ -49,7 +49,10 @@ def box_in_corner(comm, integrator, enforcement, friction=None):
     rubber = nts.SaintVenantKirchhoff(1e5, 0.3, 1e3)
     bodies = [nts.Body(V, cells, tag[name], rubber) for name in boxes]
     surfaces = [nts.boundary_of(body) for body in bodies]
-    pairs = [nts.ContactPair(surfaces[0], other, enforcement, friction) for other in surfaces[1:]]
+    pairs = [
+        nts.ContactPair(surfaces[0], other, enforcement, friction, method="node-to-segment")
+        for other in surfaces[1:]
+    ]
     return integrator(bodies, pairs, dt=0.01)
 
 

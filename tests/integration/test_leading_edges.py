@@ -40,6 +40,7 @@ def scene(comm, angle, dim, friction):
         nts.boundary_of(up),
         nts.LagrangeMultiplier("plastic"),
         nts.Coulomb(friction) if friction else None,
+        method="node-to-segment",
     )
     bottom, top = (
         fem.locate_dofs_geometrical(V, lambda x, z=z: np.isclose(x[dim - 1], z)) for z in (0, 2)

@@ -68,7 +68,9 @@ def bushing(comm, tool, method="node-to-segment"):
         values[driven] = X[driven] @ turning(angle(t)).T - X[driven] + shift(t)
 
     bore = nts.boundary_of(sleeve, where=lambda x: np.hypot(x[0], x[1]) < 1.1 * BORE)
-    pair = nts.ContactPair(bore, shaft, friction=nts.Coulomb(0.3), method=method)
+    pair = nts.ContactPair(
+        bore, shaft, friction=nts.Coulomb(0.3), method=method, enforcement=nts.LagrangeMultiplier()
+    )
     return nts.QuasiStatic(bodies, [pair], dt=0.25, bcs=bcs, update=update)
 
 
@@ -132,7 +134,13 @@ def dragged(tool, travel, angle=0.0, nu=0.3):
         if tool == "supports":
             values[low] = (X[low] - centre) @ turning(turn(t)).T + centre - X[low] + shift(t)
 
-    pair = nts.ContactPair(scene.nodes, segments, friction=nts.Coulomb(2.0))
+    pair = nts.ContactPair(
+        scene.nodes,
+        segments,
+        friction=nts.Coulomb(2.0),
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
     bodies = [scene.lower, scene.upper]
     return nts.QuasiStatic(bodies, [pair], dt=0.25, bcs=bcs, update=update)
 
@@ -183,7 +191,9 @@ def on_a_roller(comm, before):
     centre = (0.0, -1.0)
     roller = nts.RigidSphere(centre, 1.0).moving(nts.Motion(None, turn, centre))
     bottom = nts.Surface(V, facets, tag["block_bottom"])
-    pair = nts.ContactPair(bottom, roller, nts.Penalty(), nts.Coulomb(0.5))
+    pair = nts.ContactPair(
+        bottom, roller, nts.Penalty(), nts.Coulomb(0.5), method="node-to-segment"
+    )
     held = [fem.dirichletbc(u, top)]
     stepper = nts.QuasiStatic([block], [pair], dt=0.25, bcs=held, update=update)
     return [step.newton_iterations for step in stepper.run(until=4.0)]

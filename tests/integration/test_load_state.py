@@ -30,7 +30,11 @@ def new(comm, enforcement=None, friction=None, scheme=nts.EnergyMomentum, force=
     """Return a stepper of two blocks that collide, or fall on a floor; perhaps with a force."""
     old = blocks(comm).stepper
     (pair,) = old.pairs
-    pairs = [nts.ContactPair(pair.nodes, floor or pair.segments, enforcement, friction)]
+    pairs = [
+        nts.ContactPair(
+            pair.nodes, floor or pair.segments, enforcement, friction, method="node-to-segment"
+        )
+    ]
     loads = [] if force is None else [nts.BodyForce(old.bodies[1], force)]
     stepper = scheme(old.bodies, pairs, dt=BLOCK_STEP, loads=loads)
     if scheme is not nts.QuasiStatic:

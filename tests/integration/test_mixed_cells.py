@@ -37,8 +37,20 @@ def test_an_impact_through_three_kinds_of_cells_conserves_everything(comm, frict
     )
     slab_skin = nts.boundary_of(slab)
     pairs = [
-        nts.ContactPair(nts.boundary_of(ball), slab_skin, friction=friction),
-        nts.ContactPair(slab_skin, nts.boundary_of(block), friction=friction),
+        nts.ContactPair(
+            nts.boundary_of(ball),
+            slab_skin,
+            friction=friction,
+            enforcement=nts.LagrangeMultiplier(),
+            method="node-to-segment",
+        ),
+        nts.ContactPair(
+            slab_skin,
+            nts.boundary_of(block),
+            friction=friction,
+            enforcement=nts.LagrangeMultiplier(),
+            method="node-to-segment",
+        ),
     ]
     stepper = nts.EnergyMomentum([ball, slab, block], pairs, dt=0.002)
     stepper.set_velocity(ball, (0.5, 0.0, -3.0))

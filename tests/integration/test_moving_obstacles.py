@@ -329,7 +329,9 @@ def test_obstacle_that_has_turned_returns_e_times_the_speed(comm, speed, angle):
         nts.Motion(translation=lambda t: (0, 0, speed * t), rotation=lambda t: (0, angle, 0))
     )
     block = Block(comm, cells=(1, 1, 1))
-    pair = nts.ContactPair(block.skin, plane, nts.LagrangeMultiplier("restitution", e=0.4))
+    pair = nts.ContactPair(
+        block.skin, plane, nts.LagrangeMultiplier("restitution", e=0.4), method="node-to-segment"
+    )
     stepper = nts.EnergyMomentum([block.rigid], [pair], dt=0.01)
     stepper.set_velocity(block.rigid, (0.1, 0.0, speed - 1.0))
     for _ in range(5):

@@ -75,8 +75,13 @@ def test_a_node_coming_from_beyond_a_sharp_edge_has_no_segment(x):
 @pytest.mark.parametrize("scheme", [nts.CentralDifference, nts.EnergyMomentum])
 def test_a_corner_next_to_a_block_has_no_contact(scheme):
     _, bodies, corner = scene(0.2)
-    pairs = nts.all_pairs(bodies, enforcement=nts.Penalty(4.0e4), edges=True)
-    pairs += [nts.ContactPair(p.segments, p.nodes, p.enforcement) for p in pairs[:1]]
+    pairs = nts.all_pairs(
+        bodies, enforcement=nts.Penalty(4.0e4), edges=True, method="node-to-segment"
+    )
+    pairs += [
+        nts.ContactPair(p.segments, p.nodes, p.enforcement, method="node-to-segment")
+        for p in pairs[:1]
+    ]
     stepper = scheme(bodies, pairs, dt=1e-3)
     stepper.set_velocity(bodies[1], (0.0, 1.0, 0.0))
     for _ in range(80):

@@ -132,7 +132,13 @@ def test_surfaces_in_the_plane_on_all_ranks_and_on_one_agree(comm, cell):
     def energies(comm):
         scene = plane.blocks(cell, angle=0.4, comm=comm)
         friction = nts.Coulomb(0.3)
-        pair = nts.ContactPair(scene.nodes, scene.segments, friction=friction, method="mortar")
+        pair = nts.ContactPair(
+            scene.nodes,
+            scene.segments,
+            friction=friction,
+            method="mortar",
+            enforcement=nts.LagrangeMultiplier(),
+        )
         stepper = nts.EnergyMomentum([scene.lower, scene.upper], [pair], dt=0.01)
         plane.throw(scene, stepper)
         diagnostics = nts.Diagnostics(stepper)
@@ -204,7 +210,7 @@ def test_meshes_with_ghost_cells_and_supports_by_facets_agree_with_one_rank(comm
         body = nts.Body(V, tags, 1, nts.NeoHookean(1e5, 0.3, 1e3))
         floor = nts.RigidPlane((0, 0, 0), (0, 0, 1))
         stepper = nts.EnergyMomentum(
-            *([body], [nts.ContactPair(nts.boundary_of(body), floor)]),
+            *([body], [nts.ContactPair(nts.boundary_of(body), floor, enforcement=nts.LagrangeMultiplier(), method="node-to-segment")]),
             dt=0.01, bcs=[held], loads=[nts.Gravity([body], (0, 0, -100.0))],
         )  # fmt: skip
         diagnostics = nts.Diagnostics(stepper)

@@ -104,7 +104,9 @@ def test_sheet_is_pulled_as_a_block_with_free_faces(law):
 @laws
 def test_impact_of_sheets_conserves_energy_and_momenta(law, cell):
     scene = blocks(cell, angle=0.4, material=nts.PlaneStress(law))
-    pair = nts.ContactPair(scene.nodes, scene.segments)
+    pair = nts.ContactPair(
+        scene.nodes, scene.segments, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+    )
     stepper = nts.EnergyMomentum([scene.lower, scene.upper], [pair], dt=0.01)
     throw(scene, stepper)
     diagnostics = nts.Diagnostics(stepper)
@@ -122,7 +124,7 @@ def test_impact_of_sheets_conserves_energy_and_momenta(law, cell):
 @pytest.mark.serial
 def test_sheets_run_with_explicit_steps():
     scene = blocks("triangle", material=nts.PlaneStress(LAWS[1]))
-    pair = nts.ContactPair(scene.nodes, scene.segments, nts.Penalty())
+    pair = nts.ContactPair(scene.nodes, scene.segments, nts.Penalty(), method="node-to-segment")
     stepper = nts.CentralDifference([scene.lower, scene.upper], [pair])
     throw(scene, stepper)
     diagnostics = nts.Diagnostics(stepper)

@@ -109,7 +109,16 @@ def mesh_of(stepper, cell):
 def test_another_reader_finds_the_data_of_the_run(comm, tmp_path, agree, reader, fields, cell):
     folder = comm.bcast(tmp_path)
     old = blocks(comm, cell=cell).stepper
-    pairs = [nts.ContactPair(p.nodes, p.segments, friction=nts.Coulomb(0.3)) for p in old.pairs]
+    pairs = [
+        nts.ContactPair(
+            p.nodes,
+            p.segments,
+            friction=nts.Coulomb(0.3),
+            enforcement=nts.LagrangeMultiplier(),
+            method="node-to-segment",
+        )
+        for p in old.pairs
+    ]
     stepper = nts.EnergyMomentum(old.bodies, pairs, dt=BLOCK_STEP)
     stepper.v.x.array[:] = old.v.x.array
     expected = [nodal_fields(stepper)]

@@ -40,7 +40,13 @@ def boxes(
     bodies = [nts.RigidBody(V, cells, tag[f"box {i}"], rho=1000.0) for i in range(number)]
     floor = nts.RigidPlane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
     law = nts.LagrangeMultiplier(impact="restitution", e=e) if e < 1 else nts.LagrangeMultiplier()
-    pairs = nts.all_pairs(bodies, obstacles=[floor], enforcement=law, friction=nts.Coulomb(MU))
+    pairs = nts.all_pairs(
+        bodies,
+        obstacles=[floor],
+        enforcement=law,
+        friction=nts.Coulomb(MU),
+        method="node-to-segment",
+    )
     g = (G * np.sin(slope), 0.0, -G * np.cos(slope))
     return scheme(bodies, pairs, dt=dt, loads=[nts.Gravity(bodies, g)]), bodies
 

@@ -136,7 +136,9 @@ def falling(
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     cube = nts.RigidBody(V, cells, tag["body 0"], RHO)
     floor = target or nts.RigidPlane((0, 0, 0), (0, 0, 1))
-    pair = nts.ContactPair(nts.boundary_of(cube), floor, enforcement, friction)
+    pair = nts.ContactPair(
+        nts.boundary_of(cube), floor, enforcement, friction, method="node-to-segment"
+    )
     gravity = nts.Gravity([cube], (0, 0, -9.81))
     stepper = scheme([cube], [pair], dt=dt, loads=[gravity])
     stepper.set_velocity(cube, (0.5, 0.0, -1.0))
@@ -311,7 +313,9 @@ def test_default_springs_with_all_displacements_prescribed(comm, refused, scheme
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     body = nts.Body(V, cells, tag["body 0"], nts.NeoHookean(*RUBBER))
     plane = nts.RigidPlane((0, 0, 0), (0, 0, 1))
-    pair = nts.ContactPair(nts.Surface(V, facets, tag["bottom 0"]), plane, nts.Penalty())
+    pair = nts.ContactPair(
+        nts.Surface(V, facets, tag["bottom 0"]), plane, nts.Penalty(), method="node-to-segment"
+    )
     every = np.arange(len(V.tabulate_dof_coordinates()), dtype=np.int32)
     bcs = [fem.dirichletbc(np.zeros(3), every, V)]
     stepper = scheme([body], [pair], dt=0.1, bcs=bcs)
@@ -352,7 +356,13 @@ def test_midpoint_rule_keeps_both_momenta(comm):
 @pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
 def test_plane_has_rigid_bodies_with_three_unknowns(cell):
     scene = blocks(cell, angle=0.4, rigid=True)
-    pair = nts.ContactPair(scene.segments, scene.nodes, friction=STICK)
+    pair = nts.ContactPair(
+        scene.segments,
+        scene.nodes,
+        friction=STICK,
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
     stepper = nts.EnergyMomentum([scene.lower, scene.upper], [pair], dt=0.01)
     throw(scene, stepper)
     diagnostics = nts.Diagnostics(stepper)
@@ -435,7 +445,9 @@ def test_unsupported_rigid_bodies_are_refused(comm, refused):
     top, bottom = (nts.Surface(soft.V, facets, tag[name]) for name in ("top 0", "bottom 0"))
     law = nts.LagrangeMultiplier("resolved")
     with refused(ValueError, "nodes of deformable bodies with impact 'resolved', given"):
-        nts.EnergyMomentum(bodies, [nts.ContactPair(top, bottom, law)], dt=0.1)
+        nts.EnergyMomentum(
+            bodies, [nts.ContactPair(top, bottom, law, method="node-to-segment")], dt=0.1
+        )
     with refused(ValueError, "rigid bodies without a guide together with impact 'resolved', given"):
         pressed(comm, nts.EnergyMomentum, nts.Guide(slides="z"), enforcement=law)
 

@@ -153,7 +153,13 @@ def test_dome_bounces_on_obstacles_with_exact_energy(comm, friction):
         nts.RigidCone((0.0, 0.03), np.radians(80), opens=-1),
     ):
         scene = dome_on_block(comm, both_rigid=True, inner=0.2)
-        pair = nts.ContactPair(scene.surfaces[1], obstacle, friction=friction)
+        pair = nts.ContactPair(
+            scene.surfaces[1],
+            obstacle,
+            friction=friction,
+            enforcement=nts.LagrangeMultiplier(),
+            method="node-to-segment",
+        )
         weight = nts.Gravity([scene.dome], (0.0, -5.0))
         stepper = nts.EnergyMomentum(scene.bodies, [pair], dt=0.005, loads=[weight])
         stepper.set_velocity(scene.dome, (0.0, -0.5))

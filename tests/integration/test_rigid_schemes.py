@@ -189,7 +189,7 @@ def test_bonded_body_conserves_momenta(comm, scheme, law, dt):
 @of_each
 def test_plane_has_rigid_bodies(scheme, law, dt):
     scene = blocks("quadrilateral", angle=0.4, rigid=True)
-    pair = nts.ContactPair(scene.segments, scene.nodes, law, STICK)
+    pair = nts.ContactPair(scene.segments, scene.nodes, law, STICK, method="node-to-segment")
     dt = None if scheme is nts.CentralDifference else dt
     stepper = scheme([scene.lower, scene.upper], [pair], dt=dt)
     throw(scene, stepper)

@@ -54,7 +54,9 @@ def scene(
     ball = nts.RigidBody(V, cells, tag["body 1"], 50.0, guide)
     nodes = nts.boundary_of(block) if both_rigid else nts.Surface(V, facets, tag["top 0"])
     sphere = nts.boundary_of(ball, smooth=nts.RigidSphere(CENTRE, RADIUS))
-    pair = nts.ContactPair(nodes, obstacle or sphere, enforcement, friction)
+    pair = nts.ContactPair(
+        nodes, obstacle or sphere, enforcement, friction, method="node-to-segment"
+    )
     bcs = []
     if scheme is nts.QuasiStatic:
         foot = fem.locate_dofs_topological(V, 2, facets.find(tag["bottom 0"]))
@@ -217,7 +219,13 @@ def test_disc_of_the_plane_strikes_a_ring(comm, friction):
     rim = nts.boundary_of(
         upper, where=lambda x: np.hypot(x[0] - 0.2, x[1] - 2.0) > 0.9, smooth=disc
     )
-    pair = nts.ContactPair(nts.boundary_of(lower), rim, friction=friction)
+    pair = nts.ContactPair(
+        nts.boundary_of(lower),
+        rim,
+        friction=friction,
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
     stepper = nts.EnergyMomentum([lower, upper], [pair], dt=0.01)
     stepper.set_velocity(upper, lambda x: np.array([0.3 + 0 * x[0], -1 + 0 * x[0]]))
     first, last, given, active = collide(stepper, 25)
@@ -269,7 +277,15 @@ def test_a_sphere_that_deforms_is_refused(comm, refused):
         for side, shape in ((1, {}), (-1, {"smooth": sphere}))
     )
     with refused(ValueError, "as the shape of one RigidBody"):
-        nts.EnergyMomentum([soft], [nts.ContactPair(upper, lower)], dt=0.01)
+        nts.EnergyMomentum(
+            [soft],
+            [
+                nts.ContactPair(
+                    upper, lower, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+                )
+            ],
+            dt=0.01,
+        )
 
 
 @pytest.mark.serial

@@ -38,7 +38,13 @@ def rolling(cells: int, mu: float, squeeze: float) -> tuple[nts.QuasiStatic, nts
     disc = nts.RigidBody(V, found, tag["disc"], rho=1e3)
     rim = nts.boundary_of(disc, smooth=nts.RigidSphere((0.0, 0.0), RADIUS))
     pairs = [
-        nts.ContactPair(nts.Surface(V, facets, tag[side]), rim, friction=nts.Coulomb(mu))
+        nts.ContactPair(
+            nts.Surface(V, facets, tag[side]),
+            rim,
+            friction=nts.Coulomb(mu),
+            enforcement=nts.LagrangeMultiplier(),
+            method="node-to-segment",
+        )
         for side in ("lower_top", "upper_bottom")
     ]
     shift = fem.Constant(mesh, (0.0, 0.0))

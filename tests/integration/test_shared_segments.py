@@ -136,7 +136,9 @@ def test_nodes_above_vertices_of_a_rigid_surface_do_not_depend_on_its_numbers(fr
         number = np.arange(16).reshape(4, 4)
         facets = [number[j : j + 2, i : i + 2].ravel() for j in range(3) for i in range(3)]
         obstacle = nts.RigidSurface(points, np.array(facets)[order], outside=(0.5, 0.5, 9.0))
-        return impact(V, bodies, nts.ContactPair(nodes, obstacle, None, friction))
+        return impact(
+            V, bodies, nts.ContactPair(nodes, obstacle, None, friction, method="node-to-segment")
+        )
 
     (v, _, shared, change), (renumbered, *_) = (velocities(np.arange(9)[::s]) for s in (1, -1))
     assert max(shared) > 0
@@ -177,7 +179,7 @@ def test_explicit_steps_between_facets_of_a_rigid_surface_do_not_depend_on_its_n
         number = np.arange(16).reshape(4, 4)
         facets = [number[j : j + 2, i : i + 2].ravel() for j in range(3) for i in range(3)]
         obstacle = nts.RigidSurface(points, np.array(facets)[order], outside=(0.5, 0.5, 9.0))
-        pair = nts.ContactPair(nodes, obstacle, nts.Penalty())
+        pair = nts.ContactPair(nodes, obstacle, nts.Penalty(), method="node-to-segment")
         return impact(V, bodies, pair, nts.CentralDifference, steps=60)
 
     (v, _, shared, _), (renumbered, *_) = (velocities(np.arange(9)[::s]) for s in (1, -1))

@@ -100,7 +100,16 @@ def box_in_room(comm):
     box = nts.Body(V, cells, tag["box"], nts.NeoHookean(1e5, 0.3, 1e3))
     floor = nts.RigidPlane((0.0, 0.0, -0.02), (0.0, 0.0, 1.0))
     wall = nts.RigidPlane((1.7, 0.0, 0.0), (-1.0, 0.0, 0.0))
-    stepper = nts.EnergyMomentum([box], nts.all_pairs([box], obstacles=[floor, wall]), dt=0.02)
+    stepper = nts.EnergyMomentum(
+        [box],
+        nts.all_pairs(
+            [box],
+            obstacles=[floor, wall],
+            enforcement=nts.LagrangeMultiplier(),
+            method="node-to-segment",
+        ),
+        dt=0.02,
+    )
     stepper.set_velocity(box, (2.0, 0.0, -0.5))
     return stepper
 

@@ -169,7 +169,9 @@ def test_overlaps_of_round_bodies_are_reported_but_not_contact(comm, warned, dep
 @pytest.mark.serial
 def test_nodes_are_put_onto_the_smooth_surface(comm):
     (pair,) = rings(comm).pairs
-    pair = nts.ContactPair(pair.nodes, pair.segments)
+    pair = nts.ContactPair(
+        pair.nodes, pair.segments, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+    )
     moved, farthest = nts.close_gaps(pair, within=0.06)
     assert moved > 0 and farthest > 0.01
     X = pair.nodes.V.mesh.geometry.x

@@ -53,7 +53,12 @@ def arch(dt: float, guide: nts.Guide, *loads: Any) -> Arch:
     V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
     body = nts.Body(V, cells, tag["arch"], nts.NeoHookean(1e6, 0.3, 1e3))
     punch = nts.RigidBody(V, cells, tag["punch"], rho=7.8e3, guide=guide)
-    pair = nts.ContactPair(nts.Surface(V, facets, tag["arch_top"]), nts.boundary_of(punch))
+    pair = nts.ContactPair(
+        nts.Surface(V, facets, tag["arch_top"]),
+        nts.boundary_of(punch),
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
     sides = [facets.find(tag[f"arch_{side}"]) for side in ("left", "right")]
     ends = fem.locate_dofs_topological(V, 1, np.concatenate(sides))
     held = fem.dirichletbc(np.zeros(2), ends, V)
@@ -142,7 +147,14 @@ def disc(num_facets: int, turn: float, dt: float, squeeze: float) -> nts.QuasiSt
     for side in (1, -1):
         plane = nts.RigidPlane(point=(0, -side), normal=(0, side))
         motion = nts.Motion(translation=lambda t, side=side: (0, side * squeeze * t))
-        pairs.append(nts.ContactPair(nts.boundary_of(body), plane.moving(motion)))
+        pairs.append(
+            nts.ContactPair(
+                nts.boundary_of(body),
+                plane.moving(motion),
+                enforcement=nts.LagrangeMultiplier(),
+                method="node-to-segment",
+            )
+        )
     return nts.QuasiStatic([body], pairs, dt=dt)
 
 
@@ -228,7 +240,13 @@ def test_a_block_that_is_sheared_rolls_over_its_edge():
         driven.value[:] = 0.05 * max(t - 1, 0), -0.05 * min(t, 1)
 
     plane = nts.RigidPlane((0, 0), (0, 1))
-    pair = nts.ContactPair(nts.boundary_of(body), plane, friction=nts.Coulomb(mu))
+    pair = nts.ContactPair(
+        nts.boundary_of(body),
+        plane,
+        friction=nts.Coulomb(mu),
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
     bcs = [fem.dirichletbc(driven, top, V)]
     stepper = nts.QuasiStatic([body], [pair], dt=1.0, bcs=bcs, update=update)
     *_, last = stepper.run(8.0)

@@ -119,7 +119,7 @@ def test_nodes_that_slide_over_round_obstacles_have_coulombs_friction(comm, name
         top_u.value[:] = (0.0, 0.0, -0.06 * t) if t <= 1 else (0.2 * (t - 1), 0.13 * (t - 1), -0.06)
 
     bottom = nts.Surface(V, facets, tag["block_bottom"])
-    pair = nts.ContactPair(bottom, obstacle, law, nts.Coulomb(MU))
+    pair = nts.ContactPair(bottom, obstacle, law, nts.Coulomb(MU), method="node-to-segment")
     stepper = nts.QuasiStatic([block], [pair], dt=0.25, bcs=bcs, update=update)
     for _ in stepper.run(until=1.0):
         pass

@@ -67,7 +67,13 @@ def test_a_strip_begins_to_slide_with_few_iterations(comm):
         driven.value[:] = 0.05 * max(t - 0.1, 0), -0.01 * min(t / 0.1, 1)
 
     bottom = nts.Surface(V, facets, tag["strip_bottom"])
-    pair = nts.ContactPair(bottom, nts.RigidPlane((0, 0), (0, 1)), friction=nts.Coulomb(0.3))
+    pair = nts.ContactPair(
+        bottom,
+        nts.RigidPlane((0, 0), (0, 1)),
+        friction=nts.Coulomb(0.3),
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
     bcs = [fem.dirichletbc(driven, top, V)]
     stepper = nts.QuasiStatic([strip], [pair], dt=0.1, bcs=bcs, update=update)
     assert max(step.newton_iterations for step in stepper.run(until=0.6)) <= 5
@@ -138,7 +144,14 @@ def test_a_disc_indents_a_nearly_incompressible_block_with_few_iterations(comm):
     low = fem.locate_dofs_topological(V, 1, facets.find(tag["block_bottom"]))
     stepper = nts.QuasiStatic(
         [nts.Body(V, cells, tag["block"], rubber)],
-        [nts.ContactPair(nts.Surface(V, facets, tag["block_top"]), disc.moving(down))],
+        [
+            nts.ContactPair(
+                nts.Surface(V, facets, tag["block_top"]),
+                disc.moving(down),
+                enforcement=nts.LagrangeMultiplier(),
+                method="node-to-segment",
+            )
+        ],
         dt=0.1,
         bcs=[fem.dirichletbc(np.zeros(2), low, V)],
     )
@@ -173,6 +186,7 @@ def test_a_strip_of_metal_bends_around_a_circle_with_few_iterations(comm):
                 obstacle,
                 enforcement=nts.LagrangeMultiplier("plastic"),
                 friction=nts.Coulomb(0.1),
+                method="node-to-segment",
             )
             for side, each in obstacles.items()
             for obstacle in each
@@ -201,7 +215,13 @@ def test_reversed_motion_takes_no_more_iterations_than_its_start():
         travel = 0.2 * min(max(t - 1, 0), 1, 4 - t), -0.2 * min(t, 1, 4 - t)
         u.x.array.reshape(-1, 2)[top] = travel
 
-    pair = nts.ContactPair(scene.nodes, scene.segments, friction=nts.Coulomb(1.0))
+    pair = nts.ContactPair(
+        scene.nodes,
+        scene.segments,
+        friction=nts.Coulomb(1.0),
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
     bcs = [fem.dirichletbc(u, dofs) for dofs in (low, top)]
     bodies = [scene.lower, scene.upper]
     stepper = nts.QuasiStatic(bodies, [pair], dt=0.25, bcs=bcs, update=update)
@@ -218,7 +238,15 @@ def test_a_first_step_that_fails_is_not_tried_twice_from_the_same_state():
     top = nts.Surface.where(scene.V, lambda x: np.isclose(x[1], 1.02))
     stepper = nts.QuasiStatic(
         [scene.lower, scene.upper],
-        [nts.ContactPair(scene.nodes, scene.segments, friction=nts.Coulomb(0.3))],
+        [
+            nts.ContactPair(
+                scene.nodes,
+                scene.segments,
+                friction=nts.Coulomb(0.3),
+                enforcement=nts.LagrangeMultiplier(),
+                method="node-to-segment",
+            )
+        ],
         dt=1.0,
         bcs=[fem.dirichletbc(np.zeros(2), low, scene.V)],
         loads=[nts.Traction(top, (0, -1e7))],

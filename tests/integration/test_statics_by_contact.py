@@ -120,7 +120,13 @@ def test_a_ball_finds_its_place_on_a_plate_as_fast_as_with_inertia(mu):
     work = []
     for scheme in (nts.QuasiStatic, nts.EnergyMomentum):
         friction = nts.Coulomb(mu) if mu else None
-        pair = nts.ContactPair(nts.boundary_of(ball), top, friction=friction)
+        pair = nts.ContactPair(
+            nts.boundary_of(ball),
+            top,
+            friction=friction,
+            enforcement=nts.LagrangeMultiplier(),
+            method="node-to-segment",
+        )
         load = nts.Gravity([ball], lambda t: (0, 0, -98.1 * t))
         stepper = scheme([ball, plate], [pair], dt=0.1, bcs=[ground], loads=[load])
         for _ in stepper.run(until=0.5):

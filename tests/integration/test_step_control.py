@@ -237,7 +237,11 @@ def test_an_error_names_few_surfaces_of_many(comm, refused, monkeypatch):
     mesh, cells, _, tag = nts.read_mesh(build, comm)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     boxes = [nts.Body(V, cells, tag[f"box {i}"], nts.NeoHookean(1e5, 0.3, 1e3)) for i in range(6)]
-    stepper = nts.EnergyMomentum(boxes, nts.all_pairs(boxes), dt=0.01)
+    stepper = nts.EnergyMomentum(
+        boxes,
+        nts.all_pairs(boxes, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"),
+        dt=0.01,
+    )
     for i, box in enumerate(boxes):
         stepper.set_velocity(box, (-2.0 * i, 0.0, 0.0))
     monkeypatch.setattr(contact_step, "_RESTLESS", 0)

@@ -117,7 +117,9 @@ def test_mortar_tie_passes_the_patch_test_in_tension(comm, agree, method, tol):
 @pytest.mark.serial
 def test_tie_in_the_plane(comm):
     scene = blocks("triangle", angle=0.4)
-    pair = nts.ContactPair(scene.nodes, scene.segments, nts.Tied(reach=0.1))
+    pair = nts.ContactPair(
+        scene.nodes, scene.segments, nts.Tied(reach=0.1), method="node-to-segment"
+    )
     stepper = nts.EnergyMomentum([scene.lower, scene.upper], [pair], dt=0.002)
     turn = scene.turn
     stepper.set_velocity(scene.upper, lambda X: turn @ np.array([0 * X[0], 2 + 0 * X[0]]))
@@ -159,9 +161,11 @@ def test_bad_ties_are_refused(comm, refused):
     with refused(ValueError, "no friction, as tied nodes never slide"):
         nts.ContactPair(*surfaces, nts.Tied(), nts.Coulomb(mu=0.3))
     with refused(ValueError, "a Surface as segments, given RigidPlane"):
-        nts.ContactPair(surfaces[0], nts.RigidPlane((0, 0, 0), (0, 0, 1)), nts.Tied())
+        nts.ContactPair(
+            surfaces[0], nts.RigidPlane((0, 0, 0), (0, 0, 1)), nts.Tied(), method="node-to-segment"
+        )
     with refused(ValueError, "two surfaces, given one that touches itself"):
-        nts.ContactPair(surfaces[0], surfaces[0], nts.Tied())
+        nts.ContactPair(surfaces[0], surfaces[0], nts.Tied(), method="node-to-segment")
     with refused(ValueError, "reach of a tie"):
         nts.Tied(reach=0.0)
     pair = nts.ContactPair(*surfaces, nts.Tied())

@@ -40,7 +40,9 @@ def struck(comm, scheme, enforcement, dt, *, is_rigid, touches_itself=False):
         nodes = segments = nts.boundary_of(*bodies)
     else:
         nodes, segments = nts.boundary_of(cube), nts.boundary_of(floor, striker)
-    stepper = scheme(bodies, [nts.ContactPair(nodes, segments, enforcement)], dt=dt)
+    stepper = scheme(
+        bodies, [nts.ContactPair(nodes, segments, enforcement, method="node-to-segment")], dt=dt
+    )
     stepper.set_velocity(striker, (SPEED, 0, 0))
     return stepper, cube, striker
 

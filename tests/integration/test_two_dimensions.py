@@ -173,7 +173,13 @@ def test_other_schemes_conserve_the_linear_momentum_and_close_their_ledgers(kind
 
 def test_weight_of_a_block_rests_on_one_that_is_held():
     scene = blocks()
-    pair = nts.ContactPair(scene.nodes, scene.segments, friction=nts.Coulomb(mu=0.5))
+    pair = nts.ContactPair(
+        scene.nodes,
+        scene.segments,
+        friction=nts.Coulomb(mu=0.5),
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
     weight = nts.Gravity([scene.upper], (0.0, -9.81))
     stepper = nts.QuasiStatic(
         [scene.lower, scene.upper], [pair], dt=1.0, bcs=[held_below(scene)], loads=[weight]
@@ -197,7 +203,13 @@ def test_a_moving_circle_balances_energy_and_momenta():
     motion = nts.Motion(lambda t: velocity * t, lambda t: spin * t, centre=centre)
     circle = nts.RigidSphere(centre, 0.5).moving(motion)
     top = nts.boundary_of(scene.upper, where=lambda x: x[1] > 0.9)
-    pair = nts.ContactPair(top, circle, friction=nts.Coulomb(mu=0.3))
+    pair = nts.ContactPair(
+        top,
+        circle,
+        friction=nts.Coulomb(mu=0.3),
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
     stepper = nts.EnergyMomentum([scene.lower, scene.upper], [pair], dt=0.01)
     diagnostics = nts.Diagnostics(stepper)
     first, work, reported, lost, impulses = diagnostics.balance(), 0.0, 0.0, 0.0, np.zeros(3)
@@ -234,7 +246,12 @@ def test_a_moving_circle_balances_energy_and_momenta():
 def test_motions_out_of_the_plane_are_refused(motion, message):
     scene = blocks()
     line = nts.RigidPlane((0.0, 1.5), (0.0, -1.0)).moving(motion)
-    pair = nts.ContactPair(nts.boundary_of(scene.upper), line)
+    pair = nts.ContactPair(
+        nts.boundary_of(scene.upper),
+        line,
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
     stepper = nts.EnergyMomentum([scene.lower, scene.upper], [pair], dt=0.01)
     with pytest.raises(ValueError, match=message):
         stepper.advance()
@@ -270,8 +287,10 @@ def test_circle_and_line_hold_a_block_and_files_record_it(tmp_path, degree, meth
     bottom = nts.boundary_of(scene.lower)
     side = nts.boundary_of(scene.upper, where=lambda x: x[0] > 0.5)
     pairs = [
-        nts.ContactPair(bottom, line),
-        nts.ContactPair(side, circle, nts.Penalty()),
+        nts.ContactPair(
+            bottom, line, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+        ),
+        nts.ContactPair(side, circle, nts.Penalty(), method="node-to-segment"),
         nts.ContactPair(scene.nodes, scene.segments, None, nts.Coulomb(mu=0.2), method),
     ]
     bodies = [scene.lower, scene.upper]
@@ -353,7 +372,13 @@ def ring():
 )
 def test_a_ring_in_self_contact_conserves_its_invariants(enforcement, friction):
     body = ring()
-    pairs = nts.all_pairs([body], self_contact=[body], enforcement=enforcement, friction=friction)
+    pairs = nts.all_pairs(
+        [body],
+        self_contact=[body],
+        enforcement=enforcement,
+        friction=friction,
+        method="node-to-segment",
+    )
     stepper = nts.EnergyMomentum([body], pairs, dt=0.005)
     # Top and bottom fly towards each other.
     stepper.set_velocity(body, lambda x: np.array([0.7 + 0.4 * x[1], 0.3 * x[0] - 2.2 * x[1]]))

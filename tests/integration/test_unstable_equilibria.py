@@ -135,7 +135,10 @@ def walls(V, body, facets, tag):
     sides = {"bottom": (0.0, 1.0), "top": (HEIGHT, -1.0)}
     return [
         nts.ContactPair(
-            nts.Surface(V, facets, tag[f"column_{side}"]), nts.RigidPlane((0, y), (0, normal))
+            nts.Surface(V, facets, tag[f"column_{side}"]),
+            nts.RigidPlane((0, y), (0, normal)),
+            enforcement=nts.LagrangeMultiplier(),
+            method="node-to-segment",
         )
         for side, (y, normal) in sides.items()
     ]
@@ -213,7 +216,13 @@ def pressed_and_drawn() -> nts.QuasiStatic:
     def update(t):
         u.x.array.reshape(-1, 2)[top] = 0.1 * max(t - 1, 0), -0.07 * min(t, 1)
 
-    pair = nts.ContactPair(scene.nodes, scene.segments, friction=nts.Coulomb(0.3))
+    pair = nts.ContactPair(
+        scene.nodes,
+        scene.segments,
+        friction=nts.Coulomb(0.3),
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
     bcs = [fem.dirichletbc(u, dofs) for dofs in (low, top)]
     return nts.QuasiStatic([scene.lower, scene.upper], [pair], dt=0.25, bcs=bcs, update=update)
 

@@ -81,7 +81,15 @@ def test_argument_of_a_part_is_refused(call, message, folder):
             r"positions x of shape \(3, \d+\), such as x\[2\] < 0.1, given shape \(3,\)",
         ),
         (lambda s: nts.ContactPair(*s.bodies), r"such as boundary_of\(body\), given Body"),
-        (lambda s: nts.ContactPair(s.pairs[0].nodes, s.bodies[0]), r"boundary_of\(body\), or an"),
+        (
+            lambda s: nts.ContactPair(
+                s.pairs[0].nodes,
+                s.bodies[0],
+                enforcement=nts.LagrangeMultiplier(),
+                method="node-to-segment",
+            ),
+            r"boundary_of\(body\), or an",
+        ),
         (lambda s: s.run(1.0, nts.StepControl), r"StepControl\(\) as control, given the class"),
         (
             lambda s: nts.Diagnostics(s).centre_of_mass("a"),

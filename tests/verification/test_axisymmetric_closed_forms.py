@@ -263,7 +263,12 @@ def pressed(
     nts.axisymmetric(data.mesh)
     V = fem.functionspace(data.mesh, ("Lagrange", 1, (2,)))
     body, top, clamp = HalfBall.of(V, data, edge)
-    pair = nts.ContactPair(top, tool.moving(nts.Motion(lambda t: (0.0, -depth * t))))
+    pair = nts.ContactPair(
+        top,
+        tool.moving(nts.Motion(lambda t: (0.0, -depth * t))),
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
     stepper = nts.QuasiStatic([body], [pair], dt=0.5, bcs=[clamp])
     for _ in stepper.run(1.0):
         pass
@@ -321,7 +326,15 @@ def pressed_by_body(
     face = nts.boundary_of(tool, where=lambda x: x[1] < profile(x[0]) + 0.01)
     loads = [] if force is None else [nts.Force(tool, (0.0, -force))]
     stepper = nts.QuasiStatic(
-        [body, tool], [nts.ContactPair(top, face)], dt=1.0, bcs=[clamp], loads=loads
+        [body, tool],
+        [
+            nts.ContactPair(
+                top, face, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+            )
+        ],
+        dt=1.0,
+        bcs=[clamp],
+        loads=loads,
     )
     held, *of_guide = stepper.advance().reactions
     on_tool = -of_guide[0].force[0] if force is None else force

@@ -157,7 +157,9 @@ def impact(name: str, cells: int) -> Impact:
         else nts.RigidPlane((0, 0, 0), (1, 0, 0))
     )
     law = nts.LagrangeMultiplier(*case.law)
-    pair = nts.ContactPair(nts.Surface(V, facets, tag["bar_left"]), other, law)
+    pair = nts.ContactPair(
+        nts.Surface(V, facets, tag["bar_left"]), other, law, method="node-to-segment"
+    )
     sides = [["front"], ["bottom"]]
     if case.uniaxial_strain:
         sides = [["front", "back"], ["bottom", "top"]]
@@ -356,7 +358,12 @@ def oscillation(cells: int) -> Oscillation:
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     bar = nts.Body(V, tags, tag["bar"], shapes.linear_in_stretch(1.0, 0.0, 1.0))
     wall = nts.RigidPlane((0, 0, 0), (1, 0, 0))
-    pair = nts.ContactPair(nts.Surface(V, facets, tag["bar_left"]), wall)
+    pair = nts.ContactPair(
+        nts.Surface(V, facets, tag["bar_left"]),
+        wall,
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
     held = (["right"], ["front", "back"], ["bottom", "top"])
     bcs = [
         shapes.rollers(V, facets, [tag[f"bar_{s}"] for s in sides], axis)

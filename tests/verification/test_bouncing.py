@@ -76,7 +76,9 @@ def bouncing(
     stiffness = MODULUS * cells / LENGTH / 4
     enforcement = nts.LagrangeMultiplier() if spring is None else nts.Penalty(spring * stiffness)
     wall = nts.RigidPlane((0, 0, 0), (1, 0, 0))
-    pair = nts.ContactPair(nts.Surface(V, facets, tag["bar_left"]), wall, enforcement)
+    pair = nts.ContactPair(
+        nts.Surface(V, facets, tag["bar_left"]), wall, enforcement, method="node-to-segment"
+    )
     held = (["front", "back"], ["bottom", "top"])
     bcs = [
         shapes.rollers(V, facets, [tag[f"bar_{s}"] for s in sides], axis)
@@ -245,7 +247,12 @@ def caught(until: float) -> Caught:
     plates = [nts.Body(V, cells, tag[name], heavy) for name in ("lower", "upper")]
     surface = nts.Surface(V, facets, tag["ball_outer"])
     pairs = [
-        nts.ContactPair(surface, nts.Surface(V, facets, tag[name]))
+        nts.ContactPair(
+            surface,
+            nts.Surface(V, facets, tag[name]),
+            enforcement=nts.LagrangeMultiplier(),
+            method="node-to-segment",
+        )
         for name in ("lower_top", "upper_bottom")
     ]
     stepper = nts.EnergyMomentum([ball, *plates], pairs, dt=0.1)

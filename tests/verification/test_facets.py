@@ -66,7 +66,12 @@ def dragged(order: int, smooth: bool = False) -> np.ndarray:
     move(0.0)
     bcs = [fem.dirichletbc(held, core), fem.dirichletbc(moved, top)]
     rim = nts.Surface(V, facets, tag["rim"], smooth=smooth)
-    pair = nts.ContactPair(nts.Surface(V, facets, tag["sides"]), rim)
+    pair = nts.ContactPair(
+        nts.Surface(V, facets, tag["sides"]),
+        rim,
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
     stepper = nts.QuasiStatic([disc, tip], [pair], dt=0.5, bcs=bcs, update=move)
     diagnostics, forces = nts.Diagnostics(stepper), []
     for step in stepper.run(11):
@@ -105,7 +110,9 @@ def dragged_in_space(cell: str, smooth: bool) -> np.ndarray:
     move(0.0)
     bcs = [fem.dirichletbc(held, core), fem.dirichletbc(moved, above)]
     outer = nts.boundary_of(cylinder, where=lambda x: np.hypot(x[0], x[2]) > 0.999, smooth=smooth)
-    pair = nts.ContactPair(nts.boundary_of(tip), outer)
+    pair = nts.ContactPair(
+        nts.boundary_of(tip), outer, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+    )
     stepper = nts.QuasiStatic([cylinder, tip], [pair], dt=0.5, bcs=bcs, update=move)
     diagnostics, forces = nts.Diagnostics(stepper), []
     for step in stepper.run(11):

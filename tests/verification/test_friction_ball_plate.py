@@ -94,6 +94,7 @@ def run(name: str, until: float) -> Run:
         nts.Surface(V, facets, tag["plate_top"]),
         enforcement,
         friction,
+        method="node-to-segment",
     )
     stepper = scheme(list(bodies.values()), [pair], dt=STEP)
     stepper.set_velocity(bodies["ball"], (0.0, 1.0, -1.0))

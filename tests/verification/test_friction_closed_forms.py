@@ -47,7 +47,11 @@ def body(
     material = nts.SaintVenantKirchhoff(E=E, nu=0.3, rho=RHO)
     surface = nts.Surface(V, facets, tag[f"b_{side}"])
     return nts.Body(V, cells, tag["b"], material), nts.ContactPair(
-        surface, PLANE, friction=nts.Coulomb(mu)
+        surface,
+        PLANE,
+        friction=nts.Coulomb(mu),
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
     )
 
 

@@ -50,7 +50,11 @@ def on_plate(body: nts.Body, travel: Any, law: Any, enforcement: Any) -> nts.Con
         nts.Motion(translation=lambda t: (travel(t), 0.0, 0.0))
     )
     return nts.ContactPair(
-        nts.boundary_of(body, where=lambda x: x[2] < 1e-9), plate, enforcement, law
+        nts.boundary_of(body, where=lambda x: x[2] < 1e-9),
+        plate,
+        enforcement,
+        law,
+        method="node-to-segment",
     )
 
 

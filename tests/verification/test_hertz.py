@@ -67,7 +67,12 @@ def impact(fine: int, growth: float, coarse: float, steps: int) -> Impact:
     )
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     ball = nts.Body(V, cells, tag["ball"], nts.SaintVenantKirchhoff(E, NU, RHO))
-    pair = nts.ContactPair(nts.Surface(V, facets, tag["ball_outer"]), PLANE)
+    pair = nts.ContactPair(
+        nts.Surface(V, facets, tag["ball_outer"]),
+        PLANE,
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
     bcs = [support(V, facets, tag["ball_x"], 0), support(V, facets, tag["ball_y"], 1)]
     one = fem.form(fem.Constant(mesh, 4 * RHO) * ufl.dx(domain=mesh))
     mass = comm.allreduce(fem.assemble_scalar(one))
@@ -163,7 +168,9 @@ def press(
     V = fem.functionspace(mesh, ("Lagrange", degree, (3,)))
     ball = nts.Body(V, cells, tag["ball"], nts.SaintVenantKirchhoff(E, NU, RHO))
     surface = nts.Surface(V, facets, tag["ball_outer"])
-    pair = nts.ContactPair(surface, PLANE)
+    pair = nts.ContactPair(
+        surface, PLANE, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+    )
     travel = fem.Constant(mesh, 0.0)
     bcs = [
         support(V, facets, tag["ball_x"], 0),
@@ -284,7 +291,9 @@ def crush(travel: float, fine: int, growth: float, coarse: float, material: str)
     names = ("upper", "lower")
     bodies = [nts.Body(V, cells, tag[name], bulk) for name in names]
     upper, lower = (nts.Surface(V, facets, tag[f"{name}_outer"]) for name in names)
-    pair = nts.ContactPair(upper, lower)
+    pair = nts.ContactPair(
+        upper, lower, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+    )
     down, up = fem.Constant(mesh, 0.0), fem.Constant(mesh, 0.0)
     bcs = [support(V, facets, tag[f"{n}_{s}"], i) for n in names for i, s in enumerate("xy")]
     bcs.append(support(V, facets, tag["upper_top"], 2, down))
@@ -408,7 +417,13 @@ def shift(fine: int, eps_T: float | None = None) -> Shift:
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     ball = nts.Body(V, cells, tag["ball"], nts.SaintVenantKirchhoff(E, nu, RHO))
     surface = nts.Surface(V, facets, tag["ball_outer"])
-    pair = nts.ContactPair(surface, PLANE, friction=nts.Coulomb(mu, eps_T))
+    pair = nts.ContactPair(
+        surface,
+        PLANE,
+        friction=nts.Coulomb(mu, eps_T),
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
     down, aside = fem.Constant(mesh, 0.0), fem.Constant(mesh, 0.0)
     bcs = [
         support(V, facets, tag["ball_y"], 1),

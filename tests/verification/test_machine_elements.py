@@ -87,7 +87,9 @@ def test_press_fit_has_the_pressure_of_lame(table_row):
     steel = nts.NeoHookean(E=E, nu=nu, rho=7800)
     bodies = [nts.Body(V, data.cells, data.tag[name], steel) for name in ("tube", "hub")]
     bore, seat = (nts.Surface(V, data.facets, data.tag[s]) for s in ("hub_left", "tube_right"))
-    pair = nts.ContactPair(bore, seat)
+    pair = nts.ContactPair(
+        bore, seat, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+    )
     ends = [held(V, data, f"{b}_{end}", 1) for b in ("tube", "hub") for end in ("bottom", "top")]
     stepper = nts.QuasiStatic(bodies, [pair], dt=1.0, bcs=ends)
     assert len(nts.Diagnostics(stepper).overlaps()) == 1
@@ -132,6 +134,7 @@ def test_wedge_needs_the_force_of_its_angle_and_friction(table_row):
             nts.Surface(V, data.facets, data.tag[f"wedge_{side}"]),
             friction=nts.Coulomb(mu),
             method="mortar",
+            enforcement=nts.LagrangeMultiplier(),
         )
         for wall, side in zip(walls, ("left", "right"), strict=True)
     ]

@@ -57,7 +57,11 @@ def pressed_blocks(cells, F, *, cell, slope=0.0, angle=0.0, friction=None, degre
     sides = ("lower_bottom", "upper_top")
     ends = [fem.locate_dofs_topological(V, 1, facets.find(tag[side])) for side in sides]
     pair = nts.ContactPair(
-        surfaces["upper_bottom"], surfaces["lower_top"], friction=friction, method="mortar"
+        surfaces["upper_bottom"],
+        surfaces["lower_top"],
+        friction=friction,
+        method="mortar",
+        enforcement=nts.LagrangeMultiplier(),
     )
     bcs = [fem.dirichletbc(whole, np.concatenate(ends))]
     stepper = nts.QuasiStatic(bodies, [pair], dt=1.0, bcs=bcs, loads=loads)

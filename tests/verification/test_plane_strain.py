@@ -53,7 +53,12 @@ def test_bar_strikes_a_wall_as_in_wave_theory(table_row):
     bar = nts.Body(V, data.cells, data.tag["bar"], shapes.linear_in_stretch(1.0, 0.0, 1.0))
     end = nts.Surface(V, data.facets, data.tag["bar_left"])
     sides = support(data, V, 1, 0, "bar_bottom", "bar_top")
-    pair = nts.ContactPair(end, nts.RigidPlane((0, 0), (1, 0)))
+    pair = nts.ContactPair(
+        end,
+        nts.RigidPlane((0, 0), (1, 0)),
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
     dt = L / n
     stepper = nts.EnergyMomentum([bar], [pair], dt=dt, bcs=[sides])
     stepper.set_velocity(bar, (-v, 0))
@@ -130,7 +135,13 @@ def pressed(fine: int, nu: float, mu: float = 0.0, part: float = 0.0) -> Contact
     half = nts.Body(V, data.cells, data.tag["half"], nts.SaintVenantKirchhoff(E, nu, 1.0))
     surface = nts.boundary_of(half, where=lambda x: x[1] < 0.5 * R)
     friction = nts.Coulomb(mu) if mu else None
-    pair = nts.ContactPair(surface, GROUND, friction=friction)
+    pair = nts.ContactPair(
+        surface,
+        GROUND,
+        friction=friction,
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
     down, aside = (fem.Constant(data.mesh, 0.0) for _ in range(2))
     bcs = [support(data, V, 0, aside, "top"), support(data, V, 1, down, "top")]
     depth = A**2 / (4 * R) * (2 * np.log(4 * R / A) - 1)
@@ -239,7 +250,13 @@ def block(mu: float, gravity: Any) -> tuple[nts.Body, nts.EnergyMomentum]:
     material = nts.SaintVenantKirchhoff(E=1e7, nu=0.3, rho=RHO)
     body = nts.Body(V, data.cells, data.tag["block"], material)
     bottom = nts.Surface(V, data.facets, data.tag["block_bottom"])
-    pair = nts.ContactPair(bottom, GROUND, friction=nts.Coulomb(mu))
+    pair = nts.ContactPair(
+        bottom,
+        GROUND,
+        friction=nts.Coulomb(mu),
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
     load = nts.Gravity([body], gravity)
     return body, nts.EnergyMomentum([body], [pair], dt=STEP, loads=[load])
 

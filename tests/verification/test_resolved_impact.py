@@ -81,7 +81,7 @@ def bars(law, dt, times=None, gap=GAP, element=HEXAHEDRA):
     body = nts.Body(V, tags, tag["bar"], shapes.linear_in_stretch(1.0, 0.0, 1.0))
     wall = nts.RigidPlane((0, 0, 0), (1, 0, 0))
     end = nts.Surface(V, facets, tag["bar_left"])
-    pair = nts.ContactPair(end, wall, LAWS[law])
+    pair = nts.ContactPair(end, wall, LAWS[law], method="node-to-segment")
     bcs = [
         shapes.rollers(V, facets, [tag[f"bar_{side}"] for side in sides], axis)
         for axis, sides in ((1, ("front", "back")), (2, ("bottom", "top")))
@@ -267,6 +267,7 @@ def ball(comm, cell, dt, loads=(), friction=None, degree=1):
         nts.RigidPlane((0, 0, 0), (0, 0, 1)),
         LAWS["resolved"],
         friction,
+        method="node-to-segment",
     )
     loads = [load([body]) for load in loads]
     stepper = nts.EnergyMomentum([body], [pair], dt=dt, loads=loads)

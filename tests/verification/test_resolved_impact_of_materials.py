@@ -52,7 +52,7 @@ def bar(material, dt, speed=SPEED):
     across = fem.locate_dofs_topological(V.sub(1), 2, cells)
     rollers = fem.dirichletbc(0.0, across, V.sub(1))
     end = nts.boundary_of(body, where=lambda x: np.isclose(x[0], gap))
-    pair = nts.ContactPair(end, nts.RigidPlane((0, 0), (1, 0)), RESOLVED)
+    pair = nts.ContactPair(end, nts.RigidPlane((0, 0), (1, 0)), RESOLVED, method="node-to-segment")
     stepper = nts.EnergyMomentum([body], [pair], dt=dt, bcs=[rollers])
     stepper.set_velocity(body, (-speed, 0))
     diagnostics = nts.Diagnostics(stepper)

@@ -35,6 +35,7 @@ def drop(comm, e, phase, scheme):
         nts.Surface(V, facets, tag["bottom 0"]),
         nts.RigidPlane((0, 0, -(1 + phase) * STEP * SPEED), (0, 0, 1)),
         nts.LagrangeMultiplier("restitution", e=e),
+        method="node-to-segment",
     )
     stepper = scheme([cube], [pair], dt=STEP)
     stepper.set_velocity(cube, (ALONG, 0, -SPEED))
@@ -161,7 +162,7 @@ def rod(e, angle, cells, axis=(0.0, 0.0, 0.0), g=0.0, motion=REST):
     body = nts.RigidBody(V, cells, tag["body 0"], 20.0, hinge)
     wall = nts.RigidPlane((0.1, 0, 0), (-1, 0, 0)).moving(motion)
     law = nts.LagrangeMultiplier("restitution", e=e)
-    pair = nts.ContactPair(nts.boundary_of(body), wall, law)
+    pair = nts.ContactPair(nts.boundary_of(body), wall, law, method="node-to-segment")
     loads = [nts.Gravity([body], (g, 0, 0))] if g else []
     return nts.EnergyMomentum([body], [pair], dt=STEP, loads=loads), body
 
@@ -211,7 +212,9 @@ def test_nodes_that_rest_on_a_turning_drum_keep_their_gaps(e):
     turning = nts.Motion(rotation=lambda t: (0.0, t, 0.0), centre=(0.2, 0.0, -0.5))
     drum = nts.RigidCylinder((0.2, 0.0, -0.5), (0, 1, 0), 0.5).moving(turning)
     bottom = nts.Surface(V, facets, tag["bottom 0"])
-    pair = nts.ContactPair(bottom, drum, nts.LagrangeMultiplier("restitution", e=e))
+    pair = nts.ContactPair(
+        bottom, drum, nts.LagrangeMultiplier("restitution", e=e), method="node-to-segment"
+    )
     weight = nts.Gravity([block], (0, 0, -10))
     stepper = nts.EnergyMomentum([block], [pair], dt=STEP, bcs=[top], loads=[weight])
     steps = list(stepper.run(50 * STEP))
@@ -233,7 +236,7 @@ def test_block_that_slides_in_a_tube_does_not_sink_into_it_step_by_step():
     block = nts.Body(V, cells, tag["block"], nts.SaintVenantKirchhoff(1e7, 0.0, 1e3))
     tube = nts.RigidSphere((0.0, 0.0), radius, hollow=True)
     law = nts.LagrangeMultiplier("restitution", e=0.0)
-    pair = nts.ContactPair(nts.boundary_of(block), tube, law)
+    pair = nts.ContactPair(nts.boundary_of(block), tube, law, method="node-to-segment")
     stepper = nts.EnergyMomentum([block], [pair], dt=dt)
     stepper.set_velocity(block, lambda X: 5.25 * np.array([-X[1], X[0]]))
     depth = []
@@ -275,7 +278,7 @@ def test_rod_that_strikes_the_floor_by_an_edge_has_the_impulse_of_a_rigid_one(e,
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     body, floor = nts.RigidBody(V, cells, tag["body 0"], 1e3), nts.RigidPlane((0, 0, 0), (0, 0, 1))
     law = nts.LagrangeMultiplier("restitution", e=e)
-    pair = nts.ContactPair(nts.boundary_of(body), floor, law)
+    pair = nts.ContactPair(nts.boundary_of(body), floor, law, method="node-to-segment")
     stepper = nts.EnergyMomentum([body], [pair], dt=dt)
     stepper.set_velocity(body, (0, 0, -SPEED))
     diagnostics = nts.Diagnostics(stepper)

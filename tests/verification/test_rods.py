@@ -50,7 +50,7 @@ def rods(n, dt=None, *, section=1, cell="hexahedron", degree=1, nu=0.0, law=None
         rows, collapsed = V.sub(axis), V.sub(axis).collapse()[0]
         everywhere = fem.locate_dofs_geometrical((rows, collapsed), lambda x: x[0] > -1)
         bcs.append(fem.dirichletbc(fem.Function(collapsed), everywhere, rows))
-    pair = nts.ContactPair(bottom, top, enforcement=law or nts.Penalty())
+    pair = nts.ContactPair(bottom, top, enforcement=law or nts.Penalty(), method="node-to-segment")
     step = None if dt is None else dt * h
     stepper = nts.CentralDifference([short, long], [pair], dt=step, bcs=bcs)
     stepper.set_velocity(short, (0.0, 0.0, -SPEED))

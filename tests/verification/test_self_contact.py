@@ -85,7 +85,17 @@ def test_ring_squeezed_until_its_walls_meet_keeps_energy_and_momenta(comm, law):
 def test_whole_boundary_of_a_ring_touches_itself_as_its_inside_does(comm):
     body, inner = ring(comm)
     found = []
-    for pair in (nts.ContactPair(inner, inner), *nts.all_pairs([body], self_contact=[body])):
+    for pair in (
+        nts.ContactPair(
+            inner, inner, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+        ),
+        *nts.all_pairs(
+            [body],
+            self_contact=[body],
+            enforcement=nts.LagrangeMultiplier(),
+            method="node-to-segment",
+        ),
+    ):
         stepper = squeezed(body, pair, 2.2, 0.005)
         most, _ = check(stepper, pair, 0.66, comm)
         assert most > 0
@@ -126,7 +136,9 @@ def test_corner_is_held_where_the_other_wall_ends_before_it(comm, side):
         given.interpolate(at)
 
     bc = fem.dirichletbc(given, fem.locate_dofs_topological(V, 1, outer))
-    pair = nts.ContactPair(surface, surface)
+    pair = nts.ContactPair(
+        surface, surface, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+    )
     stepper = nts.QuasiStatic([body], [pair], dt=1, bcs=[bc], update=move)
     for _ in stepper.run(2):
         pass
@@ -146,7 +158,9 @@ def test_corner_is_held_where_the_other_wall_ends_before_it(comm, side):
 @pytest.mark.at_most_two_ranks
 def test_ring_of_tetrahedra_keeps_energy_and_momenta(comm):
     body, inner = ring(comm, "tetrahedron")
-    pair = nts.ContactPair(inner, inner)
+    pair = nts.ContactPair(
+        inner, inner, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+    )
     most, lost = check(squeezed(body, pair, 3.2, 0.0025), pair, 0.47, comm)
     assert most > 0
     assert abs(lost) < CONSERVED
@@ -155,7 +169,9 @@ def test_ring_of_tetrahedra_keeps_energy_and_momenta(comm):
 @pytest.mark.at_most_two_ranks
 def test_failed_steps_are_cut_and_leave_no_trace(comm):
     body, inner = ring(comm)
-    pair = nts.ContactPair(inner, inner)
+    pair = nts.ContactPair(
+        inner, inner, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+    )
     stepper = squeezed(body, pair, 2.2, 0.02)
     diagnostics = nts.Diagnostics(stepper)
     energy, rejected = diagnostics.balance().total_energy, 0
@@ -170,7 +186,14 @@ def test_run_goes_on_from_a_checkpoint_on_any_number_of_ranks(comm, tmp_path):
 
     def start(of):
         body, inner = ring(of)
-        return squeezed(body, nts.ContactPair(inner, inner), 2.2, 0.005)
+        return squeezed(
+            body,
+            nts.ContactPair(
+                inner, inner, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+            ),
+            2.2,
+            0.005,
+        )
 
     whole, again, alone = start(comm), start(comm), start(MPI.COMM_SELF)
     active = [report.num_active for report in whole.run(0.65)]
@@ -189,7 +212,9 @@ def test_run_goes_on_from_a_checkpoint_on_any_number_of_ranks(comm, tmp_path):
 @pytest.mark.at_most_two_ranks
 def test_crushed_ball_keeps_energy_and_momenta(comm):
     body, inner = ball(comm)
-    pair = nts.ContactPair(inner, inner)
+    pair = nts.ContactPair(
+        inner, inner, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+    )
     most, lost = check(squeezed(body, pair, 4.0, 0.005), pair, 0.45, comm)
     assert most > 0
     assert abs(lost) < CONSERVED
@@ -198,7 +223,7 @@ def test_crushed_ball_keeps_energy_and_momenta(comm):
 @pytest.mark.at_most_two_ranks
 def test_explicit_ring_keeps_its_momenta_and_its_energy_to_one_per_cent(comm):
     body, inner = ring(comm)
-    pair = nts.ContactPair(inner, inner, nts.Penalty())
+    pair = nts.ContactPair(inner, inner, nts.Penalty(), method="node-to-segment")
     stepper = squeezed(body, pair, 2.2, 5e-4, nts.CentralDifference)
     diagnostics = nts.Diagnostics(stepper)
     before = diagnostics.balance()

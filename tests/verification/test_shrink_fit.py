@@ -100,7 +100,7 @@ def pressed(cell: str, by: str, order: int = 2, smooth: tuple[str, ...] = ()) ->
         nts.Surface(V, data.facets, data.tag[f"{name}_joint"], smooth=name in smooth)
         for name in (by, other)
     )
-    pair = nts.ContactPair(nodes, segments, method="mortar")
+    pair = nts.ContactPair(nodes, segments, method="mortar", enforcement=nts.LagrangeMultiplier())
     stepper = nts.QuasiStatic(bodies, [pair], dt=1.0, bcs=guided(V, THICKNESS))
     stepper.advance()
     wider = ((1 - 2 * NU) * JOINT**2 + OUTER**2) / (OUTER**2 - JOINT**2)
@@ -183,7 +183,7 @@ def test_press_fit_that_starts_facets_deep_has_the_pressure_of_thick_tubes(
     rubber = nts.NeoHookean(E=2 * SHEAR, nu=0.0, rho=1e3)
     bodies = [nts.Body(V, data.cells, data.tag[name], rubber) for name in radii]
     nodes, segments = (nts.Surface(V, data.facets, data.tag[f"{n}_joint"]) for n in radii)
-    pair = nts.ContactPair(nodes, segments, method=method)
+    pair = nts.ContactPair(nodes, segments, method=method, enforcement=nts.LagrangeMultiplier())
     stepper = nts.QuasiStatic(bodies, [pair], dt=1.0, bcs=guided(V, FACET))
     stepper.advance()
     # Facets of both are chords between nodes on circles.

@@ -14,7 +14,9 @@ pytestmark = pytest.mark.serial
 def test_gaps_of_active_nodes_count_with_inertia_only(is_static, stays):
     """In statics a node that presses stays held whatever gap an iteration has left."""
     scene = blocks()
-    pair = nts.ContactPair(scene.nodes, scene.segments)
+    pair = nts.ContactPair(
+        scene.nodes, scene.segments, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+    )
     (state,) = nts.QuasiStatic([scene.lower, scene.upper], [pair], dt=1.0).contacts
     n = len(state.nodes.nodes)
     node, presses = np.arange(n, dtype=np.int32), np.full(n, -10.0)

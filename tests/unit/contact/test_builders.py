@@ -90,7 +90,9 @@ def test_facets_between_bodies_that_share_nodes_are_inside(comm, ghosts):
     V, bodies = halved(comm, ghosts)
     assert [num_segments(nts.boundary_of(body)) for body in bodies] == [32 - 6, 32 - 6]
     assert num_segments(nts.boundary_of(*bodies)) == 52
-    assert nts.all_pairs(bodies) == []
+    assert (
+        nts.all_pairs(bodies, enforcement=nts.LagrangeMultiplier(), method="node-to-segment") == []
+    )
     assert num_segments(nts.Surface.where(V, lambda x: x[2] < 1e-9)) == 12
 
 
@@ -110,7 +112,10 @@ def test_bodies_that_share_a_few_nodes_are_named(comm, caplog, ghosts, second, n
     tags = sorted(set(np.concatenate(comm.allgather(cells.values))))
     bodies = [nts.Body(V, cells, int(t), RUBBER) for t in tags]
     with caplog.at_level(logging.INFO, "dolfinx_nts"):
-        assert nts.all_pairs(bodies) == []
+        assert (
+            nts.all_pairs(bodies, enforcement=nts.LagrangeMultiplier(), method="node-to-segment")
+            == []
+        )
     a, b = (body.name for body in bodies)
     if comm.rank:
         assert not caplog.messages
@@ -138,7 +143,7 @@ def halved(comm, ghosts):
 def test_any_two_bodies_meet_in_one_pair_finer_nodes_against_coarser_segments(comm, count):
     cells = (1, 3, 2, 2, 1, 4)[:count]
     bodies, _, _ = row(comm, cells)
-    pairs = nts.all_pairs(bodies)
+    pairs = nts.all_pairs(bodies, enforcement=nts.LagrangeMultiplier(), method="node-to-segment")
     assert len(pairs) == count - 1
     surfaces = [set(ids(nts.boundary_of(body))) for body in bodies]
     met = np.zeros((count, count), dtype=int)
@@ -168,7 +173,7 @@ def test_any_two_bodies_meet_in_one_pair_finer_nodes_against_coarser_segments(co
 )
 def test_the_softer_of_similar_meshes_gives_the_nodes(comm, cells, stiffness, first_gives_nodes):
     bodies, _, _ = row(comm, cells, [max(E, 1e-6) for E in stiffness])
-    (pair,) = nts.all_pairs(bodies)
+    (pair,) = nts.all_pairs(bodies, enforcement=nts.LagrangeMultiplier(), method="node-to-segment")
     expected = bodies[0 if first_gives_nodes else 1]
     assert np.array_equal(ids(pair.nodes), ids(nts.boundary_of(expected)))
 
@@ -179,7 +184,13 @@ def test_pairs_with_obstacles_have_the_laws_and_are_logged(comm, caplog):
     plane, friction = nts.RigidPlane((0, 0, -1), (0, 0, 1)), nts.Coulomb(0.3)
     penalty = nts.Penalty()
     with caplog.at_level(logging.INFO, "dolfinx_nts"):
-        pairs = nts.all_pairs(bodies, obstacles=[plane], enforcement=penalty, friction=friction)
+        pairs = nts.all_pairs(
+            bodies,
+            obstacles=[plane],
+            enforcement=penalty,
+            friction=friction,
+            method="node-to-segment",
+        )
     assert all(p.enforcement is penalty and p.friction is friction for p in pairs)
     assert pairs[-1].segments is plane
     assert len(ids(pairs[-1].nodes)) == 8 + 26 + 56
@@ -195,13 +206,23 @@ def test_pairs_with_obstacles_have_the_laws_and_are_logged(comm, caplog):
 def test_bodies_that_may_touch_themselves_get_a_pair_with_their_own_boundary(comm, caplog):
     bodies, _, _ = row(comm)
     with caplog.at_level(logging.INFO, "dolfinx_nts"):
-        *others, own = nts.all_pairs(bodies, self_contact=[bodies[1]])
+        *others, own = nts.all_pairs(
+            bodies,
+            self_contact=[bodies[1]],
+            enforcement=nts.LagrangeMultiplier(),
+            method="node-to-segment",
+        )
     assert [pair.touches_itself for pair in others] == [False, False]
     assert own.touches_itself
     assert np.array_equal(ids(own.nodes), ids(nts.boundary_of(bodies[1])))
     expected = "pair 3: nodes of box 1 against their own segments"
     assert caplog.messages[2:] == ([expected] if comm.rank == 0 else [])
-    (own,) = nts.all_pairs(bodies[:1], self_contact=bodies[:1])
+    (own,) = nts.all_pairs(
+        bodies[:1],
+        self_contact=bodies[:1],
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
     assert own.touches_itself
 
 
@@ -211,7 +232,13 @@ def test_smooth_segments_are_those_between_bodies_whose_faces_meet(comm, caplog)
     plane = nts.RigidPlane((0, 0, -1), (0, 0, 1))
     with caplog.at_level(logging.INFO, "dolfinx_nts"):
         pairs = nts.all_pairs(
-            bodies, obstacles=[plane], self_contact=bodies[:1], edges=True, smooth=True
+            bodies,
+            obstacles=[plane],
+            self_contact=bodies[:1],
+            edges=True,
+            smooth=True,
+            enforcement=nts.LagrangeMultiplier(),
+            method="node-to-segment",
         )
     kinds = [(pair.method, getattr(pair.segments, "smooth", False)) for pair in pairs]
     faces, edges = "node-to-segment", "edge-to-edge"
@@ -219,13 +246,20 @@ def test_smooth_segments_are_those_between_bodies_whose_faces_meet(comm, caplog)
     nts.EnergyMomentum(bodies, pairs, dt=0.01)
     expected = "pair 1: nodes of box 1 against the smooth segments of box 0"
     assert caplog.messages[:1] == ([expected] if comm.rank == 0 else [])
-    (pair,) = nts.all_pairs(bodies, method="mortar", smooth=True)
+    (pair,) = nts.all_pairs(
+        bodies, method="mortar", smooth=True, enforcement=nts.LagrangeMultiplier()
+    )
     assert isinstance(pair.segments, nts.Surface) and pair.segments.smooth and pair.nodes.smooth
 
 
 def test_bodies_that_share_nodes_touch_each_other_as_one(comm):
     _, bodies = halved(comm, GhostMode.none)
-    (own,) = nts.all_pairs(bodies, self_contact=[bodies[1]])
+    (own,) = nts.all_pairs(
+        bodies,
+        self_contact=[bodies[1]],
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
     assert np.array_equal(ids(own.nodes), ids(nts.boundary_of(*bodies)))
 
 
@@ -269,7 +303,13 @@ def test_half_passes_share_the_stiffness_of_the_springs(comm):
         halves = meeting(comm, 1, enforcement=nts.Penalty(given), friction=nts.Coulomb(0.3))
         whole = scenes.blocks(comm).stepper
         (pair,) = whole.pairs
-        pair = nts.ContactPair(pair.nodes, pair.segments, nts.Penalty(given), nts.Coulomb(0.3))
+        pair = nts.ContactPair(
+            pair.nodes,
+            pair.segments,
+            nts.Penalty(given),
+            nts.Coulomb(0.3),
+            method="node-to-segment",
+        )
         whole = nts.EnergyMomentum(whole.bodies, [pair], dt=whole.dt)
         halves.advance()
         whole.advance()
@@ -280,7 +320,11 @@ def test_half_passes_share_the_stiffness_of_the_springs(comm):
 @pytest.mark.at_most_two_ranks
 def test_stack_of_three_falls_and_keeps_its_balances(comm):
     bodies, _, _ = row(comm, (2, 2, 2))
-    stepper = nts.EnergyMomentum(bodies, nts.all_pairs(bodies), dt=0.01)
+    stepper = nts.EnergyMomentum(
+        bodies,
+        nts.all_pairs(bodies, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"),
+        dt=0.01,
+    )
     stepper.set_velocity(bodies[0], (10, 0, 0))
     stepper.set_velocity(bodies[2], (-10, 0, 0))
     before = nts.Diagnostics(stepper).balance()
@@ -299,19 +343,31 @@ def test_invalid_surfaces_and_pairs_are_refused(comm, refused):
     with refused(ValueError, "at least one body, given none"):
         nts.boundary_of()
     with refused(ValueError, "at least one body, given none"):
-        nts.all_pairs([])
+        nts.all_pairs([], enforcement=nts.LagrangeMultiplier(), method="node-to-segment")
     with refused(TypeError, "expected a Body, given MeshTags"):
         nts.boundary_of(facets)
     with refused(ValueError, "one function space, given several"):
-        nts.all_pairs([bodies[0], other[1]])
+        nts.all_pairs(
+            [bodies[0], other[1]], enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+        )
     with refused(ValueError, "facets of the boundary, given none"):
         nts.boundary_of(bodies[0], where=lambda x: x[2] > 2)
     with refused(ValueError, "facets of the boundary, given none"):
         nts.Surface.where(bodies[0].V, lambda x: x[2] > 2)
     with refused(ValueError, "self contact of bodies of the scene, given 1 that are not"):
-        nts.all_pairs(bodies[:2], self_contact=bodies[2:])
+        nts.all_pairs(
+            bodies[:2],
+            self_contact=bodies[2:],
+            enforcement=nts.LagrangeMultiplier(),
+            method="node-to-segment",
+        )
     sides = [nts.boundary_of(body) for body in bodies[:2]]
     with refused(TypeError, "both sides as contact nodes, given LagrangeMultiplier"):
         nts.two_half_passes(*sides, nts.LagrangeMultiplier())
     with refused(TypeError, "expected a Obstacle, given Body"):
-        nts.all_pairs(bodies, obstacles=[bodies[0]])
+        nts.all_pairs(
+            bodies,
+            obstacles=[bodies[0]],
+            enforcement=nts.LagrangeMultiplier(),
+            method="node-to-segment",
+        )

@@ -85,7 +85,9 @@ def test_nodes_lie_on_segments_and_touch_from_the_first_step_on(cell, method, wa
 @pytest.mark.parametrize("cell", ["quadrilateral", "triangle"])
 def test_gaps_in_the_plane_are_closed(cell):
     scene = plane.blocks(cell, angle=0.4)
-    pair = nts.ContactPair(scene.nodes, scene.segments)
+    pair = nts.ContactPair(
+        scene.nodes, scene.segments, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+    )
     moved, farthest = nts.close_gaps(pair, within=0.03)
     assert (moved, farthest) == (4, pytest.approx(0.02, rel=1e-12))
     stepper = nts.Midpoint([scene.lower, scene.upper], [pair], dt=0.01)
@@ -127,7 +129,15 @@ def test_invalid_adjustments_are_refused():
         nts.close_gaps(pair, 1.0)
     for segments in (scene.nodes, nts.RigidPlane((0, 0, 0), (0, 0, 1))):
         with pytest.raises(ValueError, match="a pair of two surfaces to close the gaps between"):
-            nts.close_gaps(nts.ContactPair(scene.nodes, segments), GAP)
+            nts.close_gaps(
+                nts.ContactPair(
+                    scene.nodes,
+                    segments,
+                    enforcement=nts.LagrangeMultiplier(),
+                    method="node-to-segment",
+                ),
+                GAP,
+            )
     with pytest.raises(ValueError, match=r"cells that keep their volume .* 1 that do not"):
         nts.close_gaps(pair, 1.1 * GAP)
     np.testing.assert_array_equal(scene.mesh.geometry.x, before)

@@ -102,7 +102,9 @@ def test_frame_carries_covariant_components_to_the_end_of_the_step(k, orientatio
 
 def pair_of(scene, enforcement, friction):
     (pair,) = scene.stepper.pairs
-    return nts.ContactPair(pair.nodes, pair.segments, enforcement, friction)
+    return nts.ContactPair(
+        pair.nodes, pair.segments, enforcement, friction, method="node-to-segment"
+    )
 
 
 @pytest.mark.serial
@@ -140,10 +142,16 @@ def test_convective_friction_is_refused_where_it_is_not_defined(comm, what):
     plane = nts.RigidPlane((0, 0, 0), (0, 0, 1))
     if what == "multiplier":
         with pytest.raises(ValueError, match=r"expected Penalty and .* given LagrangeMultiplier"):
-            nts.ContactPair(pair.nodes, pair.segments, nts.LagrangeMultiplier(), friction)
+            nts.ContactPair(
+                pair.nodes,
+                pair.segments,
+                nts.LagrangeMultiplier(),
+                friction,
+                method="node-to-segment",
+            )
     elif what == "obstacle":
         with pytest.raises(ValueError, match=r"a Surface as segments .* RigidPlane"):
-            nts.ContactPair(pair.nodes, plane, nts.Penalty(), friction)
+            nts.ContactPair(pair.nodes, plane, nts.Penalty(), friction, method="node-to-segment")
     else:
         pair = pair_of(scene, nts.Penalty(), friction)
         with pytest.raises(ValueError, match=r"expected Midpoint .* given EnergyMomentum"):

@@ -30,7 +30,14 @@ def scene(comm):
     mesh, _, facets, tag = nts.read_mesh(build, comm)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     top, bottom = (nts.Surface(V, facets, tag[name]) for name in ("plate_top", "box_bottom"))
-    state, X = PairState(nts.ContactPair(bottom, top)), V.tabulate_dof_coordinates()
+    state, X = (
+        PairState(
+            nts.ContactPair(
+                bottom, top, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+            )
+        ),
+        V.tabulate_dof_coordinates(),
+    )
     node = int(np.argmin(X[bottom.nodes] @ [1, 1, 0]))
 
     def at(place):

@@ -46,7 +46,7 @@ def test_springs_of_friction_are_refused():
 
 def test_self_contact_is_refused():
     def own(pair):
-        return nts.ContactPair(pair.nodes, pair.nodes, RESOLVED)
+        return nts.ContactPair(pair.nodes, pair.nodes, RESOLVED, method="node-to-segment")
 
     with pytest.raises(ValueError, match="two surfaces, given one that touches itself"):
         scenes.blocks(MPI.COMM_WORLD, with_pairs(own), layers=2)
@@ -54,7 +54,7 @@ def test_self_contact_is_refused():
 
 def test_nodes_without_mass_have_no_other_contact():
     def opposite(pair):
-        return nts.ContactPair(pair.segments, pair.nodes, RESOLVED)
+        return nts.ContactPair(pair.segments, pair.nodes, RESOLVED, method="node-to-segment")
 
     def both(bodies, pairs, dt):
         return nts.EnergyMomentum(bodies, [pairs[0], opposite(pairs[0])], dt=dt)
@@ -78,7 +78,9 @@ def test_one_layer_of_cells_of_degree_two_touches_on_one_side_only():
 
     def all_around(bodies, pairs, dt):
         plane = nts.RigidPlane((0, 0, -9), (0, 0, 1))
-        pair = nts.ContactPair(nts.boundary_of(bodies[1]), plane, RESOLVED)
+        pair = nts.ContactPair(
+            nts.boundary_of(bodies[1]), plane, RESOLVED, method="node-to-segment"
+        )
         return nts.EnergyMomentum(bodies, [pair], dt=dt)
 
     with pytest.raises(ValueError, match=TWO_LAYERS):

@@ -32,15 +32,22 @@ def test_friction_by_convective_coordinates_is_refused(surfaces):
 def test_obstacles_and_a_surface_against_itself_are_refused(surfaces):
     nodes, _ = surfaces
     with pytest.raises(ValueError, match="Surface as segments, given RigidPlane"):
-        nts.ContactPair(nodes, nts.RigidPlane((0, 0, 0), (0, 0, 1)), method="mortar")
+        nts.ContactPair(
+            nodes,
+            nts.RigidPlane((0, 0, 0), (0, 0, 1)),
+            method="mortar",
+            enforcement=nts.LagrangeMultiplier(),
+        )
     with pytest.raises(ValueError, match="two surfaces, given one"):
-        nts.ContactPair(nodes, nodes, method="mortar")
+        nts.ContactPair(nodes, nodes, method="mortar", enforcement=nts.LagrangeMultiplier())
 
 
 def test_explicit_integration_is_refused(surfaces):
     scene = scenes.blocks(MPI.COMM_WORLD)
     (pair,) = scene.stepper.pairs
-    pair = nts.ContactPair(pair.nodes, pair.segments, method="mortar")
+    pair = nts.ContactPair(
+        pair.nodes, pair.segments, method="mortar", enforcement=nts.LagrangeMultiplier()
+    )
     with pytest.raises(ValueError, match="given 'mortar', which the implicit steppers can do"):
         nts.CentralDifference(scene.stepper.bodies, [pair])
 
@@ -54,7 +61,13 @@ def test_text_of_a_pair_has_its_method(surfaces):
 def test_all_pairs_use_it_between_bodies_only():
     bodies = scenes.blocks(MPI.COMM_WORLD).stepper.bodies
     floor = nts.RigidPlane((0, 0, -1), (0, 0, 1))
-    pairs = nts.all_pairs(bodies, obstacles=[floor], self_contact=bodies[:1], method="mortar")
+    pairs = nts.all_pairs(
+        bodies,
+        obstacles=[floor],
+        self_contact=bodies[:1],
+        method="mortar",
+        enforcement=nts.LagrangeMultiplier(),
+    )
     assert [pair.method for pair in pairs] == ["mortar", "node-to-segment", "node-to-segment"]
 
 
@@ -82,27 +95,50 @@ def test_surfaces_without_sharp_edges_are_refused(surfaces, boundaries):
     with pytest.raises(
         ValueError, match="a Surface or a RigidSurface as segments, given RigidPlane"
     ):
-        nts.ContactPair(boundaries[0], floor, method="edge-to-edge")
+        nts.ContactPair(
+            boundaries[0], floor, method="edge-to-edge", enforcement=nts.LagrangeMultiplier()
+        )
     flat = nts.RigidSurface([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], outside=(0, 0, 1))
     with pytest.raises(ValueError, match="given a RigidSurface without any"):
-        nts.ContactPair(boundaries[0], flat, method="edge-to-edge")
+        nts.ContactPair(
+            boundaries[0], flat, method="edge-to-edge", enforcement=nts.LagrangeMultiplier()
+        )
     flat = nts.RigidSurface([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], outside=(0, 0, 1))
     with pytest.raises(ValueError, match="given a RigidSurface without any"):
-        nts.ContactPair(boundaries[0], flat, method="edge-to-edge")
+        nts.ContactPair(
+            boundaries[0], flat, method="edge-to-edge", enforcement=nts.LagrangeMultiplier()
+        )
     with pytest.raises(ValueError, match="two surfaces, given one"):
-        nts.ContactPair(boundaries[0], boundaries[0], method="edge-to-edge")
+        nts.ContactPair(
+            boundaries[0],
+            boundaries[0],
+            method="edge-to-edge",
+            enforcement=nts.LagrangeMultiplier(),
+        )
     square = plane.blocks()
     with pytest.raises(ValueError, match="edges cross in space only"):
-        nts.ContactPair(square.nodes, square.segments, method="edge-to-edge")
+        nts.ContactPair(
+            square.nodes,
+            square.segments,
+            method="edge-to-edge",
+            enforcement=nts.LagrangeMultiplier(),
+        )
     with pytest.raises(
         ValueError, match="edges only of bodies in space, given a mesh of the plane"
     ):
-        nts.all_pairs([square.lower, square.upper], edges=True)
+        nts.all_pairs(
+            [square.lower, square.upper],
+            edges=True,
+            enforcement=nts.LagrangeMultiplier(),
+            method="node-to-segment",
+        )
 
 
 def test_edges_are_allowed_once_in_addition_to_nodes(boundaries):
     bodies = scenes.blocks(MPI.COMM_WORLD).stepper.bodies
-    pairs = nts.all_pairs(bodies, edges=True)
+    pairs = nts.all_pairs(
+        bodies, edges=True, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+    )
     assert [pair.method for pair in pairs] == ["node-to-segment", "edge-to-edge"]
     assert str(pairs[1]) == "edge-to-edge contact by LagrangeMultiplier"
     nts.EnergyMomentum(bodies, pairs, dt=0.01)
@@ -138,8 +174,10 @@ def test_laws_that_smooth_segments_cannot_do_are_refused(smooth, message):
 def test_smooth_segments_touch_neither_themselves_nor_in_explicit_steps(smooth):
     bodies, nodes, segments = smooth
     with pytest.raises(ValueError, match="two surfaces, given one that touches itself"):
-        nts.ContactPair(segments, segments)
-    pair = nts.ContactPair(nodes, segments, nts.Penalty())
+        nts.ContactPair(
+            segments, segments, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+        )
+    pair = nts.ContactPair(nodes, segments, nts.Penalty(), method="node-to-segment")
     with pytest.raises(ValueError, match="without smooth=True with CentralDifference, given the"):
         nts.CentralDifference(bodies, [pair])
     assert "smooth=True" in repr(segments) and "smooth" not in repr(nodes)
@@ -147,6 +185,11 @@ def test_smooth_segments_touch_neither_themselves_nor_in_explicit_steps(smooth):
 
 def test_smooth_surfaces_that_touch_each_other_are_asked_for_on_both_sides(smooth):
     _, nodes, segments = smooth
-    assert nts.ContactPair(segments, nodes, method="mortar").nodes is segments
+    assert (
+        nts.ContactPair(
+            segments, nodes, method="mortar", enforcement=nts.LagrangeMultiplier()
+        ).nodes
+        is segments
+    )
     with pytest.raises(ValueError, match="with smooth segments, an enforcement by which"):
         nts.ContactPair(segments, nodes, nts.Tied(), method="mortar")

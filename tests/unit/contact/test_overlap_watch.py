@@ -65,7 +65,11 @@ def run(stepper, until):
 def test_a_pair_with_wrong_roles_is_reported_once_with_names_and_advice(comm, reported_overlaps):
     scene = Scene(comm)
     # Nodes of the plate are next to the cube, whose vertices penetrate between them.
-    stepper = scene.stepper(nts.ContactPair(scene.top, scene.bottom))
+    stepper = scene.stepper(
+        nts.ContactPair(
+            scene.top, scene.bottom, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+        )
+    )
     run(stepper, 0.2)
     (text,) = reported_overlaps()
     assert "cube is up to 0." in text and "inside plate" in text
@@ -143,14 +147,21 @@ def test_overlaps_of_one_cause_are_reported_as_they_become_deeper(comm, reported
 
 def test_working_contact_is_not_reported(comm, reported_overlaps):
     scene = Scene(comm)
-    stepper = scene.stepper(nts.ContactPair(scene.bottom, scene.top), dt=0.002)
+    stepper = scene.stepper(
+        nts.ContactPair(
+            scene.bottom, scene.top, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+        ),
+        dt=0.002,
+    )
     assert any(step.num_active for step in stepper.run(until=0.06))
     assert reported_overlaps() == []
 
 
 def test_soft_springs_are_reported_as_the_cause(comm, reported_overlaps):
     scene = Scene(comm)
-    pair = nts.ContactPair(scene.bottom, scene.top, nts.Penalty(eps_N=1.0))
+    pair = nts.ContactPair(
+        scene.bottom, scene.top, nts.Penalty(eps_N=1.0), method="node-to-segment"
+    )
     run(scene.stepper(pair), 0.2)
     (text,) = reported_overlaps()
     assert "springs" in text and "eps_N" in text
@@ -165,7 +176,11 @@ def test_explicit_runs_are_watched(comm, reported_overlaps):
 
 def test_initial_overlaps_are_reported_before_the_first_step(comm, reported_overlaps):
     scene = Scene(comm, height=-0.05)
-    stepper = scene.stepper(nts.ContactPair(scene.bottom, scene.top))
+    stepper = scene.stepper(
+        nts.ContactPair(
+            scene.bottom, scene.top, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+        )
+    )
     stepper.set_velocity(scene.cube, (0.0, 0.0, 0.0))
     stepper.advance()
     (text,) = reported_overlaps()
@@ -180,7 +195,18 @@ def test_initial_overlaps_are_reported_before_the_first_step(comm, reported_over
 def test_bodies_that_start_deeper_than_half_of_their_thickness_are_refused(comm, refused, scheme):
     """The plate is 0.5 m thick."""
     scene = Scene(comm, -0.4)
-    stepper = scheme(scene.bodies, [nts.ContactPair(scene.bottom, scene.top)], dt=0.001)
+    stepper = scheme(
+        scene.bodies,
+        [
+            nts.ContactPair(
+                scene.bottom,
+                scene.top,
+                enforcement=nts.LagrangeMultiplier(),
+                method="node-to-segment",
+            )
+        ],
+        dt=0.001,
+    )
     with refused(ValueError, "4 nodes of .* up to 0.4 m inside plate, which is 0.5 m thick"):
         stepper.advance()
 
@@ -209,6 +235,7 @@ def sheet_and_cube(comm, height, cells, *, hole=False, motion=None, scheme=nts.Q
         nts.Surface(V, facets, tag["cube_bottom"]),
         sheet.moving(motion) if motion else sheet,
         nts.Penalty(1e4) if scheme is nts.CentralDifference else None,
+        method="node-to-segment",
     )
     bcs = []
     if scheme is nts.QuasiStatic:
@@ -253,7 +280,9 @@ def test_bodies_that_do_not_start_in_rigid_facets_are_not_refused(comm, height, 
 def test_initial_overlaps_that_contact_does_not_detect_are_reported(comm, reported_overlaps):
     """Facets of the plate are 0.71 m long, and no node of it is inside the cube."""
     scene = Scene(comm, -0.05)
-    pair = nts.ContactPair(scene.top, scene.bottom, nts.LagrangeMultiplier("plastic"))
+    pair = nts.ContactPair(
+        scene.top, scene.bottom, nts.LagrangeMultiplier("plastic"), method="node-to-segment"
+    )
     assert scene.stepper(pair, dt=0.001).advance().num_active == 0
     (text,) = reported_overlaps()
     assert text.startswith("cube starts up to 0.") and "inside plate" in text
@@ -279,7 +308,9 @@ def test_a_shrink_fit_found_by_contact_is_not_reported_as_undetected(comm, repor
     steel = nts.SaintVenantKirchhoff(E=1e5, nu=0.3, rho=1e3)
     bodies = [nts.Body(V, cells, tag[name], steel) for name in ("shaft", "hub")]
     nodes, segments = (nts.Surface(V, facets, tag[n]) for n in ("hub_inner", "shaft_outer"))
-    pair = nts.ContactPair(nodes, segments, nts.LagrangeMultiplier("plastic"))
+    pair = nts.ContactPair(
+        nodes, segments, nts.LagrangeMultiplier("plastic"), method="node-to-segment"
+    )
     step = nts.EnergyMomentum(bodies, [pair], dt=1e-4).advance()
     assert step.num_active == 32
     (text,) = reported_overlaps()
@@ -296,7 +327,9 @@ def test_penetration_between_active_nodes_is_reported_as_the_cause(comm, reporte
         fem.dirichletbc(value, fem.locate_dofs_geometrical(V, where), V)
         for value, where in ((down, lambda x: x[2] > 0.39), (np.zeros(3), lambda x: x[2] < -0.49))
     ]
-    pair = nts.ContactPair(scene.top, scene.bottom)
+    pair = nts.ContactPair(
+        scene.top, scene.bottom, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+    )
 
     def update(t):
         down.value[2] = -t
@@ -312,7 +345,11 @@ def test_penetration_between_active_nodes_is_reported_as_the_cause(comm, reporte
 
 def test_a_body_placed_into_another_between_steps_is_reported(comm, reported_overlaps):
     scene = Scene(comm)
-    stepper = scene.stepper(nts.ContactPair(scene.bottom, scene.top))
+    stepper = scene.stepper(
+        nts.ContactPair(
+            scene.bottom, scene.top, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+        )
+    )
     stepper.set_velocity(scene.cube, (0.0, 0.0, 0.0))
     stepper.advance()
     assert reported_overlaps() == []
@@ -327,7 +364,9 @@ def test_a_resumed_run_does_not_report_gaps_of_elastic_impact_as_initial_overlap
 ):
     """The report starts at 1/50 of a facet at the start, and at 1/10 within a run."""
     scene, saved = Scene(comm, height=0.031), Snapshot()
-    pair = nts.ContactPair(scene.bottom, scene.top)
+    pair = nts.ContactPair(
+        scene.bottom, scene.top, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+    )
     stepper = scene.stepper(pair)
     run(stepper, 0.04)
     (overlap,) = nts.Diagnostics(stepper).overlaps()
@@ -370,7 +409,12 @@ def test_overlap_with_an_obstacle_without_pair_is_reported(comm, reported_overla
     floor = nts.RigidPlane((0, 0, -0.5), (0, 0, 1))
     wall = nts.RigidPlane((0.5, 0, 0), (1, 0, 0))
     away = nts.boundary_of(scene.plate, where=lambda x: x[0] > 0.9)
-    stepper = scene.stepper(nts.ContactPair(away, wall), nts.ContactPair(scene.bottom, floor))
+    stepper = scene.stepper(
+        nts.ContactPair(away, wall, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"),
+        nts.ContactPair(
+            scene.bottom, floor, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+        ),
+    )
     stepper.advance()
     texts = reported_overlaps()
     assert any("cube starts" in t and "RigidPlane 1" in t and FORGOTTEN in t for t in texts)
@@ -393,7 +437,12 @@ def test_nothing_is_looked_at_while_bodies_are_apart(comm, monkeypatch):
 def test_bodies_in_touch_are_looked_at_when_they_came_nearer_by_a_cell(comm, monkeypatch):
     """The cube slides over the plate; clean checks prove that no vertex has passed a node."""
     scene = Scene(comm, height=0.0)
-    stepper = scene.stepper(nts.ContactPair(scene.top, scene.bottom), dt=0.005)
+    stepper = scene.stepper(
+        nts.ContactPair(
+            scene.top, scene.bottom, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+        ),
+        dt=0.005,
+    )
     stepper.set_velocity(scene.cube, (1.0, 0.0, 0.0))
     checks, paths, check = [], [], OverlapWatch.check
     follow = reverse_passage.through_to_another_side

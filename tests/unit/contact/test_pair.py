@@ -239,7 +239,9 @@ def test_accepted_history_holds_pushing_forces_along_the_normals(comm, agree):
 )
 def test_accepted_normal_is_the_gradient_of_the_gap(comm, scheme, law, friction):
     old = scenes.blocks(comm).stepper
-    pair = nts.ContactPair(old.pairs[0].nodes, old.pairs[0].segments, law, friction)
+    pair = nts.ContactPair(
+        old.pairs[0].nodes, old.pairs[0].segments, law, friction, method="node-to-segment"
+    )
     explicit = scheme is nts.CentralDifference
     stepper = scheme(old.bodies, [pair], dt=BLOCK_STEP / (4 if explicit else 1))
     for body in old.bodies:
@@ -329,13 +331,18 @@ def test_pair_refuses_wrong_arguments(comm, refused):
     side = nts.Surface(V, facets, tag["top 1"])
     lower = nts.Surface(V, facets, tag["bottom 0"])
     with refused(TypeError, r"Surface as nodes, such as boundary_of\(body\), given int"):
-        nts.ContactPair(3, lower)
+        nts.ContactPair(3, lower, enforcement=nts.LagrangeMultiplier(), method="node-to-segment")
     with refused(TypeError, "or an obstacle as segments, given NoneType"):
-        nts.ContactPair(side, None)
+        nts.ContactPair(side, None, enforcement=nts.LagrangeMultiplier(), method="node-to-segment")
     with refused(TypeError, "given str"):
-        nts.ContactPair(side, lower, "elastic")
+        nts.ContactPair(side, lower, "elastic", method="node-to-segment")
     with refused(ValueError, "one function space, given two"):
-        nts.ContactPair(side, nts.Surface(W, facets, tag["bottom 0"]))
+        nts.ContactPair(
+            side,
+            nts.Surface(W, facets, tag["bottom 0"]),
+            enforcement=nts.LagrangeMultiplier(),
+            method="node-to-segment",
+        )
 
 
 def test_surfaces_that_share_an_edge_are_refused(comm, refused):
@@ -345,12 +352,27 @@ def test_surfaces_that_share_an_edge_are_refused(comm, refused):
     mesh, _, facets, tag = box_meshes.distribute(comm, data)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     with refused(ValueError, "without common nodes in a contact pair, .*given 3 nodes on both"):
-        nts.ContactPair(nts.Surface(V, facets, tag["left 0"]), nts.Surface(V, facets, tag["top 0"]))
+        nts.ContactPair(
+            nts.Surface(V, facets, tag["left 0"]),
+            nts.Surface(V, facets, tag["top 0"]),
+            enforcement=nts.LagrangeMultiplier(),
+            method="node-to-segment",
+        )
 
 
 def test_the_contact_of_a_step_is_computed_once(comm):
     (old,) = scenes.blocks(comm).stepper.pairs
-    contact, made = PairState(nts.ContactPair(old.nodes, old.segments)), []
+    contact, made = (
+        PairState(
+            nts.ContactPair(
+                old.nodes,
+                old.segments,
+                enforcement=nts.LagrangeMultiplier(),
+                method="node-to-segment",
+            )
+        ),
+        [],
+    )
 
     def history():
         made.append(ContactHistory.none(len(old.nodes.nodes)))
@@ -364,7 +386,13 @@ def test_the_contact_of_a_step_is_computed_once(comm):
 
 def test_text_of_a_pair_has_the_stiffness_of_its_springs(comm, caplog):
     (old,) = scenes.blocks(comm).stepper.pairs
-    pair = nts.ContactPair(old.nodes, old.segments, nts.Penalty(), nts.Coulomb(0.3, eps_T=250.0))
+    pair = nts.ContactPair(
+        old.nodes,
+        old.segments,
+        nts.Penalty(),
+        nts.Coulomb(0.3, eps_T=250.0),
+        method="node-to-segment",
+    )
     assert str(pair) == "contact by Penalty, Coulomb friction with mu = 0.3"
     stiffness = 100.0 + pair.nodes.node_ids
     contact = PairState(pair)
@@ -389,13 +417,20 @@ def test_text_of_a_pair_has_its_surfaces_and_laws_in_one_line(comm, agree):
         tail = f", name={surface.name!r}, owned_nodes={nodes}, owned_segments={segments})"
         assert agree(re.fullmatch(rf"Surface\(tag=\d+{re.escape(tail)}", repr(surface)))
         printed.append(repr(surface))
-    pair = nts.ContactPair(old.nodes, old.segments, nts.Penalty(50), nts.Coulomb(0.3))
+    pair = nts.ContactPair(
+        old.nodes, old.segments, nts.Penalty(50), nts.Coulomb(0.3), method="node-to-segment"
+    )
     assert agree(
         repr(pair) == f"ContactPair(nodes={printed[0]}, segments={printed[1]}, "
         "enforcement=Penalty(eps_N=50), friction=Coulomb(mu=0.3, eps_T=None, law='objective'), "
         "method='node-to-segment')"
     )
-    pair = nts.ContactPair(old.nodes, nts.RigidSphere((0, 0, 9), 1))
+    pair = nts.ContactPair(
+        old.nodes,
+        nts.RigidSphere((0, 0, 9), 1),
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
     assert agree(
         repr(pair) == f"ContactPair(nodes={printed[0]}, "
         "segments=RigidSphere(centre=(0, 0, 9), radius=1, hollow=False), "
@@ -412,7 +447,9 @@ def box_on_a_wall(comm, scheme, dt):
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     box = nts.Body(V, cells, tag["body 0"], nts.SaintVenantKirchhoff(9.0, 0.0, 1e3))
     wall = nts.RigidPlane((0, 0, -1), (0, 0, 1))
-    pair = nts.ContactPair(nts.Surface(V, facets, tag["bottom 0"]), wall, nts.Penalty())
+    pair = nts.ContactPair(
+        nts.Surface(V, facets, tag["bottom 0"]), wall, nts.Penalty(), method="node-to-segment"
+    )
     clamp = fem.dirichletbc(np.zeros(3), fem.locate_dofs_geometrical(V, lambda x: x[2] > 0.1), V)
     stepper = scheme([box], [pair], dt=dt, bcs=[clamp])
     stepper.advance()
@@ -454,7 +491,9 @@ def test_pair_never_changes_and_answers_for_one_stepper_alone(comm, agree, refus
         with refused(ValueError, "one stepper, given one of 2: ask the item of stepper.contacts"):
             question()
     assert str(pair) == "contact by LagrangeMultiplier"
-    unused = nts.ContactPair(pair.nodes, pair.segments)
+    unused = nts.ContactPair(
+        pair.nodes, pair.segments, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+    )
     with refused(ValueError, "given one of 0"):
         unused.history  # noqa: B018 (it is a property)
 
@@ -466,7 +505,10 @@ def test_steppers_that_share_their_pairs_do_not_disturb_each_other(comm, agree, 
     friction = nts.Coulomb(0.3) if law in ("friction", "explicit") else None
     scheme = nts.CentralDifference if law == "explicit" else nts.EnergyMomentum
     old = scenes.blocks(comm, num_bodies=3).stepper
-    pairs = [nts.ContactPair(p.nodes, p.segments, enforcement, friction) for p in old.pairs]
+    pairs = [
+        nts.ContactPair(p.nodes, p.segments, enforcement, friction, method="node-to-segment")
+        for p in old.pairs
+    ]
     dt = 0.1 * BLOCK_STEP if law == "explicit" else BLOCK_STEP
 
     def steppers():

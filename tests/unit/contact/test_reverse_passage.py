@@ -27,7 +27,12 @@ class Bullet:
         mesh, tags, _, _ = box_meshes.distribute(comm, data)
         V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
         self.plate, self.block = (nts.Body(V, tags, number, STONE) for number in (0, 1))
-        pair = nts.ContactPair(nts.boundary_of(self.plate), nts.boundary_of(self.block))
+        pair = nts.ContactPair(
+            nts.boundary_of(self.plate),
+            nts.boundary_of(self.block),
+            enforcement=nts.LagrangeMultiplier(),
+            method="node-to-segment",
+        )
         self.X = V.tabulate_dof_coordinates()
         self.watch = ReversePassages([pair])
 

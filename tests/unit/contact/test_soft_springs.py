@@ -21,7 +21,9 @@ pytestmark = pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize(("eps_N", "warns"), [once(None, False), (1e-9, True)])
 def test_springs_that_do_not_stop_nodes_are_reported_once(comm, caplog, scheme, dt, eps_N, warns):
     old = scenes.blocks(comm).stepper
-    pair = nts.ContactPair(old.pairs[0].nodes, old.pairs[0].segments, nts.Penalty(eps_N))
+    pair = nts.ContactPair(
+        old.pairs[0].nodes, old.pairs[0].segments, nts.Penalty(eps_N), method="node-to-segment"
+    )
     stepper = scheme(old.bodies, [pair], dt=dt)
     for body in old.bodies:
         stepper.set_velocity(body, old.v)
@@ -45,7 +47,9 @@ def cube(comm, obstacle, eps_N, dt, scheme, is_rigid=True):
     body = nts.Body(V, cells, tag["body 0"], nts.NeoHookean(1e3, 0.3, 1.0))
     if is_rigid:
         body = nts.RigidBody(V, cells, tag["body 0"], 1.0)
-    pair = nts.ContactPair(nts.boundary_of(body), obstacle, nts.Penalty(eps_N))
+    pair = nts.ContactPair(
+        nts.boundary_of(body), obstacle, nts.Penalty(eps_N), method="node-to-segment"
+    )
     stepper = scheme([body], [pair], dt=dt)
     stepper.set_velocity(body, (0.0, 0.0, -1.0))
     return stepper
@@ -97,7 +101,9 @@ def test_bodies_that_sink_through_an_obstacle_end_the_run(comm, refused, scheme,
     mesh, cells, _, tag = nts.read_mesh(fill, comm)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     block = nts.Body(V, cells, tag["block"], nts.NeoHookean(1e5, 0.3, 1e3))
-    pair = nts.ContactPair(nts.boundary_of(block), OBSTACLES[target], nts.Penalty(eps_N=1.0))
+    pair = nts.ContactPair(
+        nts.boundary_of(block), OBSTACLES[target], nts.Penalty(eps_N=1.0), method="node-to-segment"
+    )
     stepper = scheme([block], [pair], dt=2e-3)
     stepper.set_velocity(block, (0.0, 0.0, -2.0))
     with refused(nts.ConvergenceError, f"{text}.*stiffer springs"):

@@ -21,7 +21,7 @@ def pressed(comm, cell="hexahedron", degree=1, law=None, turn=None):
     V = fem.functionspace(mesh, ("Lagrange", degree, (3,)))
     cube = nts.Body(V, cells, tag["body 0"], nts.SaintVenantKirchhoff(E, 0.0, 1e3))
     plane = nts.RigidPlane((0, 0, 0), tuple(turn[:, 2]))
-    pair = nts.ContactPair(nts.boundary_of(cube), plane, law)
+    pair = nts.ContactPair(nts.boundary_of(cube), plane, law, method="node-to-segment")
     top = fem.locate_dofs_geometrical(V, lambda x: np.isclose(turn[:, 2] @ x, 1.0))
     bcs = [fem.dirichletbc(-STRAIN * turn[:, 2], top, V)]
     stepper = nts.QuasiStatic([cube], [pair], dt=1.0, bcs=bcs)

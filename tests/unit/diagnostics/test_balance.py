@@ -157,7 +157,12 @@ def test_block_on_a_plane_presses_with_its_load_on_its_whole_face(comm):
     lower, upper = old.bodies
     V, size = lower.V, SIZES[0]
     bottom = nts.Surface.where(V, lambda x: np.isclose(x[2], 0.0))
-    pair = nts.ContactPair(bottom, nts.RigidPlane((0, 0, 0), (0, 0, 1)))
+    pair = nts.ContactPair(
+        bottom,
+        nts.RigidPlane((0, 0, 0), (0, 0, 1)),
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
     load = nts.Traction(old.pairs[0].segments, (0.0, 0.0, -20.0))
     bcs = [fem.dirichletbc(np.zeros(3), upper.nodes, V)]
     for axis in (0, 1):
@@ -198,8 +203,20 @@ def test_min_gap_is_the_least_of_all_gaps_without_evaluating_far_pairs(comm, mon
     rubber = nts.SaintVenantKirchhoff(E=1e5, nu=0.3, rho=1e3)
     bodies = [nts.Body(V, cells, tag[f"box {i}"], rubber) for i in range(4)]
     sides = [nts.boundary_of(body) for body in bodies]
-    pairs = [nts.ContactPair(sides[i], sides[i + 1]) for i in range(3)]
-    pairs.append(nts.ContactPair(sides[0], nts.RigidPlane((-5, 0, 0), (1, 0, 0))))
+    pairs = [
+        nts.ContactPair(
+            sides[i], sides[i + 1], enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+        )
+        for i in range(3)
+    ]
+    pairs.append(
+        nts.ContactPair(
+            sides[0],
+            nts.RigidPlane((-5, 0, 0), (1, 0, 0)),
+            enforcement=nts.LagrangeMultiplier(),
+            method="node-to-segment",
+        )
+    )
     stepper = nts.EnergyMomentum(bodies, pairs, dt=0.01)
     stepper.set_velocity(bodies[0], (3.0, 0, 0))
     diagnostics = Diagnostics(stepper)

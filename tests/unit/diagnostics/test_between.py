@@ -71,7 +71,9 @@ def test_names_of_two_bodies_are_in_the_order_of_the_scene(comm):
     stepper = scene(comm)
     left, ball, _ = stepper.bodies
     for stiff in (left, ball), (ball, left):
-        (pair,) = nts.all_pairs(stiff)
+        (pair,) = nts.all_pairs(
+            stiff, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+        )
         assert pair.name == " and ".join(body.name for body in stiff)
         assert f"name='{pair.name}'" in repr(pair)
 
@@ -82,7 +84,9 @@ def test_own_names_are_in_texts_and_columns(comm, tmp_path):
     V, tag = mesh_bodies[0].V, {body.name: body for body in mesh_bodies}
     surface = nts.boundary_of(tag["ball"], name="skin")
     floor = nts.RigidPlane((0, -1), (0, 1), name="floor")
-    pair = nts.ContactPair(surface, floor, name="grip")
+    pair = nts.ContactPair(
+        surface, floor, name="grip", enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+    )
     assert "name='skin'" in repr(surface) and "name='floor'" in repr(floor)
     assert floor.moving(nts.Motion(translation=lambda t: (0, t))).name == "floor"
     assert pair.between == "skin and floor (pair 'grip')"

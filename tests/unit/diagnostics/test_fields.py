@@ -57,7 +57,16 @@ def test_stress_in_each_cell_of_degree_two_is_linear(comm, agree):
 
 def test_functions_of_contact_have_the_resultants_of_the_pair(comm, agree):
     old = blocks(comm).stepper
-    pairs = [nts.ContactPair(p.nodes, p.segments, friction=nts.Coulomb(0.3)) for p in old.pairs]
+    pairs = [
+        nts.ContactPair(
+            p.nodes,
+            p.segments,
+            friction=nts.Coulomb(0.3),
+            enforcement=nts.LagrangeMultiplier(),
+            method="node-to-segment",
+        )
+        for p in old.pairs
+    ]
     stepper = nts.EnergyMomentum(old.bodies, pairs, dt=old.dt)
     stepper.v.x.array[:] = old.v.x.array
     fields, diagnostics = nts.Fields(stepper), nts.Diagnostics(stepper)

@@ -69,7 +69,13 @@ def test_work_of_whole_spaces_does_not_grow_with_the_number_of_bodies(monkeypatc
                 lambda space: calls.append(1) or tabulate(space),
             )
             bodies = [nts.Body(V, cells, tag[f"box {i}"], material) for i in range(num_bodies)]
-            nts.EnergyMomentum(bodies, nts.all_pairs(bodies), dt=1e-3)
+            nts.EnergyMomentum(
+                bodies,
+                nts.all_pairs(
+                    bodies, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+                ),
+                dt=1e-3,
+            )
         return len(calls)
 
     assert num_tabulations(2) == num_tabulations(12) <= 3

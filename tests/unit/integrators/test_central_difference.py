@@ -30,7 +30,9 @@ def blocks(comm, *, cell="hexahedron", friction=None, dt=0.005, owner=None):
     """Two blocks that collide, with springs between them."""
     first = scenes.blocks(comm, nts.Midpoint, nts.Penalty(), cell=cell, owner=owner)
     (pair,) = first.stepper.pairs
-    pair = nts.ContactPair(pair.nodes, pair.segments, nts.Penalty(), friction)
+    pair = nts.ContactPair(
+        pair.nodes, pair.segments, nts.Penalty(), friction, method="node-to-segment"
+    )
     stepper = nts.CentralDifference(first.stepper.bodies, [pair], dt=dt)
     stepper.v.x.array[:] = first.stepper.v.x.array
     return Scene(stepper, first.bodies, first.numbers)
@@ -169,7 +171,7 @@ def test_bar_rebounds_from_a_wall_as_in_wave_theory(comm, table_row):
     v, cells, side = 0.001, 80, 0.2
     box = Box(comm, shape=(1, 1, cells), size=(side, side, 1.0), material=BAR)
     wall = nts.RigidPlane((0, 0, 0), (0, 0, 1))
-    pair = nts.ContactPair(box.surface("bottom 0"), wall, nts.Penalty())
+    pair = nts.ContactPair(box.surface("bottom 0"), wall, nts.Penalty(), method="node-to-segment")
     stepper = nts.CentralDifference([box.body], [pair])
     stepper.set_velocity(box.body, (0, 0, -v))
     diagnostics = nts.Diagnostics(stepper)
@@ -208,7 +210,13 @@ OBSTACLES = {
 @pytest.mark.parametrize("obstacle", once_except(list(OBSTACLES), "facets"))
 def test_box_bounces_off_an_obstacle(comm, obstacle, friction):
     box = Box(comm)
-    pair = nts.ContactPair(box.surface("bottom 0"), OBSTACLES[obstacle], nts.Penalty(), friction)
+    pair = nts.ContactPair(
+        box.surface("bottom 0"),
+        OBSTACLES[obstacle],
+        nts.Penalty(),
+        friction,
+        method="node-to-segment",
+    )
     stepper = nts.CentralDifference([box.body], [pair], dt=0.004)
     stepper.set_velocity(box.body, (0.3, 0.0, -1.0))
     ledger = Ledger(stepper)
@@ -232,7 +240,7 @@ def test_nodes_far_from_an_obstacle_are_not_looked_up(comm, monkeypatch):
         found.append(arguments)
         return find(self, *arguments)
 
-    pair = nts.ContactPair(box.surface("bottom 0"), floor, nts.Penalty())
+    pair = nts.ContactPair(box.surface("bottom 0"), floor, nts.Penalty(), method="node-to-segment")
     stepper = nts.CentralDifference([box.body], [pair])
     stepper.set_velocity(box.body, (0.0, 0.0, -3.0))
     monkeypatch.setattr(nts.RigidPlane, "find", counted)
@@ -253,7 +261,9 @@ def test_ball_on_plate(comm, friction, table_row):
     """Energy without friction; with it the converged reference."""
     first = scenes.ball_plate(comm, nts.Midpoint, nts.Penalty())
     (pair,), bodies = first.stepper.pairs, first.stepper.bodies
-    pair = nts.ContactPair(pair.nodes, pair.segments, nts.Penalty(), friction)
+    pair = nts.ContactPair(
+        pair.nodes, pair.segments, nts.Penalty(), friction, method="node-to-segment"
+    )
     stepper = nts.CentralDifference(bodies, [pair], dt=0.0025)
     stepper.v.x.array[:] = first.stepper.v.x.array
     ledger = Ledger(stepper)
@@ -404,7 +414,9 @@ def test_stiff_penalty_shortens_the_step(comm):
     (pair,) = scene.stepper.pairs
     steps = []
     for eps_N in (1.0, 1e6):
-        pair = nts.ContactPair(pair.nodes, pair.segments, nts.Penalty(eps_N))
+        pair = nts.ContactPair(
+            pair.nodes, pair.segments, nts.Penalty(eps_N), method="node-to-segment"
+        )
         steps.append(nts.CentralDifference(scene.stepper.bodies, [pair]).stable_step)
     assert steps[1] < 0.1 * steps[0]
 
@@ -413,7 +425,7 @@ def test_default_penalty_leaves_the_stable_step_to_the_mesh(comm, refused):
     """Springs do not stiffen as the step falls, and their limit holds for later steps."""
     scene = scenes.blocks(comm)
     (pair,) = scene.stepper.pairs
-    pair = nts.ContactPair(pair.nodes, pair.segments, nts.Penalty())
+    pair = nts.ContactPair(pair.nodes, pair.segments, nts.Penalty(), method="node-to-segment")
     bodies = scene.stepper.bodies
     stable = nts.CentralDifference(bodies, [pair]).stable_step
     assert stable == pytest.approx(0.9 * nts.CentralDifference(bodies, ()).stable_step)
@@ -437,7 +449,9 @@ def test_default_penalty_leaves_the_stable_step_to_the_mesh(comm, refused):
 def test_tangential_spring_follows_a_given_penalty(comm):
     scene = scenes.blocks(comm)
     (pair,) = scene.stepper.pairs
-    pair = nts.ContactPair(pair.nodes, pair.segments, nts.Penalty(50.0), nts.Coulomb(0.2))
+    pair = nts.ContactPair(
+        pair.nodes, pair.segments, nts.Penalty(50.0), nts.Coulomb(0.2), method="node-to-segment"
+    )
     stable = nts.CentralDifference(scene.stepper.bodies, [pair]).stable_step
     (contact,) = nts.CentralDifference(scene.stepper.bodies, [pair], dt=stable).contacts
     np.testing.assert_allclose(contact.eps_N, 50.0)

@@ -266,7 +266,7 @@ def test_the_first_step_bends_a_flat_sheet_with_friction(comm, law, travel):
     motion = nts.Motion(translation=lambda t: (0.0, -travel * t))
     tool = nts.RigidSphere((0.0, 4.001e-3), 2e-3).moving(motion)
     pairs = [
-        nts.ContactPair(surface, obstacle, law, nts.Coulomb(0.1))
+        nts.ContactPair(surface, obstacle, law, nts.Coulomb(0.1), method="node-to-segment")
         for surface, obstacle in ((ends, nts.RigidPlane((0, 0), (0, 1))), (top, tool))
     ]
     across = V.sub(0).collapse()[0]

@@ -35,7 +35,7 @@ def supported(comm, scheme, enforcement, speed):
     g = fem.Function(V)
     bcs = [fem.dirichletbc(g, bottom), fem.dirichletbc(g, corner)]
     bodies, (pair,) = old.bodies, old.pairs
-    pairs = [nts.ContactPair(pair.nodes, pair.segments, enforcement)]
+    pairs = [nts.ContactPair(pair.nodes, pair.segments, enforcement, method="node-to-segment")]
     if scheme is nts.QuasiStatic:  # nothing but the supports holds the bodies
         bcs.append(fem.dirichletbc(np.zeros(3), bodies[1].nodes, V))
         pairs = []
@@ -131,7 +131,7 @@ def test_explicit_contact_forces_are_those_at_the_end_of_a_step(comm):
     block = nts.Body(V, cells, tag["block"], nts.NeoHookean(E=1e4, nu=0.3, rho=1e3))
     rises = nts.Motion(lambda t: (0.0, 0.0, 0.5 * t))
     floor = nts.RigidPlane((0, 0, -0.01), (0, 0, 1)).moving(rises)
-    pair = nts.ContactPair(nts.boundary_of(block), floor, nts.Penalty())
+    pair = nts.ContactPair(nts.boundary_of(block), floor, nts.Penalty(), method="node-to-segment")
     top = fem.locate_dofs_geometrical(V, lambda x: x[2] > 0.99)
     support = fem.dirichletbc(np.zeros(3), top, V)
     stepper = nts.CentralDifference([block], [pair], bcs=[support])

@@ -109,7 +109,12 @@ def test_table_agrees_with_the_fields_read_back(comm, folder, agree, scheme, imp
 @pytest.mark.parametrize("enforcement", [nts.LagrangeMultiplier("plastic"), once(nts.Penalty())])
 def test_ledger_closes_with_friction_and_springs(comm, folder, agree, enforcement):
     old = blocks(comm).stepper
-    pairs = [nts.ContactPair(p.nodes, p.segments, enforcement, nts.Coulomb(0.3)) for p in old.pairs]
+    pairs = [
+        nts.ContactPair(
+            p.nodes, p.segments, enforcement, nts.Coulomb(0.3), method="node-to-segment"
+        )
+        for p in old.pairs
+    ]
     stepper = nts.EnergyMomentum(old.bodies, pairs, dt=BLOCK_STEP)
     stepper.v.x.array[:] = old.v.x.array
     record(stepper, folder / "run", 6)
@@ -129,7 +134,14 @@ def test_columns_are_named_in_words_and_parts_have_the_numbers_of_the_api(comm, 
     bottom = fem.locate_dofs_geometrical(pair.nodes.V, lambda x: x[2] < 0.02)
     bcs = [fem.dirichletbc(np.zeros(3), bottom, pair.nodes.V)]
     loads = [nts.Gravity(old.bodies, (0, 0, -1)), nts.Traction(pair.segments, (0, 0, 1))]
-    pairs = [nts.ContactPair(pair.nodes, pair.segments)]
+    pairs = [
+        nts.ContactPair(
+            pair.nodes,
+            pair.segments,
+            enforcement=nts.LagrangeMultiplier(),
+            method="node-to-segment",
+        )
+    ]
     stepper = nts.EnergyMomentum(old.bodies, pairs, dt=BLOCK_STEP, bcs=bcs, loads=loads)
     stepper.v.x.array[:] = old.v.x.array
     reports = []

@@ -26,7 +26,9 @@ def pressed_block(comm: MPI.Comm) -> nts.QuasiStatic:
     value = fem.Constant(mesh, np.array([0.0, -0.1]))
     floor = nts.RigidPlane((0, 0), (0, 1), name="floor")
     bottom = nts.Surface(V, facets, tag["block_bottom"])
-    pair = nts.ContactPair(bottom, floor, name="sole")
+    pair = nts.ContactPair(
+        bottom, floor, name="sole", enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+    )
     return nts.QuasiStatic([block], [pair], dt=1.0, bcs=[fem.dirichletbc(value, top, V)])
 
 

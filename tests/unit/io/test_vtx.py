@@ -20,7 +20,16 @@ needs_adios = pytest.mark.skipif(
 def sliding_blocks(comm, cell="hexahedron"):
     """Return blocks with friction, so that there are all fields."""
     old = blocks(comm, cell=cell).stepper
-    pairs = [nts.ContactPair(p.nodes, p.segments, friction=nts.Coulomb(0.3)) for p in old.pairs]
+    pairs = [
+        nts.ContactPair(
+            p.nodes,
+            p.segments,
+            friction=nts.Coulomb(0.3),
+            enforcement=nts.LagrangeMultiplier(),
+            method="node-to-segment",
+        )
+        for p in old.pairs
+    ]
     stepper = nts.EnergyMomentum(old.bodies, pairs, dt=BLOCK_STEP)
     stepper.v.x.array[:] = old.v.x.array
     return stepper

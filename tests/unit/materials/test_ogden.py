@@ -261,7 +261,17 @@ def test_impact_in_two_dimensions_conserves_energy(kind):
     material = nts.Ogden((3.0e4,), (2.7,), 2.0e5, 1.0e3)
     if kind == "plane strain":
         scene = plane.blocks(angle=0.4, material=material)
-        pairs, bodies = [nts.ContactPair(scene.nodes, scene.segments)], scene[1:3]
+        pairs, bodies = (
+            [
+                nts.ContactPair(
+                    scene.nodes,
+                    scene.segments,
+                    enforcement=nts.LagrangeMultiplier(),
+                    method="node-to-segment",
+                )
+            ],
+            scene[1:3],
+        )
         stepper = nts.EnergyMomentum(bodies, pairs, dt=0.01)
         plane.throw(scene, stepper)
     else:

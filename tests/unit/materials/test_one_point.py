@@ -112,7 +112,10 @@ def test_energy_is_conserved_through_an_impact(comm):
     rubber = nts.SaintVenantKirchhoff(E, NU, RHO, one_point=("lmbda",))
     ball, plate = (nts.Body(V, cells, tag[name], rubber) for name in ("ball", "plate"))
     pair = nts.ContactPair(
-        nts.Surface(V, facets, tag["ball_outer"]), nts.Surface(V, facets, tag["plate_top"])
+        nts.Surface(V, facets, tag["ball_outer"]),
+        nts.Surface(V, facets, tag["plate_top"]),
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
     )
     stepper = nts.EnergyMomentum([ball, plate], [pair], dt=0.01)
     stepper.set_velocity(ball, (0.0, 1.0, -1.0))

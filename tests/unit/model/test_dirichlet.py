@@ -87,7 +87,10 @@ def test_work_of_a_support_that_strikes_a_body_equals_that_of_contact(comm):
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     bodies = [nts.Body(V, cells, tag[f"body {i}"], RUBBER) for i in range(2)]
     pair = nts.ContactPair(
-        nts.Surface(V, facets, tag["bottom 1"]), nts.Surface(V, facets, tag["top 0"])
+        nts.Surface(V, facets, tag["bottom 1"]),
+        nts.Surface(V, facets, tag["top 0"]),
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
     )
     g = fem.Constant(mesh, np.zeros(3))
 

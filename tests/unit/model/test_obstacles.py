@@ -155,7 +155,13 @@ def test_friction_at_the_end_of_a_step_acts_along_the_surface_there(name, rng):
 def on_obstacle(scene, obstacle, friction=None):
     """Return the scene with another pair, that with an obstacle."""
     old = scene.stepper
-    pair = nts.ContactPair(old.pairs[0].nodes, obstacle, friction=friction)
+    pair = nts.ContactPair(
+        old.pairs[0].nodes,
+        obstacle,
+        friction=friction,
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
     stepper = type(old)(old.bodies, [pair], dt=old.dt)
     for body in old.bodies:
         stepper.set_velocity(body, old.v)

@@ -40,7 +40,9 @@ def touching():
     scene = blocks("triangle")
     bodies = [scene.lower, scene.upper]
     circle = nts.RigidSphere((0.0, -1.5), 1.0)
-    pairs = nts.all_pairs(bodies, obstacles=[circle])
+    pairs = nts.all_pairs(
+        bodies, obstacles=[circle], enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+    )
     stepper = nts.EnergyMomentum(bodies, pairs, dt=0.01)
     throw(scene, stepper)
     next(step for step in stepper.run(until=0.1) if step.num_active)

@@ -299,7 +299,13 @@ def test_plastic_flow_takes_factors_of_the_derivative_itself(comm, agree):
     lid = nts.RigidPlane((0, 1), (0, -1))
     pressed = lid.moving(nts.Motion(translation=lambda t: (0.0, -0.01 * t)))
     pairs = [
-        nts.ContactPair(nts.boundary_of(body), plate, friction=nts.Coulomb(0.1))
+        nts.ContactPair(
+            nts.boundary_of(body),
+            plate,
+            friction=nts.Coulomb(0.1),
+            enforcement=nts.LagrangeMultiplier(),
+            method="node-to-segment",
+        )
         for plate in (nts.RigidPlane((0, 0), (0, 1)), pressed)
     ]
     stepper = nts.QuasiStatic([body], pairs, dt=1.0)

@@ -114,7 +114,13 @@ def punch(comm, kind, depth):
         u.value[2] = -(depth + gap) * t
 
     sheet = nts.Surface(V, facets, tag["sheet_top"])
-    pair = nts.ContactPair(sheet, tool, friction=nts.Coulomb(0.1))
+    pair = nts.ContactPair(
+        sheet,
+        tool,
+        friction=nts.Coulomb(0.1),
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
     return nts.QuasiStatic(bodies, [pair], dt=1.0, bcs=bcs, update=update)
 
 
@@ -193,7 +199,10 @@ def test_supports_go_on_where_contact_holds_a_rigid_body(comm, bonded):
     sides = [nts.Surface(V, facets, tag[name]) for name in ("upper_bottom", "lower_top")]
     tie = nts.Tied() if bonded else None
     friction = None if bonded else nts.Coulomb(0.5)
-    pairs = [nts.ContactPair(side, nts.boundary_of(middle), tie, friction) for side in sides]
+    pairs = [
+        nts.ContactPair(side, nts.boundary_of(middle), tie, friction, method="node-to-segment")
+        for side in sides
+    ]
     u = fem.Constant(mesh, (0.0, 0.0))
     ends = [
         fem.locate_dofs_topological(V, 1, facets.find(tag[side]))
