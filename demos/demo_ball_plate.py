@@ -87,9 +87,7 @@ plate_top = nts.Surface(V, facets, tag["plate_top"])
 # +
 def strike(name, scheme, impact):
     """Compute the impact, write files that begin with ``name``, and return two pictures."""
-    contact = nts.ContactPair(
-        ball_outer, plate_top, nts.LagrangeMultiplier(impact), method="node-to-segment"
-    )
+    contact = nts.ContactPair(ball_outer, plate_top, nts.LagrangeMultiplier(impact))
     stepper = scheme([ball, plate], [contact], dt=dt)  # s
     stepper.set_velocity(ball, (0.0, 1.0, -1.0))  # m/s
     with nts.Recorder(name, stepper, every=5) as record:

@@ -61,12 +61,7 @@ mesh, cells, facets, tag = nts.read_mesh(build, MPI.COMM_WORLD)
 V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
 bar = nts.Body(V, cells, tag["bar"], nts.SaintVenantKirchhoff(E=E, nu=0.0, rho=rho))
 wall = nts.RigidPlane((0, 0, 0), (1, 0, 0))
-contact = nts.ContactPair(
-    nts.Surface(V, facets, tag["bar_left"]),
-    wall,
-    enforcement=nts.LagrangeMultiplier(),
-    method="node-to-segment",
-)
+contact = nts.ContactPair(nts.Surface(V, facets, tag["bar_left"]), wall)
 
 stepper = nts.EnergyMomentum([bar], [contact], dt=dt)
 stepper.set_velocity(bar, (-v, 0, 0))

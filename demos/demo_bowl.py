@@ -55,9 +55,7 @@ V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
 rubber = nts.NeoHookean(E=1e6, nu=0.3, rho=1e3)
 ball, bowl = (nts.Body(V, cells, tag[name], rubber) for name in ("ball", "bowl"))
 inside = nts.Surface(V, facets, tag["bowl_inner"])
-contact = nts.ContactPair(
-    nts.boundary_of(ball), inside, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
-)
+contact = nts.ContactPair(nts.boundary_of(ball), inside)
 held = fem.locate_dofs_topological(V, 2, facets.find(tag["bowl_outer"]))
 bc = fem.dirichletbc(np.zeros(3), held, V)
 # -

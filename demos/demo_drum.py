@@ -61,7 +61,7 @@ ball = nts.Body(V, cells, tag["ball"], nts.NeoHookean(E=1e6, nu=0.45, rho=1e3))
 plate = nts.Body(V, cells, tag["plate"], nts.NeoHookean(E=2e7, nu=0.45, rho=1e3))
 rim = fem.locate_dofs_geometrical(V, lambda x: x[0] > width - 1e-6)
 clamp = fem.dirichletbc(np.zeros(2), rim, V)  # the axis needs no condition
-pairs = nts.all_pairs([ball, plate], enforcement=nts.LagrangeMultiplier(), method="node-to-segment")
+pairs = nts.all_pairs([ball, plate])
 stepper = nts.EnergyMomentum([ball, plate], pairs, dt=dt, bcs=[clamp])
 stepper.set_velocity(ball, (0.0, -speed))
 # -

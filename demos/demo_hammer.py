@@ -74,10 +74,7 @@ V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
 rod = nts.Body(V, cells, tag["rod"], nts.SaintVenantKirchhoff(E=1.0, nu=0.0, rho=1.0))
 hammer = nts.RigidBody(V, cells, tag["hammer"], rho=length / 4)
 contact = nts.ContactPair(
-    nts.Surface(V, facets, tag["rod_top"]),
-    nts.Surface(V, facets, tag["hammer_bottom"]),
-    enforcement=nts.LagrangeMultiplier(),
-    method="node-to-segment",
+    nts.Surface(V, facets, tag["rod_top"]), nts.Surface(V, facets, tag["hammer_bottom"])
 )
 foot = fem.locate_dofs_topological(V, 2, facets.find(tag["rod_bottom"]))
 clamp = fem.dirichletbc(np.zeros(3), foot, V)

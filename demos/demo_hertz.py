@@ -92,12 +92,7 @@ def update(t):
 
 bcs = [hold(0, 0.0, np.float64(0)), hold(1, 0.0, np.float64(0)), hold(2, 1.0, approach)]
 surface = nts.boundary_of(ball, where=lambda x: x[0] ** 2 + x[1] ** 2 + (x[2] - 1) ** 2 > 1 - tiny)
-pair = nts.ContactPair(
-    surface,
-    nts.RigidPlane((0, 0, 0), (0, 0, 1)),
-    enforcement=nts.LagrangeMultiplier(),
-    method="node-to-segment",
-)
+pair = nts.ContactPair(surface, nts.RigidPlane((0, 0, 0), (0, 0, 1)))
 
 stepper = nts.QuasiStatic([ball], [pair], dt=1 / full, bcs=bcs, update=update)
 # Two columns of our own in the table hold the displacement and the theoretical force on the

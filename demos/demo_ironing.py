@@ -87,13 +87,7 @@ def run(name, rotation=None):
     """Press the roller and move it along; return the stepper, times [s] and forces on it [N]."""
     motion = nts.Motion(displacement, rotation, centre=axis)
     roller = nts.RigidCylinder(point=axis, axis=(0, 1, 0), radius=radius).moving(motion)
-    contact = nts.ContactPair(
-        top,
-        roller,
-        friction=nts.Coulomb(mu),
-        enforcement=nts.LagrangeMultiplier(),
-        method="node-to-segment",
-    )
+    contact = nts.ContactPair(top, roller, friction=nts.Coulomb(mu))
     stepper = nts.QuasiStatic([block], [contact], dt=1.0, bcs=[held])
     diagnostics = nts.Diagnostics(stepper)
     times, forces = [], []

@@ -75,15 +75,7 @@ mesh, cells, facets, tag = nts.read_mesh(build, MPI.COMM_WORLD)
 V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
 wall = nts.RigidPlane((0, 0, 0), (1, 0, 0))
 bars = [nts.Body(V, cells, tag[name], fibred(axis)) for axis, name in enumerate(speed)]
-pairs = [
-    nts.ContactPair(
-        nts.Surface(V, facets, tag[f"{n}_left"]),
-        wall,
-        enforcement=nts.LagrangeMultiplier(),
-        method="node-to-segment",
-    )
-    for n in speed
-]
+pairs = [nts.ContactPair(nts.Surface(V, facets, tag[f"{n}_left"]), wall) for n in speed]
 stepper = nts.EnergyMomentum(bars, pairs, dt=dt)
 for bar in bars:
     stepper.set_velocity(bar, (-v, 0, 0))

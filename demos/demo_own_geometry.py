@@ -77,12 +77,7 @@ pad = nts.Body(V, cells, tag["pad"], nts.NeoHookean(E=5e6, nu=0.4, rho=1000.0))
 
 # +
 floor = nts.RigidPlane((0, 0, -0.0101), (0, 0, 1))
-pairs = nts.all_pairs(
-    [bracket, pad],
-    obstacles=[floor],
-    enforcement=nts.LagrangeMultiplier(),
-    method="node-to-segment",
-)
+pairs = nts.all_pairs([bracket, pad], obstacles=[floor])
 assert len(pairs) == 1
 stepper = nts.EnergyMomentum([bracket, pad], pairs, dt=dt)
 for body in (bracket, pad):

@@ -69,7 +69,6 @@ pairs = nts.all_pairs(
     obstacles=[road],
     enforcement=nts.Penalty(),
     friction=nts.Coulomb(0.5),
-    method="node-to-segment",
 )
 weight = nts.Gravity([disc, ring], (0, -g))
 stepper = nts.EnergyMomentum([disc, ring], pairs, dt=dt, loads=[weight])

@@ -72,13 +72,7 @@ held = fem.dirichletbc(np.zeros(2), bottom, V)
 def press(name, guide, drive=None):
     """Press the punch; returns the stepper, and depths [m] and contact forces [N/m]."""
     punch = nts.RigidBody(V, cells, tag["punch"], rho=7.8e3, guide=guide)
-    contact = nts.ContactPair(
-        top,
-        nts.boundary_of(punch),
-        friction=nts.Coulomb(0.3),
-        enforcement=nts.LagrangeMultiplier(),
-        method="node-to-segment",
-    )
+    contact = nts.ContactPair(top, nts.boundary_of(punch), friction=nts.Coulomb(0.3))
     loads = [drive(punch)] if drive else []
     stepper = nts.QuasiStatic([block, punch], [contact], dt=1 / full, bcs=[held], loads=loads)
     diagnostics = nts.Diagnostics(stepper)

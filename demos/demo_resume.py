@@ -57,12 +57,7 @@ def new_stepper():
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     ball = nts.Body(V, cells, tag["ball"], nts.NeoHookean(E=1e5, nu=0.4, rho=1e3))
     floor = nts.RigidPlane((0, 0, 0), (0, 0, 1))
-    contact = nts.ContactPair(
-        nts.Surface(V, facets, tag["ball_outer"]),
-        floor,
-        enforcement=nts.LagrangeMultiplier(),
-        method="node-to-segment",
-    )
+    contact = nts.ContactPair(nts.Surface(V, facets, tag["ball_outer"]), floor)
     loads = [nts.Gravity([ball], (0, 0, -g))]
     stepper = nts.EnergyMomentum([ball], [contact], dt=dt, loads=loads)
     stepper.set_velocity(ball, (0, 0, -speed))

@@ -60,13 +60,7 @@ mesh, cells, facets, tag = nts.read_mesh(build, MPI.COMM_WORLD)
 V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
 ball = nts.Body(V, cells, tag["ball"], nts.SaintVenantKirchhoff(E=1e11, nu=0.3, rho=1e3))
 floor = nts.RigidPlane((0, 0, 0), (0, 0, 1))
-contact = nts.ContactPair(
-    nts.boundary_of(ball),
-    floor,
-    friction=nts.Coulomb(mu),
-    enforcement=nts.LagrangeMultiplier(),
-    method="node-to-segment",
-)
+contact = nts.ContactPair(nts.boundary_of(ball), floor, friction=nts.Coulomb(mu))
 # -
 
 # ## Run

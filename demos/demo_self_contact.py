@@ -70,9 +70,7 @@ inner, outer = (nts.Surface(V, facets, tag[f"tube_{side}"]) for side in ("inner"
 # here only the inside can touch.
 
 # +
-contact = nts.ContactPair(
-    nodes=inner, segments=inner, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
-)
+contact = nts.ContactPair(nodes=inner, segments=inner)
 
 
 def hold(axis, where):

@@ -53,9 +53,7 @@ copper = nts.J2Plasticity(E=117e9, nu=0.35, rho=8930, yield_stress=400e6, harden
 rod = nts.Body(V, cells, 1, copper)
 foot = nts.boundary_of(rod, where=lambda x: np.isclose(x[1], 0))
 wall = nts.RigidPlane((0, 0), (0, 1))
-pair = nts.ContactPair(
-    foot, wall, enforcement=nts.Penalty(eps_N=4e9), method="node-to-segment"
-)  # N/m
+pair = nts.ContactPair(foot, wall, enforcement=nts.Penalty(eps_N=4e9))  # N/m
 stepper = nts.EnergyMomentum([rod], [pair], dt=end / full)
 stepper.set_velocity(rod, (0, -speed))
 # -

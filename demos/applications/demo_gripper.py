@@ -101,21 +101,8 @@ def grasp(name, mu):
     left, right = (nts.RigidBody(V, cells, tag[side], rho, guide) for side in ("left", "right"))
     outer = nts.Surface(V, facets, tag["ball_outer"])
     pads = [nts.Surface(V, facets, tag[pad]) for pad in ("left_right", "right_left")]
-    pairs = [
-        nts.ContactPair(
-            outer,
-            pad,
-            friction=nts.Coulomb(mu),
-            enforcement=nts.LagrangeMultiplier(),
-            method="node-to-segment",
-        )
-        for pad in pads
-    ]
-    pairs.append(
-        nts.ContactPair(
-            outer, table, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
-        )
-    )
+    pairs = [nts.ContactPair(outer, pad, friction=nts.Coulomb(mu)) for pad in pads]
+    pairs.append(nts.ContactPair(outer, table))
 
     def press(finger, sign):
         """Press a finger on the ball."""

@@ -77,12 +77,7 @@ held = fem.dirichletbc(np.zeros(2), bottom, V)
 # +
 motion = nts.Motion(translation=lambda t: (0.0, -depth * t))
 indenter = nts.RigidSphere((0.0, radius), radius, name="indenter").moving(motion)
-contact = nts.ContactPair(
-    nts.Surface(V, facets, tag["tissue_top"]),
-    indenter,
-    enforcement=nts.LagrangeMultiplier(),
-    method="node-to-segment",
-)
+contact = nts.ContactPair(nts.Surface(V, facets, tag["tissue_top"]), indenter)
 stepper = nts.QuasiStatic([tissue], [contact], dt=1 / full, bcs=[held])
 stiffness = 4 / 3 * E / (1 - nu**2) * np.sqrt(radius)  # N/m^1.5
 columns = {

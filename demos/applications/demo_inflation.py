@@ -78,10 +78,7 @@ bcs.append(hold(2, lambda x: x[2] > -1.0))
 names, outwards = ("left", "right", "bottom", "top"), [(-1, 0, 0), (1, 0, 0), (0, -1, 0), (0, 1, 0)]
 directions = dict(zip(names, np.array(outwards), strict=True))
 walls = [nts.RigidPlane(c * out, -out, name=name) for name, out in directions.items()]
-pairs = [
-    nts.ContactPair(outer, wall, enforcement=nts.LagrangeMultiplier(), method="node-to-segment")
-    for wall in walls
-]
+pairs = [nts.ContactPair(outer, wall) for wall in walls]
 load = nts.Pressure(inner, lambda t: largest * t)
 stepper = nts.QuasiStatic([tube], pairs, dt=1 / full, bcs=bcs, loads=[load])
 # -

@@ -80,12 +80,7 @@ def face(name, side):
 
 
 surface = nts.boundary_of(seal)
-pairs = [
-    nts.ContactPair(
-        surface, face(name, side), enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
-    )
-    for name, side in (("lower", -1), ("upper", 1))
-]
+pairs = [nts.ContactPair(surface, face(name, side)) for name, side in (("lower", -1), ("upper", 1))]
 stepper = nts.QuasiStatic([seal], pairs, dt=1 / full, bcs=[hold(0), hold(1)])
 # -
 

@@ -81,13 +81,7 @@ below = nts.boundary_of(hook, where=lambda x: (x[1] < h / 2) & (x[0] > L - 2 * H
 travel = end - L + flat + 0.0035  # m
 motion = nts.Motion(translation=lambda t: (-travel * t, 0.0))
 pin = nts.RigidSphere((end + 0.001, -r - clearance), r, name="pin").moving(motion)
-contact = nts.ContactPair(
-    below,
-    pin,
-    friction=nts.Coulomb(mu),
-    enforcement=nts.LagrangeMultiplier(),
-    method="node-to-segment",
-)
+contact = nts.ContactPair(below, pin, friction=nts.Coulomb(mu))
 stepper = nts.QuasiStatic([hook], [contact], dt=1 / full, bcs=[held])
 columns = {"path": lambda s: travel * s.t}
 with nts.Recorder("snap_fit", stepper, own_columns=columns) as record:
