@@ -58,7 +58,7 @@ def run(name: str, until: float, folder: Path) -> list[dict[str, float]]:
     rubber = nts.SaintVenantKirchhoff(E=1.0e5, nu=0.4, rho=1.0e3, one_point=())
     ball, plate = (nts.Body(V, cells, tag[body], rubber) for body in ("ball", "plate"))
     surfaces = [nts.Surface(V, facets, tag[side]) for side in ("ball_outer", "plate_top")]
-    pair = nts.ContactPair(*surfaces, enforcement, friction)
+    pair = nts.ContactPair(*surfaces, enforcement, friction, method="node-to-segment")
     stepper = scheme([ball, plate], [pair], dt=0.01)
     stepper.set_velocity(ball, (0.0, 1.0, -1.0))
     with nts.Recorder(folder / "run", stepper, every=10**6) as record:

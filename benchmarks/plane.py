@@ -65,7 +65,11 @@ def scene(n: int, dim: int) -> tuple[nts.Body, nts.EnergyMomentum]:
     rubber = nts.SaintVenantKirchhoff(E=1e5, nu=0.3, rho=1e3)
     low, up = (nts.Body(V, tags, tag[name], rubber) for name in ("low", "up"))
     sides = ("up_bottom", "low_top") if dim == 2 else ("up_front", "low_back")
-    pair = nts.ContactPair(*(nts.Surface(V, facets, tag[side]) for side in sides))
+    pair = nts.ContactPair(
+        *(nts.Surface(V, facets, tag[side]) for side in sides),
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
     bcs = []
     if dim == 3:
         z, _ = V.sub(2).collapse()

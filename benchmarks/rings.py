@@ -86,7 +86,7 @@ def impact(
     surfaces = (top, lower) if rigid else (lower, top)
     dofs = fem.locate_dofs_geometrical(V, lambda x: x[1] < 1e-9 - _HEIGHT)
     clamp = fem.dirichletbc(np.zeros(dim), dofs, V)
-    pair = nts.ContactPair(*surfaces, nts.LagrangeMultiplier(law))
+    pair = nts.ContactPair(*surfaces, nts.LagrangeMultiplier(law), method="node-to-segment")
     stepper = nts.EnergyMomentum([ball, plate], [pair], dt=_DT, bcs=[clamp])
     down = np.zeros(dim)
     down[1] = -_SPEED

@@ -11,7 +11,7 @@ from dolfinx import fem
 import dolfinx_nts as nts
 from stress.parts import Part, ball, box, rotation
 from stress.rows import Case, Setup
-from stress.world import World
+from stress.world import NODAL, World
 
 __all__ = ["CASES", "RANDOM"]
 
@@ -59,7 +59,7 @@ def through(comm: MPI.Comm, ratio: float, how: dict[str, Any]) -> Setup:
     block = box((0.2, 0.2, 0.2), (2, 2, 2)).at(-0.1, -0.1, 0.02).made(stone, (0, 0, -speed))
     world = World(comm, {"plate": plate, "block": block})
     held = fem.dirichletbc(np.zeros(3), world.dofs("plate.left+plate.right"), world.V)
-    pairs = nts.all_pairs(list(world.bodies.values()), **how)
+    pairs = nts.all_pairs(list(world.bodies.values()), **(NODAL | how))
     stepper = world.stepper([], dt, pairs=pairs, bcs=[held])
     until = (5 + 0.4 / (ratio * _THICKNESS)) * dt
     check = _bounces(stepper, world.bodies["block"])
@@ -127,7 +127,7 @@ def random(comm: MPI.Comm, seed: int) -> Setup:
     if rng.random() < 0.4:
         how = how | {"friction": nts.Coulomb(0.3)}
     dt = None if scheme is nts.CentralDifference else 0.01 * 2 ** rng.uniform(-1, 2)
-    pairs = nts.all_pairs(list(world.bodies.values()), **how)
+    pairs = nts.all_pairs(list(world.bodies.values()), **(NODAL | how))
     stepper = world.stepper([], dt, scheme, pairs=pairs)
     # Generalized-alpha does not conserve the angular momentum.
     return Setup(stepper, 0.6, ledger=True, supported=scheme is nts.GeneralizedAlpha)

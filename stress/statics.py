@@ -11,7 +11,7 @@ from dolfinx import fem
 import dolfinx_nts as nts
 from stress.parts import RUBBER, ball, box
 from stress.rows import CRUSHED, Case, Setup
-from stress.world import Touch, World
+from stress.world import NODAL, Touch, World
 
 __all__ = ["CASES"]
 
@@ -27,7 +27,9 @@ def rests(comm: MPI.Comm, mu: float, cell: str = "hexahedron") -> Setup:
     held = fem.dirichletbc(np.zeros(3), world.dofs("low.bottom").astype(np.int32), world.V)
     touch = Touch("top.bottom", "low.top", {"friction": nts.Coulomb(mu)} if mu else {})
     load = nts.Gravity([world.bodies["top"]], lambda t: (0, 0, -_WEIGHT * min(t / 0.5, 1.0)))
-    pairs = [nts.ContactPair(*map(world.surface, (touch.nodes, touch.segments)), **touch.how)]
+    pairs = [
+        nts.ContactPair(*map(world.surface, (touch.nodes, touch.segments)), **(NODAL | touch.how))
+    ]
     stepper = nts.QuasiStatic(list(world.bodies.values()), pairs, dt=0.25, bcs=[held], loads=[load])
 
     def check() -> str:

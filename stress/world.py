@@ -16,7 +16,11 @@ import dolfinx_nts as nts
 from dolfinx_nts import compat
 from stress.parts import Array, Ints, Part
 
-__all__ = ["Frame", "Touch", "World"]
+__all__ = ["NODAL", "Frame", "Touch", "World"]
+
+
+# Nodal contact with elastic impact: of all laws the one that is hardest to solve.
+NODAL: dict[str, Any] = {"enforcement": nts.LagrangeMultiplier(), "method": "node-to-segment"}
 
 
 @dataclass(frozen=True)
@@ -26,7 +30,7 @@ class Touch:
     Attributes:
         nodes: Surface whose nodes may touch.
         segments: The other surface, or a rigid obstacle.
-        how: Arguments of `ContactPair`: enforcement, friction.
+        how: Arguments of `ContactPair`: enforcement, friction, method; `NODAL` where not given.
         both: Whether nodes of both sides touch, in two half passes.
     """
 
@@ -169,4 +173,4 @@ class World:
             segments = nodes if segments == touch.nodes else self.surface(segments)
         if touch.both:
             return nts.two_half_passes(nodes, segments, **touch.how)
-        return [nts.ContactPair(nodes, segments, **touch.how)]
+        return [nts.ContactPair(nodes, segments, **(NODAL | touch.how))]

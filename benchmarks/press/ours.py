@@ -36,7 +36,12 @@ def run(scene: Scene, method: str, swapped: bool) -> tuple[Floats, float, int]:
     rubber = nts.SaintVenantKirchhoff(E, NU, RHO, one_point=())
     bodies = [nts.Body(V, cells, tag[name], rubber) for name in ("upper", "lower")]
     sides = [nts.Surface(V, tags, tag[f"{name}_contact"]) for name in ("upper", "lower")]
-    pair = nts.ContactPair(*sides[:: -1 if swapped else 1], friction=nts.Coulomb(MU), method=method)
+    pair = nts.ContactPair(
+        *sides[:: -1 if swapped else 1],
+        friction=nts.Coulomb(MU),
+        method=method,
+        enforcement=nts.LagrangeMultiplier(),
+    )
     led, across = fem.Constant(mesh, np.zeros(3)), V.sub(1).collapse()[0]
     everywhere = fem.locate_dofs_geometrical((V.sub(1), across), lambda x: x[1] > -1.0)
     bcs = [fem.dirichletbc(fem.Function(across), everywhere, V.sub(1))]

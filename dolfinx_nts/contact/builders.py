@@ -242,7 +242,7 @@ def two_half_passes(
         )
     half = enforcement.halved()
     surfaces = ((first, second), (second, first))
-    return [ContactPair(nodes, segments, half, friction) for nodes, segments in surfaces]
+    return [ContactPair(nodes, segments, half, friction, NODES) for nodes, segments in surfaces]
 
 
 def _halves(items: Sequence[Any]) -> Iterator[tuple[Sequence[Any], Sequence[Any]]]:

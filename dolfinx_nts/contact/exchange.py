@@ -44,7 +44,7 @@ class ExchangedState(PairState):
 
     def __init__(self, given: PairState, vertices: Surface, tolerance: Floats) -> None:
         pair, self.given, self.tolerance = given.pair, given, tolerance
-        laws = pair.enforcement, pair.friction
+        laws = pair.enforcement, pair.friction, NODES
         self.is_released = False
         super().__init__(ContactPair(vertices, pair.nodes, *laws, exchange=False), given.passes)
 

@@ -7,6 +7,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from helpers.box_meshes import boxes, distribute
+from helpers.laws import NODAL
 from helpers.scene import Motion, Scene
 from reference.bulk import rotation
 
@@ -68,7 +69,11 @@ def crossed(
     else:
         bodies = [nts.Body(V, cells, t, nts.NeoHookean(*NUMBERS)) for t in tags]
     pairs = nts.all_pairs(
-        bodies, enforcement=enforcement, friction=friction, edges=edges, method="node-to-segment"
+        bodies,
+        enforcement=enforcement or nts.LagrangeMultiplier(),
+        friction=friction,
+        edges=edges,
+        method="node-to-segment",
     )
     stepper = scheme(bodies, pairs, dt=dt)
     stepper.set_velocity(bodies[1], motion.Q @ np.asarray(velocity))
@@ -120,12 +125,12 @@ def tumbling(
         nts.RigidPlane((WIDTH, 0, 0), (-1, 0, 0)),
         nts.RigidPlane((0, WIDTH, 0), (0, -1, 0)),
     ]
-    laws = {"enforcement": enforcement, "friction": friction}
-    pairs = nts.all_pairs(bodies, obstacles=walls, edges=edges, **laws)
+    laws = {"enforcement": enforcement or nts.LagrangeMultiplier(), "friction": friction}
+    pairs = nts.all_pairs(bodies, obstacles=walls, edges=edges, **(NODAL | laws))
     # Nodes of both sides: vertices of cubes meet faces of all others.
     between = [p for p in pairs if isinstance(p.segments, nts.Surface)]
     nodal = [p for p in between if p.method != "edge-to-edge"]
-    pairs += [nts.ContactPair(p.segments, p.nodes, **laws) for p in nodal]
+    pairs += [nts.ContactPair(p.segments, p.nodes, **(NODAL | laws)) for p in nodal]
     gravity = nts.Gravity(bodies, (0, 0, -5.0))
     stepper = scheme(bodies, pairs, dt=dt, loads=[gravity])
     X = V.tabulate_dof_coordinates()

@@ -23,7 +23,7 @@ TOOL = nts.RigidSphere((1.2, 1.2, 0.823), 0.3).moving(
 
 def with_law(scheme, enforcement, friction, bodies, pairs, dt, method="node-to-segment"):
     """Return a stepper whose pairs have another law, with a tool if there is friction."""
-    laws = enforcement, friction, method
+    laws = enforcement or nts.LagrangeMultiplier(), friction, method
     pairs = [nts.ContactPair(p.nodes, p.segments, *laws) for p in pairs]
     if friction is not None and method == "node-to-segment":
         pairs.append(nts.ContactPair(pairs[0].segments, TOOL, *laws))

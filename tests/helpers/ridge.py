@@ -7,6 +7,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from helpers.box_meshes import boxes, distribute
+from helpers.laws import NODAL
 from helpers.scene import Motion, Scene
 from reference.bulk import rotation
 
@@ -79,8 +80,8 @@ def over_ridge(
     obstacle = ridge(motion, is_soup=is_soup)
     if moving is not None:
         obstacle = obstacle.moving(moving)
-    laws = {"enforcement": enforcement, "friction": friction}
-    pairs = nts.all_pairs([cube], obstacles=[obstacle], edges=edges, **laws)
+    laws = {"enforcement": enforcement or nts.LagrangeMultiplier(), "friction": friction}
+    pairs = nts.all_pairs([cube], obstacles=[obstacle], edges=edges, **(NODAL | laws))
     stepper = scheme([cube], pairs, dt=dt)
     stepper.set_velocity(cube, motion.Q @ np.asarray(velocity))
     return Scene(stepper, {"cube": cube}, NUMBERS)

@@ -75,7 +75,7 @@ def impact(
     surfaces = [nts.Surface(V, facets, tag[name]) for name in ("top 0", "bottom 1")]
     if rigid_nodes:
         surfaces.reverse()
-    pair = nts.ContactPair(*surfaces, enforcement, friction, method)
+    pair = nts.ContactPair(*surfaces, enforcement or nts.LagrangeMultiplier(), friction, method)
     stepper = scheme([block, rigid], [pair], dt=dt)
     stepper.set_velocity(rigid, spin(motion.Q @ OMEGA, centre, motion.Q @ SPEED))
     return Scene(stepper, {"block": block, "rigid": rigid}, NUMBERS)
@@ -148,7 +148,9 @@ def pressed(
     block = nts.Body(V, cells, tag["body 0"], nts.NeoHookean(1e3, 0.3, 10.0))
     tool = nts.RigidBody(V, cells, tag["body 1"], RHO, guide)
     surfaces = (nts.Surface(V, facets, tag[name]) for name in ("top 0", "bottom 1"))
-    pair = nts.ContactPair(*surfaces, enforcement=enforcement, friction=friction)
+    pair = nts.ContactPair(
+        *surfaces, enforcement or nts.LagrangeMultiplier(), friction, method="node-to-segment"
+    )
     foot = fem.locate_dofs_topological(V, 2, facets.find(tag["bottom 0"]))
     clamp = fem.dirichletbc(np.zeros(3), foot, V)
     loads = [] if force is None else [nts.Force(tool, force)]

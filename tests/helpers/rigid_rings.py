@@ -9,6 +9,7 @@ import ufl
 from dolfinx import fem, mesh
 
 import dolfinx_nts as nts
+from helpers.laws import NODAL
 from helpers.plane import block
 from helpers.rings import RUBBER
 from helpers.round import plane_mesh, tagged
@@ -43,7 +44,7 @@ class DomeOnBlock(NamedTuple):
     def pair(self, *, rigid_nodes: bool = False, **laws: Any) -> nts.ContactPair:
         """Nodes of the block against the dome, or vice versa."""
         surfaces = self.surfaces[::-1] if rigid_nodes else self.surfaces
-        return nts.ContactPair(*surfaces, **laws)
+        return nts.ContactPair(*surfaces, **(NODAL | laws))
 
 
 def dome_on_block(

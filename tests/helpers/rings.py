@@ -10,6 +10,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts import meshing
+from helpers.laws import NODAL
 
 RUBBER = {"E": 1.0e5, "nu": 0.4, "rho": 1.0e3}  # Pa, -, kg/m^3
 R, HEIGHT, GAP = 0.5, 0.3, 0.01  # of the ball, of the plate, between both [m]
@@ -31,7 +32,7 @@ class BallOnPlate(NamedTuple):
         """Nodes of the lower half of the ball against the top of the plate."""
         nodes = nts.boundary_of(self.ball, where=lambda x: x[1] < R)
         segments = nts.boundary_of(self.plate, where=lambda x: x[1] > -1e-9)
-        return [nts.ContactPair(nodes, segments, **laws)]
+        return [nts.ContactPair(nodes, segments, **(NODAL | laws))]
 
 
 def half_disc(occ: Any, centre: float, radius: float) -> int:

@@ -11,6 +11,7 @@ from dolfinx import fem, mesh
 import dolfinx_nts as nts
 from dolfinx_nts import compat, parts
 from helpers.coordinates import coordinates
+from helpers.laws import NODAL
 from helpers.plane import turning
 
 __all__ = ["balls", "marble", "plane_mesh", "ring", "ring_mesh", "rings", "tagged", "throw"]
@@ -96,7 +97,7 @@ def rings(
     upper = nts.RigidBody(V, tags, 2, RUBBER[2]) if rigid else None
     upper = upper or nts.Body(V, tags, 2, nts.NeoHookean(*RUBBER))
     nodes = nts.boundary_of(upper, smooth=smooth and laws.get("method") == "mortar")
-    pair = nts.ContactPair(nodes, nts.boundary_of(lower, smooth=smooth), **laws)
+    pair = nts.ContactPair(nodes, nts.boundary_of(lower, smooth=smooth), **(NODAL | laws))
     return scheme([lower, upper], [pair], dt=dt)
 
 
@@ -141,7 +142,7 @@ def balls(comm: MPI.Comm, *, smooth: bool = True, cell: str = "hexahedron", **la
     both = smooth and laws.get("method") == "mortar"
     nodes = nts.Surface(V, facets, tag["upper_outer"], smooth=both)
     segments = nts.Surface(V, facets, tag["lower_outer"], smooth=smooth)
-    pair = nts.ContactPair(nodes, segments, **laws)
+    pair = nts.ContactPair(nodes, segments, **(NODAL | laws))
     return nts.EnergyMomentum(bodies, [pair], dt=0.01)
 
 

@@ -78,7 +78,7 @@ def ball_plate(
     pair = nts.ContactPair(
         nts.Surface(V, facets, tag["ball_outer"]),
         nts.Surface(V, facets, tag["plate_top"]),
-        enforcement,
+        enforcement or nts.LagrangeMultiplier(),
         friction,
         method,
     )
@@ -211,7 +211,7 @@ def sliding_blocks(
         slide = 0.15 * max(t - 1, 0.0) / n
         offset.value[:] = [slide, slide / 3, -0.01 * min(t, 1.0)]
 
-    pair = nts.ContactPair(*surfaces, enforcement, friction)
+    pair = nts.ContactPair(*surfaces, enforcement, friction, method="node-to-segment")
     stepper = scheme(list(bodies.values()), [pair], dt=1.0, bcs=bcs, update=update)
     return Scene(stepper, bodies, numbers)
 
@@ -247,7 +247,7 @@ def free_flight(
         nts.ContactPair(
             nts.Surface(V, facets, tag[f"bottom {number}"]),
             nts.Surface(V, facets, tag[f"top {number - 1}"]),
-            enforcement,
+            enforcement or nts.LagrangeMultiplier(),
             friction,
             method="node-to-segment",
         )

@@ -6,6 +6,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from helpers.box_meshes import boxes, distribute
+from helpers.laws import NODES
 from reference.bulk import rotation
 
 pytestmark = pytest.mark.serial
@@ -24,7 +25,7 @@ def deepest(comm, scheme, enforcement, dt, surfaces, **how):
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     cube = nts.Body(V, cells, tag["body 0"], nts.NeoHookean(1e3, 0.3, 10.0))
     plate = nts.RigidBody(V, cells, tag["body 1"], 10.0, guide=nts.Guide())
-    pair = nts.ContactPair(*surfaces(cube, plate), enforcement, **how)
+    pair = nts.ContactPair(*surfaces(cube, plate), enforcement, **(NODES | how))
     stepper = scheme([cube, plate], [pair], dt=dt)
     stepper.set_velocity(cube, (0.0, 0.0, -SPEED))
     depth = 0.0

@@ -13,6 +13,7 @@ import dolfinx_nts as nts
 from dolfinx_nts import parts
 from dolfinx_nts.model.lumped_mass import lumped_mass
 from helpers.boxed import Ledger
+from helpers.laws import NODAL
 from helpers.once import once
 from helpers.readers import read_grids
 
@@ -67,7 +68,7 @@ def thrown(comm: Any, build: Any, dim: int = 3, scheme: Any = nts.EnergyMomentum
     up = np.eye(dim)[-1]
     floor = nts.RigidPlane(0 * up, up)
     dt = {} if scheme is nts.CentralDifference else {"dt": 4e-3}
-    stepper = scheme([body], [nts.ContactPair(nts.boundary_of(body), floor, **how)], **dt)
+    stepper = scheme([body], [nts.ContactPair(nts.boundary_of(body), floor, **(NODAL | how))], **dt)
     stepper.set_velocity(body, 0.5 * np.eye(dim)[0] - 2 * up)
     return stepper
 

@@ -10,6 +10,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from helpers.boxed import Ledger
+from helpers.laws import NODAL
 from helpers.once import once
 
 pytest.importorskip("gmsh")
@@ -45,7 +46,7 @@ def collision(comm: Any, cell: str, scheme: Any = nts.EnergyMomentum, **how: Any
     V = fem.functionspace(mesh, ("Lagrange", 2, (dim,)))
     bodies = [nts.Body(V, cells, tag[f"ball {i}"], RUBBER) for i in range(2)]
     surfaces = [nts.boundary_of(body) for body in bodies]
-    pair = nts.ContactPair(surfaces[1], surfaces[0], method="mortar", **how)
+    pair = nts.ContactPair(surfaces[1], surfaces[0], **(NODAL | {"method": "mortar"} | how))
     stepper = scheme(bodies, [pair], dt=5e-3)
     for body, v in zip(bodies, ((1.0, 0.5, 0.2), (-1.0, -1.5, 0.1)), strict=True):
         stepper.set_velocity(body, v[:dim])

@@ -56,7 +56,9 @@ class Flight:
             held = fem.locate_dofs_geometrical(V, lambda x: (x[2] < 1e-9) & (abs(x[0]) > 0.249))
             bcs = [fem.dirichletbc(np.zeros(3), held, V)]
             surfaces = [nts.boundary_of(body) for body in bodies]
-            pair = nts.ContactPair(*(surfaces[::-1] if reverse else surfaces), enforcement)
+            pair = nts.ContactPair(
+                *(surfaces[::-1] if reverse else surfaces), enforcement, method="node-to-segment"
+            )
         else:
             pair = nts.ContactPair(
                 nts.boundary_of(self.block),
@@ -143,7 +145,11 @@ def fall(comm, num_cells, how):
     top, low = (nts.Body(V, cells, tag[name], rubber) for name in ("top", "low"))
     if how == "faces":
         surfaces = (nts.Surface(V, facets, tag[name]) for name in ("top_bottom", "low_top"))
-        pairs = [nts.ContactPair(*surfaces)]
+        pairs = [
+            nts.ContactPair(
+                *surfaces, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+            )
+        ]
     else:
         # Edges of faces alone are no kinks, so that roles are not exchanged there.
         pairs = nts.all_pairs(

@@ -5,6 +5,7 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
+from helpers.laws import NODES
 from helpers.once import once
 from reference.bulk import rotation
 
@@ -47,7 +48,7 @@ class Scene:
     def pair(self, law, mu=0.0, **how):
         """The floor gives the nodes."""
         surfaces = nts.boundary_of(self.low), nts.boundary_of(self.up)
-        return nts.ContactPair(*surfaces, law, nts.Coulomb(mu) if mu else None, **how)
+        return nts.ContactPair(*surfaces, law, nts.Coulomb(mu) if mu else None, **(NODES | how))
 
     def held(self, nodes, value=None):
         """Condition on the displacement of nodes of this rank."""
@@ -223,7 +224,13 @@ def drag(comm, angle, friction, floor):
     low, up = (nts.Body(V, cells, tag[name], material) for name in ("low", "up"))
     surfaces = nts.boundary_of(low), nts.boundary_of(up)
     law = nts.Coulomb(friction) if friction else None
-    pair = nts.ContactPair(*surfaces, friction=law, exchange=True)
+    pair = nts.ContactPair(
+        *surfaces,
+        friction=law,
+        exchange=True,
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
     drive = fem.Constant(mesh, np.zeros(2))
 
     def update(t):

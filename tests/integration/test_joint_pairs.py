@@ -7,6 +7,7 @@ from dolfinx import fem
 import dolfinx_nts as nts
 from dolfinx_nts import parts
 from dolfinx_nts.contact.joint_state import JointState, joint_states
+from helpers.laws import NODAL
 from helpers.once import once
 
 # Three balls that touch each other, and one on top of them.
@@ -28,7 +29,7 @@ def balls(comm, integrator, enforcement, friction=None, far=(), obstacles=(FLOOR
     rubber = nts.NeoHookean(1e5, 0.3, 1e3)
     bodies = [nts.Body(V, cells, tag[f"ball {i}"], rubber) for i in range(len(CENTRES))]
     laws = {"enforcement": enforcement, "friction": friction}
-    pairs = nts.all_pairs(bodies, obstacles=obstacles, **laws)
+    pairs = nts.all_pairs(bodies, obstacles=obstacles, **(NODAL | laws))
     return integrator(bodies, pairs, dt=0.004)
 
 

@@ -38,6 +38,7 @@ class Block:
         self.top = nts.Surface(self.V, facets, tag["block_top"])
 
     def stepper(self, obstacle, *laws, scheme=nts.EnergyMomentum, dt=0.01, surface=None, **options):
+        laws = laws or (nts.LagrangeMultiplier(),)
         pair = nts.ContactPair(self.skin if surface is None else surface, obstacle, *laws)
         return scheme([self.body], [pair], dt=dt, **options)
 

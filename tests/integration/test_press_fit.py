@@ -35,7 +35,9 @@ def stepper(comm):
 
     def make(scheme):
         surfaces = [nts.Surface(V, facets, number) for number in (bottom, top)]
-        pair = nts.ContactPair(*surfaces, nts.LagrangeMultiplier("plastic"))
+        pair = nts.ContactPair(
+            *surfaces, nts.LagrangeMultiplier("plastic"), method="node-to-segment"
+        )
         return scheme(bodies, [pair], dt=STEP, bcs=[walls])
 
     return make

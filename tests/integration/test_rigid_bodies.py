@@ -263,7 +263,9 @@ def block_on_floor(comm, kind, prescribed, scheme=nts.EnergyMomentum, law=None, 
     z = V.tabulate_dof_coordinates()[floor.nodes, 2]
     held = floor.nodes[(z > least - 1e-9) & (z < most + 1e-9)]
     surfaces = [nts.Surface(V, facets, tag[name]) for name in ("bottom 0", "top 1")]
-    pair = nts.ContactPair(*(surfaces[::-1] if reverse else surfaces), law or nts.Penalty())
+    pair = nts.ContactPair(
+        *(surfaces[::-1] if reverse else surfaces), law or nts.Penalty(), method="node-to-segment"
+    )
     bcs = [fem.dirichletbc(np.zeros(3), held, V)]
     return scheme([block, floor], [pair], dt=0.01, bcs=bcs)
 

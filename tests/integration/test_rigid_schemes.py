@@ -220,7 +220,7 @@ def test_default_springs_of_rigid_bodies_hardly_depend_on_cell_sizes(comm):
         V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
         bodies = [nts.RigidBody(V, cells, tag[f"body {k}"], 10.0) for k in (0, 1)]
         surfaces = [nts.Surface(V, facets, tag[name]) for name in ("top 0", "bottom 1")]
-        pair = nts.ContactPair(*surfaces, nts.Penalty())
+        pair = nts.ContactPair(*surfaces, nts.Penalty(), method="node-to-segment")
         stepper = nts.CentralDifference(bodies, [pair], dt=1e-3)
         stepper.advance()
         return comm.allreduce(stepper.contacts[0].eps_N.min(initial=np.inf), MPI.MIN)

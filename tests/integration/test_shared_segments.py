@@ -81,7 +81,9 @@ def in_space(X):
 def test_nodes_above_vertices_depend_neither_on_numbers_nor_on_round_off(scheme, law, friction):
     def velocities(seed):
         V, bodies, surfaces = blocks(MPI.COMM_SELF, seed)
-        return impact(V, bodies, nts.ContactPair(*surfaces, law, friction), scheme)
+        return impact(
+            V, bodies, nts.ContactPair(*surfaces, law, friction, method="node-to-segment"), scheme
+        )
 
     v, mirrored, shared, change = velocities(seed=0)
     assert max(shared) > 0
@@ -99,7 +101,7 @@ def test_explicit_steps_depend_neither_on_numbers_nor_on_round_off(friction):
     # Nodes slide over edges in the direction of y, along which the scene is not symmetric.
     def velocities(seed):
         V, bodies, surfaces = blocks(MPI.COMM_SELF, seed)
-        pair = nts.ContactPair(*surfaces, nts.Penalty(), friction)
+        pair = nts.ContactPair(*surfaces, nts.Penalty(), friction, method="node-to-segment")
         return impact(V, bodies, pair, nts.CentralDifference, (0.0, 0.3, -1.0), LONG)
 
     v, mirrored, shared, _ = velocities(seed=0)
@@ -119,7 +121,7 @@ def test_energy_is_conserved_where_nodes_slide_off_vertices(law):
     x = V.mesh.geometry.x
     top = np.isclose(x[:, 2], 0.4)
     x[top, 2] -= 0.03 * np.random.default_rng(7).uniform(size=np.count_nonzero(top))
-    pair = nts.ContactPair(*surfaces, law)
+    pair = nts.ContactPair(*surfaces, law, method="node-to-segment")
     *_, shared, change = impact(V, bodies, pair, velocity=(0.3, 0.2, -1.0), steps=16)
     assert max(shared) > 0
     assert shared[-1] == 0
@@ -157,12 +159,12 @@ def test_nodes_share_segments_of_several_ranks(comm, friction, scheme):
     explicit = scheme is nts.CentralDifference
     law, steps = (nts.Penalty(), 60) if explicit else (None, 4)
     V, bodies, surfaces = blocks(comm, owner=owner)
-    pair = nts.ContactPair(*surfaces, law, friction)
+    pair = nts.ContactPair(*surfaces, law, friction, method="node-to-segment")
     v, _, shared, change = impact(V, bodies, pair, scheme, steps=steps)
     X = V.tabulate_dof_coordinates()[: V.dofmap.index_map.size_local]
     every = np.vstack(comm.allgather(np.hstack((X[in_space(X)], v))))
     V, bodies, surfaces = blocks(MPI.COMM_SELF)
-    pair = nts.ContactPair(*surfaces, law, friction)
+    pair = nts.ContactPair(*surfaces, law, friction, method="node-to-segment")
     alone, *_ = impact(V, bodies, pair, scheme, steps=steps)
     np.testing.assert_allclose(every[in_space(every[:, :3]), 3:], alone, rtol=0, atol=SAME)
     assert comm.allreduce(max(shared)) > 0
@@ -191,7 +193,7 @@ def test_explicit_steps_between_facets_of_a_rigid_surface_do_not_depend_on_its_n
 @pytest.mark.parametrize("friction", [None, nts.Coulomb(0.3)])
 def test_ledger_and_momenta_of_explicit_steps_close_where_nodes_slide_over_edges(friction):
     _, bodies, surfaces = blocks(MPI.COMM_SELF)
-    pair = nts.ContactPair(*surfaces, nts.Penalty(), friction)
+    pair = nts.ContactPair(*surfaces, nts.Penalty(), friction, method="node-to-segment")
     stepper = nts.CentralDifference(bodies, [pair], dt=SHORT)
     stepper.set_velocity(bodies[1], (0.0, 0.3, -1.0))
     ledger = Ledger(stepper)
@@ -213,7 +215,7 @@ def test_ledger_and_momenta_of_explicit_steps_close_where_nodes_slide_over_edges
 def test_explicit_steps_resume_with_all_segments_of_nodes(friction):
     def stepper():
         _, bodies, surfaces = blocks(MPI.COMM_SELF)
-        pair = nts.ContactPair(*surfaces, nts.Penalty(), friction)
+        pair = nts.ContactPair(*surfaces, nts.Penalty(), friction, method="node-to-segment")
         stepper = nts.CentralDifference(bodies, [pair], dt=SHORT)
         stepper.set_velocity(bodies[1], (0.0, 0.3, -1.0))
         return stepper

@@ -183,7 +183,15 @@ def test_bodies_that_share_nodes_sleep_together(comm, struck):
     else:
         top = nts.Body(V, cells, tag["body 0"], rubber)
     surfaces = (nts.Surface(V, facets, tag[name]) for name in ("bottom 1", "top 0"))
-    stepper = nts.EnergyMomentum([block, top, base], [nts.ContactPair(*surfaces)], dt=0.005)
+    stepper = nts.EnergyMomentum(
+        [block, top, base],
+        [
+            nts.ContactPair(
+                *surfaces, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+            )
+        ],
+        dt=0.005,
+    )
     stepper.set_velocity(block, (0.3, 0.1, -1.0))
     diagnostics, sleeping, active = nts.Diagnostics(stepper), [], []
     start = diagnostics.balance()

@@ -10,6 +10,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts import parts
+from helpers.laws import NODAL
 from helpers.once import once
 from helpers.plane import blocks
 
@@ -193,7 +194,7 @@ def pressed(**laws: Any) -> nts.QuasiStatic:
     def update(t):
         u.x.array.reshape(-1, 2)[top] = 0.01 * t, -0.05 * t
 
-    pair = nts.ContactPair(scene.nodes, scene.segments, **laws)
+    pair = nts.ContactPair(scene.nodes, scene.segments, **(NODAL | laws))
     bcs = [fem.dirichletbc(u, dofs) for dofs in (low, top)]
     return nts.QuasiStatic([scene.lower, scene.upper], [pair], dt=1.0, bcs=bcs, update=update)
 

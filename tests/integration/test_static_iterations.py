@@ -6,6 +6,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from helpers.belt import ANGLE, MU, PULL, RADIUS, THICKNESS, belt
+from helpers.laws import NODAL
 from helpers.once import once
 from helpers.plane import blocks
 
@@ -22,7 +23,7 @@ def pressed_and_drawn(**laws) -> nts.QuasiStatic:
     def update(t):
         u.x.array.reshape(-1, 2)[top] = 0.1 * max(t - 1, 0), -0.07 * min(t, 1)
 
-    pair = nts.ContactPair(scene.nodes, scene.segments, **laws)
+    pair = nts.ContactPair(scene.nodes, scene.segments, **(NODAL | laws))
     bcs = [fem.dirichletbc(u, dofs) for dofs in (low, top)]
     bodies = [scene.lower, scene.upper]
     return nts.QuasiStatic(bodies, [pair], dt=0.25, bcs=bcs, update=update)
@@ -99,7 +100,11 @@ def test_a_pin_finds_its_place_in_a_hole_with_few_iterations(comm, load):
     V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
     rubber = nts.NeoHookean(1e6, 0.3, 1e3)
     bodies = [nts.Body(V, cells, tag[name], rubber) for name in ("pin", "plate")]
-    pair = nts.ContactPair(*map(nts.boundary_of, bodies))
+    pair = nts.ContactPair(
+        *map(nts.boundary_of, bodies),
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
     rim = fem.locate_dofs_geometrical(V, lambda x: np.hypot(x[0], x[1]) > 0.999 * plate)
     weight = nts.Gravity(bodies[:1], (0.0, -load / (1e3 * np.pi * radius**2)))
     bcs = [fem.dirichletbc(np.zeros(2), rim, V)]

@@ -10,6 +10,7 @@ from dolfinx import fem
 import dolfinx_nts as nts
 from benchmarks.scenes import sliding_block
 from dolfinx_nts import parts
+from helpers.laws import NODAL
 from helpers.once import once
 
 pytestmark = pytest.mark.at_most_two_ranks
@@ -49,7 +50,7 @@ class Blocks:
         nodes, segments = (
             nts.Surface(self.V, self.facets, self.tag[name]) for name in ("top_bottom", "low_top")
         )
-        return nts.ContactPair(nodes, segments, **laws)
+        return nts.ContactPair(nodes, segments, **(NODAL | laws))
 
     def stepper(self, pairs, g, **options):
         """Statics under a gravity that acts on the upper block."""

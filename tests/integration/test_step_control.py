@@ -267,7 +267,11 @@ def test_an_error_names_pairs_with_nodes_on_the_stiffer_side(comm, monkeypatch, 
     rubber, steel = (nts.NeoHookean(E, 0.3, 1e3) for E in (1e5, 2e8))
     soft, stiff = nts.Body(V, cells, tag["soft"], rubber), nts.Body(V, cells, tag["stiff"], steel)
     sides = [nts.boundary_of(body) for body in (soft, stiff)]
-    pair = nts.ContactPair(*(sides if nodes == "soft" else sides[::-1]))
+    pair = nts.ContactPair(
+        *(sides if nodes == "soft" else sides[::-1]),
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
     stepper = nts.EnergyMomentum([soft, stiff], [pair], dt=0.01)
     stepper.set_velocity(stiff, (0.0, 0.0, -2.0))
     monkeypatch.setattr(contact_step, "_RESTLESS", 0)
@@ -298,7 +302,16 @@ def test_an_error_names_nodes_on_the_coarser_side_and_its_advice_helps(comm):
     bcs = [fem.dirichletbc(np.zeros(3), low, V)]
 
     def steps(*sides):
-        stepper = nts.EnergyMomentum(bodies, [nts.ContactPair(*sides)], dt=0.01, bcs=bcs)
+        stepper = nts.EnergyMomentum(
+            bodies,
+            [
+                nts.ContactPair(
+                    *sides, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
+                )
+            ],
+            dt=0.01,
+            bcs=bcs,
+        )
         stepper.set_velocity(bodies[0], (0.0, 0.0, -1.0))
         return stepper.run(0.2, nts.StepControl(smallest=stepper.dt))
 

@@ -8,6 +8,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts import parts
+from helpers.laws import NODAL
 
 pytestmark = pytest.mark.serial
 
@@ -57,7 +58,7 @@ def punched(tool, gap, *, crumb=0.0, **laws):
         driven.value[:] = 0.0, -travel * t
 
     sides = [nts.Surface(V, facets, tag[name]) for name in ("sheet_top", "punch_bottom")]
-    pair = nts.ContactPair(*sides, friction=nts.Coulomb(0.1), **laws)
+    pair = nts.ContactPair(*sides, friction=nts.Coulomb(0.1), **(NODAL | laws))
     return nts.QuasiStatic(bodies, [pair], dt=1.0, bcs=bcs, update=update)
 
 
@@ -106,7 +107,10 @@ def crossed(gap, law):
     up = nts.RigidBody(V, cells, tag["up"], 1e3, guide=guide)
     held = fem.locate_dofs_geometrical(V, lambda x: x[2] < -1.9 * half)
     sides = nts.boundary_of(low), nts.boundary_of(up)
-    pairs = [nts.ContactPair(*sides, law), nts.ContactPair(*sides, law, method="edge-to-edge")]
+    pairs = [
+        nts.ContactPair(*sides, law, method="node-to-segment"),
+        nts.ContactPair(*sides, law, method="edge-to-edge"),
+    ]
     bcs = [fem.dirichletbc(np.zeros(3), held, V)]
     return nts.QuasiStatic([low, up], pairs, dt=1.0, bcs=bcs)
 

@@ -9,6 +9,7 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
+from helpers.laws import NODAL
 from helpers.once import once
 from helpers.plane import RUBBER, blocks, throw
 from helpers.readers import read_grids
@@ -423,4 +424,4 @@ def test_unsupported_plane_features_are_refused(changes, message):
     scene = blocks()
     arguments = {"nodes": scene.nodes, "segments": scene.segments} | changes
     with pytest.raises(ValueError, match=message):
-        nts.ContactPair(**arguments)
+        nts.ContactPair(**(NODAL | arguments))

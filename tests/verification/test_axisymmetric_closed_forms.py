@@ -87,7 +87,7 @@ def test_patch_test_of_rings_is_passed_by_mortar(cells, degree, table_row):
     tags, law = tagged(domain, lambda x: x[:, 1] < 0), nts.NeoHookean(E, 0.3, 1.0)
     bodies = [nts.Body(V, tags, tag, law) for tag in (1, 2)]
     sides = [nts.boundary_of(body, where=lambda x: abs(x[1]) < 1e-9) for body in bodies]
-    pair = nts.ContactPair(*sides, method="mortar")
+    pair = nts.ContactPair(*sides, method="mortar", enforcement=nts.LagrangeMultiplier())
     amounts, bcs, whole = (0.004, -0.01), [], fem.Function(V)
     whole.interpolate(lambda x: np.array([a * x[i] for i, a in enumerate(amounts)]))
     for axis in (0, 1):

@@ -161,7 +161,9 @@ def tilted_impact(method: str, swapped: bool, tilt: float) -> tuple[float, float
     material = nts.SaintVenantKirchhoff(1e5, 0.3, 1000.0, one_point=())
     bodies = [nts.Body(V, cells, tag[f"body {number}"], material) for number in (0, 1)]
     sides = [nts.Surface(V, facets, tag[name]) for name in ("bottom 1", "top 0")]
-    pair = nts.ContactPair(*(sides[::-1] if swapped else sides), method=method)
+    pair = nts.ContactPair(
+        *(sides[::-1] if swapped else sides), method=method, enforcement=nts.LagrangeMultiplier()
+    )
     stepper = nts.EnergyMomentum(bodies, [pair], dt=0.005)
     stepper.set_velocity(bodies[1], (0.3, 0.1, -1.0))
     diagnostics = nts.Diagnostics(stepper)

@@ -83,7 +83,9 @@ def pressed(method: str, upper: int, lower: int, swapped: bool, scale: Scale = Q
     bodies = [nts.Body(V, cells, tag[f"body {number}"], material) for number in (0, 1)]
     # Those at z = 0.
     sides = [nts.Surface(V, facets, tag[f"bottom {number}"]) for number in (1, 0)]
-    pair = nts.ContactPair(*(sides[::-1] if swapped else sides), method=method)
+    pair = nts.ContactPair(
+        *(sides[::-1] if swapped else sides), method=method, enforcement=nts.LagrangeMultiplier()
+    )
     down = fem.Constant(mesh, 0.0)
     held = {number: facets.find(tag[f"top {number}"]) for number in (0, 1)}
     zero, bcs = np.float64(0.0), []

@@ -138,7 +138,9 @@ def pressed_parabola(method: str, swapped: bool, degree: int = 1) -> Pressure:
     material = nts.SaintVenantKirchhoff(E, NU, 1.0, one_point=())
     bodies = [nts.Body(V, tags, tag[name], material) for name in ("lower", "upper")]
     sides = [nts.Surface(V, facets, tag[name]) for name in ("upper_bottom", "lower_top")]
-    pair = nts.ContactPair(*(sides[::-1] if swapped else sides), method=method)
+    pair = nts.ContactPair(
+        *(sides[::-1] if swapped else sides), method=method, enforcement=nts.LagrangeMultiplier()
+    )
     down, zero = fem.Constant(mesh, 0.0), np.float64(0.0)
 
     def held(axis: int, value: Any, *names: str) -> fem.DirichletBC:

@@ -218,7 +218,11 @@ def test_error_of_the_patch_test_agrees_with_the_limitations(
     material = nts.SaintVenantKirchhoff(E=1.0, nu=nu, rho=1.0)
     bodies = [nts.Body(V, data.cells, data.tag[name], material) for name in ("lower", "upper")]
     sides = ("upper_bottom", "lower_top")
-    pair = nts.ContactPair(*(nts.Surface(V, data.facets, data.tag[side]) for side in sides))
+    pair = nts.ContactPair(
+        *(nts.Surface(V, data.facets, data.tag[side]) for side in sides),
+        enforcement=nts.LagrangeMultiplier(),
+        method="node-to-segment",
+    )
     bcs = [
         support(data, V, 0, 0, "lower_left", "upper_left"),
         support(data, V, 1, 0, "lower_bottom"),

@@ -69,7 +69,7 @@ def motion(num_cells, scheme=nts.EnergyMomentum, *, is_round=False):
     clamp = fem.dirichletbc(np.zeros(2), foot, V)
     is_implicit = scheme is nts.EnergyMomentum
     law = nts.LagrangeMultiplier() if is_implicit else nts.Penalty()
-    pair = nts.ContactPair(*sides, enforcement=law)
+    pair = nts.ContactPair(*sides, enforcement=law, method="node-to-segment")
     dt = LENGTH / num_cells if is_implicit else None
     stepper = scheme([rod, mass], [pair], dt=dt, bcs=[clamp])
     stepper.set_velocity(mass, (0, -SPEED))

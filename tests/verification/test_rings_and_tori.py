@@ -107,7 +107,13 @@ def two_bodies(
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     lower, upper = (nts.Body(V, cells, tag[name], material) for name in ("lower", "upper"))
     surfaces = [nts.Surface(V, facets, tag[f"{name}_outer"]) for name in ("upper", "lower")]
-    return lower, upper, nts.ContactPair(*surfaces, friction=friction, method=method)
+    return (
+        lower,
+        upper,
+        nts.ContactPair(
+            *surfaces, friction=friction, method=method, enforcement=nts.LagrangeMultiplier()
+        ),
+    )
 
 
 @cache

@@ -15,6 +15,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts import parts
+from helpers.laws import NODAL
 from helpers.plane import block
 from helpers.round import plane_mesh, ring, tagged
 
@@ -39,10 +40,10 @@ def rolling(cells: int, *, by_disc: bool = False, smooth: bool = False) -> np.nd
     rim = nts.boundary_of(disc, where=lambda x: np.hypot(x[0], x[1] - 1) > 0.99, smooth=smooth)
     laws: Any = {"enforcement": nts.Penalty(), "friction": nts.Coulomb(0.5)}
     if by_disc:
-        pair = nts.ContactPair(rim, nts.RigidPlane((0, 0), (0, 1)), **laws)
+        pair = nts.ContactPair(rim, nts.RigidPlane((0, 0), (0, 1)), **(NODAL | laws))
     else:
         top = nts.boundary_of(floor, where=lambda x: x[1] > -1e-9)
-        pair = nts.ContactPair(top, rim, **laws)
+        pair = nts.ContactPair(top, rim, **(NODAL | laws))
 
     return speeds_of(disc, [disc, floor], pair, rise=0.2, dt=0.01)
 
@@ -65,9 +66,9 @@ def rolling_in_space(*, by_ball: bool = False, smooth: bool = False) -> np.ndarr
     outer = nts.Surface(V, facets, tag["ball_outer"], smooth=smooth)
     laws: Any = {"enforcement": nts.Penalty(1e6), "friction": nts.Coulomb(0.5)}
     if by_ball:
-        pair = nts.ContactPair(outer, nts.RigidPlane((0, 0, 0), (0, 0, 1)), **laws)
+        pair = nts.ContactPair(outer, nts.RigidPlane((0, 0, 0), (0, 0, 1)), **(NODAL | laws))
     else:
-        pair = nts.ContactPair(nts.Surface(V, facets, tag["plate_top"]), outer, **laws)
+        pair = nts.ContactPair(nts.Surface(V, facets, tag["plate_top"]), outer, **(NODAL | laws))
     return speeds_of(ball, [ball, floor], pair, rise=0.4, dt=0.02)
 
 
@@ -138,7 +139,7 @@ def turned_aside(upper_cells: int, *, smooth: bool = False, **laws: Any) -> floa
         tags = tagged(domain, lambda x: x[:, 1] > 1)
         lower, upper = (nts.Body(V, tags, tag, STEEL) for tag in (1, 2))
         segments = nts.boundary_of(lower, smooth=smooth)
-        pair = nts.ContactPair(nts.boundary_of(upper), segments, **laws)
+        pair = nts.ContactPair(nts.boundary_of(upper), segments, **(NODAL | laws))
         stepper = nts.EnergyMomentum([lower, upper], [pair], dt=0.005)
         stepper.set_velocity(upper, (0.0, -1.0))
         for _ in stepper.run(until=0.2):

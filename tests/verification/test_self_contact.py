@@ -9,6 +9,7 @@ from dolfinx.mesh import meshtags
 
 import dolfinx_nts as nts
 from dolfinx_nts.io import checkpoint
+from helpers.laws import NODAL
 from helpers.once import once, once_except
 from helpers.scenes import part
 
@@ -71,7 +72,7 @@ def check(stepper, pair, until, comm):
 @pytest.mark.parametrize("law", once_except(list(LAWS), "sticking"))
 def test_ring_squeezed_until_its_walls_meet_keeps_energy_and_momenta(comm, law):
     body, inner = ring(comm)
-    pair = nts.ContactPair(inner, inner, **LAWS[law])
+    pair = nts.ContactPair(inner, inner, **(NODAL | LAWS[law]))
     stepper = squeezed(body, pair, 2.2, 0.005)
     most, lost = check(stepper, pair, 0.85, comm)
     assert most > 1
@@ -268,7 +269,7 @@ def cracked_block(comm):
 def test_walls_of_a_crack_that_starts_closed_are_kept_apart(comm, law):
     body = cracked_block(comm)
     whole = nts.boundary_of(body)
-    pair = nts.ContactPair(whole, whole, **LAWS[law])
+    pair = nts.ContactPair(whole, whole, **(NODAL | LAWS[law]))
     stepper = nts.EnergyMomentum([body], [pair], dt=2e-3)
     X = body.V.tabulate_dof_coordinates()[body.nodes]
     cells = body.V.dofmap.list

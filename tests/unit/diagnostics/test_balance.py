@@ -37,7 +37,11 @@ def two_boxes(comm, cell="hexahedron", shift=(0.0, 0.0, HEIGHT), pairs=True):
     rubber = nts.SaintVenantKirchhoff(*BLOCK_RUBBER)
     bodies = [nts.Body(V, cells, tag[f"body {number}"], rubber) for number in range(2)]
     surfaces = [nts.Surface(V, facets, tag[name]) for name in ("bottom 1", "top 0")]
-    contact = [nts.ContactPair(*surfaces)] if pairs else []
+    contact = (
+        [nts.ContactPair(*surfaces, enforcement=nts.LagrangeMultiplier(), method="node-to-segment")]
+        if pairs
+        else []
+    )
     return nts.EnergyMomentum(bodies, contact, dt=0.01)
 
 

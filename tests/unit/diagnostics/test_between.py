@@ -9,6 +9,7 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
+from helpers.laws import NODAL
 
 NAMES = ("left", "ball", "right")
 
@@ -25,7 +26,7 @@ def scene(comm: MPI.Comm, stiff: float = 1e5, **options: Any) -> nts.EnergyMomen
     V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
     soft, hard = (nts.NeoHookean(E=E, nu=0.3, rho=1e3) for E in (1e5, stiff))
     bodies = [nts.Body(V, cells, tag[n], soft if n == "ball" else hard) for n in NAMES]
-    stepper = nts.EnergyMomentum(bodies, nts.all_pairs(bodies, **options), dt=0.01)
+    stepper = nts.EnergyMomentum(bodies, nts.all_pairs(bodies, **(NODAL | options)), dt=0.01)
     stepper.set_velocity(bodies[0], (1.0, 0.1))
     stepper.set_velocity(bodies[2], (-1.2, 0.0))
     return stepper

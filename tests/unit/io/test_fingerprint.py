@@ -22,10 +22,11 @@ def other_bodies(stepper, **options):
     return nts.EnergyMomentum(bodies, stepper.pairs, dt=BLOCK_STEP)
 
 
-def other_pairs(stepper, *laws, turned=False):
+def other_pairs(stepper, enforcement=None, friction=None, turned=False):
     """The same surfaces with other laws, or nodes and segments exchanged."""
     (pair,) = stepper.pairs
     sides = (pair.segments, pair.nodes) if turned else (pair.nodes, pair.segments)
+    laws = enforcement or nts.LagrangeMultiplier(), friction, pair.method
     return nts.EnergyMomentum(stepper.bodies, [nts.ContactPair(*sides, *laws)], dt=BLOCK_STEP)
 
 

@@ -31,7 +31,11 @@ def press(comm, law, travel, *, nu=0.499, n=3, cell="hexahedron", degree=1, tabl
     sides = [
         nts.Surface(V, facets, tag[side]) for side in ("block_bottom", "table_top")[: 2 * table]
     ]
-    pairs = [nts.ContactPair(*sides)] if table else []
+    pairs = (
+        [nts.ContactPair(*sides, enforcement=nts.LagrangeMultiplier(), method="node-to-segment")]
+        if table
+        else []
+    )
     u = fem.Constant(mesh, (0.0, 0.0, 0.0))
     held = {
         side: fem.locate_dofs_topological(V, 2, facets.find(tag[side]))
