@@ -175,9 +175,9 @@ class Penalty(Declaration):
     the energy-momentum scheme conserves the energy of bodies and springs.
 
     Args:
-        eps_N: Stiffness of the spring at a node [N/m]. None for twice the smaller one of the static
+        eps_N: Stiffness of the spring at a node [N/m]. None for the smaller one of the static
             stiffnesses of the node and of the stiffest vertex of the segments; in statics, ten
-            times it. It does not depend on the length of the steps, so that steps that resolve
+            times that. It does not depend on the length of the steps, so that steps that resolve
             a cell are of second order in time. The penetration is then about the compression of a
             cell: v/c of its height for an impact speed v and a wave speed c. Between bodies that
             do not deform, None means half the mass of the lighter one divided by the square of

@@ -129,7 +129,7 @@ class PairState(Tractions, NodesOfPairs):
         self.accepted = history
 
     def derive_penalty(
-        self, stiffness: Callable[[], tuple[Floats, Floats]], factors: tuple[float, float]
+        self, stiffness: Callable[[], tuple[Floats, Floats]], stiffer: float
     ) -> None:
         """Choose the default stiffness of springs once, from the softer side. Collective.
 
@@ -138,20 +138,16 @@ class PairState(Tractions, NodesOfPairs):
                 rigid bodies and NaN at prescribed displacements, and the stiffness of springs
                 between nodes and segments that both do not deform, shapes ``(n,)`` [N/m]; called
                 only if a default is needed.
-            factors: Stiffness of normal springs relative to nodes that deform, and relative to
-                springs between nodes that do not [-].
+            stiffer: Stiffness of normal springs relative to their nodes [-].
         """
         if self._ranges is not None:
             return
         pair = self.pair
         softer: Floats = np.ones(len(pair.nodes.nodes))
-        normal = softer
         if _leaves_springs_open(pair):
             softer, in_place = map(self._softer_side, stiffness())
-            deforms, rigid = np.isfinite(softer), factors[1] * in_place
-            normal = np.where(deforms, factors[0] * softer, rigid)
-            softer = np.where(deforms, softer, in_place)
-        self.choose_penalty(normal, softer)
+            softer = np.where(np.isinf(softer), in_place, softer)
+        self.choose_penalty(stiffer * softer, softer)
 
     def _softer_side(self, of_all: Floats) -> Floats:
         """Smaller stiffness of each node and of the stiffest vertex, ``(m,)`` [N/m]. Collective.

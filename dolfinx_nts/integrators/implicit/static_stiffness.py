@@ -18,11 +18,10 @@ __all__ = ["choose_default_stiffness", "long_step", "static_stiffness"]
 # Length of a step relative to the usual one [-] for which inertia and damping vanish.
 _LONG = 1e12
 
-# Default stiffness of normal springs [-] with inertia and in statics: relative to the static
-# stiffness of nodes that deform, and to the springs that others have. With inertia, stiffer
-# springs make nodes bounce faster than steps resolve, and softer ones lower the peaks of impact
-# forces (docs/tables/defaults.md). In statics only Newton's method limits the stiffness.
-_RESOLVED, _STIFF = (2.0, 1.0), (10.0, 10.0)
+# Default stiffness of normal springs relative to the static stiffness of their nodes [-], with
+# inertia and in statics. With inertia, stiffer springs make nodes bounce faster than steps
+# resolve; in statics only Newton's method limits the stiffness.
+_RESOLVED, _STIFF = 1.0, 10.0
 
 
 def choose_default_stiffness(
