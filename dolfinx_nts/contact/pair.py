@@ -137,7 +137,8 @@ class ContactPair(Declaration):
                 "expected a Surface, such as boundary_of(body), or an obstacle as segments, given "
                 f"{kind_of(segments)}"
             )
-        is_open = enforcement is None, method is None
+        # Only multipliers exchange roles.
+        is_open = enforcement is None and not exchange, method is None
         if enforcement is None:
             enforcement = LagrangeMultiplier() if exchange else Penalty()
         if not isinstance(enforcement, LagrangeMultiplier | Penalty):
