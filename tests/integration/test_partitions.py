@@ -210,7 +210,7 @@ def test_meshes_with_ghost_cells_and_supports_by_facets_agree_with_one_rank(comm
         body = nts.Body(V, tags, 1, nts.NeoHookean(1e5, 0.3, 1e3))
         floor = nts.RigidPlane((0, 0, 0), (0, 0, 1))
         stepper = nts.EnergyMomentum(
-            *([body], [nts.ContactPair(nts.boundary_of(body), floor, enforcement=nts.LagrangeMultiplier(), method="node-to-segment")]),
+            [body], [nts.ContactPair(nts.boundary_of(body), floor, nts.LagrangeMultiplier())],
             dt=0.01, bcs=[held], loads=[nts.Gravity([body], (0, 0, -100.0))],
         )  # fmt: skip
         diagnostics = nts.Diagnostics(stepper)

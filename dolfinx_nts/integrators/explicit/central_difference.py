@@ -23,9 +23,9 @@ from dolfinx_nts import compat
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arguments import instances
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.explicit.all_springs import AllSprings
 from dolfinx_nts.contact.history import ContactWork
-from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.method import EDGES, NODES, has_patches
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.components import in_space, nodal

@@ -174,7 +174,7 @@ class ImplicitStepper(Stepper):
         """
         springs = self.scheme.contact == "static"  # generalised alpha gains energy by multipliers
         rigid = gives_rigid_nodes(pair, self.bodies)
-        if self.scheme.rates is NoRates or not springs and (rigid or pair.method == EDGES):
+        if self.scheme.rates is NoRates or (not springs and (rigid or pair.method == EDGES)):
             return pair.with_defaults(LagrangeMultiplier(), nodal=rigid)
         return super()._with_defaults(pair)
 
