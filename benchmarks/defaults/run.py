@@ -117,7 +117,7 @@ def measure(name: str) -> list[dict[str, Any]]:
 
 def own_method(name: str, setting: Setting) -> bool:
     """Whether the method of a setting exists for the contact of a scene."""
-    return setting.method == METHODS[0] or SCENES[name].contact not in ("obstacle", "self")
+    return setting.method in (None, METHODS[0]) or SCENES[name].contact not in ("obstacle", "self")
 
 
 if __name__ == "__main__":
