@@ -13,6 +13,7 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.contact.cell_stiffness import SOFT, softer_side
 from dolfinx_nts.contact.enforcement import Penalty, Tied
 from dolfinx_nts.contact.history import NEVER, ContactHistory, reloaded
 from dolfinx_nts.contact.method import EDGES, MORTAR
@@ -129,7 +130,10 @@ class PairState(Tractions, NodesOfPairs):
         self.accepted = history
 
     def derive_penalty(
-        self, stiffness: Callable[[], tuple[Floats, Floats]], stiffer: float
+        self,
+        stiffness: Callable[[], tuple[Floats, Floats]],
+        stiffer: float,
+        modulus: Callable[[], Floats] | None = None,
     ) -> None:
         """Choose the default stiffness of springs once, from the softer side. Collective.
 
@@ -139,15 +143,23 @@ class PairState(Tractions, NodesOfPairs):
                 between nodes and segments that both do not deform, shapes ``(n,)`` [N/m]; called
                 only if a default is needed.
             stiffer: Stiffness of normal springs relative to their nodes [-].
+            modulus: Returns the P-wave modulus of the owned nodes of the space, infinite at
+                prescribed displacements and in rigid bodies, shape ``(n,)`` [Pa]. With it cells
+                decide on normal springs where they deform, without it nodes.
         """
         if self._ranges is not None:
             return
         pair = self.pair
         softer: Floats = np.ones(len(pair.nodes.nodes))
+        normal = softer
         if _leaves_springs_open(pair):
             softer, in_place = map(self._softer_side, stiffness())
             softer = np.where(np.isinf(softer), in_place, softer)
-        self.choose_penalty(stiffer * softer, softer)
+            normal = stiffer * softer
+            if modulus is not None:
+                of_cells = softer_side(pair, modulus())
+                normal = np.where(np.isfinite(of_cells), of_cells / SOFT, normal)
+        self.choose_penalty(normal, softer)
 
     def _softer_side(self, of_all: Floats) -> Floats:
         """Smaller stiffness of each node and of the stiffest vertex, ``(m,)`` [N/m]. Collective.

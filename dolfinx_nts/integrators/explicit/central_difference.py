@@ -31,7 +31,7 @@ from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.components import in_space, nodal
 from dolfinx_nts.integrators.explicit.explicit_forms import ExplicitBulk, PresentForces
 from dolfinx_nts.integrators.explicit.leapfrog import Drift
-from dolfinx_nts.integrators.explicit.stability import Stability, nodal_moduli
+from dolfinx_nts.integrators.explicit.stability import Stability
 from dolfinx_nts.integrators.rates import NoRates
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.rigid import rigid_leapfrog
@@ -41,6 +41,7 @@ from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.dirichlet import Supports
+from dolfinx_nts.model.layers import nodal_moduli
 from dolfinx_nts.model.loads.load import Load
 from dolfinx_nts.model.reaction import Reaction
 from dolfinx_nts.parallel import reductions

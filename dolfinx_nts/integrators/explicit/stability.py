@@ -36,7 +36,6 @@ __all__ = [
     "cell_frequency",
     "highest_frequency",
     "largest_step",
-    "nodal_moduli",
 ]
 
 # Default step, and longest step with default springs, relative to the estimate [-]. The springs
@@ -231,21 +230,6 @@ def cell_frequency(material: Hyperelastic, x: Floats) -> Floats:
         K = np.einsum("cjk,ijmn,cnl->cikml", S, D, S, optimize=True)
         squared[block] = np.linalg.eigvalsh(K.reshape(-1, d * d, d * d))[:, -1] / material.rho
     return squared
-
-
-def nodal_moduli(bodies: Sequence[Body], n: int) -> Floats:
-    """P-wave moduli at C = 1 of n owned nodes, shape ``(n,)`` [Pa]. Local.
-
-    They are infinite in rigid bodies and where they vanish. Of anisotropic materials the largest
-    along the coordinate axes counts, and of several bodies at a node that of the stiffest one.
-    """
-    moduli: Floats = np.zeros(n)
-    for body in bodies:
-        nodes = body.nodes[body.nodes < n]
-        modulus = np.inf if body.is_rigid else body.material.moduli.diagonal()[:3].max()
-        moduli[nodes] = np.maximum(moduli[nodes], modulus)
-    moduli[moduli <= 0] = np.inf
-    return moduli
 
 
 def highest_frequency(

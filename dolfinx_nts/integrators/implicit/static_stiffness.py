@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache, partial
 
+import numpy as np
 from dolfinx import fem
 
 from dolfinx_nts.common.arrays import Floats
@@ -11,6 +12,7 @@ from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.integrators.rates import Rates
 from dolfinx_nts.integrators.rigid import spring_stiffness
 from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.layers import nodal_moduli
 from dolfinx_nts.solvers.precond.tangent import Tangent
 
 __all__ = ["choose_default_stiffness", "long_step", "static_stiffness"]
@@ -18,10 +20,9 @@ __all__ = ["choose_default_stiffness", "long_step", "static_stiffness"]
 # Length of a step relative to the usual one [-] for which inertia and damping vanish.
 _LONG = 1e12
 
-# Default stiffness of normal springs relative to the static stiffness of their nodes [-], with
-# inertia and in statics. With inertia, stiffer springs make nodes bounce faster than steps
-# resolve; in statics only Newton's method limits the stiffness.
-_RESOLVED, _STIFF = 1.0, 10.0
+# Default stiffness of normal springs in statics relative to the static stiffness of their nodes
+# [-]. Only Newton's method limits it.
+_STIFF = 10.0
 
 
 def choose_default_stiffness(
@@ -52,8 +53,18 @@ def choose_default_stiffness(
         static = partial(static_stiffness, tangent, dt, share)
         return spring_stiffness(static, bodies, mass, rates, free)
 
+    @cache
+    def modulus() -> Floats:
+        moduli = nodal_moduli(bodies, len(mass))
+        if free is not None:
+            moduli[~free.any(axis=1)] = np.inf
+        return moduli
+
     for contact in contacts:
-        contact.derive_penalty(stiffness, _STIFF if rates.acceleration is None else _RESOLVED)
+        if rates.acceleration is None:
+            contact.derive_penalty(stiffness, _STIFF)
+        else:
+            contact.derive_penalty(stiffness, 1.0, modulus)
 
 
 @contextmanager

@@ -1,0 +1,68 @@
+"""Stiffness of the cells at the springs of a contact pair.
+
+A layer of cells of height h, between nodes, and P-wave modulus M has the stiffness M/h per area.
+"""
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.model.layers import layers
+from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.parallel import reductions
+
+__all__ = ["SOFT", "both_sides", "softer_side"]
+
+# Compliance of a default spring with inertia relative to that of the cells [-]: of both sides in
+# explicit steps, which see forces at one end only, of the softer side in implicit ones. Nodes on a
+# stiffer spring vibrate above all frequencies of the cells, so that cells cannot carry the
+# vibration away: the contact force of colliding rods then scatters by 15 % (1), 9 % (1.25), 4 %
+# (5/3), 3 % (2) of its mean for ever in explicit steps, and by 8 % (1.1), 5 % (4/3), 3 % (5/3) in
+# implicit ones. A softer spring closes by more, which lowers the peaks of impact forces: that of a
+# ball on a block of 6 cells by 5 % (1.1), 6 % (4/3), 7 % (5/3). Measured on the rods of
+# tests/verification/test_rods.py with 40 cells and in benchmarks.defaults.
+SOFT = 5 / 3
+
+
+def both_sides(pair: ContactPair, modulus: Floats) -> Floats:
+    """Stiffness of the layers of both sides of a pair in series. Collective.
+
+    Args:
+        pair: The pair.
+        modulus: P-wave modulus at the owned nodes, shape ``(n,)`` [Pa]; infinite in bodies that do
+            not deform, and where it vanishes, so that cells say nothing of the springs.
+
+    Returns:
+        At each node of the surface of nodes, shape ``(m,)`` [N/m]; infinite where nothing deforms.
+    """
+    area, own, other = _compressions(pair, modulus)
+    return _stiffness(area, own + other)
+
+
+def softer_side(pair: ContactPair, modulus: Floats) -> Floats:
+    """Stiffness of the softer one of the layers of both sides, see `both_sides`. Collective."""
+    area, own, other = _compressions(pair, modulus)
+    return _stiffness(area, np.maximum(own, other))
+
+
+def _compressions(pair: ContactPair, modulus: Floats) -> tuple[Floats, Floats, float]:
+    """Areas of the nodes, and compression of the layers of both sides per pressure. Collective.
+
+    Returns:
+        Area and compression at each node of the surface of nodes, shape ``(m,)`` [m^2] and [m/Pa];
+        mean compression of the segments where they deform [m/Pa].
+    """
+    nodes, segments = pair.nodes, pair.segments
+    area, own = layers(nodes, modulus)
+    if not isinstance(segments, Surface):
+        return area, own, 0.0
+    of_segments, other = layers(segments, modulus)
+    sums = np.array([of_segments @ other, of_segments[other > 0].sum()])
+    sums = reductions.total(nodes.V.mesh.comm, sums)
+    return area, own, float(sums[0] / sums[1]) if sums[1] > 0 else 0.0
+
+
+def _stiffness(area: Floats, compression: Floats) -> Floats:
+    with np.errstate(divide="ignore"):
+        stiffness: Floats = area / compression
+    return stiffness

@@ -1,0 +1,57 @@
+"""Layers of cells behind the nodes of a surface, which waves across the surface compress first."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from dolfinx import la
+
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.fem.axisymmetry import is_axisymmetric
+from dolfinx_nts.fem.elements import Element
+from dolfinx_nts.fem.node_numbering import reference_positions
+from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.segments import area_vectors
+from dolfinx_nts.model.surfaces import Surface
+
+__all__ = ["layers", "nodal_moduli"]
+
+
+def nodal_moduli(bodies: Sequence[Body], n: int) -> Floats:
+    """P-wave moduli at C = 1 of n owned nodes, shape ``(n,)`` [Pa]. Local.
+
+    They are infinite in rigid bodies and where they vanish. Of anisotropic materials the largest
+    along the coordinate axes counts, and of several bodies at a node that of the stiffest one.
+    """
+    moduli: Floats = np.zeros(n)
+    for body in bodies:
+        nodes = body.nodes[body.nodes < n]
+        modulus = np.inf if body.is_rigid else body.material.moduli.diagonal()[:3].max()
+        moduli[nodes] = np.maximum(moduli[nodes], modulus)
+    moduli[moduli <= 0] = np.inf
+    return moduli
+
+
+def layers(surface: Surface, modulus: Floats) -> tuple[Floats, Floats]:
+    """Layers of cells behind the nodes of a surface. Collective.
+
+    A layer of height h, between nodes, and modulus M has the stiffness M/h per area.
+
+    Args:
+        surface: The surface.
+        modulus: P-wave modulus at the owned nodes of the space, see `nodal_moduli`.
+
+    Returns:
+        Reference areas of the nodes, positive at any degree, shape ``(m,)`` [m^2], and compression
+        of the layer per pressure, shape ``(m,)`` [m/Pa].
+    """
+    V = surface.V
+    X, height = reference_positions(V)[surface.segments], surface.thickness / Element.of(V).degree
+    area = np.linalg.norm(area_vectors(X, surface.orientation), axis=1) / X.shape[1]
+    if is_axisymmetric(V.mesh):
+        area *= 2 * np.pi * X[:, :, 0].mean(axis=1)
+    sums = la.vector(V.dofmap.index_map, 2)
+    for vertex in surface.segments.T:
+        np.add.at(sums.array.reshape(-1, 2), vertex, np.column_stack([area, area * height]))
+    sums.scatter_reverse(la.InsertMode.add)
+    of_nodes, volume = sums.array.reshape(-1, 2)[surface.nodes].T
+    return of_nodes, volume / of_nodes / modulus[surface.nodes]
