@@ -60,7 +60,7 @@ class LagrangeMultiplier(Declaration):
     Example:
         >>> law = nts.LagrangeMultiplier(impact="plastic")
         >>> print(nts.ContactPair(bottom, top, enforcement=law))
-        contact by LagrangeMultiplier
+        surface-to-surface contact by LagrangeMultiplier
     """
 
     def __init__(
@@ -178,13 +178,14 @@ class Penalty(Declaration):
         eps_N: Stiffness of the spring at a node [N/m]. None for the smaller one of the static
             stiffnesses of the node and of the stiffest vertex of the segments; in statics, ten
             times that. It does not depend on the length of the steps, so that steps that resolve
-            a cell are of second order in time. The penetration is then about the compression of a
-            cell: v/c of its height for an impact speed v and a wave speed c. Between bodies that
-            do not deform, None means half the mass of the lighter one divided by the square of
-            the first step, so that a body striking at one point penetrates by about its motion in
-            one or two steps; in statics, ten times the stiffness of the stiffest deformable node.
-            A surface with all displacements prescribed counts as rigid. `CentralDifference`
-            chooses its springs by the stiffness of the cells at the surfaces.
+            a cell are of second order in time. The penetration is then one to two times the
+            compression of a cubic cell: of the order of v/c of its height for an impact speed v and
+            a wave speed c. Between bodies that do not deform, None means half the mass of the
+            lighter one divided by the square of the first step, so that a body striking at one
+            point penetrates by about its motion in one or two steps; in statics, ten times the
+            stiffness of the stiffest deformable node. A surface with all displacements prescribed
+            counts as rigid. `CentralDifference` chooses its springs by the stiffness of the cells
+            at the surfaces.
 
     Attributes:
         eps_N: The argument.
@@ -197,7 +198,7 @@ class Penalty(Declaration):
     Example:
         >>> springs = nts.Penalty(eps_N=1.0e6)  # N/m
         >>> print(nts.ContactPair(bottom, top, enforcement=springs))
-        contact by Penalty
+        surface-to-surface contact by Penalty
     """
 
     def __init__(self, eps_N: float | None = None) -> None:

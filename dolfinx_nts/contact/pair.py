@@ -76,7 +76,8 @@ class ContactPair(Declaration):
         nodes: Surface whose nodes may touch.
         segments: Surface whose segments they may touch, or a rigid obstacle.
         enforcement: Law of normal contact. None for springs (`Penalty`) with inertia, in explicit
-            steps too, and for Lagrange multipliers in statics and at nodes of rigid bodies.
+            steps too. In statics, and in `EnergyMomentum` and `Midpoint` at nodes of rigid bodies
+            and at crossing edges, None means Lagrange multipliers with elastic impact.
         friction: Law of friction, such as `Coulomb`, `Stribeck`, `SlipWeakening` or `Tresca`, or a
             `FrictionLaw` of your own; a number is the coefficient of Coulomb's law. None for
             contact without friction.
@@ -87,9 +88,10 @@ class ContactPair(Declaration):
             ``"edge-to-edge"``: edges of the first surface must not cross edges of the second one,
             or of a `RigidSurface`, if both edges are convex and turn by more than 30 degrees. Use
             it in addition to a pair of the same surfaces with one of the other methods, which do
-            not detect crossing edges. None for mortar contact between two surfaces, and for
-            node-to-segment contact with obstacles, smooth or tied surfaces, in self contact and
-            in explicit steps.
+            not detect crossing edges. None for mortar contact between two surfaces. With
+            obstacles, smooth segments, ties, self contact, convective friction,
+            ``exchange=True`` or multipliers at nodes of rigid bodies by default, and in explicit
+            steps, None means node-to-segment contact.
         name: Name in columns and legends; empty for the names of the two sides.
         exchange: Whether node-to-segment contact with multipliers also holds vertices on convex
             edges and corners of the segments: where one sinks deeper than a hundredth of a facet

@@ -63,7 +63,8 @@ def load_state(path: str | Path, stepper: Stepper) -> tuple[str, ...]:
         >>> with nts.Recorder("press", stepper, checkpoint_every=50) as record:
         ...     for step in stepper.run(until=0.02):
         ...         record.write(step)
-        >>> rough = nts.ContactPair(bottom, top, friction=nts.Coulomb(mu=0.3))
+        >>> law = nts.LagrangeMultiplier()  # that of `stepper`, as is the method
+        >>> rough = nts.ContactPair(bottom, top, law, nts.Coulomb(mu=0.3), "node-to-segment")
         >>> other_stepper = nts.EnergyMomentum(bodies, [rough], dt=0.005)
         >>> nts.load_state("press.checkpoint.h5", other_stepper)
         ('state of the linear solver',)

@@ -88,7 +88,7 @@ class FrictionLaw(Declaration):
         ...         return mu * p, mu, 0.1 / dt * p
         >>> pair = nts.ContactPair(bottom, top, friction=Viscous())
         >>> print(pair)
-        contact by LagrangeMultiplier, friction by Viscous()
+        surface-to-surface contact by Penalty, friction by Viscous()
     """
 
     eps_T: float | None = None
@@ -133,8 +133,8 @@ class Coulomb(FrictionLaw):
             the nodes count at the beginning of each step.
         eps_T: Stiffness of the tangential spring at a node [N/m], whose elastic slip is stored
             and given back. None: no spring, so that a sticking node does not move at all
-            (multipliers); but normal contact by penalty needs a spring, which then has the
-            static stiffness of the node itself, as `Penalty` has.
+            (multipliers); but normal contact by springs needs a tangential one, too. None then
+            means the smaller one of the static stiffnesses that `Penalty` compares.
         law: How slip is measured. ``"objective"``: by an increment that is quadratic in the
             positions, so that dissipation is exact (``cpp/nts/contact/slip.h``).
             ``"convective"``: by the convective coordinates on the segment (Franke, Hesch,
@@ -150,7 +150,7 @@ class Coulomb(FrictionLaw):
 
     Example:
         >>> print(nts.ContactPair(bottom, top, friction=nts.Coulomb(mu=0.3)))
-        contact by LagrangeMultiplier, Coulomb friction with mu = 0.3
+        surface-to-surface contact by Penalty, Coulomb friction with mu = 0.3
     """
 
     depends_on_slip = False

@@ -102,9 +102,10 @@ class CentralDifference(Stepper):
 
     Args:
         bodies: Bodies of one space, which fill the mesh.
-        pairs: Contact pairs of these bodies, all with `Penalty`. Springs without a number are 3/5
-            as stiff as the cells on both sides in series, or softer where ``dt`` is close to the
-            stable step. Between rigid bodies they are as stiff as ``dt`` allows.
+        pairs: Contact pairs of these bodies, all with `Penalty`, which is the default, and
+            node-to-segment or edge-to-edge contact. Springs without a number are 3/5 as stiff as
+            the cells on both sides in series, or softer where ``dt`` is close to the stable step.
+            Between rigid bodies they are as stiff as ``dt`` allows.
         dt: Length of a step [s]; None for 0.7 of the estimate.
         bcs: See `EnergyMomentum`.
         loads: Loads on the bodies.
@@ -123,7 +124,7 @@ class CentralDifference(Stepper):
             by multipliers, or a material has viscous branches or plasticity.
 
     Example:
-        >>> pair = nts.ContactPair(bottom, top, enforcement=nts.Penalty())
+        >>> pair = nts.ContactPair(bottom, top)
         >>> stepper = nts.CentralDifference(bodies, [pair])
         >>> 0.5 * stepper.stable_step < stepper.dt < stepper.stable_step
         True

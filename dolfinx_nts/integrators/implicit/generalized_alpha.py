@@ -78,7 +78,7 @@ class GeneralizedAlpha(ImplicitStepper):
 
     Args:
         bodies: Bodies of one space, which fill the mesh.
-        pairs: Contact pairs with `Penalty` or ``LagrangeMultiplier("plastic")``.
+        pairs: Contact pairs with `Penalty`, the default, or ``LagrangeMultiplier("plastic")``.
         dt: Length of a step [s].
         rho_inf: Spectral radius at infinite frequency, from 0 (frequencies that the step does not
             resolve vanish in one step) to 1 (no damping).

@@ -47,8 +47,8 @@ class Midpoint(ImplicitStepper):
 class EnergyMomentum(ImplicitStepper):
     """Advances bodies and their contact by the energy-momentum scheme.
 
-    It conserves linear and angular momentum and, with elastic impact, the total energy, to the
-    tolerance of Newton's method: the stress is a conserving one, and the contact force a
+    It conserves linear and angular momentum and, with springs or elastic impact, the total energy,
+    to the tolerance of Newton's method: the stress is a conserving one, and the contact force a
     discrete gradient of the gap (Franke, Hesch and Betsch 2011, eqs. 53-58). Collective, as are
     all its methods.
 

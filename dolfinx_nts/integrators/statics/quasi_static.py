@@ -95,9 +95,9 @@ def _end_stress(material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> An
 class QuasiStatic(ImplicitStepper):
     """Finds the equilibrium at the end of each step, without inertia.
 
-    Time is a load parameter. Contact is closed, g = 0, whatever the kind of impact of the
-    multipliers. Friction follows the slip from step to step. Damping has no effect. A step with a
-    velocity other than zero is refused.
+    Time is a load parameter. Pairs without a law of their own get multipliers. Contact is closed,
+    g = 0, whatever the kind of impact of the multipliers. Friction follows the slip from step to
+    step. Damping has no effect. A step with a velocity other than zero is refused.
 
     Bodies that only contact supports are named in the log. The tangent gets a small stiffness for
     them, the balance does not. Motions without any resistance are suppressed. Unbalanced forces in
