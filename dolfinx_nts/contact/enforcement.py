@@ -175,11 +175,11 @@ class Penalty(Declaration):
     the energy-momentum scheme conserves the energy of bodies and springs.
 
     Args:
-        eps_N: Stiffness of the spring at a node [N/m]. None for the smaller one of the static
-            stiffnesses of the node and of the stiffest vertex of the segments; in statics, ten
-            times that. It does not depend on the length of the steps, so that steps that resolve
-            a cell are of second order in time. The penetration is then one to two times the
-            compression of a cubic cell: of the order of v/c of its height for an impact speed v and
+        eps_N: Stiffness of the spring at a node [N/m]. None for 3/5 of the stiffness of the layer
+            of cells behind the node or the segments, whichever is softer; in statics, for ten times
+            the static stiffness of the softer node. It does not depend on the length of the steps,
+            so that steps that resolve a cell are of second order in time. The penetration is then
+            5/3 of the compression of a cell: about 5/3 v/c of its height for an impact speed v and
             a wave speed c. Between bodies that do not deform, None means half the mass of the
             lighter one divided by the square of the first step, so that a body striking at one
             point penetrates by about its motion in one or two steps; in statics, ten times the
