@@ -139,8 +139,7 @@ class ContactPair(Declaration):
                 "expected a Surface, such as boundary_of(body), or an obstacle as segments, given "
                 f"{kind_of(segments)}"
             )
-        # Only multipliers exchange roles.
-        is_open = enforcement is None and not exchange, method is None
+        is_open = enforcement is None
         if enforcement is None:
             enforcement = LagrangeMultiplier() if exchange else Penalty()
         if not isinstance(enforcement, LagrangeMultiplier | Penalty):
@@ -163,7 +162,9 @@ class ContactPair(Declaration):
             raise TypeError(f"expected exchange=True, False or None, given {exchange!r}")
         self.name, self.exchange = label(name), exchange
         self.method: Method = default_method(self) if method is None else method
-        self._law_is_open, self._method_is_open = is_open
+        # Only multipliers exchange roles, and only springs measure slip in convective coordinates.
+        self._law_is_open = is_open and not (exchange or convective)
+        self._method_is_open = method is None
         self._declared: ContactPair | None = None
         check_method(self)
         check_tie(self)

@@ -66,7 +66,7 @@ def test_one_of_both_may_be_given(scene, surfaces):
     assert used(nts.EnergyMomentum, scene, pair) == (MULTIPLIERS, "mortar")
 
 
-def test_contact_that_mortar_cannot_have_is_at_nodes(scene, surfaces):
+def test_contact_that_mortar_cannot_have_is_at_nodes(scene, surfaces, refused):
     nodes, segments = surfaces
     for pair in (
         nts.ContactPair(nodes, FLOOR),
@@ -80,6 +80,10 @@ def test_contact_that_mortar_cannot_have_is_at_nodes(scene, surfaces):
     assert used(nts.EnergyMomentum, scene, nts.ContactPair(nodes, FLOOR))[0] is SPRINGS
     exchanged = nts.ContactPair(nodes, segments, exchange=True)
     assert used(nts.EnergyMomentum, scene, exchanged)[0] is MULTIPLIERS
+    rubbed = nts.ContactPair(nodes, segments, friction=nts.Coulomb(0.3, law="convective"))
+    assert used(nts.Midpoint, scene, rubbed)[0] is SPRINGS
+    with refused(ValueError, "Midpoint with convective friction, given QuasiStatic"):
+        nts.QuasiStatic(scene.stepper.bodies, [rubbed], dt=1.0)
 
 
 def test_nodes_of_rigid_bodies_and_edges_have_multipliers():
