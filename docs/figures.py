@@ -244,7 +244,7 @@ def scene(scheme: Any, law: str) -> nts.EnergyMomentum:
     rubber = nts.SaintVenantKirchhoff(E=1.0e5, nu=0.4, rho=1.0e3, one_point=())
     ball, plate = (nts.Body(V, cells, tag[name], rubber) for name in ("ball", "plate"))
     surfaces = [nts.Surface(V, facets, tag[name]) for name in ("ball_outer", "plate_top")]
-    pair = nts.ContactPair(*surfaces, nts.LagrangeMultiplier(law))
+    pair = nts.ContactPair(*surfaces, nts.LagrangeMultiplier(law), method="node-to-segment")
     stepper = scheme([ball, plate], [pair], dt=0.01)
     stepper.set_velocity(ball, (0.0, 1.0, -1.0))
     return stepper
