@@ -199,6 +199,11 @@ class ContactPair(Declaration):
         return pair
 
     @property
+    def has_defaults(self) -> bool:
+        """Whether the law or the method was left to the stepper. Local."""
+        return self._law_is_open or self._method_is_open
+
+    @property
     def declared(self) -> "ContactPair":
         """Pair that was given to the stepper: this one, unless its laws were left open. Local."""
         return self._declared or self

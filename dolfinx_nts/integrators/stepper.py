@@ -182,6 +182,8 @@ class Stepper(TimeLoop):
                     "expected EnergyMomentum with impact 'resolved', given "
                     f"{type(self).__name__}: impact 'elastic' or 'plastic' can do this"
                 )
+            if pair.has_defaults and comm.rank == 0:
+                _logger.info("%s, as none was given: %s", pair.between, pair.describe())
         for load in self.loads:
             if load.V != V:
                 raise ValueError("expected bodies and loads in one function space, given two")

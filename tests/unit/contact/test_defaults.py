@@ -99,6 +99,18 @@ def test_nodes_of_rigid_bodies_and_edges_have_multipliers():
     ]
 
 
+def test_what_was_chosen_is_logged(scene, surfaces, caplog):
+    caplog.set_level("INFO", "dolfinx_nts")
+    used(nts.EnergyMomentum, scene, nts.ContactPair(*surfaces))
+    used(nts.CentralDifference, scene, nts.ContactPair(*surfaces), dt=None)
+    used(nts.QuasiStatic, scene, nts.ContactPair(*surfaces, nts.Penalty(1.0), None, "mortar"))
+    chosen = [record.message for record in caplog.records if "none was given" in record.message]
+    assert [message.split(": ")[1] for message in chosen] == [
+        "surface-to-surface contact by Penalty",
+        "contact by Penalty",
+    ]
+
+
 def test_a_pair_without_laws_is_read_as_it_was_declared(scene, surfaces):
     """Its pressures, its conditions and its two steppers are those of the declaration."""
     pair = nts.ContactPair(*surfaces)
