@@ -173,4 +173,5 @@ class World:
             segments = nodes if segments == touch.nodes else self.surface(segments)
         if touch.both:
             return nts.two_half_passes(nodes, segments, **touch.how)
-        return [nts.ContactPair(nodes, segments, **(NODAL | touch.how))]
+        given = {name: value for name, value in touch.how.items() if value is not None}
+        return [nts.ContactPair(nodes, segments, **(NODAL | given))]

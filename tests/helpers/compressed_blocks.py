@@ -13,6 +13,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts import meshing
+from helpers.laws import NODAL_PAIR
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class Compressed:
 def compress(
     lower: int,
     upper: int,
-    pairs: Callable[..., Any] = nts.ContactPair,
+    pairs: Callable[..., Any] = NODAL_PAIR,
     *,
     modulus: float = 1.0,
     compression: float = 1e-4,

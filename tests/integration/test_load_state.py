@@ -30,10 +30,9 @@ def new(comm, enforcement=None, friction=None, scheme=nts.EnergyMomentum, force=
     """Return a stepper of two blocks that collide, or fall on a floor; perhaps with a force."""
     old = blocks(comm).stepper
     (pair,) = old.pairs
+    law = enforcement or nts.LagrangeMultiplier()
     pairs = [
-        nts.ContactPair(
-            pair.nodes, floor or pair.segments, enforcement, friction, method="node-to-segment"
-        )
+        nts.ContactPair(pair.nodes, floor or pair.segments, law, friction, method="node-to-segment")
     ]
     loads = [] if force is None else [nts.BodyForce(old.bodies[1], force)]
     stepper = scheme(old.bodies, pairs, dt=BLOCK_STEP, loads=loads)

@@ -54,9 +54,8 @@ def scene(
     ball = nts.RigidBody(V, cells, tag["body 1"], 50.0, guide)
     nodes = nts.boundary_of(block) if both_rigid else nts.Surface(V, facets, tag["top 0"])
     sphere = nts.boundary_of(ball, smooth=nts.RigidSphere(CENTRE, RADIUS))
-    pair = nts.ContactPair(
-        nodes, obstacle or sphere, enforcement, friction, method="node-to-segment"
-    )
+    law = enforcement or nts.LagrangeMultiplier()
+    pair = nts.ContactPair(nodes, obstacle or sphere, law, friction, method="node-to-segment")
     bcs = []
     if scheme is nts.QuasiStatic:
         foot = fem.locate_dofs_topological(V, 2, facets.find(tag["bottom 0"]))

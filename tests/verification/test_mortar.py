@@ -17,7 +17,7 @@ from reference.bulk import rotation
 
 pytestmark = pytest.mark.serial
 
-MORTAR = partial(nts.ContactPair, method="mortar")
+MORTAR = partial(nts.ContactPair, method="mortar", enforcement=nts.LagrangeMultiplier())
 # Spread of stress and pressure that is none, relative.
 EXACT = 1e-9
 

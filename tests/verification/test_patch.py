@@ -20,6 +20,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from helpers.compressed_blocks import compress
+from helpers.laws import NODAL_PAIR
 from helpers.once import once
 
 pytestmark = pytest.mark.at_most_two_ranks
@@ -31,7 +32,7 @@ EXACT = 10 * COMPRESSION
 
 @cache
 def stress_error(
-    lower: int, upper: int, pairs: Callable[..., Any] = nts.ContactPair
+    lower: int, upper: int, pairs: Callable[..., Any] = NODAL_PAIR
 ) -> tuple[float, float, list[float]]:
     """Error of the stress of blocks with so many cells along an edge. Collective.
 

@@ -38,7 +38,8 @@ def rolling(cells: int, *, by_disc: bool = False, smooth: bool = False) -> np.nd
     tags = tagged(domain, lambda x: x[:, 1] < 0)
     disc, floor = nts.Body(V, tags, 1, STEEL), nts.RigidBody(V, tags, 2, 1e3, guide=nts.Guide())
     rim = nts.boundary_of(disc, where=lambda x: np.hypot(x[0], x[1] - 1) > 0.99, smooth=smooth)
-    laws: Any = {"enforcement": nts.Penalty(), "friction": nts.Coulomb(0.5)}
+    # Softer springs round the facets off.
+    laws: Any = {"enforcement": nts.Penalty(1.08e7), "friction": nts.Coulomb(0.5)}
     if by_disc:
         pair = nts.ContactPair(rim, nts.RigidPlane((0, 0), (0, 1)), **(NODAL | laws))
     else:

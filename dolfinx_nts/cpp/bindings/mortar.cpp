@@ -47,8 +47,9 @@ void dispatch_whole_facets(std::size_t n, std::size_t k, Function&& function)
 auto find_points(const Ints& facets, const Doubles& facet_orientation,
                  const Doubles& X, const Doubles& x_n, const Doubles& x,
                  const Ints& segments, const Doubles& orientation,
-                 const Keys& key, const Doubles& y_n, const Doubles& y,
-                 double reach, double sunk, bool are_rings, bool are_smooth)
+                 const Keys& key, const Doubles& thickness, const Doubles& y_n,
+                 const Doubles& y, double reach, double sunk, bool are_rings,
+                 bool are_smooth)
 {
   check("facets", facets, {any, any});
   check("facet_orientation", facet_orientation, {facets.shape(0)});
@@ -59,6 +60,7 @@ auto find_points(const Ints& facets, const Doubles& facet_orientation,
   check("segments", segments, {any, any});
   check("orientation", orientation, {segments.shape(0)});
   check("key", key, {segments.shape(0)});
+  check("thickness", thickness, {segments.shape(0)});
   check("y_n", y_n, {any, 3});
   check("y", y, {y_n.shape(0), 3});
   check_rows("segments: expected rows of y", segments, y.shape(0));
@@ -75,9 +77,10 @@ auto find_points(const Ints& facets, const Doubles& facet_orientation,
         std::vector<Box> boxes;
         for (std::size_t s = 0; s < segments.shape(0); ++s)
           boxes.push_back(lower.box(s));
-        MortarSearch<F> search(
-            upper, lower,
-            {view(X), view(x_n), view(y_n), are_rings, are_smooth}, reach);
+        MortarSearch<F> search(upper, lower,
+                               {view(X), view(x_n), view(y_n), view(thickness),
+                                are_rings, are_smooth},
+                               reach);
         points = search.find(Tree(std::move(boxes)));
       });
   return std::tuple(array(points.facet), array(points.segment),
@@ -272,15 +275,16 @@ void small_system(nb::module_& m)
 
 void mortar(nb::module_& m)
 {
-  m.def("mortar_points", &find_points, nb::arg("facets"),
-        nb::arg("facet_orientation"), nb::arg("X"), nb::arg("x_n"),
-        nb::arg("x"), nb::arg("segments"), nb::arg("orientation"),
-        nb::arg("key"), nb::arg("y_n"), nb::arg("y"), nb::arg("reach"),
-        nb::arg("sunk"), nb::arg("are_rings"), nb::arg("are_smooth"),
-        "(f, n) rows of positions (f,), (l, 3), (l, 3), (l, 3), (s, k) rows of "
-        "other positions (s,), (s,), (v, 3), (v, 3), -, -, -, - -> facet, "
-        "segment, weight of each point (p,), phi (p, n) and psi (p, k), see "
-        "nts/search/mortar_points.h");
+  m.def(
+      "mortar_points", &find_points, nb::arg("facets"),
+      nb::arg("facet_orientation"), nb::arg("X"), nb::arg("x_n"), nb::arg("x"),
+      nb::arg("segments"), nb::arg("orientation"), nb::arg("key"),
+      nb::arg("thickness"), nb::arg("y_n"), nb::arg("y"), nb::arg("reach"),
+      nb::arg("sunk"), nb::arg("are_rings"), nb::arg("are_smooth"),
+      "(f, n) rows of positions (f,), (l, 3), (l, 3), (l, 3), (s, k) rows of "
+      "other positions (s,), (s,), (s,), (v, 3), (v, 3), -, -, -, - -> facet, "
+      "segment, weight of each point (p,), phi (p, n) and psi (p, k), see "
+      "nts/search/mortar_points.h");
   m.def("sum_rows", &sum_rows, nb::arg("phi"), nb::arg("start"),
         nb::arg("point"), nb::arg("share"), nb::arg("place"), nb::arg("length"),
         nb::arg("values"),

@@ -89,6 +89,7 @@ class FacetPoints:
             candidates.segments,
             candidates.orientation,
             candidates.key,
+            candidates.thickness,
             x_n,
             x,
             reach,

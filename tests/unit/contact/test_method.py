@@ -55,7 +55,7 @@ def test_explicit_integration_is_refused(surfaces):
 def test_text_of_a_pair_has_its_method(surfaces):
     pair = nts.ContactPair(*surfaces, method="mortar")
     assert "method='mortar'" in repr(pair)
-    assert str(pair) == "surface-to-surface contact by LagrangeMultiplier"
+    assert str(pair) == "surface-to-surface contact by Penalty"
 
 
 def test_all_pairs_use_it_between_bodies_only():

@@ -56,6 +56,7 @@ struct Ends
   std::span<const double> X;          ///< reference, of nodes of facets, (l, 3)
   std::span<const double> x_n;        ///< at t_n, the same
   std::span<const double> segments_n; ///< at t_n, of vertices of segments
+  std::span<const double> thickness;  ///< of the cells behind segments, (s,)
   bool are_rings;  ///< whether facets stand for rings about the axis x = 0
   bool are_smooth; ///< whether there are patches on facets or segments
 };
@@ -258,7 +259,9 @@ private:
       if (size < MortarRule::least_area)
         return radius + _reach;
       const double g = gap_of(e, below);
-      if (!std::isnan(g) && !_segments.is_too_deep(s, g))
+      // A deeper facet is nearer to the other side of the wall.
+      const bool is_behind = g < -std::max(_ends.thickness[s], _segments.sunk);
+      if (!std::isnan(g) && !is_behind && !_segments.is_too_deep(s, g))
       {
         nearest = std::min(nearest, g);
         covered += size;
