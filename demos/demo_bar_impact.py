@@ -43,6 +43,7 @@ c = np.sqrt(E / rho)  # m/s
 full = 2 * num_cells + 20
 num_steps = int(os.environ.get("NTS_DEMO_STEPS", str(full)))  # The tests shorten it.
 dt = length / num_cells / c  # s, in which the wave passes a cell
+exact = rho * c * v * width**2  # N
 # -
 
 # ## Mesh, body and contact
@@ -82,16 +83,16 @@ after = diagnostics.balance()
 
 plotting.energies("bar_impact.csv", "bar_impact_energies.png")
 
-# The multipliers of an elastic impact alternate from step to step, as do the
-# nodes at the wall; the force shown is the mean of two steps.
+# By default springs keep the nodes out of the wall. They are about as stiff as the
+# cells behind them, so the force rises and falls within a few steps. It oscillates by
+# 7 %, because the steps are just long enough for the wave to pass a cell.
 
 # +
 if mesh.comm.rank == 0:
     figure, axes = plt.subplots(figsize=(6.4, 4), dpi=250, layout="constrained")
-    mean = np.convolve(force, [0.5, 0.5], mode="valid") / 1e3
-    axes.plot((np.array(t[1:]) - dt / 2) * 1e3, mean, label="computed")
-    exact = rho * c * v * width**2 / 1e3
-    axes.plot(np.array([0, 0, 2, 2]) * length / c * 1e3, [0, exact, exact, 0], label="exact")
+    axes.plot(np.array(t) * 1e3, np.array(force) / 1e3, label="computed")
+    expected = np.array([0, exact, exact, 0]) / 1e3
+    axes.plot(np.array([0, 0, 2, 2]) * length / c * 1e3, expected, label="exact")
     axes.set(xlabel="time [ms]", ylabel="force on the wall [kN]")
     axes.grid(alpha=0.3)
     axes.legend()
@@ -100,19 +101,19 @@ if mesh.comm.rank == 0:
 
 # ## Checks
 #
-# The energy is constant. The impulse must be $2 \rho L A v$, the duration
-# $2 L/c$ and the mean force that of (1), each within 2 %.
+# The energy is constant. The impulse must be $2 \rho L A v$, the time with more
+# than half of the force (1) $2 L/c$, and the force in the middle half of this time
+# that of (1) on average, each within 1 %.
 
 # +
 assert abs(after.total_energy / before.total_energy - 1) < 1e-10
 if num_steps == full:
     impulse = np.sum(force) * dt
-    assert abs(impulse / (2 * rho * length * width**2 * v) - 1) < 0.02, impulse
-    touching = np.flatnonzero(force)
-    duration = (touching[-1] - touching[0] + 1) * dt
-    assert abs(duration / (2 * length / c) - 1) < 0.02, duration
-    mean = impulse / duration
-    assert abs(mean / (rho * c * v * width**2) - 1) < 0.02, mean
+    assert abs(impulse / (2 * rho * length * width**2 * v) - 1) < 0.01, impulse
+    duration = np.count_nonzero(np.array(force) > exact / 2) * dt
+    assert abs(duration / (2 * length / c) - 1) < 0.01, duration
+    mean = np.mean(force[num_cells // 2 : 3 * num_cells // 2])
+    assert abs(mean / exact - 1) < 0.01, mean
     if mesh.comm.rank == 0:
-        print(f"force {mean:.1f} N (exact {rho * c * v * width**2:.1f} N)")
+        print(f"force {mean:.1f} N (exact {exact:.1f} N)")
         print(f"duration {duration * 1e3:.4f} ms (exact {2e3 * length / c:.4f} ms)")

@@ -85,7 +85,7 @@ plotting.snapshot(stepper, "bowl.png", camera=(0, -0.8, 0.6))
 #
 # The energy equals the work of gravity, to 1e-9 of the ball's m g l. The ball
 # passes the bottom at the time (1) within 3 %. On the other side it comes as
-# far within 10 %, because some of its energy has become vibration.
+# far within 10 %, because facets and vibrations change its path.
 
 # +
 weight = 1e3 * 4 / 3 * np.pi * r**3 * g

@@ -19,7 +19,7 @@
 # ## Equations
 #
 # In each step, the momentum changes by the impulse of the floor's contact
-# force. With multipliers and elastic impact, this force does no work:
+# force. Springs give this force, and their energy is a part of the total one:
 #
 # $$ p_{n+1} - p_n = \Delta t \, F_{n+1/2}, \qquad E_{n+1} = E_n. \tag{1} $$
 

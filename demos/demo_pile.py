@@ -78,8 +78,7 @@ walls = [
     nts.RigidPlane((-half_x * x, -half_y * y, 0), (x, y, z))
     for x, y, z in ((0, 0, 1), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0))
 ]
-laws = {"enforcement": nts.Penalty(), "friction": nts.Coulomb(0.3)}
-pairs = nts.all_pairs(balls, obstacles=walls, **laws)
+pairs = nts.all_pairs(balls, obstacles=walls, friction=nts.Coulomb(0.3))
 # -
 
 # ## Run

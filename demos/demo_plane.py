@@ -64,12 +64,7 @@ V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
 rubber = nts.NeoHookean(E=3e6, nu=0.3, rho=1e3)
 disc, ring = (nts.Body(V, cells, tag[name], rubber) for name in ("disc", "ring"))
 road = nts.RigidPlane(point=(0, 0), normal=away)
-pairs = nts.all_pairs(
-    [disc, ring],
-    obstacles=[road],
-    enforcement=nts.Penalty(),
-    friction=nts.Coulomb(0.5),
-)
+pairs = nts.all_pairs([disc, ring], obstacles=[road], friction=nts.Coulomb(0.5))
 weight = nts.Gravity([disc, ring], (0, -g))
 stepper = nts.EnergyMomentum([disc, ring], pairs, dt=dt, loads=[weight])
 # -

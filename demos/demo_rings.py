@@ -19,7 +19,8 @@
 #
 # ## Equations
 #
-# The multipliers of a node, $t_N \le 0$ and $t_T$, satisfy Coulomb's law,
+# With `LagrangeMultiplier()`, the forces of a node, $t_N \le 0$ and $t_T$, satisfy
+# Coulomb's law without springs,
 #
 # $$ |t_T| \le -\mu t_N, \qquad
 #    \text{slip} = 0 \text{ where } |t_T| < -\mu t_N, \tag{1} $$
@@ -57,7 +58,7 @@ V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
 rubber = nts.SaintVenantKirchhoff(E=2e7, nu=1 / 6, rho=1e3)
 lower, upper = (nts.Body(V, cells, tag[name], rubber) for name in ("lower", "upper"))
 surfaces = [nts.Surface(V, facets, tag[f"{name}_outer"]) for name in ("upper", "lower")]
-contact = nts.ContactPair(*surfaces, friction=nts.Coulomb(0.3))
+contact = nts.ContactPair(*surfaces, nts.LagrangeMultiplier(), friction=nts.Coulomb(0.3))
 
 stepper = nts.EnergyMomentum([lower, upper], [contact], dt=dt)
 stepper.set_velocity(upper, (0, -4.0, 0))

@@ -51,7 +51,12 @@ mesh, cells, facets, tag = nts.read_mesh(build, MPI.COMM_WORLD)
 V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
 rubber = nts.NeoHookean(E=2250.0, nu=0.3, rho=0.1, one_point=())
 lower, upper = (nts.Body(V, cells, tag[name], rubber) for name in ("lower", "upper"))
-contact = nts.ContactPair(nts.boundary_of(upper), nts.boundary_of(lower))
+contact = nts.ContactPair(
+    nts.boundary_of(upper),
+    nts.boundary_of(lower),
+    enforcement=nts.LagrangeMultiplier(),
+    method="node-to-segment",
+)
 
 stepper = nts.EnergyMomentum([lower, upper], [contact], dt=dt)
 stepper.set_velocity(upper, (0, 0, -30.0))
