@@ -84,8 +84,7 @@ after = diagnostics.balance()
 plotting.energies("bar_impact.csv", "bar_impact_energies.png")
 
 # By default springs keep the nodes out of the wall. They are about as stiff as the
-# cells behind them, so the force rises and falls within a few steps. It oscillates by
-# 7 %, because the steps are just long enough for the wave to pass a cell.
+# cells behind them, so the force rises and falls within a few steps.
 
 # +
 if mesh.comm.rank == 0:

@@ -40,7 +40,7 @@ from dolfinx import fem
 import dolfinx_nts as nts
 from dolfinx_nts import parts, plotting
 
-length, v, num_cells = 10.0, 0.01, 200
+length, v, num_cells = 10.0, 0.01, 100
 dt = length / num_cells  # in which the wave passes a cell
 full = round(3.3 * num_cells)
 num_steps = int(os.environ.get("NTS_DEMO_STEPS", str(full)))  # The tests shorten it.
@@ -57,7 +57,8 @@ def exact(tau):
 # ## Mesh and bodies
 #
 # The mesh of a rigid body gives its shape, its mass and its inertia; its cells
-# have no unknowns. Springs between the surfaces of rod and hammer keep them apart.
+# have no unknowns. Elastic impact is stated: the springs of the default would be
+# compressed like a few of the flat cells of this rod, and the rebound 5 % too large.
 
 
 # +
@@ -73,9 +74,8 @@ mesh, cells, facets, tag = nts.read_mesh(build, MPI.COMM_WORLD)
 V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
 rod = nts.Body(V, cells, tag["rod"], nts.SaintVenantKirchhoff(E=1.0, nu=0.0, rho=1.0))
 hammer = nts.RigidBody(V, cells, tag["hammer"], rho=length / 4)
-contact = nts.ContactPair(
-    nts.Surface(V, facets, tag["rod_top"]), nts.Surface(V, facets, tag["hammer_bottom"])
-)
+surfaces = [nts.Surface(V, facets, tag[name]) for name in ("rod_top", "hammer_bottom")]
+contact = nts.ContactPair(*surfaces, nts.LagrangeMultiplier())
 foot = fem.locate_dofs_topological(V, 2, facets.find(tag["rod_bottom"]))
 clamp = fem.dirichletbc(np.zeros(3), foot, V)
 
@@ -97,8 +97,10 @@ after = diagnostics.balance()
 
 plotting.energies("hammer.csv", "hammer_energies.png")
 
-# The force is the change of the hammer's momentum per time. It rises within a few
-# steps, as the springs are about as stiff as the cells behind them.
+# The force is the change of the hammer's momentum per time. An elastic impact
+# sends nodes back as fast as they came, so they touch in every other step. The
+# picture shows the mean of two steps; it has a dent where the nodes change
+# from touching in even steps to odd ones, or back.
 
 # +
 tau = np.arange(len(speed)) / num_cells
@@ -106,7 +108,7 @@ force = np.diff(speed) / (v / num_cells)  # over rho c v A, mean of each step
 middle = (tau[1:] + tau[:-1]) / 2
 if mesh.comm.rank == 0:
     figure, axes = plt.subplots(figsize=(6.4, 4), dpi=250, layout="constrained")
-    axes.plot(middle, force, label="computed")
+    axes.plot((middle[1:] + middle[:-1]) / 2, (force[1:] + force[:-1]) / 2, label="computed")
     axes.plot(middle, exact(middle), label="exact")
     axes.set(xlabel="$ct/L$", ylabel=r"force over $\rho c v A$")
     axes.grid(alpha=0.3)

@@ -71,14 +71,16 @@ balls = [nts.Body(V, cells, tag[f"ball {i}"], rubber) for i in range(len(centres
 #
 # `all_pairs` logs what it makes: 11 pairs, in which any two balls are combined
 # once, and one pair for each wall. The springs let some balls sink into each
-# other by a tenth of a facet, which the log reports once for any two of them.
+# other by a fifth of a facet, which the log reports once for any two of them. By
+# default springs are a quarter as stiff, and nodes of balls this coarse sink too deep.
 
 # +
 walls = [
     nts.RigidPlane((-half_x * x, -half_y * y, 0), (x, y, z))
     for x, y, z in ((0, 0, 1), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0))
 ]
-pairs = nts.all_pairs(balls, obstacles=walls, friction=nts.Coulomb(0.3))
+laws = {"enforcement": nts.Penalty(eps_N=2e3), "friction": nts.Coulomb(0.3)}  # N/m, -
+pairs = nts.all_pairs(balls, obstacles=walls, **laws)
 # -
 
 # ## Run
