@@ -42,10 +42,10 @@ from dolfinx import fem
 import dolfinx_nts as nts
 from dolfinx_nts import parts, plotting
 
-length, width, num_cells = 1.0, 0.02, 80  # m
+length, width, num_cells = 1.0, 0.02, 50  # m
 mu, k, rho, v = 0.5e6, 3e6, 1e3, 0.1  # Pa, Pa, kg/m^3, m/s
 speed = {"along": np.sqrt((2 * mu + k) / rho), "across": np.sqrt(2 * mu / rho)}  # m/s
-dt, full = length / num_cells / speed["along"], 352  # s
+dt, full = length / num_cells / speed["along"], 220  # s
 num_steps = int(os.environ.get("NTS_DEMO_STEPS", str(full)))  # The tests shorten it.
 # -
 

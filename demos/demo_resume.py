@@ -82,8 +82,7 @@ def run(name, resume=False, interrupt_at=None):
 #
 # Ctrl-C takes effect when the current step is complete and a checkpoint is
 # written. In your own script, set `resume=True` from the start: if there is no
-# checkpoint, the run simply starts from the beginning. Each run reports that the
-# springs of the contact let this soft ball sink in; cells are large here.
+# checkpoint, the run simply starts from the beginning.
 
 # +
 run("resume_whole")
