@@ -54,13 +54,12 @@ class SegmentCandidates(Candidates):
 
     Attributes:
         orientation: +1 where a_1 x a_2 points out of the body, otherwise -1, shape ``(s,)``.
-        thickness: Heights of the cells below the segments, ``(s,)`` [m, reference].
     """
 
     def __init__(self, found: FoundSegments, first: Ints | None = None) -> None:
         self.scatter, self.segments, self.orientation, self.key = found[:4]
-        self.size, self.thickness = found[4:6]
-        self.passage = passages(self.size, self.thickness)
+        self.size, self._thickness = found[4:6]
+        self.passage = passages(self.size, self._thickness)
         self._sunk: Floats = np.zeros(1 if first is None else len(first) - 1)
         self._adjacent = AdjacentFacets(self.segments, self.orientation, first)
         self._kernel = _kernels.Segments(self.segments, self.orientation, self.key, first)
@@ -78,7 +77,7 @@ class SegmentCandidates(Candidates):
     @property
     def of_segments(self) -> tuple[Floats, GlobalInts, Floats, Floats]:
         """Orientation, key, size and thickness of the segments, as in `FoundSegments`."""
-        return self.orientation, self.key, self.size, self.thickness
+        return self.orientation, self.key, self.size, self._thickness
 
     def find(self, key: GlobalInts) -> Ints:
         return self._kernel.find(key)
@@ -119,7 +118,7 @@ class SegmentCandidates(Candidates):
         """Segment, convective coordinates, gap and normal of each point."""
         facing, of_groups = points.facing.arguments, self._of_groups(reach)
         return self._kernel.pair(
-            points.of(x), current, slack, of_groups, x, *facing, self.thickness
+            points.of(x), current, slack, of_groups, x, *facing, self._thickness
         )
 
     def _of_groups(self, reach: float) -> Floats | float:

@@ -70,7 +70,7 @@ class SelfContactCandidates(SegmentCandidates):
     ) -> tuple[Ints, Floats, Floats, Floats]:
         """Segment, convective coordinates, gap and normal of each point."""
         own = (points.of(self._normals(x)), points.of(self._X), points.of(self._N), self._X)
-        return self._kernel.pair_own(points.of(x), current, slack, reach, x, *own, self.thickness)
+        return self._kernel.pair_own(points.of(x), current, slack, reach, x, *own, self._thickness)
 
     def _own_rows(self, points: ContactPoints) -> Ints:
         # Nodes are vertices of the surface.

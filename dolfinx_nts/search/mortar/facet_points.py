@@ -89,7 +89,7 @@ class FacetPoints:
             candidates.segments,
             candidates.orientation,
             candidates.key,
-            candidates.thickness,
+            candidates.of_segments[3],
             x_n,
             x,
             reach,
