@@ -153,6 +153,7 @@ def mortar_points(
     segments: _Ints,
     orientation: _Floats,
     key: _Keys,
+    thickness: _Floats,
     y_n: _Floats,
     y: _Floats,
     reach: float,
