@@ -5,10 +5,11 @@ from mpi4py import MPI
 import numpy as np
 
 from dolfinx_nts.common.arrays import Array, Floats, Ints
-from dolfinx_nts.contact.method import EDGES
+from dolfinx_nts.contact.method import EDGES, MORTAR
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined
 
 __all__ = ["BodyForces"]
@@ -18,7 +19,9 @@ class BodyForces:
     """Finds the bodies on both sides of the contact of a stepper. Collective.
 
     A node belongs to one body, and its force acts on the body of the segment that it faces. Of
-    bodies that share nodes, the first one has these nodes.
+    bodies that share nodes, the first one has these nodes. A vertex of a mortar facet may have a
+    part of the force of other vertices without facing anything itself: its force acts on the
+    body that the nearest node with a force faces.
 
     Args:
         stepper: The stepper.
@@ -31,7 +34,7 @@ class BodyForces:
     def __init__(self, stepper: Stepper) -> None:
         contacts: list[PairState] = [c for c in stepper.contacts if isinstance(c.segments, Surface)]
         contacts += [c.exchange for c in contacts if c.exchange is not None]
-        self._contacts = contacts
+        self._contacts, self._stepper = contacts, stepper
         self.pairs: list[tuple[int, int]] = []
         if not contacts:
             return
@@ -63,7 +66,7 @@ class BodyForces:
         self.pairs = [(int(a), int(b)) for a, b in np.argwhere(np.triu(found | found.T, k=1))]
 
     def of_own_nodes(self) -> Floats:
-        """Forces of the last step on the first body of each of `pairs`, by nodes here. Local.
+        """Forces of the last step on the first body of each of `pairs`, by nodes here. Collective.
 
         Returns:
             Forces, shape ``(p, 3)`` [N], to be summed over all ranks. NaN where edge-to-edge
@@ -85,6 +88,8 @@ class BodyForces:
                 if contact.pair.method == EDGES:
                     other[:] = -1
             acts = np.any(history.force != 0, axis=1)
+            if contact.pair.method == MORTAR:
+                self._assign(contact, acts, other)
             for a, b in np.unique(np.column_stack([nodes, other])[acts], axis=0).tolist():
                 force = history.force[acts & (nodes == a) & (other == b)].sum(axis=0)
                 if b < 0:  # one of the bodies on the other side
@@ -93,6 +98,17 @@ class BodyForces:
                     if a != c and (min(a, c), max(a, c)) in number:
                         forces[number[min(a, c), max(a, c)]] += force if a < c else -force
         return forces
+
+    def _assign(self, contact: PairState, acts: Array, other: Array) -> None:
+        """Set the body that acts on nodes ``acts`` without a segment, where ``other`` is -1."""
+        unknown = acts & (other < 0)
+        comm: MPI.Comm = contact.pair.nodes.V.mesh.comm
+        if not reductions.anywhere(comm, bool(unknown.any())):
+            return
+        x, known = self._stepper.x[contact.nodes.nodes], acts & (other >= 0)
+        rows = joined(comm, np.column_stack([x[known], other[known]]))
+        for node in np.flatnonzero(unknown) if len(rows) else ():
+            other[node] = rows[np.linalg.norm(rows[:, :3] - x[node], axis=1).argmin(), 3]
 
 
 def _of_segments(contact: PairState, nodes: list[Ints]) -> Array:
