@@ -45,7 +45,7 @@ def falling_cube(comm, cells, speed, nu, rotation):
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     rubber = nts.NeoHookean(E=1e6, nu=nu, rho=1e3)
     bodies = [nts.Body(V, tags, tag[name], rubber) for name in ("base", "cube")]
-    pairs = nts.all_pairs(bodies, enforcement=nts.Penalty(), method="mortar")
+    pairs = nts.all_pairs(bodies, enforcement=nts.Penalty(6e4), method="mortar")
     stepper = nts.EnergyMomentum(bodies, pairs, dt=4e-3)
     stepper.set_velocity(bodies[1], (0.0, 0.0, -speed))
     return stepper
@@ -64,5 +64,5 @@ def test_no_step_of_an_impact_on_a_corner_has_to_be_halved(comm, scene):
     given_up = sum(report.contact_work.facet_change for report in reports)
     change = end.total_energy - start.total_energy
     assert abs(change - given_up) <= 1e-9 * start.total_energy
-    assert -0.01 * start.total_energy <= given_up <= 1e-9 * start.total_energy
+    assert -0.005 * start.total_energy <= given_up <= 1e-9 * start.total_energy
     assert end.kinetic_energy < 0.999 * start.kinetic_energy  # contact acted
