@@ -46,15 +46,8 @@ def first_step(law: str) -> dict[str, Any]:
         material = getattr(nts, law)(E=1e5, nu=0.4, rho=1e3)
     ball, plate = (nts.Body(V, cells, tag[name], material) for name in ("ball", "plate"))
     surfaces = (nts.Surface(V, facets, tag[name]) for name in ("ball_outer", "plate_top"))
-    stepper = nts.EnergyMomentum(
-        [ball, plate],
-        [
-            nts.ContactPair(
-                *surfaces, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"
-            )
-        ],
-        dt=0.01,
-    )
+    pair = nts.ContactPair(*surfaces, nts.LagrangeMultiplier(), method="node-to-segment")
+    stepper = nts.EnergyMomentum([ball, plate], [pair], dt=0.01)
     stepper.set_velocity(ball, (0.0, 1.0, -1.0))
     stepper.advance()
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]

@@ -42,11 +42,7 @@ def flush(comm: MPI.Comm, cells: int, layers: int | None = None) -> Setup:
     top = box((1, depth, 1), (cells, num_deep, cells)).at(0, 0, 1.02).made(rubber, (0, 0, -1))
     world = World(comm, {"low": low, "top": top})
     held = fem.dirichletbc(np.zeros(3), world.dofs("low.bottom"), world.V)
-    pairs = nts.all_pairs(
-        [world.bodies["top"], world.bodies["low"]],
-        enforcement=nts.LagrangeMultiplier(),
-        method="node-to-segment",
-    )
+    pairs = nts.all_pairs([world.bodies["top"], world.bodies["low"]], **NODAL)
     stepper = world.stepper([], 5e-3, pairs=pairs, bcs=[held])
     return Setup(stepper, 0.4, _bounces(stepper, world.bodies["top"]), supported=True)
 
@@ -72,12 +68,7 @@ def obstacle(comm: MPI.Comm, name: str, ratio: float) -> Setup:
     stone = nts.NeoHookean(1e3 * (20 * speed) ** 2, 0.3, 1e3)
     block = box((0.2, 0.2, 0.2), (4, 4, 4)).at(-0.1, -0.1, 0.02).made(stone, (0, 0, -speed))
     world = World(comm, {"block": block})
-    pairs = nts.all_pairs(
-        list(world.bodies.values()),
-        obstacles=[_OBSTACLES[name]],
-        enforcement=nts.LagrangeMultiplier(),
-        method="node-to-segment",
-    )
+    pairs = nts.all_pairs(list(world.bodies.values()), obstacles=[_OBSTACLES[name]], **NODAL)
     stepper = world.stepper([], 1e-3, pairs=pairs)
     until = (5 + 0.4 / (ratio * _THICKNESS)) * 1e-3
     return Setup(stepper, until, _bounces(stepper, world.bodies["block"]))
@@ -89,15 +80,8 @@ def bullet(comm: MPI.Comm, stiffer: float) -> Setup:
     plate = box((1, 1, 0.3), (3, 3, 2)).at(-0.5, -0.5, -0.3).made(soft)
     block = box((0.2, 0.2, 0.2), (2, 2, 2)).at(-0.1, -0.1, 0.02).made(stiff, (0, 0, -3))
     world = World(comm, {"plate": plate, "block": block})
-    stepper = world.stepper(
-        [],
-        2e-3,
-        pairs=nts.all_pairs(
-            list(world.bodies.values()),
-            enforcement=nts.LagrangeMultiplier(),
-            method="node-to-segment",
-        ),
-    )
+    pairs = nts.all_pairs(list(world.bodies.values()), **NODAL)
+    stepper = world.stepper([], 2e-3, pairs=pairs)
     plate_body, diagnostics = world.bodies["plate"], nts.Diagnostics(stepper)
 
     def above() -> str:

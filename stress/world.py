@@ -18,8 +18,7 @@ from stress.parts import Array, Ints, Part
 
 __all__ = ["NODAL", "Frame", "Touch", "World"]
 
-
-# Nodal contact with elastic impact: of all laws the one that is hardest to solve.
+# Node-to-segment contact with elastic impact, of which the rows of the suite are.
 NODAL: dict[str, Any] = {"enforcement": nts.LagrangeMultiplier(), "method": "node-to-segment"}
 
 

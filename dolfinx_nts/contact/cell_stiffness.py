@@ -11,7 +11,7 @@ from dolfinx_nts.model.layers import layers
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["SOFT", "both_sides", "softer_side"]
+__all__ = ["SOFT", "layers_in_series", "softer_layer"]
 
 # Compliance of a default spring with inertia relative to that of the cells [-]: of both sides in
 # explicit steps, which see forces at one end only, of the softer side in implicit ones. Nodes on a
@@ -24,7 +24,7 @@ __all__ = ["SOFT", "both_sides", "softer_side"]
 SOFT = 5 / 3
 
 
-def both_sides(pair: ContactPair, modulus: Floats) -> Floats:
+def layers_in_series(pair: ContactPair, modulus: Floats) -> Floats:
     """Stiffness of the layers of both sides of a pair in series. Collective.
 
     Args:
@@ -39,8 +39,8 @@ def both_sides(pair: ContactPair, modulus: Floats) -> Floats:
     return _stiffness(area, own + other)
 
 
-def softer_side(pair: ContactPair, modulus: Floats) -> Floats:
-    """Stiffness of the softer one of the layers of both sides, see `both_sides`. Collective."""
+def softer_layer(pair: ContactPair, modulus: Floats) -> Floats:
+    """Stiffness of the softer layer of both sides, as `layers_in_series` gives it. Collective."""
     area, own, other = _compressions(pair, modulus)
     return _stiffness(area, np.maximum(own, other))
 

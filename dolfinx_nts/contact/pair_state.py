@@ -13,7 +13,7 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats, Ints
-from dolfinx_nts.contact.cell_stiffness import SOFT, softer_side
+from dolfinx_nts.contact.cell_stiffness import SOFT, softer_layer
 from dolfinx_nts.contact.enforcement import Penalty, Tied
 from dolfinx_nts.contact.history import NEVER, ContactHistory, reloaded
 from dolfinx_nts.contact.method import EDGES, MORTAR
@@ -157,7 +157,7 @@ class PairState(Tractions, NodesOfPairs):
             softer = np.where(np.isinf(softer), in_place, softer)
             normal = stiffer * softer
             if modulus is not None:
-                of_cells = softer_side(pair, modulus())
+                of_cells = softer_layer(pair, modulus())
                 normal = np.where(np.isfinite(of_cells), of_cells / SOFT, normal)
         self.choose_penalty(normal, softer)
 

@@ -15,11 +15,11 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats, Ints
-from dolfinx_nts.contact.cell_stiffness import SOFT, both_sides
+from dolfinx_nts.contact.cell_stiffness import SOFT, layers_in_series
 from dolfinx_nts.contact.checks.passage import Passage, passing_nodes_message, shortest_passage_of
 from dolfinx_nts.contact.checks.soft_springs import deep_from
 from dolfinx_nts.contact.enforcement import Penalty
-from dolfinx_nts.contact.explicit.default_stiffness import compliance
+from dolfinx_nts.contact.explicit.compliance import compliance
 from dolfinx_nts.contact.explicit.friction import Friction, SpringFriction
 from dolfinx_nts.contact.explicit.neighbour_list import NeighbourList
 from dolfinx_nts.contact.history import ContactHistory
@@ -83,7 +83,7 @@ class ContactSprings:
     Args:
         state: State of the contact pair.
         mass: Lumped mass of the owned nodes, shape ``(n,)`` [kg].
-        modulus: See `both_sides`.
+        modulus: See `layers_in_series`.
 
     Attributes:
         num_lost: Number of nodes of this rank that the last evaluation lost, too deep inside.
@@ -113,7 +113,7 @@ class ContactSprings:
         self._cells = np.full(len(self._reduced_mass), np.inf)
         # Edges press at points, where their springs carry whole bodies.
         if given is None and pair.method != EDGES:
-            self._cells[:] = both_sides(pair, modulus) / sides
+            self._cells[:] = layers_in_series(pair, modulus) / sides
         self._no_contact = ContactHistory.none(len(self._reduced_mass))
         self._neighbours = NeighbourList(state)
         self.shortest_passage = shortest_passage_of(pair)

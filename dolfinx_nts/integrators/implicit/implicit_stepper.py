@@ -170,11 +170,12 @@ class ImplicitStepper(Stepper):
     def _with_defaults(self, pair: ContactPair) -> ContactPair:
         """Springs, but multipliers in statics, at edges and at nodes of rigid bodies. Collective.
 
-        Rigid bodies and edges have no elasticity by which nodes could vibrate in contact.
+        Nodes of rigid bodies and edges do not vibrate in contact. By multipliers the generalised
+        alpha method would gain energy.
         """
-        springs = self.scheme.contact == "static"  # generalised alpha gains energy by multipliers
+        conserves = self.scheme.contact != "static"
         rigid = gives_rigid_nodes(pair, self.bodies)
-        if self.scheme.rates is NoRates or (not springs and (rigid or pair.method == EDGES)):
+        if self.scheme.rates is NoRates or (conserves and (rigid or pair.method == EDGES)):
             return pair.with_defaults(LagrangeMultiplier(), nodal=rigid)
         return super()._with_defaults(pair)
 

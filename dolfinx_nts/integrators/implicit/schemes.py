@@ -48,9 +48,10 @@ class EnergyMomentum(ImplicitStepper):
     """Advances bodies and their contact by the energy-momentum scheme.
 
     It conserves linear and angular momentum and, with springs or elastic impact, the total energy,
-    to the tolerance of Newton's method: the stress is a conserving one, and the contact force a
-    discrete gradient of the gap (Franke, Hesch and Betsch 2011, eqs. 53-58). Collective, as are
-    all its methods.
+    to the tolerance of Newton's method. A spring that loses its segments under load gives its
+    energy up, which the ledger shows as ``facet_change``. The stress is a conserving one, and the
+    contact force a discrete gradient of the gap (Franke, Hesch and Betsch 2011, eqs. 53-58).
+    Collective, as are all its methods.
 
     Args:
         bodies: Bodies of one space, which fill the mesh.

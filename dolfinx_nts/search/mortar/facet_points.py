@@ -80,6 +80,7 @@ class FacetPoints:
             kinks: Whether facets above kinks of flat segments have linear functions.
         """
         is_smooth = facets.of_patches is not None or candidates.rise is not None
+        *_, thickness = candidates.of_segments
         facet, of_segment, weight, phi, dual = _kernels.mortar_points(
             facets.vertices,
             facets.orientation,
@@ -89,7 +90,7 @@ class FacetPoints:
             candidates.segments,
             candidates.orientation,
             candidates.key,
-            candidates.of_segments[3],
+            thickness,
             x_n,
             x,
             reach,
