@@ -83,8 +83,8 @@ after = diagnostics.balance()
 
 plotting.energies("bar_impact.csv", "bar_impact_energies.png")
 
-# By default springs keep the nodes out of the wall. They are about as stiff as the
-# cells behind them, so the force rises and falls within a few steps.
+# By default springs keep the nodes out of the wall. They have 3/5 of the stiffness of
+# the cells behind them, so the force rises and falls within a few steps.
 
 # +
 if mesh.comm.rank == 0:

@@ -51,7 +51,7 @@ mesh, cells, facets, tag = nts.read_mesh(build, MPI.COMM_WORLD)
 V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
 rubber = nts.NeoHookean(E=2250.0, nu=0.3, rho=0.1, one_point=())
 lower, upper = (nts.Body(V, cells, tag[name], rubber) for name in ("lower", "upper"))
-# With springs, the default, the tori would part after the end of this run.
+# Elastic impact at nodes, with which the tori part within this run.
 contact = nts.ContactPair(
     nts.boundary_of(upper),
     nts.boundary_of(lower),

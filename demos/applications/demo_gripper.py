@@ -101,7 +101,7 @@ def grasp(name, mu):
     left, right = (nts.RigidBody(V, cells, tag[side], rho, guide) for side in ("left", "right"))
     outer = nts.Surface(V, facets, tag["ball_outer"])
     pads = [nts.Surface(V, facets, tag[pad]) for pad in ("left_right", "right_left")]
-    # At nodes, where sticking friction is exact and does not depend on the order of sums.
+    # At nodes: with mortar contact, Newton's method ends at 1e-6 of the grip.
     pairs = [
         nts.ContactPair(outer, pad, friction=nts.Coulomb(mu), method="node-to-segment")
         for pad in pads
