@@ -1,4 +1,4 @@
-"""Compiled module of a source folder that has none: the one that pip has installed.
+"""Use of the compiled module that pip has installed, from a source folder without one.
 
 ``pip install .`` in a clone compiles into the installed package, and a script that is run in the
 clone imports the sources there. They use the installed module where it was compiled from the same
@@ -18,7 +18,7 @@ _SOURCES = "_kernels.sha256"
 
 
 def _installed(folder: Path) -> Path:
-    """Folder of the installed package, whose module fits to the sources in a folder. Local.
+    """Folder of the installed package if it was compiled from these sources. Local.
 
     Raises:
         ImportError: No package is installed, or one of other sources.

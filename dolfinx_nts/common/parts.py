@@ -1,4 +1,4 @@
-"""Concatenated arrays of several parts: counts and maxima by part."""
+"""Arrays made of consecutive blocks: counts and maxima of each block."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ __all__ = ["counts_of_parts", "largest_of_parts"]
 
 
 def counts_of_parts(flags: Flags, ends: Array) -> Array:
-    """Count the set flags of each of ``c`` parts, shape ``(c,)``. Local.
+    """Count the set flags of each of ``c`` blocks, shape ``(c,)``. Local.
 
     Args:
         flags: Flags of all parts, shape ``(m,)``.
@@ -20,7 +20,7 @@ def counts_of_parts(flags: Flags, ends: Array) -> Array:
 
 
 def largest_of_parts(values: Floats, ends: Array) -> Floats:
-    """Largest value of each of ``c`` parts, 0 for empty parts, ``(c,)``. Local.
+    """Largest value of each of ``c`` blocks, 0 for empty ones, ``(c,)``. Local.
 
     Args:
         values: Values of all parts, not negative, shape ``(m,)``.

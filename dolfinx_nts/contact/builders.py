@@ -212,8 +212,8 @@ def two_half_passes(
 ) -> list[ContactPair]:
     """Two contact pairs with exchanged roles (two half passes). Collective.
 
-    Each pair has springs of half the stiffness. No side is preferred, and nodes of both surfaces
-    are kept out: for similar meshes, or if it is unknown which one is finer.
+    Each pair has springs of half the stiffness. No side is preferred, and nodes of neither surface
+    penetrate the other. Use it for similar meshes, or if it is unknown which one is finer.
 
     Args:
         first: Surface of one body.

@@ -1,4 +1,4 @@
-"""What an accepted step leaves of contact: the state of the nodes, and energies by cause."""
+"""History of contact after an accepted step: state of the nodes, and energies by cause."""
 
 import operator
 from dataclasses import dataclass, replace
@@ -141,12 +141,12 @@ def contact_sums(history: ContactHistory, x: Floats, nodes: Ints, area: Floats) 
 
 
 def without_friction(history: ContactHistory) -> ContactHistory:
-    """Make the same contact without slip and without traction of friction. Local."""
+    """Copy without slip and friction traction. Local."""
     none = ContactHistory.none(len(history.key))
     names = ("sliding", "traction", "slip", "dissipation")
     return replace(history, **{name: getattr(none, name) for name in names})
 
 
 def reloaded(history: ContactHistory) -> ContactHistory:
-    """Contact whose springs are loaded by the present gaps of nodes without a segment. Local."""
+    """Copy in which springs of nodes without a segment are loaded by the current gaps. Local."""
     return replace(history, key=np.where(history.key < 0, NEVER, history.key))

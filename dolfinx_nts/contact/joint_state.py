@@ -1,7 +1,7 @@
-"""Contact of several pairs with the same laws, in joint arrays.
+"""Joint evaluation of several pairs with the same laws.
 
 A scene of many bodies has many pairs with few nodes each. Array operations treat all pairs
-together. The coverage of the search and the history remain with each pair.
+together. Each pair keeps its own search range and history.
 """
 
 from collections.abc import Callable, Hashable, Sequence
@@ -97,7 +97,7 @@ class JointState(NodesOfPairs):
         return self._history
 
     def accept(self, history: ContactHistory) -> None:
-        """Accept the contact of a step, with its part for each pair. Local."""
+        """Accept the contact of a step, and store the entries of each pair. Local."""
         self._history, self._accepted = history, []
         for state, (start, end) in zip(self.members, pairwise(self.ends), strict=True):
             state.accept(partial(_part, history, slice(start, end)))

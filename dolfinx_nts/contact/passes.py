@@ -1,7 +1,6 @@
 """Passes of contact: pairs of a stepper, some with exchanged roles.
 
-With springs at nodes of both sides, as with `two_half_passes`, each pair has a part of the force
-only.
+With springs at nodes of both sides, as in `two_half_passes`, the force is the sum over both pairs.
 """
 
 import weakref

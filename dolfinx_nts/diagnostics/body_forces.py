@@ -19,9 +19,9 @@ class BodyForces:
     """Finds the bodies on both sides of the contact of a stepper. Collective.
 
     A node belongs to one body, and its force acts on the body of the segment that it faces. Of
-    bodies that share nodes, the first one has these nodes. A vertex of a mortar facet may have a
-    part of the force of other vertices without facing anything itself: its force acts on the
-    body that the nearest node with a force faces.
+    bodies that share nodes, the first one has these nodes. A vertex of a mortar facet may share the
+    force of other vertices without a segment of its own. Its force acts on the body of the segment
+    of the nearest loaded node.
 
     Args:
         stepper: The stepper.
@@ -100,7 +100,7 @@ class BodyForces:
         return forces
 
     def _assign(self, contact: PairState, acts: Array, other: Array) -> None:
-        """Set the body that acts on nodes ``acts`` without a segment, where ``other`` is -1."""
+        """Set ``other`` where it is -1: the body that acts on nodes ``acts`` without a segment."""
         unknown = acts & (other < 0)
         comm: MPI.Comm = contact.pair.nodes.V.mesh.comm
         if not reductions.anywhere(comm, bool(unknown.any())):

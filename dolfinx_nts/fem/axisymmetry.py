@@ -43,8 +43,8 @@ def axisymmetric(mesh: Mesh) -> None:
 
     x is the radius, y the axis; there is no rotation about it. All objects created on the mesh
     afterwards refer to the full circumference: masses, energies and forces of bodies, areas of
-    surfaces, loads and obstacles. Nodes on the axis keep the radius 0 without a condition in
-    ``bcs``. Facets on the axis do not belong to surfaces.
+    surfaces, loads and obstacles. Nodes on the axis stay on it without a condition in ``bcs``.
+    Facets on the axis do not belong to surfaces.
 
     Args:
         mesh: Mesh of triangles or quadrilaterals, with coordinates x >= 0.
@@ -91,7 +91,7 @@ def axisymmetric(mesh: Mesh) -> None:
 
 
 def is_axisymmetric(mesh: Mesh | ufl.Mesh) -> bool:
-    """Whether a mesh is axisymmetric, which is fixed from then on. Local."""
+    """Whether a mesh is axisymmetric, which cannot change after this call. Local."""
     return _tolerance(mesh) is not None
 
 

@@ -138,7 +138,7 @@ def begin_batched_kernels(
 ) -> None:
     """Start compiling the kernels of `batched_kernels` or `matrix_kernels`. Local.
 
-    It has the same arguments, and leaves errors to them.
+    It has the same arguments; errors are raised later, when the kernels are requested.
     """
     if form.mesh.comm.rank == 0:
         with suppress(OSError, ValueError):

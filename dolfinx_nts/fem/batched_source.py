@@ -1,9 +1,9 @@
-"""Kernels for batches of cells, one lane a cell, from the C that FFCx writes for one cell.
+"""Kernels for batches of cells, one SIMD lane per cell, from the C code of FFCx for one cell.
 
-Each number that depends on the cell becomes a vector of the numbers of all cells of the
-batch. Tables and constants stay scalars. Two rules of text do that: accumulators, which start
-from zero, become vectors, and all other numbers what the compiler infers. The rest is left to
-C++, which has operators and functions of vectors (`lanes.h`). The law is not touched.
+Each number that depends on the cell becomes a vector over the cells of the batch. Tables and
+constants stay scalars. Two text replacements do that: accumulators, which start from zero, become
+vectors, and all other variables get the type ``auto``. Operators and functions of vectors are in
+`lanes.h`. The expressions do not change.
 """
 
 import re
@@ -97,7 +97,7 @@ def batched_source(source: str, columns: Columns | None = None) -> str:
 
 
 def _until_closed(text: str) -> str:
-    """What comes before the brace that closes one opened before the text."""
+    """Text before the brace that closes a brace opened before the text."""
     depth = 1
     for brace in re.finditer(r"[{}]", text):
         depth += 1 if brace[0] == "{" else -1

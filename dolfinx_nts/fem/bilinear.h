@@ -4,9 +4,9 @@
 #include "line.h"
 
 /// @file
-/// Bilinear functions at the 2 x 2 Gauss points, one direction after the
-/// other, which takes a third of the operations of sums over all nodes. Node
-/// x + 2 y of the cell, point y + 2 x.
+/// Bilinear functions at the 2 x 2 Gauss points by sum factorisation, with a
+/// third of the operations of sums over all nodes. Node x + 2 y of the cell,
+/// point y + 2 x.
 
 namespace nts
 {

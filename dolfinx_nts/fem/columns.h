@@ -3,16 +3,17 @@
 #include "lanes.h"
 
 /// @file
-/// Matrices of cells from kernels of linear forms, one lane a column.
+/// Element matrices from kernels of linear forms, one SIMD lane per column.
 
 namespace nts
 {
 /// @brief Add the matrix of a bilinear form on a cell.
 ///
 /// @tparam rows Scalar dofs of the test function.
-/// @tparam columns Scalar dofs of the trial function, in whose place the kernel
-/// has a function.
-/// @tparam first Place of that function among the values of all.
+/// @tparam columns Scalar dofs of the trial function, which is a coefficient of
+/// the kernel.
+/// @tparam first Offset of this coefficient among the values of all
+/// coefficients.
 /// @tparam width Values of all functions.
 /// @tparam coordinates Coordinates of all nodes of the geometry.
 /// @param[in] kernel Kernel of the linear form.

@@ -1,4 +1,4 @@
-"""Numbers of components of nodal vectors: three for positions, as in the space for unknowns.
+"""Number of components of nodal vectors: three for positions, two or three for unknowns.
 
 Positions have three coordinates as in DOLFINx; in the plane the third one is zero. The same holds
 for normals, forces and gradients of contact. Displacements, residuals and linear systems have the
@@ -141,6 +141,6 @@ def gradient(v: Any, *, on_axis: bool = False) -> Any:
 def deformation_gradient(u: Any, *, on_axis: bool = False) -> Any:
     """Deformation gradient of a displacement, UFL (3, 3), in plane meshes for plane strain.
 
-    Arguments as of `gradient`.
+    Arguments as for `gradient`.
     """
     return ufl.Identity(3) + gradient(u, on_axis=on_axis)

@@ -1,8 +1,8 @@
 """Elements of degree 1 and 2, and checks of the spaces and tags of users.
 
 Contact, output and pictures use the positions of nodes only. They divide a cell of degree 2 into
-cells of degree 1 on its nodes, its *pieces*: a hexahedron of 27 nodes into eight hexahedra, each of
-its faces into four quadrilaterals; a tetrahedron of 10 nodes into eight tetrahedra, each of its
+cells of degree 1 on its nodes, called *pieces*: a hexahedron of 27 nodes into eight hexahedra, each
+of its faces into four quadrilaterals; a tetrahedron of 10 nodes into eight tetrahedra, each of its
 faces into four triangles. In the plane quadrilaterals and triangles are divided in the same manner
 as these faces, and each edge into two.
 """
@@ -118,7 +118,7 @@ class Element:
 
     @cached_property
     def sides(self) -> list[tuple[Ints, Ints]]:
-        """Sides of pieces on each facet of the cell, by facet.
+        """Sides of pieces on each facet of the cell, in a list over the facets.
 
         Nodes of each side, shape ``(s, k)``, and nodes of its piece, shape ``(s, m)``, in Basix
         order.

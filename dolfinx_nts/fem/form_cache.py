@@ -1,9 +1,9 @@
-"""Cache of compiled forms: interrupted compilations are repeated, and processors kept apart.
+"""Cache of compiled forms, safe against interrupted compilations and other processors.
 
 FFCx creates an empty C file before it compiles a form, and a file ``.c.cached`` afterwards. A
-process that finds the first without the second waits for whoever compiles, also where this one
-was killed. Here the process that compiles holds a lock, which the operating system releases
-when the process ends for any reason.
+process that finds the first without the second waits for the compiling process, even if that was
+killed. Here the compiling process holds a lock, which the operating system releases when the
+process ends for any reason.
 """
 
 import fcntl
@@ -27,8 +27,8 @@ _CPUS = "/proc/cpuinfo"
 def processor() -> str:
     """Digest of the instructions that the processor has. Local.
 
-    Code that is compiled for them may end a process on another processor, which may see the
-    same cache: nodes of a cluster, or a home folder on a disk that is moved.
+    Code compiled for them may crash on another processor that sees the same cache, as on other
+    nodes of a cluster.
     """
     words = [platform.machine(), platform.processor()]
     with suppress(OSError), open(_CPUS) as cpus:

@@ -3,9 +3,9 @@
 #include <cmath>
 
 /// @file
-/// Numbers of a batch of cells, one lane a cell, with the functions that UFL
-/// knows. It is compiled at run time, with the kernels that
-/// `batched_source.py` writes, which see one cell.
+/// Numbers of a batch of cells, one SIMD lane per cell, with the functions of
+/// UFL. It is compiled at run time with the kernels of `batched_source.py`,
+/// which are written as for one cell.
 
 #ifdef NTS_SINGLE
 using Real = float;

@@ -3,8 +3,8 @@
 #include "lanes.h"
 
 /// @file
-/// Linear functions at the two Gauss points of a line, of which those on
-/// quadrilaterals and hexahedra are made.
+/// Linear functions at the two Gauss points of a line, for sum factorisation on
+/// quadrilaterals and hexahedra.
 
 namespace nts
 {

@@ -90,10 +90,10 @@ class CellForm:
     """A linear form over cells, assembled by a loop of the package. Collective.
 
     `fem.assemble_vector` reads functions that are packed cell by cell, which takes a quarter of its
-    time with 380 000 unknowns. This loop gathers the nodal values when it comes to a cell. Only
-    functions of other spaces are packed, when one of them has changed. Kernels compute several
-    cells together if `batched_kernels` can create them; they are compiled in the background until
-    the first assembly. Integrals over the same cells share the gathered values.
+    time with 380 000 unknowns. This loop gathers the nodal values of a cell when it processes the
+    cell. Only functions of other spaces are packed, when one of them has changed. Kernels compute
+    several cells together if `batched_kernels` can create them; they are compiled in the background
+    until the first assembly. Integrals over the same cells share the gathered values.
 
     Args:
         form: Linear form, made by `bulk_form`.
@@ -227,7 +227,7 @@ class _CellLoop:
             integral.add(cells[:most], packed, b, self._sums)
 
     def _by_cell(self, cells: Ints, rows: Sequence[Floats]) -> Floats:
-        """Copy rows of some cells, by integral, to an array with a row for every local cell."""
+        """Copy rows of the cells of each integral to an array with a row for every local cell."""
         packed = np.zeros((self._num_cells, len(self._places)))
         for some in rows:
             # DOLFINx sets functions to zero that do not occur in an integral.

@@ -95,7 +95,7 @@ class _MeanGradients(MultiFunction):  # type: ignore[misc]
         return self._coefficients[len(self._coefficients) - 1]
 
     def grad(self, o: Any) -> Any:
-        """Add the difference between mean and centre to a gradient."""
+        """Gradient plus the difference between its mean and its value at the centre."""
         (v,), axes, d = o.ufl_operands, self._axes, len(self._axes)
         if not all(self._has(f) for f in _functions(v)):
             return o
@@ -110,7 +110,7 @@ class _MeanGradients(MultiFunction):  # type: ignore[misc]
         return space == V or (len(elements) > 0 and elements[0] == V.ufl_element())
 
     def _times(self, second: Any, i: int, places: slice) -> Any:
-        """Second derivatives of a component times coefficients of the cell, from some positions."""
+        """Second derivatives of a component times coefficients of the cell, from a given offset."""
         numbers = range(len(self._coefficients))[places]
         return sum(
             second[i, j, k] * self._coefficients[n]

@@ -1,8 +1,8 @@
-"""Sums over tables of bi- and trilinear functions in FFCx's kernels, one direction after another.
+"""Sum factorisation of bi- and trilinear functions in the kernels of FFCx.
 
 FFCx sums over the nodes of a quadrilateral or a hexahedron for the value and for each derivative
 of a function at each Gauss point. `factorised` puts `bilinear.h` or `trilinear.h` in the place of
-these sums, after it has compared the tables with those that they stand for.
+these sums, after a comparison of the tables with the expected ones.
 """
 
 import re
@@ -78,7 +78,7 @@ def factorised(body: str) -> str:
         return f"A_{first}.{kind}_at(iq) += {found['number']};"
 
     def replaced(pattern: re.Pattern[str], line: Callable[[re.Match[str]], str]) -> Any:
-        """Replace loops all of whose statements match and have known tables."""
+        """Replace loops if all of their statements match and have known tables."""
 
         def replace(loop: re.Match[str]) -> str:
             found = [pattern.fullmatch(statement) for statement in _statements(loop[1])]
@@ -94,12 +94,12 @@ def factorised(body: str) -> str:
 
 
 def _stride(found: re.Match[str]) -> str:
-    """Numbers of a node."""
+    """Number of values of a node."""
     return found["stride"] or found["before"]
 
 
 def _kinds(body: str) -> dict[str, tuple[str, str]]:
-    """What stands for the functions in known tables, and which: a value or a derivative."""
+    """Factorised quantity for each known table: a value or a derivative."""
     kinds = {}
     for table, count, text in _TABLE.findall(body):
         numbers = np.array([float(number) for number in _NUMBER.findall(text)])

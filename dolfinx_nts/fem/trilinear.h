@@ -4,9 +4,9 @@
 #include "line.h"
 
 /// @file
-/// Trilinear functions at the 2 x 2 x 2 Gauss points, one direction after the
-/// other, which takes a quarter of the operations of sums over all nodes. Node
-/// x + 2 y + 4 z of the cell, point z + 2 y + 4 x.
+/// Trilinear functions at the 2 x 2 x 2 Gauss points by sum factorisation, with
+/// a quarter of the operations of sums over all nodes. Node x + 2 y + 4 z of
+/// the cell, point z + 2 y + 4 x.
 
 namespace nts
 {

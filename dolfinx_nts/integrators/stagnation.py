@@ -150,13 +150,13 @@ class IneffectiveCuts:
 
 
 class ShortSteps:
-    """Detects stagnation of the step size, and keeps why longer steps fail. Local."""
+    """Detects stagnation of the step size, and stores the reason why longer steps fail. Local."""
 
     def __init__(self) -> None:
         self._reason, self._number = "", 0
 
     def fail(self, reason: str) -> None:
-        """Keep why a step failed."""
+        """Store the reason of a failed step."""
         self._reason = reason
 
     def accept(self, cuts: int) -> str:

@@ -113,7 +113,7 @@ class EvenSteps:
         self.target = -math.inf
 
     def goes_on(self, t: float, dt: float) -> bool:
-        """Whether a step to the target was halved, and its rest remains.
+        """Whether a step to the target was halved, so that the remainder is due.
 
         Args:
             t: Current time [s].

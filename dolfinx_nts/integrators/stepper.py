@@ -57,7 +57,7 @@ _MOST_TURN = np.pi / 2
 
 
 class ScriptValues:
-    """Values in loads that ``update`` sets, evaluated at the time of the loads. Local.
+    """Values set by ``update`` that loads use, evaluated at the time of the loads. Local.
 
     Dirichlet conditions need values at the end of a step, loads mostly in its middle, and both may
     share a Constant. The forms of loads therefore contain copies.
@@ -80,7 +80,7 @@ class ScriptValues:
 
     @property
     def updates(self) -> bool:
-        """Whether there is an ``update``."""
+        """Whether an ``update`` function was given."""
         return self._update is not None
 
     def constants(self) -> list[tuple[str, Any]]:
@@ -96,7 +96,7 @@ class ScriptValues:
         return ufl.replace(form, {value: self._copies[value] for value in given})
 
     def update(self, end: float) -> None:
-        """Call ``update`` for the end of the step [s], unless `take` does."""
+        """Call ``update`` for the end of the step [s], unless `take` does that."""
         if self._update is not None and not self._copies:
             self._update(end)
 
@@ -211,7 +211,7 @@ class Stepper(TimeLoop):
         """Momentum of the owned nodes at t, shape ``(n, 3)`` [kg m/s]."""
 
     def carried(self, forces: Floats) -> Floats:
-        """Transfer forces at the owned nodes, ``(n, 3)`` [N], to the nodes that carry mass."""
+        """Forces at the owned nodes, ``(n, 3)`` [N], transferred to the nodes with mass."""
         return forces
 
     @abstractmethod

@@ -268,9 +268,9 @@ class TimeLoop(State):
     def _advance_to(self, end: float, dt: float, *, far: bool | None) -> StepReport:
         """Advance by one step of length dt [s], and set the time to its end [s] exactly.
 
-        ``far`` is false to use Newton's method only, true for the last resort: relaxation only in
-        statics, and no held vertices with inertia, and None to use relaxation where Newton's
-        method fails.
+        ``far`` is false for Newton's method only; true for the last resort only, which is
+        relaxation in statics, and no held vertices with inertia; None for relaxation after Newton's
+        method has failed.
         """
         statics = self._static_increment() is not None
         self._tries, self._relaxes = not (far and statics), far is None or far
@@ -316,7 +316,7 @@ class TimeLoop(State):
 
 
 def _in_vain(final: ConvergenceError, error: ConvergenceError) -> ConvergenceError:
-    """Error of a run in which relaxation has failed as well. Local."""
+    """Error of a run in which pseudo-transient continuation has failed as well. Local."""
     reason = error.reports[-1].reason if error.reports else str(error)
     return ConvergenceError(
         f"{final}; nor does relaxation with a viscous resistance find another one: {reason}; "

@@ -30,7 +30,7 @@ _MAY_CHANGE = re.compile(r"(?<=impact=)\w+|(?<=mu=)[^,)]+")
 
 
 class _Kept(NamedTuple):
-    """Source of the state of a pair: its number in the checkpoint from 1, and whether with slip."""
+    """Source of a pair's state: number in the checkpoint, from 1, and whether slip is kept."""
 
     number: int
     friction: bool
@@ -112,7 +112,7 @@ def load_state(path: str | Path, stepper: Stepper) -> tuple[str, ...]:
 
 
 def _without_motion(stepper: Stepper, comm: MPI.Comm) -> list[str]:
-    """Set the velocity to zero for integrators without inertia; names it if it was not zero."""
+    """Set the velocity to zero in statics; return its name if it was not zero."""
     speed = reductions.largest(comm, float(np.abs(stepper.v.x.array).max(initial=0.0)))
     if not isinstance(stepper, QuasiStatic) or speed == 0.0:
         return []

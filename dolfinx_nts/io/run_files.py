@@ -186,7 +186,7 @@ class RunFiles:
         self._saved = (ledger.step, ledger.last.time)
 
     def how_to_go_on(self) -> str:
-        """Text with the step of the checkpoint, and how to continue the run. Local."""
+        """Text with the step of the checkpoint and instructions to continue the run. Local."""
         if not self._checkpoint.exists():
             return (
                 "there is no checkpoint: with Recorder(..., checkpoint_every=50, resume=True) a "

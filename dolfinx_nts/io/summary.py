@@ -119,5 +119,5 @@ def _vector(values: Iterable[float]) -> str:
 
 
 def _seconds(value: float) -> str:
-    """Seconds with one decimal, or with one digit where that would be zero."""
+    """Seconds with one decimal, or with one significant digit if that would be zero."""
     return f"{value:.1f}" if abs(value) >= 0.05 else f"{value:.1g}"

@@ -85,7 +85,7 @@ class HolzapfelGasserOgden(Hyperelastic):
         return frozenset(["kappa"])
 
     def check(self) -> None:
-        """Nothing is left to check: only the moduli of fibres jump, where they become taut."""
+        """Do nothing: moduli are discontinuous only where fibres become taut."""
 
     @property
     def least_modulus(self) -> float:

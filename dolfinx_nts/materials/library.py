@@ -1,7 +1,7 @@
 """Named materials: strain energies psi(C) with their usual parameters.
 
-Everything is UFL. Stresses, moduli, damping and quadrature are inherited from `Hyperelastic`, from
-which all classes derive and whose options they take.
+Everything is UFL. Stresses, moduli, damping and quadrature are inherited from `Hyperelastic`, and
+all classes take its options.
 """
 
 from typing import Any

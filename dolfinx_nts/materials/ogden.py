@@ -27,8 +27,8 @@ class Ogden(Hyperelastic):
     :math:`\psi = \sum_p \mu_p/\alpha_p\, (\bar\lambda_1^{\alpha_p} + \bar\lambda_2^{\alpha_p} +
     \bar\lambda_3^{\alpha_p} - 3) + \kappa/2\, (J - 1)^2` with :math:`\bar\lambda_k = J^{-1/3}
     \lambda_k` (Ogden 1972). The shear modulus of small strains is
-    :math:`\mu = \sum_p \mu_p \alpha_p/2`. Codes that write :math:`2 \mu_p/\alpha_p^2` have
-    :math:`\mu_p \alpha_p/2` in the place of :math:`\mu_p`.
+    :math:`\mu = \sum_p \mu_p \alpha_p/2`. In codes with the prefactor :math:`2 \mu_p/\alpha_p^2`,
+    the parameter is :math:`\mu_p \alpha_p/2` of this class.
 
     Args:
         mu: Coefficients of the terms [Pa].
@@ -85,7 +85,7 @@ class Ogden(Hyperelastic):
         return frozenset(["kappa"])
 
     def check(self) -> None:
-        """Nothing is left to check: energies of this kind have moduli and no stress at C = 1."""
+        """Do nothing: these energies have moduli and no stress at C = 1."""
 
     @property
     def moduli(self) -> Floats:

@@ -17,9 +17,9 @@ __all__ = ["PlaneStress"]
 class PlaneStress(Hyperelastic):
     r"""Material of a sheet in plane stress, in two dimensions. Local.
 
-    Only laws with a closed form of the thickness are accepted. Your own law may be given as an
-    energy of the in-plane entries of C, which has no stress along z either. Forces (also of a
-    `Pressure`), masses and energies are per metre of undeformed thickness.
+    Only laws with a closed form of the thickness are accepted. Another law can be given as a
+    `Hyperelastic` energy of the in-plane entries of C, which has no stress along z either. Forces
+    (also of a `Pressure`), masses and energies are per metre of undeformed thickness.
 
     Args:
         material: `SaintVenantKirchhoff`, or `NeoHookean` with ``volumetric="quadratic"``. All terms

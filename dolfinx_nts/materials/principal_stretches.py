@@ -110,7 +110,7 @@ class PrincipalStretches:
 
 
 def _trisected(cosine: Any) -> Any:
-    """Cosine of a third of the angle, from cosines between 0 and 1, UFL."""
+    """Cosine of a third of an angle, from the cosine of the angle between 0 and 1, UFL."""
     t = 0.0
     for coefficient in _START:
         t = t * cosine + coefficient
@@ -120,7 +120,7 @@ def _trisected(cosine: Any) -> Any:
 
 
 def _num_terms(beta: float, step: int, argument: float) -> int:
-    """Terms of the binomial series that second derivatives need, of powers by the step.
+    """Number of terms of the binomial series that second derivatives need, for some powers.
 
     Args:
         beta: Exponent.

@@ -3,13 +3,13 @@ r"""Radial return: plastic flow in a step.
 With the isochoric part :math:`\bar C = J^{-2/3} C` of the deformation and the metric G, which is
 :math:`C_p^{-1}` of the plastic deformation, the product :math:`M = \bar C G` has the invariants of
 the elastic left Cauchy-Green tensor, and :math:`q = \sqrt{3/2}\, \mu\, |\mathrm{dev}\, M|` is the
-von Mises stress (Kirchhoff). Where the trial, with the metric of the start of the step, has
+von Mises stress (Kirchhoff). If the trial state, with the metric at the start of the step, has
 :math:`q > \sigma_y(\alpha_n)`, the deviator is scaled by :math:`t = 1 - 3 \mu s \Delta\alpha/q`,
-with the increment of the equivalent plastic strain of
-:math:`t q = \sigma_y(\alpha_n + \Delta\alpha)` (Simo and Hughes 1998, box 9.1). s is the mean
-along the return of the rate :math:`I + 3 \det \mathrm{dev}\, M/|\mathrm{dev}\, M|^2`,
-:math:`I = \mathrm{tr}\, M/3`, by which the deviator of :math:`\dot G = -2 \dot\gamma\, G N`
-falls, N its direction. The trace follows from the condition that the flow keeps det G, so that
+with the increment of the equivalent plastic strain of :math:`t q = \sigma_y(\alpha_n +
+\Delta\alpha)` (Simo and Hughes 1998, box 9.1). s is the mean along the return of the rate :math:`I
++ 3 \det \mathrm{dev}\, M/|\mathrm{dev}\, M|^2`, :math:`I = \mathrm{tr}\, M/3`, by which the
+deviator of :math:`\dot G = -2 \dot\gamma\, G N` falls, N its direction. The trace follows from the
+condition that det G is constant:
 
 .. math:: G_{n+1} = t\, G_n + (I' - t I)\, \bar C^{-1}, \qquad
    I'^3 - \tfrac12 t^2 |\mathrm{dev}\, M|^2\, I' + t^3 \det \mathrm{dev}\, M = \det M,

@@ -61,7 +61,7 @@ class StrainEnergy(Declaration):
         return self._psi(C, **self.parameters | parameters)
 
     def value(self, C: Any, without: Iterable[str] = ()) -> float:
-        """Energy of a constant tensor, UFL (3, 3), with some parameters zero [J/m^3]."""
+        """Energy [J/m^3] of a constant tensor, UFL (3, 3), with some parameters set to zero."""
         energy = ufl.as_ufl(self.psi(C, **dict.fromkeys(without, 0.0)))
         return Evaluation(expand_derivatives(energy)).value({})
 
@@ -144,10 +144,7 @@ class StrainEnergy(Declaration):
 
     @property
     def answers_volume_by_pressure(self) -> bool:
-        """Whether the stress of a small uniform change of volume is a pressure.
-
-        Fibres are a counterexample. For energies without fields.
-        """
+        """Whether a small volume change causes only a pressure; for energies without fields."""
         volume = np.einsum("aii->a", strain_basis())
         stress = self.moduli @ volume
         rest = stress - stress @ volume / 3 * volume

@@ -65,7 +65,7 @@ def parts(material: Hyperelastic, locks: bool) -> tuple[Part, Part | None]:
 
 
 def _at_equal_volume(C: Any) -> Any:
-    """Spherical tensor of the same volume, UFL (3, 3)."""
+    """Spherical tensor with the same determinant, UFL (3, 3)."""
     return ufl.det(C) ** (1 / 3) * ufl.Identity(3)
 
 

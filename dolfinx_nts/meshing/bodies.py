@@ -1,4 +1,4 @@
-"""Cells and facets of the bodies in a gmsh model, checked, as DOLFINx wants them. Local."""
+"""Cells and facets of the bodies in a gmsh model, checked and in the format of DOLFINx. Local."""
 
 from typing import NamedTuple
 
@@ -55,7 +55,7 @@ class Bodies(NamedTuple):
     num_facets: dict[int, int]
 
     def description(self) -> "Bodies":
-        """The same without nodes, cells and facets, for other ranks."""
+        """Copy without nodes, cells and facets, for other ranks."""
         rows = "x", "cells", "cell_tags", "facets", "facet_tags"
         return self._replace(**{name: getattr(self, name)[:0] for name in rows})
 
@@ -91,7 +91,7 @@ def find_dimension(mesh: Elements) -> int:
 
 
 def _without_bodies(mesh: Elements) -> str:
-    """Say what a model without bodies has, and what would make bodies of it."""
+    """Description of a model without bodies, and how to define bodies in it."""
     for dim in (3, 2):
         if count := len(mesh.entities(dim)):
             return (
@@ -105,7 +105,7 @@ def _without_bodies(mesh: Elements) -> str:
 
 
 def bodies_of(mesh: Elements, dim: int) -> Bodies:
-    """Take the bodies out of a model.
+    """Collect the bodies of a model.
 
     Args:
         mesh: The model, with cells of one kind.

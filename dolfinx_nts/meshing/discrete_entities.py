@@ -1,7 +1,7 @@
-"""Discrete entities of a gmsh model, whose numbers no shape of a CAD kernel gets.
+"""Discrete entities of a gmsh model, with numbers that CAD shapes do not use.
 
-The kernels of gmsh count their own shapes only. A shape that is added after a discrete entity of
-the same number would replace it, or end the process.
+The CAD kernels of gmsh number their own shapes only. A shape that is added later with the number of
+a discrete entity would replace it, or end the process.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ _FIRST = 1_000_001
 
 
 def add_discrete_entity(model: Any, dim: int, boundary: Sequence[int] = ()) -> int:
-    """Add a discrete entity with a number of its own to a gmsh model. Local.
+    """Add a discrete entity with a unique number to a gmsh model. Local.
 
     Args:
         model: Live gmsh model.

@@ -131,6 +131,6 @@ def names(kinds: Iterable[int]) -> str:
 
 
 def stacked(arrays: Iterable[Array], *shape: int) -> Array:
-    """Concatenate rows, also none of a given shape, as 64-bit numbers."""
+    """Concatenate arrays of rows as 64-bit integers; an empty array of a shape if none."""
     rows = [np.asarray(a, dtype=np.int64).reshape(-1, *shape) for a in arrays]
     return np.concatenate(rows) if rows else np.empty((0, *shape), dtype=np.int64)

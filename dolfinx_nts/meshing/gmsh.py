@@ -1,8 +1,8 @@
-"""Meshes from gmsh: of files, of live models, and of functions that fill a model.
+"""Meshes from gmsh: from files, from models in memory, and from functions that build a model.
 
 Files are read without gmsh. Physical volumes and surfaces become tagged cells and facets of a
 distributed DOLFINx mesh, in the plane physical surfaces and curves, and the names of the
-physical groups give the tags. Simple bodies to fill a model with are in `parts`.
+physical groups give the tags. Functions that add simple bodies to a model are in `parts`.
 """
 
 import os
@@ -91,9 +91,9 @@ class _Tags(dict[str, int]):
 def read_mesh(source: Any, comm: MPI.Comm, *, rank: int = 0) -> MeshData:
     """Read a mesh with named physical groups and distribute it.
 
-    Planes cut it into parts of as many cells, the same each time. Collective; every error is raised
-    on all ranks. Mirrored cells are accepted, as DOLFINx integrates with ``|det J|``. Cells of
-    second order may be curved, as on round surfaces after
+    It is partitioned by recursive bisection with planes, the same in each run. Collective; every
+    error is raised on all ranks. Mirrored cells are accepted, as DOLFINx integrates with ``|det
+    J|``. Cells of second order may be curved, as on round surfaces after
     ``gmsh.model.mesh.setOrder(2)``; they go with displacements of degree 2. DOLFINx has spaces on
     cells of one kind only, and not on prisms: meshes of prisms, or of several kinds, are cut into
     hexahedra, four of a tetrahedron, six of a prism and eight of a hexahedron, and a warning is
@@ -204,7 +204,7 @@ def _import_gmsh() -> Any:
 
 @contextmanager
 def _empty_model(name: str) -> Iterator[Any]:
-    """Context with a new gmsh model, after which gmsh is as it was before."""
+    """Context with a new gmsh model; the state of gmsh is restored afterwards."""
     gmsh = _import_gmsh()
     initialised = gmsh.isInitialized()
     if not initialised:
@@ -243,7 +243,7 @@ def _elements_of(model: Any) -> Elements:
 
 
 def _remedy(source: str | os.PathLike[str]) -> str:
-    """Say how a file that is no gmsh mesh becomes one, by its suffix."""
+    """Instructions to convert a file that is not a gmsh mesh, by its suffix."""
     suffix = Path(source).suffix.lower()
     if suffix in _MESHES:
         return (

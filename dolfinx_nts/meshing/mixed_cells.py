@@ -1,9 +1,9 @@
-"""Cutting of mixed cells into cells of one kind, as DOLFINx has no spaces on several.
+"""Division of mixed cells into cells of one kind, as DOLFINx has no spaces on several kinds.
 
 Cells are cut at the midpoints of their edges and the centres of their faces: a tetrahedron
 becomes four hexahedra, a prism six, a hexahedron eight; in the plane, a triangle becomes three
-quadrilaterals, a quadrilateral four. Neighbours of any kind still share their nodes, and
-volumes stay the same.
+quadrilaterals, a quadrilateral four. Neighbours of any kind still share their nodes, and volumes do
+not change.
 """
 
 import logging
@@ -50,7 +50,7 @@ _NAMES = {2: "quadrilaterals", 3: "hexahedra"}
 
 
 class _Pieces(NamedTuple):
-    """How an element is cut, with one piece at each corner.
+    """Division of an element into pieces, one at each vertex.
 
     Attributes:
         shared: Corners of edges and faces, each with a node in the middle that neighbours share;
@@ -64,7 +64,7 @@ class _Pieces(NamedTuple):
 
 
 def _pieces(kind: int) -> _Pieces:
-    """Cut an element of a type."""
+    """Divide an element of a type into pieces."""
     neighbours, faces = _NEIGHBOURS[kind], _FACES[kind]
     edges = sorted({tuple(sorted((i, j))) for i, others in enumerate(neighbours) for j in others})
     shared = [*edges, *faces]

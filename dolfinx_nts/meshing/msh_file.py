@@ -47,25 +47,25 @@ class _Numbers(Protocol):
     """Numbers of a section in the order of the file."""
 
     def take(self, kind: str, count: int) -> Array:
-        """Take the next numbers, of kind ``"int"``, ``"size"`` or ``"real"``."""
+        """Read the next numbers, of kind ``"int"``, ``"size"`` or ``"real"``."""
 
     def heading(self) -> int:
-        """Take the number of entries of a section of format 2, which is always text."""
+        """Read the number of entries of a section of format 2, which is always text."""
 
     def positions(self, count: int) -> tuple[Array, Array]:
-        """Take rows of a number and a position."""
+        """Read rows of a number and a position."""
 
     def elements(self, count: int) -> Iterator[tuple[int, int, Array]]:
-        """Take elements of format 2: type, number of tags, and rows of number, tags, nodes."""
+        """Read elements of format 2: type, number of tags, and rows of number, tags, nodes."""
 
 
 def _ints(numbers: _Numbers, kind: str, count: int) -> list[int]:
-    """Take the next numbers as integers."""
+    """Read the next numbers as integers."""
     return [int(number) for number in numbers.take(kind, count)]
 
 
 class _Text:
-    """Numbers of a section that is text."""
+    """Numbers of a text section."""
 
     def __init__(self, text: bytes) -> None:
         self._all = np.array(text.split()).astype(np.float64)
@@ -150,7 +150,7 @@ class _Binary:
 
 
 class _Content:
-    """What a file holds, section by section.
+    """Content of a file, section by section.
 
     Attributes:
         names: Names of the physical groups by dimension and tag.
@@ -214,7 +214,7 @@ class _Content:
                 self._blocks.append(Block(dim, entity, kind, own[:, 0], own[:, 1 + num_tags :]))
 
     def elements(self) -> Elements:
-        """Put the sections together."""
+        """Combine the sections."""
         if not self._nodes or not self._blocks:
             raise ValueError("sections $Nodes and $Elements are missing")
         self._nodes.sort(key=lambda block: block[:2])
@@ -275,7 +275,7 @@ def _parsed(data: bytes) -> Elements:
 
 
 def _format(text: bytes) -> tuple[bool, bool, str, int]:
-    """Whether the format is 4.1 and whether binary, order of bytes, and bytes of a size."""
+    """Format: whether 4.1, whether binary, byte order, and number of bytes of ``size_t``."""
     version, kind, size = text.split(maxsplit=3)[:3]
     if version != _VERSION_4 and version not in _VERSION_2:
         raise ValueError(

@@ -1,9 +1,8 @@
-"""Which rank owns each cell of a mesh: planes cut it in halves, and these in halves.
+"""Partition of a mesh by recursive coordinate bisection.
 
-Such parts are the same in each run, which partitions of the graph of cells need not be. Where a
-plane cuts bodies of different sizes across, what touches stays together, and most contacts are
-between nodes of one rank. Bodies of one size that a plane parts go to different ranks as a whole:
-if they are pressed on each other, these ranks send less than if both bodies were cut across.
+The partition is the same in each run, unlike partitions of the graph of cells. If bodies of
+different sizes are cut by a plane, touching parts mostly stay on one rank. Bodies of the same size
+are separated as a whole; if they touch, the ranks exchange less data than if both bodies were cut.
 """
 
 import numpy as np
@@ -20,7 +19,7 @@ _SAME = 1e-6
 def ranks_of_cells(X: Floats, cells: Array, num_ranks: int) -> Ints:
     """Divide cells evenly among ranks. Local.
 
-    Each part is cut across the axis that gives the fewest nodes in common.
+    Each part is cut normal to the axis that gives the fewest common nodes.
 
     Args:
         X: Positions of the nodes, shape ``(n, 3)`` [m].
@@ -48,7 +47,7 @@ def ranks_of_cells(X: Floats, cells: Array, num_ranks: int) -> Ints:
 
 
 def _orders(points: Floats) -> list[Array]:
-    """Points in their order along each axis; those at one place of it along the others."""
+    """Orders of points along each axis; equal coordinates are ordered along the other axes."""
     low, high = points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)
     same = _SAME * (high - low).max() or 1.0
     place = np.rint((points - low) / same)

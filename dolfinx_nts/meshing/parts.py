@@ -1,8 +1,8 @@
 """Simple bodies for a gmsh model: boxes, balls, bowls, rings, tori and rectangles.
 
 Their cells are hexahedra or tetrahedra, in the plane quadrilaterals or triangles. Each function
-adds one body with named surfaces to a live model, and `read_mesh` makes the mesh of all of them.
-Bodies do not share nodes. All functions are local: they are called on the rank that holds the
+adds one body with named surfaces to a gmsh model in memory, and `read_mesh` creates the mesh of all
+bodies. Bodies do not share nodes. All functions are local: they are called on the rank with the
 model.
 """
 

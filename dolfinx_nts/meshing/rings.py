@@ -118,7 +118,7 @@ def add_torus(
 
 
 def _turned(x: Floats, axis: Sequence[float]) -> Floats:
-    """Turn positions, shape (..., 3), by a rotation from the z axis to another axis."""
+    """Rotate positions, shape (..., 3), by the rotation from the z axis to another axis."""
     length = float(np.linalg.norm(axis))
     if not (np.isfinite(length) and length > 0):
         raise ValueError(f"expected an axis of length > 0, given {axis}")

@@ -1,10 +1,10 @@
-"""Checks of sizes that round bodies share. Local."""
+"""Checks of the dimensions of round bodies. Local."""
 
 __all__ = ["check_cells", "check_radii"]
 
 
 def check_radii(inner: float, outer: float) -> None:
-    """Check the radii of a wall [m].
+    """Check inner and outer radius [m].
 
     Raises:
         ValueError: They are not positive and ascending.

@@ -64,7 +64,7 @@ def hexahedra(ids: GlobalInts) -> GlobalInts:
 
 
 def quadrangles(cells: GlobalInts, side: str) -> GlobalInts:
-    """Take the quadrilaterals on one side of blocks of hexahedra.
+    """Quadrilaterals on one side of blocks of hexahedra.
 
     Args:
         cells: Nodes of the hexahedra, shape ``(..., nx, ny, nz, 8)``.

@@ -1,6 +1,6 @@
 """Supports: Dirichlet conditions of the displacement, which may change in time.
 
-In axisymmetric meshes an additional condition keeps nodes on the axis there.
+In axisymmetric meshes an additional condition keeps nodes of the axis on the axis.
 """
 
 import logging
@@ -95,7 +95,7 @@ class Supports:
 
     @property
     def exist(self) -> bool:
-        """Whether there are any conditions, on all ranks. Local."""
+        """Whether any rank has conditions. Local."""
         return bool(self.conditions)
 
     def constants(self) -> list[tuple[str, Floats]]:

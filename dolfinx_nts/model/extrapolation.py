@@ -1,8 +1,8 @@
 """Extrapolation of affine fields from the nodes of a body to nodes of its surface.
 
-A node of the surface gets a weighted sum of the values at nodes below it. If two of them lie on a
-line with it, as in meshes that were swept from the surface, these are used. Otherwise twelve or
-more neighbours are fitted by weighted least squares.
+A node of the surface gets a weighted sum of the values at nodes below it. If two nodes are
+collinear with it, as in meshes swept from the surface, these are used. Otherwise twelve or more
+neighbours are fitted by weighted least squares.
 """
 
 from collections.abc import Sequence
@@ -72,7 +72,7 @@ class _Neighbours(NamedTuple):
 
 
 def group_of_nodes(bodies: Sequence[Body]) -> Ints:
-    """Number of the group of connected bodies to which each local node belongs. Collective.
+    """Number of the group of connected bodies of each local node. Collective.
 
     Args:
         bodies: Bodies of one space, which fill the mesh.
@@ -179,7 +179,7 @@ def _row(x: Floats, distance: Floats, below: _Neighbours) -> tuple[Ints, Floats]
 
 
 def _line(near: Ints, offset: Floats) -> tuple[Ints, Floats] | None:
-    """The nearest node and one beyond it on a line."""
+    """Weights from the nearest node and a second one on the same line."""
     first, others = offset[0], offset[1:] - offset[0]
     length, lengths = np.linalg.norm(first), np.linalg.norm(others, axis=1)
     sine = np.linalg.norm(np.cross(others, first), axis=1) / (length * lengths)

@@ -148,7 +148,7 @@ class Frame:
 
 
 class MovingFrame(Frame):
-    """Frame of an obstacle that moves in a step.
+    """Body-fixed frame of an obstacle that moves in a step.
 
     Args:
         origin: Declared position of the centre of the motion, shape ``(3,)`` [m].

@@ -38,7 +38,7 @@ class ContactKinematics(NamedTuple):
     turn: Floats
 
     def combined(self, weights: Floats) -> "ContactKinematics":
-        """Kinematics in terms of other nodes, whose combinations are the nodes of the pairs.
+        """Kinematics for other nodes, of which the nodes of the pairs are linear combinations.
 
         Args:
             weights: Weight of each of j other nodes in each of k nodes, shape ``(m, k, j)``.
@@ -123,7 +123,7 @@ class Slip:
         return work
 
     def combined(self, weights: Floats) -> "Slip":
-        """Slip in terms of other nodes, whose combinations are the nodes of the pairs.
+        """Slip for other nodes, of which the nodes of the pairs are linear combinations.
 
         Args:
             weights: Weight of each of j other nodes in each of k nodes, shape ``(k, j)`` or

@@ -1,4 +1,4 @@
-"""Layers of cells behind the nodes of a surface, which waves across the surface compress first."""
+"""Layers of cells behind the nodes of a surface, which an impact compresses first."""
 
 from collections.abc import Sequence
 

@@ -101,7 +101,7 @@ class RigidBody(Body):
 
 
 def guided(bodies: Iterable[Body]) -> list[RigidBody]:
-    """Rigid bodies with a guide, in their order. Local."""
+    """Rigid bodies with a guide, in the given order. Local."""
     # `is_rigid` first, which is faster than `isinstance`.
     rigid = (body for body in bodies if body.is_rigid and isinstance(body, RigidBody))
     return [body for body in rigid if body.guide is not None]

@@ -13,7 +13,7 @@ NEIGHBOURS = {3: [(1, 2), (2, 0), (0, 1)], 4: [(1, 2), (0, 3), (0, 3), (1, 2)]}
 
 
 def area_vectors(vertices: Floats, orientation: Floats) -> Floats:
-    """Area vectors of segments: mean normal times area. Local.
+    """Area vectors of segments: area times mean unit normal. Local.
 
     Args:
         vertices: Positions in Basix order, shape ``(s, k, 3)`` [m].

@@ -223,7 +223,7 @@ class Surface(Declaration):
         return input_ids(self.V)[self.nodes]
 
     def with_nodes(self, flags: Flags) -> "Surface":
-        """Make the same surface with some of its nodes only. Local.
+        """Copy of the surface with some of its nodes only. Local.
 
         Args:
             flags: Whether it has each of the owned nodes, shape ``(n,)``.
@@ -315,7 +315,7 @@ class Surface(Declaration):
 
 
 def _ratios(values: Floats) -> Floats:
-    """Other columns (forces) divided by the first column (areas), 0 without area."""
+    """Columns of forces divided by the first column, the areas; 0 without area."""
     ratios: Floats = values[:, 1:] / np.where(values[:, :1] > 0, values[:, :1], np.inf)
     return ratios
 

@@ -51,7 +51,7 @@ def on_root(comm: MPI.Comm, action: Callable[[], T]) -> T:
 
 
 def exchanged(comm: MPI.Comm, parts: Mapping[int, T]) -> dict[int, T]:
-    """Send an object to each of some ranks, and receive the objects of others. Collective.
+    """Send an object to each of several ranks, and receive objects of others. Collective.
 
     Receivers do not know their senders beforehand. The algorithm uses messages to the given ranks
     and a nonblocking barrier that a rank enters when all its messages have arrived (T. Hoefler, C.

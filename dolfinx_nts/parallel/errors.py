@@ -1,8 +1,8 @@
 """Propagation of errors on one rank to all ranks, to avoid deadlocks.
 
 `agreed` raises the error of one rank on all ranks if all of them reach the end of its context. If
-they wait inside the context for the rank that failed, the error ends the program on that rank, and
-`end_together` ends the other ranks.
+they wait for the failed rank inside the context, the error ends the program on the failed rank, and
+`end_together` ends the others.
 """
 
 import math
@@ -119,8 +119,8 @@ def end_together() -> None:
     """Let an error, or ``sys.exit``, on one rank end the program on all. Local.
 
     After an uncaught exception one rank prints the traceback, and `MPI.Comm.Abort` ends the ranks
-    that did not fail. A rank that exits otherwise notifies waiting ranks. On one rank and in
-    an interactive session nothing is changed.
+    that did not fail. A rank that exits normally notifies waiting ranks. On one rank and in an
+    interactive session nothing is changed.
     """
     interactive = hasattr(sys, "ps1") or sys.flags.interactive
     if MPI.COMM_WORLD.size > 1 and not interactive and not isinstance(sys.excepthook, _Hook):

@@ -159,7 +159,7 @@ def leave_with_notes() -> None:
 
 
 def _readers(rank: int) -> list[int]:
-    """Ranks notified by an exiting rank: two, since the first may have exited too."""
+    """Ranks notified by an exiting rank: two of them, as one may have exited, too."""
     return [r for r in range(min(MPI.COMM_WORLD.size, 3)) if r != rank][:2]
 
 

@@ -1,8 +1,8 @@
 """Sums and extremes over all ranks.
 
-All functions are collective and return the type that they are given; on one rank they return
-the very object. Numbers, lists of numbers and arrays are sent as buffers, because sending them
-as Python objects takes ten times as long.
+All functions are collective and return the type of the argument; on one rank they return the
+argument itself. Numbers, lists of numbers and arrays are sent as buffers, because sending them as
+Python objects takes ten times as long.
 """
 
 from typing import Any, TypeVar

@@ -1,4 +1,4 @@
-"""Interrupts by Ctrl-C, SIGTERM or a closed pipe that wait for the end of a step."""
+"""Deferral of interrupts (Ctrl-C, SIGTERM, closed pipe) to the end of a step."""
 
 import errno
 import os
@@ -23,8 +23,8 @@ def restore_broken_pipe() -> None:
     """Restore Python's own handling of SIGPIPE, which PETSc replaces. Local.
 
     Python ignores the signal, so that writing to a closed pipe raises ``BrokenPipeError``. The
-    handler of PETSc aborts the program instead, and never ends where Open MPI reports by such a
-    pipe that ``mpirun`` was killed.
+    handler of PETSc aborts the program instead, and hangs if Open MPI reports a killed ``mpirun``
+    by such a pipe.
     """
     if threading.current_thread() is threading.main_thread():
         handler = signal.getsignal(signal.SIGPIPE)
@@ -33,7 +33,7 @@ def restore_broken_pipe() -> None:
 
 
 class Interrupts:
-    """Context in which a first signal is only noted, and a second takes effect immediately.
+    """Context that registers a first signal; a second one takes effect immediately.
 
     A pipe that its reader has closed counts as a signal, SIGPIPE: output to it is dropped from
     then on. The reader, such as ``tee``, often ends by the Ctrl-C that interrupts the run.
@@ -55,7 +55,7 @@ class Interrupts:
         self._streams: dict[str, Any] = {}
 
     def __enter__(self) -> "Interrupts":
-        """Note signals from now on."""
+        """Register signals from now on."""
         if threading.current_thread() is threading.main_thread():
             self._signum = 0
             for signum in _SIGNALS:
@@ -84,7 +84,7 @@ class Interrupts:
     def take_effect(self, signum: int) -> None:
         """Raise the error, or end the process, as the signal would have done immediately.
 
-        Where the handler of the script returns, the run continues and signals are noted again.
+        If the handler of the script returns, the run continues and signals are registered again.
 
         Args:
             signum: Number of the signal.
@@ -119,7 +119,7 @@ class Interrupts:
 
 
 class _Stream:
-    """Stream of text that notes a closed pipe once, and drops further output.
+    """Text stream that registers a closed pipe once, and drops further output.
 
     Args:
         stream: The stream, whose other attributes this object has, too.

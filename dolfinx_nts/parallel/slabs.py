@@ -57,7 +57,7 @@ class Slab(NamedTuple):
 
 
 class Some(NamedTuple):
-    """Sparse rows of an array; all others have one value.
+    """Some rows of an array; all other rows have the same value.
 
     Attributes:
         rows: Numbers of the rows, shape ``(r,)``.
@@ -181,7 +181,7 @@ class Slabs:
 
 
 def _taken(rows: Array, order: GlobalInts, room: Array | None = None) -> Array:
-    """Rows in another order, in the memory of ``room`` if it fits."""
+    """Rows in another order, written to the buffer ``room`` if its shape fits."""
     shape = len(order), *rows.shape[1:]
     width = math.prod(shape[1:])
     fits = room is not None and room.dtype == rows.dtype and room.size == len(order) * width

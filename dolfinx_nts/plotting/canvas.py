@@ -1,4 +1,4 @@
-"""Drawing of cells and facets by PyVista, all pictures in one style.
+"""Drawing of cells and facets by PyVista, in one style for all pictures.
 
 PyVista is imported when it is needed. Everything is local: one rank draws.
 """
@@ -91,7 +91,7 @@ class Unit(NamedTuple):
     free: bool = False
 
     def scale(self, size: float) -> tuple[float, str]:
-        """Divisor and prefix for numbers up to a size."""
+        """Divisor and SI prefix for numbers up to a given size."""
         return (1.0, "") if self.free or not self.symbol else prefixed(size)
 
     def seconds(self, end: float) -> tuple[float, str]:
@@ -206,7 +206,7 @@ def paint(
 
 
 def add_outline(plotter: Any, grid: Any) -> None:
-    """Draw cells of the plane without colours, behind coloured objects.
+    """Draw cells of a plane mesh without colours, behind coloured objects.
 
     Args:
         plotter: PyVista plotter.

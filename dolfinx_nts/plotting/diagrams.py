@@ -29,7 +29,7 @@ P = ParamSpec("P")
 
 
 def _on_first_rank(draw: Callable[P, Picture]) -> Callable[P, Picture]:
-    """Make a function draw nothing on all ranks but the first."""
+    """Decorator: let a function draw on the first rank only."""
 
     @wraps(draw)
     def wrapper(*args: P.args, **kwargs: P.kwargs) -> Picture:
@@ -102,7 +102,7 @@ def momenta(table: str | Path, filename: str | Path | None = None) -> Picture:
 def energy_error(
     tables: str | Path | Mapping[str, str | Path], filename: str | Path | None = None
 ) -> Picture:
-    """Draw the energy that a run gains or loses without a reason. Local.
+    """Draw the energy error of a run. Local.
 
     That is the change of the total energy without the work of loads, supports, damping and
     friction, relative to the largest total energy or work of the run. It is zero where a scheme
@@ -169,11 +169,11 @@ def forces(table: str | Path, filename: str | Path | None = None) -> Picture:
 
 @_on_first_rank
 def ledger(table: str | Path, filename: str | Path | None = None) -> Picture:
-    """Draw where the energy of a run is, layer upon layer, over time. Local.
+    """Draw the energies of a run as stacked layers over time. Local.
 
-    Layers are the energies of the state and what friction and damping took; those that are always
-    zero are left out. The dashed line is the energy of the start with the work of loads, supports
-    and obstacles: what the layers lack to it, the scheme has lost.
+    Layers are the energies of the state and the dissipation by friction and damping; layers that
+    are always zero are left out. The dashed line is the initial energy plus the work of loads,
+    supports and obstacles. A gap between the layers and this line is energy lost by the scheme.
 
     Args:
         table: CSV file of a `Recorder`.
@@ -268,7 +268,7 @@ def _unexplained(rows: Any) -> tuple[Any, Any]:
 
 
 def _finished(figure: Any, filename: str | Path | None) -> Picture:
-    """Write a figure, if that is wanted, and make a picture of it."""
+    """Write a figure to a file if a name is given, and return it as a picture."""
     if filename is not None:
         figure.savefig(filename)
     return Picture.of_figure(figure)

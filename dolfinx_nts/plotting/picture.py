@@ -13,8 +13,8 @@ __all__ = ["Picture"]
 class Picture:
     """A picture or a movie in memory, which a notebook displays.
 
-    It is the value of the functions that draw: as the last line of a cell it appears below the
-    cell, in a script it may be dropped.
+    Drawing functions return it: as the last expression of a notebook cell it appears below the
+    cell; scripts may ignore it.
 
     Args:
         data: Content of the file; empty on ranks that did not draw.

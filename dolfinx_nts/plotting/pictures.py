@@ -1,8 +1,7 @@
-"""Pictures of a run, one call each.
+"""Pictures of a run, each drawn by one function call.
 
-`snapshot`, `show` and `contact` draw the present state of a stepper, `animate` the states in
-the file of a `Recorder`, and the functions of `diagrams` its table. Only `show` needs a
-display.
+`snapshot`, `show` and `contact` draw the current state of a stepper, `animate` the states in the
+file of a `Recorder`, and the functions of `diagrams` its table. Only `show` needs a display.
 """
 
 from collections.abc import Callable, Sequence
@@ -81,7 +80,7 @@ def snapshot(
     camera: Any = None,
     cut: Sequence[float] | None = None,
 ) -> Picture:
-    """Draw the deformed bodies in their present state. Collective.
+    """Draw the deformed bodies at the current state. Collective.
 
     Args:
         stepper: Stepper with the state.
@@ -126,11 +125,10 @@ def show(
     camera: Any = None,
     cut: Sequence[float] | None = None,
 ) -> None:
-    """Show the deformed bodies, to turn and to zoom them. Collective.
+    """Show the deformed bodies interactively. Collective.
 
-    In a Jupyter notebook they appear by PyVista's backend, which the package
-    ``pyvista[jupyter]`` makes interactive; elsewhere in a window, and the function returns when
-    it is closed.
+    A Jupyter notebook shows them by PyVista's backend, which is interactive with the package
+    ``pyvista[jupyter]``. Elsewhere a window opens, and the function returns when it is closed.
 
     Args:
         stepper: Stepper with the state.
@@ -168,7 +166,7 @@ def contact(
     unit: str | None = None,
     camera: Any = None,
 ) -> Picture:
-    """Draw contact pressure or gap on the nodes' surface of a pair. Collective.
+    """Draw contact pressure or gap on the nodal surface of a pair. Collective.
 
     A gap is grey where a node faces no segment. In the plane the surface is a line along the
     bodies, and arrows are the forces on its nodes.
@@ -311,7 +309,7 @@ def _bodies(
     unit: str | None,
     cut: Sequence[float] | None,
 ) -> Callable[[Any], None]:
-    """Make a function that draws the bodies with a plotter on rank 0. Collective."""
+    """Function that draws the bodies with a plotter on rank 0. Collective."""
     if colour not in ("stress", "displacement"):
         raise ValueError(f"expected colour 'stress' or 'displacement', given {colour!r}")
     check_view(limits, camera, cut)
@@ -353,7 +351,7 @@ def _pieces(stepper: Stepper) -> tuple[GlobalInts, Ints]:
 
 
 def _surroundings(stepper: Stepper, touching: PairState) -> Callable[[Any, float], None]:
-    """Make a function that draws bodies and contact forces of the plane. Collective."""
+    """Function that draws bodies and contact forces in the plane. Collective."""
     V = stepper.u.function_space
     if dimension(V) == 3:
         return lambda plotter, size: None
@@ -372,5 +370,5 @@ def _surroundings(stepper: Stepper, touching: PairState) -> Callable[[Any, float
 
 
 def _unit(symbol: str, given: str | None) -> Unit:
-    """Unit of SI, or the one that is given."""
+    """SI unit, or the given unit."""
     return Unit(symbol) if given is None else Unit(given, free=True)

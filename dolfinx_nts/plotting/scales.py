@@ -12,7 +12,7 @@ _INTERVALS = 4  # between labels, about
 
 
 def prefixed(value: float) -> tuple[float, str]:
-    """Prefix of a unit with which a number is between 0.1 and 100, if there is one.
+    """Prefix of a unit so that a number is between 0.1 and 100, if there is one.
 
     Args:
         value: The number; its sign is ignored.

@@ -1,4 +1,4 @@
-"""What pictures show: states from files of fields, von Mises stress, surfaces of obstacles."""
+"""Content of pictures: states from files of fields, von Mises stress, surfaces of obstacles."""
 
 from collections.abc import Iterator
 from functools import singledispatch
@@ -97,7 +97,7 @@ def surface_near(obstacle: Obstacle, points: Floats, t: float) -> Any:
 
 @singledispatch
 def _surface(obstacle: Obstacle, points: Floats) -> Any:
-    """Surface of an obstacle where it was declared, around points in its frame, ``(n, 3)`` [m]."""
+    """Surface of an obstacle near points, both in the frame of the obstacle, ``(n, 3)`` [m]."""
     import pyvista
 
     low, high = points.min(axis=0), points.max(axis=0)

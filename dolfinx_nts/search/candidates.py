@@ -1,7 +1,7 @@
 """Interface of contact candidates and of the global search.
 
-The global search finds the segments, or facets of a rigid obstacle, that the points of a rank can
-reach within a step. The local search chooses one of these candidates for each point. Candidates
+The global search finds the segments, or facets of a rigid obstacle, within the search radius of the
+points of a rank. The local search chooses one of these candidates for each point. Candidates
 evaluate gap, force and slip of the pairs.
 """
 
@@ -82,7 +82,7 @@ class Candidates(ABC):
             points: The ``p`` points.
             x: Positions.
             current: Current candidates or -1, shape ``(p,)``.
-            reach: Largest gap of interest [m].
+            reach: Search radius [m].
             slack: Distance outside the current candidate within which a point keeps it, in
                 coordinates of the reference segment.
 
@@ -108,7 +108,7 @@ class Candidates(ABC):
                 for each.
             x: Positions.
             current: Current candidates or -1, shape ``(c,)``.
-            reach: Largest gap of interest [m].
+            reach: Search radius [m].
             numbers: Numbers of the nodes in the returned springs, shape ``(c,)``.
             stiffness: Stiffness of each spring, shape ``(c,)`` [N/m].
             start: First occurrence of each node, and the end, shape ``(m + 1,)``; None where all
@@ -139,7 +139,7 @@ class Candidates(ABC):
 
     @abstractmethod
     def near(self, points: ContactPoints, x: Floats, reach: float) -> Ints:
-        """Points that include all within reach [m] of a candidate, as indices."""
+        """Indices of points, including all within the search radius [m] of a candidate."""
 
     @abstractmethod
     def gap(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
@@ -199,7 +199,7 @@ class Candidates(ABC):
 
 
 def mean_gaps(gap: Floats, start: Array) -> Floats:
-    """Mean of the gaps of each node in place of its gaps, see `Candidates.penalty_forces`."""
+    """Replace the gaps of each node by their mean, see `Candidates.penalty_forces`."""
     counts = np.diff(start)
     means: Floats = np.repeat(np.add.reduceat(gap, start[:-1]) / counts, counts)
     return means
@@ -215,7 +215,7 @@ def too_deep(candidates: Candidates, segment: Ints) -> Floats:
 def sunk_from(candidates: Candidates, segment: Ints) -> Floats:
     """Depth beyond which points that lost their candidate have penetrated it. Local.
 
-    It is limited by the thickness of the cell below a segment. Shape ``(m,)`` [m].
+    It is limited by the height of the cell below a segment. Shape ``(m,)`` [m].
     """
     return np.minimum(_DEEP * candidates.size[segment], candidates.passage[segment])
 
@@ -251,7 +251,7 @@ class Search(ABC):
 
     @abstractmethod
     def update(self, x: Floats, reach: float) -> tuple[Candidates, bool]:
-        """Find candidates that include all segments within reach of a node. Collective.
+        """Update the candidates: all segments within the search radius of a node. Collective.
 
         Args:
             x: Positions of the local nodes of the space, owned and ghost, ``(l, 3)`` [m].
@@ -267,7 +267,7 @@ class Search(ABC):
         return self._nodes.nodes, self._vertices
 
     def is_near(self, x: Floats, reach: float) -> bool:
-        """Whether a node of this rank may be within reach of a candidate; x in space. Local."""
+        """Whether a node of this rank may be near a candidate; x in space. Local."""
         return True
 
     def positions(self, x: Floats) -> tuple[Floats, Floats]:

@@ -1,4 +1,4 @@
-"""Global search: the segments that the nodes of this rank can reach.
+"""Global search: segments within the search radius of the nodes of this rank.
 
 Every rank owns some nodes of one surface and some segments of the other. Before a step, ranks
 send each other the segments near the bounding boxes of their nodes. The vertices of received
@@ -23,7 +23,7 @@ __all__ = ["GlobalSearch", "owners_of"]
 
 
 class GlobalSearch(Search):
-    """Finds the segments that nodes of another surface can reach, see `Search`. Collective.
+    """Search for segments near the nodes of another surface, see `Search`. Collective.
 
     Args:
         nodes: Surface of the nodes.
@@ -58,10 +58,10 @@ class GlobalSearch(Search):
         return int(self._segments.segments.shape[1])
 
     def update(self, x: Floats, reach: float) -> tuple[SegmentCandidates, bool]:
-        """Find every segment within reach of a node, see `Search.update`. Collective.
+        """Find all segments within the search radius of a node, see `Search.update`. Collective.
 
-        The last candidates are kept while no motion exceeds the margin of the last search, and
-        forever if its reach was infinite.
+        The last candidates are kept as long as no motion exceeds the margin of the last search, and
+        forever if its radius was infinite.
         """
         if self.covered is not None:
             *before, covered = self.covered
@@ -141,7 +141,7 @@ class GlobalSearch(Search):
     def _make(
         self, found: FoundSegments, others: Ints, x: Floats, reach: float
     ) -> SegmentCandidates:
-        """Create the candidates from segments found at positions x within reach [m]. Collective.
+        """Create the candidates from segments found within ``reach`` [m] at x. Collective.
 
         ``others`` are local numbers of additional nodes whose values are needed.
         """
@@ -149,14 +149,14 @@ class GlobalSearch(Search):
 
 
 def _box(x: Floats, reach: float) -> Floats:
-    """Bounding box of points, inflated by reach, shape (2, 3) [m]; empty if there is no point."""
+    """Bounding box of points with a margin, shape (2, 3) [m]; empty if there is no point."""
     if len(x) == 0:
         return np.repeat([[np.inf], [-np.inf]], 3, axis=1)
     return np.array([x.min(axis=0) - reach, x.max(axis=0) + reach])
 
 
 def _near(lower: Floats, upper: Floats, boxes: Floats, own: int) -> dict[int, Flags]:
-    """Segments within the box of each rank, with an entry for this rank in any case.
+    """Segments in the bounding box of each rank, always with an entry for this rank.
 
     Args:
         lower: Least coordinates of ``s`` segments, shape ``(s, 3)`` [m].

@@ -68,7 +68,7 @@ class JointSearch:
         return self.candidates, is_new
 
     def _recall(self) -> bool:
-        """Store the coverage of the searches; returns whether it has changed. Local."""
+        """Store the search ranges; return whether they have changed. Local."""
         covered = [search.covered for search in self._searches]
         if len(self._known) == len(covered) and not any(map(is_not, covered, self._known)):
             return False

@@ -112,11 +112,11 @@ class NodalFacets:
         return NodalPoints(self.around.nodes, facing)
 
     def facing_parts(self, x: Floats, normal: Floats, presses: Flags) -> Floats:
-        """Parts of the areas of nodes on which contact presses, shape ``(n,)`` [-]. Collective.
+        """Fractions of the nodal areas on facets in contact, shape ``(n,)`` [-]. Collective.
 
-        Contact presses on the facets that are opposed to the contact normal, and not on those
-        round a corner. Where facets turn little, these are all, and pressures integrate to the
-        force over the whole surface.
+        Contact acts on the facets that are opposed to the contact normal, and not on facets beyond
+        an edge. On surfaces without edges these are all facets, and the pressure integrates to the
+        force.
 
         Args:
             x: Positions of the local nodes of the space, owned and ghost, ``(l, 3)`` [m].

@@ -19,7 +19,7 @@ __all__ = ["FoundSegments", "SegmentCandidates"]
 
 
 class FoundSegments(NamedTuple):
-    """Segments within reach of this rank's points.
+    """Segments within the search radius of this rank's points.
 
     Attributes:
         scatter: Map of the nodes that the segments need.
@@ -45,7 +45,7 @@ class FoundSegments(NamedTuple):
 
 
 class SegmentCandidates(Candidates):
-    """Segments of a deformable surface within reach of this rank's points.
+    """Segments of a deformable surface near the points of this rank.
 
     Args:
         found: The segments.
@@ -122,7 +122,7 @@ class SegmentCandidates(Candidates):
         )
 
     def _of_groups(self, reach: float) -> Floats | float:
-        """Reach of all groups, or of each, shape ``(g,)`` [m]."""
+        """Search radius of each group, shape ``(g,)``, from one or from several [m]."""
         return reach
 
     def near(self, points: ContactPoints, x: Floats, reach: float) -> Ints:

@@ -5,8 +5,8 @@ Normals, thickness of the cells and reference positions decide which segments a 
 
 Multipliers at nodes of both sides would be twice as many as independent constraints, and a node
 with an eliminated displacement would be a vertex of another constraint. Therefore no node with a
-multiplier is a vertex of the segment of another such node. All other nodes are held indirectly:
-the segment that such a node touches, or a neighbour of it, has a vertex with a multiplier.
+multiplier is a vertex of the segment of another such node. Other nodes are constrained indirectly:
+the segment that such a node touches, or an adjacent one, has a vertex with a multiplier.
 """
 
 from collections import defaultdict
@@ -28,7 +28,7 @@ __all__ = ["SelfContactCandidates", "SelfContactSearch"]
 
 
 class SelfContactCandidates(SegmentCandidates):
-    """Segments of a surface within reach of its own nodes, see `Candidates`. Collective.
+    """Segments of a surface near its own nodes, see `Candidates`. Collective.
 
     Args:
         found: The segments, including all around the nodes of this rank.
@@ -119,7 +119,7 @@ def _taken(rows: Iterable[list[int]], edges: Iterable[list[int]]) -> set[int]:
 
 
 class SelfContactSearch(GlobalSearch):
-    """Search for segments that nodes of the same surface can reach. Collective."""
+    """Search for segments near nodes of the same surface. Collective."""
 
     def _make(
         self, found: FoundSegments, others: Ints, x: Floats, reach: float

@@ -142,7 +142,7 @@ class Bulk:
         return y.reshape(-1, self._dim)
 
     def _given(self, nodes: Ints) -> Flags:
-        """Flags of the owned dofs of some nodes and of the supports, shape ``(d n,)``. Local."""
+        """Flags of the owned dofs of given nodes and of the supports, shape ``(d n,)``. Local."""
         given = np.zeros((self.num_owned // self._dim, self._dim), dtype=bool)
         given[nodes] = True
         flags: Flags = given.ravel()
@@ -150,5 +150,5 @@ class Bulk:
         return flags
 
     def _forces_by(self, action: NodalSum, direction: Floats) -> Floats:
-        """Derivative of the forces in a direction ``(d n,)`` [m] that has been set. Collective."""
+        """Derivative of the forces in the direction ``(d n,)`` [m] set before. Collective."""
         return action.assembled()

@@ -1,4 +1,4 @@
-"""Sizes of the cells of a mesh, the reference for lengths and forces."""
+"""Sizes of the cells of a mesh, the length scale of tolerances."""
 
 from dataclasses import dataclass
 

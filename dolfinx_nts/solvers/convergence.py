@@ -97,7 +97,7 @@ class Measures(NamedTuple):
 
     @property
     def is_small(self) -> bool:
-        """Whether the residual is small compared with the forces at work."""
+        """Whether the residual is small relative to the force scale."""
         return self.norm <= _SMALL_RESIDUAL * self.scale
 
     @property
@@ -235,9 +235,9 @@ class Convergence:
     def needs_cone_problem(self, seen: Measures, *, is_supported: bool) -> bool:
         """Whether the states of all contact points should be found together. Local.
 
-        ``is_supported`` is whether all bodies are supported by more than contact. In statics the
-        forces of the first guess are no basis, and a single violated state is left to the
-        active-set update.
+        ``is_supported`` is whether all bodies are supported by more than contact. In statics it is
+        not used at the first guess, whose forces are too far from the solution, nor for a single
+        violated state.
         """
         later = self.iteration % _DECISION_PERIOD == _DECISION_PERIOD - 1
         is_due = later or self.iteration < _FIRST_DECISIONS
@@ -319,7 +319,7 @@ class Convergence:
 
 
 def position_rounding(farthest: float) -> float:
-    """Resolution of positions up to a distance from the origin [m], [m]. Local."""
+    """Resolution [m] of positions up to a distance [m] from the origin. Local."""
     return _LAST_DIGITS * farthest
 
 

@@ -24,7 +24,7 @@ _SAMPLE = 512
 
 
 class Derivative:
-    """Derivative of linear forms with respect to u in a direction, taken at the first use.
+    """Derivative of linear forms with respect to u in a direction, created at the first use.
 
     Args:
         forms: Form of the bodies, then the forms of the loads.
@@ -80,7 +80,7 @@ class Derivative:
         return owned
 
     def with_kernels(self, kernels: Kernels) -> NodalSum:
-        """Forms of the derivative with kernels of a kind. Collective."""
+        """Forms of the derivative with kernels in double or single precision. Collective."""
         if kernels not in self._sums:
             # Compiled on demand: a body in free flight needs no kernels, and without contact double
             # precision is not needed.

@@ -7,8 +7,8 @@ oscillate or diverge. Along an increment :math:`\Delta u` the virtual work of th
 
 .. math:: g(s) = \Delta u \cdot R(u + s \Delta u),
 
-begins with :math:`g(0) = -E < 0` and would be 0 at :math:`s = 1` with a constant tangent. Bodies
-that resist more have :math:`g(1) > 0`. As the additional resistance may set in late and reach a
+begins with :math:`g(0) = -E < 0` and would be 0 at :math:`s = 1` with a constant tangent. If the
+stiffness increases along the increment, :math:`g(1) > 0`. As it may increase late, with g up to a
 hundred times E, the secant method would underestimate the zero by far. Bisection is used instead,
 until the work is less than half of E. Contact is linearised: the work of its constraints and
 springs is the difference of E and the work of the bodies, :math:`E_b = \Delta u \cdot K \Delta u`.
@@ -34,7 +34,7 @@ _LEFT, _MOST_CUTS = 0.5, 8
 
 
 class LineSearch:
-    """Shortens increments along which bodies resist more than by their tangent. Collective.
+    """Shortens increments along which forces of bodies exceed the linear prediction. Collective.
 
     Args:
         bulk: Residual of the bodies; its ``u`` moves.

@@ -40,7 +40,7 @@ class NewtonReport:
 
 
 class ConvergenceError(RuntimeError):
-    """A step could not be solved; the last accepted state is intact.
+    """Error of a step that could not be solved. The last accepted state is unchanged.
 
     Attributes:
         reports: One report for each attempt.

@@ -1,10 +1,10 @@
 """Nonlinear elimination of the nodes around contacts.
 
-At an impact, nodes at the contact move by a good part of their cells within a step, while the other
-nodes move almost as before. Nearly all of the nonlinearity is then at a few nodes, and yet each
-Newton iteration would assemble all cells. Here Newton's method first iterates on the nodes around
-contacts alone, with all other nodes clamped: the nonlinear elimination of P. J. Lanzkron, D. J.
-Rose, J. T. Wilkes, SIAM J. Sci. Comput. 17 (1996).
+At an impact, contact nodes move by a large fraction of a cell within a step, while all other nodes
+move almost as before. Most of the nonlinearity is then at few nodes, but each Newton iteration
+would assemble all cells. Here Newton's method first iterates on the nodes around contacts alone,
+with all other nodes clamped: the nonlinear elimination of P. J. Lanzkron, D. J. Rose, J. T. Wilkes,
+SIAM J. Sci. Comput. 17 (1996).
 """
 
 from collections.abc import Iterator, Sequence

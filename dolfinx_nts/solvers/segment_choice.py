@@ -1,4 +1,4 @@
-"""When nodes and contact points choose their segments again in the iterations of one step."""
+"""Renewal of the candidate segments within the iterations of a step."""
 
 from collections.abc import Sequence
 
@@ -17,7 +17,7 @@ _MOST_EARLY, _FELL = 3, 0.1
 
 
 class SegmentChoice:
-    """Chooses segments again in equilibrium and, in statics, also near it.
+    """Renews segments in equilibrium and, in statics, also near it.
 
     In statics nodes slide far, and their final segments are known early. Each update brings the
     contact points of mortar facets closer to their final positions by some factor, so intermediate
@@ -36,9 +36,9 @@ class SegmentChoice:
         self._laid, self._is_new = np.inf, False
 
     def renew(self, norm: float, *, is_near: bool, converged: bool) -> int:
-        """Update segments if it is due; return the number of changes on all ranks. Collective.
+        """Renew segments if it is due; return the number of changes on all ranks. Collective.
 
-        After any change, equilibrium has to be found again.
+        After any change, equilibrium has to be solved for again.
 
         Args:
             norm: Residual [N].

@@ -1,13 +1,13 @@
 """Prescribed motion in statics, applied in substeps together with the motion of the bodies.
 
-If supports, guides and obstacles were moved in one increment, with all other nodes at rest, cells
-at supports would be crushed, and nodes that stick to a tool would be far from it. Newton's method
-then fails near incompressibility, and contact forces are no basis for active sets. Here the
-remaining prescribed increment is a known part of the linear systems: the tangents of bodies and
-contacts transmit it to the other nodes, with closed gaps and sticking nodes kept. If it would
-strain cells too much, only a fraction of it is applied, and the next one follows when the bodies
-are near equilibrium. The same holds if open nodes would penetrate deeply, since the linear systems
-do not contain their contact.
+If supports, guides and obstacles moved in one increment, with all other nodes fixed, cells at
+supports would be crushed, and nodes that stick to a tool would be far from it. Newton's method then
+fails near incompressibility, and contact forces are useless for active sets. Here the remaining
+prescribed increment is a known part of the linear systems: the tangents of bodies and contacts
+transmit it to the other nodes, with closed gaps and sticking nodes kept. If it would strain cells
+too much, only a fraction of it is applied, and the next one follows when the bodies are near
+equilibrium. The same holds if open nodes would penetrate deeply, since the linear systems do not
+contain their contact.
 """
 
 from collections.abc import Sequence

@@ -101,7 +101,7 @@ class OverlapWatch:
 
     @cached_property
     def _has_parts(self) -> bool:
-        """Whether a pair is between two parts of one body, which checks cannot distinguish."""
+        """Whether a pair is within one body, so that checks see a self-overlap."""
         return any(a & b for pair, a, b in self._roles if pair.nodes != pair.segments)
 
     @cached_property
@@ -174,10 +174,11 @@ class OverlapWatch:
     def overlap_on_path(
         self, ends: tuple[Floats, Floats], times: tuple[float, float], displacement: float
     ) -> Overlap | None:
-        """Find bodies of a pair that a step brings into each other, on straight paths. Collective.
+        """Find bodies of a pair that overlap on the straight paths of a step. Collective.
 
-        Only a step longer than the last check allows for is checked: at its end, and so often on
-        the path that no body passes through a cell of another one in between.
+        Checked are only steps longer than the last check allows for: at their end, and at so many
+        intermediate positions that no body passes through a cell of another one between two of
+        them.
 
         Args:
             ends: Positions of the local nodes at both ends of the step, ``(l, 3)`` [m].
@@ -206,7 +207,7 @@ class OverlapWatch:
         return None
 
     def _is_new_between_bodies(self, overlap: Overlap) -> bool:
-        """Whether two bodies of a pair now reach the centres of each other's cells. Local."""
+        """Whether an overlap of a pair includes centres of cells for the first time. Local."""
         known = self.deepest.get(frozenset(overlap.names))
         is_new = overlap.cells > 0 and (known is None or known.cells == 0)
         return is_new and self._between_bodies(overlap) and not self._forgotten(overlap)
@@ -269,7 +270,7 @@ class OverlapWatch:
     def _new(
         self, x: Floats, t: float, part: float, selves: Collection[str] | None = None
     ) -> list[tuple[Overlap, frozenset[str]]]:
-        """Overlaps that are deeper than known by a fraction of the facets, or newly reach cells."""
+        """Overlaps that have deepened by a fraction of the facets, or reach further cells."""
         new = []
         least = part * self.search.smallest_cell
         overlaps, apart = self.search.find(x, least, t, selves)

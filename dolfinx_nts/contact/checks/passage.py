@@ -1,7 +1,7 @@
 """Pass-through check of contact points within a step.
 
-A point may penetrate a surface within a step, and is caught there in the next one. It must not
-leave the body on another side, nor penetrate so deep that it is not found again.
+A point may penetrate a surface within a step; the next step then detects it. It must not leave the
+body on another side, nor penetrate so deep that it is not found again.
 """
 
 from typing import NamedTuple
@@ -71,7 +71,7 @@ class Passage(NamedTuple):
             points: The ``p`` points.
             ends: Positions at both ends of the step, see `Candidates`.
             start: Candidate of each point at t_n or -1, and gap to it, ``(p,)`` [m].
-            reach: Largest gap of interest [m].
+            reach: Search radius [m].
             free: Flags of inactive points, shape ``(p,)``; None for all.
         """
         shortest = candidates.passage.min(initial=np.inf)
@@ -202,7 +202,7 @@ def _is_lost(
 def _possible_part(
     candidates: Candidates, paths: Trajectories, distance: Floats, passes: Flags
 ) -> float:
-    """Fraction of a step with relative displacements ``(m,)`` after which points are caught."""
+    """Fraction of the step up to which passing points would be detected."""
     shortest = candidates.passage.min(initial=np.inf)
     parts = np.fmax(paths.begin, 0.0)[passes] + shortest / distance[passes]
     return float(parts.min(initial=1.0))

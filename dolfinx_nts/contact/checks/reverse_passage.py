@@ -53,7 +53,7 @@ class ReversePassages:
     """Pass-through checks of the vertices of the segments of pairs. Collective.
 
     Several steps may lie between two checks, as long as no vertex can pass through a body within
-    them. A check without overlaps allows to `clear` the earlier motion.
+    them. After an overlap check without findings, `clear` discards the earlier motion.
 
     Args:
         pairs: The pairs of a stepper.

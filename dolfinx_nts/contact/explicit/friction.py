@@ -19,7 +19,7 @@ __all__ = ["Friction", "SpringFriction"]
 
 
 class Friction:
-    """Friction of the nodes of a pair in explicit steps: none, unless a law says so. Local."""
+    """Friction of the nodes of a pair in explicit steps. This base class has none. Local."""
 
     def add_to(
         self,
@@ -31,7 +31,7 @@ class Friction:
         lambda_N: Floats,
         dt: float,
     ) -> dict[str, Any]:
-        """Add friction to force and energy of normal springs; return what the history remembers.
+        """Add friction to force and energy of normal springs; return history entries.
 
         Args:
             springs: The normal springs of ``m`` nodes; force and energy are changed.
@@ -46,7 +46,7 @@ class Friction:
         return {}
 
     def without_contact(self) -> dict[str, Any]:
-        """What the history remembers where no node touches, as keywords of `ContactHistory`."""
+        """Entries of `ContactHistory` if no node touches, by name."""
         return {}
 
 
@@ -117,7 +117,7 @@ class SpringFriction(Friction):
         return parts
 
     def without_contact(self) -> dict[str, Any]:
-        """The slip so far; the energy of springs that no node loads any more is dissipated."""
+        """Accumulated slip; the energy of springs without contact is dissipated."""
         history = self._state.history
         released = slip_energy(history.traction, self._state.eps_T)
         return {"slip": history.slip.copy(), "dissipation": released}

@@ -1,4 +1,4 @@
-"""Neighbour list of explicit steps: the nodes of a pair that may touch soon.
+"""Neighbour list of explicit steps: nodes of a pair that may touch within the next steps.
 
 As in molecular dynamics (Verlet), the list has a margin and is rebuilt when nodes and segments
 may have approached each other by most of it.
@@ -80,7 +80,7 @@ class NeighbourList:
 
     @property
     def reach(self) -> float:
-        """Gap up to which nodes are paired [m]. Local."""
+        """Largest gap of listed nodes [m]. Local."""
         return _REACH * self._state.pair.segment_size + self._state.search.sunk
 
     def update(self, x: Floats, step: float) -> None:
@@ -108,8 +108,8 @@ class NeighbourList:
     def change(self, x: Floats, segment: Ints, gap: Floats) -> bool:
         """Keep segments of rows, and assign all equally near ones to nodes that need it. Local.
 
-        These are nodes that begin to press, or press on a segment that is new to them. They get
-        the nearest segment around theirs, and all that are as near.
+        These are nodes that begin to transmit force, or do so on another segment than before. They
+        get the nearest one of the adjacent segments, and all that are equally near.
 
         Args:
             x: Positions with ghosts, shape ``(l, 3)`` [m].
@@ -147,7 +147,7 @@ class NeighbourList:
         return True
 
     def _set_rows(self, segment: Ints) -> None:
-        """Set rows of the listed nodes, by the segments of nodes with one, shape ``(m,)``."""
+        """Set the rows of the listed nodes; ``(m,)`` segments of the nodes that have only one."""
         number, start = self._listed, None
         eps_N = self._state.eps_N
         assert eps_N is not None
@@ -222,7 +222,7 @@ class NeighbourList:
         self.is_idle = not reductions.total(self._comm, len(near))
 
     def _press(self, pressed: Flags) -> None:
-        """Set whether each node of the surface pressed in the last state, shape ``(n,)``."""
+        """Set flags of the nodes that transmitted force in the last state, ``(n,)``."""
         self._pressed = np.where(pressed[self.number], self.current, -1)
 
     def _current_in(self, candidates: Candidates) -> Ints:

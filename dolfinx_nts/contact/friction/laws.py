@@ -188,8 +188,8 @@ class Stribeck(FrictionLaw):
     .. math:: \mu(v) = \mu_k + (\mu_s - \mu_k) \exp(-(v/v_s)^\delta) + c v
 
     With ``power=1`` and ``viscous=0`` these are static and kinetic coefficients with an exponential
-    decay. Where the limit falls faster than a node can follow in a step, stick and slip are both
-    solutions: a node that slid continues to slide.
+    decay. If the limit decreases so fast that stick and slip are both solutions of a step, a node
+    that slid continues to slide.
 
     Args:
         static: Static coefficient mu_s [-], a number or a Function, as of `Coulomb`.
@@ -253,7 +253,7 @@ class SlipWeakening(FrictionLaw):
 
     .. math:: \mu(s) = \mu_k + (\mu_s - \mu_k) \exp(-s/L)
 
-    s is the accumulated slip of a node, as in ``ContactPair.history.slip``: it does not heal.
+    s is the accumulated slip of a node, as in ``ContactPair.history.slip``. It never decreases.
 
     Args:
         static: Static coefficient mu_s [-], a number or a Function, as of `Coulomb`.

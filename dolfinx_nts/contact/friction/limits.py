@@ -85,11 +85,12 @@ class Limits:
     def of_springs(
         self, node: Ints, p: Floats, trial: Floats, eps_T: Floats, slid: Flags
     ) -> tuple[NodalLimit, NodalLimit]:
-        """Limits of nodes with springs: by which they slide, and if they do. Local.
+        """Limits of nodes with tangential springs, and whether the nodes slide. Local.
 
-        The law sees the slip s that lasts, eps_T s + limit(p, s) = trial. Newton's method comes
-        from above, to the largest solution. If the limit falls with the slip, a node that sticks
-        may have such a solution, too. Only a node that slid takes it: it slides on.
+        The law is evaluated at the plastic slip s, with eps_T s + limit(p, s) = trial. Newton's
+        method comes from above, to the largest solution. If the limit decreases with the slip, a
+        sticking node may have such a solution, too. Only nodes that slid before take it, and
+        continue to slide.
 
         Args:
             node: Positions of the nodes, shape ``(m,)``.

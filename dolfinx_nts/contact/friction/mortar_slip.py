@@ -13,7 +13,7 @@ __all__ = ["MortarSlip", "NodalFrames"]
 
 
 class NodalFrames(NamedTuple):
-    """Frames of nodes at t_n, into which the frames of their points' segments are turned.
+    """Nodal frames at t_n, and the rotations of the frames of the contact points to them.
 
     Attributes:
         at_nodes: Orthonormal tangents at the nodes, shape ``(m, 2, 3)``.
@@ -36,8 +36,8 @@ class NodalFrames(NamedTuple):
 class MortarSlip(Slip):
     """Mean slip of the points of each node.
 
-    Turns of frames and the shares of nodes in points are constants of the step, so that what
-    holds for the slip of each point holds for the mean: the work of tractions is exact, and
+    Rotations of frames, and shares of nodes in points, are constant in a step. The mean slip
+    therefore has the properties of the slip of each point: the work of tractions is exact, and
     momenta are conserved.
 
     Args:

@@ -1,4 +1,4 @@
-"""What an attempt at a step leaves when it is accepted: history of contact, and energy given."""
+"""History and work of contact after an accepted attempt at a step."""
 
 from dataclasses import replace
 
@@ -50,7 +50,7 @@ def contact_history(step: ContactStep, last: ContactContribution) -> ContactHist
 
 
 def contact_work(step: ContactStep, last: ContactContribution, new: ContactHistory) -> ContactWork:
-    """Energy given by the contact of a step, by cause. Collective.
+    """Work of the contact of a step on the bodies, by cause. Collective.
 
     Args:
         step: The attempt that is accepted, before its pairs accept their histories.

@@ -1,6 +1,6 @@
 """One attempt at a step of contact pairs: forces and tangents of their nodes.
 
-A `ContactStep` never changes what the stepper remembers of the pairs. Evaluating it gives a
+A `ContactStep` never changes the accepted state of the pairs. Evaluating it gives a
 `ContactContribution`, from which residual and tangent are assembled.
 """
 
@@ -159,9 +159,9 @@ class ContactStep:
         self.touched |= counts > 0
 
     def reproject(self, converged: bool) -> int:
-        """Find the segments again in equilibrium; return how many of this rank changed.
+        """Update the segments in equilibrium; return the number of changes on this rank.
 
-        With any change, equilibrium has to be found again. ``converged`` is whether this is
+        After any change, equilibrium has to be solved for again. ``converged`` is whether this is
         equilibrium, and not a state near it.
         """
         node, active = self.normal.nodes, self.normal.active
@@ -170,7 +170,7 @@ class ContactStep:
         return moved + self.normal.renew(self.x, moved=is_renewed)
 
     def close_gaps(self, contribution: ContactContribution, x: Floats, u: Floats) -> None:
-        """Move owned nodes to where multipliers want them, see `NormalContact.close_gaps`.
+        """Move owned nodes so that constraints are satisfied, see `NormalContact.close_gaps`.
 
         ``contribution`` is the last evaluation.
         """
@@ -187,7 +187,7 @@ class ContactStep:
 
     @property
     def restless(self) -> Ints:
-        """Positions of this rank's nodes that changed segment or state again and again. Local."""
+        """Positions of this rank's nodes that changed segment or state repeatedly. Local."""
         flips = self.normal.flips + self.friction.flips
         nodes: Ints = (self.search.restless | (flips >= _RESTLESS)).nonzero()[0].astype(np.int32)
         return nodes
@@ -215,7 +215,7 @@ class ContactStep:
 
 
 def _unknowns(search: LocalSearch, free: Floats) -> Floats | None:
-    """Which displacements of the nodes that the candidates know are unknown. Collective.
+    """Flags of unknown displacements at the nodes of the candidates. Collective.
 
     ``free`` is 1 where the displacement of an owned node is unknown, otherwise 0, ``(n, d)``.
     Returns the same with ghosts, shape ``(l, 3)``; or None if all displacements of the points

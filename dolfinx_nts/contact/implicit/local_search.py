@@ -75,7 +75,7 @@ class Approach(NamedTuple):
 class LocalSearch:
     """Segments of the nodes of contact pairs. Collective; its methods are local.
 
-    Attributes are in the frame of the search of the pair, arguments of the constructor in space.
+    Attributes are in the frame of the pair's search, constructor arguments in space.
 
     Args:
         state: State of the contact pair, or of several.
@@ -86,7 +86,7 @@ class LocalSearch:
     Attributes:
         candidates: Candidates in reach.
         points: Contact points of the nodes, with the outward normals at t_n.
-        reach: Largest gap of interest [m].
+        reach: Search radius [m].
         x_n: Positions at t_n of the nodes of the candidates' map.
         last: Segment of each node in the last step or -1, shape ``(n,)``.
         start: Segment of each node at t_n or -1, ``(n,)``, and gap to it, NaN without, ``(n,)``
@@ -200,7 +200,7 @@ class LocalSearch:
         gap[several] = self.pairing.gaps(x, node[several], found[several])
 
     def _slid(self, x: Floats, node: Ints, slack: float) -> Ints:
-        """Select the nodes, of ``(m,)``, that are farther than slack from one of their segments."""
+        """Flags of the ``m`` nodes outside one of their segments by more than the slack."""
         if np.isinf(slack) or not self.shared.many[node].any():
             return node[:0]
         slack = min(slack, self._sharing)
@@ -212,7 +212,7 @@ class LocalSearch:
         return slid
 
     def _adjacent(self, x: Floats) -> tuple[AdjacentFacets, Floats]:
-        """Facets that may share nodes, as of `Candidates.adjacent`, which must not return None."""
+        """Facets that may share nodes, see `Candidates.adjacent`, which must not return None."""
         found = self.candidates.adjacent(x)
         assert found is not None
         return found
@@ -277,9 +277,8 @@ class LocalSearch:
     def _left_inside(self, x: Floats, node: Ints) -> Ints:
         """Select nodes with a fixed segment that penetrate another one. Local.
 
-        A node that has changed its segment too often keeps any segment that iterates were near,
-        or none. This is wrong for nodes without force that are inside the segment which they
-        would have otherwise, and deeper than at t_n.
+        A node that has changed its segment too often keeps one of them, or none. That is wrong if
+        it transmits no force and has penetrated another segment deeper than at t_n.
         """
         node = node[self._moves[node] >= _MOST_MOVES]
         if not len(node):

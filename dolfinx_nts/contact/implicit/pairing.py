@@ -25,8 +25,8 @@ class Pairing(ABC):
     """Evaluates pairs of nodes of a surface and their segments. Local.
 
     In the methods ``x`` are positions of the nodes that the candidates know, ``(l, 3)`` [m],
-    ``node`` positions among the surface's nodes, shape ``(m,)``, and ``segment`` what these
-    face, shape ``(m,)``.
+    ``node`` positions among the surface's nodes, shape ``(m,)``, and ``segment`` their candidate
+    segments, shape ``(m,)``.
 
     Attributes:
         area: Area on which the multiplier of each node acts, shape ``(n,)`` [m^2].
@@ -54,7 +54,7 @@ class Pairing(ABC):
 
     @abstractmethod
     def slip(self, law: str, x: Floats, node: Ints, segment: Ints) -> Slip:
-        """Evaluate the slip of nodes in a step to x; ``law`` as of `Candidates.slip`."""
+        """Evaluate the slip of nodes in a step to x; ``law`` as for `Candidates.slip`."""
 
     @abstractmethod
     def on_nodes(self, pairs: PairKinematics, force: Floats) -> Floats:
@@ -94,7 +94,7 @@ class NodePairing(Pairing):
         x_n: Floats,
         history: ContactHistory,
     ) -> None:
-        """Take what does not change in the step."""
+        """Store data that are constant in the step."""
         self.area, self._surface = surface.area, surface
         self.reached = np.concatenate([points.nodes, candidates.segments.ravel()])
         self._candidates, self._points, self._x_n, self._history = candidates, points, x_n, history
@@ -150,7 +150,7 @@ class NodePairing(Pairing):
         return PairKinematics(node, segment, of_rows, mean, blocks)
 
     def _shared(self, node: Ints, segment: Ints) -> tuple[NodalPoints, MortarPoints]:
-        """Points of nodes, one for each of their segments, for candidates and for sums."""
+        """Contact points of nodes, one for each of their segments, in two forms."""
         row, segment, start = self.shared.entries(node, segment)
         nodal = self._points.take(node[row])
         dofs = nodal.dofs(self._candidates.segments.take(segment, axis=0))

@@ -1,8 +1,8 @@
 """Evaluation of nodes that are equally near to several segments, see `SharedSegments`.
 
-Each gap is invariant and has a discrete gradient of its own, so that energy and momenta are
-conserved with the mean of several as exactly as with one. The segments of a node change between
-steps only, or with the segment that it faces.
+Each gap is invariant and has its own discrete gradient, so a mean of gaps conserves energy and
+momenta exactly, too. The segments of a node change only between steps, or with its candidate
+segment.
 """
 
 from dolfinx_nts.common.arrays import Flags, Floats, Ints

@@ -11,11 +11,11 @@
 #include <string>
 #include <vector>
 
-/// @brief NumPy arrays in and out of the kernels.
+/// @brief Conversion of NumPy arrays for the kernels.
 ///
-/// A step makes a few hundred small calls, so that what an array costs on its
-/// way in and out counts: through NumPy's own interface a tenth of what it
-/// costs as an `nb::ndarray`.
+/// A step makes a few hundred small calls, so that the conversion of arrays
+/// counts. By NumPy's own interface it takes a tenth of the time of an
+/// `nb::ndarray`.
 namespace nts::bindings
 {
 namespace nb = nanobind;
@@ -49,7 +49,7 @@ public:
   /// @brief Take an array of this type.
   explicit Array(nb::object array) : _array(std::move(array)) {}
 
-  /// @brief The same array, to be read.
+  /// @brief Read-only view of the same array.
   operator Array<const T>() const
     requires(!std::is_const_v<T>)
   {
@@ -201,7 +201,7 @@ struct Patches
   }
 };
 
-/// @brief The same for segments in space.
+/// @brief Call function.template operator()<S>() for segments in space.
 template <class Function>
 auto dispatch_facets(std::size_t vertices, Function&& function)
 {

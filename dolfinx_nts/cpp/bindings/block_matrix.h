@@ -14,8 +14,8 @@ inline std::size_t components_of(const In<std::int32_t>& column,
   return b > 0 && value.size() + behind.size() == 4 * b ? 2 : 3;
 }
 
-/// @brief View of rows of B x B blocks, of which values may have the first ones
-/// and another array those behind; raise ValueError unless they are.
+/// @brief View of rows of B x B blocks, whose values may be divided between two
+/// arrays; raise ValueError if the arrays do not agree.
 template <std::size_t B>
 BlockMatrix<B>
 block_matrix(const In<std::int64_t>& start, const In<std::int32_t>& column,

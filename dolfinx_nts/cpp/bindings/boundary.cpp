@@ -12,7 +12,7 @@ namespace
 {
 using Rows = In<std::int32_t>;
 
-/// @brief `nts::MovingBoundaries` by arrays that are kept alive.
+/// @brief `nts::MovingBoundaries` with arrays that are kept alive.
 class Boundaries
 {
 public:
@@ -130,7 +130,7 @@ private:
     return views;
   }
 
-  /// @brief The boundaries, which have positions.
+  /// @brief The boundaries, after a check that they have positions.
   MovingBoundaries& placed()
   {
     if (!_x)

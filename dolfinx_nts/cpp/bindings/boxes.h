@@ -19,7 +19,7 @@ inline Out<double> extremes(const std::vector<Box>& boxes)
   return least;
 }
 
-/// @brief Boxes by their extremes, see `extremes`.
+/// @brief Boxes from their extremes, see `extremes`.
 inline std::vector<Box> boxes_by_extremes(const Doubles& least)
 {
   check("displacements", least, {2, any, 3});
@@ -30,7 +30,7 @@ inline std::vector<Box> boxes_by_extremes(const Doubles& least)
   return boxes;
 }
 
-/// @brief Box number i by the corners of all, (2, n, 3).
+/// @brief Box number i from the corners of all boxes, (2, n, 3).
 inline Box box_by_corners(const Doubles& corners, std::size_t i)
 {
   return {vector(view(corners), i),

@@ -10,8 +10,7 @@ namespace
 {
 using Ints = In<std::int32_t>;
 
-/// @brief Integrals over the same cells, and the arrays that hold what they
-/// read.
+/// @brief Integrals over the same cells, and the arrays that they read.
 class CellIntegral
 {
 public:

@@ -60,8 +60,8 @@ public:
                       _schwarz);
   }
 
-  /// @brief Correct values that lie in rows of z, (n, B), and then of ghosts,
-  /// (g, 2 B), which have those of r and of z.
+  /// @brief Correct values in rows of z, (n, B), and at ghosts, (g, 2 B), whose
+  /// rows contain values of r and of z.
   void correct(const Doubles& r, Out<double> z, Out<double> ghosts)
   {
     std::visit(

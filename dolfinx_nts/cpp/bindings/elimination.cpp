@@ -67,7 +67,7 @@ double largest_violation(const Doubles& excess, const In<std::int32_t>& rank)
                  { return static_cast<int>(i % 3) < r[i / 3] ? x[i] : 0.0; });
 }
 
-/// @brief Constraints of nodes with B components, by arrays of these sizes.
+/// @brief Constraints of nodes with B components, as arrays of these sizes.
 template <std::size_t B>
 ConstraintLists<B>
 constraint_lists(const In<std::int64_t>& start, const Doubles& gradients,
@@ -126,7 +126,7 @@ Out<bool> essential_nodes_batch(const In<std::int64_t>& start,
   return keeps;
 }
 
-/// @brief Entries of constraints at selected nodes of their lists.
+/// @brief Entries of constraints for selected nodes of their node lists.
 auto at_nodes_batch(const In<std::int64_t>& start, const In<bool>& keeps,
                     const Doubles& gradients, const Doubles& columns,
                     std::size_t components)

@@ -5,8 +5,8 @@
 
 namespace nts::bindings
 {
-/// @brief `Elimination` and the arrays that it reads; how many components nodes
-/// have follows from them.
+/// @brief `Elimination` and the arrays that it reads, which determine the
+/// number of components.
 class BoundElimination
 {
 public:
@@ -145,7 +145,7 @@ public:
                         });
   }
 
-  /// @brief One more than the greatest node.
+  /// @brief Largest node number plus one.
   std::size_t num_nodes() const noexcept { return _num_nodes; }
 
 private:

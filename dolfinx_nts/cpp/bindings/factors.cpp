@@ -10,7 +10,7 @@ namespace nts::bindings
 {
 namespace
 {
-/// @brief Factors of a matrix whose blocks are known when it is given.
+/// @brief Factors of a matrix whose block size is known at run time.
 struct Factors
 {
   std::variant<IncompleteFactors<3>, IncompleteFactors<2>> factors;
@@ -21,7 +21,7 @@ struct Factors
   }
 };
 
-/// @brief A matrix of blocks of either size.
+/// @brief A matrix with 2 x 2 or 3 x 3 blocks.
 struct Product
 {
   std::variant<SingleMatrix<3>, SingleMatrix<2>> matrix;
@@ -34,8 +34,8 @@ constexpr std::size_t components(const T<B>&) noexcept
   return B;
 }
 
-/// @brief Raise ValueError unless columns of rows ascend, and are the same for
-/// columns.
+/// @brief Raise ValueError unless columns ascend in each row and the pattern is
+/// symmetric.
 void check_pattern(std::span<const std::int64_t> start,
                    std::span<const std::int32_t> column)
 {
@@ -61,7 +61,8 @@ void check_pattern(std::span<const std::int64_t> start,
   }
 }
 
-/// @brief What is behind the first rows, if it is kept elsewhere.
+/// @brief Right-hand side of the rows after the first ones, if it is in another
+/// array.
 std::span<const double> rest(const std::optional<Doubles>& behind)
 {
   return behind ? view(*behind) : std::span<const double>{};
@@ -96,7 +97,8 @@ bool factorise(Factors& factors, const In<std::int64_t>& start,
       });
 }
 
-/// @brief Call a function with factors that right-hand side and result fit.
+/// @brief Call a function with the factors, after a check of right-hand side
+/// and result.
 template <class Function>
 void with_factors(Factors& factors, const Doubles& b, const Out<double>& x,
                   const std::optional<Doubles>& behind,

@@ -5,8 +5,8 @@ namespace nts::bindings
 {
 namespace
 {
-/// @brief Solution of one system, see `HessenbergSystem`; vectors are parts of
-/// those of all ranks.
+/// @brief Solution of one system, see `HessenbergSystem`. Vectors are
+/// distributed.
 class FlexibleGmres
 {
 public:

@@ -25,7 +25,7 @@ Projection<S> project_pair(const Doubles& x_pair, const Doubles& orientation,
   return p;
 }
 
-/// @brief Segment vertex count whose invariants have this number.
+/// @brief Number of segment vertices for a number of invariants.
 std::size_t vertices_of(const char* name, const Doubles& invariants)
 {
   check(name, invariants, {any, any});

@@ -15,10 +15,10 @@ using Keys = In<std::int64_t>;
 /// Segment, xi, gap and normal of nodes, see `Found`.
 using Result
     = std::tuple<Out<std::int32_t>, Out<double>, Out<double>, Out<double>>;
-/// Largest gap of interest [m], of all nodes or of each group.
+/// Search radius [m], of all nodes or of each group.
 using Reach = std::variant<double, Doubles>;
 
-/// @brief Facets around the nodes of a surface, by arrays that are not copied.
+/// @brief Facets around the nodes of a surface, as views of arrays.
 class NodeFacets
 {
 public:
@@ -39,7 +39,7 @@ public:
       check("group", *_group, {_first.shape(0) - 1});
   }
 
-  /// @brief The facets at positions x, for nodes by these numbers.
+  /// @brief The facets at positions x, for nodes with these numbers.
   FacetsAroundNodes at(const Doubles& x, const Ints& numbers) const
   {
     check("x_facets", x, {any, 3});
@@ -51,8 +51,7 @@ public:
         view(_facets),   view(_corner),      view(_angle),       view(x)};
   }
 
-  /// @brief Groups of the segments that nodes may touch, by the place of each
-  /// among these numbers.
+  /// @brief Group of segments that each of these nodes may touch.
   auto groups(const Ints& numbers) const
   {
     return [this, own = view(numbers)](std::size_t i)
@@ -262,7 +261,7 @@ private:
                                k * (_first[group + 1] - _first[group]));
   }
 
-  /// @brief Number of a segment within its group, and -1 of none.
+  /// @brief Number of a segment within its group; -1 for none.
   std::int32_t in_group(std::int32_t segment, std::size_t group) const
   {
     if (segment < 0)
@@ -272,7 +271,8 @@ private:
     return segment - _first[group];
   }
 
-  /// @brief Number among all of a segment of a group, and -1 of none.
+  /// @brief Number of a segment among all segments from its number in a group;
+  /// -1 for none.
   std::int32_t among_all(std::ptrdiff_t segment,
                          std::size_t group) const noexcept
   {
@@ -280,8 +280,8 @@ private:
                                                  : segment + _first[group]);
   }
 
-  /// @brief Call a function with each group of n nodes that follow each other,
-  /// and where they begin and end.
+  /// @brief Call a function with each group of n consecutive nodes, and its
+  /// begin and end.
   template <class GroupOf, class Function>
   void each_run(std::size_t n, const GroupOf& group_of,
                 Function&& function) const
@@ -333,7 +333,7 @@ private:
     return _faced[number] - _first[group];
   }
 
-  /// @brief Remember the segments that nodes have faced at any distance.
+  /// @brief Store the candidate segments of nodes in searches at any distance.
   void remember(std::span<const std::int32_t> numbers,
                 std::span<const std::int32_t> segment)
   {

@@ -27,8 +27,8 @@ Out<double> rows(const std::vector<double>& values, std::size_t width)
   return copy;
 }
 
-/// @brief Call function.template operator()<F>() for facets with n nodes below
-/// which there are segments with k vertices.
+/// @brief Call function.template operator()<F>() for facets with n nodes that
+/// face segments with k vertices.
 template <class Function>
 void dispatch_whole_facets(std::size_t n, std::size_t k, Function&& function)
 {

@@ -11,7 +11,7 @@ namespace
 using Ints = In<std::int32_t>;
 using Keys = In<std::int64_t>;
 
-/// @brief Raise ValueError unless lists hold all shares of nodes in p points.
+/// @brief Raise ValueError unless the shares of nodes in p points are complete.
 void check_shares(const Keys& start, const Ints& point, std::size_t p)
 {
   check("start", start, {any});

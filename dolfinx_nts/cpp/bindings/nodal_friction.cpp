@@ -11,7 +11,7 @@ namespace
 using Flags = In<bool>;
 using Nodes = In<std::int32_t>;
 
-/// @brief `nts::NodalFriction` by arrays that are shared with Python.
+/// @brief `nts::NodalFriction` with arrays that are shared with Python.
 class NodalFriction
 {
 public:

@@ -10,7 +10,7 @@ namespace
 {
 using Rows = In<std::int32_t>;
 
-/// @brief Positions that are found one after another, each with a number.
+/// @brief Growing list of positions, each with a number.
 class Found
 {
 public:
@@ -36,8 +36,7 @@ private:
   std::vector<std::int32_t> _numbers;
 };
 
-/// @brief Points on paths, and a number of each path by which they are found
-/// again.
+/// @brief Points on paths, and the number of the path of each.
 auto points_on_paths(const Doubles& paths, const Rows& number, const Rows& path,
                      const Doubles& s)
 {

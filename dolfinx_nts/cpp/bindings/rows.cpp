@@ -8,7 +8,7 @@ namespace
 {
 using Ints = In<std::int32_t>;
 
-/// @brief Rows of x, (n, 3), by their numbers (r,).
+/// @brief Raise ValueError unless row numbers (r,) are valid for x, (n, 3).
 void check_points(const Doubles& x, const Ints& rows)
 {
   check("x", x, {any, 3});

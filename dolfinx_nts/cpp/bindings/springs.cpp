@@ -12,7 +12,7 @@ namespace
 using Ints = In<std::int32_t>;
 using Keys = In<std::int64_t>;
 
-/// @brief Springs of nodes at one state, by arrays that Python may change.
+/// @brief Springs of nodes at one state, with arrays that Python may change.
 class Springs
 {
 public:

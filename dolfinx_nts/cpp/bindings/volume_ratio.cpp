@@ -7,7 +7,7 @@ namespace nts::bindings
 {
 namespace
 {
-/// @brief Call a function with the volumes that shape functions give.
+/// @brief Call a function with `CellVolumes` of these shape functions.
 auto with_volumes(const Doubles& values, const Doubles& gradients,
                   bool makes_rings, const Doubles& x,
                   const In<std::int32_t>& cells, auto&& function)

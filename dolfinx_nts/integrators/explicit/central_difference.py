@@ -186,7 +186,7 @@ class CentralDifference(Stepper):
         return pair.with_defaults(Penalty(), nodal=True)
 
     def serialize(self, archive: Archive) -> None:
-        """Serialize the state and the forces, so that none are evaluated again."""
+        """Serialize the state and the forces, which are then not evaluated again."""
         super().serialize(archive)
         if archive.giving:
             self.cell_energies = None

@@ -185,7 +185,7 @@ class PresentForces:
         return self.power - before
 
     def serialize(self, archive: Archive, node_ids: GlobalInts, x: Floats) -> None:
-        """Serialize known forces, so that none are evaluated again.
+        """Serialize the last forces, which are then not evaluated again.
 
         Args:
             archive: The archive.

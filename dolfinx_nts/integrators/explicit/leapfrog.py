@@ -302,7 +302,7 @@ class Drift:
 
 
 def _sums_of_products(left: Floats, right: Floats) -> Floats:
-    """Inner products of coefficients ``(b, d + 1, d)``, shape ``(b,)``. Local."""
+    """Inner product of coefficients ``(b, d + 1, d)`` of each body, shape ``(b,)``. Local."""
     sums: Floats = (left * right).sum(axis=(1, 2))
     return sums
 

@@ -201,7 +201,7 @@ class Damping:
         return cls(max(m.mass_damping for m in laws), max(m.stiffness_damping for m in laws))
 
     def highest(self, dt: float) -> float:
-        """Squared frequency without damping for which a step dt [s] is just stable [1/s^2]."""
+        """Squared frequency without damping for which dt [s] is the critical step [1/s^2]."""
         return (1 - dt * self.mass / 2) / (dt**2 / 4 + dt * self.stiffness / 2)
 
 

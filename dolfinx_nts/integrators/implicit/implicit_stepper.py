@@ -208,7 +208,7 @@ class ImplicitStepper(Stepper):
         same_scheme: bool,
         same_bodies: bool,
     ) -> None:
-        """Take over the state of another scene; the rates only for the same scheme."""
+        """Take over the state of another scene, and its rates if the scheme is the same."""
         super().adopt(archive, contacts, same_scheme=same_scheme, same_bodies=same_bodies)
         if same_scheme:
             self._rates.serialize(archive, self.node_ids)
@@ -292,7 +292,7 @@ class ImplicitStepper(Stepper):
         raise self._failure(reports, steps, solution.end.states, advice)
 
     def _released(self, steps: Sequence[ContactStep]) -> bool:
-        """Whether vertices that a failed step has held are free from now on. Collective."""
+        """Whether vertices held in a failed step are released from now on. Collective."""
         between = release_vertices((step.state, step.normal.active) for step in steps)
         if between and self._comm.rank == 0:
             _logger.warning(

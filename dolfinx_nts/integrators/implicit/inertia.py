@@ -54,7 +54,7 @@ class Inertia(ABC):
 
     @abstractmethod
     def carried(self, forces: Floats) -> Floats:
-        """Transfer forces at the owned nodes, ``(n, d)`` [N], to the nodes that carry mass."""
+        """Forces at the owned nodes, ``(n, d)`` [N], transferred to the nodes with mass."""
 
     @abstractmethod
     def accept(self, steps: Sequence[ContactStep]) -> VelocityUpdate:

@@ -64,7 +64,7 @@ class StepForces:
         return total
 
     def stays(self, load: float) -> bool:
-        """Whether the norm of the loads [N] equals that in the last step. Local."""
+        """Whether the norm of the loads [N] is the same as in the last step. Local."""
         return abs(load - self.load) <= _SAME_LOAD * load
 
     def scale(self, load: float, v: Floats, dt: float) -> float:

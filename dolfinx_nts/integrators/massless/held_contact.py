@@ -65,7 +65,7 @@ class HeldContact:
         return reductions.total(comm, impulses), reductions.total(comm, work)
 
     def after(self, du: Floats) -> tuple[list[ContactHistory], Floats]:
-        """Contact of each pair after displacement increments of the nodes. Collective.
+        """Contact history of each pair after displacement increments of the nodes. Collective.
 
         Args:
             du: Increments of the owned nodes, shape ``(n, d)`` [m].
@@ -90,7 +90,7 @@ class HeldContact:
         return histories, dissipated
 
     def accept(self, histories: Sequence[ContactHistory]) -> None:
-        """Accept histories of `after`. Local."""
+        """Accept the histories returned by `after`. Local."""
         for (step, _), history in zip(self._pairs, histories, strict=True):
             step.state.accept(history)
 

@@ -2,10 +2,10 @@ r"""Energy dissipated in a step of bodies with massless nodes, and their stiffne
 
 With the stiffness K a massless node obeys :math:`\beta K \dot x_c = -r`, where r is the residual of
 its static equilibrium. A second-order step of length h multiplies a deviation from equilibrium by
-:math:`(1 - z/2)/(1 + z/2)`, :math:`z = h/\beta`. With weak damping the deviation alternates for
-ever. The equilibrium at the end of a step therefore removes the part :math:`z^3/(12 + z^3)` of it,
-by a resistance :math:`12\, (\beta/h)^3 K`: all of it without damping, and no more than the error
-of the step where the step resolves :math:`\beta`.
+:math:`(1 - z/2)/(1 + z/2)`, :math:`z = h/\beta`. With weak damping the deviation alternates in sign
+without decay. The equilibrium at the end of a step therefore removes the fraction :math:`z^3/(12 +
+z^3)` of it, by a resistance :math:`12\, (\beta/h)^3 K`. This is all of it without damping, and less
+than the truncation error if the step resolves :math:`\beta`.
 """
 
 from collections.abc import Sequence
@@ -108,7 +108,7 @@ class StepLosses:
 
     @property
     def resistance(self) -> SurfaceForces | None:
-        """Resistance to the equilibrium of massless nodes, if any. Local."""
+        """Resistance against the motion of massless nodes to equilibrium, if any. Local."""
         return None if self._damping is None else self._damping.resistance
 
     def begin(self) -> Floats | float:

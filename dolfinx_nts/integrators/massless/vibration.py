@@ -57,7 +57,7 @@ class RigidCorrection(NamedTuple):
 
     @property
     def energy(self) -> Floats:
-        """Energy of the relative motion of touching groups, shape ``(g,)`` [J]. Local."""
+        """Energy of the relative rigid motion of touching groups, shape ``(g,)`` [J]. Local."""
         a = np.diag(self.square)
         energy: Floats = np.divide(self.linear**2, 2 * a, out=np.zeros_like(a), where=a > 0)
         return energy
@@ -335,7 +335,7 @@ class VibrationAnalysis:
 
 
 class EnergyCorrection(NamedTuple):
-    """Energy that groups receive through rigid motion and vibration.
+    """Energy correction of groups, as changes of rigid motion and vibration.
 
     Attributes:
         wanted: Energy that each group should receive, shape ``(g,)`` [J].

@@ -101,8 +101,8 @@ class QuasiStatic(ImplicitStepper):
 
     Bodies that only contact supports are named in the log. The tangent gets a small stiffness for
     them, the balance does not. Motions without any resistance are suppressed. Unbalanced forces in
-    them below 1 % are left to inertia (inertia relief) and reported. A step in which a body
-    has no support at all is refused with its name.
+    them below 1 % are carried by inertia (inertia relief) and reported. A step in which a body has
+    no support at all is refused with its name.
 
     Where Newton's method finds no equilibrium near the last one, as at a limit load or where
     faceted bodies roll, pseudo-transient continuation with a vanishing viscous resistance finds
@@ -167,9 +167,9 @@ class QuasiStatic(ImplicitStepper):
         yield from others
 
     def _most_long(self, start: str) -> int | None:
-        """One from the extrapolated start: the last state with the motion in substeps is better.
+        """Return 1 for the extrapolated start, as the last state with substeps is better then.
 
-        Near incompressibility an extrapolated displacement has changes of volume, whose pressures
+        Near incompressibility an extrapolated displacement changes volumes. The resulting pressures
         move nodes by many cells in the first increment.
         """
         return 1 if start == "extrapolated" else None
@@ -235,7 +235,8 @@ class QuasiStatic(ImplicitStepper):
     def _motion_from(self, start: Start, steps: Sequence[ContactStep]) -> PrescribedMotion:
         """Prescribed motion from the last state, in substeps if it is large. Collective.
 
-        Cells next to prescribed nodes, and nodes that stick to a tool, could not bear it alone.
+        In one increment, cells next to prescribed nodes would be inverted, and sticking nodes would
+        be far from their tool.
         """
         guess, u, size = start.guess, self.u.x, self._sizes.smallest
         if reductions.anywhere(self._comm, not np.array_equal(guess, self.u_n.x.array)):

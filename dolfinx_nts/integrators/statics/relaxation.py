@@ -1,7 +1,7 @@
 """Pseudo-transient continuation from a state without a nearby equilibrium to another one.
 
-The last resort of statics, where Newton's method finds no equilibrium: bodies roll to the next
-facet, or snap. See `Drag` for the method. The final equilibrium is one without resistance.
+It is used in statics if Newton's method finds no equilibrium, as when bodies roll to the next
+facet, or snap through. See `Drag` for the method. The final equilibrium is one without resistance.
 """
 
 import logging
@@ -47,7 +47,7 @@ _PATIENCE = 2
 
 
 class Resistance:
-    """Resistance of the next pseudo-step: falls after success, rises after failure. Local.
+    """Resistance of the next pseudo-step: decreases after success, increases after failure. Local.
 
     It must exceed the driving forces along an unstable motion, but slows down convergence.
 

@@ -140,7 +140,7 @@ class VtkHdfFile:
             self._write_held()
 
     def _write_held(self) -> None:
-        """Write the states that are held back."""
+        """Write the buffered states."""
         held, self._held = self._held, []
         if not held:
             return
@@ -157,13 +157,13 @@ class VtkHdfFile:
     # --- on rank 0 --------------------------------------------------------
 
     def _must_write(self) -> bool:
-        """Whether the states that are held back must be written now."""
+        """Whether the buffered states must be written now."""
         _, _, state = self._held[-1]
         size = len(self._held) * sum(slab.values.nbytes for slab in state.values())
         return time.monotonic() >= self._due or size >= _MOST
 
     def _add(self, block: Block, start: float) -> None:
-        """Let the index refer to one block more, whose writing began at a time [s]."""
+        """Add a block to the index, whose writing began at a time [s]."""
         self._blocks.append(block)
         self._write_index()
         now = time.monotonic()
@@ -181,7 +181,7 @@ class VtkHdfFile:
         return {step for block in self._blocks for step in block.steps}
 
     def _found(self) -> list[Block]:
-        """Blocks of the states up to the present step; none if states are missing."""
+        """Blocks of the states up to the current step; none if states are missing."""
         blocks, last = [], self._stepper.step
         for path in sorted(self._folder.files(_BLOCK)):
             if int(path.name[:9]) > last:

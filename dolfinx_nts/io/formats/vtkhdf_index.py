@@ -1,8 +1,8 @@
 """Index of a VTKHDF file: its mesh and its states, whose values lie in other HDF5 files.
 
-The format is VTK's for an unstructured grid with time steps, with one partition and a mesh
-that stays. Arrays are virtual datasets of HDF5: readers find the values in the files of the
-folder as if they were here. The index itself is small, so it can be replaced as a whole.
+The format is VTK's for an unstructured grid with time steps, with one partition and a constant
+mesh. Arrays are virtual datasets of HDF5: readers get the values from the files of the folder. The
+index itself is small, so it can be replaced as a whole.
 """
 
 from collections.abc import Mapping, Sequence
@@ -40,7 +40,7 @@ class Field:
 
 @dataclass(frozen=True)
 class Block:
-    """States that share a file, which holds the values of each field one state after the other.
+    """States in one file, with the values of each field concatenated state by state.
 
     Attributes:
         file: The file, relative to the index.
@@ -140,7 +140,7 @@ def write_index(
 
 
 def _join(root: h5py.Group, name: str, parts: Sequence[tuple[str, str, Field]]) -> None:
-    """Make a dataset of the rows of others, given by file, name and shape."""
+    """Create a virtual dataset of the rows of datasets, given by file, name and shape."""
     begins = list(accumulate((field.shape[0] for _, _, field in parts), initial=0))
     first = parts[0][2]
     layout = h5py.VirtualLayout((begins[-1], *first.shape[1:]), first.dtype)

@@ -68,7 +68,7 @@ class VtxFile:
         self._last_step = -1
 
     def write(self, now: Present) -> None:
-        """Write the present state, unless that has been done.
+        """Write the current state, unless it was written before.
 
         Args:
             now: Present state of the stepper.
@@ -87,7 +87,7 @@ class VtxFile:
         self._writer.close()
 
     def leave(self) -> None:
-        """Do nothing: no state is held back."""
+        """Do nothing: no state is buffered."""
 
     def _set(self, now: Present) -> list[fem.Function]:
         """Give the Functions the values of the present state."""

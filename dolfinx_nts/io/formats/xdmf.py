@@ -2,11 +2,9 @@
 
 ``run.xdmf`` lists the states for ParaView, VTK and meshio. The values are in the folder
 ``run_fields``: the mesh in ``mesh.h5``, and each state in its own file, step 50 in
-``000000050.h5``. Each of these files appears as a whole in one instant, so a killed program
-leaves whole states.
-
-All ranks write their rows, in the numbering of the mesh as read. The files do not depend on the
-partition, and a run on another number of ranks can continue them.
+``000000050.h5``. Each of these files is created atomically, so a killed program leaves complete
+states. All ranks write their rows, in the input numbering of the mesh. The files do not depend on
+the partition, and a run on another number of ranks can continue them.
 """
 
 import logging
@@ -186,7 +184,7 @@ class XdmfFile:
         self._folder.write(self._comm, _MESH, {name: [slab] for name, slab in mesh.items()}, {})
 
     def write(self, now: Present) -> None:
-        """Write the present state, unless that has been done.
+        """Write the current state, unless it was written before.
 
         Args:
             now: Present state of the stepper.
@@ -209,11 +207,11 @@ class XdmfFile:
         on_root(self._comm, self._folder.sync)
 
     def close(self) -> None:
-        """Remove from the XDMF file the room for more states."""
+        """Remove the padding for more states from the XDMF file."""
         on_root(self._comm, self._series.close)
 
     def leave(self) -> None:
-        """Do nothing: no state is held back."""
+        """Do nothing: no state is buffered."""
 
     # --- on rank 0 --------------------------------------------------------
 
@@ -227,7 +225,7 @@ class XdmfFile:
         return {int(Path(name).stem) for name in states}
 
     def _states(self) -> dict[str, str]:
-        """XML of the states up to the present step, by the names of their files."""
+        """XML of the states up to the current step, by the names of their files."""
         found = {path.name for path in self._folder.files(_STATE)}
         names = found | {f"{step:09d}.h5" for step in self._steps}
         last, states = f"{self._stepper.step:09d}.h5", {}

@@ -1,17 +1,17 @@
-"""XML file to which elements are added one by one, valid at any instant.
+"""XML file to which elements are appended, valid at any time.
 
-The closing tags cannot move in one instant, so they stay where they are, and the elements grow
-into a room in front of them. The room is a processing instruction, ``<?pad ... ?>`` full of
+The closing tags cannot be moved atomically, so they stay where they are, and elements are written
+to padding in front of them. The padding is a processing instruction, ``<?pad ... ?>`` full of
 spaces, which readers of XML skip:
 
 1. The new element is written into it, followed by the ``<?pad`` of a new instruction. All of
    this still belongs to the old instruction.
-2. The ``<`` of the old instruction becomes a space. By this one byte, which is written or not,
-   the element counts and the new instruction begins.
-3. The word that remains of the old instruction is blanked.
+2. The ``<`` of the old instruction becomes a space. Writing this single byte is atomic: it makes
+   the element valid and begins the new instruction.
+3. The rest of the old instruction is overwritten by spaces.
 
-When the room is full, the file is replaced by one with room for as much again. So the time that
-an element takes does not grow with their number.
+When the padding is full, the file is replaced by one with padding of its own size. The mean time
+per element therefore does not grow with their number.
 """
 
 from collections.abc import Iterable
@@ -33,7 +33,7 @@ _FIRST_ROOM = 2**16
 class XmlSeries:
     """XML file that grows by elements. Local, as all its methods.
 
-    The file is opened for each change only, so that there is nothing to close after an error.
+    The file is opened for each change only, so nothing has to be closed after an error.
 
     Args:
         path: The file.
@@ -79,7 +79,7 @@ class XmlSeries:
             _put(file, start + 1, _INDENT[1:])
 
     def close(self) -> None:
-        """Remove the room, after the last element.
+        """Remove the padding, after the last element.
 
         Raises:
             OSError: The file cannot be written. It is as it was.

@@ -1,4 +1,4 @@
-"""Loads that users write as forms."""
+"""Loads that users give as UFL forms."""
 
 from collections.abc import Callable
 from typing import Any

@@ -68,9 +68,7 @@ class Load(ABC):
         """
 
     def given(self, form: ufl.Form) -> list[Any]:
-        """Constants and Functions in the form of the load that users may set. Local.
-
-        By default these are all.
+        """Constants and Functions in the form that users may set, by default all. Local.
 
         Args:
             form: The form as returned by `form`.

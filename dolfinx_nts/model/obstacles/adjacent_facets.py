@@ -1,4 +1,4 @@
-"""Facets of a surface around one of them, and which of these are equally near to a point."""
+"""Adjacent facets of a surface, and selection of facets that are equally near to a point."""
 
 from functools import cached_property
 
@@ -17,7 +17,7 @@ _EQUAL = 1e-8
 
 
 class AdjacentFacets:
-    """Facets of a surface by their vertices. Local.
+    """Facets of a surface, and their neighbours by common vertices. Local.
 
     In the methods ``points`` are positions of ``m`` points, shape ``(m, 3)`` [m], ``x`` positions
     of the vertices, shape ``(l, 3)`` [m], and ``facet`` one facet of each point, shape ``(m,)``.
@@ -33,11 +33,11 @@ class AdjacentFacets:
         self._facets, self._orientation, self._first = facets, orientation, first
 
     def as_near(self, points: Floats, x: Floats, facet: Ints, size: Floats) -> tuple[Ints, Ints]:
-        """Find the facets that are as near to points as their own ones, with these.
+        """Find all facets that are as near to a point as its own facet, including that one.
 
-        They have a vertex in common with the own facet, the point is on the same side of them, and
-        their normals differ by less than 30 degrees: beyond sharper edges is another side of the
-        body. ``size`` is the diameter of the own facet, shape ``(m,)`` [m].
+        They share a vertex with the facet of the point, the point is on the same side of them, and
+        normals differ by less than 30 degrees, since sharper edges separate sides of the body.
+        ``size`` is the diameter of the facet of each point, shape ``(m,)`` [m].
 
         Returns:
             Points with several such facets, ascending, and the facets, both of shape ``(e,)``.
@@ -67,13 +67,13 @@ class AdjacentFacets:
 
     @cached_property
     def _corners(self) -> tuple[Ints, Array]:
-        """Corners of the facets by vertices, and the first corner of each vertex, with the end."""
+        """Facet corners sorted by vertex, and offsets of the corners of each vertex."""
         corners = self._facets.ravel()
         order = np.argsort(corners, kind="stable").astype(np.int32)
         return order, np.searchsorted(corners[order], np.arange(corners.max(initial=-1) + 2))
 
     def _around(self, facet: Ints) -> tuple[Ints, Ints]:
-        """Places among some facets, ascending, and facets around each, with itself, ``(e,)``."""
+        """Facets adjacent to given ones, with these, ``(e,)``, and for which one, ascending."""
         vertices, width = self._facets[facet], len(self._facets)
         order, begin = self._corners
         first = begin[vertices].ravel()

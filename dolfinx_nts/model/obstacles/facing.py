@@ -1,4 +1,4 @@
-"""What contact points face: they touch with their outside only."""
+"""Admissible contact directions of points, which touch with the outside of their body only."""
 
 from dataclasses import dataclass
 
@@ -39,7 +39,7 @@ class Facing:
 
     @classmethod
     def everywhere(cls, num_points: int) -> "Facing":
-        """Make points face whatever is there."""
+        """Points without restrictions on contact directions."""
         return cls(_NO_FACETS, _NO_POSITIONS, np.zeros(num_points, dtype=np.int32))
 
     def take(self, points: Ints) -> "Facing":

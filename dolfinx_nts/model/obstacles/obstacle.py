@@ -104,7 +104,7 @@ class Obstacle(Declaration):
         return as_call(self, num_facets=len(self.key), **self._named())
 
     def _named(self) -> dict[str, str]:
-        """The name as an argument, if one was given."""
+        """Text of the argument ``name``, empty if none was given."""
         return {"name": self._label} if self._label else {}
 
     def _call_it(self, name: str) -> None:
@@ -113,7 +113,7 @@ class Obstacle(Declaration):
 
     @abstractmethod
     def contact(self, scheme: str, x_n: Floats, x: Floats, segment: Ints) -> ContactKinematics:
-        """Gap and contact force of nodes in a step, as returned by the kernels.
+        """Gap and contact force of nodes in a step, in the layout of the kernels.
 
         Args:
             scheme: ``"conserving"``, ``"midpoint"`` or ``"static"``.
@@ -127,7 +127,7 @@ class Obstacle(Declaration):
 
     @abstractmethod
     def slip(self, x_n: Floats, x: Floats, segment: Ints) -> Slip:
-        """Slip of nodes in a step, as returned by the kernel.
+        """Slip of nodes in a step, in the layout of the kernels.
 
         Args:
             x_n: Positions at t_n, shape ``(m, 3)`` [m].
@@ -149,7 +149,7 @@ class Obstacle(Declaration):
             current: Last facet of each node, or -1, shape ``(m,)``.
             slack: Distance outside the last facet within which a node keeps it, see
                 ``Candidates.pair``.
-            reach: Largest gap of interest [m].
+            reach: Search radius [m].
             facing: Admissible directions of contact of the nodes.
 
         Returns:
@@ -157,7 +157,7 @@ class Obstacle(Declaration):
         """
 
     def unturned(self, x: Floats, turn: Floats) -> Floats | None:
-        """Undo the rotation of a step that leaves the surface of the obstacle unchanged.
+        """Remove the part of the rotation in a step that leaves the surface unchanged.
 
         Args:
             x: Positions at the end of a step, shape ``(m, 3)`` [m].

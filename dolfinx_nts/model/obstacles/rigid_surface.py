@@ -185,7 +185,7 @@ class RigidSurface(Obstacle):
 def _in_basix_order(points: Floats, facets: Ints) -> Ints:
     """Quadrilaterals with their corners in Basix order, shape ``(s, 4)``. Local.
 
-    The order is unique: sides of a convex quadrilateral intersect in all other orders.
+    The order is unique: in any other order sides of a convex quadrilateral would intersect.
 
     Raises:
         ValueError: Neither order makes all of them convex.

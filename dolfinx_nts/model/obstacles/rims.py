@@ -1,4 +1,4 @@
-"""Edges of facets: free edges, which belong to one facet only, and sharp edges."""
+"""Free edges of a surface, which belong to one facet only."""
 
 import numpy as np
 from basix import CellType, topology

@@ -88,7 +88,7 @@ class Trajectories(NamedTuple):
         return longest._replace(begin=begin)
 
     def passes(self, sizes: Floats) -> Flags:
-        """Whether points leave the body on another side, or contact would push them there.
+        """Whether points leave the body on another side, or contact would push them out there.
 
         Args:
             sizes: Diameters of the segments, shape ``(s,)`` [m].

@@ -59,7 +59,7 @@ class Edges:
     def depth(self, x: Floats, edge: Ints, points: Floats) -> Floats:
         """Largest depth of points, ``(m, k, 3)``, below the facets at an edge, ``(m,)`` [m].
 
-        Of both facets the one with the smaller depth counts.
+        The depth is the smaller one of both facets.
         """
         normals = unit_normals(x[self.facets[edge]])
         offsets = points - x[self.ends[edge, :1]]
@@ -70,7 +70,7 @@ class Edges:
 def pairs_within(
     own: Edges, other: Edges, num_others: int, x: Floats, reach: float
 ) -> tuple[Ints, GlobalInts]:
-    """Pairs of edges with boxes within reach [m], ``(c, 2)``, and sorted keys, ``(c,)``. Local.
+    """Pairs of edges with boxes within ``reach`` [m], ``(c, 2)``, and sorted keys. Local.
 
     ``num_others`` is the number of the other edges on all ranks.
     """
@@ -81,7 +81,7 @@ def pairs_within(
 
 
 def _boxes_within(first: Boxes, second: Boxes, reach: float) -> Ints:
-    """Pairs of boxes of two groups within reach [m] of each other, shape ``(c, 2)``."""
+    """Pairs of boxes of two groups within a distance [m] of each other, shape ``(c, 2)``."""
     found: list[Ints] = [np.empty((0, 2), dtype=np.int32)]
     (lower, upper), (least, greatest) = first, second
     # Preselection by the box around the whole other group.
@@ -100,7 +100,7 @@ def _boxes_within(first: Boxes, second: Boxes, reach: float) -> Ints:
 
 
 def _near(boxes: Boxes, others: Boxes, reach: float) -> Ints:
-    """Indices of boxes within reach of the box around all others."""
+    """Indices of boxes within a distance of the box around all others."""
     lower, upper = boxes
     least = others[0].min(axis=0, initial=np.inf) - reach
     greatest = others[1].max(axis=0, initial=-np.inf) + reach

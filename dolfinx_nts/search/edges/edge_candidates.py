@@ -106,7 +106,7 @@ class EdgeCandidates(SegmentCandidates):
         x: Floats,
         reach: float,
     ) -> "EdgeCandidates":
-        """Pair edges whose boxes are within reach [m]; ``num_others`` counts edges of all ranks."""
+        """Pair edges with boxes within ``reach`` [m]; ``num_others`` counts edges of all ranks."""
         return cls(scatter, own, other, *pairs_within(own, other, num_others, x, reach), x)
 
     def pair(
@@ -153,7 +153,7 @@ class EdgeCandidates(SegmentCandidates):
         return np.flatnonzero(carries[points.nodes]).astype(np.int32)
 
     def _within(self, x: Floats, pair: Ints, reach: float, overhang: float = 0.0) -> Ints:
-        """Pairs whose boxes are within reach [m]; the other edge is extended by ``overhang``."""
+        """Pairs with boxes within ``reach`` [m]; the other edge is extended by ``overhang``."""
         (lower, upper), (least, greatest) = (edges.boxes(x) for edges in self._edges)
         beyond = overhang * (greatest - least) + reach
         least, greatest = least - beyond, greatest + beyond

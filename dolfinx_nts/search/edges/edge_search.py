@@ -17,7 +17,7 @@ _FARTHEST = 4.0
 
 
 class EdgeSearch(GlobalSearch):
-    """Search for sharp edges within reach of the edges of another surface. Collective.
+    """Search for sharp edges near the edges of another surface. Collective.
 
     Args:
         nodes: Surface whose nodes carry the multipliers.

@@ -25,7 +25,7 @@ _FARTHEST = 4.0
 
 
 class RigidEdgeSearch(ObstacleSearch):
-    """Search for edges of an obstacle within reach of the edges of a surface. Collective.
+    """Search for edges of an obstacle near the edges of a surface. Collective.
 
     Args:
         obstacle: The obstacle.
@@ -62,7 +62,7 @@ class RigidEdgeSearch(ObstacleSearch):
         return self.candidates, True
 
     def _find(self, x: Floats, reach: float) -> None:
-        """Pair edges whose boxes are within reach [m]."""
+        """Pair edges whose boxes are within the search radius [m]."""
         self._covered = self.positions(x)[0], reach
         x, (own, other) = np.concatenate([self._scatter.forward(x), self._corners]), self._edges
         found = pairs_within(own, other, self._num_others, x, reach)

@@ -179,7 +179,7 @@ class OverlapSearch:
         t: float = 0.0,
         selves: Collection[str] | None = None,
     ) -> tuple[list[Overlap], Floats]:
-        """Find all overlaps that exceed touching. Collective.
+        """Find all overlaps that exceed the tolerance. Collective.
 
         Args:
             x: Positions of the local nodes of the space, owned and ghost, ``(l, 3)`` [m].

@@ -48,7 +48,7 @@ def self_overlap(
     centres: Floats,
     touch: float,
 ) -> SelfOverlap | None:
-    """Self-overlap of a body, or None if it does not exceed touching. Collective.
+    """Self-overlap of a body, or None if it is within the tolerance. Collective.
 
     Args:
         insides: The boundaries at the current positions.

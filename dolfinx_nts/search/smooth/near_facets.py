@@ -20,7 +20,8 @@ __all__ = ["NearFacets", "local_edges"]
 class NearFacets(NamedTuple):
     """Facets of a surface that share a vertex with one of this rank. Local.
 
-    At vertices of facets of this rank, facets and their order are as on a single rank.
+    Around vertices of facets of this rank, the facets and their order are the same as in a serial
+    run.
 
     Attributes:
         X: Reference positions of the ``n`` nodes in the order of their input numbers, shape

@@ -20,7 +20,7 @@ _OUTSIDE = 1.0
 
 
 class SmoothCandidates(SegmentCandidates):
-    """Smooth segments within reach of this rank's points.
+    """Smooth segments near the points of this rank.
 
     Flat facets select the segment of a point. Gap, force and slip are evaluated on the patch. Its
     *vertices* are all nodes on which it depends.
@@ -78,7 +78,7 @@ class SmoothCandidates(SegmentCandidates):
     def beneath(self, x: Floats) -> float:
         """Largest depth of patches below their facets, as on concave surfaces [m]. Local.
 
-        The depth of the control points is used, which exceeds it by up to a third.
+        It is estimated by the depth of the control points, which is up to a third larger.
         """
         facets = x[self._vertices]
         normals = area_vectors(facets, self.orientation)

@@ -61,7 +61,7 @@ class SmoothPatches:
 
     @cached_property
     def rise(self) -> Floats:
-        """Weights of the nodes in the vector from the mean of each facet to the mean of its patch.
+        """Nodal weights of the vector from the mean of each facet to the mean of its patch.
 
         Shape ``(s, m)``; means are over the undeformed facet.
         """

@@ -13,7 +13,7 @@ __all__ = ["SmoothSearch", "depth_beneath_facets"]
 
 
 class SmoothSearch(GlobalSearch):
-    """Search for smooth segments that nodes of another surface can reach.
+    """Search for smooth segments near nodes of another surface.
 
     Args:
         nodes: Surface of the nodes.
@@ -37,7 +37,7 @@ class SmoothSearch(GlobalSearch):
 
 
 def depth_beneath_facets(nodes: Surface, segments: Surface, x: Floats, reach: float) -> float:
-    """Largest depth of smooth segments near nodes below their facets [m]. Collective.
+    """Largest depth of smooth segments below their facets, of segments near nodes [m]. Collective.
 
     Args:
         nodes: Surface of the nodes.

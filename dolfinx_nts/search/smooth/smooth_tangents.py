@@ -9,9 +9,9 @@ the node and its two neighbours along the feature,
 
 .. math:: (h_-^2 (x_+ - x) + h_+^2 (x - x_-)) / (h_- h_+ (h_- + h_+)),
 
-which is the tangent of a circle through equidistant nodes. An edge without a tangent at one end
-gets the reflected tangent of the other end, and is an arc of a parabola. An edge without tangents
-is straight.
+which is the tangent of a circle through equidistant nodes. An edge with a tangent at one end only
+gets the reflection of this tangent at the other end, which gives a parabola. An edge without
+tangents is straight.
 """
 
 from typing import NamedTuple

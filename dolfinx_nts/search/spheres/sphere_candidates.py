@@ -22,13 +22,13 @@ _SIDEWAYS = 1e-6
 class SphereSlip(Slip):
     r"""Slip along tangents :math:`e_i` that a sphere carries along.
 
-    At t_{n+1} a node has left the point at which it was, so that :math:`e_i` leave the surface
-    by :math:`s_i = e_i \cdot n`. Forces of a scheme that has them there act along
+    At t_{n+1} a node is at another point of the sphere, where :math:`e_i` have the normal
+    components :math:`s_i = e_i \cdot n`. Schemes with forces at t_{n+1} use the tangents
 
     .. math:: e'_i = e_i + \frac{s_i}{c (1 + c)} s_j e_j - \frac{s_i}{c} n, \quad
        c^2 = 1 - s_j s_j,
 
-    which are the tangents turned with the normal by the smallest rotation.
+    which are :math:`e_i` after the smallest rotation to the normal there.
 
     Args:
         slip: The slip, with the tangents of t_{n+1} carried along.
@@ -76,13 +76,14 @@ class SphereSlip(Slip):
 
 
 class SphereCandidates(SmoothCandidates):
-    r"""Facets of a sphere within reach of this rank's points.
+    r"""Facets of a sphere near the points of this rank.
 
-    Facets select nearby points. Gap, force and slip are evaluated on the sphere, whose control
-    points are the centre :math:`c` and points :math:`p_i` that rotate with it, see `SphereFrame`.
-    Normal forces act on the centre. Friction acts on the material point of the contact at t_n,
-    :math:`x_c = c + \nu_i (p_i - c)`, along tangents :math:`e = \tau_i (p_i - c)/R` of the body:
-    the slip is the change of :math:`(x - x_c) \cdot e`, as for facets.
+    Facets only serve to find nearby points. Gap, force and slip are evaluated on the sphere, whose
+    control points are the centre :math:`c` and points :math:`p_i` that rotate with it, see
+    `SphereFrame`. Normal forces act on the centre. Friction acts on the material point of the
+    contact at t_n, :math:`x_c = c + \nu_i (p_i - c)`, along tangents
+    :math:`e = \tau_i (p_i - c)/R` of the body: the slip is the change of
+    :math:`(x - x_c) \cdot e`, as for facets.
 
     Args:
         found: The facets, with the nodes that define the sphere and their weights.
@@ -178,6 +179,6 @@ class SphereCandidates(SmoothCandidates):
         )
 
     def _at_rest(self, pairs: Floats) -> Floats:
-        """Points of pairs in the frame of the declared sphere, ``(m, 3)`` [m]."""
+        """Points of pairs in the reference frame of the sphere, ``(m, 3)`` [m]."""
         relative: Floats = pairs[:, 0] - pairs[:, 1] + self._sphere.centre
         return relative

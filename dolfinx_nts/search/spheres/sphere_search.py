@@ -11,7 +11,7 @@ __all__ = ["SphereSearch"]
 
 
 class SphereSearch(SmoothSearch):
-    """Search for facets of a sphere that nodes of another surface can reach.
+    """Search for facets of a sphere near nodes of another surface.
 
     Args:
         nodes: Surface of the nodes.

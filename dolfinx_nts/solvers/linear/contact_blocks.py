@@ -117,5 +117,5 @@ def tangents_of(blocks: ContactBlocks) -> Iterator[tuple[Array, Floats]]:
 
 
 def slopes_at_nodes(blocks: ContactBlocks) -> Floats:
-    """Contribution of the slopes to the tangent of the constrained nodes, ``(m, d, d)``."""
+    """Tangent of the constrained nodes due to the slopes, ``(m, d, d)``."""
     return _kernels.slopes_at_nodes(blocks.start, blocks.gradients, blocks.columns, blocks.slopes)

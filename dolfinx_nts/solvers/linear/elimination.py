@@ -37,8 +37,8 @@ _NO_VALUES = np.empty(0)  # constraints with the value zero
 class ActivePairs:
     """Active pairs of one contact pair; no two of them constrain the same node.
 
-    Vectors are nodal, shape ``(n, d)``, over the owned nodes. A part of a vector is the vector
-    itself, which must not change, together with its values at ghosts.
+    Vectors are nodal, shape ``(n, d)``, over the owned nodes. A *part* of a vector is the vector,
+    which must not change, together with its values at ghosts.
 
     Args:
         candidates: Candidates of the search, which exchange values of their nodes.
@@ -81,7 +81,7 @@ class ActivePairs:
 
     @property
     def is_regular(self) -> bool:
-        """Whether the projections exist, as far as this contact pair determines it. Collective."""
+        """Whether the projections exist for this contact pair. Collective."""
         return True
 
     def constrain(self, values: Floats, x: Floats) -> Part:

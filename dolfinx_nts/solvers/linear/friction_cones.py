@@ -11,8 +11,8 @@ satisfy
 with the friction cone K, its dual K^* and the normal :math:`e_N` (G. De Saxce, Z.-Q. Feng, Math.
 Comput. Modelling 28 (1998)). The method follows the central path, on which the Jordan product of
 both is a small multiple of the identity of the cone (F. Alizadeh, D. Goldfarb, Math. Program. 95
-(2003)). It ends at the analytic centre of the solutions, so that a point sticks unless it has to
-slide.
+(2003)). It ends at the analytic centre of the set of solutions, in which a point slides only if all
+solutions require it.
 """
 
 from typing import Any, NamedTuple

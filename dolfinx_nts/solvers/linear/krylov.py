@@ -129,15 +129,15 @@ class LinearSolver:
         """Reduction for which the preconditioner is applied once, without a product [-]. Local.
 
         It is the measured reduction of an iteration. NaN if this is unknown, with rigid bodies, and
-        at large Courant numbers, where ILU(0) does not suffice and errors of an increment would
-        move contacts everywhere.
+        at large Courant numbers: there ILU(0) is too inaccurate, and errors of an increment would
+        change contact everywhere.
         """
         has_rigid = self._operator.bulk.rigid.exists
         return math.nan if has_rigid else self._factors.one_application_reduction
 
     @property
     def num_iterations(self) -> int:
-        """Number of Krylov iterations so far, without iterations in `solve_for`."""
+        """Number of Krylov iterations so far, except iterations in `solve_for`."""
         return self._krylov.num_iterations
 
     def solve(

@@ -102,7 +102,7 @@ def reduced(A: Any, bodies: Sequence[RigidColumns], held: Floats, resistance: Fl
     start = starts(length)
 
     def mapping(motions: Sequence[Floats]) -> Any:
-        """Matrix from amounts of motions and the other unknowns to the complete unknowns."""
+        """Matrix from amplitudes of motions, and all other unknowns, to the complete unknowns."""
         column, value = np.zeros(start[-1], dtype=np.int64), np.ones(start[-1])
         column[start[:-1][is_kept]] = kept
         for body, motion, begin in zip(bodies, motions, ends, strict=False):

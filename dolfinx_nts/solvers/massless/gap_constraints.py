@@ -1,4 +1,4 @@
-"""Constraints on gaps and slips of nodes without mass, and projection on them."""
+"""Constraints on gaps and slips of massless nodes, and projection on them."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -26,7 +26,7 @@ _SLIDING_PASSES = 4
 
 
 class KeptGaps(NamedTuple):
-    """Gaps of one pair that are kept or closed, and slips that are kept.
+    """Gaps of one pair that are constant or closed, and slips that are constant.
 
     Attributes:
         scatter: Exchange of nodal values between ranks.

@@ -1,7 +1,7 @@
 r"""Contact correction by a dense Schur complement, with the factors of the bulk.
 
 Near incompressibility a single contact node cannot move without changing the volume of its cells.
-Contact then acts at a distance, and a correction of its neighbourhood converges slowly. Where
+Contact then has long-range effects, and a correction in its neighbourhood converges slowly. Where
 contact involves few nodes, the complete system with the factors B of the bulk,
 
 .. math:: (B^{-1} + U C U^T) z + U F \lambda = r, \qquad G^T U^T z = 0,
@@ -114,7 +114,7 @@ class ContactComplement:
         return [blocks for part in parts for blocks in part]
 
     def _reach(self, contacts: Sequence[ContactBlocks]) -> GlobalInts:
-        """Provide the columns of the nodes of contacts; return these nodes. Collective."""
+        """Compute missing columns of contact nodes; return these nodes. Collective."""
         nodes: GlobalInts = np.unique(np.concatenate([b.nodes for b in contacts]))
         nodes = np.union1d(nodes, np.concatenate([b.tangent_nodes.ravel() for b in contacts]))
         if self._version != self._bulk.num_builds:
@@ -172,7 +172,7 @@ class ContactComplement:
 
     @property
     def _among_reached(self) -> Floats:
-        """Flexibility S of the nodes that contacts reach."""
+        """Flexibility S of the contact nodes."""
         flexibility: Floats = self._flexibility[np.ix_(self._reached, self._reached)]
         return flexibility
 
@@ -185,7 +185,7 @@ class ContactComplement:
         return total
 
     def _forget(self, batches: Sequence[Array]) -> None:
-        """Discard all columns, and take over nodes whose columns are to be computed."""
+        """Discard all columns, and set the nodes whose columns are to be computed."""
         self._version, self._batches, self._columns = self._bulk.num_builds, list(batches), []
 
     def _owned(self, nodes: GlobalInts) -> tuple[Array, Array]:
@@ -254,7 +254,7 @@ def _dense(
 
 
 def _system(S: Floats, C: Floats, F: Floats, G: Floats) -> Floats:
-    """Matrix of the dense system for s and lambda, of the matrices of `_dense`."""
+    """Matrix of the dense system for s and lambda, from the matrices of `_dense`."""
     n, m = F.shape
     return np.block([[np.eye(n) + S @ C, S @ F], [G, np.zeros((m, m))]])
 

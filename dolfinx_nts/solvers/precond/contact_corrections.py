@@ -35,7 +35,7 @@ class _Correction(Protocol):
 
 
 class ContactCorrections:
-    """Schwarz correction, and the dense complement where the former has been found to be poor.
+    """Schwarz correction, replaced by the dense complement after slow convergence.
 
     Collective, as all its methods.
 
@@ -102,9 +102,9 @@ class ContactCorrections:
     ) -> tuple[Floats, Floats] | None:
         """Condense the system to the contact points, see `CondensedSystem`.
 
-        ``relief`` knows the motions of free bodies. The result is None for many points, without
-        accurate factors of the bulk, if no contact presses on free bodies, and if the factors are
-        the ones of the derivative, in which free bodies turn under their contact forces.
+        ``relief`` provides the motions of free bodies. The result is None for many points, without
+        accurate factors of the bulk, if free bodies have no active contact, and with factors of the
+        exact derivative, in which contact forces make free bodies rotate.
         """
         point, tangent = self._bulk.point, self._tangent
         if point is None or not self._bulk.has_responses or len(present) > _MOST_FORCES:

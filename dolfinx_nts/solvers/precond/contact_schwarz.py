@@ -46,8 +46,8 @@ class SubdomainWidth:
     """Chooses a narrow or a wide subdomain by the cost of iterations and factors. Local.
 
     The narrow one comes first. If it takes many iterations, as in the bending of thin walls, the
-    wide one is tried once, and kept if it is cheaper. It does not help if factors of the bodies are
-    inaccurate.
+    wide one is tried once, and kept if it is cheaper. It does not help if the factors of the bulk
+    are inaccurate.
 
     Attributes:
         is_wide: Whether the subdomain is wide.

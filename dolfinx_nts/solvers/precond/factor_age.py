@@ -1,4 +1,4 @@
-"""Renewal of the factors of the bulk: new or stronger factors where they save iterations."""
+"""Renewal of the factors of the bulk: new or stronger factors if they save time."""
 
 import math
 from collections.abc import Callable
@@ -55,7 +55,7 @@ class _Pace:
 
 
 class FactorAge:
-    """Decides when the bulk is factorised again, by the iterations that old factors cost.
+    """Decides when to factorise the bulk again, by the additional iterations with old factors.
 
     Args:
         tangent: Matrix of the bulk.
@@ -114,7 +114,7 @@ class FactorAge:
                 self._fresh, self._excess = rate, 0.0
 
     def renew(self) -> bool:
-        """Make factors if the old ones cost more iterations; return whether it did. Collective."""
+        """Factorise again if that saves time; return whether it was done. Collective."""
         factors = self._factors
         cost = _STRONG_REBUILD_COST if factors.is_strong else _REBUILD_COST
         is_due = factors.point is None or self._excess > cost
@@ -123,7 +123,7 @@ class FactorAge:
         return is_due
 
     def build(self) -> None:
-        """Make factors. Collective."""
+        """Factorise. Collective."""
         factors = self._factors
         self.crossings = self._wave_crossings()
         is_first = factors.point is None
@@ -134,7 +134,7 @@ class FactorAge:
         self._begin()
 
     def strengthen_if_slow(self, is_new: bool) -> None:
-        """Make stronger factors where they are cheaper. Collective.
+        """Replace the factors by stronger ones if these are cheaper. Collective.
 
         Args:
             is_new: Whether the current factors were made for the last system.

@@ -1,4 +1,4 @@
-"""Additional compliance of free bodies in the factors of a matrix with an artificial stiffness."""
+"""Additional compliance of free bodies, for factors of a matrix with an artificial stiffness."""
 
 from typing import NamedTuple
 

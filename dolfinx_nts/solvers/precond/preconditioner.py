@@ -148,7 +148,7 @@ class BulkPreconditioner:
         self.num_builds, self._last_kind = self.num_builds + 1, str(self._factors)
 
     def strengthen(self, *, fully: bool = False) -> bool:
-        """Let the next `build` make stronger factors; return whether there are any. Local.
+        """Let the next `build` compute stronger factors; return whether there are any. Local.
 
         Args:
             fully: Whether to go to LU in double precision, or multigrid, directly: single precision

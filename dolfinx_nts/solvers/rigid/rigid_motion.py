@@ -1,4 +1,4 @@
-r"""Rigid bodies in the balance of a step: six unknowns each, instead of nodal ones.
+r"""Rigid bodies in the balance of a step: six unknowns each, instead of nodal unknowns.
 
 Positions of the nodes of a rigid body are linear in the reference position. With the Cayley vector
 :math:`\theta` of the rotation in a step,
@@ -16,7 +16,7 @@ A guide prescribes some combinations of :math:`\Delta\varphi` and :math:`\theta`
 depend on the state. Only the free ones are balanced. Axisymmetric bodies are free along the axis
 alone.
 
-Linear systems keep nodal unknowns, on which rigid bodies act as projections, like contact, see
+Linear systems keep nodal unknowns, and rigid bodies are projections of them, like contact, see
 `elimination`: increments are projected on rigid motions at the end of the step, and forces on such
 fields with the same resultant and moment.
 """

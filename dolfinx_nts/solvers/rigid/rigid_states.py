@@ -51,7 +51,7 @@ class RigidStates:
             self._fields = RigidFields(self._comm, bodies)
 
     def given(self, body: Body, name: str) -> None:
-        """Let the next `check` include all nodes of a body whose state has been set. Local.
+        """Include all nodes of a body whose state was set in the next `check`. Local.
 
         ``name`` is ``"displacement"`` or ``"velocity"``.
         """

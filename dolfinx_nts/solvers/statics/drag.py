@@ -22,7 +22,7 @@ __all__ = ["Drag"]
 
 
 class Drag:
-    """Resistance of the nodes against leaving a state, proportional to their stiffness.
+    """Resistance of the nodes against displacements from a state, proportional to their stiffness.
 
     Args:
         bulk: Residual of the bodies, whose derivative includes the resistance.

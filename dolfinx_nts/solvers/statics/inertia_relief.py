@@ -86,7 +86,7 @@ class _Relief:
 
 
 class InertiaRelief:
-    """Keeps free bodies in place unless forces drive them away. Collective.
+    """Stabilises free bodies, unless unbalanced forces accelerate them. Collective.
 
     Args:
         bodies: The free bodies.
@@ -206,8 +206,8 @@ class InertiaRelief:
     def mobility(self, added: Floats | float, drag: Floats | float) -> Mobility | None:
         """Additional compliance of free bodies; None without free bodies. Collective.
 
-        Motions suppressed by the last `relieve` stay so; all others have the compliance of a body
-        that is driven away.
+        Motions suppressed by the last `relieve` stay suppressed; all others have the compliance of
+        the added stiffness.
 
         Args:
             added: Stiffness added to the matrix of the factors, shape ``(n, 1)`` [N/m].

@@ -8,8 +8,8 @@ modes. With the nodal stiffness D and independent random numbers :math:`\xi` of 
 :math:`b = \sqrt{D} \xi`. As long as no curvature is negative, residuals are r = q(A B) b with a
 polynomial q(t), a product of factors :math:`1 - t/\theta` with :math:`\theta > 0`, and a left
 eigenvector w of A B with an eigenvalue that is negative has :math:`|w^T r| > |w^T b|`. But
-:math:`w^T b` is a random number with the standard deviation :math:`|\sqrt D w|`, so that a residual
-of :math:`|D^{-1/2} r| < \delta` leaves a negative eigenvalue unseen with a probability of at most
+:math:`w^T b` is a random number with the standard deviation :math:`|\sqrt D w|`, so that with a
+residual of :math:`|D^{-1/2} r| < \delta` the probability to miss a negative eigenvalue is at most
 :math:`\sqrt{2/\pi}\, \delta`: the probability of :math:`|\xi| < \delta` for one number.
 
 With factors of a complete system: on the displacements that keep active constraints, :math:`G^T x =

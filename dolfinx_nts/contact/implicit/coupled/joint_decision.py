@@ -64,12 +64,12 @@ class NoFriction:
         return np.zeros(len(node))
 
     def show_slips(self, pairs: PairKinematics) -> None:
-        """There are none."""
+        """Do nothing, without friction."""
 
     def decide(
         self, pairs: PairKinematics, slides: Flags, active: Flags, forces: Floats, slip: Floats
     ) -> None:
-        """There is nothing to take over."""
+        """Do nothing, without friction."""
 
     def predict(self, pairs: PairKinematics, change: Floats) -> None:
-        """There is nothing to know."""
+        """Do nothing, without friction."""

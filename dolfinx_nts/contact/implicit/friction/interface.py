@@ -1,4 +1,4 @@
-"""Tangential forces of the nodes of a pair in one attempt at a step: what each law answers."""
+"""Interface of tangential contact: forces of the nodes of a pair in one attempt at a step."""
 
 from typing import Any
 
@@ -15,7 +15,7 @@ __all__ = ["Friction"]
 
 
 class Friction:
-    """Tangential forces of the nodes of a pair: none, unless a law says otherwise.
+    """Tangential forces of the nodes of a pair. This base class has none.
 
     Methods are local, but for `update`. In them ``pairs`` are ``m`` pairs, a part of the ``n``
     nodes of the surface, ``node`` their positions among these, shape ``(m,)``, and ``active``
@@ -57,7 +57,7 @@ class Friction:
         self.traction[node] = 0.0
 
     def follow_contact(self, pairs: PairKinematics, before: Flags, active: Flags) -> None:
-        """Release nodes active only ``before``, shape ``(m,)``; choose how new ones begin."""
+        """Release nodes active only ``before``, shape ``(m,)``; set stick or slip of new ones."""
 
     def sticks(self, node: Ints, active: Flags) -> Flags:
         """Active nodes held by multipliers in the tangent plane, shape ``(m,)``."""

@@ -1,7 +1,8 @@
-"""Slips of the nodes of a pair in one attempt at a step, to more digits than positions have.
+"""Slips of the nodes of a pair in one attempt at a step, more accurate than positions.
 
 The friction of a node that hardly slips turns with the last digits of positions: with a slip of
-1e-10 m and forces of 10 N by 1e-5 N. What a linear system adds to a slip has all its digits.
+1e-10 m and forces of 10 N by 1e-5 N. Increments of slips from linear systems do not have this
+round-off.
 """
 
 import numpy as np
@@ -14,9 +15,9 @@ from dolfinx_nts.model.frames import Frame
 
 __all__ = ["Slips", "length_of", "with_length"]
 
-# Slip, relative to the size of a segment [-], that is none where the displacement of a node is not
-# its own: points of one rigid body that stick at more places than hold it cannot all stay to
-# round-off. It is as small as what constraints may be violated by.
+# Slip relative to the size of a segment [-] that counts as none at nodes that cannot be eliminated:
+# if more points of a rigid body stick than hold it, not all slips can be zero to round-off. It is
+# as small as admissible violations of constraints.
 _STILL = 1e-11
 
 
@@ -67,25 +68,25 @@ class Slips:
         pairs.excess[:, 1:] = with_length(self._all[node], left)
 
     def show(self, pairs: PairKinematics) -> None:
-        """Let constraints see all slips of the last evaluation."""
+        """Use all slips of the last evaluation in constraints."""
         pairs.excess[:, 1:] = self._all[pairs.node]
 
     def predict(self, pairs: PairKinematics, change: Floats) -> None:
-        """Know the slips of the next evaluation by their changes, shape ``(m, 2)`` [m]."""
+        """Predict the slips of the next evaluation by their changes, shape ``(m, 2)`` [m]."""
         self._predicted[pairs.node] = self._all[pairs.node] + change
 
     def without_none(self, pairs: PairKinematics, slip: Floats) -> Floats:
-        """Slips, ``(m, 2)`` [m], with 0 where they are none."""
+        """Slips, ``(m, 2)`` [m], with 0 in place of round-off."""
         still: Flags = pairs.fixed & (length_of(slip) <= self.still(pairs.node))
         return np.where(still[:, None], 0.0, slip)
 
     def still(self, node: Ints) -> Floats:
-        """Lengths of slips that are none where the displacement is not its own, ``(m,)`` [m]."""
+        """Slip below which a node that cannot be eliminated sticks, ``(m,)`` [m]."""
         lengths: Floats = _STILL * self._size[node]
         return lengths
 
     def of(self, node: Ints) -> Floats:
-        """Slips of nodes in the last evaluation, 0 where they are none, shape ``(m, 2)`` [m]."""
+        """Slips of nodes in the last evaluation, 0 in place of round-off, shape ``(m, 2)`` [m]."""
         slips: Floats = self.present[node]
         return slips
 

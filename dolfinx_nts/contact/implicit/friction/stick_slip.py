@@ -32,8 +32,8 @@ __all__ = ["StickSlip"]
 # Weight of slip in the test for stick, relative to the stiffness of a node [-]: it changes the
 # path of Newton's method, not the solution.
 _SLIP_WEIGHT = 0.1
-# The same in the direction of sliding where the displacement of a node is not its own [-]: others
-# may decide on a slip that is small.
+# The same in the direction of sliding for nodes that cannot be eliminated [-]: their small slips
+# may be determined by other nodes.
 _DIRECTION_WEIGHT = 1e7
 
 
@@ -188,10 +188,10 @@ class StickSlip(Friction):
         return violators
 
     def _first_heading(self, pairs: PairKinematics, motion: Floats) -> Floats:
-        """Directions in which nodes would slide in the first iteration, ``(m, 2)``. Local.
+        """Slip directions of nodes in the first iteration, ``(m, 2)``. Local.
 
-        A node that does not move yet has the direction in which it slid before. ``motion`` is the
-        slip of the pairs, shape ``(m, 2)`` [m], or with springs their trial traction [N].
+        A node without slip has its last slip direction. ``motion`` is the slip of the pairs, shape
+        ``(m, 2)`` [m], or with springs their trial traction [N].
         """
         node, old, slip = pairs.node, self._state.history, pairs.slip
         last = transport(old.traction[node], old.normal[node], slip.frame_n, slip.normal_n)
@@ -209,8 +209,8 @@ class StickSlip(Friction):
     ) -> TractionModel:
         """Model stick and slip without springs, see `exact_model`.
 
-        Where the displacement of a node is not its own, a traction that slides has its length,
-        and keeps its direction where there is no slip.
+        At sliding nodes that cannot be eliminated, the traction has the length of the limit, and
+        keeps its direction if there is no slip.
         """
         c = _SLIP_WEIGHT * self._stiffness[pairs.node]
         if not pairs.fixed.any():
@@ -284,7 +284,7 @@ class StickSlip(Friction):
             self._of = friction
 
         def coefficients(self, node: Ints) -> Floats:
-            """Limits per normal force of the last iteration, 0 on the axis of rings."""
+            """Limits per normal force of the last iteration, 0 on an axis of symmetry."""
             of, p = self._of, self._of._lagged.last[node]
             limit = of._limits.at(node, p, of.sliding[node] * length_of(of._slips.of(node)))
             is_cone = (limit.force == limit.by_p * p) | (p == 0)
@@ -315,5 +315,5 @@ class StickSlip(Friction):
             of.follow_multipliers(pairs, forces[:, 0], active)
 
         def predict(self, pairs: PairKinematics, change: Floats) -> None:
-            """Know slips to all digits."""
+            """Predict slips without round-off."""
             self._of._slips.predict(pairs, change)

@@ -96,10 +96,10 @@ class FrozenPoints(LocalSearch):
         self.gap = gap_n.copy()
 
     def _largest_parts(self, found: FacetPoints, x_n: Floats, x: Floats) -> Floats:
-        """Largest parts of dual functions around the nodes, shape ``(n,)``.
+        """Largest fractions of dual functions in the shape functions around nodes, shape ``(n,)``.
 
-        In resolved impact they do not depend on gaps: parts that change from step to step take
-        its second order in time (0.6 for 2.7).
+        In resolved impact they do not depend on gaps: fractions that change between steps reduce
+        the order of convergence in time from 2.7 to 0.6.
         """
         return found.largest_parts(() if self._is_resolved else (x_n, x), self._slack)
 
@@ -108,7 +108,7 @@ class FrozenPoints(LocalSearch):
         return found.points(part)
 
     def _has_fallen(self, part: Floats) -> Flags:
-        """Whether the parts of dual functions have to be less than they are, shape ``(n,)``."""
+        """Whether the fractions of dual functions have to be reduced, shape ``(n,)``."""
         flags: Flags = part < self._part - _SETTLED_PART
         return flags
 
@@ -125,7 +125,7 @@ class FrozenPoints(LocalSearch):
         return len(node), True
 
     def _is_due(self, x: Floats, near: Ints, converged: bool) -> bool:
-        """Whether points of the result of `_near` are not those that they should be. Local."""
+        """Whether points of the nodes from `_near` are outdated. Local."""
         may_move = self._renewals < self._most_renewals
         return may_move and self.pairing.num_beyond(x, near) > 0
 
@@ -162,11 +162,11 @@ class SettlingPoints(FrozenPoints):
     _nearby = 0.1
 
     def _largest_parts(self, found: FacetPoints, x_n: Floats, x: Floats) -> Floats:
-        """Parts in equilibrium: the gap before the step decides nothing."""
+        """Fractions in equilibrium, where the gap before the step has no effect."""
         return found.largest_parts((x,), self._slack)
 
     def _points(self, found: FacetPoints, part: Floats, x: Floats) -> MortarPoints:
-        """Points whose weights belong to the equilibrium."""
+        """Points with weights computed in equilibrium."""
         return found.points(part, x, self._slack)
 
     def _is_due(self, x: Floats, near: Ints, converged: bool) -> bool:

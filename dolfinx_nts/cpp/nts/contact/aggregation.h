@@ -8,11 +8,12 @@
 #include <span>
 #include <vector>
 
-/// @brief From contact points to the nodes that carry the multipliers.
+/// @brief Sums from contact points to the nodes that carry the multipliers.
 ///
 /// A point is a sum of the nodes of its facet with weights phi, and a node
-/// has a share in the forces of some points. Both are constants of a step, so
-/// that what kernels conserve for each point is conserved for each node.
+/// has a share in the forces of some points. Both are constant in a step.
+/// Quantities that kernels conserve for each point are therefore conserved for
+/// the sums.
 namespace nts
 {
 /// @brief Points, and the shares of nodes in them.
@@ -27,7 +28,7 @@ struct Aggregation
   std::span<const std::int32_t> point;
   /// (i,) Shares, or matrices between c vectors of point and node, (i, c, c).
   std::span<const double> share;
-  /// (i, k + s) Places of the nodes of facet and segment in the row of the
+  /// (i, k + s) Positions of the nodes of facet and segment in the row of the
   /// node.
   std::span<const std::int32_t> place;
 };

@@ -18,8 +18,8 @@ Vec3 node_of(std::span<const double> x, std::size_t i) noexcept
 
 /// @brief Pair number i of x, shape (m, 1 + k, 3), about an origin near it.
 ///
-/// Nothing that is computed of a pair depends on the origin, but sums of
-/// positions far from it lose the digits by which they differ.
+/// Results for a pair do not depend on the origin, but positions far from it
+/// would lose digits in differences.
 template <class S>
 Pair<S> load(std::span<const double> x, std::size_t i,
              const Vec3& origin) noexcept
@@ -149,7 +149,7 @@ void convective_slips(std::span<const double> x_pair_n,
 /// @param[in] x_node Positions, (n, 3) [m].
 /// @param[in] current Segment of the previous choice or -1, (n,).
 /// @param[in] slack See `find_segment`.
-/// @param[in] reach Largest distance of interest [m].
+/// @param[in] reach Search radius [m].
 /// @param[in] surface The segments.
 /// @param[in] tree Returns the tree over the segments; called only if needed.
 /// @param[in] may_touch Returns admissible directions, see `find_segment`.

@@ -24,8 +24,8 @@ struct FrictionLimit
   double by_slip; ///< derivative by the length of the slip [N/m]
 };
 
-/// @brief Components in a frame of vectors with components in another one: the
-/// orthogonal matrix nearest to the products of both.
+/// @brief Rotation of components from one frame to another: the orthogonal
+/// matrix nearest to the products of both.
 /// @param[in] to, from Two orthonormal tangents of either handedness, rows.
 inline Matrix<2, 2> between_frames(const double* to,
                                    const double* from) noexcept
@@ -63,7 +63,7 @@ inline const Vec2& first_direction(const Vec2& a, const Vec2& b) noexcept
   return a[0] != 0 || a[1] != 0 ? a : b;
 }
 
-/// @brief Whether a trial traction is at its limit, but for round-off.
+/// @brief Whether a trial traction equals its limit up to round-off.
 /// @param[in] limit Largest traction [N].
 /// @param[in] trial Traction if the node stuck [N].
 /// @param[in] rounding Force that counts as none [N].

@@ -11,7 +11,7 @@
 /// @brief Both halves of a step of velocity Verlet, each in one pass.
 namespace nts
 {
-/// @brief How far nodes move in a step [m].
+/// @brief Largest nodal displacements in a step [m].
 struct Motion
 {
   double farthest; ///< largest displacement, NaN if one is NaN

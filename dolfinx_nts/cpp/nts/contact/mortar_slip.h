@@ -28,8 +28,8 @@ struct TurnedShares
   }
 };
 
-/// @brief Orthonormal vectors nearest to two: the polar factor, which no axis
-/// marks.
+/// @brief Orthonormal vectors nearest to two vectors: the polar factor, which
+/// prefers neither of them.
 inline Matrix<2, 3> orthonormal(const Matrix<2, 3>& frame) noexcept
 {
   const double a = dot(frame[0], frame[0]), b = dot(frame[0], frame[1]),

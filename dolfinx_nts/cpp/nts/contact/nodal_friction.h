@@ -113,9 +113,8 @@ struct NodalFriction
       store(model.fixed + p * model.direction, traction, j);
   }
 
-  /// @brief Part of the traction of a node that does not scale with the
-  /// pressing force, from its model at the present slip; 0 if multipliers hold
-  /// it.
+  /// @brief Part of the traction of a node that does not scale with the normal
+  /// force, from its model at the current slip; 0 if it sticks.
   Vec2 known(std::size_t j, bool is_held) const noexcept
   {
     if (is_held)

@@ -100,7 +100,7 @@ std::array<Vec3, 1 + S::vertices> points_of(const Pair<S>& pair) noexcept
   return points;
 }
 
-/// @brief As the template for all segments.
+/// @brief Energy-momentum scheme for patches, see `discrete_gradient.h`.
 template <IsPatch S>
 void contact_conserving(const Pair<S>& pair_n, const Pair<S>& pair,
                         double orientation, Contact<S>& contact) noexcept

@@ -16,7 +16,8 @@
 /// segment at beta. The second direction of an edge in the plane is along z.
 namespace nts
 {
-/// @brief As the template for all segments; eight times as fast.
+/// @brief Energy-momentum scheme for edges and triangles, eight times as fast
+/// as the general template.
 template <class S>
   requires S::is_simplex
 void contact_conserving(const Pair<S>& pair_n, const Pair<S>& pair,

@@ -89,7 +89,7 @@ struct MovedSprings
     return sum;
   }
 
-  /// @brief End of the springs of a node that begin at i, if they do.
+  /// @brief End of the range of springs of a node that begins at i.
   std::size_t end_of(std::int32_t number, std::size_t i) const noexcept
   {
     while (i < node.size() && node[i] == number)
@@ -98,13 +98,13 @@ struct MovedSprings
   }
 };
 
-/// @brief Work of the mean of two forces, by its cause: what springs and
-/// friction do not account for, then both of these.
+/// @brief Work of the mean of two forces by cause: first the work that is
+/// neither stored in springs nor dissipated.
 /// @param[in] before, after Springs at the ends of a step.
 /// @param[in] dissipation By friction at each node in the step, (n,) [J]; empty
 /// if there is no friction.
-/// @return Work of nodes that stayed on their segments, that came, that changed
-/// them; energy taken from springs; minus the dissipation [J].
+/// @return Work of nodes that kept their segments, of new ones, of those that
+/// changed segments; energy released by springs; minus the dissipation [J].
 inline std::array<double, 5>
 work_by_cause(const MovedSprings& before, const MovedSprings& after,
               std::span<const double> dissipation) noexcept

@@ -11,8 +11,8 @@
 /// @brief Linear forms over cells, with kernels for a batch of cells.
 namespace nts
 {
-/// @brief Element vectors of a batch of cells, one lane a cell: what an element
-/// kernel has at i stands at i * lanes + l for the cell in lane l.
+/// @brief Element vectors of a batch of cells, one SIMD lane per cell: entry i
+/// of the cell in lane l is at i * lanes + l.
 class BatchKernel
 {
 public:
@@ -45,7 +45,7 @@ private:
   bool _is_single;
 };
 
-/// @brief Numbers at an address that suits the widest vectors.
+/// @brief Numbers at an address aligned for the widest SIMD vectors.
 template <class T>
 class AlignedArray
 {
@@ -84,12 +84,12 @@ std::array<std::size_t, L> rows_of(std::span<const std::int32_t> nodes,
   return begin;
 }
 
-/// @brief Values in single precision, by array; their memory is used again, as
-/// new one takes longer to come than they take to be rounded.
+/// @brief Values in single precision, by array; their memory is reused, as its
+/// allocation takes longer than the rounding.
 using Rounded = std::vector<std::vector<float>>;
 
-/// @brief Values in the precision of a kernel. To round them all is faster than
-/// to do so at each cell.
+/// @brief Values in the precision of a kernel. Rounding all of them first is
+/// faster than rounding cell by cell.
 template <class T>
 std::span<const T> in_precision(std::span<const double> values,
                                 std::vector<float>& memory)
@@ -103,8 +103,8 @@ std::span<const T> in_precision(std::span<const double> values,
   }
 }
 
-/// @brief The same as `add_cells` by batches of L cells, in numbers of type T,
-/// with D values at a node.
+/// @brief `add_cells` with batches of L cells, numbers of type T, and D values
+/// at a node.
 template <class T, std::size_t L, std::size_t D>
 void add_batches(std::span<const BatchKernel> kernels, const CellNodes& mesh,
                  std::span<const std::int32_t> cells, const KernelInput& input,

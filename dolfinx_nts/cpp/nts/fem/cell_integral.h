@@ -13,12 +13,13 @@ namespace nts
 {
 /// @brief Element vector of a cell, FFCx's `tabulate_tensor`.
 ///
-/// Since FFCx 0.10 it takes data of the user's, which our forms do not have.
+/// Since FFCx 0.10 it has a pointer to user data as an argument, which is null
+/// here.
 class ElementKernel
 {
 public:
   /// @param[in] address Of the function.
-  /// @param[in] takes_data Whether data of the user's is its last argument.
+  /// @param[in] takes_data Whether a pointer to user data is its last argument.
   ElementKernel(std::uintptr_t address, bool takes_data)
       : _address(address), _takes_data(takes_data)
   {
@@ -100,10 +101,11 @@ struct CellRows
   std::size_t d;                      ///< values of a row
   std::span<double> sums; ///< of the numbers that cells have behind their rows
 
-  /// @brief Values of the element vector of a cell.
+  /// @brief Size of the element vector of a cell.
   std::size_t size() const noexcept { return d * k + sums.size(); }
 
-  /// @brief Add the element vector of a cell, whose values lie that far apart.
+  /// @brief Add the element vector of a cell, whose values have the given
+  /// stride.
   template <class T>
   void add(std::size_t cell, const T* values, std::size_t apart) const noexcept
   {

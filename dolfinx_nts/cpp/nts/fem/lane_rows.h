@@ -6,11 +6,11 @@
 #include <cstring>
 #include <utility>
 
-/// @brief Transposition of nodal values to SIMD lanes, in which the values of a
-/// batch of cells are contiguous, and back.
+/// @brief Transposition of nodal values to and from SIMD lanes, in which the
+/// values of a batch of cells are contiguous.
 ///
 /// Copies of single numbers would take as long as the kernels of small cells.
-/// Two numbers are copied together, as in a register of any machine.
+/// Two numbers are copied together, as registers of any machine can.
 namespace nts
 {
 /// @brief W numbers in a register of 16 bytes, or of 8.
@@ -22,11 +22,11 @@ struct PackOf
 template <class T, std::size_t W>
 using Pack = typename PackOf<T, W>::type;
 
-/// @brief Numbers of a register for batches of L cells.
+/// @brief Number of values in a register for batches of L cells.
 template <class T, std::size_t L>
 inline constexpr std::size_t pack_size = std::min(L, 16 / sizeof(T));
 
-/// @brief Pairs of numbers that begin at some places, one behind the other.
+/// @brief Concatenation of the pairs of numbers at some offsets.
 template <std::size_t W, class T>
 Pack<T, W> pairs(const T* x, const std::size_t* begin) noexcept
 {

@@ -52,7 +52,8 @@ public:
   /// axisymmetric meshes.
   /// @param[in] x Positions of nodes, (n, 3) [m].
   /// @param[in] cell Rows of the nodes of a cell, (k,).
-  /// @param[out] volumes At the points, (q,), and at one more of an odd number.
+  /// @param[out] volumes At the points, (q,), plus one unused value if q is
+  /// odd.
   void at(std::span<const double> x, std::span<const std::int32_t> cell,
           std::span<double> volumes) const noexcept
   {

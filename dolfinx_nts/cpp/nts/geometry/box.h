@@ -39,7 +39,7 @@ struct Box
     }
   }
 
-  /// @brief Whether it meets another box.
+  /// @brief Whether it intersects another box.
   bool meets(const Box& other) const noexcept
   {
     for (std::size_t i = 0; i < 3; ++i)
@@ -100,7 +100,7 @@ inline Box bounds(std::span<const double> x,
 }
 
 /// @brief Distance of two boxes along the axis on which they are farthest apart
-/// [m]; negative where they overlap, by the least move that parts them.
+/// [m]; if they overlap, minus the least displacement that separates them.
 inline double distance(const Box& a, const Box& b) noexcept
 {
   double apart = -INFINITY;
@@ -109,7 +109,7 @@ inline double distance(const Box& a, const Box& b) noexcept
   return apart;
 }
 
-/// @brief Part of a box that is deeper than a depth [m] in another one.
+/// @brief Part of a box that is inside another one by more than a depth [m].
 inline Box part_inside(const Box& box, const Box& other, double depth) noexcept
 {
   Box part;

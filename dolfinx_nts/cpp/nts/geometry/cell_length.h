@@ -34,7 +34,8 @@ inline double least_eigenvalue(Matrix<3, 3> A) noexcept
 /// @param[in] d Coordinates of a node, 2 or 3.
 /// @param[in] cells Nodes of each cell, (c, k).
 /// @param[in] k Nodes of a cell.
-/// @param[out] length (c,) [m], 0 where round-off would make it less.
+/// @param[out] length (c,) [m], 0 where round-off would make its square
+/// negative.
 inline void cell_lengths(std::span<const double> x, std::size_t d,
                          std::span<const std::int32_t> cells, std::size_t k,
                          std::span<double> length) noexcept

@@ -11,13 +11,14 @@ struct Interval : std::array<Vec2, 2>
 {
 };
 
-/// @brief Length of an interval, > 0 where it runs upwards.
+/// @brief Signed length of an interval, the counterpart of the area of a
+/// polygon.
 inline double area(const Interval& interval) noexcept
 {
   return interval[1][0] - interval[0][0];
 }
 
-/// @brief Part of an interval inside of the reference cell, of no length if
+/// @brief Part of an interval inside the reference cell; its length is 0 if
 /// there is none.
 inline Interval clipped(Interval interval) noexcept
 {
@@ -26,7 +27,7 @@ inline Interval clipped(Interval interval) noexcept
   return interval;
 }
 
-/// @brief Whether an interval holds a point.
+/// @brief Whether an interval contains a point.
 inline bool holds(const Interval& interval, const Vec2& xi) noexcept
 {
   const auto [least, greatest] = std::minmax(interval[0][0], interval[1][0]);

@@ -12,7 +12,7 @@
 /// which is true if the third component of all positions is zero.
 namespace nts
 {
-/// @brief A segment type of this file.
+/// @brief Concept of the segment types in this file.
 template <class S>
 concept IsPatch = requires { requires S::is_patch; };
 
@@ -128,7 +128,8 @@ struct CubicTriangle
     return values<3>(xi);
   }
 
-  /// Derivatives are three times the differences of the values of degree 2.
+  /// Derivatives: three times the differences of Bernstein's polynomials of
+  /// degree 2.
   static constexpr Matrix<2, 10> dphi(const Vec2& xi) noexcept
   {
     const auto lower = values<2>(xi);
@@ -173,7 +174,7 @@ private:
     return i + j * (9 - j) / 2;
   }
 
-  /// @brief The control point after (i, j) in direction a.
+  /// @brief Number of the control point after (i, j) in direction a.
   static constexpr std::size_t next(std::size_t i, std::size_t j,
                                     std::size_t a) noexcept
   {

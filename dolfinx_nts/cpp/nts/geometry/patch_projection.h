@@ -3,8 +3,8 @@
 #include "nts/geometry/gap.h"
 #include "nts/geometry/patch.h"
 
-/// @brief Closest-point projection of a node onto a smooth segment, as
-/// `projection.h` and `gap.h` have it for flat ones.
+/// @brief Closest-point projection of a node onto a smooth segment;
+/// `projection.h` and `gap.h` are for flat ones.
 namespace nts
 {
 /// @brief Geometry of the patch at the projection point, see the template for

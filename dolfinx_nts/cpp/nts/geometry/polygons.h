@@ -10,7 +10,7 @@ namespace nts
 /// @brief A polygon.
 using Polygon = std::vector<Vec2>;
 
-/// @brief Area of a polygon, > 0 where it runs counterclockwise.
+/// @brief Area of a polygon, > 0 if its vertices are counterclockwise.
 inline double area(const Polygon& polygon) noexcept
 {
   double sum = 0;
@@ -23,7 +23,7 @@ inline double area(const Polygon& polygon) noexcept
   return sum / 2;
 }
 
-/// @brief Numbers of the vertices of a segment type, once around.
+/// @brief Numbers of the vertices of a segment type in cyclic order.
 template <class S>
 constexpr std::array<std::size_t, S::vertices> around() noexcept
 {
@@ -37,8 +37,8 @@ constexpr std::array<std::size_t, S::vertices> around() noexcept
 template <std::size_t m>
 using Sides = std::array<std::array<double, 3>, m>;
 
-/// @brief Part of a convex polygon inside of a convex region, which is about as
-/// large as one in the numbers that its sides give (Sutherland and Hodgman).
+/// @brief Part of a convex polygon inside a convex region (Sutherland and
+/// Hodgman). The values of the sides are of the order of 1.
 template <std::size_t m>
 Polygon clipped(Polygon polygon, const Sides<m>& sides)
 {
@@ -81,7 +81,7 @@ Polygon clipped(Polygon polygon)
                    Sides<4>{{{1, 0, 0}, {0, 1, 0}, {-1, 0, 1}, {0, -1, 1}}});
 }
 
-/// @brief Whether a convex polygon holds a point.
+/// @brief Whether a convex polygon contains a point.
 inline bool holds(const Polygon& polygon, const Vec2& xi) noexcept
 {
   const double sense = area(polygon) < 0 ? -1 : 1;
@@ -96,7 +96,7 @@ inline bool holds(const Polygon& polygon, const Vec2& xi) noexcept
   return true;
 }
 
-/// @brief Area, centroid, and second moments about it by the area.
+/// @brief Area, centroid, and second moments about it divided by the area.
 struct Moments
 {
   double area;
@@ -104,7 +104,7 @@ struct Moments
   Matrix<2, 2> second;
 };
 
-/// @brief Moments of a convex polygon, whichever vertex is the first.
+/// @brief Moments of a convex polygon, independent of its first vertex.
 inline Moments moments(const Polygon& p) noexcept
 {
   const auto sum = [&](const Vec2& from, auto&& add)
@@ -144,7 +144,7 @@ inline Moments moments(const Polygon& p) noexcept
   return m;
 }
 
-/// @brief Symmetric square root of a symmetric matrix that is not negative.
+/// @brief Symmetric square root of a symmetric positive semidefinite matrix.
 inline Matrix<2, 2> root(const Matrix<2, 2>& A) noexcept
 {
   const double product = std::sqrt(std::max(det(A), 0.));
@@ -200,7 +200,8 @@ void integrate(const Polygon& p, Add&& add)
   }
 }
 
-/// @brief The same for polynomials of degree 4.
+/// @brief Call add(xi, weight) for the points of a rule that is exact for
+/// polynomials of degree 4.
 template <class Add>
 void integrate_fourth(const Polygon& p, Add&& add)
 {

@@ -37,7 +37,7 @@ void change_components(std::span<const double> x,
   }
 }
 
-/// @brief Take rows of x in another order, which lie far apart in memory.
+/// @brief Copy selected rows of x in a given order.
 /// @param[in] x Rows of w numbers, (n, w).
 /// @param[in] rows Their numbers, (r,).
 /// @param[out] out These rows, (r, w).

@@ -9,8 +9,9 @@
 ///
 /// A segment type offers `phi` (values), `dphi[alpha][i]` (first
 /// derivatives), `d2phi[i]` (the mixed second derivative: the only one that
-/// does not vanish), `directions` (its tangents at the first vertex, but for
-/// this derivative), and the reference cell as `outside`, `edges`, `centre`.
+/// does not vanish), `directions` (its tangents at the first vertex, where this
+/// derivative has no effect), and the reference cell as `outside`, `edges`,
+/// `centre`.
 namespace nts
 {
 /// @brief Vertices at both ends of each of N edges, which are straight.

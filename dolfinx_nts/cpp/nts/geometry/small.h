@@ -7,8 +7,8 @@
 #include <span>
 #include <utility>
 
-/// @brief Fixed-size vectors and matrices: what the kernels need of linear
-/// algebra, without allocation.
+/// @brief Linear algebra of fixed-size vectors and matrices for the kernels,
+/// without allocation.
 namespace nts
 {
 using Vec2 = std::array<double, 2>;
@@ -101,7 +101,7 @@ double inner(const double* a, const double* b) noexcept
 
 inline double norm(const Vec3& a) noexcept { return std::sqrt(dot(a, a)); }
 
-/// @brief Vector along z that is as long as another one.
+/// @brief Vector along z with the length of another vector.
 inline Vec3 out_of_plane(const Vec3& a) noexcept { return {0, 0, norm(a)}; }
 
 /// @brief Determinant of a 2 x 2 matrix.

@@ -4,7 +4,8 @@
 
 #include <optional>
 
-/// @brief Triangles of a boundary: distance, solid angle, and what cuts them.
+/// @brief Triangles of a boundary: distance, solid angle, and intersections
+/// with lines.
 namespace nts
 {
 /// @brief Vertices; the product of the edges 01 and 02 points out of the body.

@@ -14,7 +14,8 @@ namespace nts
 class Boundary
 {
 public:
-  /// @brief How often a ray leaves the boundary, less how often it enters it.
+  /// @brief Number of exits of a ray through the boundary minus the number of
+  /// entries.
   struct Crossings
   {
     int count = 0;
@@ -31,8 +32,8 @@ public:
       std::ranges::copy(rows.subspan(3 * number[i], 3), _rows[i].begin());
   }
 
-  /// @brief Go on with other positions of the same vertices, (l, 3) [m], which
-  /// are not copied.
+  /// @brief Set new positions of the vertices, (l, 3) [m], which are not
+  /// copied.
   void move(std::span<const double> x)
   {
     _x = x;
@@ -41,7 +42,8 @@ public:
 
   /// @brief Crossings of a ray that starts at a point.
   /// @param[in] point The point [m].
-  /// @param[in] whole Box of the whole boundary; this may be a part of it.
+  /// @param[in] whole Box of the whole boundary, of which this object may be a
+  /// part.
   Crossings crossings(const Vec3& point, const Box& whole) const noexcept
   {
     Crossings found;
@@ -73,8 +75,8 @@ public:
   /// @brief Distance of a point to the nearest triangle [m], infinite without
   /// one.
   /// @param[in] point The point [m].
-  /// @param[in] least Distance below which another triangle may be taken that
-  /// is as near as that [m].
+  /// @param[in] least Distance [m] from which on nearer triangles need not be
+  /// found.
   double distance(const Vec3& point, double least) const noexcept
   {
     double nearest = INFINITY;
@@ -105,7 +107,8 @@ public:
   }
 
 private:
-  /// @brief A point beyond a box, where a ray from within leaves it soon.
+  /// @brief End of a ray: a point outside a box, on the side nearest to the
+  /// start of the ray.
   static Vec3 beyond(const Vec3& point, const Box& box) noexcept
   {
     // Along no line of symmetry: such rays seldom hit an edge.

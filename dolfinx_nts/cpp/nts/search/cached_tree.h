@@ -9,8 +9,8 @@ namespace nts
 {
 /// @brief Tree over segments that move.
 ///
-/// Its boxes are wider than the segments by a margin, and it is valid for all
-/// positions to which no vertex has moved farther than that.
+/// Its boxes exceed the segments by a margin. It is valid until a vertex has
+/// moved farther than the margin.
 class CachedTree
 {
 public:
@@ -24,7 +24,7 @@ public:
     _rows.erase(first, last);
   }
 
-  /// @brief A tree that is valid at these positions, (l, 3) [m].
+  /// @brief Tree for these positions, (l, 3) [m], rebuilt if necessary.
   const Tree& at(std::span<const double> x)
   {
     if (!_tree || !holds(x))
@@ -73,7 +73,7 @@ public:
     return numbers;
   }
 
-  /// @brief How often a tree was built.
+  /// @brief Number of trees built so far.
   std::size_t num_built() const noexcept { return _num_built; }
 
 private:

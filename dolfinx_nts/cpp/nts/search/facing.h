@@ -26,7 +26,7 @@ struct FacingRule
   static constexpr double wall = 0.5;
 };
 
-/// @brief Unit normal of a facet out of its body; zero where it has none.
+/// @brief Outward unit normal of a facet; zero if the facet is degenerate.
 /// @param[in] vertices Of an edge, triangle or quadrilateral, in Basix order
 /// [m].
 /// @param[in] orientation +1 where a_1 x a_2 points outward, otherwise -1.
@@ -56,7 +56,7 @@ struct FacetsAroundNodes
   std::span<const double> angle;          ///< theirs there, undeformed [rad]
   std::span<const double> x;              ///< positions, (l, 3) [m]
 
-  /// Of facets that were asked for, NaN of the others.
+  /// Normals computed so far, NaN for the other facets.
   mutable std::vector<Vec3> normals = {};
 
   /// @brief Unit normal of a facet, see `facet_normal`.
@@ -78,7 +78,7 @@ struct FacetsAroundNodes
   }
 };
 
-/// @brief Direction along the facets around a node.
+/// @brief An edge at a node, as a direction along the facets around it.
 struct Edge
 {
   Vec3 along = {};   ///< unit vector
@@ -90,7 +90,8 @@ struct Edge
 class Directions
 {
 public:
-  /// @brief Directions of a node; without facets around it, it faces all.
+  /// @brief Directions of a node; without facets around it, it faces every
+  /// segment.
   /// @param[in] around Must outlive the directions.
   /// @param[in] node Number of the node.
   Directions(const FacetsAroundNodes& around, std::int32_t node)
@@ -99,12 +100,12 @@ public:
   {
   }
 
-  /// @brief Whether nothing is known of the node, and it faces everything.
+  /// @brief Whether the node has no known facets, and therefore faces
+  /// everything.
   bool are_all() const noexcept { return _begin == _end; }
 
-  /// @brief Cosine of the angle between a unit vector and the cone.
-  /// @param[in] d The vector.
-  /// @param[in] enough Cosines from this on need not be exact.
+  /// @brief Cosine of the angle between a unit vector and the cone. @param[in]
+  /// d The vector. @param[in] enough Larger cosines need not be exact.
   double cosine(const Vec3& d, double enough = 1) const
   {
     double found = are_all() ? 1 : -1;
@@ -165,8 +166,8 @@ public:
     return may;
   }
 
-  /// @brief Edge around the node along which the plane of a segment comes
-  /// nearer at the highest rate.
+  /// @brief Edge at the node along which the distance from the plane of a
+  /// segment decreases at the highest rate.
   Edge towards(const Vec3& normal) const
   {
     Edge found;
@@ -190,8 +191,8 @@ public:
     return found;
   }
 
-  /// @brief Whether the mean normal is along a segment's: the node moves ahead
-  /// of its body, and is on no rim.
+  /// @brief Whether the mean normal is close to a segment's normal: then the
+  /// node is ahead of its body, and not on a rim.
   bool lead_along(const Vec3& normal) const
   {
     Vec3 mean = {};
@@ -283,7 +284,7 @@ public:
   /// @brief Note the normal of the node's current segment.
   void comes_from(const Vec3& normal) noexcept { _before = normal; }
 
-  /// @brief Whether the node stays with the segment that it is in front of.
+  /// @brief Whether a node in front of its segment keeps it.
   bool stays(const Vec3& node, std::int32_t i, const Projection<S>& p,
              const Tree& tree)
   {
@@ -319,7 +320,8 @@ public:
            || tree.has_entry([&](std::int32_t b) { return enters(b); });
   }
 
-  /// @brief See `Anything`; without bounds, branches cannot be excluded.
+  /// @brief Number of visits before branches are excluded, see `Anything`;
+  /// without bounds, branches are never excluded.
   int patience() const noexcept
   {
     return _normals.exist() ? 8 : std::numeric_limits<int>::max();

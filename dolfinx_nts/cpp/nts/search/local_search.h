@@ -17,20 +17,20 @@ struct LocalSearchRule
   /// Farther outside the nearest segment a node faces no segment at all: it
   /// is beyond the rim of the surface.
   static constexpr double overhang = 0.15;
-  /// Distances that differ by less are equal: much more than round-off, much
-  /// less than any real difference.
+  /// Distances that differ by less count as equal: far above round-off, far
+  /// below distances that matter.
   static constexpr double tie = 1e-9;
   /// Deeper below a segment than this a node belongs to another side of the
   /// body, unless it started there, see `SegmentSurface::sunk`.
   static constexpr double depth = 0.5;
-  /// Cosine of the angle between normals from which on an edge is sharp [-].
+  /// Cosine of the angle between normals below which an edge is sharp [-].
   static constexpr double sharp = 0.86602540378443865; // 30 degrees
-  /// Cosine below which a segment may overhang its neighbour [-]: beyond a
-  /// right angle, which edges of many bodies have but for round-off.
+  /// Cosine below which a segment may overhang its neighbour [-]. It excludes
+  /// right angles, which are frequent, with a margin for round-off.
   static constexpr double hanging = -0.1;
 };
 
-/// @brief The segment that a node faces, and where.
+/// @brief Candidate segment of a node, and the projection on it.
 struct Found
 {
   std::int32_t segment = -1;     ///< -1 where there is none in reach
@@ -39,7 +39,7 @@ struct Found
   Vec3 normal = {NAN, NAN, NAN}; ///< unit normal, outward
 };
 
-/// @brief Segments among which nodes find theirs.
+/// @brief Segments of a surface, as input of the local search.
 template <class S>
 struct SegmentSurface
 {
@@ -89,7 +89,7 @@ struct SegmentSurface
   }
 };
 
-/// @brief Says that a node may touch any segment.
+/// @brief Default admissibility: a node may touch any segment.
 struct Anything
 {
   /// @brief Whether the node may stay with its segment, given the projection.
@@ -118,7 +118,7 @@ struct Anything
     return true;
   }
 
-  /// @brief Whether there may be any segment that the node may touch.
+  /// @brief Whether any segment may be admissible for the node.
   bool faces_any(const Tree&) const noexcept { return true; }
 
   /// @brief Number of inadmissible segments that a query visits before it
@@ -128,7 +128,7 @@ struct Anything
   /// @brief Whether the node may face a segment of a branch of the tree.
   bool enters(std::int32_t) const noexcept { return true; }
 
-  /// @brief Whether the nearest segment is the right one, when all were seen.
+  /// @brief Whether to accept the nearest segment after the search.
   template <class S>
   bool confirms(const Projection<S>&, double) const noexcept
   {
@@ -231,7 +231,7 @@ bool may_have_entered(const Vec3& node, const Found& own,
 /// @param[in] current Segment of the previous choice, or -1.
 /// @param[in] slack By how much xi may be outside the current segment [-]; if
 /// infinite, a node that keeps its segment skips the search.
-/// @param[in] reach Largest distance of interest [m].
+/// @param[in] reach Search radius [m].
 /// @param[in] surface The segments.
 /// @param[in] tree Returns the tree over the segments; called only if needed.
 /// @param[in] may What the node may touch, see `Anything`.

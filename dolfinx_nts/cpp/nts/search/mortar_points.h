@@ -34,8 +34,8 @@ struct MortarRule
   static constexpr double facing = -0.1;
   /// Area in the reference cell below which a polygon is left out.
   static constexpr double least_area = 1e-10;
-  /// By how much segments may cover a facet more than once: but for round-off
-  /// they do so only where they overlap in projection.
+  /// Fraction of a facet that may be covered more than once, as a tolerance for
+  /// round-off: larger ones mean that projected segments overlap.
   static constexpr double overlap = 1e-6;
 };
 

@@ -5,8 +5,8 @@
 /// @brief Boundaries of bodies at positions that change.
 namespace nts
 {
-/// @brief Boundaries that move, by arrays that are not copied, and a tree over
-/// each, which is made at the first positions and moved when it is asked.
+/// @brief Moving boundaries as views of arrays, with a tree over each, which is
+/// built at the first positions and updated on demand.
 class MovingBoundaries
 {
 public:
@@ -23,7 +23,7 @@ public:
   /// @brief Number of boundaries.
   std::size_t size() const noexcept { return _nodes.size(); }
 
-  /// @brief Go on at other positions, (l, 3) [m].
+  /// @brief Set new positions, (l, 3) [m].
   void move(std::span<const double> x)
   {
     _x = x;
@@ -33,7 +33,7 @@ public:
         _boundaries.emplace_back(x, triangles);
   }
 
-  /// @brief The boundary with this number, where it is now.
+  /// @brief The boundary with this number, at the current positions.
   const Boundary& at(std::size_t number)
   {
     if (_moved[number])

@@ -15,9 +15,11 @@ struct OverlappingBoxes
   Box region; ///< where all of the inner one lies that is as deep
 };
 
-/// @brief Boundaries whose boxes overlap by more than a touch, in both orders.
+/// @brief Boundaries whose boxes overlap by more than a tolerance, in both
+/// orders.
 /// @param[in] boxes Box around the whole of each boundary (g).
-/// @param[in] touch Depth of a touch of each; of two the lesser counts [m] (g).
+/// @param[in] touch Tolerance of each boundary; the smaller one of two counts
+/// [m] (g).
 /// @param[out] apart Distances of any two boxes, 0 where they overlap and
 /// infinite on the diagonal (g, g) [m].
 inline std::vector<OverlappingBoxes>
@@ -41,7 +43,7 @@ overlapping_boxes(std::span<const Box> boxes, std::span<const double> touch,
   return found;
 }
 
-/// @brief Bounds on how much boundaries have come nearer to each other.
+/// @brief Bounds on the approach of boundaries to each other.
 /// @param[in] displacements Box around the displacements of the nodes of each
 /// boundary (g).
 /// @param[out] nearer The bounds, 0 on the diagonal (g, g) [m].

@@ -5,8 +5,8 @@
 #include <utility>
 #include <vector>
 
-/// @brief Straight paths along edges, or points at nodes, of one boundary, and
-/// their parts that may be inside another one.
+/// @brief Edges of one boundary as straight paths, nodes as paths of length
+/// zero, and the parts of them that may be inside another boundary.
 namespace nts
 {
 /// @brief Visit nodes, and edges whose box meets a region, as paths.

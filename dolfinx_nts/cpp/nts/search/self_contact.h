@@ -2,7 +2,7 @@
 
 #include "nts/search/local_search.h"
 
-/// @brief Contact of a surface with itself: what a node may not touch.
+/// @brief Self contact: segments that a node of the same surface may touch.
 namespace nts
 {
 /// @brief Lengths in the reference state, relative to the segment's size [-].
@@ -11,8 +11,8 @@ struct SelfContactRule
   /// Segments this near are neighbours of a node on the mesh, or the other side
   /// of its wall.
   static constexpr double near = 2;
-  /// A node this far behind a segment still counts as in front of it but for
-  /// round-off, as one on the other side of a closed crack.
+  /// Depth behind a segment up to which a node counts as in front of it:
+  /// round-off, as of nodes on the other side of a closed crack.
   static constexpr double front = 1e-6;
 };
 
@@ -36,7 +36,7 @@ struct SelfContact
   SegmentSurface<S> reference;       ///< reference segments
   std::span<const double> thickness; ///< of the cells, (s,) [m]
 
-  /// @brief What node number i may touch, see `find_segment`.
+  /// @brief Admissible segments of node i, see `find_segment`.
   struct OfNode : Anything
   {
     bool keeps(std::int32_t j, const Projection<S>& p) const noexcept
@@ -59,7 +59,8 @@ struct SelfContact
 
   OfNode of(std::size_t i) const noexcept { return {{}, *this, i}; }
 
-  /// @brief Whether a node and a segment are no neighbours, see the class.
+  /// @brief Whether a node and a segment are not neighbours on the mesh, see
+  /// the class.
   bool apart_in_reference(std::size_t i, std::int32_t j) const noexcept
   {
     const Pair<S> pair = {vector(X_node, i), reference.segment(j)};

@@ -25,7 +25,7 @@ struct Trajectory
 
 /// @brief Zeros in [0, 1] of a cubic polynomial.
 /// @param[in] f Values at 0, 1/3, 2/3 and 1.
-/// @param[in] found Called with a zero and whether f falls there.
+/// @param[in] found Called with a zero, and whether f decreases there.
 template <class OnZero>
 void cubic_zeros(const std::array<double, 4>& f, OnZero&& found)
 {
@@ -114,7 +114,7 @@ struct MovingSurface
   }
 };
 
-/// @brief Follow nodes through a surface that moves.
+/// @brief Computes intersections of nodal paths with a moving surface.
 class Trajectories
 {
 public:
@@ -124,7 +124,7 @@ public:
   {
   }
 
-  /// @brief Follow one node.
+  /// @brief Compute the intersections of the path of one node.
   /// @param[in] from, to Its positions in both states [m].
   /// @param[in] row Its row of the surface's positions, or -1: segments of
   /// which it is a vertex are left out.

@@ -13,7 +13,7 @@
 /// @brief Bounding-volume tree over segments, for nearest-segment queries.
 namespace nts
 {
-/// @brief Largest distance by which points have moved [m], NaN if one is NaN.
+/// @brief Largest displacement of points [m], NaN if one is NaN.
 /// @param[in] x, before Positions now and before, (n, 3) [m].
 /// @param[in] rows Which of them count.
 inline double farthest(std::span<const double> x,
@@ -52,8 +52,7 @@ public:
       build(0, static_cast<std::int32_t>(_order.size()));
   }
 
-  /// @brief Number the segments in the order of the tree, in which they are
-  /// visited.
+  /// @brief Renumber the segments in the order in which the tree visits them.
   /// @return The former number of each.
   std::vector<std::int32_t> renumber()
   {
@@ -66,9 +65,9 @@ public:
     return std::exchange(_order, std::move(numbers));
   }
 
-  /// @brief Go on with other boxes of the same segments, in O(n).
+  /// @brief Refit the tree to new boxes of the same segments, in O(n).
   ///
-  /// The tree serves as well while neighbours stay neighbours.
+  /// The tree remains efficient as long as neighbours stay neighbours.
   /// @param[in] box_of Called with a segment; returns its box.
   template <class BoxOf>
   void refit(BoxOf&& box_of)
@@ -100,7 +99,7 @@ public:
 
   /// @brief Visit the segments whose box is nearer than the bound.
   /// @param[in] point The point [m].
-  /// @param[in] bound Largest distance of interest [m].
+  /// @param[in] bound Initial search radius [m].
   /// @param[in] visit Called with a segment; returns the new bound, NaN to end.
   /// @param[in] enters Whether to visit a branch, by its number.
   template <class Visit, class Enters = Always>

@@ -43,13 +43,12 @@ struct Register<3>
   using type __attribute__((vector_size(4 * sizeof(float)))) = float;
 };
 
-/// A column of a block in single precision; with three, one entry more that
-/// does not count.
+/// A column of a block in single precision; with three components, padded by
+/// one unused entry.
 template <std::size_t B>
 using Column = typename Register<B>::type;
 
-/// @brief Values of a node in a register, with one or two more that do not
-/// count.
+/// @brief Values of a node in a register, padded to four.
 using Values __attribute__((vector_size(4 * sizeof(float)))) = float;
 
 /// @brief A block in single precision, column by column.
@@ -121,9 +120,9 @@ struct Columns
     return *this;
   }
 
-  /// @brief The block with zeros where entries are so much less than 1 that
-  /// products of two of them would be denormal numbers, which are slow.
-  /// Rounding in projections leaves many.
+  /// @brief Copy with zeros in place of entries so small that their products
+  /// would be denormal numbers, which are slow. Round-off of projections causes
+  /// many of them.
   Columns without_dust() const noexcept
   {
     constexpr float tiny = 1.1e-19f; // above the root of the least number
@@ -194,13 +193,13 @@ struct BlockMatrix
   }
 };
 
-/// @brief Rows in single precision that are filled one after the other, each in
-/// any order.
+/// @brief Rows in single precision, filled row by row, entries of a row in any
+/// order.
 template <std::size_t B>
 class BlockRows
 {
 public:
-  /// @brief Remove all rows; their memory is used again.
+  /// @brief Remove all rows, but keep their memory.
   /// @param[in] columns Number of columns.
   void clear(std::size_t columns)
   {
@@ -210,7 +209,7 @@ public:
     value.clear();
   }
 
-  /// @brief Add to a block of the last row, which no `end_row` has ended.
+  /// @brief Add to a block of the last row, before `end_row`.
   void add(std::int32_t j, const Columns<B>& A)
   {
     std::int64_t& place = _place[j];
@@ -253,8 +252,8 @@ private:
 /// @brief Blocks of rows in single precision, for products that read them one
 /// after the other.
 ///
-/// Products wait for memory, so that half of it takes half the time, and
-/// preconditioners need no more digits.
+/// Memory bandwidth limits products, so that half of the memory takes half the
+/// time. Single precision suffices for preconditioners.
 template <std::size_t B>
 class PackedRows
 {
@@ -333,7 +332,7 @@ public:
   }
 
 private:
-  /// @brief Two numbers, which move like a double.
+  /// @brief Two numbers, loaded together like a double.
   static Values pair(const float* x) noexcept
   {
     double both;
@@ -352,7 +351,7 @@ private:
   std::vector<float> _entry;
 };
 
-/// @brief Largest absolute value, 0 of none.
+/// @brief Largest absolute value, 0 without values.
 inline double largest(std::span<const double> values) noexcept
 {
   double most = 0;
@@ -361,8 +360,8 @@ inline double largest(std::span<const double> values) noexcept
   return most;
 }
 
-/// @brief Factor that brings a number to the size of 1 without rounding, so
-/// that it is in the range of single precision whatever the units.
+/// @brief Power of two that scales a number to the order of 1 without rounding,
+/// so that single precision can represent it for any units.
 inline double power_of_two(double size) noexcept
 {
   return std::isnormal(size) ? std::exp2(-std::ilogb(size)) : 1;

@@ -13,12 +13,11 @@ namespace nts
 /// blocks, in single precision, by fronts (I. S. Duff, J. K. Reid, ACM Trans.
 /// Math. Softw. 9 (1983)).
 ///
-/// A front is the dense matrix of the nodes that one set of `NestedDissection`
-/// eliminates and of those that they reach. Of `panel` of its rows after the
-/// others, memory has the inverse D of their block on the diagonal, the columns
-/// L below it, and D times the rows U right of it, in the order in which
-/// solving reads them. Single precision takes half the memory, for which
-/// solving waits.
+/// A front is the dense matrix of the nodes of one set of `NestedDissection`
+/// and of the nodes coupled to them. It is stored in panels of `panel` rows, in
+/// the order in which they are read: the inverse D of the diagonal block, the
+/// columns L below it, and D times the rows U right of it. Single precision
+/// takes half the memory, whose bandwidth limits the solution.
 class CompleteFactors
 {
 public:
@@ -118,8 +117,8 @@ public:
     return true;
   }
 
-  /// @brief x = A^-1 b.
-  /// @param[in] b Right-hand sides one after the other, each (n, B).
+  /// @brief x = A^-1 b. @param[in] b Right-hand sides, each (n, B),
+  /// concatenated.
   /// @param[out] x Solutions; may be b.
   void apply(std::span<const double> b, std::span<double> x)
   {
@@ -139,11 +138,11 @@ public:
   /// @brief Components of a node.
   std::size_t dim() const noexcept { return _dim; }
 
-  /// @brief Numbers that the factors consist of.
+  /// @brief Number of entries of the factors.
   std::size_t entries() const noexcept { return _entry.size(); }
 
 private:
-  /// Number of nodes that are eliminated together at least.
+  /// Least number of nodes that are eliminated together.
   static constexpr std::size_t smallest = panel / 3;
 
   struct Front
@@ -157,7 +156,7 @@ private:
     std::size_t nodes() const noexcept { return own() + reached.size(); }
   };
 
-  /// @brief Numbers of the factors of a front.
+  /// @brief Number of entries of the factors of a front.
   std::size_t size(const Front& front) const noexcept
   {
     // Panels that follow each other: the square of the whole less that of the
@@ -175,7 +174,8 @@ private:
       local[front.reached[i]] = static_cast<std::int32_t>(front.own() + i);
   }
 
-  /// @brief Take the blocks of the rows and columns of a front's own nodes.
+  /// @brief Copy the blocks in rows and columns of the front's own nodes to the
+  /// front.
   template <std::size_t B>
   void gather(const BlockMatrix<B>& A, const Front& front,
               const std::vector<std::int32_t>& local,
@@ -212,7 +212,7 @@ private:
     }
   }
 
-  /// @brief Add what the elimination of a child has left to a front.
+  /// @brief Add the Schur complement of a child to a front.
   void add(const Front& child, const std::vector<float>& update,
            const std::vector<std::int32_t>& local, std::vector<float>& F,
            std::size_t n) const

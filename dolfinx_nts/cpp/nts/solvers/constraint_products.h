@@ -5,11 +5,11 @@
 #include <span>
 #include <vector>
 
-/// @brief Products of the rows of constraints with the directions that nodes
-/// give up: the small systems of multipliers that reach nodes of each other.
+/// @brief Products of constraint rows with eliminated directions: the small
+/// systems of multipliers whose constraints involve each other's nodes.
 namespace nts
 {
-/// @brief Entries of a sparse matrix; several may have one place.
+/// @brief Entries of a sparse matrix; entries at the same place are summed.
 struct Entries
 {
   std::vector<std::int64_t> row, column;
@@ -45,15 +45,15 @@ struct ConstraintRows
   std::size_t length;                  ///< d
   std::size_t stored;                  ///< r
 
-  /// @brief Row a of node i, b numbers a node.
+  /// @brief Row a of node i, b numbers per node.
   const double* row(std::size_t i, std::size_t a, std::size_t b) const noexcept
   {
     return value.data() + b * length * (stored * i + a);
   }
 };
 
-/// @brief Directions that constrained nodes give up: the normal of a node with
-/// one constraint, otherwise its own parts of the rows.
+/// @brief Eliminated directions of constrained nodes: the normal of a node with
+/// one constraint, otherwise the entries of the rows at the node itself.
 /// @param[in] rows Rows.
 /// @param[in] normal Unit normals, (m, b).
 /// @param[in] c Most constraints of a node.
@@ -75,7 +75,7 @@ inline void give_up(const ConstraintRows& rows, std::span<const double> normal,
 
 /// @brief Multiply rows with directions.
 /// @param[in] rows Rows G.
-/// @param[in] parents How other nodes go with those that are constrained.
+/// @param[in] parents Interpolation of other nodes from constrained ones.
 /// @param[in] directions Directions E of all nodes, (c, l, b); 0 without.
 /// @param[in] c Most constraints of a node.
 /// @param[in] b Components of a node.

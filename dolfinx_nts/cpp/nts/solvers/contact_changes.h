@@ -8,10 +8,10 @@
 #include <span>
 #include <vector>
 
-/// @brief How far constraints and tangent of contact are from those for which
-/// factors were made, and what of them factors need.
+/// @brief Changes of constraints and contact tangent since factors were
+/// computed, and the entries that factors need.
 ///
-/// Nodes do not count here: theirs are the numbers of any partition.
+/// Results do not depend on the numbering of nodes, and so on the partition.
 namespace nts
 {
 /// @brief Constraints with lists of nodes, see `Elimination`.
@@ -29,7 +29,7 @@ struct ConstraintLists
     return static_cast<std::size_t>(start[i + 1] - start[i]);
   }
 
-  /// @brief Row a of constraint i of gradients or columns, B numbers a node.
+  /// @brief Row a of constraint i in gradients or columns, B numbers per node.
   const double* row(std::span<const double> rows, std::size_t i,
                     std::size_t a) const noexcept
   {
@@ -48,7 +48,7 @@ struct ConstraintLists
   }
 };
 
-/// @brief The part F^T S G of the slopes in the tangent of each constrained
+/// @brief Contribution F^T S G of the slopes to the tangent of each constrained
 /// node, (m, B, B).
 template <std::size_t B>
 void slopes_at_nodes(const ConstraintLists<B>& lists,
@@ -91,9 +91,9 @@ inline std::size_t num_moved(std::size_t m, std::span<const bool> same,
   return count;
 }
 
-/// @brief Whether nodes have a part in constraints above a size, or in the
-/// products F_a S_ab G_b of slopes above a stiffness, (l,); constrained nodes
-/// always have.
+/// @brief Flags of nodes with entries of constraints above a size, or of
+/// products F_a S_ab G_b above a stiffness, (l,). Constrained nodes are always
+/// flagged.
 /// @param[in] rank Number of constraints of each list, (m,).
 template <std::size_t B>
 void essential_nodes(const ConstraintLists<B>& lists,

@@ -10,34 +10,34 @@
 /// subdomain.
 ///
 /// The subdomain has the nodes of the constraints and of the contact tangent,
-/// and their neighbours in the matrix. A wide one has the neighbours of these,
-/// too: a thin wall that is pushed at a node bends farther than to the next
-/// node. In the subdomain a system is solved with the rows
-/// of
+/// and their neighbours in the matrix. A wide one also has the neighbours of
+/// these, since a thin wall that is loaded at a node bends beyond the adjacent
+/// nodes. In the subdomain a system is solved with the rows of
 ///
 ///     A = Z~^T (K + C) Z + E E^T   (see elimination.h)
 ///
 /// for the residual of the preconditioner of the bulk. The scaled E E^T fills
 /// the eliminated directions, in which right-hand sides and results vanish.
-/// Rows and factors are in single precision. Rows of K are copied when contacts
-/// first need them, and are reused for later contacts.
+/// Rows and factors are in single precision. Rows of K are copied when a
+/// contact first needs them, and are reused later.
 ///
-/// Contact nodes are eliminated first. With friction or springs, C ties them
-/// to the nodes of their segments by stiffnesses far above the bulk,
-/// and what their elimination fills then lies between these nodes and their
-/// neighbours: in the pattern of A, so that incomplete factors keep it. The
-/// other way round, the fill between contact nodes with a common segment is
-/// dropped, and with many of them factors are of little use. Nodes on springs
-/// have no constraints; they get the pattern of constraints all the same.
+/// Contact nodes are eliminated first. With friction or springs, C couples them
+/// to the nodes of their segments by stiffnesses far above the bulk. Their
+/// elimination then causes fill between these nodes and their neighbours, which
+/// is in the pattern of A, so that incomplete factors keep it. In the reverse
+/// order, fill between contact nodes on a common segment would be dropped, and
+/// factors would be poor. Nodes with springs have no constraints, but get the
+/// same pattern.
 namespace nts
 {
-/// @brief See the head of this file.
+/// @brief Schwarz correction in the contact subdomain, see the top of this
+/// file.
 template <std::size_t B>
 class ContactSchwarz
 {
 public:
-  /// @param[in] K Bulk tangent, whose values must stay as they are; columns
-  /// beyond its rows are of nodes that are not changed.
+  /// @param[in] K Bulk tangent, whose values must not change; columns beyond
+  /// its rows belong to nodes that are not corrected.
   explicit ContactSchwarz(const BlockMatrix<B>& K)
       : _K(K), _stiffness(K.start.size() - 1), _taken(K.start.size() - 1, -1)
   {
@@ -56,7 +56,7 @@ public:
     _z.resize(B * columns);
   }
 
-  /// @brief Nodes of the columns of K, which include its rows.
+  /// @brief Number of columns of K, which include its rows.
   std::size_t num_columns() const noexcept { return _number.size(); }
 
   /// @brief Add constraints and blocks of the tangent, all nodes rows of K.
@@ -84,7 +84,7 @@ public:
     }
   }
 
-  /// @brief Remove all contacts; their memory is used again.
+  /// @brief Remove all contacts, but keep their memory.
   void clear()
   {
     for (const std::int32_t node : _nodes)
@@ -97,8 +97,8 @@ public:
   }
 
   /// @brief Choose the nodes and factorise.
-  /// @param[in] wide Whether the subdomain is wide. Its factors have fill then:
-  /// without, they are worse than those of fewer nodes.
+  /// @param[in] wide Whether the subdomain is wide. Its factors then have fill,
+  /// ILU(1): without fill they are worse than factors of the narrow one.
   /// @return False if the factors do not exist.
   bool build(bool wide)
   {
@@ -110,8 +110,9 @@ public:
   }
 
   /// @brief Constrain z = B r and correct it at the nodes of the subdomain.
-  /// @param[in] r Gives the right-hand side of a row, which has no part in E.
-  /// @param[in] z Gives the values of a column of K, which change.
+  /// @param[in] r Returns the right-hand side of a row, which has no component
+  /// in E.
+  /// @param[in] z Returns a reference to the values of a column of K.
   template <class Known, class Changed>
   void correct(const Known& r, const Changed& z)
   {
@@ -229,8 +230,8 @@ private:
                 });
   }
 
-  /// @brief For each node of the subdomain, the items in whose lists it is,
-  /// and its positions there.
+  /// @brief Items whose node lists contain each node of the subdomain, and its
+  /// positions in these lists.
   template <class Item>
   std::vector<std::vector<std::pair<const Item*, std::size_t>>>
   by_node(const std::vector<Item>& items) const
@@ -287,9 +288,9 @@ private:
     return result;
   }
 
-  /// @brief Number the nodes of contacts and their neighbours among the rows of
-  /// K, in a wide subdomain the neighbours of these, too, and then the nodes
-  /// outside that their rows reach.
+  /// @brief Number the nodes of contacts and their neighbours, in a wide
+  /// subdomain also the neighbours of these, and then the outer nodes in the
+  /// columns of their rows.
   void number_nodes(bool wide)
   {
     constexpr std::int32_t chosen = 0;
@@ -330,7 +331,7 @@ private:
       _number[_nodes[p]] = static_cast<std::int32_t>(p);
   }
 
-  /// @brief Take a row of K, scaled, unless it has been before.
+  /// @brief Copy a row of K, scaled, unless this was done before.
   void take_row(std::int32_t node)
   {
     if (_taken[node] >= 0)
@@ -355,7 +356,7 @@ private:
     return order;
   }
 
-  /// @brief Make the rows of A in the subdomain.
+  /// @brief Compute the rows of A in the subdomain.
   void make_projected()
   {
     const auto constraints = by_node(_constraints);

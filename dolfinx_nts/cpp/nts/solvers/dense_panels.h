@@ -20,7 +20,7 @@ inline constexpr std::size_t panel = 48;
 /// Columns that are computed together.
 inline constexpr std::size_t wide = 16;
 
-/// @brief L numbers in a register, named by its size, as compilers keep wider
+/// @brief L numbers in a register of this size; compilers would keep wider
 /// vectors in memory.
 template <std::size_t L>
 struct FloatRegister
@@ -171,8 +171,8 @@ inline void subtract_from_vector(const float* A, const float* x, float* y,
   subtract_rows<4>(A, x, y, rows, columns);
 }
 
-/// @brief The same for K vectors together, (columns, K) and (rows, K): one, or
-/// as many as are `wide`.
+/// @brief y -= A x for K vectors together, (columns, K) and (rows, K), with K =
+/// 1 or `wide`.
 template <std::size_t K>
 void subtract_product(const float* A, const float* x, float* y,
                       std::size_t rows, std::size_t columns)

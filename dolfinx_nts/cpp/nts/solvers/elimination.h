@@ -29,8 +29,7 @@ struct Elimination
 {
   /// (m + 1,) Offsets of the nodes of each list.
   std::span<const std::int64_t> start;
-  /// (l,) Nodes that the constraints reach, list by list, in each the
-  /// constrained one first.
+  /// (l,) Nodes in the constraints, list by list, the constrained node first.
   std::span<const std::int32_t> nodes;
   /// (m,) Number of constraints.
   std::span<const std::int32_t> rank;
@@ -38,11 +37,12 @@ struct Elimination
   std::span<const double> normal;
   /// (B B l,) G_a, list by list, shape (B, B k) for k nodes.
   std::span<const double> gradients;
-  /// (B B l,) F_a, the same.
+  /// (B B l,) F_a, in the same layout.
   std::span<const double> columns;
-  /// (m, B, B) How forces F_a follow gap and slip, S_ab: springs and friction.
+  /// (m, B, B) Derivatives S_ab of forces F_a by gap and slip: springs and
+  /// friction.
   std::span<const double> slopes;
-  /// Nodes of a block of the tangent.
+  /// Number of nodes of a block of the tangent.
   std::size_t width;
   /// (p, width) Nodes of the blocks.
   std::span<const std::int32_t> tangent_nodes;
@@ -50,7 +50,7 @@ struct Elimination
   /// the contact tangent C.
   std::span<const double> tangent;
 
-  /// @brief Nodes that the constraints of node i reach.
+  /// @brief Nodes in the constraints of node i.
   std::span<const std::int32_t> list(std::size_t i) const noexcept
   {
     return nodes.subspan(start[i], start[i + 1] - start[i]);

@@ -7,15 +7,14 @@
 #include <span>
 #include <vector>
 
-/// @brief Parts of the flexible method of generalised minimal residuals, which
-/// keeps what the preconditioner gave (Y. Saad, SIAM J. Sci. Comput. 14
-/// (1993)).
+/// @brief Kernels of flexible GMRES, which stores the preconditioned vectors
+/// (Y. Saad, SIAM J. Sci. Comput. 14 (1993)).
 namespace nts
 {
 namespace gmres
 {
-/// Numbers that are read once for all vectors, so many that they stay in the
-/// cache.
+/// Number of entries processed for all vectors at a time, so that they stay in
+/// the cache.
 inline constexpr std::size_t block_size = 1024;
 /// Number of independent partial sums, to hide the latency of additions.
 inline constexpr std::size_t lanes = 8;
@@ -69,8 +68,8 @@ inline double add(std::span<const double* const> vectors,
   return square;
 }
 
-/// @brief Least squares with an upper Hessenberg matrix that grows by columns,
-/// and a right-hand side of which the first number alone is not zero.
+/// @brief Least-squares problem with an upper Hessenberg matrix that grows by
+/// columns, and a right-hand side whose first entry alone is not zero.
 class HessenbergSystem
 {
 public:

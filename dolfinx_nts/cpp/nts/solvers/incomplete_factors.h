@@ -16,7 +16,7 @@ template <class Rows>
 class FactorPattern
 {
 public:
-  /// Of an entry that the matrix has not got.
+  /// Marks an entry of fill, which the matrix does not have.
   static constexpr std::int64_t filled = -1;
 
   /// @brief Columns in the order of elimination, each with its entry.
@@ -79,10 +79,10 @@ private:
 /// @brief Incomplete LU factors of a sparse matrix with B x B blocks in single
 /// precision, see `FactorPattern`.
 ///
-/// They are L D U with diagonal blocks of ones in L and U. Memory has them in
-/// the order in which solving reads them: the rows of L forward, then the rows
-/// of U backward, each with its block of D^-1 at the end. A row waits for the
-/// one before, so that every operation between them counts.
+/// They are L D U with diagonal blocks of ones in L and U. They are stored in
+/// the order in which the solution reads them: the rows of L forward, then the
+/// rows of U backward, each with its block of D^-1 at the end. Each row depends
+/// on the one before, so that latencies add up.
 template <std::size_t B>
 class IncompleteFactors
 {
@@ -158,12 +158,13 @@ public:
     substitute(std::views::iota(std::size_t(0), size()), b, x, behind);
   }
 
-  /// @brief The same for some rows, with zero in the place of all others.
+  /// @brief x = (L U)^-1 b for some rows, with zero in place of all other
+  /// entries of b.
   /// @param[in] places Places of these rows in the order of elimination,
   /// ascending.
   /// @param[in] b Right-hand side of all rows, or of the first ones.
-  /// @param[out] x Values of the first rows, all or fewer, of which others than
-  /// these rows are left as they are.
+  /// @param[out] x Values of the first rows, all or fewer; only the given rows
+  /// are changed.
   /// @param[in] behind Right-hand side of the rows after b.
   void apply_at(std::span<const std::int32_t> places, std::span<const double> b,
                 std::span<double> x, std::span<const double> behind = {})

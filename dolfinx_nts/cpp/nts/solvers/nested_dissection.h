@@ -10,9 +10,9 @@
 
 namespace nts
 {
-/// @brief Sets of nodes of a symmetric graph in an order of elimination: planes
-/// cut the nodes in halves, again and again, and the nodes that part the halves
-/// come after both (A. George, SIAM J. Numer. Anal. 10 (1973)).
+/// @brief Nested dissection of a symmetric graph by planes: nodes are bisected
+/// recursively, and separators are eliminated after both halves (A. George,
+/// SIAM J. Numer. Anal. 10 (1973)).
 class NestedDissection
 {
 public:
@@ -53,8 +53,8 @@ private:
   };
 
   /// @brief Order some nodes.
-  /// @param[in,out] roots Sets without parent, to which those of these nodes
-  /// are added.
+  /// @param[in,out] roots Sets without a parent, to which the sets of these
+  /// nodes are appended.
   void dissect(std::size_t begin, std::size_t end,
                std::vector<std::int32_t>& roots)
   {
@@ -78,7 +78,7 @@ private:
     add(last, end, halves, roots);
   }
 
-  /// @brief Add a set, if it has nodes, above others.
+  /// @brief Add a set as the parent of other sets, if it has nodes.
   void add(std::size_t begin, std::size_t end,
            const std::vector<std::int32_t>& halves,
            std::vector<std::int32_t>& roots)
@@ -95,7 +95,7 @@ private:
     roots.push_back(own);
   }
 
-  /// @brief Mark nodes as below, above and between; false if they have one
+  /// @brief Mark nodes as below, above or separator; false if all have the same
   /// position.
   bool cut(std::span<const std::int32_t> nodes)
   {
@@ -163,7 +163,7 @@ private:
     return _X[3 * static_cast<std::size_t>(node) + axis];
   }
 
-  /// Extent of nodes in one plane relative to the extent of all [-].
+  /// Relative extent below which nodes count as lying in one plane [-].
   static constexpr double same = 1e-6;
 
   std::span<const std::int64_t> _start;

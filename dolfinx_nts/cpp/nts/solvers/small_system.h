@@ -104,8 +104,8 @@ inline bool solve(const SparseRows& A, std::span<const double> b,
                              [](double value) { return std::isfinite(value); });
 }
 
-/// @brief A system by entries in any order. Its rows are sorted, so that sums
-/// have one order on any partition.
+/// @brief System given by entries in any order. Its rows are sorted, so that
+/// sums do not depend on the partition.
 class SmallSystem
 {
 public:
@@ -165,7 +165,8 @@ public:
   }
 
 private:
-  /// @brief Place of a number, or an invalid place if it is unknown.
+  /// @brief Index of a number in the sorted list, or its size if the number is
+  /// unknown.
   std::size_t find(std::int64_t wanted) const noexcept
   {
     const auto there = std::ranges::lower_bound(_number, wanted);
