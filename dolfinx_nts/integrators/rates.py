@@ -5,6 +5,8 @@ from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Any, ClassVar
 
+from mpi4py import MPI
+
 import numpy as np
 import ufl
 from dolfinx import fem
@@ -21,8 +23,13 @@ from dolfinx_nts.solvers.rigid.rigid_motion import RigidMotion
 __all__ = ["ConsistentMass", "MidpointRates", "NoRates", "Rates"]
 
 
+# Limit on the iterations of conjugate gradients with the mass matrix [-], far above any need,
+# and reduction of the residual at which they stop [-], of the order of round-off.
+_MAX_ITERATIONS, _REDUCTION = 1000, 1e-15
+
+
 class ConsistentMass:
-    """Matrix-free product of the consistent mass with velocities or accelerations. Collective.
+    """Consistent mass matrix, matrix-free. Collective, as are all methods.
 
     Args:
         bodies: The bodies.
@@ -30,7 +37,8 @@ class ConsistentMass:
     """
 
     def __init__(self, bodies: Sequence[Body], rate: fem.Function) -> None:
-        self._V = rate.function_space
+        self._V, self._rate = rate.function_space, rate
+        self._comm: MPI.Comm = self._V.mesh.comm
         eta = ufl.TestFunction(self._V)
         self._momentum = bulk_form(
             bodies, lambda material, parameters, rho: rho * ufl.inner(rate, eta)
@@ -42,8 +50,38 @@ class ConsistentMass:
         return compile_form(self._momentum)
 
     def momentum(self) -> Floats:
-        """Mass times the current rate at the owned nodes, shape ``(n, 3)``."""
+        """Mass times the current rate at the owned nodes, shape ``(n, d)``."""
         return assembled(self._form).reshape(-1, dimension(self._V))
+
+    def times(self, values: Floats) -> Floats:
+        """Mass times values of the owned dofs, both ``(d n,)``, which become the rate."""
+        self._rate.x.array[: len(values)] = values
+        self._rate.x.scatter_forward()
+        return self.momentum().ravel()
+
+    def solve(self, force: Floats, projected: Callable[[Floats], Floats]) -> Floats:
+        """Admissible rate whose product with the mass is a force, by conjugate gradients.
+
+        Args:
+            force: Force or impulse at the owned dofs, shape ``(d n,)``.
+            projected: Orthogonal projection of values of the owned dofs on admissible rates.
+
+        Returns:
+            The rate, shape ``(d n,)``. That of the Function is another one afterwards.
+        """
+        rate, r = np.zeros(len(force)), projected(force)
+        first = square = float(reductions.total(self._comm, r @ r))
+        p = r.copy()
+        for _ in range(_MAX_ITERATIONS):
+            if np.sqrt(square) <= _REDUCTION * np.sqrt(first):
+                break
+            product = projected(self.times(p))
+            step = square / float(reductions.total(self._comm, p @ product))
+            rate += step * p
+            r -= step * product
+            before, square = square, float(reductions.total(self._comm, r @ r))
+            p = r + square / before * p
+        return rate
 
 
 class Rates(ABC):

@@ -73,7 +73,7 @@ def contact_work(step: ContactStep, last: ContactContribution, new: ContactHisto
         [
             stays,
             arrives,
-            moves - step.normal.released_energy(pairs.node),
+            moves - step.normal.released_energy(pairs.node).sum(),
             old.energy.sum() - new.energy.sum(),
             -new.dissipation.sum(),
             of_obstacle,

@@ -12,8 +12,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from mpi4py import MPI
-
 import numpy as np
 from dolfinx import fem
 
@@ -31,15 +29,9 @@ from dolfinx_nts.integrators.state import State, serialize_nodal
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.loads.load import Load
-from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.rigid.rigid_motion import RigidMotion
 
 __all__ = ["GeneralizedAlpha", "Newmark", "NewmarkRates"]
-
-# Limit on the iterations of conjugate gradients with the mass matrix [-], far above any need,
-# and reduction of the residual at which they stop [-], of the order of round-off.
-_MAX_ITERATIONS, _REDUCTION = 1000, 1e-15
-
 
 @dataclass(frozen=True)
 class Newmark:
@@ -203,7 +195,7 @@ class NewmarkRates(Rates):
         """Compute the acceleration of a state that was set from M a = f, without contact."""
         if self._known:
             return
-        p = self._parameters
+        p, mass = self._parameters, self._mass_times_a
         # The residual at u = u_n contains an inertia term, which is removed.
         self.a.x.array[:] = 0
         factor = (p.alpha_m - 1) / (p.beta * float(self.dt.value))
@@ -217,32 +209,9 @@ class NewmarkRates(Rates):
         turning: Floats = np.zeros(n)
         if rigid.exists:
             turning = rigid.centripetal(self.v.x.array[:n].reshape(-1, d)).ravel()
-            force -= self._momentum_of(turning)
-        self._momentum_of(turning + self._solved_mass(force, projected))
+            force -= mass.times(turning)
+        mass.times(turning + mass.solve(force, projected))
         self._known = True
-
-    def _momentum_of(self, a: Floats) -> Floats:
-        """Consistent mass times values of the owned dofs, both ``(3 n,)``. Collective."""
-        self.a.x.array[: len(a)] = a
-        self.a.x.scatter_forward()
-        return self._mass_times_a.momentum().ravel()
-
-    def _solved_mass(self, force: Floats, projected: Callable[[Floats], Floats]) -> Floats:
-        """Admissible acceleration due to a force, by conjugate gradients."""
-        comm: MPI.Comm = self.u.function_space.mesh.comm
-        a, r = np.zeros(len(force)), projected(force)
-        first = square = float(reductions.total(comm, r @ r))
-        p = r.copy()
-        for _ in range(_MAX_ITERATIONS):
-            if np.sqrt(square) <= _REDUCTION * np.sqrt(first):
-                break
-            product = projected(self._momentum_of(p))
-            step = square / float(reductions.total(comm, p @ product))
-            a += step * p
-            r -= step * product
-            before, square = square, float(reductions.total(comm, r @ r))
-            p = r + square / before * p
-        return a
 
     def _set_velocity(self) -> float:
         """Set the velocity; returns the energy error of the formulas [J]."""
@@ -252,7 +221,7 @@ class NewmarkRates(Rates):
         a = self._newmark(u, u_n, v, a_n, dt)
         momentum = mass.momentum().ravel()
         n = len(momentum)
-        rate = self._momentum_of(((1 - p.alpha_m) * a + p.alpha_m * a_n)[:n])
+        rate = self._mass_times_a.times(((1 - p.alpha_m) * a + p.alpha_m * a_n)[:n])
         before = v[:n] @ momentum
         v += dt * ((1 - p.gamma) * a_n + p.gamma * a)
         after = v[:n] @ mass.momentum().ravel()

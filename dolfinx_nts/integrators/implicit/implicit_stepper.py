@@ -42,6 +42,7 @@ from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.integrators.implicit.attempt import AdmissibleMotion, Start, StepProblem
 from dolfinx_nts.integrators.implicit.inertia import ConsistentInertia, Inertia
+from dolfinx_nts.integrators.implicit.released_springs import ReleasedSprings
 from dolfinx_nts.integrators.implicit.sleeping import SleepingBodies
 from dolfinx_nts.integrators.implicit.static_stiffness import choose_default_stiffness
 from dolfinx_nts.integrators.implicit.step_forces import Reactions, StepForces, StepWorks
@@ -147,6 +148,9 @@ class ImplicitStepper(Stepper):
             petsc_options,
             flows=self.memory.flows,
         )
+        conserves = not self._is_static and self.scheme.contact != "static"
+        released = ReleasedSprings(bodies, self._bulk, self.v, self._step_solver.free)
+        self._released_springs = released if conserves else None
         self._reactions = Reactions(
             self._bulk,
             self.bodies,
@@ -468,6 +472,8 @@ class ImplicitStepper(Stepper):
         for step, pairs in zip(steps, solution.end.states, strict=True):
             history = contact_history(step, pairs)
             works[step.state] = contact_work(step, pairs, history)
+            if self._released_springs is not None:
+                self._released_springs.collect(step, pairs)
             step.state.accept(history)
         self.watch.springs.check()
         self._step_solver.relief.warn(steps)
@@ -479,6 +485,9 @@ class ImplicitStepper(Stepper):
         if update.reactions:
             both = zip(reactions, update.reactions, strict=True)
             reactions = tuple(last + more for last, more in both)
+        if self._released_springs is not None:
+            for state, work in self._released_springs.give_back(self._motion.owned(self._u)).items():
+                works[state] += work
         digits = position_rounding(_kernels.largest_size(x))
         total = StepWorks.of(
             self._bulk,

@@ -146,9 +146,9 @@ class NormalContact(ABC):
         """Energy stored in the springs in the step, shape ``(m,)`` [J]. Local."""
         return 0.0
 
-    def released_energy(self, node: Ints) -> float:
-        """Energy at t_n of the normal springs of all nodes except the given ones [J]. Local."""
-        return 0.0
+    def released_energy(self, node: Ints) -> Floats:
+        """Energy at t_n of the normal springs of all but the given nodes, ``(n,)`` [J]. Local."""
+        return np.zeros(len(self.active))
 
 
 def known_nodes(contact: NormalContact) -> Flags:

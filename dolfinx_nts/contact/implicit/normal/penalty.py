@@ -146,11 +146,11 @@ class PenaltyContact(NormalContact):
         stored: Floats = self._law.energy(pairs.contact.gap - offset, eps_N) - before
         return stored
 
-    def released_energy(self, node: Ints) -> float:
+    def released_energy(self, node: Ints) -> Floats:
         history = self._state.history
-        energy = history.energy - slip_energy(history.traction, self._state.eps_T)
+        energy: Floats = history.energy - slip_energy(history.traction, self._state.eps_T)
         energy[node] = 0.0
-        return float(energy.sum())
+        return energy
 
     def _offset(self, pairs: PairKinematics) -> Floats:
         """Initial gap of springs on the current segments, shape ``(m,)`` [m].

@@ -1,0 +1,118 @@
+r"""Energy of loaded springs whose nodes have left all segments, given back as an impulse.
+
+A node that slides over a rim, or leaves a corner, loses its segment while its spring is still
+compressed. Without a segment the spring cannot do work in the next step, and its energy :math:`E`
+would be lost. At the end of that step it acts once more, as an impulse :math:`J p`, where
+:math:`p` has the forces of all such springs on both sides in the current positions:
+
+.. math:: v^+ = v + J M^{-1} p, \qquad
+   J \, p \cdot v + \tfrac12 J^2 \, p \cdot M^{-1} p = E, \qquad J \ge 0.
+
+Forces of a spring have no resultant and no moment. So the impulse conserves both momenta, and with
+the consistent mass the energy.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from dolfinx import fem
+
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.history import ContactWork
+from dolfinx_nts.contact.implicit.contact_step import ContactStep
+from dolfinx_nts.contact.implicit.contributions import ContactContribution
+from dolfinx_nts.contact.joint_state import JointState
+from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.fem.components import of_space
+from dolfinx_nts.integrators.rates import ConsistentMass
+from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.solvers.bulk import Bulk
+
+__all__ = ["ReleasedSprings"]
+
+
+class ReleasedSprings:
+    """Springs that lost their segments in a step. Collective, as are all methods.
+
+    Args:
+        bodies: The bodies.
+        bulk: Their supports and rigid motions.
+        v: Velocity of the bodies [m/s].
+        free: 1 where the displacement of an owned node is unknown, otherwise 0, ``(n, d)``; None
+            if all are.
+    """
+
+    def __init__(
+        self, bodies: Sequence[Body], bulk: Bulk, v: fem.Function, free: Floats | None
+    ) -> None:
+        self._bulk, self._v, self._free = bulk, v, free
+        self._mass = ConsistentMass(bodies, fem.Function(v.function_space))
+        # Energy of the springs of each pair [J].
+        self._energies: dict[PairState | JointState, float] = {}
+        # Their forces on the owned nodes [N].
+        self._force: Floats = np.zeros((bulk.num_owned // bulk.rigid.dim, 3))
+
+    def collect(self, step: ContactStep, last: ContactContribution) -> None:
+        """Collect the springs of a pair whose nodes have no segment in an accepted step.
+
+        Those whose last segment is out of reach have lost their energy.
+
+        Args:
+            step: The attempt that is accepted, before its pairs accept their histories.
+            last: Its last evaluation.
+        """
+        state, candidates, history = step.state, step.candidates, step.state.history
+        if state.eps_N is None:
+            return
+        energy = step.normal.released_energy(last.pairs.node)
+        node = np.flatnonzero(energy > 0).astype(np.int32)
+        if not reductions.anywhere(self._bulk.comm, len(node) > 0):
+            return
+        segment = candidates.find(history.key[node])
+        node, segment = node[segment >= 0], segment[segment >= 0]
+        points = step.search.points.take(node)
+        gradient = candidates.contact("static", points, step.x, step.x, segment).gradient
+        # Springs push along the gradients of their gaps, with the force that has their energy.
+        size = np.sqrt(2 * energy[node] * state.eps_N[node])
+        size[~np.isfinite(gradient).all(axis=1)] = 0.0
+        gradient = np.nan_to_num(gradient)
+        dofs = points.dofs(candidates.nodes_of(segment))
+        forces = (size[:, None] * gradient).reshape(*dofs.shape, 3)
+        candidates.scatter.add(self._force, dofs, forces)
+        total = reductions.total(self._bulk.comm, float(energy[node[size > 0]].sum()))
+        self._energies[state] = total
+
+    def give_back(self, u: Floats) -> dict[PairState | JointState, ContactWork]:
+        """Change the velocity by the impulse of the collected springs.
+
+        Args:
+            u: Displacement at the end of the step, at the owned nodes, shape ``(n, d)`` [m].
+
+        Returns:
+            Energy given to the bodies by the springs of each pair.
+        """
+        energies, energy = self._energies, sum(self._energies.values())
+        if not energies:
+            return {}
+        self._energies = {}
+        force, d = of_space(self._force, u.shape[1]).ravel(), u.shape[1]
+        rigid, comm = self._bulk.rigid, self._bulk.comm
+        rigid.begin(u)
+        unknown = 1.0 if self._free is None else self._free.ravel()
+
+        def admissible(values: Floats) -> Floats:
+            return rigid.nearest_free((unknown * values).reshape(-1, d)).ravel()
+
+        change = self._mass.solve(force, admissible)
+        v, momentum = self._v.x.array, self._mass.times(change)
+        # The velocity of a rigid body that turns is rigid only up to the order of the scheme.
+        sums = np.array([momentum @ change, momentum @ v[: len(force)]])
+        self._force[:] = 0.0
+        square, speed = reductions.total(comm, sums).tolist()
+        if square <= 0:  # Neither side can move.
+            return {}
+        impulse = 2 * energy / (speed + np.sqrt(speed**2 + 2 * square * energy))
+        v[: len(force)] += impulse * change
+        self._v.x.scatter_forward()
+        return {state: ContactWork(facet_change=each) for state, each in energies.items()}
