@@ -177,10 +177,6 @@ class Candidates(ABC):
         """
         return None
 
-    def nodes_of(self, segment: Ints) -> Ints:
-        """Nodes on which candidates depend, shape ``(m, k)``."""
-        return self.segments.take(segment, axis=0)
-
     @abstractmethod
     def is_at_rim(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:
         """Whether points are nearest to a free edge of the surface."""

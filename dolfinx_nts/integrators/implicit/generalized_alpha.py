@@ -33,6 +33,7 @@ from dolfinx_nts.solvers.rigid.rigid_motion import RigidMotion
 
 __all__ = ["GeneralizedAlpha", "Newmark", "NewmarkRates"]
 
+
 @dataclass(frozen=True)
 class Newmark:
     """Parameters of the generalised-alpha method and its relatives, as HHT.

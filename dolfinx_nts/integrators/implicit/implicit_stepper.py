@@ -486,8 +486,8 @@ class ImplicitStepper(Stepper):
             both = zip(reactions, update.reactions, strict=True)
             reactions = tuple(last + more for last, more in both)
         if self._released_springs is not None:
-            for state, work in self._released_springs.give_back(self._motion.owned(self._u)).items():
-                works[state] += work
+            given = self._released_springs.give_back(self._motion.owned(self._u))
+            works |= {state: works[state] + work for state, work in given.items()}
         digits = position_rounding(_kernels.largest_size(x))
         total = StepWorks.of(
             self._bulk,

@@ -27,6 +27,7 @@ from dolfinx_nts.fem.components import of_space
 from dolfinx_nts.integrators.rates import ConsistentMass
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.search.mortar.facet_candidates import FacetCandidates
 from dolfinx_nts.solvers.bulk import Bulk
 
 __all__ = ["ReleasedSprings"]
@@ -77,7 +78,10 @@ class ReleasedSprings:
         size = np.sqrt(2 * energy[node] * state.eps_N[node])
         size[~np.isfinite(gradient).all(axis=1)] = 0.0
         gradient = np.nan_to_num(gradient)
-        dofs = points.dofs(candidates.nodes_of(segment))
+        nodes = candidates.segments
+        if isinstance(candidates, FacetCandidates):  # of degree 2, or with patches
+            nodes = candidates.wholes
+        dofs = points.dofs(nodes.take(segment, axis=0))
         forces = (size[:, None] * gradient).reshape(*dofs.shape, 3)
         candidates.scatter.add(self._force, dofs, forces)
         total = reductions.total(self._bulk.comm, float(energy[node[size > 0]].sum()))
@@ -109,7 +113,7 @@ class ReleasedSprings:
         # The velocity of a rigid body that turns is rigid only up to the order of the scheme.
         sums = np.array([momentum @ change, momentum @ v[: len(force)]])
         self._force[:] = 0.0
-        square, speed = reductions.total(comm, sums).tolist()
+        square, speed = map(float, reductions.total(comm, sums))
         if square <= 0:  # Neither side can move.
             return {}
         impulse = 2 * energy / (speed + np.sqrt(speed**2 + 2 * square * energy))

@@ -102,9 +102,6 @@ class FacetCandidates(SegmentCandidates):
             outside_facet |= ~(outside <= _OUTSIDE)
         return np.where(outside_facet, segment + len(self.segments), segment).astype(np.int32)
 
-    def nodes_of(self, segment: Ints) -> Ints:
-        return self.wholes.take(segment, axis=0)
-
     def gap(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
         return self._projections(points, x, segment)[1]
 
