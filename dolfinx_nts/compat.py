@@ -360,5 +360,7 @@ def vtx_writer() -> Any:
     # This depends not on the release but on how DOLFINx was built.
     writer = getattr(import_module("dolfinx.io"), "VTXWriter", None)
     if writer is None:
-        raise RuntimeError("expected a DOLFINx with ADIOS2 for VTX files; it writes XDMF without")
+        raise RuntimeError(
+            "expected a DOLFINx with ADIOS2 for VTX files; fields='xdmf' works without"
+        )
     return writer

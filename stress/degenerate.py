@@ -16,7 +16,7 @@ from stress.world import Touch, World
 __all__ = ["CASES"]
 
 # What is said about facets with edges that have no length.
-SHARP = "corner of sine"
+SHARP = "angle of sine"
 
 
 def needles(aspect: int) -> Part:

@@ -47,8 +47,8 @@ class Declaration(metaclass=_Completing):
         if getattr(self, "_is_complete", False):
             kind = type(self).__name__
             raise AttributeError(
-                f"expected another {kind}, as none changes after it was made, given a new value "
-                f"of {name}: make another {kind} with it, and what takes the {kind} anew"
+                f"expected no change of a {kind} after its creation, given a new value of {name}: "
+                f"create another {kind} with it, and the objects that use the {kind} again"
             )
         super().__setattr__(name, value)
 
@@ -71,7 +71,7 @@ class SetOnce(Generic[T]):
         kind = type(item).__name__
         if self._name in vars(item):
             raise AttributeError(
-                f"expected another {kind}, as none changes its {self._name} after it was made: "
-                f"make a new {kind} with other {self._name}"
+                f"expected no change of {self._name} after the creation of a {kind}: create a new "
+                f"{kind} with another {self._name}"
             )
         vars(item)[self._name] = value

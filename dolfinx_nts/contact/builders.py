@@ -134,7 +134,7 @@ def all_pairs(
             f"expected self contact of bodies of the scene, given {len(others)} that are not"
         )
     if edges and dimension(bodies[0].V) < 3:
-        raise ValueError("expected edges only of bodies in space, given a mesh of the plane")
+        raise ValueError("expected edges=True for bodies in space only, given a mesh of the plane")
     log_shared_nodes(bodies)
     surface = cache(boundary_of)
     stiffness = {body: body.material.least_modulus for body in bodies}

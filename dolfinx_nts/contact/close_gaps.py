@@ -107,11 +107,13 @@ def _checked(pair: ContactPair, within: float) -> float:
         )
     if isinstance(pair.segments.smooth, RigidSphere):
         raise ValueError(
-            "expected segments that are meshed to close the gaps between, given "
+            "expected segments with flat or smooth facets to close the gaps between, given "
             f"{pair.segments.smooth!r}"
         )
     if is_in_use(pair):
-        raise ValueError("expected a pair that no stepper has, to close its gaps before all steps")
+        raise ValueError(
+            "expected a pair that no stepper uses yet, as gaps are closed before all steps"
+        )
     V = pair.nodes.V
     if (degree := Element.of(V).degree) > 1:
         raise ValueError(
@@ -171,7 +173,6 @@ def _check_cells(pair: ContactPair, x: Floats) -> None:
     if len(turned):
         number = mesh.topology.original_cell_index[turned[0]]
         raise ValueError(
-            f"expected cells that keep their volume as nodes of {pair.nodes.name} are moved, given "
-            f"{len(turned)} that do not, such as cell {number}: take a smaller distance, or "
-            "smooth the mesh"
+            f"expected no inverted cells after nodes of {pair.nodes.name} are moved, given "
+            f"{len(turned)}, such as cell {number}: use a smaller distance, or smooth the mesh"
         )

@@ -49,9 +49,10 @@ def massless_nodes(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> Ints
                 shared = len(np.intersect1d(surface.nodes, nodes))
             if shared := reductions.total(pair.nodes.V.mesh.comm, shared):
                 raise ValueError(
-                    "expected surfaces whose nodes have impact 'resolved' only as nodes of such "
-                    f"pairs, given {shared} nodes of {surface.name} also in contact between "
-                    f"{pair.between}: give other surfaces, or 'elastic' impact to all of them"
+                    "expected nodes with impact 'resolved' in no pair with another kind of "
+                    f"impact, given {shared} nodes of {surface.name} also in contact between "
+                    f"{pair.between}: use other surfaces, or impact 'elastic' in all of these "
+                    "pairs"
                 )
     return nodes
 

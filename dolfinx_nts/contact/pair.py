@@ -249,8 +249,8 @@ class ContactPair(Declaration):
         """State of the only stepper that uses the pair."""
         if len(self._states) != 1:
             raise ValueError(
-                f"expected a contact pair of one stepper, given one of {len(self._states)}: "
-                "ask the item of stepper.contacts that belongs to it"
+                f"expected a contact pair of one stepper, given one of {len(self._states)}: use "
+                "the item of stepper.contacts for this pair"
             )
         state: AcceptedContact = next(iter(self._states))
         return state
@@ -338,8 +338,9 @@ def _check_surfaces(nodes: Surface, segments: Surface) -> bool:
     sine = sharpest_corner(segments)
     if sine < _SHARP and comm.rank == 0:
         _logger.warning(
-            "segments of %s have a corner of sine %.2g and no normal there: harmless if no node "
-            "comes to that corner, otherwise mend the mesh (an edge without length?)",
+            "segments of %s have a corner with an angle of sine %.2g, where the normal is "
+            "undefined: harmless if no node comes to that corner, otherwise repair the mesh (an "
+            "edge of length zero?)",
             segments.name,
             sine,
         )

@@ -103,7 +103,9 @@ class RunColumns:
                     )
                 columns |= flat("", {name: value})
                 if taken := columns.keys() & row:
-                    raise ValueError(f"expected names that no column has, given {min(taken)!r}")
+                    raise ValueError(
+                        f"expected names that are not taken by columns, given {min(taken)!r}"
+                    )
         return columns
 
     def _of_pairs(self, step: StepReport | None, ledger: EnergyLedger) -> dict[str, float]:

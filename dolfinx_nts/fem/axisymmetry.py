@@ -80,13 +80,13 @@ def axisymmetric(mesh: Mesh) -> None:
         )
     if _KNOWN.setdefault(mesh.ufl_domain().ufl_id(), _ON_AXIS * largest) is None:
         raise ValueError(
-            "expected axisymmetric(mesh) before bodies, surfaces and all else are made of the "
-            "mesh, given one of which they were made already"
+            "expected axisymmetric(mesh) before bodies, surfaces and other objects are created on "
+            "the mesh, given a mesh with such objects"
         )
     if mesh.comm.rank == 0:
         _logger.info(
-            "axisymmetric: x is the radius, y the axis, on which nodes keep their radius 0; "
-            "forces, masses and energies are those of whole rings"
+            "axisymmetric: x is the radius, y the axis, on which nodes stay; forces, masses and "
+            "energies refer to the full circumference"
         )
 
 

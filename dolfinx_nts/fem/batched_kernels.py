@@ -202,8 +202,8 @@ def _loaded_everywhere(
                 )
             except (OSError, ValueError, subprocess.CalledProcessError) as error:
                 _LOG.info(
-                    "no kernels for batches of cells, which is harmless: those of FFCx take "
-                    "two to four times as long (%s)",
+                    "no kernels for batches of cells, which is harmless, but the kernels of FFCx "
+                    "take two to four times as long (%s)",
                     getattr(error, "stderr", None) or error,
                 )
         comm.Barrier()

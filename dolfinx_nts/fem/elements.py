@@ -218,12 +218,12 @@ def check_tag(V: fem.FunctionSpace, tags: MeshTags, tag: int, dim: int, name: st
             "made of tagged cells, surfaces of tagged facets"
         )
     comm = V.mesh.comm
-    meet(comm, f"look for tag {tag} in {name}")
+    meet(comm, f"search for tag {tag} in {name}")
     if compat.cpp_object(tags.topology) is not compat.cpp_object(V.mesh.topology):
         raise ValueError(
-            f"expected {name} of the mesh of the function space, given those of another mesh: "
-            "each call of read_mesh makes a mesh and tags of its own"
+            f"expected {name} of the mesh of the function space, given those of another mesh: each "
+            "call of read_mesh creates a new mesh and its tags"
         )
     values = sorted(set().union(*comm.allgather(set(tags.values.tolist()))))
     if tag not in values:
-        raise ValueError(f"expected a tag out of {values} in {name}, given {tag}")
+        raise ValueError(f"expected one of the tags {values} of {name}, given {tag}")

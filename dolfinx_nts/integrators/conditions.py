@@ -41,7 +41,7 @@ class ContactForce(Declaration):
 
     def __init__(self, pair: ContactPair, *, at_least: float) -> None:
         if not isinstance(pair, ContactPair):
-            raise TypeError(f"expected a ContactPair of a force, given {kind_of(pair)}")
+            raise TypeError(f"expected a ContactPair for a ContactForce, given {kind_of(pair)}")
         self.pair, self.at_least = pair, positive("at_least", at_least)
 
     def __repr__(self) -> str:

@@ -71,7 +71,7 @@ def check_rigid_bodies(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> 
         if count := reductions.total(comm, owned):
             raise ValueError(
                 f"expected rigid bodies without common nodes, given {one.name} and {other.name} "
-                f"with {count}: give both one tag, as one rigid body"
+                f"with {count}: make them one rigid body, with one tag"
             )
     resolved = [pair for pair in pairs if is_resolved(pair)]
     guided = ", ".join(body.name for body in rigid if body.guide is not None)
@@ -84,7 +84,7 @@ def check_rigid_bodies(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> 
         if gives_rigid_nodes(pair, rigid):
             raise ValueError(
                 f"expected nodes of deformable bodies with impact 'resolved', given {names} "
-                f"between {pair.between}: exchange nodes and segments, or take impact 'elastic'"
+                f"between {pair.between}: exchange nodes and segments, or use impact 'elastic'"
             )
 
 
@@ -111,8 +111,8 @@ def check_statics(bodies: Sequence[Body], fixed: Ints) -> None:
     if prescribed := ", ".join(body.name for body in bodies if not body.is_rigid):
         names += f" and with all displacements prescribed ({prescribed})"
     raise ValueError(
-        f"expected a body that deforms in statics, given {names}: "
-        "EnergyMomentum moves them, and a stiff material can take the place of one"
+        f"expected a body that deforms in statics, given {names}: use EnergyMomentum, or a stiff "
+        "material in place of one rigid body"
     )
 
 
@@ -187,7 +187,7 @@ def _fields(bodies: Sequence[Body], supports: Supports) -> tuple[list[LinearFiel
         if count := reductions.total(V.mesh.comm, shared):
             raise ValueError(
                 f"expected bcs at nodes of deformable bodies, given {count} nodes of the rigid "
-                f"{body.name}: RigidBody(guide=) holds and leads it"
+                f"{body.name}: use RigidBody(guide=) to fix or to move it"
             )
         of_body = LinearFields(body, _given_point(body))
         mass = _mass(of_body)
@@ -261,8 +261,8 @@ def spring_stiffness(
         greatest = reductions.largest(comm, float(of_cells[deforms].max(initial=0.0)))
         if greatest == 0:
             raise ValueError(
-                "expected the stiffness of springs in statics where all displacements are "
-                "prescribed, given none: Penalty(eps_N=...), and eps_T in Coulomb, set it"
+                "expected the stiffness of springs in statics if all displacements are "
+                "prescribed, given none: set Penalty(eps_N=...), and eps_T of Coulomb"
             )
         in_place[~deforms] = greatest
     else:

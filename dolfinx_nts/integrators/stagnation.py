@@ -169,6 +169,6 @@ class ShortSteps:
         if self._number != _MANY:
             return ""
         return (
-            f"the last {_MANY} steps had to be at least {2**_SHORT} times shorter than dt, and "
-            f"the run goes on like that; the last longer one failed: {self._reason}"
+            f"the last {_MANY} steps had to be at least {2**_SHORT} times shorter than dt; the "
+            f"last longer one failed: {self._reason}"
         )

@@ -193,7 +193,7 @@ class State(ABC):
         if radial > _ROUND_OFF * largest:
             raise ValueError(
                 f"expected no radial {function.name} on the axis x = 0, given one of {radial:g}: "
-                "there rings have no room; near the axis it is proportional to x"
+                "it must vanish there, and be proportional to x near the axis"
             )
         values[axis, 0] = 0.0
 

@@ -28,7 +28,7 @@ from dolfinx_nts.solvers.newton_report import ConvergenceError, NewtonReport
 __all__ = ["SHORTER_STEP_HELPS", "StepFailure"]
 
 # Advice if nothing but the length of the step can be changed.
-SHORTER_STEP_HELPS = "a smaller dt may help, which StepControl takes where a step fails"
+SHORTER_STEP_HELPS = "a smaller dt may help, which StepControl() uses after a failed step"
 
 # Phrases in reasons that suggest springs that are too soft.
 _SUNK = "through a surface", "into a surface"
@@ -100,8 +100,8 @@ class StepFailure:
         reasons += sides
         if names := redundant(bodies, [contact.pair for contact in contacts]):
             reasons += (
-                f"; forces of points of rigid bodies that touch at once are not unique: springs, "
-                f"as Penalty(eps_N=), between {names} make them so"
+                "; forces of simultaneous contacts of rigid bodies are not unique: springs, as "
+                f"Penalty(eps_N=), between {names} make them unique"
             )
         springs: Sequence[PairState] = yielding
         if not yielding and (any(words in reasons for words in _SUNK) or "contact holds" in advice):
@@ -209,8 +209,8 @@ class StepFailure:
         more = len(found) - _MOST_NAMES
         chosen = " or ".join(found[:_MOST_NAMES]) + (f" or one of {more} more" if more > 0 else "")
         return (
-            f"; if {chosen} is curved, smooth=True of the surface may help: between flat facets "
-            "nodes are caught"
+            f"; if {chosen} is curved, smooth=True of the surface may help: nodes are caught at "
+            "edges between flat facets"
         )
 
     def _prescribed(self) -> str:
@@ -222,8 +222,8 @@ class StepFailure:
             for each, some in zip(members(step.state), np.split(node, ends[1:-1]), strict=True):
                 if nodes := self._listed([step.state.nodes.node_ids[some]]):
                     advice = (
-                        "no contact force can stop nodes that bcs move into a surface held or "
-                        "moved by bcs too; change bcs at these nodes between "
+                        "bcs move nodes into a surface that is prescribed by bcs too, which no "
+                        "contact force can prevent; change bcs at these nodes between "
                         f"{each.pair.between}: {nodes}"
                     )
         return advice

@@ -399,10 +399,9 @@ class Stepper(TimeLoop):
         for name, angle in self._turns():
             if angle > _MOST_TURN:
                 raise ConvergenceError(
-                    f"{self._next()} failed: {name} turns by "
-                    f"{np.degrees(angle):.3g} degrees in it, more than "
-                    f"{np.degrees(_MOST_TURN):.3g}; a smaller dt may help, unless the rotation "
-                    "of its motion jumps",
+                    f"{self._next()} failed: {name} rotates by {np.degrees(angle):.3g} degrees in "
+                    f"it, more than {np.degrees(_MOST_TURN):.3g}; a smaller dt may help, unless "
+                    "the rotation of its motion jumps",
                     [],
                 )
 

@@ -298,9 +298,9 @@ class TimeLoop(State):
         nodes = np.unique(joined(self._comm, np.concatenate([none, *new])))
         if len(nodes):
             raise ConvergenceError(
-                f"step {self.step} to t = {self.t:g} brings {len(nodes)} nodes more than "
-                f"gap_tol = {gap_tol:g} m from the surface that catches them: {listed(nodes)}; "
-                "the state is that of the last accepted step",
+                f"step {self.step} to t = {self.t:g} keeps {len(nodes)} nodes in contact at gaps "
+                f"above gap_tol = {gap_tol:g} m: {listed(nodes)}; the state is that of the last "
+                "accepted step",
                 [],
             )
         return after

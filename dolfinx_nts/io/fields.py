@@ -100,7 +100,7 @@ class RunFields:
         for name in self._own:
             if not name.isidentifier():
                 raise ValueError(
-                    f"expected names of own_fields of letters, digits and _, given {name!r}"
+                    f"expected names of own_fields made of letters, digits and _, given {name!r}"
                 )
         middles = Element.of(stepper.u.function_space).middles
         self._stress = (
@@ -123,7 +123,7 @@ class RunFields:
         for name, own in self._own.items():
             with agreed(comm, f"evaluate the field {name}"):
                 if name in fields:
-                    raise ValueError(f"expected names that no field has, given {name!r}")
+                    raise ValueError(f"expected names that are not taken by fields, given {name!r}")
                 fields[name] = self._values(name, own)
         return fields
 

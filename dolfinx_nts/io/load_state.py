@@ -94,15 +94,17 @@ def load_state(path: str | Path, stepper: Stepper) -> tuple[str, ...]:
         )
     dropped = ["state of the linear solver", *_without_motion(stepper, comm)]
     if stepper.memory.exists and not same_bodies:
-        dropped.append("memory of materials, whose dashpots and plastic flow begin without strain")
+        dropped.append(
+            "internal variables of materials: dashpots and plastic flow begin without strain"
+        )
     names = pair_names(stepper.pairs)
     for i, name in enumerate(names):
         if i not in kept:
-            dropped.append(f"contact of {name}, which begins anew")
+            dropped.append(f"contact of {name}, which begins without history")
         elif not kept[i].friction:
             contact = stepper.contacts[i]
             contact.accept(without_friction(contact.history))
-            dropped.append(f"friction of {name}, which begins anew")
+            dropped.append(f"friction of {name}, which begins without history")
     used = {k.number for k in kept.values()}
     unused = [n for n in _pairs(scene) if n not in used]
     dropped += [f"contact of pair {n} of the checkpoint, which this scene lacks" for n in unused]

@@ -210,8 +210,8 @@ class Recorder:
         due = self._ledger.step + 1
         if not step.step == self._stepper.step == due:
             raise ValueError(
-                f"expected every step right after it was done, now step {due}, "
-                f"given step {step.step} when {self._stepper.step} are done"
+                f"expected write() after every step, next for step {due}, given step {step.step} "
+                f"after {self._stepper.step} steps"
             )
         with self._stepper.timings.phase("output"), self.diagnostics.one_state() as now:
             has_fields = self._options.has_fields(self._ledger.num_steps + 1, step.t)
@@ -251,7 +251,7 @@ class Recorder:
                     self._files.save(self._ledger)
                 self._files.fields.close()
         if isinstance(error, KeyboardInterrupt) and not self._interrupts.took_effect:
-            self._log_end(f"interrupted at once, in the step after {self._ledger.step}")
+            self._log_end(f"interrupted immediately, in the step after {self._ledger.step}")
         self._summary.stop()
         if self._comm.rank == 0:
             _logger.info("%s", self.summary())
@@ -319,11 +319,11 @@ class _Options:
             raise ValueError(f"expected fields out of {names}, given {self.fields!r}")
         if self.fields == "vtx" and self.resume:
             raise ValueError(
-                "expected fields='vtkhdf' with resume, given 'vtx', which cannot do it"
+                "expected fields='vtkhdf' with resume, given 'vtx', which cannot be resumed"
             )
         if self.fields == "vtx" and self.stress:
             raise ValueError(
-                "expected fields='vtkhdf' with stress, given 'vtx', whose fields have nodes"
+                "expected fields='vtkhdf' with stress, given 'vtx', which has nodal fields only"
             )
         whole("every", self.every)
         if self.checkpoint_every is not None:

@@ -190,12 +190,12 @@ class RunFiles:
         if not self._checkpoint.exists():
             return (
                 "there is no checkpoint: with Recorder(..., checkpoint_every=50, resume=True) a "
-                "script that is started again goes on where it was interrupted"
+                "restarted script continues where it was interrupted"
             )
         step, t = self._saved
         return (
-            f"{self._checkpoint} holds step {step}, t = {t:g}: the same script with "
-            "Recorder(..., resume=True) goes on from there"
+            f"{self._checkpoint} holds step {step}, t = {t:g}: the same script with Recorder(..., "
+            "resume=True) continues from there"
         )
 
     def _others(self, ledger: EnergyLedger) -> Sequence[HasState]:
@@ -226,10 +226,10 @@ def _check_name(name: str) -> None:
     if (suffix := Path(last).suffix) in (".csv", ".h5", ".vtkhdf", ".vtu", ".xdmf"):
         raise ValueError(
             f"expected the path of files without suffix, such as 'results/run', given {name!r}: "
-            f"leave {suffix} out, as each file of the run has its own"
+            f"omit {suffix}, as each file of the run has its own suffix"
         )
     if unfit := sorted({c for c in last if c in ":\\" or not c.isprintable()}):
         raise ValueError(
-            "expected a name that readers of XDMF take as it is, without "
+            "expected a name that readers of XDMF accept, without "
             f"{' and '.join(map(repr, unfit))}, given {last!r}"
         )

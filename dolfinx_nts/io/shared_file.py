@@ -144,7 +144,7 @@ def _as_os_error(path: Path, offset: int = 0, data: Any = b"") -> Iterator[None]
         yield
     except MPI.Exception as error:
         if not path.parent.is_dir():
-            reason = "a rank does not see this folder, as all must that write a file together"
+            reason = "a rank has no access to this folder, but all ranks write the file together"
             raise OSError(errno.EIO, reason) from None
         try:
             with path.open("r+b") as file:

@@ -263,8 +263,8 @@ class Hyperelastic(StrainEnergy):
         raise ValueError(
             "expected an energy whose stress is a pressure where nothing but the volume changes, "
             "for one_point='volumetric', given one with another stress there, as of fibres: some "
-            "deformations would release energy; give one_point=(), or let fibres feel "
-            "(det C)^(-1/3) C only"
+            "deformations would release energy; use one_point=(), or an energy of fibres that "
+            "depends on (det C)^(-1/3) C only"
         )
 
     def _volumetric_parameters(self) -> frozenset[str]:

@@ -93,9 +93,9 @@ class StrainEnergy(Declaration):
         if np.abs(S).max() > _NO_STRESS * np.abs(moduli).max():
             rows = [[float(f"{value:.4g}") for value in row] for row in S]
             raise ValueError(
-                f"expected psi(C) without stress at C = 1, given S = {rows} Pa: an undeformed "
-                "body would start to move by itself; add a term that takes this stress away, as "
-                "- mu ln J does to mu/2 tr C"
+                f"expected psi(C) without stress at C = 1, given S = {rows} Pa: an undeformed body "
+                "would deform without loads; add a term that cancels this stress, as - mu ln J "
+                "does for mu/2 tr C"
             )
 
     @cached_property

@@ -174,7 +174,7 @@ def _elements(source: Any) -> Elements:
     """Nodes, elements and groups of a file or of a gmsh model."""
     if hasattr(source, "getPhysicalGroups"):
         if not _import_gmsh().isInitialized():
-            raise ValueError("expected a live gmsh model, given gmsh before gmsh.initialize()")
+            raise ValueError("expected a gmsh model, given gmsh before gmsh.initialize()")
         return _elements_of(source)
     if callable(source):
         with _empty_model(f"dolfinx_nts {source}") as model:
@@ -195,7 +195,7 @@ def _import_gmsh() -> Any:
         import gmsh
     except (ImportError, OSError) as error:  # OSError: gmsh misses a library
         raise ImportError(
-            f"expected the Python module gmsh for what is no file, given {error}: install "
+            f"expected the Python module gmsh for a model or a function, given {error}: install "
             "python-gmsh (conda), python3-gmsh (apt) or gmsh (pip), or read a .msh file, which "
             "needs no gmsh"
         ) from error

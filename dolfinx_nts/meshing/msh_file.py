@@ -263,8 +263,8 @@ def _parsed(data: bytes) -> Elements:
                     content.names[int(dim), abs(int(tag))] = name.decode(errors="replace")
             elif section == b"PartitionedEntities":
                 raise ValueError(
-                    "a partitioned mesh, while read_mesh divides cells among ranks by itself: "
-                    "call gmsh.model.mesh.unpartition() and write the file again"
+                    "a partitioned mesh, but read_mesh partitions meshes itself: call "
+                    "gmsh.model.mesh.unpartition() and write the file again"
                 )
             elif reader and not binary:
                 reader(content, _Text(text))

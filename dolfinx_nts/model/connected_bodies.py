@@ -91,8 +91,8 @@ def log_shared_nodes(bodies: Sequence[Body]) -> None:
     for i, j in np.argwhere(np.triu(numbers)):
         if part[i] != part[j]:
             _logger.warning(
-                "%s and %s share %d nodes, but no facet: they are joined there, count as one body, "
-                "and do not touch each other elsewhere; give each body nodes of its own in the "
+                "%s and %s share %d nodes, but no facet: they are joined there, count as one "
+                "body, and do not touch each other elsewhere; give each body its own nodes in the "
                 "mesh (in gmsh without fragment), or let them touch by self_contact=[%s]",
                 *(bodies[i].name, bodies[j].name, numbers[i, j], bodies[i].name),
             )

@@ -84,8 +84,8 @@ class Supports:
         for i, holds in enumerate(reductions.anywhere(self._comm, flags)):
             if not holds and self._comm.rank == 0:
                 _logger.warning(
-                    "bcs[%d] holds no dof: harmless if that is meant; otherwise mend the function "
-                    "or the tag by which its dofs were located",
+                    "bcs[%d] has no dof: harmless if that is intended; otherwise correct the "
+                    "function or the tag by which its dofs were located",
                     i,
                 )
 

@@ -59,8 +59,8 @@ class Guide(Declaration):
         self._slides, self._turns = _axes("slides", slides), _axes("turns", turns)
         if len(self._turns) == 2:
             raise ValueError(
-                f"expected one axis or 'xyz' as turns, given {turns!r}: free turns about two "
-                "axes have no meaning without their order"
+                f"expected one axis or 'xyz' as turns, given {turns!r}: free rotations about two "
+                "axes would depend on their order"
             )
         if motion is not None and motion.turns and len(self._turns):
             raise ValueError(
@@ -105,7 +105,7 @@ class Guide(Declaration):
         if np.any(self._slides[:, ::2]) or len(self._turns) or self.motion.turns:
             raise ValueError(
                 "expected slides along the axis y, and no turns, in an axisymmetric mesh, given "
-                f"{self}: a mesh in space can have them"
+                f"{self}: use a mesh in space for them"
             )
 
     def free(self, dim: int) -> Floats:

@@ -95,7 +95,7 @@ class RigidBody(Body):
         if is_axisymmetric(self.V.mesh) and prescribed[0]:
             raise ValueError(
                 "expected a motion along the axis y of a guide in an axisymmetric mesh, given "
-                f"{self.guide.motion!r} with another one at t = {t:g}"
+                f"{self.guide.motion!r}, which has other components at t = {t:g}"
             )
         return prescribed
 

@@ -208,7 +208,7 @@ class Surface(Declaration):
         if not reductions.total(V.mesh.comm, len(facets)):
             raise ValueError(
                 f"expected facets of the boundary, given none: the mesh has {_extent(V)}, and a "
-                "facet is taken if all its vertices are in the place; compare by np.isclose"
+                "facet is selected if all its vertices are; compare by np.isclose"
             )
         ordered = np.sort(facets).astype(np.int32)
         tags = meshtags(V.mesh, V.mesh.topology.dim - 1, ordered, np.ones_like(ordered))
@@ -364,7 +364,7 @@ def boundary_facets(V: fem.FunctionSpace, predicate: Callable[[Any], Any]) -> In
         )
 
     def checked(x: Floats) -> Any:
-        with agreed(V.mesh.comm, "look for facets of the boundary"):
+        with agreed(V.mesh.comm, "select facets of the boundary"):
             inside = np.asarray(predicate(x))
             if inside.shape != x.shape[1:]:
                 raise ValueError(

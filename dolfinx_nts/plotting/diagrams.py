@@ -187,14 +187,14 @@ def ledger(table: str | Path, filename: str | Path | None = None) -> Picture:
     """
     rows = columns(table)
     layers = {name: rows[f"{name}_energy"] for name in ("strain", "contact", "kinetic")}
-    layers |= {f"taken by {name}": -rows[f"energy_{name}"] for name in ("friction", "damping")}
+    layers |= {f"dissipated by {name}": -rows[f"energy_{name}"] for name in ("friction", "damping")}
     layers = {name: layer for name, layer in layers.items() if np.any(layer)}
     given = rows["total_energy"][0] + rows["external_work"]
     joule, prefix = prefixed(given.max())
     figure, axes = _figure(1, 1)
     heights = [layer / joule for layer in layers.values()]
     axes[0, 0].stackplot(rows["time"], *heights, labels=layers, alpha=0.8)
-    axes[0, 0].plot(rows["time"], given / joule, "k--", label="start and work from outside")
+    axes[0, 0].plot(rows["time"], given / joule, "k--", label="initial energy and external work")
     top = 1.3 * max(given.max() / joule, 1e-300)
     axes[0, 0].set(xlabel="time [s]", ylabel=f"energy [{prefix}J]", ylim=(0, top))
     axes[0, 0].legend(loc="upper center", ncols=3, fontsize="small")
@@ -230,9 +230,9 @@ def force_displacement(
     names = [forces] if isinstance(forces, str) else list(forces)
     if missing := {displacement, *names} - set(rows.dtype.names):
         raise ValueError(
-            f"expected columns out of {list(rows.dtype.names)}, given {sorted(missing)}"
-            f"{did_you_mean(min(missing), rows.dtype.names)}; Recorder(own_columns=) adds columns "
-            "of yours"
+            f"expected columns out of {list(rows.dtype.names)}, given "
+            f"{sorted(missing)}{did_you_mean(min(missing), rows.dtype.names)}; "
+            "Recorder(own_columns=) adds your own columns"
         )
     metre, across = prefixed(np.abs(rows[displacement]).max())
     newton, upwards = prefixed(max(np.abs(rows[name]).max() for name in names))

@@ -119,7 +119,7 @@ class ObstacleSearch(Search):
         if self._has_axis and not self.frame.stays_on_axis:
             raise ValueError(
                 "expected a motion along the axis y of an obstacle in an axisymmetric mesh, given "
-                f"{self._motion!r} with another one at t = {t:g}"
+                f"{self._motion!r}, which has other components at t = {t:g}"
             )
 
     def is_near(self, x: Floats, reach: float) -> bool:

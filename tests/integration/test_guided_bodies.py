@@ -278,5 +278,5 @@ def test_bad_guides_are_refused(comm, refused):
         stepper.advance()
     leap = nts.Motion(rotation=lambda t: (0, 0, 20 * t))
     stepper, _ = pressed(comm, nts.QuasiStatic, nts.Guide(motion=leap))
-    with refused(nts.ConvergenceError, "body 1 turns by 115 degrees in it"):
+    with refused(nts.ConvergenceError, "body 1 rotates by 115 degrees in it"):
         stepper.advance()

@@ -85,9 +85,15 @@ def test_data_dropped_by_other_laws_and_integrators_are_reported(comm, path, cap
     sticks = nts.Coulomb(0.3)
     for options, dropped in (
         ({"enforcement": nts.LagrangeMultiplier("plastic"), "friction": nts.Coulomb(0.1)}, []),
-        ({}, [f"friction of {name}, which begins anew"]),
-        ({"enforcement": nts.Penalty()}, [f"contact of {name}, which begins anew", other]),
-        ({"floor": plane}, ["contact of surface_3_rigid_plane, which begins anew", other]),
+        ({}, [f"friction of {name}, which begins without history"]),
+        (
+            {"enforcement": nts.Penalty()},
+            [f"contact of {name}, which begins without history", other],
+        ),
+        (
+            {"floor": plane},
+            ["contact of surface_3_rigid_plane, which begins without history", other],
+        ),
         (
             {"scheme": nts.QuasiStatic, "friction": sticks},
             ["velocities, which QuasiStatic does not have"],

@@ -282,7 +282,7 @@ def test_a_tool_that_turns_too_far_cuts_the_step(comm, refused):
     stepper = Block(comm, cells=(1, 1, 1)).stepper(
         drum.moving(nts.Motion(rotation=lambda t: (0, 200 * t, 0)))
     )
-    with refused(nts.ConvergenceError, r"moving RigidCylinder turns by 115 degrees in it, more"):
+    with refused(nts.ConvergenceError, r"moving RigidCylinder rotates by 115 degrees in it, more"):
         stepper.advance()
     step = next(iter(stepper.run(0.01, nts.StepControl())))
     assert step.rejected == 1 and stepper.t == pytest.approx(0.005)

@@ -532,7 +532,7 @@ def test_steps_that_do_not_resolve_a_cell_are_reported_once(caplog):
     bars.__wrapped__("resolved", 0.15, [0.6])
     (message,) = (m for m in caplog.messages if "waves cross" in m)
     assert "waves cross 1.4 cells" in message
-    assert "take dt <= 0.11 s" in message
+    assert "use dt <= 0.11 s" in message
     caplog.clear()
     bars.__wrapped__("resolved", 0.04, [0.3])
     assert not caplog.messages

@@ -73,7 +73,7 @@ class SoftSprings:
             inside = bool((depth[body.nodes] > 0).all())
             meets = bool(np.isin(nodes, body.nodes).any())
             if reductions.everywhere(comm, inside) and reductions.anywhere(comm, meets):
-                return f"{body.name} has sunk into {obstacle.name} as a whole"
+                return f"{body.name} has passed completely into {obstacle.name}"
         return ""
 
     def check(self) -> None:

@@ -79,7 +79,7 @@ def check_scope(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> None:
 def _out_of_scope(expected: str, given: str) -> ValueError:
     return ValueError(
         f"expected {expected} with CentralDifference, given {given}, which the implicit steppers "
-        "can do"
+        "support"
     )
 
 
@@ -175,7 +175,7 @@ class CentralDifference(Stepper):
         self.stable_step, default = self._stability.longest_steps(self.x)
         if dt is None and math.isinf(default):
             raise ValueError(
-                "expected a step dt where all bodies are rigid, given None: no cell limits it"
+                "expected a step dt if all bodies are rigid, given None: no cell size determines it"
             )
         self.dt = default if dt is None else dt
         self._stability.choose_penalties(self.x, self.dt)
@@ -393,7 +393,7 @@ class CentralDifference(Stepper):
     def _check_stability(self, v: Floats) -> None:
         """Raise if springs are too soft, the step is unstable, or the energy has grown."""
         if sunk := self.watch.springs.sunk(self.x):
-            self._refuse(f"{sunk}, stiffer springs (eps_N) hold it")
+            self._refuse(f"{sunk}, which stiffer springs (eps_N) prevent")
         self.watch.measure_about(v)
         self.stable_step, _ = self._stability.longest_steps(self.x)
         if self.dt > self._stability.limit:

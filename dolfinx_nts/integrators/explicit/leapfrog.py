@@ -184,7 +184,7 @@ class RigidLeapfrog(RigidStates):
         leap = self._leap = _Leap(fields, self._masses, *state, prescribed, dt)
         for body, found in zip(self._bodies, leap.found, strict=True):
             if not found:
-                return f"the rigid {body.body.name} turns too far in it"
+                return f"the rigid {body.body.name} rotates too far in it"
         self._fields.put(leap.change, du)
         return ""
 

@@ -137,8 +137,8 @@ class GeneralizedAlpha(ImplicitStepper):
             if isinstance(law, LagrangeMultiplier) and gives_rigid_nodes(pair, self.bodies):
                 raise ValueError(
                     f"expected Penalty for GeneralizedAlpha between {pair.between}, given {law!r}: "
-                    "to stop a node of a rigid body stops the whole, from which the scheme gains "
-                    "energy; nodes of a deformable body, or EnergyMomentum, can do this"
+                    "a node that is stopped stops the whole rigid body, from which the scheme "
+                    "gains energy; use nodes of a deformable body, or EnergyMomentum"
                 )
         self.rho_inf, self.a = float(rho_inf), self._rates.a
 

@@ -100,9 +100,9 @@ class SurfaceWaves:
             return
         self._is_silent = True
         _logger.warning(
-            "waves cross %.2g %s at the surface in a step, too many for impact 'resolved' "
-            "to be of second order in time: harmless, as the energy is exact nevertheless, "
-            "but 'elastic' does as well in less time; take dt <= %.2g s to resolve impact",
+            "waves cross %.2g %s at the surface in a step, too many for impact 'resolved' to be "
+            "of second order in time: harmless, as the energy is exact nevertheless, but "
+            "'elastic' is as accurate and faster; use dt <= %.2g s to resolve impact",
             crossings,
             self._cell,
             _RESOLVED / self._cells_per_second,

@@ -70,10 +70,10 @@ class UnstableEquilibrium:
         largest, _, name, place, direction = max(every, key=lambda each: each[:2])
         if self._comm.rank == 0:
             _logger.warning(
-                "at t = %g the equilibrium is unstable, as in buckling: there is a motion, of %s "
-                "most near (%s) along (%s), along which the energy of bodies and loads falls, and "
-                "bodies would leave it at the least disturbance; a small force or imperfection in "
-                "that direction, and smaller steps, lead to what they do instead",
+                "at t = %g the equilibrium is unstable, as in buckling: the energy of bodies and "
+                "loads decreases along a motion, largest in %s near (%s) along (%s), so that any "
+                "disturbance ends it; to follow the motion, add a small force or imperfection in "
+                "that direction, and use smaller steps",
                 *(t, name, _listed(place), _listed(direction / largest)),
             )
 
@@ -136,7 +136,7 @@ class QuasiStatic(ImplicitStepper):
         if (speed := reductions.largest(self._comm, float(speed))) > 0:
             raise ValueError(
                 f"expected no velocity in QuasiStatic, given one of up to {speed:g}: it finds "
-                "equilibria without inertia, in which nothing flies; EnergyMomentum moves bodies"
+                "equilibria without inertia; use EnergyMomentum for motion"
             )
 
     @cached_property
@@ -219,7 +219,7 @@ class QuasiStatic(ImplicitStepper):
                     "step %d to t = %g: Newton's method found no equilibrium near the last one; "
                     "bodies moved to another one, which is as exact, by up to %.3g m, in %d "
                     "pseudo-steps against a viscous resistance: they snap or roll there. With "
-                    "inertia they may move elsewhere, which EnergyMomentum follows",
+                    "inertia they may move elsewhere: use EnergyMomentum to follow that",
                     *(self.step + 1, self.t + self.dt, self._increment, relaxation.num_steps),
                 )
         return steps, replace(solution, report=report)

@@ -17,8 +17,8 @@ _logger = logging.getLogger("dolfinx_nts")
 
 # Advice where bodies do not come to rest.
 IF_IT_MOVES = (
-    "where bodies snap to no equilibrium at all they move: EnergyMomentum follows that, to rest "
-    "with damping or plastic impact, and given displacements instead of loads may pass it"
+    "if there is no equilibrium to snap to, bodies keep moving: use EnergyMomentum, with damping "
+    "or plastic impact to come to rest, or prescribe displacements instead of loads"
 )
 
 # Increment of a pseudo-step relative to the last one at no less resistance [-], below which
@@ -154,7 +154,7 @@ class Relaxation:
                     self._accept()
                     return self._report(last.report, "")
                 if resistance.is_gone:
-                    nothing = "there is no equilibrium where they end"
+                    nothing = "there is no equilibrium near their end"
                     return self._report(report, last.report.reason or nothing)
         return self._report(report, f"no end in {self._iterations} iterations")
 

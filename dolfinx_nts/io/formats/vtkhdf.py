@@ -198,7 +198,7 @@ class VtkHdfFile:
     def _rewrite(self, reason: str) -> list[Block]:
         # Somebody has changed the files; the run itself is whole.
         moved = self._folder.move_aside()
-        _logger.warning("%s; the fields begin anew, %s", reason, moved)
+        _logger.warning("%s; the fields begin at this step, %s", reason, moved)
         return []
 
     def _write_index(self) -> None:

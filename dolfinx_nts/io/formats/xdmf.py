@@ -238,7 +238,7 @@ class XdmfFile:
                 # Somebody has changed the files; the run itself is whole.
                 moved = self._folder.move_aside()
                 _logger.warning(
-                    "%s cannot be read: %s; the fields begin anew, %s", path, error, moved
+                    "%s cannot be read: %s; the fields begin at this step, %s", path, error, moved
                 )
                 return {}
         return states

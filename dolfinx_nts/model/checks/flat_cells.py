@@ -29,7 +29,7 @@ def check_volumes(bodies: Sequence[Body]) -> None:
     mesh, of_space = V.mesh, Element.of(V)
     # The volume of the plane cell, also in axisymmetric meshes.
     element = Element(of_space.cell, of_space.degree)
-    with agreed(mesh.comm, "look at the volumes of cells"):
+    with agreed(mesh.comm, "check the volumes of cells"):
         for body in bodies:
             x = mesh.geometry.x[compat.geometry_nodes(mesh)[body.cells]]
             # NaN positions give a NaN volume.

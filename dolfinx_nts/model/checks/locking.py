@@ -38,17 +38,16 @@ def warn_of_locking(bodies: Sequence[Body]) -> None:
     names = [b.name for b in deformable if b.material.poisson_ratio >= _NEARLY_INCOMPRESSIBLE]
     if plastic:
         _logger.warning(
-            "%s in plastic flow, which keeps the volume, in %s: energies are right for the "
-            "mesh, but bodies are far too stiff; take %s of degree 1",
+            "%s in isochoric plastic flow, in %s: energy is conserved, but bodies are far too "
+            "stiff; use %s of degree 1",
             what,
             ", ".join(plastic),
             instead.rpartition(" ")[2],
         )
     if names:
         _logger.warning(
-            "%s at Poisson's ratios of 0.45 and more, in %s: "
-            "energies are right for the mesh, but bodies are far too stiff in bending and impact; "
-            "take %s",
+            "%s at Poisson's ratios of 0.45 and more, in %s: energy is conserved, but bodies are "
+            "far too stiff in bending and impact; use %s",
             what,
             ", ".join(names),
             instead,

@@ -93,7 +93,7 @@ class Moment(_Resultant):
         if is_axisymmetric(self.V.mesh):
             raise ValueError(
                 f"expected no Moment in an axisymmetric mesh, given one on {self._body.name}: "
-                "bodies of revolution do not turn, a mesh in space can have it"
+                "bodies of revolution do not rotate; use a mesh in space"
             )
         return () if dim == 2 else (3,)
 

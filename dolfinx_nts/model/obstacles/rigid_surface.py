@@ -58,10 +58,10 @@ class RigidSurface(Obstacle):
         if facets.ndim != 2 or facets.shape[1] not in (3, 4):
             raise ValueError(f"expected facets of shape (s, 3) or (s, 4), given {facets.shape}")
         if facets.dtype.kind not in "iu":
-            raise TypeError(f"expected facets of integers, numbers of points, given {facets.dtype}")
+            raise TypeError(f"expected facets as integer indices of points, given {facets.dtype}")
         if facets.size and not (0 <= facets.min() and facets.max() < len(points)):
             raise ValueError(
-                f"expected facets of numbers of points, from 0 to {len(points) - 1}, given "
+                f"expected facets as indices of points, from 0 to {len(points) - 1}, given "
                 f"{facets.min()} to {facets.max()}"
             )
         if facets.shape[1] == 4:
@@ -72,7 +72,7 @@ class RigidSurface(Obstacle):
         side = np.einsum("si,si->s", np.cross(edges[:, 0], edges[:, 1]), outside - centre)
         if np.any(side == 0):
             raise ValueError(
-                "expected facets that turn a side to the point outside, given "
+                "expected facets with one side towards the point `outside`, given "
                 f"{np.count_nonzero(side == 0)} without area, or in one plane with it, first "
                 f"{np.flatnonzero(side == 0)[0]}"
             )

@@ -104,14 +104,14 @@ class PetscOptions:
         excused = [name for name in unused if "mg_" in name and not kinds.isdisjoint(_MULTIGRID)]
         if excused and self._comm.rank == 0:
             text = (
-                "nothing has asked for %s of petsc_options: harmless if multigrid needs fewer "
-                "levels on this mesh, otherwise look for a misspelling"
+                "%s of petsc_options was not used: harmless if multigrid needs fewer levels on "
+                "this mesh, otherwise check the spelling"
             )
             _logger.warning(text, self._listed(excused))
         if wrong := [name for name in unused if name not in excused]:
             raise ValueError(
                 "expected petsc_options that the Krylov method or the preconditioner of the bulk "
-                f"asks for, given {self._listed(wrong)}"
+                f"uses, given {self._listed(wrong)}"
             )
 
     def _listed(self, names: Iterable[str]) -> str:

@@ -72,7 +72,7 @@ class RigidStates:
         # After a step velocities are rigid at the midpoint of the step only.
         of_u, of_v = self._fields.sums(u, v)
         q, fields = self._fields.positions(of_u), self._fields.fit(of_u)
-        directors, motions, how = q[:, 1:], rigid_motions(q), "moves and turns it as a whole"
+        directors, motions, how = q[:, 1:], rigid_motions(q), "moves and rotates it as a whole"
         if self._is_axisymmetric:  # rotations of the section would deform the body
             fields = combined(self._fields.nearest(motions, of_u), motions)
             how = "moves it along the axis y as a whole"
@@ -90,8 +90,8 @@ class RigidStates:
             for name, misfit in misfits.items():
                 if misfit > _NOT_RIGID:
                     raise ValueError(
-                        f"expected a {name} of the rigid {body.body.name} that {how} from where "
-                        f"it is, given one that deforms it by {misfit:.2g}"
+                        f"expected a {name} of the rigid {body.body.name} that {how} from its "
+                        f"current position, given one that deforms it by {misfit:.2g}"
                     )
         self.restored()
 

@@ -232,8 +232,8 @@ class InertiaRelief:
         reasons = [driven for driven in self._driven if driven]
         if len(reasons) > len(self._driven) / 2:
             return (
-                f"{reasons[-1]}; bcs, friction or inertia (EnergyMomentum) would, or a "
-                "start nearer to what it is to touch"
+                f"{reasons[-1]}; add bcs or friction, use inertia (EnergyMomentum), or start "
+                "closer to the contact"
             )
         if not self.bodies:
             return ""
@@ -251,16 +251,16 @@ class InertiaRelief:
         if self._comm.rank == 0:
             names = "; ".join(map(str, self.bodies))
             holds = f"only contact without friction holds {names}"
-            remedy = "bcs or friction against these motions carry it"
+            remedy = "add bcs or friction against these motions"
             if any(step.state.pair.friction for step in steps):
                 holds = (
-                    f"contact leaves {names} motions that it does not resist: friction holds "
-                    "nothing where nothing presses, nor contact without friction along a surface"
+                    f"contact does not resist all motions of {names}: there is no friction without "
+                    "normal force, and contact without friction does not resist sliding"
                 )
-                remedy = "bcs, or contact that presses, carry it"
+                remedy = "add bcs, or a load that closes the contact"
             _logger.warning(
-                "%s; it leaves %.1e of the forces at work unbalanced, which is harmless where "
-                "that is little enough: otherwise %s",
+                "%s; %.1e of the forces is not balanced, which is harmless if that is small "
+                "enough; otherwise %s",
                 holds,
                 self._relief.share,
                 remedy,

@@ -24,7 +24,7 @@ DECLARED = [
 def test_declarations_are_immutable(item, name):
     before, kind = repr(item), type(item).__name__
     with pytest.raises(
-        AttributeError, match=f"{name}: make another {kind} with it, and what takes"
+        AttributeError, match=f"{name}: create another {kind} with it, and the objects"
     ):
         setattr(item, name, 5.0)
     assert repr(item) == before
@@ -38,7 +38,9 @@ def test_bodies_surfaces_and_pairs_never_change(comm):
         (pair.nodes, "segments"),
         (body, "material"),
     ):
-        with pytest.raises(AttributeError, match=f"expected another {type(item).__name__}"):
+        with pytest.raises(
+            AttributeError, match=f"expected no change of a {type(item).__name__} after"
+        ):
             setattr(item, name, None)
 
 
@@ -46,7 +48,7 @@ def test_bodies_surfaces_and_pairs_never_change(comm):
 def test_arguments_of_a_stepper_are_immutable(comm, name):
     stepper = scenes.blocks(comm).stepper
     before = getattr(stepper, name)
-    with pytest.raises(AttributeError, match=f"make a new EnergyMomentum with other {name}"):
+    with pytest.raises(AttributeError, match=f"create a new EnergyMomentum with another {name}"):
         setattr(stepper, name, ())
     assert getattr(stepper, name) is before
 
@@ -60,7 +62,7 @@ def test_a_class_derived_from_a_declaration_sets_its_own_attributes():
 
     wall = Wall(2.0)
     assert wall.height == 2.0
-    with pytest.raises(AttributeError, match="make another Wall with it"):
+    with pytest.raises(AttributeError, match="create another Wall with it"):
         wall.height = 3.0
 
 

@@ -60,7 +60,7 @@ def test_nodes_without_mass_have_no_other_contact():
         return nts.EnergyMomentum(bodies, [pairs[0], opposite(pairs[0])], dt=dt)
 
     with pytest.raises(
-        ValueError, match="only as nodes of such pairs, given 16 nodes of surface 2"
+        ValueError, match="in no pair with another kind of impact, given 16 nodes of surface 2"
     ):
         blocks(MPI.COMM_WORLD, both)
 

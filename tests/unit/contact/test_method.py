@@ -48,7 +48,7 @@ def test_explicit_integration_is_refused(surfaces):
     pair = nts.ContactPair(
         pair.nodes, pair.segments, method="mortar", enforcement=nts.LagrangeMultiplier()
     )
-    with pytest.raises(ValueError, match="given 'mortar', which the implicit steppers can do"):
+    with pytest.raises(ValueError, match="given 'mortar', which the implicit steppers support"):
         nts.CentralDifference(scene.stepper.bodies, [pair])
 
 
@@ -124,7 +124,7 @@ def test_surfaces_without_sharp_edges_are_refused(surfaces, boundaries):
             enforcement=nts.LagrangeMultiplier(),
         )
     with pytest.raises(
-        ValueError, match="edges only of bodies in space, given a mesh of the plane"
+        ValueError, match="edges=True for bodies in space only, given a mesh of the plane"
     ):
         nts.all_pairs(
             [square.lower, square.upper],

@@ -488,12 +488,12 @@ def test_exact_contact_has_no_springs(comm):
 def test_pair_never_changes_and_answers_for_one_stepper_alone(comm, agree, refused):
     scene = scenes.blocks(comm)
     (pair,), bodies = scene.stepper.pairs, scene.stepper.bodies
-    with pytest.raises(AttributeError, match=r"another ContactPair.* a new value of friction"):
+    with pytest.raises(AttributeError, match=r"of a ContactPair .* a new value of friction"):
         pair.friction = nts.Coulomb(0.3)
     assert agree(pair.history is scene.stepper.contacts[0].history)
     other = nts.EnergyMomentum(bodies, scene.stepper.pairs, dt=BLOCK_STEP)
     for question in (lambda: pair.history, lambda: pair.pressure, lambda: pair.gap(other.x)):
-        with refused(ValueError, "one stepper, given one of 2: ask the item of stepper.contacts"):
+        with refused(ValueError, "one stepper, given one of 2: use the item of stepper.contacts"):
             question()
     assert str(pair) == "contact by LagrangeMultiplier"
     unused = nts.ContactPair(

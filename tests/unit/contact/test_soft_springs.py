@@ -86,7 +86,7 @@ OBSTACLES = {
     "sphere": nts.RigidSphere((0, 0, -0.4), 0.4),
     "cylinder": nts.RigidCylinder((0, 0, -0.4), (0, 1, 0), 0.4),
 }
-WHOLE = "block has sunk into a RigidPlane as a whole"
+WHOLE = "block has passed completely into a RigidPlane"
 DEEP = "nodes (that sank into a surface|sank too deep)"
 
 

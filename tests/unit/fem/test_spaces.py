@@ -85,7 +85,7 @@ def test_tag_that_one_rank_has_is_taken_on_all_and_another_named(comm, refused):
     tags = meshtags(mesh, 3, mine, np.full_like(mine, 5))
     check_tag(V, tags, 5, 3, "cells")
     check_tag(V, tags, np.int64(5), 3, "cells")
-    with refused(ValueError, r"expected a tag out of \[5\] in cells, given 6"):
+    with refused(ValueError, r"expected one of the tags \[5\] of cells, given 6"):
         check_tag(V, tags, 6, 3, "cells")
     with refused(ValueError, "expected facets of dimension 2, given tags of dimension 3"):
         check_tag(V, tags, 5, 2, "facets")

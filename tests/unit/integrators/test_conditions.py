@@ -65,7 +65,7 @@ def test_wrong_ends_are_refused():
     force = nts.ContactForce(other.pairs[0], at_least=1.0)
     with pytest.raises(ValueError, match="expected a pair of this stepper, given"):
         list(stepper.run(until=[stepper.dt, force]))
-    with pytest.raises(TypeError, match="expected a ContactPair of a force"):
+    with pytest.raises(TypeError, match="expected a ContactPair for a ContactForce"):
         nts.ContactForce(stepper, at_least=1.0)
 
 

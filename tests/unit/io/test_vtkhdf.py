@@ -203,7 +203,9 @@ def test_damaged_states_are_moved_aside_with_a_warning(tmp_path, run, caplog, at
     (text,) = caplog.messages
     lacks = f"{tmp_path / 'run_fields'} lacks the fields of step 1"
     assert text.startswith((f"{state} cannot be read: ", lacks))
-    assert text.endswith(f"; the fields begin anew, and the earlier ones were moved to {aside}")
+    assert text.endswith(
+        f"; the fields begin at this step, and the earlier ones were moved to {aside}"
+    )
 
 
 def test_flushed_states_are_on_disk_and_each_once(tmp_path, run, monkeypatch):

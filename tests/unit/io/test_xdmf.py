@@ -147,14 +147,16 @@ def test_damaged_states_are_moved_aside_with_a_warning(tmp_path, run, caplog, da
         (text,) = caplog.messages
         state = tmp_path / "run_fields" / "000000001.h5"
         assert text.startswith(f"{state} cannot be read: ")
-        assert text.endswith(f"; the fields begin anew, and the earlier ones were moved to {aside}")
+        assert text.endswith(
+            f"; the fields begin at this step, and the earlier ones were moved to {aside}"
+        )
 
 
 def test_a_missing_folder_is_reported(tmp_path, run, caplog):
     record(tmp_path / "run.xdmf", run, [5], resume_at=2)
     assert steps_of(tmp_path / "run.xdmf") == [5]
     assert caplog.messages[0].endswith(
-        f"; the fields begin anew, as there is no folder {tmp_path / 'run_fields'}"
+        f"; the fields begin at this step, as there is no folder {tmp_path / 'run_fields'}"
     )
 
 

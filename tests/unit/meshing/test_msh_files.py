@@ -237,7 +237,7 @@ def test_partitioned_file_is_refused_with_the_remedy(model, tmp_path):
     in_space(model, "hexahedron")
     model.mesh.partition(2)
     write(model, tmp_path / "parts.msh", 4.1, 0)
-    refused(tmp_path / "parts.msh", r"divides cells among ranks by itself: call .*unpartition\(\)")
+    refused(tmp_path / "parts.msh", r"read_mesh partitions meshes itself: call .*unpartition\(\)")
 
 
 @pytest.mark.serial

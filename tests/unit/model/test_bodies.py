@@ -173,7 +173,7 @@ def test_bodies_must_fill_the_mesh_once(comm, refused):
 def test_body_refuses_wrong_arguments(comm, refused):
     V, cells, facets, tag = two_boxes(comm)
     mesh = V.mesh
-    with refused(ValueError, r"tag out of \[0, 1\] in cells, given 7"):
+    with refused(ValueError, r"one of the tags \[0, 1\] of cells, given 7"):
         nts.Body(V, cells, 7, RUBBER)
     with refused(ValueError, "cells of dimension 3, given tags of dimension 2"):
         nts.Body(V, facets, tag["top 0"], RUBBER)

@@ -226,4 +226,4 @@ def test_a_condition_without_dofs_is_reported(comm, scheme, caplog):
     scheme([box.body], dt=1e-5, bcs=[fem.dirichletbc(np.zeros(3), d, box.V) for d in dofs])
     messages = [record.getMessage() for record in caplog.records]
     assert len(messages) == (comm.rank == 0)
-    assert all(text.startswith("bcs[1] holds no dof: harmless if") for text in messages)
+    assert all(text.startswith("bcs[1] has no dof: harmless if") for text in messages)

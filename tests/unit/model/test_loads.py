@@ -255,7 +255,7 @@ def test_initial_state_may_be_a_function(comm, agree):
 def test_wrong_loads_are_refused(comm, refused):
     box, other = Box(comm), Box(comm)
     body, top = box.body, box.surface("top 0")
-    with refused(ValueError, r"tag out of \[1, 2\] in facets, given 9"):
+    with refused(ValueError, r"one of the tags \[1, 2\] of facets, given 9"):
         Pressure(nts.Surface(box.V, box.facets, 9), 1.0)
     with refused(TypeError, "expected a Body, given Surface"):
         BodyForce(top, (0, 0, 1))

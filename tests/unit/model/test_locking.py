@@ -34,8 +34,8 @@ def test_stepper_warns_of_tetrahedra_that_lock(comm, caplog):
     messages = [(record.levelno, record.getMessage()) for record in caplog.records]
     text = (
         "tetrahedra of degree 1 lock at Poisson's ratios of 0.45 and more, in body 0: "
-        "energies are right for the mesh, but bodies are far too stiff in bending and impact; "
-        "take degree 2, or hexahedra"
+        "energy is conserved, but bodies are far too stiff in bending and impact; "
+        "use degree 2, or hexahedra"
     )
     assert messages == ([(logging.WARNING, text)] if comm.rank == 0 else [])
 
@@ -45,6 +45,6 @@ def test_plastic_tetrahedra_lock_at_any_poisson_ratio(comm, caplog):
     warn_of_locking([body(comm, "hexahedron", 1, 0.2, metal)])
     assert not caplog.records
     warn_of_locking([body(comm, "tetrahedron", 1, 0.2, metal)])
-    text = "in body 0: energies are right for the mesh, but bodies are far too stiff; take"
+    text = "in body 0: energy is conserved, but bodies are far too stiff; use"
     assert (text in caplog.text) == (comm.rank == 0)
-    assert ("take hexahedra of degree 1" in caplog.text) == (comm.rank == 0)
+    assert ("use hexahedra of degree 1" in caplog.text) == (comm.rank == 0)

@@ -167,7 +167,7 @@ def test_an_obstacle_is_another_one_when_it_moves():
     assert plane.motion.is_rest and moving.motion is MOTION
     assert not nts.Motion().frame(0, 1).moves and nts.Motion().frame(0, 1).angle == 0
     assert repr(moving).startswith(f"{plane!r}.moving(Motion(translation=<lambda>, rotation=")
-    with pytest.raises(AttributeError, match="expected another RigidPlane"):
+    with pytest.raises(AttributeError, match="expected no change of a RigidPlane after"):
         moving.motion = nts.Motion()
 
 

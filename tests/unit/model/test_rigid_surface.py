@@ -48,7 +48,7 @@ def test_facets_turn_to_the_outside_whatever_their_sense(rng):
 def test_facets_that_make_no_surface_are_refused():
     with pytest.raises(ValueError, match=r"shape \(s, 3\) or \(s, 4\)"):
         nts.RigidSurface([[0, 0, 0]], [[0, 0]], (0, 0, 1))
-    with pytest.raises(ValueError, match="numbers of points, from 0 to 0, given 0 to 2"):
+    with pytest.raises(ValueError, match="indices of points, from 0 to 0, given 0 to 2"):
         nts.RigidSurface([[0, 0, 0]], [[0, 1, 2]], (0, 0, 1))
     with pytest.raises(ValueError, match="without area, or in one plane with it"):
         nts.RigidSurface([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], (5, 5, 0))

@@ -251,7 +251,7 @@ def test_surface_refuses_wrong_arguments(comm, refused):
     data = box_meshes.boxes([(3, 4, 2)], [(1.2, 1.0, 0.5)])
     mesh, cells, facets, tag = box_meshes.distribute(comm, data)
     V = space(mesh)
-    with refused(ValueError, r"tag out of \[1, 2\] in facets, given 9"):
+    with refused(ValueError, r"one of the tags \[1, 2\] of facets, given 9"):
         nts.Surface(V, facets, 9)
     with refused(ValueError, "facets of dimension 2, given tags of dimension 3"):
         nts.Surface(V, cells, tag["body 0"])
@@ -262,7 +262,7 @@ def test_surface_refuses_wrong_arguments(comm, refused):
     with refused(TypeError, "MeshTags as facets, given list"):
         nts.Surface(V, [1, 2], 1)
     none = meshtags(mesh, 2, np.empty(0, dtype=np.int32), np.empty(0, dtype=np.int32))
-    with refused(ValueError, r"tag out of \[\] in facets, given 1"):
+    with refused(ValueError, r"one of the tags \[\] of facets, given 1"):
         nts.Surface(V, none, 1)
     with refused(ValueError, "expected the space functionspace"):
         nts.Surface(space(mesh, 3), facets, 1)
