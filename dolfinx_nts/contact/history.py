@@ -37,6 +37,7 @@ class ContactHistory:
         force: Contact force on the node in the last step, shape ``(n, 3)`` [N].
         gap: Gap to the segment, NaN without one, shape ``(n,)`` [m].
         offset: Gap at which a penalty spring begins, shape ``(n,)`` [m].
+        soft_depth: Compression beyond which a penalty spring is stiffer, shape ``(n,)`` [m].
         normal: Unit normal of the segment of nodes that touch or may touch, otherwise 0, shape
             ``(n, 3)``.
         traction: Cartesian traction of friction, against the motion, shape ``(n, 3)`` [N].
@@ -55,6 +56,7 @@ class ContactHistory:
     force: Floats
     gap: Floats
     offset: Floats
+    soft_depth: Floats
     normal: Floats
     traction: Floats
     slip: Floats
@@ -86,6 +88,7 @@ class ContactHistory:
             force=np.zeros((n, 3)),
             gap=np.full(n, np.nan),
             offset=np.zeros(n),
+            soft_depth=np.full(n, np.inf),
             normal=np.zeros((n, 3)),
             traction=np.zeros((n, 3)),
             slip=np.zeros(n),

@@ -82,6 +82,11 @@ class JointState(NodesOfPairs):
         return _joint_springs([state.eps_N for state in self.members])
 
     @property
+    def yielding(self) -> Floats | None:
+        """Compression up to which normal springs are soft, per speed of impact [s]. Local."""
+        return _joint_springs([state.yielding for state in self.members])
+
+    @property
     def eps_T(self) -> Floats | None:
         """Stiffness of the tangential springs [N/m]. Local."""
         return _joint_springs([state.eps_T for state in self.members])

@@ -13,7 +13,7 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats, Ints
-from dolfinx_nts.contact.cell_stiffness import SOFT, softer_layer
+from dolfinx_nts.contact.cell_stiffness import SOFT, softer_layer, yielding
 from dolfinx_nts.contact.enforcement import Penalty, Tied
 from dolfinx_nts.contact.history import NEVER, ContactHistory, reloaded
 from dolfinx_nts.contact.method import EDGES, MORTAR
@@ -60,6 +60,8 @@ class PairState(Tractions, NodesOfPairs):
         accepted: Last accepted contact, see `accept`.
         eps_N: Stiffness of the penalty springs from the first step on, shape ``(n,)`` [N/m], or
             None.
+        yielding: Compression up to which springs of the default stiffness are soft, per speed of
+            impact, in steps with inertia, shape ``(n,)`` [s]; None for springs of one stiffness.
         eps_T: Stiffness of the tangential springs, shape ``(n,)`` [N/m], or None.
         exchange: State of the pair with the roles exchanged, whose forces belong to this pair;
             None without.
@@ -75,6 +77,7 @@ class PairState(Tractions, NodesOfPairs):
         # A separate search for gaps at any distance, which must not change the candidates of steps.
         self._far_search = _search(pair)
         self.eps_N: Floats | None = None
+        self.yielding: Floats | None = None
         self.eps_T: Floats | None = None
         # Least and greatest stiffness by name, after the choice.
         self._ranges: dict[str, tuple[float, float]] | None = None
@@ -133,7 +136,7 @@ class PairState(Tractions, NodesOfPairs):
         self,
         stiffness: Callable[[], tuple[Floats, Floats]],
         stiffer: float,
-        modulus: Callable[[], Floats] | None = None,
+        cells: Callable[[], tuple[Floats, Floats]] | None = None,
     ) -> None:
         """Choose the default stiffness of springs once, from the softer side. Collective.
 
@@ -143,9 +146,10 @@ class PairState(Tractions, NodesOfPairs):
                 between nodes and segments that both do not deform, shapes ``(n,)`` [N/m]; called
                 only if a default is needed.
             stiffer: Stiffness of normal springs relative to their nodes [-].
-            modulus: Returns the P-wave modulus of the owned nodes of the space, infinite at
-                prescribed displacements and in rigid bodies, shape ``(n,)`` [Pa]. With it cells
-                decide on normal springs where they deform, without it nodes.
+            cells: Returns the P-wave modulus of the owned nodes of the space, infinite at
+                prescribed displacements and in rigid bodies, shape ``(n,)`` [Pa], and the density,
+                ``(n,)`` [kg/m^3]. With them cells decide on normal springs where they deform,
+                without them nodes.
         """
         if self._ranges is not None:
             return
@@ -156,9 +160,12 @@ class PairState(Tractions, NodesOfPairs):
             softer, in_place = map(self._softer_side, stiffness())
             softer = np.where(np.isinf(softer), in_place, softer)
             normal = stiffer * softer
-            if modulus is not None:
-                of_cells = softer_layer(pair, modulus())
-                normal = np.where(np.isfinite(of_cells), of_cells / SOFT, normal)
+            if cells is not None:
+                of_cells = softer_layer(pair, cells()[0])
+                deforms = np.isfinite(of_cells)
+                normal = np.where(deforms, of_cells / SOFT, normal)
+                if _takes_default(pair):
+                    self.yielding = np.where(deforms, yielding(pair, *cells()), np.inf)
         self.choose_penalty(normal, softer)
 
     def _softer_side(self, of_all: Floats) -> Floats:
@@ -296,7 +303,7 @@ class PairState(Tractions, NodesOfPairs):
         }
         self.accept(ContactHistory(**stored))
         self.sink(archive.same(f"{name}/sunk", self.search.sunk))
-        for spring in ("eps_N", "eps_T"):
+        for spring in ("eps_N", "yielding", "eps_T"):
             value = getattr(self, spring)
             if archive.same(f"{name}/has_{spring}", value is not None):
                 value = np.zeros(len(ids)) if value is None else value
@@ -327,9 +334,14 @@ class PairState(Tractions, NodesOfPairs):
         return text
 
 
+def _takes_default(pair: ContactPair) -> bool:
+    """Whether a pair has normal springs without a given stiffness. Local."""
+    return isinstance(pair.enforcement, Penalty) and pair.enforcement.eps_N is None
+
+
 def _leaves_springs_open(pair: ContactPair) -> bool:
     """Whether a pair needs a default stiffness. Local."""
-    normal = isinstance(pair.enforcement, Penalty) and pair.enforcement.eps_N is None
+    normal = _takes_default(pair)
     slip = pair.friction is not None and pair.has_slip_spring and pair.friction.eps_T is None
     return normal or slip
 

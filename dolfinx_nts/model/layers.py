@@ -13,7 +13,7 @@ from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.segments import area_vectors
 from dolfinx_nts.model.surfaces import Surface
 
-__all__ = ["layers", "nodal_moduli"]
+__all__ = ["layers", "nodal_densities", "nodal_moduli"]
 
 
 def nodal_moduli(bodies: Sequence[Body], n: int) -> Floats:
@@ -29,6 +29,15 @@ def nodal_moduli(bodies: Sequence[Body], n: int) -> Floats:
         moduli[nodes] = np.maximum(moduli[nodes], modulus)
     moduli[moduli <= 0] = np.inf
     return moduli
+
+
+def nodal_densities(bodies: Sequence[Body], n: int) -> Floats:
+    """Reference densities at n owned nodes, of several bodies the largest, ``(n,)``. Local."""
+    densities: Floats = np.zeros(n)
+    for body in bodies:
+        nodes = body.nodes[body.nodes < n]
+        densities[nodes] = np.maximum(densities[nodes], body.material.rho)
+    return densities
 
 
 def layers(surface: Surface, modulus: Floats) -> tuple[Floats, Floats]:

@@ -42,6 +42,7 @@ def contact_history(step: ContactStep, last: ContactContribution) -> ContactHist
         sliding=normal.active & friction.sliding,
         lambda_N=normal.lambda_N.copy(),
         gap=search.gap.copy(),
+        soft_depth=normal.soft_depth,
         area=search.pairing.area,
         force=-search.pairing.on_nodes(pairs, last.force),
         energy=history.energy + slip_energy,

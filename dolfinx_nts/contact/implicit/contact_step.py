@@ -109,7 +109,7 @@ class ContactStep:
         )
         nodal_stiffness = stiffness[state.nodes.nodes]
         self.normal = make_normal_contact(
-            state, is_static, search, nodal_stiffness, intermediate or {}, share
+            state, is_static, search, nodal_stiffness, intermediate or {}, share, dt
         )
         self.friction = make_friction(
             state, is_static, search, nodal_stiffness, scheme == "static", begins_sticking, dt

@@ -52,6 +52,7 @@ def make_normal_contact(
     stiffness: Floats,
     intermediate: Mapping[float, Floats],
     share: float,
+    dt: float,
 ) -> NormalContact:
     """Normal contact of a pair by its enforcement. Collective.
 
@@ -62,6 +63,7 @@ def make_normal_contact(
         stiffness: Stiffness of the nodes of the surface, shape ``(n,)`` [N/m].
         intermediate: Positions by fractions of the ballistic motion, see `ContactStep` [m].
         share: Weight of the end of the step in the forces of springs [-].
+        dt: Length of the step [s].
     """
     law = state.pair.enforcement
     if isinstance(law, Tied):
@@ -70,7 +72,7 @@ def make_normal_contact(
         exchanged = isinstance(members(state)[0], ExchangedState)
         kind = ExchangedContact if exchanged else MultiplierContact
         return kind(state, law, is_static, search, stiffness, intermediate)
-    return PenaltyContact(state, law, is_static, search, share)
+    return PenaltyContact(state, law, is_static, search, share, dt)
 
 
 def make_friction(

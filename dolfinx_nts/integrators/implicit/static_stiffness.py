@@ -12,7 +12,7 @@ from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.integrators.rates import Rates
 from dolfinx_nts.integrators.rigid import spring_stiffness
 from dolfinx_nts.model.bodies import Body
-from dolfinx_nts.model.layers import nodal_moduli
+from dolfinx_nts.model.layers import nodal_densities, nodal_moduli
 from dolfinx_nts.solvers.precond.tangent import Tangent
 
 __all__ = ["choose_default_stiffness", "long_step", "static_stiffness"]
@@ -54,17 +54,17 @@ def choose_default_stiffness(
         return spring_stiffness(static, bodies, mass, rates, free)
 
     @cache
-    def modulus() -> Floats:
+    def cells() -> tuple[Floats, Floats]:
         moduli = nodal_moduli(bodies, len(mass))
         if free is not None:
             moduli[~free.any(axis=1)] = np.inf
-        return moduli
+        return moduli, nodal_densities(bodies, len(mass))
 
     for contact in contacts:
         if rates.acceleration is None:
             contact.derive_penalty(stiffness, _STIFF)
         else:
-            contact.derive_penalty(stiffness, 1.0, modulus)
+            contact.derive_penalty(stiffness, 1.0, cells)
 
 
 @contextmanager

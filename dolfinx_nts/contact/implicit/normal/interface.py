@@ -31,12 +31,14 @@ class NormalContact(ABC):
         active: Whether a node transmits force, shape ``(n,)``.
         lambda_N: Normal multipliers, shape ``(n,)`` [N, <= 0].
         flips: Number of changes of the active state of each node, shape ``(n,)``.
+        soft_depth: Compression beyond which springs are stiffer, shape ``(n,)`` [m].
     """
 
     def __init__(self, state: PairState | JointState, search: LocalSearch) -> None:
         self._state, self._search, history = state, search, state.history
         self._comm: MPI.Comm = state.nodes.V.mesh.comm
         self.flips: Ints = np.zeros(len(history.active), dtype=np.int32)
+        self.soft_depth: Floats = np.full(len(history.active), np.inf)
         # Nodes excluded because of eligible neighbours.
         self._barred: Flags = np.zeros(len(history.active), dtype=bool)
         self._admitted: Flags = np.zeros_like(self._barred)

@@ -27,6 +27,7 @@ class PenaltyContact(NormalContact):
         is_static: Whether there is no inertia.
         search: Segments of the nodes.
         share: Weight of the end of the step in forces, see `Scheme`.
+        dt: Length of the step [s].
     """
 
     def __init__(
@@ -36,11 +37,14 @@ class PenaltyContact(NormalContact):
         is_static: bool,
         search: LocalSearch,
         share: float,
+        dt: float,
     ) -> None:
         assert state.eps_N is not None
         super().__init__(state, search)
         self._law, self._eps_N, self._is_static = law, state.eps_N, is_static
         self._share = share
+        if state.yielding is not None and not is_static and not state.pair.is_convective:
+            self.soft_depth = self._soft_depth(state.yielding, dt)
         self._slope: Floats = np.empty(0)  # derivative of lambda_N w.r.t. the gap [N/m]
         # In statics, linearly extrapolated gaps and forces.
         n = len(self.active) if is_static else 0
@@ -67,7 +71,7 @@ class PenaltyContact(NormalContact):
             if self._is_static:
                 return self._update_statics(pairs, x, gap, offset, friction, iteration)
             else:
-                lambda_N, self._slope = self._law.force(gap_n, gap, eps_N, self._share)
+                lambda_N, self._slope = self._force(node, gap_n, gap)
                 active = lambda_N < 0
         changes = friction.update(pairs, -lambda_N, active, iteration)
         self.active[node], self.lambda_N[node] = active, lambda_N
@@ -134,16 +138,16 @@ class PenaltyContact(NormalContact):
     def energy(self, pairs: PairKinematics) -> tuple[Floats, Floats]:
         offset = self._offset(pairs)
         gap = pairs.contact.gap - offset
-        energy = self._law.energy(gap, self._eps_N[pairs.node])
+        energy = self._energy(pairs.node, gap)
         # The offset of open nodes is reset; penetrating nodes must not gain energy.
         return energy, np.where((gap >= 0) & (pairs.contact.gap >= 0), 0.0, offset)
 
     def stored(self, pairs: PairKinematics) -> Floats:
-        offset, eps_N = self._offset(pairs), self._eps_N[pairs.node]
-        at_n = self._law.energy(pairs.contact.gap_n - offset, eps_N)
+        offset, node = self._offset(pairs), pairs.node
+        at_n = self._energy(node, pairs.contact.gap_n - offset)
         # An initially penetrating node has energy at t_n.
-        before = np.where(self._state.history.active[pairs.node], at_n, 0.0)
-        stored: Floats = self._law.energy(pairs.contact.gap - offset, eps_N) - before
+        before = np.where(self._state.history.active[node], at_n, 0.0)
+        stored: Floats = self._energy(node, pairs.contact.gap - offset) - before
         return stored
 
     def released_energy(self, node: Ints) -> Floats:
@@ -151,6 +155,28 @@ class PenaltyContact(NormalContact):
         energy: Floats = history.energy - slip_energy(history.traction, self._state.eps_T)
         energy[node] = 0.0
         return energy
+
+    def _energy(self, node: Ints, gap: Floats) -> Floats:
+        """Energy of springs, shape ``(m,)`` [J], for gaps less their offsets, ``(m,)`` [m]."""
+        return self._law.energy(gap, self._eps_N[node], self.soft_depth[node])
+
+    def _force(self, node: Ints, gap_n: Floats, gap: Floats) -> tuple[Floats, Floats]:
+        """Multipliers and slopes, see `Penalty.force`, for gaps less their offsets [m]."""
+        soft_depth = self.soft_depth[node]
+        return self._law.force(gap_n, gap, self._eps_N[node], self._share, soft_depth)
+
+    def _soft_depth(self, yielding: Floats, dt: float) -> Floats:
+        """Compression up to which each spring is soft, shape ``(n,)`` [m].
+
+        It remains that of the arrival as long as the spring is loaded, so that its energy is a
+        function of the gap.
+        """
+        old, approach = self._state.history, self._search.approach
+        speed = np.fmax(approach.gap_n - approach.gap, 0.0) / dt  # without a segment 0
+        deforms = np.isfinite(yielding)
+        arriving = np.where(deforms, speed * np.where(deforms, yielding, 0.0), np.inf)
+        depth: Floats = np.where(old.gap < old.offset, old.soft_depth, arriving)
+        return depth
 
     def _offset(self, pairs: PairKinematics) -> Floats:
         """Initial gap of springs on the current segments, shape ``(m,)`` [m].
