@@ -18,13 +18,13 @@ __all__ = ["SOFT", "layers_in_series", "softer_layer", "yielding"]
 # stiffer spring vibrate above all frequencies of the cells, so that cells cannot carry the
 # vibration away: the contact force of colliding rods then scatters by 15 % (1), 9 % (1.25), 4 %
 # (5/3), 3 % (2) of its mean for ever in explicit steps, and by 8 % (1.1), 5 % (4/3), 3 % (5/3) in
-# implicit ones. A softer spring closes by more, which lowers the peaks of impact forces: that of a
-# ball on a block of 6 cells by 5 % (1.1), 6 % (4/3), 7 % (5/3). Measured on the rods of
-# tests/verification/test_rods.py with 40 cells and in benchmarks.defaults.
+# implicit ones. A softer spring closes by more, which lowers the peaks of impact forces unless it
+# becomes stiffer: that of a ball on a block of 6 cells by 5 % (1.1), 6 % (4/3), 7 % (5/3). Measured
+# on the rods of tests/verification/test_rods.py with 40 cells and in benchmarks.defaults.
 SOFT = 5 / 3
 # Compression up to which springs are soft, relative to that by the pressure of wave theory [-].
-# Larger: with 2.4 instead of 1.5 the peak force of the ball is 4.5 instead of 2.2 % too small;
-# smaller: vibration exceeds the pressure by up to 40 %, and a spring that is stiff there goes on.
+# Larger: with 2.4 instead of 1.5 the peak force of the ball is 4.5 instead of 1.9 % too small;
+# smaller (1.2: 1.4 %): vibration exceeds that pressure, and would go on where springs are stiff.
 _BEYOND_WAVES = 1.5
 
 

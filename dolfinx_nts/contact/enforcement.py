@@ -19,9 +19,9 @@ __all__ = ["TOUCHES", "LagrangeMultiplier", "Penalty", "Tied"]
 # keeps it at the gap at which it became active.
 _NEAR = 1e-2
 # Stiffness of default springs beyond their soft part, relative to it [-]. Larger: more iterations;
-# smaller: more compliance. With 1, 5 and 10 the peak force of a ball on a block of 6 cells is 7.2,
-# 3.0 and 2.4 % too small, and that of two balls 11.0, 2.6 and 0.6 %, after 3.4, 3.8 and 3.8 Newton
-# iterations a step.
+# smaller: more compliance. With 1, 5, 10 and 20 the peak force of a ball on a block of 6 cells is
+# 7.2, 2.5, 1.9 and 1.5 % too small, and that of two balls of revolution 11.0, 2.6, 0.7 and 0.1 %,
+# after 3.4, 3.8, 4.0 and 4.3 Newton iterations a step.
 _STIFFER = 10.0
 # Gap relative to the size of segments [-] that counts as zero, so that round-off does not decide
 # whether a node on a segment may become active.
@@ -183,14 +183,16 @@ class Penalty(Declaration):
         eps_N: Stiffness of the spring at a node [N/m]. None for 3/5 of the stiffness of the layer
             of cells behind the node or the segments, whichever is softer; in statics, for ten times
             the static stiffness of the softer node. It does not depend on the length of the steps,
-            so that steps that resolve a cell are of second order in time. The penetration is then
-            5/3 of the compression of a cell: about 5/3 v/c of its height for an impact speed v and
-            a wave speed c. Between bodies that do not deform, None means half the mass of the
-            lighter one divided by the square of the first step, so that a body striking at one
-            point penetrates by about its motion in one or two steps; in statics, ten times the
-            stiffness of the stiffest deformable node. A surface with all displacements prescribed
-            counts as rigid. `CentralDifference` chooses its springs by the stiffness of the cells
-            at the surfaces.
+            so that steps that resolve a cell are of second order in time. Under the pressure of
+            plane waves, rho c v/2 where equal bodies meet at a speed v, springs are compressed by
+            5/3 of the compression of a cell. Beyond one and a half times that they are ten times
+            as stiff, and stiff from the start where nodes arrive slowly: the soft part stops the
+            arriving node, the stiff part carries other loads. Between bodies that do not deform,
+            None means half the mass of the lighter one divided by the square of the first step, so
+            that a body striking at one point penetrates by about its motion in one or two steps; in
+            statics, ten times the stiffness of the stiffest deformable node. A surface with all
+            displacements prescribed counts as rigid. `CentralDifference` has linear springs, chosen
+            by the stiffness of the cells at the surfaces.
 
     Attributes:
         eps_N: The argument.

@@ -14,7 +14,7 @@ from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidat
 from dolfinx_nts.search.smooth.smooth_candidates import weights_of_pairs
 from dolfinx_nts.search.smooth.smooth_patches import flat_patch
 
-__all__ = ["FacetCandidates", "rises"]
+__all__ = ["FacetCandidates", "outside", "rises"]
 
 # Distance outside a curved facet in reference coordinates [-] within which it is extrapolated.
 # Larger values extrapolate strongly curved facets; smaller ones use flat facets more often.
@@ -94,12 +94,8 @@ class FacetCandidates(SegmentCandidates):
             return segment
         outside_facet = np.zeros(len(segment), dtype=bool)
         for x in states:
-            xi = self.places(points, x, segment)
-            outside = np.fmax(-xi.min(axis=1), xi.max(axis=1) - 1)
-            if self.segments.shape[1] == 3:
-                outside = np.fmax(outside, xi.sum(axis=1) - 1)
             # Negated, to include NaN where there is no projection.
-            outside_facet |= ~(outside <= _OUTSIDE)
+            outside_facet |= ~(outside(self, points, x, segment) <= _OUTSIDE)
         return np.where(outside_facet, segment + len(self.segments), segment).astype(np.int32)
 
     def gap(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
@@ -178,6 +174,14 @@ class FacetCandidates(SegmentCandidates):
             return None
         weights[flat] = self._of_flat
         return weights
+
+
+def outside(candidates: FacetCandidates, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
+    """Distances of points from their reference facets, NaN without projection, ``(m,)`` [-]."""
+    xi = candidates.places(points, x, segment)
+    distance: Floats = np.maximum(-xi.min(axis=1), xi.max(axis=1) - 1)
+    is_triangle = candidates.segments.shape[1] == 3
+    return np.maximum(distance, xi.sum(axis=1) - 1) if is_triangle else distance
 
 
 def _among(weights: Floats, n: int) -> Floats:

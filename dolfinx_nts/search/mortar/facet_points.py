@@ -15,7 +15,7 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Array, Floats, Ints
 from dolfinx_nts.search.edges.sharp_edges import unit_normals
-from dolfinx_nts.search.mortar.facet_candidates import FacetCandidates
+from dolfinx_nts.search.mortar.facet_candidates import FacetCandidates, outside
 from dolfinx_nts.search.mortar.mortar_points import MortarFacets, MortarPoints, Shares
 from dolfinx_nts.search.mortar.whole_facets import linear_functions
 
@@ -31,6 +31,13 @@ _SMOOTH, _KINKED = 0.001, 0.004
 # Larger: openings lift nodes and forces are too small (45 % without this limit on the coarsest
 # sole, 9 % with 4); smaller: points that are open by the waviness of pressed meshes count less.
 _COUNTED = 4.0
+
+
+# Distance of a point from its segment, in coordinates of the reference segment [-], from which on it
+# is left out. Only facets at right angles to segments have such points. Larger: projections of warped
+# segments have no solution (at 1.5 in a pile of balls), and near it forces are arbitrary; smaller:
+# facets that lean towards their segments lose points.
+_BEYOND = 1.0
 
 
 @dataclass(frozen=True)
@@ -113,6 +120,14 @@ class FacetPoints:
         )
         segment = candidates.of_points(places, of_segment, (x_n, x))
         places = replace(places, segment=segment)
+        faces = np.ones(len(facet), dtype=bool)
+        for y in (x_n, x):
+            faces &= outside(candidates, places, y, segment) <= _BEYOND
+        if not faces.all():
+            kept = np.flatnonzero(faces).astype(np.int32)
+            places = places.only(kept, places.shares)
+            facet, of_segment, segment = facet[kept], of_segment[kept], segment[kept]
+            weight, linear, dual = weight[kept], linear[kept], dual[kept]
         if is_smooth:
             offset = candidates.shortened(places, x, segment, facets.rise(facet, x))
             places = replace(places, offset=offset)

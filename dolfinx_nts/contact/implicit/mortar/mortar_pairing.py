@@ -10,6 +10,7 @@ from dolfinx_nts.contact.implicit.mortar.eliminated import EliminatedDofs
 from dolfinx_nts.contact.implicit.pair_blocks import PairBlocks
 from dolfinx_nts.contact.implicit.pairing import Pairing
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
+from dolfinx_nts.search.mortar.facet_candidates import outside
 from dolfinx_nts.search.mortar.mortar_points import MortarPoints, at_nodes
 from dolfinx_nts.search.mortar.mortar_search import MortarCandidates
 
@@ -112,20 +113,17 @@ class MortarPairing(Pairing):
         return np.ones(len(pairs.node), dtype=bool)
 
     def num_beyond(self, x: Floats, node: Ints) -> int:
-        outside = self._outside(x, node)
-        if not (outside > _BEYOND).any():
+        now = self._outside(x, node)
+        if not (now > _BEYOND).any():
             return 0
         # Where facet and segment are not parallel, a point may be outside from the start.
         before = np.fmax(self._outside(self.x_chosen, node), 0.0)
-        return int(np.count_nonzero(outside > before + _BEYOND))
+        return int(np.count_nonzero(now > before + _BEYOND))
 
     def _outside(self, x: Floats, node: Ints) -> Floats:
         """Distances of the points of nodes from the reference segment, shape ``(p,)`` [-]."""
-        xi = self.places(x, node)
-        is_triangle = self._candidates.segments.shape[1] == 3
-        farthest = xi.sum(axis=1) if is_triangle else xi.max(axis=1, initial=-np.inf)
-        outside: Floats = np.fmax(-xi.min(axis=1, initial=np.inf), farthest - 1)
-        return outside
+        points = self._of(node)
+        return outside(self._candidates, points, x, points.segment)
 
     def places(self, x: Floats, node: Ints) -> Floats:
         """Convective coordinates of the points of nodes on their segments, ``(p, 2)`` [-]."""
