@@ -33,8 +33,8 @@ _SMOOTH, _KINKED = 0.001, 0.004
 _COUNTED = 4.0
 
 
-# Distance of a point from its segment, in coordinates of the reference segment [-], from which on it
-# is left out. Only facets at right angles to segments have such points. Larger: projections of warped
+# Distance from its segment, in coordinates of the reference segment [-], from which on a point is
+# left out. Only facets at right angles to segments have such points. Larger: projections of warped
 # segments have no solution (at 1.5 in a pile of balls), and near it forces are arbitrary; smaller:
 # facets that lean towards their segments lose points.
 _BEYOND = 1.0
