@@ -18,8 +18,8 @@ __all__ = [
     "without_friction",
 ]
 
-# Key of a node without a segment whose displacement was set, as that at the start: its spring may
-# begin loaded.
+# Key of a node without a segment after its displacement was set, as at the start: its spring may be
+# loaded initially.
 NEVER = -2
 
 

@@ -265,7 +265,7 @@ class ContactPair(Declaration):
         """Names of the two sides and of the pair, for messages. Local."""
         other = "itself" if self.touches_itself else self.segments.name
         sides = f"{self.nodes.name} and {other}"
-        # A name that only repeats words of the sides would say nothing.
+        # A name that only repeats words of the sides is omitted.
         says_more = not set(self.name.split()) <= set(sides.split())
         return f"{sides} (pair {self.name!r})" if says_more else sides
 

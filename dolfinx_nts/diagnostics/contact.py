@@ -220,7 +220,8 @@ class ContactDiagnostics:
             pair, size = pairs[i], pairs[i].pair.segment_size
             # The closest point may lie outside of the facet, by up to its size.
             limit = min(least, farthest[i]) + size
-            # Nodes without a candidate test all segments in reach, so the reach is short at first.
+            # Nodes without a candidate test all segments within the search radius, so it is small
+            # at first.
             reach = limit if nearest[i] < 0 else min(nearest[i] + size, limit)
             while nearest[i] <= limit:
                 gap = pair.gap(x, reach)

@@ -122,7 +122,7 @@ class NodalFields:
         """A contact field by its name. Collective."""
         rule, (nodes, rows) = _RULES[name], self._places[name]
         of_pairs = [(rule.of(now, self._contacts[i], i), some) for i, some in rows.items()]
-        if len(of_pairs) == 1 and isinstance(of_pairs[0][1], slice):  # there is nothing to merge
+        if len(of_pairs) == 1 and isinstance(of_pairs[0][1], slice):  # no merge is needed
             return Some(nodes, of_pairs[0][0], rule.elsewhere)
         values: Array = np.full((len(nodes), *rule.shape), rule.elsewhere)
         for own, some in of_pairs:

@@ -20,7 +20,7 @@ _ZEROS = re.compile(r"^(\s*)double (\w+)((?:\[\d+\])+) = \{[0., ]*\};", re.M)
 _LOCAL = re.compile(r"^(\s*)(?:double|bool|int) (\w+) = ", re.M)
 _INTEGER = re.compile(r"(?<=[?:] )(-?\d+)(?=[ ;])")
 _TABLE = re.compile(r"^static const double\b", re.M)
-# What differs between the cells of a batch only by chance, or is not in all of them.
+# Keywords of kernels that cannot be batched: branches, and data of single cells.
 _OF_ONE_CELL = re.compile(r"\b(?:if|switch|while|entity_local_index|quadrature_permutation)\b")
 
 # Within the namespace, as the library has functions of the same names outside of it.
@@ -91,7 +91,7 @@ def batched_source(source: str, columns: Columns | None = None) -> str:
     if columns is not None:
         sizes = ", ".join(map(str, columns))
         functions += [_MATRIX.format(number=i, sizes=sizes) for i in range(len(names))]
-        # It is for double precision only.
+        # Only for double precision.
         return '#include "columns.h"\n' + _HEAD + "".join(functions) + _END
     return _HEAD + "".join(functions) + _END
 

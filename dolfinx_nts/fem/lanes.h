@@ -24,7 +24,7 @@ using Real = double;
 typedef Real Lanes __attribute__((vector_size(NTS_WIDTH)));
 extern "C" const int num_lanes = NTS_WIDTH / sizeof(Real);
 
-// The compiler makes one call of a vector function of such a loop where the
+// The compiler replaces such a loop by one call of a vector function, if the
 // library has one.
 #define NTS_LANEWISE(name)                                                     \
   inline Lanes name(Lanes x)                                                   \
@@ -90,7 +90,7 @@ NTS_LANEWISE_OF_TWO(fmin)
 inline Real fabs(Real x) { return std::fabs(x); }
 inline Lanes fabs(Lanes x) { return x < 0 ? -x : x; }
 
-// Of constants, which are not lanes.
+// For constants, which are scalars.
 inline Real pow(Real x, Real y) { return std::pow(x, y); }
 inline Lanes pow(Lanes x, Lanes y)
 {
@@ -99,8 +99,7 @@ inline Lanes pow(Lanes x, Lanes y)
     z[l] = std::pow(x[l], y[l]);
   return z;
 }
-// Exponents are known when the kernel is compiled, as is then which branch is
-// taken.
+// Exponents, and therefore the branch, are known when the kernel is compiled.
 __attribute__((always_inline)) inline Lanes pow(Lanes x, double y)
 {
   if (y == 2)

@@ -28,7 +28,7 @@ _TIMES = r" \* (?P<table>\w+)\[0\]\[0\]\[iq\]"
 _SUM = re.compile(rf"(?P<number>\w+) \+= (?P<source>w|coordinate_dofs)\[{_AT}\]{_TIMES}\[ic\]")
 _OUTPUT = re.compile(rf"A\[{_AT}\] \+= (?P<number>\w+){_TIMES}\[i\]")
 _FOUR_POINTS = re.compile(r"^(?=for \(int iq = 0; iq < 4;)", re.M)
-# Tables are as good as the round-off of those that wrote them [-].
+# Tolerance of the comparison of tables [-]: round-off of their printed numbers.
 _TOLERANCE = 1e-12
 
 

@@ -20,8 +20,8 @@ _INEFFECTIVE_CUTS = 5
 # Part of the first residual of a step [-] that remains after a cut without effect. Without inertia
 # a change of the loads over the step halves with its length.
 _LEFT = 0.9
-# Relative difference of the least residuals [-] of failures for the same
-# reason; and part of the first residual [-] below which equilibrium was found, but not accepted.
+# Relative difference of the least residuals [-] up to which two failures have the same reason; and
+# fraction of the first residual [-] below which an equilibrium was found, but rejected.
 _SAME, _BALANCED = 0.1, 1e-6
 # Number of last iterations [-] among which the least residual counts, as states may alternate.
 _LAST = 6

@@ -110,7 +110,7 @@ class StepFailure:
             f"stiffer springs between {contact.pair.between} may help ({contact})"
             for contact in springs
         ]
-        if yielding:  # whatever the steps, nodes sink in
+        if yielding:  # nodes penetrate for any length of steps
             advice = "; ".join(stiffer)
         else:
             reasons = "; ".join([reasons, *stiffer])

@@ -245,7 +245,7 @@ class Stepper(TimeLoop):
             if contact.exchange is not None:
                 contact.exchange.search.serialize(archive, f"pair_{number}/exchange/search")
         self.watch.serialize(archive)
-        # Overlaps of a restored run are not reported as overlaps of an initial state.
+        # Overlaps of a restored run are not initial overlaps.
         self._was_displaced &= not archive.giving
 
     def adopt(

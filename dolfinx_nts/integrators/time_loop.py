@@ -189,7 +189,7 @@ class TimeLoop(State):
                 before = Snapshot() if halves else None
                 if before is not None:
                     self.serialize(before)
-                # With equal steps statics relaxes at once.
+                # With equal steps statics relaxes immediately.
                 far = None if statics and given is None else final is not None
                 try:
                     report = self._advance_to(end, dt, far=far)

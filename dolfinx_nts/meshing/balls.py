@@ -125,7 +125,7 @@ def add_solid_ball(
         for layer in (0, -1):
             inner = core.take(layer, axis=axis)[:, :, None]
             shell = inner + s * (inner / np.linalg.norm(inner, axis=-1, keepdims=True) - inner)
-            # The first axis turned towards the second must give the outward direction.
+            # The rotation from the first to the second axis must be about the outward direction.
             if (axis == 1) != (layer == 0):
                 shell = shell.transpose(1, 0, 2, 3)
             blocks.append(Block(shell, {"top": "outer"}))

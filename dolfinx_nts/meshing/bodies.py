@@ -21,7 +21,7 @@ _FACETS = {2: 1, 3: 1, 4: 2, 5: 3, 9: 8, 10: 8, 11: 9, 12: 10}
 _EXPECTED = {3: "hexahedra, tetrahedra or prisms", 2: "triangles or quadrilaterals"}
 _PYRAMIDS = {7, 14, 19}  # of first, second and incomplete second order
 # det J at a point, relative to the power of the longest tangent of the cell [-], below which the
-# cell is flat there but for round-off; and z of nodes in the plane, relative to its extent [-].
+# cell counts as flat there; and z of nodes in the plane, relative to its extent [-].
 _FLAT = 1e-12
 # Degree of the quadrature at whose points det J of curved cells is checked [-].
 _DEGREE = 4
@@ -128,7 +128,7 @@ def bodies_of(mesh: Elements, dim: int) -> Bodies:
 
     of_cells = np.isin(mesh.numbers, cells)
     own, x = mesh.numbers[of_cells], mesh.x[of_cells]
-    # Facets away from all cells are left out: `read_mesh` misses them.
+    # Facets without a cell are omitted: `read_mesh` detects their absence.
     near = np.isin(facets, own).all(axis=1)
     order = np.argsort(own)
     cells, facets = (
@@ -225,7 +225,7 @@ def _check_cells(cell: str, degree: int, x: Floats, cells: GlobalInts, numbers: 
     element = basix.create_element(
         basix.ElementFamily.P, shape, degree, basix.LagrangeVariant.equispaced
     )
-    # Where two edges of a curved cell are on a smooth surface, the node between them is flat.
+    # If two edges of a curved cell are on a smooth surface, the cell is flat at their common node.
     points = basix.make_quadrature(shape, _DEGREE)[0] if degree > 1 else basix.geometry(shape)
     values = element.tabulate(1, points)[..., 0]  # (1 + dim, points, nodes)
     bad: list[int] = []

@@ -86,8 +86,8 @@ class _Text:
         return rows[:, 0].astype(np.int64), rows[:, 1:]
 
     def elements(self, count: int) -> Iterator[tuple[int, int, Array]]:
-        # Elements of one type and number of tags follow each other in rows of one length. Rows
-        # are compared in windows that double in size, as it is not known how many there are.
+        # Elements of one type and number of tags follow each other in rows of one length. Rows are
+        # compared in windows of doubling size, as their number is unknown.
         done, window = 0, 1
         while done < count:
             head = self._all[self._next : self._next + 3].astype(np.int64)

@@ -11,8 +11,8 @@ from dolfinx_nts.common.arrays import Array, Floats, Ints
 
 __all__ = ["ranks_of_cells"]
 
-# Distance of midpoints along an axis, relative to the extent, that is none but for round-off [-]:
-# cells of one layer are cut in rows, too.
+# Distance of midpoints along an axis, relative to the extent, that counts as zero [-], so that
+# layers of cells are cut in rows, too.
 _SAME = 1e-6
 
 

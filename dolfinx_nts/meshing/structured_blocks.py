@@ -31,8 +31,8 @@ SIDES = {
 # Distance of two nodes, relative to the size of the body [-], below which they are one: far
 # above round-off, far below any cell.
 _SAME = 1e-8
-# Shift [-] before coordinates are rounded to multiples of that distance: coordinates that
-# shapes have by design, such as 1/2, must not lie in the middle of two multiples.
+# Shift [-] before coordinates are rounded to multiples of that distance: frequent coordinates, such
+# as 1/2, must not be in the middle between two multiples.
 _SHIFT = 0.377
 
 

@@ -68,7 +68,7 @@ _BAR = {
     "title_font_size": 24,
     "label_font_size": 24,
 }
-# Left, low, right and upper end of the axes, below the bar, where no bodies are.
+# Left, lower, right and upper end of the axes, below the bar and outside of the bodies.
 _TRIAD = (0.85, 0.0, 0.99, 0.2)
 _TEXT = 14  # size of the text in a corner
 _LABELS = 5  # of the bar, where the range is given
@@ -273,7 +273,7 @@ def aim(plotter: Any, points: Floats, camera: Any, direction: Floats | None = No
     right = np.cross(up, towards)
     right /= np.linalg.norm(right)
     up = np.cross(towards, right)
-    # Seen from there: across, upwards, towards the camera.
+    # View axes: to the right, upwards, towards the camera.
     seen = points @ np.array([right, up, towards]).T
     low, high = seen.min(axis=0), seen.max(axis=0)
     width, height, depth = np.maximum(high - low, 1e-9 * np.ptp(points, axis=0).max())

@@ -20,7 +20,7 @@ from dolfinx_nts.plotting.scales import prefixed
 
 __all__ = ["energies", "energy_error", "force_displacement", "forces", "ledger", "momenta"]
 
-# Relative error [-] below which curves are drawn flat, as they would be round-off.
+# Relative error [-] below which curves are round-off, and are drawn constant.
 _EPSILON = float(np.finfo(np.float64).eps)
 # Size of one diagram and of the margin around all [inch], and the width of the picture [pixels].
 _WIDTH, _HEIGHT, _MARGIN, _PIXELS = 6.4, 2.8, 1.0, 1600

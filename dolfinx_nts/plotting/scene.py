@@ -18,7 +18,8 @@ from dolfinx_nts.plotting.canvas import grid_of
 __all__ = ["states", "surface_near", "von_mises"]
 
 # Points of the grid along the longest side of the box in which the surface is found, by dimension.
-# More show small tools round, and take longer: 160 000 points in the plane, 216 000 in space.
+# With more, small tools look round, but drawing takes longer: 160 000 points in the plane, 216 000
+# in space.
 _POINTS = {2: 400, 3: 60}
 # Margins of the box around the bodies [-]: of walls, and of tools, which are seen from outside.
 _WALL, _TOOL = 0.03, 0.2

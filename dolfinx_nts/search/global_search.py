@@ -34,8 +34,8 @@ class GlobalSearch(Search):
     """
 
     candidates: SegmentCandidates
-    # Reach of a search relative to the requested one [-]. Larger margins save exchanges between
-    # ranks and give more candidates.
+    # Search radius relative to the requested one [-]. Larger margins save exchanges between ranks
+    # and give more candidates.
     _margin = 3.0
     # Global numbers and owners of nodes whose values are needed in addition to the segments.
     _others: tuple[GlobalInts, Ints] = np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int32)

@@ -17,8 +17,8 @@ from dolfinx_nts.search.scatter import NodalScatter
 
 __all__ = ["AroundNodes", "NodalFacets"]
 
-# Reach of the search for the facets around a node, relative to the longest facet [-]: they are
-# at no distance but for round-off.
+# Reach of the search for the facets around a node, relative to the longest facet [-]: it only has
+# to exceed round-off.
 _AROUND = 1e-6
 
 
@@ -74,7 +74,7 @@ class NodalFacets:
         counts = np.bincount(node[order], minlength=len(surface.nodes))
         at_rest = near.scatter.forward(X)[near.segments]
         angle = _angles(at_rest).ravel()[order]
-        # Parts of the area of each node that its facets give, in the order of `facets`.
+        # Contribution of each facet to the area of its nodes, in the order of `facets`.
         size = np.linalg.norm(area_vectors(at_rest, near.orientation), axis=1)
         if is_axisymmetric(surface.V.mesh):
             size *= at_rest[:, :, 0].mean(axis=1)

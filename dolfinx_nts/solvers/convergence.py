@@ -25,10 +25,9 @@ _GIVEN_ITERATIONS = 6
 # A failure is blamed on contact and friction if a state violated its condition within this number
 # of iterations before the last one.
 _UNDECIDED = 6
-# Residual of a solution, relative to the forces at work [-]; and the same if increments are
-# negligible.
+# Residual of a solution relative to the force scale [-]; and the same if increments are negligible.
 _RESIDUAL_TOLERANCE, _SMALL_RESIDUAL = 1e-12, 1e-8
-# Residual, relative to the same, below which segments are chosen again [-].
+# Residual, relative to the force scale [-], below which segments are chosen again.
 _SETTLED = 1e-3
 # Negligible increment and error of a constraint, relative to the smallest cell [-].
 _INCREMENT_TOLERANCE, _GAP_TOLERANCE = 5e-14, 2e-11
@@ -47,7 +46,7 @@ _FIRST_DECISIONS, _DECISION_PERIOD = 3, 5
 # Increment relative to the smallest cell [-] below which linearised slips of bodies held by contact
 # alone are accurate enough for the cone problem: errors by rotation grow with its square.
 _NEAR = 0.1
-# Residual in statics, relative to the forces at work [-], below which states change node by node:
+# Residual in statics, relative to the force scale [-], below which states change node by node:
 # factors of an earlier state are too inaccurate for nodes close to the limit of sliding.
 _MARGINAL = 1e-5
 

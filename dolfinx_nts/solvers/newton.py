@@ -36,9 +36,9 @@ __all__ = ["Attempt", "NewtonSystem", "Solution", "solve"]
 _logger = logging.getLogger("dolfinx_nts")
 
 # Largest numbers of iterations.
-_MAX_ITERATIONS = 50  # before another starting guess
-_MAX_STICKING = 100  # if all nodes with friction stick at first
-_MAX_RESISTED = 20  # before a larger viscous resistance
+_MAX_ITERATIONS = 50  # for an attempt from one starting guess
+_MAX_STICKING = 100  # for attempts in which all nodes with friction stick at first
+_MAX_RESISTED = 20  # for an attempt with viscous resistance
 # Trust radius relative to the smallest cell, and to the prescribed increment [-].
 _LONGEST_INCREMENT, _ALONG = 0.5, 2.0
 # Trust radius, relative to the smallest cell, for rigid bodies without inertia or support: they

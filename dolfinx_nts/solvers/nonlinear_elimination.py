@@ -29,8 +29,8 @@ __all__ = ["NonlinearElimination"]
 
 # Number of layers of cells around the contacts in the subdomain.
 _LAYERS = 2
-# Number of local Newton iterations, and reduction asked of the linear solver [-]. More is useless:
-# the residual at the border remains until all nodes move.
+# Number of local Newton iterations, and reduction asked of the linear solver [-]. More would not
+# help, as the residual at the border remains until all nodes move.
 _STEPS, _REDUCTION = 2, 0.1
 # Smallest constraint violation, relative to the size of the node's cells [-], from which on the
 # elimination pays; and the largest fraction of nodes in the subdomain [-] for which it is cheap.

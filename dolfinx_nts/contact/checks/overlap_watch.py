@@ -25,10 +25,11 @@ _logger = logging.getLogger("dolfinx_nts")
 # Reporting thresholds of overlap depth relative to the longest facet [-]: initial depth (meshes of
 # curved surfaces overlap by less), and increase of the depth in a run.
 _AT_START, _IN_RUN = 0.02, 0.1
-# Approach of two touching bodies between checks relative to a cell of each [-], and part of it
-# after which a check is due: closer to 1, all motions have to be measured in many steps.
+# Allowed approach of two touching bodies between checks, relative to a cell of each [-], and
+# fraction of it after which a check is due. With fractions close to 1, all motions have to be
+# measured in many steps.
 _UNSEEN, _USED = 0.7, 0.85
-# Part of an initial overlap [-] above which contact counts as acting there.
+# Depth of active nodes relative to an initial overlap [-] above which contact acts there.
 _SEEN = 0.1
 
 

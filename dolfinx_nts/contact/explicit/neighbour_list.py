@@ -27,8 +27,8 @@ _REACH = 0.5
 # [-]. It must not be less than the reach, or deep nodes would be missing. Larger values give longer
 # lists, smaller ones more searches.
 _MARGIN = 0.5
-# Part of the margin [-] after which the list is rebuilt. Closer to 1, the motion of all nodes has
-# to be measured in many steps.
+# Fraction of the margin [-] after which the list is rebuilt. If it is close to 1, the motion of all
+# nodes has to be measured in many steps.
 _USED = 0.75
 
 
@@ -69,7 +69,7 @@ class NeighbourList:
         # Points of all nodes at the last search, and the listed nodes, shape ``(m,)``.
         self._of_all: NodalPoints
         self._listed: Ints
-        # Segments on which the rows pressed in the last state, otherwise -1, shape ``(c,)``.
+        # Segments of rows with contact force in the last state, otherwise -1, shape ``(c,)``.
         self._pressed: Ints
         self.shared = SharedSegments(len(state.nodes.nodes))
         self.forget()

@@ -260,7 +260,7 @@ class ContactSprings:
         segment, gap, springs = self._springs(x)
         self.num_lost = self._count_lost(x, seen.current, segment)
         if seen.change(x, segment, gap):
-            # Nodes off the rim keep all segments that they have just got.
+            # Nodes away from free edges keep all of their new segments.
             segment, gap, springs = self._springs(x, np.inf)
             seen.keep(segment, gap)
         number, stiffness, shared = seen.number, seen.stiffness, nothing.shared

@@ -13,10 +13,10 @@ __all__ = ["Limits", "NodalLimit", "check_law"]
 # Largest number of iterations for the slip of springs [-]; bisection alone needs 52.
 _MOST_ITERATIONS = 60
 # Force, relative to the trial traction [-], by which the slip of a spring may miss its limit: a few
-# digits above round-off. A larger one shows in the ledger of nothing, but in Newton's method.
+# digits above round-off. A larger one does not affect the energy ledger, but slows Newton's method.
 _ROUNDING = 1e-14
 # Least slope of spring and limit together, relative to the spring [-]: it bounds the derivative of
-# a traction where a limit falls as steeply as the spring is stiff, and the node snaps.
+# a traction if the limit decreases as steeply as the spring is stiff.
 _LEAST_SLOPE = 1e-3
 
 

@@ -67,8 +67,8 @@ class MortarSlip(Slip):
 def _tangents(normal: Floats) -> Floats:
     """Orthonormal tangents, ``(m, 2, 3)``, to planes with normals of any length, ``(m, 3)``."""
     normal = normal / np.linalg.norm(normal, axis=1)[:, None]
-    # The second is near the coordinate axis that is farthest from the normal, the last of several:
-    # in two dimensions it is that across the plane.
+    # The second tangent is near the coordinate axis farthest from the normal, the last one if
+    # several are. In two dimensions this is the z axis.
     axis = np.eye(3)[2 - np.abs(normal[:, ::-1]).argmin(axis=1)]
     second = axis - np.einsum("mi,mi->m", axis, normal)[:, None] * normal
     second /= np.linalg.norm(second, axis=1)[:, None]

@@ -19,8 +19,8 @@ from dolfinx_nts.contact.friction.limits import NodalLimit
 
 __all__ = ["TractionModel", "exact_model", "slip_energy", "spring_model", "transport"]
 
-# Least 1 + cosine of the angle between two normals [-] by which `transport` divides: it is 0
-# where a normal is reversed, and there no rotation is the smallest.
+# Least 1 + cosine of the angle between two normals [-] by which `transport` divides: it is 0 if the
+# normal is reversed, where the smallest rotation is not unique.
 _REVERSED = 1e-12
 
 

@@ -26,7 +26,7 @@ from dolfinx_nts.search.candidates import Candidates
 
 __all__ = ["ContactStep", "contact_residual", "go_on_from"]
 
-# Number of changes of state from which on a failed step names the node.
+# Number of changes of state from which on the message of a failed step names the node.
 _RESTLESS = 4
 
 _NONE: Ints = np.empty(0, dtype=np.int32)
@@ -115,7 +115,7 @@ class ContactStep:
             state, is_static, search, nodal_stiffness, scheme == "static", begins_sticking, dt
         )
         self.may_touch = reductions.anywhere(self._comm, bool(self.normal.may_touch.any()))
-        # What the first evaluation gave, where later ones cannot give anything else.
+        # Results of the first evaluation that cannot change later.
         self._idle: ContactContribution | None = None
         self.num_active, self.touched = 0, np.zeros(len(members(state)), dtype=bool)
 

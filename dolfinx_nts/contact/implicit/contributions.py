@@ -19,7 +19,7 @@ __all__ = ["ContactContribution", "PairKinematics", "changed", "changes_by"]
 
 # Length of the free part of a unit normal [-] above which a node can move along it.
 _FREE_NORMAL = 0.5
-# Relative size of a gap gradient, a force, or the square of a direction [-] that is round-off.
+# Relative size of a gap gradient, a force, or the square of a direction [-] that counts as zero.
 _NO_FREEDOM = 1e-8
 
 

@@ -31,9 +31,9 @@ __all__ = [
 # Number of changes of the segment of a node in a step, after which it keeps the last one.
 _MOST_MOVES = 2
 # Largest distance of a node without inertia from its segment in equilibrium, tangential and
-# relative to the size of the segment [-]. In a dent such a node is below the next segment.
+# relative to the size of the segment [-]. At a concave edge such a node is below the next segment.
 STATIC_OVERHANG = 0.06
-# Reach of the search relative to the largest displacement increment of the trial motion [-]: both
+# Search radius relative to the largest displacement increment of the trial motion [-]: both
 # surfaces may move, and Newton iterates overshoot.
 _REACH = 3
 

@@ -135,7 +135,7 @@ class NodePairing(Pairing):
         contact = self._candidates.contact(scheme, nodal, self._x_n, x, shared.segment)
         gap_n, gap, force, gradient, turn = at_nodes(shared, contact)
         mean = ContactKinematics(gap_n, gap, force, gradient, contact.tangent, turn)
-        # Rows that are shorter than others have a vertex several times, not the node.
+        # Short rows are padded by repetitions of a vertex, not of the node.
         dofs = shared.lists
         if self._candidates.segments.shape[1]:
             dofs = np.where(dofs == dofs[:, :1], dofs[:, 1:2], dofs)

@@ -39,7 +39,7 @@ void close_gaps_batch(const In<std::int32_t>& nodes, const In<bool>& moves,
 template <class Value>
 double largest(std::size_t n, Value&& value) noexcept
 {
-  // Bits of values without sign are in the order of the values, NaN behind.
+  // Bit patterns of absolute values are ordered as the values, with NaN last.
   std::uint64_t bits = 0;
   for (std::size_t i = 0; i < n; ++i)
     bits = std::max(bits, std::bit_cast<std::uint64_t>(std::abs(value(i))));

@@ -209,7 +209,7 @@ void multiply(Product& product, const Doubles& x, Out<double> y)
   std::visit(
       [&](auto& A)
       {
-        // Without blocks nothing tells their size.
+        // Without blocks their size is unknown.
         const std::size_t width = A.width() ? components(A) : any;
         check("x", x, {any, width});
         if (x.shape(0) < A.width())

@@ -394,7 +394,8 @@ private:
                 {
                   return goes_on ? last_faced(numbers[begin + i], group) : -1;
                 };
-                // A node's segment is read before that found is written.
+                // The old segment of a node is read before the new one is
+                // written.
                 pair_nodes(
                     view(x_node).subspan(3 * begin, 3 * m), own, slack,
                     farthest, surface<S>(x, group), tree,

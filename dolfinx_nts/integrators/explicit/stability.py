@@ -38,8 +38,8 @@ __all__ = [
     "largest_step",
 ]
 
-# Default step, and longest step with default springs, relative to the estimate [-]. The springs
-# take the remainder.
+# Default step, and longest step with default springs, relative to the estimate [-]. The remainder
+# is available for the frequency of springs.
 _DEFAULT, _WITH_SPRINGS = 0.7, 0.9
 # Growth of the energy relative to the energy and the turnover of the run [-] that indicates an
 # instability: far above the bounded error of a stable run.

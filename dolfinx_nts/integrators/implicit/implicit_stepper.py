@@ -131,7 +131,8 @@ class ImplicitStepper(Stepper):
         self._motion = AdmissibleMotion(self._bulk, self.u, self.u_n)
         # For norms of forces, for which lumped masses are accurate enough.
         self._lumped_mass: Floats = np.repeat(lumped_mass(bodies), self._bulk.rigid.dim)
-        # Bodies are held as a whole where a node of a rigid one is: GeneralizedAlpha gains energy.
+        # A multiplier at a node of a rigid body stops the whole body, from which GeneralizedAlpha
+        # gains energy.
         stops_rigid = self._is_static or self.scheme.contact != "static"
         excluded = () if stops_rigid else self.bodies
         exchanged = exchange_roles(self.contacts, excluded, is_static=self._is_static)

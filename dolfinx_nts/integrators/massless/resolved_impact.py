@@ -61,8 +61,8 @@ from dolfinx_nts.solvers.massless.surface_work import SurfaceWork
 
 __all__ = ["ResolvedImpact", "SurfaceWaves"]
 
-# Largest energy that closing of gaps may cost in a step, and that the equilibrium may cost in
-# total, relative to the vibration energy [-].
+# Largest energy taken by the closing of gaps in a step, and by the equilibrium in total, relative
+# to the vibration energy [-].
 _CLOSING, _MOST_SPENT = 0.05, 0.5
 # Fraction of the displacement to equilibrium [-] below which nodes do not move.
 _LEAST = 1e-3

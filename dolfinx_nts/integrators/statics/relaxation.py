@@ -29,7 +29,7 @@ _SETTLED = 0.1
 _FARTHER, _SAME = 10.0, 1e-3
 # Number of first pseudo-steps that are not compared [-]: they contain the motion of supports.
 _UNCOUNTED = 1
-# Limit on the number of linear systems [-], far above the need of a snap.
+# Limit on the number of linear systems [-], far above the number for a snap-through.
 _MOST_ITERATIONS = 800
 
 # Resistance relative to the stiffness of nodes [-]: initial value; largest value, at which bodies

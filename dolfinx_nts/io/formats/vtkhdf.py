@@ -172,7 +172,7 @@ class VtkHdfFile:
     def _begin(self, resume: bool) -> set[int]:
         """Steps of the states with which the run begins."""
         self._blocks = self._found() if resume else []
-        # Before states are removed nothing refers to them any more.
+        # References to states are removed before the states.
         if self._blocks:
             self._write_index()
         else:
@@ -196,7 +196,7 @@ class VtkHdfFile:
         return blocks
 
     def _rewrite(self, reason: str) -> list[Block]:
-        # Somebody has changed the files; the run itself is whole.
+        # The files were changed by others; the run itself is complete.
         moved = self._folder.move_aside()
         _logger.warning("%s; the fields begin at this step, %s", reason, moved)
         return []

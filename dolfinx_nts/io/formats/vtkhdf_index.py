@@ -21,7 +21,7 @@ __all__ = ["Block", "Field", "grid_arrays", "write_index"]
 
 # Numbers of VTK by the kind of cells.
 _CELLS = {"triangle": 5, "quadrilateral": 9, "tetrahedron": 10, "hexahedron": 12}
-# Lengths of the mesh, and where it begins, the same in all steps.
+# Lengths and offsets of the mesh, the same in all steps.
 _OFFSETS = ("PointOffsets", "CellOffsets", "ConnectivityIdOffsets")
 
 

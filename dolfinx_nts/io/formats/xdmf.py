@@ -219,7 +219,7 @@ class XdmfFile:
         """Steps of the states with which the run begins."""
         self._mesh_xml = mesh_xml(self._reference(_MESH), mesh, self._cell)
         states = self._states() if resume else {}
-        # Before the states are removed nothing refers to them any more.
+        # References to states are removed before the states.
         self._series.start(states.values())
         self._folder.begin({_MESH, *states})
         return {int(Path(name).stem) for name in states}
@@ -235,7 +235,7 @@ class XdmfFile:
                 with h5py.File(path, "r") as file:
                     states[name] = self._state_xml(name, float(file.attrs["time"]), file)
             except Exception as error:  # of many kinds
-                # Somebody has changed the files; the run itself is whole.
+                # The files were changed by others; the run itself is complete.
                 moved = self._folder.move_aside()
                 _logger.warning(
                     "%s cannot be read: %s; the fields begin at this step, %s", path, error, moved

@@ -26,7 +26,7 @@ __all__ = ["XmlSeries"]
 _START, _END = b"<?pad ", b"?>\n"
 # The start of a former instruction becomes the indentation of an element.
 _INDENT = b" " * len(_START)
-# Room of a new file [bytes], enough for the first 30 states of a run with contact.
+# Padding of a new file [bytes], enough for the first 30 states of a run with contact.
 _FIRST_ROOM = 2**16
 
 
@@ -43,8 +43,8 @@ class XmlSeries:
 
     def __init__(self, path: Path, head: str, tail: str) -> None:
         self._path, self._head, self._tail = path, head.encode(), tail.encode()
-        self._end = 0  # Place in the file where the elements end [bytes].
-        self._room = 0  # Spaces in the room behind them [bytes].
+        self._end = 0  # end of the elements in the file [bytes]
+        self._room = 0  # length of the padding behind them [bytes]
 
     def start(self, elements: Iterable[str]) -> None:
         """Replace the file by one with the given elements.

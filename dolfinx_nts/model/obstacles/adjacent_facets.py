@@ -10,9 +10,9 @@ from dolfinx_nts.model.obstacles.rims import FACET_EDGES, SHARP
 
 __all__ = ["AdjacentFacets"]
 
-# Largest difference of the distances of equally near facets, relative to the facet [-]. If it were
-# smaller than what Newton's method leaves (1e-11), round-off would choose a facet again; if it were
-# larger, nodes that lie off an edge would count as above it.
+# Largest difference of the distances of equally near facets, relative to the facet [-]. Smaller
+# than the error of Newton's method (1e-11): round-off would choose one of the facets. Larger: nodes
+# beside an edge would count as above it.
 _EQUAL = 1e-8
 
 

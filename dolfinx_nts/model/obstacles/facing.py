@@ -9,7 +9,7 @@ from dolfinx_nts.common.arrays import Floats, Ints
 
 __all__ = ["Facing"]
 
-# Facets of one node that has none, and so faces whatever is there.
+# Facets of a node without facets, which may touch everything.
 _NO_FACETS = _kernels.NodeFacets(
     np.empty((0, 3), dtype=np.int32),
     np.empty(0),

@@ -18,7 +18,7 @@ from dolfinx_nts.search.obstacle_candidates import ObstacleSearch
 
 __all__ = ["RigidEdgeSearch", "num_sharp_edges"]
 
-# Reach of a search relative to the requested one [-].
+# Search radius relative to the requested one [-].
 _MARGIN = 1.5
 # Largest distance of edges, in longest facets of the nodal surface [-], if the reach is infinite.
 _FARTHEST = 4.0

@@ -40,7 +40,7 @@ class Friction:
         self.decided = NoFriction()
         self.sliding: Flags = np.ones(n, dtype=bool)
         self.traction: Floats = np.zeros((n, 2))
-        # Frames in which tractions are known, 0 of nodes that none has been used for.
+        # Frames of the tractions, 0 at nodes without a frame so far.
         self._frame: Floats = np.zeros((n, 2, 3))
         self.flips: Ints = np.zeros(n, dtype=np.int32)
 

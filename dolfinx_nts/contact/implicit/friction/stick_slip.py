@@ -81,12 +81,12 @@ class StickSlip(Friction):
         self.decided = None if self._has_spring else self._Decided(self)
         follows = is_static and self._has_spring
         self._slips = Slips(state.segment_sizes, state.search.frame if follows else None)
-        # Where nothing moves nodes stick until they are found to slide, as bodies may have no
-        # other hold.
+        # Without motion nodes stick until they are found to slide, as friction may be the only
+        # support.
         self.sliding = history.sliding | (~history.active & (not is_static))
         if begins_sticking:
             self.sliding[:] = False
-        # By symmetry nodes on the axis of rings have no traction: they slide without friction.
+        # By symmetry nodes on the axis have no tangential traction: they slide without friction.
         self._on_axis = np.isin(state.nodes.nodes, axis_nodes(state.nodes.V))
         self.sliding |= self._on_axis
         # Model of the traction of the last iteration.
@@ -156,7 +156,7 @@ class StickSlip(Friction):
             motion, trial = value, t + (_SLIP_WEIGHT * c)[:, None] * value
         lags = None if self._has_spring else self._pivoting.changes_singly(node)
         limiting = self._lagged.pressing(node, p, lags)
-        known = float(iteration > 0)  # multipliers of the first guess mean nothing
+        known = float(iteration > 0)  # multipliers of the first guess are meaningless
         if eps_T is not None:
             judged, limit = limits.of_springs(node, p, length_of(trial), c, before)
         else:

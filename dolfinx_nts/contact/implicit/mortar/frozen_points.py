@@ -28,9 +28,9 @@ __all__ = ["FrozenPoints", "SettlingPoints", "TiedPoints"]
 # Displacement of points between choice and equilibrium in coordinates of the reference segment [-]
 # that counts as zero in statics.
 _SETTLED = 1e-6
-# Change of the part of dual functions [-] between two choices of points that is none. Larger: mean
-# gaps of loaded nodes may leave the gaps on their facets by this part of what dual functions
-# would do; smaller: statics takes more iterations.
+# Change of the fraction of dual functions [-] between two choices of points that counts as zero.
+# Larger: mean gaps of loaded nodes may differ from gaps on their facets by this fraction of the
+# effect of dual functions; smaller: statics takes more iterations.
 _SETTLED_PART = 0.05
 
 
@@ -59,7 +59,7 @@ class FrozenPoints(LocalSearch):
         self._comm: MPI.Comm = state.nodes.V.mesh.comm
         self._every = np.arange(len(state.nodes.nodes), dtype=np.int32)
         self._renewals = 0
-        # Largest part of dual functions around each node [-].
+        # Largest fraction of dual functions around each node [-].
         self._part: Floats = np.ones(len(self._every))
         self._slack = TOUCHES * state.pair.nodes.size
         self._is_resolved = is_resolved(state.pair)
@@ -81,7 +81,7 @@ class FrozenPoints(LocalSearch):
         )
         part = self._largest_parts(found, x_n, x)
         if self._renewals > 1:
-            # Parts come to rest sooner if they do not grow again.
+            # Fractions converge sooner if they cannot increase again.
             part = np.where(self._has_fallen(part), part, self._part)
         self._found, self._part = found, part
         points = self._points(found, part, x)
@@ -174,6 +174,6 @@ class SettlingPoints(FrozenPoints):
         may_move = self._renewals < self._most_renewals
         if may_move and np.abs(moved).max(initial=0.0) > _SETTLED:
             return True
-        # Before equilibrium gaps that will be equal are not.
+        # Before equilibrium, gaps are not equal although they will be.
         part = self._largest_parts(self._found, x, x) if converged else self._part
         return bool(self._has_fallen(part)[near].any())

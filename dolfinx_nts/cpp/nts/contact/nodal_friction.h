@@ -71,12 +71,12 @@ struct NodalFriction
                   const Vec2& trial, const Vec2& motion) const noexcept
   {
     const bool slid = sliding[j];
-    // With p < 0, which may pass, a traction points backwards.
+    // With p < 0, which is possible in iterates, a traction points backwards.
     const Vec2 along
         = first_direction(vector2(slid ? heading : traction, j), motion);
-    // Round-off must not decide at the limit, as where loads rest after
-    // sliding. Nor must an unknown pressing force of a node that has just
-    // come into contact.
+    // Round-off must not determine the state at the limit, as under constant
+    // loads after sliding. Nor must the unknown normal force of a new contact
+    // node.
     const bool is_open
         = is_at_limit(limit, trial, rounding[j]) || (active && p == 0);
     const bool leaves
@@ -155,7 +155,7 @@ private:
       store(turn * vector2(part, j), part, j);
     const Matrix<2, 2> K = stiffness_of(j);
     Matrix<2, 2> turned;
-    // K turns in its rows and in its columns.
+    // K is rotated in rows and columns.
     for (std::size_t a = 0; a < 2; ++a)
       turned[a] = turn
                   * Vec2{turn[a][0] * K[0][0] + turn[a][1] * K[1][0],

@@ -52,8 +52,8 @@ void contact_conserving(const Pair<S>& pair_n, const Pair<S>& pair,
     for (std::size_t i = 0; i < 3; ++i)
       contact.force[3 * A + i] = w[A] * d[i];
 
-  // Tangent: d moves by sum_B turn_B (n . dx_B), with the contravariant vectors
-  // at t_{n+1}, and beta_i by sum_B dbeta_iB . dx_B.
+  // Tangent: d changes by sum_B turn_B (n . dx_B), with the contravariant
+  // vectors at t_{n+1}, and beta_i by sum_B dbeta_iB . dx_B.
   const double height
       = dot(E0 - beta[0] * E[0] - beta[1] * E[1], d) / dot(d, d);
   const Matrix<2, 2> m = inverse(p.metric);

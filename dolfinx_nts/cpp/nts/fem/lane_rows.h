@@ -33,7 +33,7 @@ Pack<T, W> pairs(const T* x, const std::size_t* begin) noexcept
   Pack<T, W> pack;
   if constexpr (W == 4)
   {
-    // Two floats move like a double.
+    // Two floats are loaded together like a double.
     double first, second;
     std::memcpy(&first, x + begin[0], sizeof(first));
     std::memcpy(&second, x + begin[1], sizeof(second));

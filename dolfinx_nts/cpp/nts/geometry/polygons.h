@@ -51,7 +51,7 @@ Polygon clipped(Polygon polygon, const Sides<m>& sides)
     for (std::size_t i = 0; i < polygon.size(); ++i)
     {
       const Vec2 &a = polygon[i], &b = polygon[(i + 1) % polygon.size()];
-      // Round-off must not cut slivers from sides that lie on each other.
+      // Sides that coincide must not leave slivers by round-off.
       const auto rounded = [](double distance)
       { return std::abs(distance) < round_off ? 0 : distance; };
       const double at_a = rounded(inside(a)), at_b = rounded(inside(b));
@@ -226,8 +226,8 @@ void integrate_fourth(const Polygon& p, Add&& add)
       }
     return;
   }
-  // Three points for each pair: weight, and the part of the other two corners
-  // (Dunavant 1985).
+  // Three points for each entry: weight, and barycentric coordinate of two
+  // corners (Dunavant 1985).
   static constexpr std::array<Vec2, 2> rule
       = {{{0.22338158967801147, 0.44594849091596489},
           {0.10995174365532187, 0.091576213509770743}}};

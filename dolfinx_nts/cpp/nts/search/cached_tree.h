@@ -92,7 +92,7 @@ private:
     {
       const Vec3 moved = vector(x, _rows[i]) - _x[i];
       for (const double component : moved)
-        // Quiet where it is NaN, and false.
+        // False without a floating-point exception for NaN.
         if (!std::islessequal(std::abs(component), _margin))
           return false;
     }

@@ -111,13 +111,13 @@ public:
     double found = are_all() ? 1 : -1;
     for (std::int32_t i = _begin; i < _end; ++i)
       found = std::max(found, dot(normal(i), d));
-    // The nearest direction of a cone lies on one of its rays or between two of
-    // them, or is d itself, which three enclose.
+    // The direction of the cone nearest to d is on one of its rays, between two
+    // of them, or d itself if d is within the cone.
     constexpr double flat = 1e-9; // sine of the angle between rays
     for (std::int32_t i = _begin; i < _end; ++i)
       for (std::int32_t j = _begin; j < i; ++j)
       {
-        // Only what all rays turn away from is at more than a right angle.
+        // The angle exceeds 90 degrees only if it does for all rays.
         if (found <= 0 || found >= enough)
           return found;
         const Vec3 across = cross(normal(i), normal(j));
@@ -239,8 +239,8 @@ public:
 private:
   static Box of(const SegmentSurface<S>& surface, std::int32_t i)
   {
-    // A node beyond the rim counts as far as this; in between, the normal is
-    // along a mean of those at the corners.
+    // Nodes up to this far beyond the rim count; there the normal is a mean of
+    // the normals at the corners.
     constexpr double begin = -LocalSearchRule::overhang, end = 1 - begin;
     const auto x = surface.segment(i);
     const std::array<Vec3, 2> edge = S::directions(x);
@@ -350,8 +350,8 @@ public:
     {
       _in_front_by = p.gap;
       _normal = p.normal;
-      // Sides of two bodies that lie in one plane, and bulge by no more than
-      // nodes may overhang, hide no rim.
+      // Sides of two bodies in one plane hide no rim, if they bulge by less
+      // than the overhang of nodes.
       _hides_from = _surface.size(i)
                     * (directions().cosine(p.normal) > FacingRule::wall
                            ? LocalSearchRule::overhang
@@ -379,7 +379,7 @@ private:
   bool waits(const Vec3& node, std::int32_t i, const Projection<S>& p,
              const GetTree& tree)
   {
-    // A node behind the segment has gone through it, and is held there.
+    // A node behind the segment has passed through it, and stays in contact.
     if (p.gap < 0)
       return false;
     const double cosine = directions().cosine(-1. * p.normal, FacingRule::turn);
@@ -389,7 +389,8 @@ private:
     const double rate = -dot(edge.along, p.normal);
     if (!(rate > 0))
       return false;
-    // One edge beyond the plane of the segment, the nearest of the others.
+    // Point one edge length below the plane of the segment, and the segment
+    // nearest to it.
     const Vec3 beyond = node + (p.gap / rate + edge.length) * edge.along;
     double nearest = rate * edge.length, best = -1;
     const double margin = LocalSearchRule::tie * _surface.size(i);
@@ -406,7 +407,7 @@ private:
           const double away = q.converged ? distance(pair, q) : INFINITY;
           if (away > bound)
             return bound;
-          // Of equally near ones, that which faces the node best.
+          // Among equally near segments, the one that faces the node best.
           best = std::max(away < nearest - margin ? -1 : best,
                           directions().cosine(-1. * q.normal));
           nearest = std::min(away, nearest);

@@ -333,8 +333,8 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
                      [&](std::int32_t branch) { return may.enters(branch); });
     if (!chosen())
       return kept;
-    // Now all nearer segments count: the node may face one of them instead,
-    // or be in front of one.
+    // Now all nearer segments are visited: the node may face one of them
+    // instead, or be in front of one.
     nearest += more * surface.size(chosen()->segment);
     front = behind = {};
     segments.nearest(node, nearest, visit);

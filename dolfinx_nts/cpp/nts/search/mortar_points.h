@@ -272,7 +272,7 @@ private:
     tree.nearest(centre, radius + _reach, visit);
     if (!(nearest <= _reach))
       return;
-    // One order of sums on any partition.
+    // The order of sums is the same on any partition.
     std::ranges::sort(found, {}, [&](const Below& below)
                       { return _segments.key[below.segment]; });
 

@@ -37,8 +37,8 @@ void cubic_zeros(const std::array<double, 4>& f, OnZero&& found)
                d = -4.5 * f[0] + 13.5 * f[1] - 13.5 * f[2] + 4.5 * f[3];
   const auto value
       = [&](double s) noexcept { return ((d * s + c) * s + b) * s + a; };
-  // Ends of the parts in which it rises or falls: zeros of its derivative
-  // 3 d s^2 + 2 c s + b, without cancellation.
+  // Extrema: zeros of its derivative 3 d s^2 + 2 c s + b, computed without
+  // cancellation.
   std::array<double, 4> ends = {0, 1, 1, 1};
   std::size_t num_parts = 1;
   const double discriminant = c * c - 3 * b * d;

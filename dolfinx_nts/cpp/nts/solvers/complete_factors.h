@@ -159,8 +159,7 @@ private:
   /// @brief Number of entries of the factors of a front.
   std::size_t size(const Front& front) const noexcept
   {
-    // Panels that follow each other: the square of the whole less that of the
-    // rest.
+    // Consecutive panels: the square of the whole minus the square of the rest.
     const std::size_t n = _dim * front.nodes(), m = n - _dim * front.own();
     return n * n - m * m;
   }

@@ -98,8 +98,8 @@ inline Entries products(const ConstraintRows& rows, const Parents& parents,
                            {
                              const double* direction
                                  = directions.data() + b * (l * e + vertex);
-                             // Of a row that is NaN, too, only what has a
-                             // column is an entry.
+                             // Entries without a column are skipped, also in
+                             // rows that are NaN.
                              if (std::all_of(direction, direction + b,
                                              [](double value)
                                              { return value == 0; }))

@@ -395,7 +395,8 @@ private:
         add_blocks(_tangent_rows, tangent->first + k * a, k, sum);
       }
     };
-    // Z~^T adds rows of constrained nodes to those that the constraints reach.
+    // Z~^T adds rows of constrained nodes to rows of other nodes in their
+    // constraints.
     _constrained.clear(_size);
     std::vector<std::size_t> place(_size, 0); // in them
     for (std::size_t p = 0; p < _size; ++p)

@@ -112,7 +112,7 @@ template <std::size_t L>
       total += A[j] * x[j];
     float values[wide];
     std::memcpy(values, sums, sizeof(values));
-    // In halves: one after the other each sum would wait for the last.
+    // Recursively by halves: a sequential sum would wait for each addition.
 #pragma GCC unroll 4
     for (std::size_t half = wide / 2; half > 0; half /= 2)
       for (std::size_t l = 0; l < half; ++l)

@@ -257,7 +257,7 @@ void act(const Elimination<B>& e, const KnownValues& x, const ChangedValues& y,
     std::fill_n(multipliers.begin() + B * i, B, 0.0);
     if (rank == 0)
       continue;
-    // The multipliers balance the force in the directions that are given up.
+    // The multipliers balance the force in the eliminated directions.
     const double* force = y[B * list[0]];
     std::array<double, B> lambda = {};
     if (rank == 1)

@@ -56,7 +56,7 @@ inline bool solve(const SparseRows& A, std::span<const double> b,
   };
   if (std::ranges::find(diagonal, 0.) != diagonal.end())
     return false;
-  // From the solution of the diagonal system.
+  // Start from the solution of the diagonal system.
   for (std::size_t i = 0; i < n; ++i)
     y[i] = r[i] = b[i] / diagonal[i];
   const double scale = std::sqrt(inner(r, r));
@@ -70,7 +70,7 @@ inline bool solve(const SparseRows& A, std::span<const double> b,
   double rho = inner(shadow, r);
   for (int iteration = 0;; ++iteration)
   {
-    // Quiet where it is NaN.
+    // Without a floating-point exception for NaN.
     if (std::islessequal(std::sqrt(inner(r, r)), accurate * scale))
       break;
     if (iteration == max_iterations)
