@@ -217,7 +217,7 @@ class Diagnostics(ContactDiagnostics):
     def body_velocity(self, body: Body) -> Floats:
         """Velocity of the centre of mass of a body, shape ``(3,)``, in the plane ``(2,)`` [m/s].
 
-        Argument and error as of `centre_of_mass`.
+        Argument and error as for `centre_of_mass`.
         """
         return resultants(self._bodies.mean(body, in_space(nodal(self.stepper.v))), self._V)
 

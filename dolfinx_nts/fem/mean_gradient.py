@@ -121,7 +121,7 @@ class _MeanGradients(MultiFunction):  # type: ignore[misc]
 class _RingMeans(_MeanGradients):
     """Replaces gradients, and values over the radius, by their axisymmetric means.
 
-    Arguments as of `_MeanGradients`, with the result of `ring_means`.
+    Arguments as for `_MeanGradients`, with the result of `ring_means`.
     """
 
     entries = PLANE_ENTRIES

@@ -116,7 +116,7 @@ class Candidates(ABC):
             slack: See `pair`.
 
         Returns:
-            Candidate as of `pair`, and gap, the mean of those of the same node, ``(c,)``; and
+            Candidate as for `pair`, and gap, the mean of those of the same node, ``(c,)``; and
             springs of the nodes with gap < 0.
         """
         segment, gap = self.pair(points, x, current, reach, slack)

@@ -118,7 +118,7 @@ class Attempt:
 
     @property
     def most_iterations(self) -> int:
-        """Largest number of iterations, in addition to those with a prescribed increment. Local."""
+        """Largest number of iterations, not counting iterations with a prescribed increment."""
         if self.begins_sticking:
             return _MAX_STICKING
         return _MAX_RESISTED if self.drag is not None else _MAX_ITERATIONS

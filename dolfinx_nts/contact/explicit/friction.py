@@ -35,7 +35,7 @@ class Friction:
 
         Args:
             springs: The normal springs of ``m`` nodes; force and energy are changed.
-            candidates: Candidates in reach.
+            candidates: Candidates within the search radius.
             x_n: Positions of the owned nodes at t_n, shape ``(n, 3)`` [m].
             x: Positions with ghosts at the end of the step, shape ``(l, 3)`` [m].
             segment: Candidates of the nodes that were looked at, or -1, shape ``(c,)``.

@@ -43,7 +43,7 @@ class NeighbourList:
         state: State of the contact pair, whose springs have been chosen at the first update.
 
     Attributes:
-        candidates: Candidates in reach.
+        candidates: Candidates within the search radius.
         number: Indices of listed nodes among the nodes of the surface, ascending, shape ``(c,)``.
         points: Their contact points, with the normals of the last search.
         stiffness: Stiffness of their springs, shape ``(c,)`` [N/m].

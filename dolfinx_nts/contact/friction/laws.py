@@ -192,7 +192,7 @@ class Stribeck(FrictionLaw):
     that slid continues to slide.
 
     Args:
-        static: Static coefficient mu_s [-], a number or a Function, as of `Coulomb`.
+        static: Static coefficient mu_s [-], a number or a Function, as for `Coulomb`.
         kinetic: Kinetic coefficient mu_k [-], the same.
         speed: Speed v_s over which the coefficient falls from one to the other [m/s]; 0: static
             where a node sticks, kinetic where it slides.
@@ -256,7 +256,7 @@ class SlipWeakening(FrictionLaw):
     s is the accumulated slip of a node, as in ``ContactPair.history.slip``. It never decreases.
 
     Args:
-        static: Static coefficient mu_s [-], a number or a Function, as of `Coulomb`.
+        static: Static coefficient mu_s [-], a number or a Function, as for `Coulomb`.
         kinetic: Kinetic coefficient mu_k [-], the same.
         length: Decay length L [m].
         eps_T: As of `Coulomb`.

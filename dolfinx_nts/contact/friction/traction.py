@@ -47,7 +47,7 @@ def spring_model(
     before, which is no solution yet.
 
     Args:
-        limit: Limits of the nodes as of `Limits.of_springs`.
+        limit: Limits of the nodes, see `Limits.of_springs`.
         trial: Traction if the node stuck, t_n + eps_T g, shape ``(m, 2)`` [N].
         p: Normal force, shape ``(m,)`` [N].
         eps_T: Stiffness of the springs, shape ``(m,)`` [N/m].

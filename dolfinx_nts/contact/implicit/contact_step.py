@@ -63,7 +63,7 @@ class ContactStep:
         free: 1 where the displacement of an owned node is unknown, 0 where it is given, shape
             ``(n, d)``; None if all are unknown.
         is_static: Whether there is no inertia.
-        rigid: Owned nodes of rigid bodies, which cannot give up a displacement of their own.
+        rigid: Owned nodes of rigid bodies, whose displacements cannot be eliminated.
         intermediate: Positions like ``x_trial`` after fractions of the ballistic motion, by the
             fraction from 0 to 1, in which rigid bodies have not stretched; None: of no part.
         share: Share of the end of the step in the forces of springs, see `Scheme` [-].
@@ -97,7 +97,7 @@ class ContactStep:
         begins_sticking: bool = False,
         dt: float = 1.0,
     ) -> None:
-        """Find the candidates in reach and the nodes that may touch."""
+        """Find the candidates within the search radius, and the nodes that may touch."""
         self.state, self._scheme = state, scheme
         self._comm: MPI.Comm = state.nodes.V.mesh.comm
         self.search = search = make_search(state, x_n, x_trial, is_static)
@@ -121,7 +121,7 @@ class ContactStep:
 
     @property
     def candidates(self) -> Candidates:
-        """Candidates in reach. Local."""
+        """Candidates within the search radius. Local."""
         return self.search.candidates
 
     def evaluate(self, x: Floats, R_bulk: Floats | None, iteration: int) -> ContactContribution:

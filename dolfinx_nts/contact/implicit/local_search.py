@@ -84,7 +84,7 @@ class LocalSearch:
         x_trial: The same for the ballistic state x_n + h v_n.
 
     Attributes:
-        candidates: Candidates in reach.
+        candidates: Candidates within the search radius.
         points: Contact points of the nodes, with the outward normals at t_n.
         reach: Search radius [m].
         x_n: Positions at t_n of the nodes of the candidates' map.

@@ -80,8 +80,8 @@ class NodePairing(Pairing):
         history: Contact of the nodes in the last step.
 
     Attributes:
-        shared: Segments of nodes that are equally near to several, whose gap is the mean of those
-            to all of them.
+        shared: Segments of nodes that are equally near to several, whose gap is the mean of their
+            gaps to all of them.
     """
 
     follows = True

@@ -83,7 +83,7 @@ class VtkHdfFile:
         """Serialize the steps whose states have been written.
 
         Args:
-            archive: Archive that stores the steps, or returns those which `open` expects.
+            archive: Archive that stores the steps, or returns the steps that `open` expects.
         """
         steps = np.array(sorted(self._steps), dtype=np.int64)
         self._steps = set(map(int, archive.same("field_steps", steps)))

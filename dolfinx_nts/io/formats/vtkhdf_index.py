@@ -107,7 +107,7 @@ def write_index(
     Args:
         file: File that is written, empty.
         grid: File with the arrays of the mesh, relative to the index.
-        arrays: Arrays of the file, as of `grid_arrays`.
+        arrays: Arrays of the file, see `grid_arrays`.
         blocks: The states, at least one, all with the same fields.
     """
     root = file.create_group("VTKHDF")

@@ -163,7 +163,7 @@ class XdmfFile:
         """Serialize the steps whose states have been written.
 
         Args:
-            archive: Takes the steps, or gives those which `open` expects to find.
+            archive: Archive that stores the steps, or returns the steps that `open` expects.
         """
         steps = np.array(sorted(self._steps), dtype=np.int64)
         self._steps = set(map(int, archive.same("field_steps", steps)))

@@ -182,14 +182,14 @@ class Obstacle(Declaration):
 
     @abstractmethod
     def near(self, x: Floats, reach: float) -> Ints:
-        """Find the nodes that may be within reach of a facet.
+        """Find the nodes that may be near a facet.
 
         Args:
             x: Positions, shape ``(m, 3)`` [m].
             reach: Distance that counts as near [m].
 
         Returns:
-            Indices of rows of x, among them all nodes within reach.
+            Indices of rows of x, including all nodes within ``reach``.
         """
 
     @abstractmethod

@@ -77,7 +77,7 @@ class SphereFrame:
 
 
 def _far_apart(X: Floats, number: int) -> Ints:
-    """Indices of points, each farthest from the span of those before, ``(number,)``."""
+    """Indices of points, each farthest from the span of the previous ones, ``(number,)``."""
     chosen, rest = [0], X - X[0]
     while len(chosen) < number:
         chosen.append(int(np.linalg.norm(rest, axis=1).argmax()))

@@ -201,7 +201,7 @@ class Elimination:
         return not self.pairs
 
     def particular(self, shape: tuple[int, ...]) -> tuple[Floats, list[Part]]:
-        """Nodal vector x_p with G^T x_p = -(g - g_ref), and its parts as of `constrain`."""
+        """Nodal vector x_p with G^T x_p = -(g - g_ref), and its parts, see `constrain`."""
         x = np.zeros(shape)
         return x, [p.constrain(-p.excess, x) for p in self.pairs]
 

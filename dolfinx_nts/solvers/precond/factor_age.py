@@ -80,7 +80,7 @@ class FactorAge:
         self._begin()
 
     def _begin(self) -> None:
-        """Reset the counts of the first decades, the last ones, and those in contact."""
+        """Reset the counts of the first decades, of the last ones, and of decades in contact."""
         self._first, self._last, self._in_contact = _Pace(), _Pace(), _Pace()
         # Iterations per decade of new factors, NaN until they are known, and iterations in excess
         # of those with new factors.

@@ -163,7 +163,7 @@ class Tangent(AddedStiffness):
 
     @property
     def held(self) -> Floats | float:
-        """Clamping stiffness of the nodes given to `hold`, shape as of `shift`."""
+        """Clamping stiffness of the nodes given to `hold`, shape as for `shift`."""
         return self._stiffness.held
 
     def forget(self) -> None:
@@ -235,7 +235,7 @@ def _add(form: fem.Form, matrix: la.MatrixCSR, bcs: Sequence[fem.DirichletBC]) -
 
 
 def _compiled(forms: Sequence[ufl.Form]) -> list[fem.Form]:
-    """Compiled forms, without those whose derivative is empty."""
+    """Compiled forms, without forms with an empty derivative."""
     forms = list(map(expand_derivatives, forms))
     return [compile_bilinear_form(form) for form in forms if not form.empty()]
 

@@ -25,7 +25,7 @@ class Freedom(NamedTuple):
     Attributes:
         free: Free motions of each body as combinations of all motions, in rows; rows of zeros fill
             up the shape ``(b, k, k)``.
-        no_motion: One on the diagonal in the place of those rows, ``(b, k, k)``, so that their
+        no_motion: Ones on the diagonal in place of these rows, ``(b, k, k)``, so that their
             amounts are zero.
     """
 

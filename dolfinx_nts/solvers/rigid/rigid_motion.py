@@ -191,7 +191,7 @@ class RigidMotion(RigidStates):
         """Displacements u [m] after increments du, by which rigid bodies rotate without strain.
 
         Increments of rigid bodies are projected on the free motions at u. In the other motions they
-        follow ``prescribed``, as of `Guides.prescribed`.
+        follow ``prescribed``, see `Guides.prescribed`.
         """
         result: Floats = u + du
         if not self.exists:

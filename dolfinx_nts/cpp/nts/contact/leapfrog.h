@@ -27,7 +27,7 @@ struct Motion
 /// @param[in,out] u Displacement, (d,) [m].
 /// @param[out] du Change of the displacement, (d,) [m].
 /// @param[in] about A velocity (D,) [m/s].
-/// @return Displacements, and those relative to the velocity.
+/// @return Largest displacements, absolute and relative to the velocity.
 template <std::size_t D>
 Motion drift(double dt, std::span<const double> v, std::span<const double> a,
              std::span<double> rate, std::span<double> u, std::span<double> du,

@@ -55,7 +55,7 @@ private:
 struct Gathered
 {
   std::span<const double> values; ///< at the nodes, (l, d)
-  std::size_t first;              ///< place of the first among those it reads
+  std::size_t first;              ///< index of its first function in the input
 };
 
 /// @brief A mesh and its space of vectors with as many components as positions

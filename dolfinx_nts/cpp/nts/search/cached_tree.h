@@ -45,7 +45,7 @@ public:
     return *_exact;
   }
 
-  /// @brief Points within reach of the box of any segment.
+  /// @brief Points within a distance of the box of any segment.
   /// @param[in] points The points, (n, 3) [m].
   /// @param[in] reach Largest distance [m].
   /// @param[in] x Positions, (l, 3) [m].

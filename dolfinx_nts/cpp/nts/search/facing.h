@@ -51,7 +51,7 @@ struct FacetsAroundNodes
   std::span<const double> orientation;    ///< +1 or -1, (f,)
   std::size_t k;                          ///< vertices of a facet
   std::span<const std::int32_t> first;    ///< of each node, (n + 1,)
-  std::span<const std::int32_t> facets;   ///< those around a node
+  std::span<const std::int32_t> facets;   ///< facets around each node
   std::span<const std::int32_t> corner;   ///< which vertex of each it is
   std::span<const double> angle;          ///< theirs there, undeformed [rad]
   std::span<const double> x;              ///< positions, (l, 3) [m]

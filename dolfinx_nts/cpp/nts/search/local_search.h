@@ -33,7 +33,7 @@ struct LocalSearchRule
 /// @brief Candidate segment of a node, and the projection on it.
 struct Found
 {
-  std::int32_t segment = -1;     ///< -1 where there is none in reach
+  std::int32_t segment = -1;     ///< -1 if none is near
   Vec2 xi = {NAN, NAN};          ///< convective coordinates [-]
   double gap = NAN;              ///< [m], > 0 open
   Vec3 normal = {NAN, NAN, NAN}; ///< unit normal, outward

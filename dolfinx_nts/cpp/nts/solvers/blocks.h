@@ -160,7 +160,7 @@ struct BlockMatrix
   std::span<const std::int64_t> start;  ///< where each row begins, and the end
   std::span<const std::int32_t> column; ///< of each block
   std::span<const double> value;        ///< (blocks, B, B)
-  std::span<const double> behind = {};  ///< those behind, kept elsewhere
+  std::span<const double> behind = {};  ///< values of the last rows
 
   /// @brief A block, row by row.
   const double* operator[](std::size_t e) const noexcept

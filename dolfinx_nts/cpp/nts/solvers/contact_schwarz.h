@@ -439,7 +439,7 @@ private:
   std::vector<Constraint> _constraints;
   std::vector<Tangent> _tangents;
   PackedRows<B> _tangent_rows;       // theirs, scaled
-  std::vector<std::int32_t> _nodes;  // of the subdomain, then those outside
+  std::vector<std::int32_t> _nodes;  // of the subdomain, then outer nodes
   std::vector<std::int32_t> _number; // of each node, -1 where there is none
   std::size_t _size = 0;             // of the subdomain
   BlockRows<B> _constrained;         // (K + C) Z at constrained nodes

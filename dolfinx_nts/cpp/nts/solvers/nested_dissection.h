@@ -41,7 +41,7 @@ public:
   }
 
   std::vector<std::int32_t> order; ///< nodes in the order of elimination
-  std::vector<Set> sets;           ///< each after those whose parent it is
+  std::vector<Set> sets;           ///< each after its children
 
 private:
   enum Side : std::int8_t
