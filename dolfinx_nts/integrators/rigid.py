@@ -27,6 +27,7 @@ from dolfinx_nts.solvers.rigid.linear_fields import LinearFields
 from dolfinx_nts.solvers.rigid.rigid_motion import RigidMotion
 
 __all__ = [
+    "check_closed_contact",
     "check_rigid_bodies",
     "check_statics",
     "contact_stiffness",
@@ -114,6 +115,38 @@ def check_statics(bodies: Sequence[Body], fixed: Ints) -> None:
         f"expected a body that deforms in statics, given {names}: use EnergyMomentum, or a stiff "
         "material in place of one rigid body"
     )
+
+
+def check_closed_contact(
+    bodies: Sequence[Body], pairs: Sequence[ContactPair], stepper: str
+) -> None:
+    """Check pairs of a scheme with inertia that closes gaps at the end of a step. Collective.
+
+    Elastic impact is a condition on the work of a step, which such schemes do not have. Multipliers
+    at nodes of a rigid body would stop the whole body.
+
+    Args:
+        bodies: All bodies.
+        pairs: The contact pairs.
+        stepper: Name of the stepper.
+
+    Raises:
+        ValueError: A pair has multipliers that such a scheme does not support.
+    """
+    for pair in pairs:
+        law = pair.enforcement
+        if not isinstance(law, LagrangeMultiplier):
+            continue
+        if law.holds_gaps:
+            raise ValueError(
+                f"expected Penalty or LagrangeMultiplier('plastic') for {stepper}, given {law!r}"
+            )
+        if gives_rigid_nodes(pair, bodies):
+            raise ValueError(
+                f"expected Penalty for {stepper} between {pair.between}, given {law!r}: a node "
+                "that is stopped stops the whole rigid body, from which the scheme gains energy; "
+                "use nodes of a deformable body, or EnergyMomentum"
+            )
 
 
 def gives_rigid_nodes(pair: ContactPair, bodies: Sequence[Body]) -> bool:

@@ -15,11 +15,16 @@ class Scheme:
     """Time integration scheme of a stepper.
 
     Attributes:
-        contact: Kernel of the contact force: ``"conserving"``, ``"midpoint"`` or ``"static"``.
+        contact: Direction of the contact force: ``"conserving"`` (discrete gradient of the gap over
+            the step), ``"midpoint"`` (gradient at the mean state) or ``"static"`` (gradient at the
+            end of the step). With the last one, steppers with inertia support `Penalty` and
+            ``LagrangeMultiplier("plastic")`` only.
         stress: Function ``stress(material, parameters, F_n, F)`` that returns the first
             Piola-Kirchhoff stress of a step [Pa], UFL (3, 3), from the material parameters as
             constants and the deformation gradients at both ends of the step, UFL (3, 3).
-        rates: Factory of the ``Rates``, the relation of velocities to displacements.
+        rates: Factory of the relation between velocities and displacements, called by the stepper:
+            ``partial(NewmarkRates, Newmark(...))`` for relatives of Newmark's method, or the one of
+            another scheme, such as ``Midpoint.scheme.rates``.
         stress_share: Weight of the end of the step in the stress and in the forces of springs [-]:
             1/2 for midpoint-type schemes, 1 for implicit Euler.
         load_point: Time of the loads and of the constraint forces of rigid bodies, from 0 at the

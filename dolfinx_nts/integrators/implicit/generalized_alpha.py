@@ -16,14 +16,12 @@ import numpy as np
 from dolfinx import fem
 
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arguments import finite, instances
+from dolfinx_nts.common.arguments import finite
 from dolfinx_nts.common.arrays import Floats, GlobalInts
 from dolfinx_nts.common.declaration import SetOnce
-from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.integrators.implicit.implicit_stepper import ImplicitStepper
 from dolfinx_nts.integrators.rates import ConsistentMass, Rates
-from dolfinx_nts.integrators.rigid import gives_rigid_nodes
 from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.integrators.state import State, serialize_nodal
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
@@ -113,14 +111,6 @@ class GeneralizedAlpha(ImplicitStepper):
     ) -> None:
         if not 0 <= finite("rho_inf", rho_inf) <= 1:
             raise ValueError(f"expected a spectral radius rho_inf in [0, 1], given {rho_inf}")
-        pairs = [pair.with_defaults(Penalty()) for pair in instances(ContactPair, pairs)]
-        for pair in pairs:
-            law = pair.enforcement
-            if isinstance(law, LagrangeMultiplier) and law.holds_gaps:
-                raise ValueError(
-                    "expected Penalty or LagrangeMultiplier('plastic') for GeneralizedAlpha, "
-                    f"given {law!r}"
-                )
         parameters = Newmark.of(rho_inf)
         self.scheme = Scheme(
             contact="static",
@@ -132,14 +122,6 @@ class GeneralizedAlpha(ImplicitStepper):
         super().__init__(
             bodies, pairs, dt=dt, bcs=bcs, loads=loads, update=update, petsc_options=petsc_options
         )
-        for pair in self.pairs:
-            law = pair.enforcement
-            if isinstance(law, LagrangeMultiplier) and gives_rigid_nodes(pair, self.bodies):
-                raise ValueError(
-                    f"expected Penalty for GeneralizedAlpha between {pair.between}, given {law!r}: "
-                    "a node that is stopped stops the whole rigid body, from which the scheme "
-                    "gains energy; use nodes of a deformable body, or EnergyMomentum"
-                )
         self.rho_inf, self.a = float(rho_inf), self._rates.a
 
 

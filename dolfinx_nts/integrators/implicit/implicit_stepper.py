@@ -50,7 +50,12 @@ from dolfinx_nts.integrators.implicit.step_solver import StepSolver
 from dolfinx_nts.integrators.massless.resolved_impact import ResolvedImpact
 from dolfinx_nts.integrators.rates import MidpointRates, NoRates
 from dolfinx_nts.integrators.report import StepReport
-from dolfinx_nts.integrators.rigid import check_statics, gives_rigid_nodes, rigid_motion
+from dolfinx_nts.integrators.rigid import (
+    check_closed_contact,
+    check_statics,
+    gives_rigid_nodes,
+    rigid_motion,
+)
 from dolfinx_nts.integrators.statics.relaxation import IF_IT_MOVES
 from dolfinx_nts.integrators.step_failure import SHORTER_STEP_HELPS, StepFailure
 from dolfinx_nts.integrators.stepper import Stepper
@@ -110,6 +115,8 @@ class ImplicitStepper(Stepper):
         self._rates = self.scheme.rates(self, self._dt, bodies)
         if self._is_static:
             check_statics(self.bodies, Supports(self.u.function_space, bcs).fixed)
+        elif self.scheme.contact == "static":
+            check_closed_contact(self.bodies, self.pairs, type(self).__name__)
         ends = self.scheme.ends_for_loads(self.u_n, self.u)
         works = [load.form(*ends) for load in self.loads]
         if self.scheme.load_point != 1:

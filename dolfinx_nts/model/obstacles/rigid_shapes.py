@@ -106,7 +106,8 @@ class ExactObstacle(Obstacle):
     An obstacle of your own is one method, `distance`. Gap, force, slip and trajectories follow from
     it. The contact force of the energy-momentum scheme is the discrete gradient of Gonzalez (J.
     Nonlinear Sci. 6, 1996). Set the attribute ``shortest_passage`` to half of the least thickness
-    of the obstacle, and ``dim`` to 2 in the plane.
+    of the obstacle, and ``dim`` to 2 in the plane. Other attributes are arguments in messages and
+    checkpoints.
 
     Example:
         >>> class Drop(nts.ExactObstacle):
@@ -127,8 +128,14 @@ class ExactObstacle(Obstacle):
 
         Returns:
             Gap, positive outside the obstacle, shape ``(m,)`` [m], and outward unit normal, shape
-            ``(m, 3)``.
+            ``(m, 3)``, the gradient of the gap. Far from the surface the gap may be less in
+            magnitude than the distance, but not more, as paths of nodes are followed in steps of
+            its length.
         """
+
+    def _declaration(self) -> str:
+        own = {k: v for k, v in vars(self).items() if k[0] != "_" and not hasattr(Obstacle, k)}
+        return as_call(self, **own, **self._named())
 
     def _height(self, x: Floats) -> Floats:
         """Signed distance alone, shape ``(m,)`` [m]."""

@@ -1,5 +1,6 @@
 """Generalised-alpha method: order, dissipation, linear momentum, ledger."""
 
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -215,3 +216,19 @@ def test_wrong_arguments_are_refused(comm, refused):
         nts.GeneralizedAlpha(bodies, dt=0.1, rho_inf=1.1)
     with refused(ValueError, r"LagrangeMultiplier\('plastic'\) for GeneralizedAlpha"):
         nts.GeneralizedAlpha(bodies, pairs, dt=0.1)
+
+
+def test_own_scheme_with_closed_contact_refuses_elastic_impact(comm, refused):
+    # With elastic impact a cube of 500 J rebounded from a plane with 1370 J.
+    class Trapezoidal(nts.ImplicitStepper):
+        scheme = nts.Scheme(
+            contact="static",
+            stress=lambda material, parameters, F_n, F: F * material.stress(F.T * F, **parameters),
+            rates=partial(nts.NewmarkRates, nts.Newmark(0.0, 0.0, 0.25, 0.5)),
+            stress_share=1.0,
+            load_point=1.0,
+        )
+
+    scene = scenes.blocks(comm)
+    with refused(ValueError, r"LagrangeMultiplier\('plastic'\) for Trapezoidal"):
+        Trapezoidal(scene.stepper.bodies, scene.stepper.pairs, dt=0.1)

@@ -60,3 +60,16 @@ def test_ball_by_its_distance_is_a_rigid_sphere(rng):
     enters = found.entered == 0
     np.testing.assert_allclose(found.begin[enters], expected.begin[enters], atol=1e-6)
     np.testing.assert_allclose(found.length[enters], expected.length[enters], atol=1e-6)
+
+
+def test_obstacle_of_a_user_shows_its_arguments():
+    class Bowl(Ball):
+        def __init__(self, radius):
+            self.radius, self.shortest_passage = radius, radius / 2
+
+    def lift(t):
+        return 0.0, 0.0, t
+
+    bowl = Bowl(2.0)
+    assert repr(bowl) == "Bowl(radius=2)"
+    assert repr(bowl.moving(nts.Motion(lift))).startswith("Bowl(radius=2).moving(Motion(")
