@@ -72,7 +72,7 @@ def run(series: Series, comm: MPI.Comm) -> list[dict[str, Any]]:
             if next(steps, None) is None:
                 break
             cpu += time.process_time() - start
-            scene.look()
+            scene.record()
             if problem.conserves and (stepper.step % seldom == 0 or stepper.t >= t_end):
                 change = diagnostics.balance().total_energy / before.total_energy - 1
                 drift = change if abs(change) > abs(drift) else drift

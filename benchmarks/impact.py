@@ -84,14 +84,14 @@ def table(runs: dict[str, list[dict[str, float]]]) -> str:
     for name, rows in runs.items():
         start, end = rows[0], rows[-1]
         change = 100 * (end["total_energy"] / start["total_energy"] - 1)
-        cells = [name, f"{end['total_energy']:.2f}", _told(change, ".2g")]
-        cells += [_told(end[f"energy_{cause}"], "+.3g") for cause in CAUSES]
+        cells = [name, f"{end['total_energy']:.2f}", _number(change, ".2g")]
+        cells += [_number(end[f"energy_{cause}"], "+.3g") for cause in CAUSES]
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines) + f"\n\nEnergies in joules; 0 is less than {ROUND_OFF:g}.\n"
 
 
-def _told(value: float, form: str) -> str:
-    """Tell a number, or 0 where it is round-off."""
+def _number(value: float, form: str) -> str:
+    """Text of a number, 0 if it is round-off."""
     return "0" if abs(value) < ROUND_OFF else f"{value:{form}}"
 
 

@@ -99,14 +99,14 @@ class Scene:
         stepper: The stepper.
         body: Body that is watched.
         judge: Values at the end by name. Collective.
-        look: Called after each step. Collective.
+        record: Called after each step. Collective.
         t_end: Time at the end, where the scene knows it [s].
     """
 
     stepper: Any
     body: nts.Body
     judge: Callable[[], dict[str, float]] = dict
-    look: Callable[[], None] = lambda: None
+    record: Callable[[], None] = lambda: None
     t_end: float = 0.0
 
 

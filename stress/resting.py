@@ -70,12 +70,12 @@ def stack(comm: MPI.Comm, law: str, blocks: int = 5, until: float = 10.0) -> Set
         below = name
     checks: list[Callable[[], str]] = []
 
-    def look(t: float) -> None:
-        """From half the time on nothing must move any more."""
+    def check_rest(t: float) -> None:
+        """Add a check that nothing moves in the second half of the run."""
         if t > until / 2 and len(checks) < 3:
             checks.append(stays(stepper, 1e-5))
 
-    stepper = World(comm, parts).stepper(touches, 0.02, gravity=weight, update=look)
+    stepper = World(comm, parts).stepper(touches, 0.02, gravity=weight, update=check_rest)
     checks += [stays(stepper, 1e-6, axes=(0, 1)), stays(stepper, 0.02, axes=(2,))]
 
     def check() -> str:

@@ -54,7 +54,7 @@ def reference() -> dict[int, dict[str, float]]:
     for n, dt in ((12, 0.005), (18, 0.0035)):
         scene = ball_on_block(SETTINGS["resolved, mortar"], n=n, dt=dt)
         for _ in scene.stepper.run(until=scene.t_end):
-            scene.look()
+            scene.record()
         found[n] = scene.judge()
     return found
 

@@ -50,7 +50,7 @@ class Series:
         self._times: list[float] = []
         self._rows: list[Any] = []
 
-    def look(self) -> None:
+    def record(self) -> None:
         """Append the values of a step."""
         self._times.append(self._stepper.t)
         self._rows.append(self._values())
@@ -119,7 +119,7 @@ def rods(setting: Setting, *, num_cells: int, courant: float) -> Scene:
             "restitution": abs(float(parting) / _SPEED - 0.5),
         }
 
-    return Scene(stepper, long, judge, forces.look, t_end=2.6 * _LENGTH)
+    return Scene(stepper, long, judge, forces.record, t_end=2.6 * _LENGTH)
 
 
 def rod_on_wall(setting: Setting) -> Scene:
@@ -134,7 +134,7 @@ def rod_on_wall(setting: Setting) -> Scene:
             "rebound": abs(rebound - 1),
         }
 
-    return Scene(stepper, rod, judge, forces.look, t_end=2.4 * _LENGTH)
+    return Scene(stepper, rod, judge, forces.record, t_end=2.4 * _LENGTH)
 
 
 def mass_on_rod(setting: Setting) -> Scene:
@@ -170,7 +170,7 @@ def mass_on_rod(setting: Setting) -> Scene:
             "velocity": abs(velocity + np.exp(-1.9)),
         }
 
-    return Scene(stepper, rod, judge, forces.look, t_end=1.9 * _LENGTH)
+    return Scene(stepper, rod, judge, forces.record, t_end=1.9 * _LENGTH)
 
 
 def ball_on_block(
@@ -228,7 +228,7 @@ def ball_on_block(
             "peak force": float(peak),
         }
 
-    return Scene(stepper, ball, judge, steps.look, t_end=BALL_END)
+    return Scene(stepper, ball, judge, steps.record, t_end=BALL_END)
 
 
 def _roughness(x: Floats, pressure: Floats) -> float:
@@ -284,7 +284,7 @@ def balls_of_revolution(setting: Setting, *, plane: bool) -> Scene:
             "alternation of the force": float(rough),
         }
 
-    return Scene(stepper, bodies[0], judge, forces.look, t_end=1.3 * duration)
+    return Scene(stepper, bodies[0], judge, forces.record, t_end=1.3 * duration)
 
 
 def _add_discs(model: Any, radii: list[float]) -> None:
@@ -334,7 +334,7 @@ def cubes(setting: Setting) -> Scene:
     def judge() -> dict[str, float]:
         return {"overlap": float(overlaps.rows.max())}
 
-    return Scene(stepper, bodies[0], judge, overlaps.look, t_end=0.4)
+    return Scene(stepper, bodies[0], judge, overlaps.record, t_end=0.4)
 
 
 def _deepest(x: list[Floats], local: list[Floats]) -> float:

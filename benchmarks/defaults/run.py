@@ -64,7 +64,7 @@ class _Run:
         if self._kind.conserves:
             energy = self._diagnostics.balance().total_energy / self._start - 1
             self._energy = energy if abs(energy) > abs(self._energy) else self._energy
-        self._scene.look()
+        self._scene.record()
 
     def too_long(self, base: float) -> None:
         """Give up if the CPU time is far more than that of the base setting [s]."""

@@ -51,7 +51,7 @@ def _ball(setting: Setting) -> Scene:
         values["peak force"] = abs(values["peak force"] / PEAK - 1)
         return values
 
-    return Scene(scene.stepper, scene.body, judge, scene.look, scene.t_end)
+    return Scene(scene.stepper, scene.body, judge, scene.record, scene.t_end)
 
 
 def _pressure(tolerance: float) -> dict[str, float]:

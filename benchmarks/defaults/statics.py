@@ -331,7 +331,7 @@ def held_block(setting: Setting) -> Scene:
     contacts = stepper.contacts
     slips: list[Floats] = []
 
-    def look() -> None:
+    def record() -> None:
         if stepper.t > 1.25:
             slips.append(_relative(stepper, contacts))
         else:
@@ -344,7 +344,7 @@ def held_block(setting: Setting) -> Scene:
             "slip": float(np.abs(slips[-1] - sides[0]).max()) / close,
         }
 
-    return Scene(stepper, block, judge, look, t_end=2.0)
+    return Scene(stepper, block, judge, record, t_end=2.0)
 
 
 def _relative(stepper: Any, contacts: Any) -> Floats:
@@ -391,7 +391,7 @@ def stack(setting: Setting) -> Scene:
             "mean of the contact force": float(np.abs(last.mean(axis=0) - 1).max()),
         }
 
-    return Scene(stepper, bodies[0], judge, forces.look, t_end=1.5 * ramp)
+    return Scene(stepper, bodies[0], judge, forces.record, t_end=1.5 * ramp)
 
 
 def braking_block(setting: Setting) -> Scene:

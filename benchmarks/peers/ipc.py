@@ -85,9 +85,9 @@ class _Potential:
         return self._assembled(blocks) + self._mesh.to_full_dof(barrier)
 
     def free_part(self, x: Floats, end: Floats) -> float:
-        """Part of a straight way on which nothing touches [-]."""
-        ways = [np.asfortranarray(self._mesh.vertices(np.asfortranarray(y))) for y in (x, end)]
-        return float(ipctk.compute_collision_free_stepsize(self._mesh, *ways))
+        """Fraction of a straight path without contact [-]."""
+        ends = [np.asfortranarray(self._mesh.vertices(np.asfortranarray(y))) for y in (x, end)]
+        return float(ipctk.compute_collision_free_stepsize(self._mesh, *ends))
 
 
 def run(scene: Scene) -> Run:
@@ -115,8 +115,8 @@ def _minimised(potential: _Potential, x: Floats, target: Floats) -> tuple[Floats
     share, mass = H**2 / 4, potential.mass
 
     def value(y: Floats) -> float:
-        way = (y - target).ravel()
-        return float(way @ (mass @ way)) / 2 + share * potential.energy(y)
+        change = (y - target).ravel()
+        return float(change @ (mass @ change)) / 2 + share * potential.energy(y)
 
     for iteration in range(1, _MAX_ITERATIONS + 1):
         gradient = mass @ (x - target).ravel() + share * potential.forces(x).ravel()
@@ -125,14 +125,14 @@ def _minimised(potential: _Potential, x: Floats, target: Floats) -> tuple[Floats
             step = splu(matrix, **_SYMMETRIC).solve(-gradient)
             if gradient @ step < 0:
                 break
-        way = step.reshape(-1, 3)
-        if np.abs(way).max() <= _TOLERANCE * H:
+        change = step.reshape(-1, 3)
+        if np.abs(change).max() <= _TOLERANCE * H:
             return x, iteration
-        part, before = potential.free_part(x, x + way), value(x)
+        part, before = potential.free_part(x, x + change), value(x)
         slope = float(gradient @ step)
-        while value(x + part * way) > before + 1e-4 * part * slope + 1e-14 * abs(before):
+        while value(x + part * change) > before + 1e-4 * part * slope + 1e-14 * abs(before):
             part /= 2
             if part < 1e-12:
                 return x, iteration
-        x = x + part * way
+        x = x + part * change
     raise RuntimeError(f"expected convergence within {_MAX_ITERATIONS} iterations")

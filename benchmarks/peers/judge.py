@@ -64,8 +64,8 @@ def _overlap(scene: Scene, x: Floats) -> float:
     triangles = x[scene.top[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)]
     corner = triangles[:, 0]
     sides = np.stack([triangles[:, 1] - corner, triangles[:, 2] - corner], axis=2)
-    way = points[:, None] - corner
-    place = np.einsum("tij,ptj->pti", np.linalg.inv(sides[:, :2]), way[..., :2])
+    offset = points[:, None] - corner
+    place = np.einsum("tij,ptj->pti", np.linalg.inv(sides[:, :2]), offset[..., :2])
     above = (place >= 0).all(axis=2) & (place.sum(axis=2) <= 1)
-    depth = np.einsum("tj,ptj->pt", sides[:, 2], place) - way[..., 2]
+    depth = np.einsum("tj,ptj->pt", sides[:, 2], place) - offset[..., 2]
     return float(np.where(above, depth, 0.0).max(initial=0.0))

@@ -42,7 +42,7 @@ def deck(scene: Scene, method: str, swapped: bool) -> str:
         *(f"{i + 1}, {x:.17g}, {y:.17g}, {z:.17g}" for i, (x, y, z) in enumerate(scene.X)),
         "*ELEMENT, TYPE=C3D8, ELSET=EALL",
         *(f"{i + 1}, {', '.join(map(str, cell + 1))}" for i, cell in enumerate(scene.cells)),
-        *("*NSET, NSET=LED", *(str(node + 1) for node in scene.led.ravel())),
+        *("*NSET, NSET=LED", *(str(node + 1) for node in scene.moved.ravel())),
         *("*NSET, NSET=HELD", *(str(node + 1) for node in scene.held.ravel())),
         *surface("UPPER", scene.cells, facets(scene.outer)),
         *surface("LOWER", scene.cells, facets(scene.top)),
@@ -55,7 +55,7 @@ def deck(scene: Scene, method: str, swapped: bool) -> str:
         *("*BOUNDARY", "NALL, 2, 2", "HELD, 1, 3"),
     ]
     for step in range(1, NUM_STEPS + 1):
-        x, _, z = scene.way(step)
+        x, _, z = scene.travel(step)
         lines += ["*STEP, NLGEOM", "*STATIC, DIRECT", "1., 1."]
         lines += ["*BOUNDARY", f"LED, 1, 1, {x:.12g}", f"LED, 3, 3, {z:.12g}"]
         lines += ["*NODE PRINT, NSET=NALL", "U", "*END STEP"]

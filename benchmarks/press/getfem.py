@@ -15,7 +15,7 @@ __all__ = ["run", "version"]
 # Of the augmentation, per area, and the distance beyond which nothing touches [m].
 _AUGMENTATION, _RELEASE = 50 * E, 0.05
 _TOLERANCE = 1e-12
-_OUTER, _TOP, _HELD, _LED = 1, 2, 3, 4  # regions
+_OUTER, _TOP, _HELD, _MOVED = 1, 2, 3, 4  # regions
 
 
 def _mesh(scene: Scene) -> tuple[Any, Floats]:
@@ -24,7 +24,7 @@ def _mesh(scene: Scene) -> tuple[Any, Floats]:
     section = scene.X[:, [0, 2]]
     for cell in scene.cells[:, [0, 1, 4, 5]]:
         mesh.add_convex(transformation, section[cell].T)
-    sides = ((_OUTER, scene.outer), (_TOP, scene.top), (_HELD, scene.held), (_LED, scene.led))
+    sides = ((_OUTER, scene.outer), (_TOP, scene.top), (_HELD, scene.held), (_MOVED, scene.moved))
     for region, nodes in sides:
         points = mesh.pid_from_coords(section[nodes[:, 0]].T)
         faces = [
@@ -45,12 +45,19 @@ def _model(mesh: Any, swapped: bool) -> tuple[Any, Any, Any]:
     model.add_fem_variable("u", elements)
     model.add_fem_data("u0", elements)
     lame = [E * NU / ((1 + NU) * (1 - 2 * NU)), E / (2 * (1 + NU))]
-    data = {"moduli": lame, "r": _AUGMENTATION, "mu": MU, "one": 1.0, "no": [0, 0], "way": [0, 0]}
+    data = {
+        "moduli": lame,
+        "r": _AUGMENTATION,
+        "mu": MU,
+        "one": 1.0,
+        "no": [0, 0],
+        "travel": [0, 0],
+    }
     for name, value in data.items():
         model.add_initialized_data(name, value)
     model.add_finite_strain_elasticity_brick(cells, "SaintVenant Kirchhoff", "u", "moduli")
     model.add_Dirichlet_condition_with_simplification("u", _HELD, "no")
-    model.add_Dirichlet_condition_with_simplification("u", _LED, "way")
+    model.add_Dirichlet_condition_with_simplification("u", _MOVED, "travel")
     slave, master = (_TOP, _OUTER) if swapped else (_OUTER, _TOP)
     contact = model.add_integral_large_sliding_contact_brick_raytracing(
         "r", _RELEASE, "mu", "one", 0
@@ -72,7 +79,7 @@ def run(scene: Scene, method: str, swapped: bool) -> tuple[Floats, float, int]:
     place = [int(np.abs(dofs - X).sum(axis=1).argmin()) for X in section]
     x, newton, start = [scene.X], 0, time.process_time()
     for step in range(1, NUM_STEPS + 1):
-        model.set_variable("way", scene.way(step)[[0, 2]])
+        model.set_variable("travel", scene.travel(step)[[0, 2]])
         model.set_variable("u0", model.variable("u"))
         newton += int(model.solve("max_res", _TOLERANCE, "max_iter", 60, "lsearch", "simplest")[0])
         now = scene.X.copy()

@@ -23,7 +23,7 @@ def run(scene: Scene, method: str, swapped: bool) -> tuple[Floats, float, int]:
 
     def build(model: Any) -> None:
         for name, cells, sides in (
-            ("upper", scene.upper, {"contact": scene.outer, "end": scene.led}),
+            ("upper", scene.upper, {"contact": scene.outer, "end": scene.moved}),
             ("lower", scene.lower, {"contact": scene.top, "end": scene.held}),
         ):
             first = cells.min()
@@ -42,15 +42,15 @@ def run(scene: Scene, method: str, swapped: bool) -> tuple[Floats, float, int]:
         method=method,
         enforcement=nts.LagrangeMultiplier(),
     )
-    led, across = fem.Constant(mesh, np.zeros(3)), V.sub(1).collapse()[0]
+    moved, across = fem.Constant(mesh, np.zeros(3)), V.sub(1).collapse()[0]
     everywhere = fem.locate_dofs_geometrical((V.sub(1), across), lambda x: x[1] > -1.0)
     bcs = [fem.dirichletbc(fem.Function(across), everywhere, V.sub(1))]
-    for name, value in (("upper_end", led), ("lower_end", np.zeros(3))):
+    for name, value in (("upper_end", moved), ("lower_end", np.zeros(3))):
         dofs = fem.locate_dofs_topological(V, 2, tags.find(tag[name]))
         bcs.append(fem.dirichletbc(value, dofs, V))
 
     def update(t: float) -> None:
-        led.value = scene.way(round(t))
+        moved.value = scene.travel(round(t))
 
     stepper = nts.QuasiStatic(bodies, [pair], dt=1.0, bcs=bcs, update=update)
     place = KDTree(V.tabulate_dof_coordinates()).query(scene.X)[1]

@@ -31,7 +31,7 @@ class Scene(NamedTuple):
         upper, lower: Hexahedra, shape ``(c, 8)``, nodes in the order of gmsh.
         outer, top: Nodes of the upper and of the lower body in contact, along x and y, shape
             ``(k, 2)``.
-        led, held: Nodes of the ends of the upper and of the lower body, the same shape.
+        moved, held: Nodes of the ends of the upper and of the lower body, the same shape.
     """
 
     X: Floats
@@ -39,7 +39,7 @@ class Scene(NamedTuple):
     lower: Ints
     outer: Ints
     top: Ints
-    led: Ints
+    moved: Ints
     held: Ints
 
     @property
@@ -48,8 +48,8 @@ class Scene(NamedTuple):
         return np.concatenate([self.upper, self.lower])
 
     @staticmethod
-    def way(step: int) -> Floats:
-        """Displacement of the led nodes at the end of a step, from 1 on, shape ``(3,)`` [m]."""
+    def travel(step: int) -> Floats:
+        """Displacement of the moved nodes at the end of a step, from 1 on, shape ``(3,)`` [m]."""
         aside = ASIDE * max(step - NUM_DOWN, 0) / NUM_ASIDE
         return np.array([aside, 0.0, -DOWN * min(step, NUM_DOWN) / NUM_DOWN])
 

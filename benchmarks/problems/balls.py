@@ -89,7 +89,7 @@ def ball_on_wall(comm: MPI.Comm, scheme: str, h: float | None, *, n: int, elemen
     diagnostics = nts.Diagnostics(stepper)
     times, velocities, forces = [0.0], [-speed], []
 
-    def look() -> None:
+    def record() -> None:
         times.append(stepper.t)
         velocities.append(float(diagnostics.body_velocity(body)[2]))
         forces.append(4 * float(diagnostics.contact_force()[2]))
@@ -101,7 +101,7 @@ def ball_on_wall(comm: MPI.Comm, scheme: str, h: float | None, *, n: int, elemen
         values = {"greatest force": smooth.max() / greatest, "duration": 2 * rest / duration}
         return {name: float(value) for name, value in values.items()}
 
-    return Scene(stepper, body, judge, look, t_end=1.1 * duration)
+    return Scene(stepper, body, judge, record, t_end=1.1 * duration)
 
 
 def _add_quarter(model: Any, n: int) -> None:

@@ -156,7 +156,7 @@ def run(folder: Path, num_ranks: int, where: str, ranks: str, checkpoint_every: 
     return error
 
 
-def is_told_once(error: str, text: str) -> bool:
+def is_reported_once(error: str, text: str) -> bool:
     """Whether one traceback ends with a text, or a line has it without one."""
     return error.count("Traceback") == text.count("Error") and len(re.findall(text, error)) == 1
 
@@ -201,21 +201,23 @@ def test_a_failure_on_one_rank_ends_all_with_one_message(tmp_path, where, text, 
     if where.startswith("mesh"):
         rank = 0  # which alone reads it
     error = run(tmp_path, num_ranks, where, str(rank))
-    assert is_told_once(error, text), error
+    assert is_reported_once(error, text), error
 
 
 @pytest.mark.serial
 @pytest.mark.alone
 def test_ranks_that_put_off_signals_end_as_well(tmp_path):
     error = run(tmp_path, 2, "loop", "1", checkpoint_every=1)
-    assert is_told_once(error, "KeyError: .*injected in loop"), error
+    assert is_reported_once(error, "KeyError: .*injected in loop"), error
 
 
 @pytest.mark.serial
 @pytest.mark.alone
 def test_the_same_error_on_all_ranks_is_reported_once_without_abort(tmp_path):
     error = run(tmp_path, 3, "loop", "0,1,2")
-    assert is_told_once(error, "KeyError: .*injected in loop") and "MPI_ABORT" not in error, error
+    assert is_reported_once(error, "KeyError: .*injected in loop") and "MPI_ABORT" not in error, (
+        error
+    )
 
 
 @pytest.fixture

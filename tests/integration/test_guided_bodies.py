@@ -119,7 +119,7 @@ def check_ledger(stepper, num_steps, force=(0, 0, 0)):
 
 
 @pytest.mark.at_most_two_ranks
-def test_led_tool_presses_and_turns_with_an_exact_ledger(comm):
+def test_guided_tool_presses_and_turns_with_an_exact_ledger(comm):
     motion = nts.Motion(
         lambda t: (0.05 * t, 0.0, -DEPTH * t), lambda t: (0, 0, TURN * t), centre=CENTRE
     )

@@ -249,7 +249,7 @@ def test_spring_between_dome_and_base_is_in_balance(comm, make):
     assert drop < -1e-5
 
 
-def test_led_dome_does_the_work_of_its_guide(comm):
+def test_guided_dome_does_the_work_of_its_guide(comm):
     for make, dt, law in (
         (nts.EnergyMomentum, 0.01, ELASTIC),
         (nts.GeneralizedAlpha, 0.01, PLASTIC),

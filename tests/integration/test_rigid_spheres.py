@@ -119,7 +119,7 @@ def test_a_frictionless_ball_keeps_its_spin():
 
 @pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize("friction", [once(None, id="frictionless"), SLIDING])
-def test_led_ball_presses_as_an_obstacle_does(comm, agree, friction):
+def test_guided_ball_presses_as_an_obstacle_does(comm, agree, friction):
     motion = nts.Motion(lambda t: (max(t - 0.1, 0.0), 0.0, -0.8 * min(t, 0.1)))
     guide, states = nts.Guide(motion=motion), []
     alone = nts.RigidSphere(CENTRE, RADIUS).moving(motion)

@@ -76,7 +76,7 @@ def test_uniform_stress_is_exact_on_distorted_cells(cell, degree, nu, table_row)
 
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("cells", [(4, 6), (6, 4)])
-def test_patch_test_of_rings_is_passed_by_mortar(cells, degree, table_row):
+def test_axisymmetric_patch_test_is_passed_by_mortar(cells, degree, table_row):
     """Round blocks whose meshes do not match, pressed and widened alike: one pressure."""
     lower, upper = (
         block((0.0, z), (1.0, 1.0), (n, 2)) for z, n in ((-1.0, cells[0]), (0.0, cells[1]))

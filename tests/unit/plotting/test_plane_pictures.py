@@ -49,7 +49,7 @@ def touching():
     return stepper
 
 
-def looks_along_z(plotter):
+def has_view_along_z(plotter):
     """Whether the camera is above the plane, with y upwards."""
     position, focus, up = map(np.array, plotter.camera_position)
     view = position - focus
@@ -65,7 +65,7 @@ def test_bodies_of_the_plane_are_drawn_with_their_obstacles(comm, touching):
         assert grid.n_cells == V.mesh.topology.index_map(2).size_global
         assert circle.n_points > 0
         assert np.hypot(circle.points[:, 0], circle.points[:, 1] + 1.5).max() < 1.001
-        assert looks_along_z(plotter)
+        assert has_view_along_z(plotter)
 
 
 def test_contact_forces_of_the_plane_are_drawn_where_they_act(comm, touching):
@@ -81,7 +81,7 @@ def test_contact_forces_of_the_plane_are_drawn_where_they_act(comm, touching):
         at, forces, _ = plotter.add_arrows.call_args.args
         assert len(at) == active
         assert np.abs(forces.sum(axis=0) - total).max() <= 1e-12 * np.abs(total).max()
-        assert np.abs(at[:, 1]).max() < 0.1 and looks_along_z(plotter)
+        assert np.abs(at[:, 1]).max() < 0.1 and has_view_along_z(plotter)
 
 
 @pytest.mark.serial

@@ -35,11 +35,11 @@ class Two:
         self.bodies = [nts.Body(self.V, tags, value, stone) for value in range(len(blocks))]
 
     def search(self):
-        """Make a search for what the nodes of the second body face."""
+        """Search for segments near the nodes of the second body."""
         return GlobalSearch(*(nts.boundary_of(body) for body in reversed(self.bodies)))
 
-    def look(self, x, search=None):
-        """Return a function of the reach that finds segments and gaps of all second nodes."""
+    def finder(self, x, search=None):
+        """Function of the search radius that finds segments and gaps of all second nodes."""
         nodes = nts.boundary_of(self.bodies[1])
         candidates, _ = (search or self.search()).update(x, np.inf)
         none = np.full(len(nodes.nodes), -1, dtype=np.int32)
@@ -112,8 +112,8 @@ def test_searches_at_any_distance_find_the_same_segment(comm, agree, cell):
         bend = rng.uniform(-0.5, 0.5, (3, 3))
         x = X + np.sin(2 * X @ bend) * rng.uniform(0, 0.6)
         x[two.bodies[1].nodes] += rng.uniform(-2, 4, 3)
-        look = two.look(x)
-        anywhere, far, again = look(np.inf), look(1e3), two.look(x, search)(np.inf)
+        find = two.finder(x)
+        anywhere, far, again = find(np.inf), find(1e3), two.finder(x, search)(np.inf)
         for found_there in (anywhere, again):
             pairs = zip(found_there, far, strict=True)
             assert agree(all(np.array_equal(*pair, equal_nan=True) for pair in pairs))
