@@ -178,7 +178,7 @@ def _kind_of_cells(mesh: Elements, dim: int) -> int:
 
 
 def _check_groups(mesh: Elements, cell_dim: int, expected: dict[int, int]) -> dict[int, int]:
-    """Check physical groups and element types of entities; number of facets by tag."""
+    """Check physical groups and element types of entities; return numbers of facets by tag."""
     num_facets: dict[int, int] = {}
     of_entity: dict[tuple[int, int], list[Block]] = {entity: [] for entity in mesh.groups}
     for block in mesh.blocks:

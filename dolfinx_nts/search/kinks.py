@@ -35,7 +35,7 @@ def nodes_on_kinks(surface: Surface) -> tuple[Flags, Floats]:
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     normals, centres = vectors / np.where(length > 0, length, 1.0), corners.mean(axis=1)
     n, most = len(around.counts), int(around.counts.max(initial=0))
-    # Facets of each node in a table, with the first one again in place of those that it lacks.
+    # Table of the facets of each node; short rows are padded by the first facet.
     first = np.cumsum([0, *around.counts])[:-1]
     place = np.minimum(np.arange(most), around.counts[:, None] - 1)
     table = around.facets[first[:, None] + place] if n else np.empty((0, most), dtype=np.int32)

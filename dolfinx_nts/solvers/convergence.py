@@ -173,7 +173,7 @@ class Convergence:
         """Measure an iterate. Collective.
 
         Args:
-            iterate: Forces at the present displacement.
+            iterate: Forces at the current displacement.
             is_complete: Whether the prescribed motion has been applied completely.
         """
         R, states, scales = iterate.R, iterate.states, self._scales
@@ -181,7 +181,8 @@ class Convergence:
         is_open = not excess <= scales.gap
         num_given = _num_given(self._steps, states) if is_open and is_complete else 0
         counts = [sum(s.changed for s in states), sum(s.failed for s in states), is_open, num_given]
-        # In statics the last step does not know the reactions to a new prescribed displacement.
+        # In statics, forces of the last step do not include reactions to a new prescribed
+        # displacement.
         fixed = self._bulk.supports.fixed[: 0 if self._inertia else None]
         reactions, contact = iterate.forces[fixed], iterate.R_contact
         squares = [R @ R, contact @ contact, reactions @ reactions]
@@ -252,7 +253,7 @@ class Convergence:
         return is_due and seen.norm > _MARGINAL * seen.scale
 
     def longest_decided(self, *, is_supported: bool) -> float:
-        """Trust radius of increments with states by the cone problem [m]. Local.
+        """Trust radius of increments after a cone problem has set the contact states [m]. Local.
 
         In statics, slips of bodies that only friction supports are linearised, and wrong ones let
         the bodies drift away. Otherwise there is no limit. ``is_supported`` is as for

@@ -90,5 +90,5 @@ class VtxFile:
         """Do nothing: no state is buffered."""
 
     def _set(self, now: Present) -> list[fem.Function]:
-        """Give the Functions the values of the present state."""
+        """Set the Functions to the values of the current state."""
         return [self._functions.set(name, v) for name, v in self._fields.nodal(now).items()]

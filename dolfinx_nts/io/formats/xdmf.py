@@ -172,7 +172,7 @@ class XdmfFile:
         """Write the mesh, and remove the states that do not belong to the run.
 
         Args:
-            resume: Whether to continue the states up to the present step. Otherwise all states
+            resume: Whether to continue the states up to the current step. Otherwise all states
                 of an earlier run are removed. If one of them is damaged or missing, a warning
                 is issued, and all are moved to another folder.
 

@@ -39,7 +39,7 @@ _DIFFERENCE = 1e-5
 _STILL = 1e-7
 # Largest number of spheres in a path [-]; a path that grazes the surface needs many.
 _MOST_SPHERES = 200
-# Part of a path inside, relative to its length [-], that counts as none.
+# Length of a path inside, relative to the whole path [-], that counts as zero.
 _SHORTEST = 1e-4
 
 # Least 1 + cos of the rotation angle of normals [-]: for half a turn the rotation is not unique.

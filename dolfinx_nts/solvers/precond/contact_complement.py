@@ -195,7 +195,7 @@ class ContactComplement:
         return nodes[place] - first, place
 
     def _solve(self) -> None:
-        """Compute the columns of nodes that have none. Collective."""
+        """Compute the missing columns. Collective."""
         d = self._tangent.rows.dim
         n = d * self._tangent.rows.index_map.size_local
         for batch in self._batches[len(self._columns) :]:

@@ -165,7 +165,7 @@ class _GatheredRows:
         self._factors.correct(r, z, none if self._halo is None else self._halo.carry(r, z))
 
     def _place(self, nodes: GlobalInts) -> Ints:
-        """Positions of nodes among the columns."""
+        """Indices of nodes in the list of columns."""
         place: Ints = self._order[np.searchsorted(self._sorted, nodes)].astype(np.int32)
         return place
 

@@ -114,7 +114,7 @@ struct MovingSurface
   }
 };
 
-/// @brief Computes intersections of nodal paths with a moving surface.
+/// @brief Intersections of nodal paths with a moving surface.
 class Trajectories
 {
 public:

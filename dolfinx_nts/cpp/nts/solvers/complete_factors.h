@@ -91,7 +91,7 @@ public:
     }
     _entry.resize(entries);
     std::vector<std::vector<float>> updates(_fronts.size());
-    std::vector<std::int32_t> local(_nodes); // of places in the present front
+    std::vector<std::int32_t> local(_nodes); // of places in the current front
     std::vector<float> F;
     for (std::size_t f = 0; f < _fronts.size(); ++f)
     {

@@ -78,7 +78,7 @@ public:
   /// @brief Residual of the solution.
   double residual() const noexcept { return std::abs(_right.back()); }
 
-  /// @brief Append column k of k + 2 numbers.
+  /// @brief Append the next column, number k, which has k + 2 entries.
   void append(std::vector<double> column)
   {
     const std::size_t k = _columns.size();

@@ -102,7 +102,7 @@ public:
     _order.assign(order.begin(), order.end());
     FactorPattern<Rows> pattern(A, order, fill);
     allocate(A, pattern);
-    std::vector<std::int32_t> at(n, -1); // columns in the present row
+    std::vector<std::int32_t> at(n, -1); // columns in the current row
     std::vector<Columns<B>> row;
     for (std::size_t i = 0; i < n; ++i)
     {
