@@ -12,10 +12,10 @@ import numpy as np
 from dolfinx_nts._kernels import HYSTERESIS
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Flags, Floats
-from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Tied
+from dolfinx_nts.contact.enforcement import Penalty, Tied
 from dolfinx_nts.contact.joint_state import JointState, members
 from dolfinx_nts.contact.massless import is_resolved
-from dolfinx_nts.contact.method import NODES
+from dolfinx_nts.contact.method import EDGES, NODES
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.model.bodies import Body
@@ -136,17 +136,18 @@ def exchange_roles(
 def _may_exchange(pair: ContactPair, pairs: Sequence[ContactPair], is_static: bool) -> bool:
     """Whether a pair can have exchanged roles, which no other pair has. Collective."""
     law, segments = pair.enforcement, pair.segments
-    has_multipliers = isinstance(law, LagrangeMultiplier) and not isinstance(law, Tied)
+    if isinstance(law, Penalty):
+        has_law = not (is_static or pair.is_convective or pair.method == EDGES)
+    else:
+        has_law = pair.method == NODES and not isinstance(law, Tied)
     wanted = not is_static if pair.exchange is None else pair.exchange
-    if not (wanted and pair.method == NODES and has_multipliers):
+    if not (wanted and has_law and isinstance(segments, Surface)) or pair.touches_itself:
         return False
-    if not isinstance(segments, Surface) or pair.touches_itself:
-        return False
-    if isinstance(segments.smooth, RigidSphere):
+    if any(isinstance(each.smooth, RigidSphere) for each in (pair.nodes, segments)):
         return False
     comm = segments.V.mesh.comm
     for other in pairs:
-        if other.method == NODES and isinstance(other.segments, Surface):
+        if other.method != EDGES and isinstance(other.segments, Surface):
             sides = (segments, other.nodes), (pair.nodes, other.segments)
             has_both = all(bool(np.isin(a.nodes, b.nodes).all()) for a, b in sides)
             if other is not pair and reductions.everywhere(comm, has_both):

@@ -357,11 +357,7 @@ class OverlapWatch:
             for contact, nodes, segments in self._roles
             if (inner in nodes and outer in segments)
             # The deepest point is no contact node, but contact nodes may be equally deep.
-            or (
-                outer in nodes
-                and inner in segments
-                and _deepest(contact, contact.history.gap) > overlap.depth / 2
-            )
+            or (outer in nodes and inner in segments and _held(contact) > overlap.depth / 2)
         ]
         if not held:
             return (
@@ -421,6 +417,15 @@ def _described(overlap: Overlap) -> str:
         f"({overlap.depth / overlap.size:.2g} of the longest facet; nodes inside: {overlap.nodes}, "
         f"cell centres inside: {overlap.cells})"
     )
+
+
+def _held(contact: PairState) -> float:
+    """Largest penetration of a node, or of a vertex of the segments with a force [m]. Collective."""
+    depth, vertices = _deepest(contact, contact.history.gap), contact.exchange
+    if vertices is None:
+        return depth
+    history = vertices.history
+    return max(depth, _deepest(vertices, np.where(history.active, history.gap, np.nan)))
 
 
 def _deepest(contact: PairState, gap: Floats) -> float:

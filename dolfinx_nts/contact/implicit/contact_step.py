@@ -5,6 +5,7 @@ A `ContactStep` never changes the accepted state of the pairs. Evaluating it giv
 """
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import NamedTuple
 
 from mpi4py import MPI
@@ -69,6 +70,7 @@ class ContactStep:
         share: Share of the end of the step in the forces of springs, see `Scheme` [-].
         begins_sticking: Whether all nodes with friction stick at first, see `StickSlip`.
         dt: Length of the step [s], for the speed of slip.
+        others: Attempts at the same step of other pairs, on which vertices of segments depend.
 
     Attributes:
         state: The argument.
@@ -96,6 +98,7 @@ class ContactStep:
         share: float = 0.5,
         begins_sticking: bool = False,
         dt: float = 1.0,
+        others: Sequence["ContactStep"] = (),
     ) -> None:
         """Find the candidates within the search radius, and the nodes that may touch."""
         self.state, self._scheme = state, scheme
@@ -109,7 +112,8 @@ class ContactStep:
         )
         nodal_stiffness = stiffness[state.nodes.nodes]
         self.normal = make_normal_contact(
-            state, is_static, search, nodal_stiffness, intermediate or {}, share, dt
+            *(state, is_static, search, nodal_stiffness, intermediate or {}, share, dt),
+            partial(_compression, others),
         )
         self.friction = make_friction(
             state, is_static, search, nodal_stiffness, scheme == "static", begins_sticking, dt
@@ -212,6 +216,17 @@ class ContactStep:
         self.friction.measure(pairs, x)
         search.gap[node] = pairs.contact.gap
         return pairs, int(np.count_nonzero(moved)) + released
+
+
+def _compression(steps: Sequence[ContactStep], pair: PairState) -> Floats:
+    """Compression of the active springs of a pair in one of the attempts, ``(n,)`` [m]. Local."""
+    compression = np.zeros(len(pair.nodes.nodes))
+    for step in steps:
+        if pair in (pairs := members(step.state)):
+            start, end = step.state.ends[(number := pairs.index(pair)) : number + 2]
+            node = start + step.normal.active[start:end].nonzero()[0].astype(np.int32)
+            compression[node - start] = np.fmax(-step.normal.gaps(step.x, node), 0.0)
+    return compression
 
 
 def _unknowns(search: LocalSearch, free: Floats) -> Floats | None:

@@ -1,6 +1,6 @@
 """Search, normal contact and friction of a step, by the declaration of a pair."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Tied
@@ -14,7 +14,7 @@ from dolfinx_nts.contact.implicit.mortar.frozen_points import (
     SettlingPoints,
     TiedPoints,
 )
-from dolfinx_nts.contact.implicit.normal.exchanged_contact import ExchangedContact
+from dolfinx_nts.contact.implicit.normal.exchanged_contact import ExchangedContact, ExchangedSprings
 from dolfinx_nts.contact.implicit.normal.interface import NormalContact
 from dolfinx_nts.contact.implicit.normal.multiplier import MultiplierContact
 from dolfinx_nts.contact.implicit.normal.penalty import PenaltyContact
@@ -53,6 +53,7 @@ def make_normal_contact(
     intermediate: Mapping[float, Floats],
     share: float,
     dt: float,
+    compression: Callable[[PairState], Floats],
 ) -> NormalContact:
     """Normal contact of a pair by its enforcement. Collective.
 
@@ -64,14 +65,17 @@ def make_normal_contact(
         intermediate: Positions by fractions of the ballistic motion, see `ContactStep` [m].
         share: Weight of the end of the step in the forces of springs [-].
         dt: Length of the step [s].
+        compression: Present compression of springs of other pairs, see `ExchangedSprings`.
     """
     law = state.pair.enforcement
+    exchanged = isinstance(members(state)[0], ExchangedState)
     if isinstance(law, Tied):
         return TiedContact(state, law, is_static, search, stiffness, intermediate)
     if isinstance(law, LagrangeMultiplier):
-        exchanged = isinstance(members(state)[0], ExchangedState)
         kind = ExchangedContact if exchanged else MultiplierContact
         return kind(state, law, is_static, search, stiffness, intermediate)
+    if exchanged:
+        return ExchangedSprings(state, law, search, share, dt, compression)
     return PenaltyContact(state, law, is_static, search, share, dt)
 
 

@@ -177,14 +177,20 @@ class StepSolver:
         if not self._is_static:
             farthest = reductions.largest(self._bulk.comm, _kernels.farthest(x_n, x_trial))
             states = [state for state in states if may_face(state, x_n, farthest)]
-        steps = [self._contact_step(problem, begins_sticking, state) for state in states]
+        steps: list[ContactStep] = []
+        for state in states:
+            steps.append(self._contact_step(problem, begins_sticking, state, tuple(steps)))
         for step in steps:
             if step.state in problem.admitted:
                 step.normal.admit(problem.admitted[step.state])
         return steps
 
     def _contact_step(
-        self, problem: StepProblem, begins_sticking: bool, state: PairState | JointState
+        self,
+        problem: StepProblem,
+        begins_sticking: bool,
+        state: PairState | JointState,
+        others: Sequence[ContactStep] = (),
     ) -> ContactStep:
         stiffness = contact_stiffness(
             self._tangent.nodal_stiffness(), self._bodies, self.mass, self._rates
@@ -197,4 +203,5 @@ class StepSolver:
             scheme.stress_share,
             begins_sticking,
             float(self._rates.dt.value),
+            others,
         )

@@ -1,23 +1,26 @@
 """Normal contact of vertices of the segments with facets of the nodes, in one attempt at a step."""
 
-from collections.abc import Mapping
+from abc import abstractmethod
+from collections.abc import Callable, Mapping
 from typing import cast
 
 import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
-from dolfinx_nts.contact.enforcement import TOUCHES, LagrangeMultiplier
+from dolfinx_nts.contact.enforcement import TOUCHES, LagrangeMultiplier, Penalty
 from dolfinx_nts.contact.exchange import ExchangedState, released
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
+from dolfinx_nts.contact.implicit.normal.interface import NormalContact
 from dolfinx_nts.contact.implicit.normal.multiplier import MultiplierContact
+from dolfinx_nts.contact.implicit.normal.penalty import PenaltyContact
 from dolfinx_nts.contact.joint_state import JointState, members
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.search.points import ContactPoints
 from dolfinx_nts.search.segment_candidates import SegmentCandidates
 
-__all__ = ["ExchangedContact"]
+__all__ = ["ExchangedContact", "ExchangedSprings"]
 
 # Cosine of the angle between two constraints at one place [-], 8 degrees, up to which they are one.
 # Larger: their system is nearly singular. Smaller: a corner above a node sinks until its sides hold
@@ -25,39 +28,35 @@ __all__ = ["ExchangedContact"]
 _ONE = 0.99
 
 
-class ExchangedContact(MultiplierContact):
-    """Holds vertices that were held in the last step, or that the step has sunk into a face.
+class _Vertices(NormalContact):
+    """Vertices that were active in the last step, or that the step has sunk into a face.
 
-    See `exchange_roles` and, for the arguments, `MultiplierContact`.
+    See `exchange_roles`.
     """
 
-    def __init__(
-        self,
-        state: PairState | JointState,
-        law: LagrangeMultiplier,
-        is_static: bool,
-        search: LocalSearch,
-        stiffness: Floats,
-        intermediate: Mapping[float, Floats],
-    ) -> None:
-        self._is_static = is_static
-        self._candidates = candidates = cast(SegmentCandidates, search.candidates)
-        states = cast(tuple[ExchangedState, ...], members(state))
-        self._tolerance = np.concatenate([each.tolerance for each in states])
-        normal = np.zeros((candidates.scatter.index_map.size_local, 3))
-        for each in states:
-            history = each.given.history
-            normal[each.given.nodes.nodes] += np.where(history.active[:, None], history.normal, 0.0)
-        self._held_along = candidates.scatter.forward(normal)
-        super().__init__(state, law, is_static, search, stiffness, intermediate)
+    def _prepare(self, state: PairState | JointState, search: LocalSearch) -> None:
+        """Set what the choice of vertices needs; arguments as for `NormalContact`."""
+        self._candidates = cast(SegmentCandidates, search.candidates)
+        self._states = cast(tuple[ExchangedState, ...], members(state))
+        self._tolerance = np.concatenate([each.tolerance for each in self._states])
+
+    @abstractmethod
+    def _stay(self, node: Ints) -> Flags:
+        """Whether vertices that were active may stay so, shape ``(m,)``. Local."""
+
+    @abstractmethod
+    def _lack_force(self, node: Ints, segment: Ints, gap: Floats, x: Floats) -> Flags:
+        """Whether vertices that lie too deep need a force of their own, shape ``(m,)``. Collective.
+
+        ``segment`` are their segments, ``gap`` their gaps [m], both ``(m,)``, ``x`` positions with
+        ghosts, shape ``(l, 3)`` [m].
+        """
 
     def choose(self) -> Flags:
-        search, eligible = self._search, self._faces_by_law() & ~released(self._state)
-        chosen = eligible & self._state.history.active
-        node = chosen.nonzero()[0].astype(np.int32)
-        segment = search.approach.segment[node]
-        chosen[node] = ~self._is_held_by_node(node, segment, search.x_n)
-        chosen |= eligible & self._sunk
+        eligible = self._faces_by_law() & ~released(self._state)
+        chosen = eligible & self._sunk
+        node = (eligible & self._state.history.active).nonzero()[0].astype(np.int32)
+        chosen[node] |= self._stay(node)
         self._barred = eligible & ~chosen
         return chosen
 
@@ -80,13 +79,50 @@ class ExchangedContact(MultiplierContact):
         node, segment, gap = node[some], segment[some], gap[some]
         size = candidates.size[segment]
         deep = gap < -np.fmin(self._tolerance[node], _kernels.HYSTERESIS * size)
-        points = search.points.take(node)
-        deep &= _above(candidates, points, x, segment)[0]
-        if not self._is_static:
-            # Those that leave need no force, those above a held node have it.
-            deep &= gap < candidates.gap(points, search.x_n, segment) - TOUCHES * size
-            deep &= ~self._is_held_by_node(node, segment, x)
+        deep &= _above(candidates, search.points.take(node), x, segment)[0]
+        deep &= self._lack_force(node, segment, gap, x)
         return self._hold(node[deep], segment[deep], gap[deep])
+
+    def _sink(self, node: Ints, segment: Ints, gap: Floats) -> Flags:
+        """Whether vertices are deeper than at t_n: those that leave need no force. Local."""
+        candidates, points = self._candidates, self._search.points.take(node)
+        before = candidates.gap(points, self._search.x_n, segment)
+        flags: Flags = gap < before - TOUCHES * candidates.size[segment]
+        return flags
+
+
+class ExchangedContact(_Vertices, MultiplierContact):
+    """Holds vertices by multipliers.
+
+    See `exchange_roles` and, for the arguments, `MultiplierContact`.
+    """
+
+    def __init__(
+        self,
+        state: PairState | JointState,
+        law: LagrangeMultiplier,
+        is_static: bool,
+        search: LocalSearch,
+        stiffness: Floats,
+        intermediate: Mapping[float, Floats],
+    ) -> None:
+        self._prepare(state, search)
+        self._is_static = is_static
+        normal = np.zeros((self._candidates.scatter.index_map.size_local, 3))
+        for each in self._states:
+            history = each.given.history
+            normal[each.given.nodes.nodes] += np.where(history.active[:, None], history.normal, 0.0)
+        self._held_along = self._candidates.scatter.forward(normal)
+        super().__init__(state, law, is_static, search, stiffness, intermediate)
+
+    def _stay(self, node: Ints) -> Flags:
+        search = self._search
+        return ~self._is_held_by_node(node, search.approach.segment[node], search.x_n)
+
+    def _lack_force(self, node: Ints, segment: Ints, gap: Floats, x: Floats) -> Flags:
+        if self._is_static:
+            return np.ones(len(node), dtype=bool)
+        return self._sink(node, segment, gap) & ~self._is_held_by_node(node, segment, x)
 
     def _target(self, pairs: PairKinematics) -> Floats:
         """Gaps that multipliers hold: with inertia, vertices inside are not pushed out.
@@ -110,6 +146,51 @@ class ExchangedContact(MultiplierContact):
         return flags
 
 
+class ExchangedSprings(_Vertices, PenaltyContact):
+    """Springs at vertices that are deeper below a face than the springs of its nodes.
+
+    A spring begins without energy, at the depth from which on its vertex needs it or, if it is
+    deeper already, at its gap at t_n. See `exchange_roles` and `PenaltyContact`.
+
+    Args:
+        compression: Returns how far the active springs of a given pair are compressed at present,
+            shape ``(n,)`` [m]. Local.
+    """
+
+    def __init__(
+        self,
+        state: PairState | JointState,
+        law: Penalty,
+        search: LocalSearch,
+        share: float,
+        compression: Callable[[PairState], Floats],
+    ) -> None:
+        self._prepare(state, search)
+        self._compression = compression
+        # Gaps at which springs begin in this step.
+        self._begin_at: Floats = np.zeros(len(self._tolerance))
+        super().__init__(state, law, False, search, share)
+
+    def _stay(self, node: Ints) -> Flags:
+        return np.ones(len(node), dtype=bool)
+
+    def _lack_force(self, node: Ints, segment: Ints, gap: Floats, x: Floats) -> Flags:
+        candidates = self._candidates
+        depth = np.zeros((candidates.scatter.index_map.size_local, 1))
+        for each in self._states:
+            depth[each.given.nodes.nodes, 0] = self._compression(each.given)
+        depth = candidates.scatter.forward(np.repeat(depth, 3, axis=1))[:, 0]
+        allowed = depth[candidates.vertices[segment]].max(axis=1, initial=0.0)
+        allowed += np.fmin(self._tolerance[node], _kernels.HYSTERESIS * candidates.size[segment])
+        self._begin_at[node] = -allowed
+        return (gap < -allowed) & self._sink(node, segment, gap)
+
+    def _offset(self, pairs: PairKinematics) -> Floats:
+        node = pairs.node
+        begins = np.fmin(pairs.contact.gap_n, self._begin_at[node])
+        return np.where(self._state.history.active[node], super()._offset(pairs), begins)
+
+
 def _above(
     candidates: SegmentCandidates, points: ContactPoints, x: Floats, segment: Ints
 ) -> tuple[Flags, Ints]:
@@ -124,7 +205,8 @@ def _above(
     Returns:
         Flags, shape ``(m,)``, and nodes of the map, -1 between vertices, shape ``(m,)``.
     """
-    pairs, vertices = candidates.pairs(points, x, segment), candidates.segments[segment]
+    pairs = _kernels.with_vertices(points.of(x), x, candidates.vertices, segment)
+    vertices = candidates.vertices[segment]
     xi = _kernels.project(pairs, candidates.orientation[segment])[0]
     outside = np.fmax(-xi.min(axis=1), xi.max(axis=1) - 1)
     if vertices.shape[1] == 3:

@@ -12,8 +12,12 @@ from dolfinx_nts.contact.implicit.friction.interface import Friction
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.joint_state import JointState
 from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.parallel import reductions
 
 __all__ = ["NormalContact", "go_on", "known_nodes"]
+
+# Largest number of renewals of the excluded nodes in a step [-].
+_MOST_CHOICES = 2
 
 
 class NormalContact(ABC):
@@ -42,6 +46,9 @@ class NormalContact(ABC):
         # Nodes excluded because of eligible neighbours.
         self._barred: Flags = np.zeros(len(history.active), dtype=bool)
         self._admitted: Flags = np.zeros_like(self._barred)
+        # Excluded nodes that penetrated, and remaining number of renewals.
+        self._sunk: Flags = np.zeros_like(self._barred)
+        self._choices = _MOST_CHOICES
         self._begin(history.active, history.lambda_N)
 
     def _begin(self, active: Flags, lambda_N: Floats) -> None:
@@ -63,7 +70,27 @@ class NormalContact(ABC):
 
     def choose(self) -> Flags:
         """Choose the nodes that may transmit force, shape ``(n,)``. Collective."""
+        return self._faces_by_law()
+
+    def _faces_by_law(self) -> Flags:
+        """Nodes with a segment that the law lets transmit force, shape ``(n,)``. Local."""
         return self._search.approach.segment >= 0
+
+    def _hold(self, node: Ints, segment: Ints, gap: Floats) -> int:
+        """Let nodes transmit force on the segments into which they have sunk. Collective.
+
+        Arguments have the shape ``(m,)``. Returns the number of nodes of this rank.
+        """
+        if not reductions.anywhere(self._comm, len(node) > 0):
+            return 0
+        self._choices -= 1
+        search, approach = self._search, self._search.approach
+        self._sunk[node] = True
+        search.segment[node], search.gap[node] = segment, gap
+        faces = (self._eligible | self._sunk) & (search.segment >= 0)
+        approach.segment[faces] = search.segment[faces]
+        self._begin(self.active, self.lambda_N)
+        return len(node)
 
     def may_hold(self, node: Ints, gap_n: Floats, gap: Floats) -> Flags | bool:
         """Whether the law lets nodes touch that go from one gap to another in the step. Local.
@@ -101,7 +128,7 @@ class NormalContact(ABC):
         """Flags of nodes whose kinematics are needed, shape ``(m,)``; None for all. Local."""
         return None
 
-    def _gaps(self, x: Floats, node: Ints) -> Floats:
+    def gaps(self, x: Floats, node: Ints) -> Floats:
         """Gaps of nodes to their segments at x, shape ``(m,)`` [m]. Local."""
         search = self._search
         if not search.pairing.follows:  # points that stay are not projected to be found

@@ -13,7 +13,6 @@ from dolfinx_nts.contact.implicit.normal.active_set import ActiveSet
 from dolfinx_nts.contact.implicit.normal.interface import NormalContact
 from dolfinx_nts.contact.joint_state import JointState
 from dolfinx_nts.contact.pair_state import PairState
-from dolfinx_nts.parallel import reductions
 
 __all__ = ["MultiplierContact"]
 
@@ -23,8 +22,8 @@ _CLOSE = 0.01
 # Gap relative to the size of a segment [-] up to which nodes may close it in an iteration.
 _NEAR = 0.1
 # Additional penetration of an excluded node in a step relative to the size of a segment [-] from
-# which on it is activated, and largest number of such renewals in a step [-].
-_SUNK, _MOST_CHOICES = 0.05, 2
+# which on it is activated.
+_SUNK = 0.05
 
 
 class MultiplierContact(NormalContact):
@@ -56,9 +55,6 @@ class MultiplierContact(NormalContact):
         # would do work.
         stays = not (search.pairing.follows or is_static)
         self._stays: Flags = state.history.active & stays
-        # Excluded nodes that penetrated, and remaining number of renewals.
-        self._sunk: Flags = np.zeros(len(state.history.active), dtype=bool)
-        self._choices = _MOST_CHOICES
         super().__init__(state, search)
         self._intermediate: Floats | None = None
         if self._holds and law.part:
@@ -83,9 +79,7 @@ class MultiplierContact(NormalContact):
         return chosen
 
     def _faces_by_law(self) -> Flags:
-        """Nodes with a segment that the law lets transmit force, shape ``(n,)``. Local."""
-        approach = self._search.approach
-        eligible = approach.segment >= 0
+        approach, eligible = self._search.approach, super()._faces_by_law()
         if self._holds:
             # Kept gaps are compared with a constant length, lest loaded nodes are released on
             # shorter segments.
@@ -100,22 +94,6 @@ class MultiplierContact(NormalContact):
             return 0
         barred = self._barred.nonzero()[0].astype(np.int32)
         return self._hold(*sunk(self._search, x, barred, _SUNK))
-
-    def _hold(self, node: Ints, segment: Ints, gap: Floats) -> int:
-        """Let nodes be held on the segments into which they have sunk. Collective.
-
-        Arguments have the shape ``(m,)``. Returns the number of nodes of this rank.
-        """
-        if not reductions.anywhere(self._comm, len(node) > 0):
-            return 0
-        self._choices -= 1
-        search, approach = self._search, self._search.approach
-        self._sunk[node] = True
-        search.segment[node], search.gap[node] = segment, gap
-        faces = (self._eligible | self._sunk) & (search.segment >= 0)
-        approach.segment[faces] = search.segment[faces]
-        self._begin(self.active, self.lambda_N)
-        return len(node)
 
     def may_hold(self, node: Ints, gap_n: Floats, gap: Floats) -> Flags | bool:
         if not self._holds:
@@ -136,7 +114,7 @@ class MultiplierContact(NormalContact):
         # increment are needed by the coupled contact problem.
         if self._holds:
             return super().needs(x, node)
-        near = self._gaps(x, node) < self._reach * self._state.segment_sizes[node]
+        near = self.gaps(x, node) < self._reach * self._state.segment_sizes[node]
         return self.active[node] | self._stays[node] | near
 
     def _target(self, pairs: PairKinematics) -> Floats:

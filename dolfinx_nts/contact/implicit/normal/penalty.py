@@ -120,7 +120,7 @@ class PenaltyContact(NormalContact):
         search, old = self._search, self._state.history
         if search.pairing.follows:  # gaps on other segments may differ
             return super().needs(x, node)
-        inside = (self._gaps(x, node) < 0) | (search.approach.gap_n[node] < 0)
+        inside = (self.gaps(x, node) < 0) | (search.approach.gap_n[node] < 0)
         flags: Flags = self.active[node] | old.active[node] | (old.offset[node] != 0) | inside
         return flags
 
@@ -175,8 +175,15 @@ class PenaltyContact(NormalContact):
         speed = np.fmax(approach.gap_n - approach.gap, 0.0) / dt  # without a segment 0
         deforms = np.isfinite(yielding)
         arriving = np.where(deforms, speed * np.where(deforms, yielding, 0.0), np.inf)
-        depth: Floats = np.where(old.gap < old.offset, old.soft_depth, arriving)
+        depth: Floats = np.where(self._is_loaded, old.soft_depth, arriving)
         return depth
+
+    @property
+    def _is_loaded(self) -> Flags:
+        """Whether each spring has energy at t_n, shape ``(n,)``. Local."""
+        old = self._state.history
+        flags: Flags = old.gap < old.offset
+        return flags
 
     def _offset(self, pairs: PairKinematics) -> Floats:
         """Initial gap of springs on the current segments, shape ``(m,)`` [m].
