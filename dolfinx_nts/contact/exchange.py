@@ -1,8 +1,8 @@
 """Contact with the roles of both surfaces exchanged, where edges of the segments touch faces.
 
-Node-to-segment contact constrains the nodes of one surface. An edge or a corner of the other one
-penetrates faces between these nodes. `exchange_roles` adds a pair in which the vertices of the
-segments are the nodes, and the facets of the nodes the segments.
+Contact constrains gaps of the nodes of one surface. An edge or a corner of the other one penetrates
+faces between these nodes. `exchange_roles` adds a pair in which the vertices of the segments are
+the nodes, and the facets of the nodes the segments.
 """
 
 from collections.abc import Iterable, Sequence
@@ -97,12 +97,16 @@ def exchange_roles(
     Its nodes are the vertices on convex edges and corners of the segments, its segments the facets
     of the nodes. Both pairs have the same laws. A vertex becomes active once a solution has it
     deeper below a face than a hundredth of the smallest facet there, and stays active as long as a
-    force acts on it. With inertia its gap is kept, as pushing it out would do work. A vertex above
-    an active node stays inactive. Scenes in which no vertex penetrates so deep are solved as
-    without exchanged roles.
+    force acts on it. Scenes in which no vertex penetrates so deep are solved as without exchanged
+    roles.
 
-    Roles are not exchanged for mortar and edge contact, obstacles, self contact, springs, ties,
-    massless nodes, ``exchange=False``, and if another pair has the vertices as nodes.
+    Multipliers keep its gap with inertia, as pushing it out would do work. A vertex above an active
+    node stays inactive. Springs, of node-to-segment and mortar contact with inertia, begin without
+    energy, at a depth that exceeds the compression of the springs at the nodes of the face.
+
+    Roles are not exchanged for edge contact, obstacles, self contact, ties, massless nodes,
+    convective friction, ``exchange=False``, springs in statics and multipliers of mortar contact,
+    and if another pair has the vertices as nodes.
 
     Args:
         contacts: States of all pairs of a stepper. The new states are their `exchange`.

@@ -93,11 +93,13 @@ class ContactPair(Declaration):
             ``exchange=True`` or multipliers at nodes of rigid bodies by default, and in explicit
             steps, None means node-to-segment contact.
         name: Name in columns and legends; empty for the names of the two sides.
-        exchange: Whether node-to-segment contact with multipliers also holds vertices on convex
-            edges and corners of the segments: where one sinks deeper than a hundredth of a facet
-            between the nodes, it becomes a node and the facets around it become segments, with the
-            same laws. False is the method of the paper. None: with
-            inertia alone, as in statics constraints of both sides may let a soft surface buckle.
+        exchange: Whether contact also holds vertices on convex edges and corners of the segments:
+            where one sinks deeper than a hundredth of a facet between the nodes, and deeper than
+            their springs are compressed, it becomes a node and the facets around it become
+            segments, with the same laws. Multipliers do so in node-to-segment contact, springs in
+            steps with inertia. False is the method of the paper. None: with inertia alone, as in
+            statics constraints of both sides may let a soft surface buckle. Explicit steps and
+            mortar contact with multipliers do not exchange roles.
 
     Attributes:
         nodes, segments, name, exchange: The arguments.

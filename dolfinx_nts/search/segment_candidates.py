@@ -54,12 +54,10 @@ class SegmentCandidates(Candidates):
 
     Attributes:
         orientation: +1 where a_1 x a_2 points out of the body, otherwise -1, shape ``(s,)``.
-        vertices: Vertices of the facets, nodes of the map, shape ``(s, k)``.
     """
 
     def __init__(self, found: FoundSegments, first: Ints | None = None) -> None:
         self.scatter, self.segments, self.orientation, self.key = found[:4]
-        self.vertices = self.segments
         self.size, self._thickness = found[4:6]
         self.passage = passages(self.size, self._thickness)
         self._sunk: Floats = np.zeros(1 if first is None else len(first) - 1)

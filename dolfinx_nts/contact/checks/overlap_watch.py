@@ -420,7 +420,7 @@ def _described(overlap: Overlap) -> str:
 
 
 def _held(contact: PairState) -> float:
-    """Largest penetration of a node, or of a vertex of the segments with a force [m]. Collective."""
+    """Largest penetration of a node, or of a loaded vertex of the segments [m]. Collective."""
     depth, vertices = _deepest(contact, contact.history.gap), contact.exchange
     if vertices is None:
         return depth

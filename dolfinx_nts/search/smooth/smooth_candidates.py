@@ -35,7 +35,7 @@ class SmoothCandidates(SegmentCandidates):
     def __init__(self, found: FoundSegments, k: int) -> None:
         super().__init__(found._replace(vertices=np.ascontiguousarray(found.vertices[:, :k])))
         assert found.weights is not None
-        self.segments = found.vertices
+        self._vertices, self.segments = self.segments, found.vertices
         self._weights = weights_of_pairs(found.weights)
 
     def pair(
@@ -73,14 +73,14 @@ class SmoothCandidates(SegmentCandidates):
         return None
 
     def is_at_rim(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:
-        return is_nearest_a_rim(points.of(x), x, self.vertices, segment)
+        return is_nearest_a_rim(points.of(x), x, self._vertices, segment)
 
     def beneath(self, x: Floats) -> float:
         """Largest depth of patches below their facets, as on concave surfaces [m]. Local.
 
         It is estimated by the depth of the control points, which is up to a third larger.
         """
-        facets = x[self.vertices]
+        facets = x[self._vertices]
         normals = area_vectors(facets, self.orientation)
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         flat = flat_patch(facets.shape[1]) @ facets

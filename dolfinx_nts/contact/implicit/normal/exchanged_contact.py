@@ -17,7 +17,7 @@ from dolfinx_nts.contact.implicit.normal.multiplier import MultiplierContact
 from dolfinx_nts.contact.implicit.normal.penalty import PenaltyContact
 from dolfinx_nts.contact.joint_state import JointState, members
 from dolfinx_nts.contact.pair_state import PairState
-from dolfinx_nts.search.points import ContactPoints
+from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.search.segment_candidates import SegmentCandidates
 
 __all__ = ["ExchangedContact", "ExchangedSprings"]
@@ -39,6 +39,9 @@ class _Vertices(NormalContact):
         self._candidates = cast(SegmentCandidates, search.candidates)
         self._states = cast(tuple[ExchangedState, ...], members(state))
         self._tolerance = np.concatenate([each.tolerance for each in self._states])
+        # Smooth segments have the nodes around a facet, after its vertices.
+        k = cast(Surface, self._states[0].segments).segments.shape[1]
+        self._facets: Ints = np.ascontiguousarray(self._candidates.segments[:, :k])
 
     @abstractmethod
     def _stay(self, node: Ints) -> Flags:
@@ -79,9 +82,27 @@ class _Vertices(NormalContact):
         node, segment, gap = node[some], segment[some], gap[some]
         size = candidates.size[segment]
         deep = gap < -np.fmin(self._tolerance[node], _kernels.HYSTERESIS * size)
-        deep &= _above(candidates, search.points.take(node), x, segment)[0]
+        deep &= self._above(node, segment, x)[0]
         deep &= self._lack_force(node, segment, gap, x)
         return self._hold(node[deep], segment[deep], gap[deep])
+
+    def _above(self, node: Ints, segment: Ints, x: Floats) -> tuple[Flags, Ints]:
+        """Whether vertices are above their segments, and above which nodes of these. Local.
+
+        Arguments as for `_lack_force`. Returns flags, shape ``(m,)``, and nodes of the map, -1
+        between nodes, shape ``(m,)``.
+        """
+        points, vertices = self._search.points.take(node), self._facets[segment]
+        pairs = _kernels.with_vertices(points.of(x), x, self._facets, segment)
+        xi = _kernels.project(pairs, self._candidates.orientation[segment])[0]
+        outside = np.fmax(-xi.min(axis=1), xi.max(axis=1) - 1)
+        if vertices.shape[1] == 3:
+            outside = np.fmax(outside, xi.sum(axis=1) - 1)
+        corners = np.array([[0, 0], [1, 0], [0, 1], [1, 1]])[: vertices.shape[1]]
+        away = np.abs(xi[:, None] - corners).max(axis=2)
+        nearest = np.take_along_axis(vertices, away.argmin(axis=1)[:, None], axis=1)[:, 0]
+        is_above: Flags = outside <= _kernels.HYSTERESIS
+        return is_above, np.where(away.min(axis=1) <= _kernels.HYSTERESIS, nearest, -1)
 
     def _sink(self, node: Ints, segment: Ints, gap: Floats) -> Flags:
         """Whether vertices are deeper than at t_n: those that leave need no force. Local."""
@@ -139,7 +160,7 @@ class ExchangedContact(_Vertices, MultiplierContact):
         ``x`` positions with ghosts, shape ``(l, 3)`` [m].
         """
         points, candidates = self._search.points.take(node), self._candidates
-        _, below = _above(candidates, points, x, segment)
+        _, below = self._above(node, segment, x)
         normal = candidates.contact("static", points, x, x, segment).gradient[:, :3]
         opposed = np.einsum("mi,mi->m", normal, self._held_along[below]) < -_ONE
         flags: Flags = (below >= 0) & opposed
@@ -163,13 +184,14 @@ class ExchangedSprings(_Vertices, PenaltyContact):
         law: Penalty,
         search: LocalSearch,
         share: float,
+        dt: float,
         compression: Callable[[PairState], Floats],
     ) -> None:
         self._prepare(state, search)
         self._compression = compression
         # Gaps at which springs begin in this step.
         self._begin_at: Floats = np.zeros(len(self._tolerance))
-        super().__init__(state, law, False, search, share)
+        super().__init__(state, law, False, search, share, dt)
 
     def _stay(self, node: Ints) -> Flags:
         return np.ones(len(node), dtype=bool)
@@ -180,39 +202,17 @@ class ExchangedSprings(_Vertices, PenaltyContact):
         for each in self._states:
             depth[each.given.nodes.nodes, 0] = self._compression(each.given)
         depth = candidates.scatter.forward(np.repeat(depth, 3, axis=1))[:, 0]
-        allowed = depth[candidates.vertices[segment]].max(axis=1, initial=0.0)
+        allowed = depth[self._facets[segment]].max(axis=1, initial=0.0)
         allowed += np.fmin(self._tolerance[node], _kernels.HYSTERESIS * candidates.size[segment])
         self._begin_at[node] = -allowed
-        return (gap < -allowed) & self._sink(node, segment, gap)
+        flags: Flags = (gap < -allowed) & self._sink(node, segment, gap)
+        return flags
+
+    @property
+    def _is_loaded(self) -> Flags:
+        return self._state.history.active & super()._is_loaded
 
     def _offset(self, pairs: PairKinematics) -> Floats:
         node = pairs.node
         begins = np.fmin(pairs.contact.gap_n, self._begin_at[node])
         return np.where(self._state.history.active[node], super()._offset(pairs), begins)
-
-
-def _above(
-    candidates: SegmentCandidates, points: ContactPoints, x: Floats, segment: Ints
-) -> tuple[Flags, Ints]:
-    """Whether points are above their segments, and above which vertices. Local.
-
-    Args:
-        candidates: The segments.
-        points: The points.
-        x: Positions with ghosts, shape ``(l, 3)`` [m].
-        segment: Segment of each point, shape ``(m,)``.
-
-    Returns:
-        Flags, shape ``(m,)``, and nodes of the map, -1 between vertices, shape ``(m,)``.
-    """
-    pairs = _kernels.with_vertices(points.of(x), x, candidates.vertices, segment)
-    vertices = candidates.vertices[segment]
-    xi = _kernels.project(pairs, candidates.orientation[segment])[0]
-    outside = np.fmax(-xi.min(axis=1), xi.max(axis=1) - 1)
-    if vertices.shape[1] == 3:
-        outside = np.fmax(outside, xi.sum(axis=1) - 1)
-    corners = np.array([[0, 0], [1, 0], [0, 1], [1, 1]])[: vertices.shape[1]]
-    away = np.abs(xi[:, None] - corners).max(axis=2)
-    nearest = np.take_along_axis(vertices, away.argmin(axis=1)[:, None], axis=1)[:, 0]
-    is_above: Flags = outside <= _kernels.HYSTERESIS
-    return is_above, np.where(away.min(axis=1) <= _kernels.HYSTERESIS, nearest, -1)
