@@ -6,7 +6,9 @@ would be lost. At the end of that step it acts once more, as an impulse :math:`J
 :math:`p` has the forces of all such springs on both sides in the current positions:
 
 .. math:: v^+ = v + J M^{-1} p, \qquad
-   J \, p \cdot v + \tfrac12 J^2 \, p \cdot M^{-1} p = E, \qquad J \ge 0.
+   J \, p \cdot v + \tfrac12 J^2 \, p \cdot M^{-1} p = E,
+
+with the solution of smaller size, which changes the motion least.
 
 Forces of a spring have no resultant and no moment. So the impulse conserves both momenta, and with
 the consistent mass the energy.
@@ -70,7 +72,8 @@ class ReleasedSprings:
         node = np.flatnonzero(energy > 0).astype(np.int32)
         if not reductions.anywhere(self._bulk.comm, len(node) > 0):
             return
-        segment = candidates.find(history.key[node])
+        # Candidates of several pairs know the pair of a key by its place among all nodes.
+        segment = candidates.find(history.key)[node]
         node, segment = node[segment >= 0], segment[segment >= 0]
         points = step.search.points.take(node)
         gradient = candidates.contact("static", points, step.x, step.x, segment).gradient
@@ -97,7 +100,8 @@ class ReleasedSprings:
             Energy given to the bodies by the springs of each pair.
         """
         energies, energy = self._energies, sum(self._energies.values())
-        if not energies:
+        if not energy:
+            self._energies = {}
             return {}
         self._energies = {}
         force, d = of_space(self._force, u.shape[1]).ravel(), u.shape[1]
@@ -116,7 +120,8 @@ class ReleasedSprings:
         square, speed = map(float, reductions.total(comm, sums))
         if square <= 0:  # Neither side can move.
             return {}
-        impulse = 2 * energy / (speed + np.sqrt(speed**2 + 2 * square * energy))
+        root = np.copysign(np.sqrt(speed**2 + 2 * square * energy), speed)
+        impulse = 2 * energy / (speed + root)
         v[: len(force)] += impulse * change
         self._v.x.scatter_forward()
         return {state: ContactWork(facet_change=each) for state, each in energies.items()}
