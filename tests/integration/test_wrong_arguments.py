@@ -95,7 +95,7 @@ def test_argument_of_a_part_is_refused(call, message, folder):
             lambda s: nts.Diagnostics(s).centre_of_mass("a"),
             "one of the bodies given to the stepper",
         ),
-        (lambda s: nts.Recorder("run.csv", s).__enter__(), "leave .csv out"),
+        (lambda s: nts.Recorder("run.csv", s).__enter__(), "omit .csv"),
         (lambda s: nts.Recorder("run", s, every=1.5), "an integer for every, given 1.5"),
         (lambda s: nts.Recorder("run", s, every=0), "expected every >= 1, given 0"),
         (lambda s: nts.Recorder("run", s, checkpoint_every=0), "expected checkpoint_every >= 1"),

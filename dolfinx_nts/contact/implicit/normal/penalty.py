@@ -174,6 +174,9 @@ class PenaltyContact(NormalContact):
         old, approach = self._state.history, self._search.approach
         speed = np.fmax(approach.gap_n - approach.gap, 0.0) / dt  # without a segment 0
         deforms = np.isfinite(yielding)
+        # Those that a displacement which was set has loaded have not arrived: they stay soft.
+        overlaps = (old.key == NEVER) & (approach.gap_n < 0) & ~self._search.touches
+        deforms &= ~overlaps
         arriving = np.where(deforms, speed * np.where(deforms, yielding, 0.0), np.inf)
         depth: Floats = np.where(self._is_loaded, old.soft_depth, arriving)
         return depth
