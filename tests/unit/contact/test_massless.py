@@ -26,15 +26,10 @@ def with_pairs(*changes, scheme=nts.EnergyMomentum):
     return make
 
 
-@pytest.mark.parametrize("scheme", [nts.Midpoint, nts.QuasiStatic])
+@pytest.mark.parametrize("scheme", [nts.GeneralizedAlpha, nts.Midpoint, nts.QuasiStatic])
 def test_other_schemes_are_refused(scheme):
     with pytest.raises(ValueError, match="expected EnergyMomentum with impact 'resolved', given"):
         blocks(MPI.COMM_WORLD, scheme)
-
-
-def test_generalized_alpha_is_refused():
-    with pytest.raises(ValueError, match=r"given LagrangeMultiplier\(impact='resolved'\)"):
-        blocks(MPI.COMM_WORLD, nts.GeneralizedAlpha)
 
 
 def test_springs_of_friction_are_refused():
