@@ -11,7 +11,7 @@ from dolfinx_nts.model.layers import layers
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["SOFT", "layers_in_series", "softer_layer", "yielding"]
+__all__ = ["SOFT", "depth_per_speed", "layers_in_series", "softer_layer"]
 
 # Compliance of a default spring with inertia relative to that of the cells [-]: of both sides in
 # explicit steps, which see forces at one end only, of the softer side in implicit ones. Nodes on a
@@ -49,7 +49,7 @@ def softer_layer(pair: ContactPair, modulus: Floats) -> Floats:
     return _stiffness(area, np.maximum(own, other))
 
 
-def yielding(pair: ContactPair, modulus: Floats, density: Floats) -> Floats:
+def depth_per_speed(pair: ContactPair, modulus: Floats, density: Floats) -> Floats:
     """Compression up to which default springs are soft, per speed of impact. Collective.
 
     Where surfaces meet at a relative speed v, plane waves of both sides of the impedances

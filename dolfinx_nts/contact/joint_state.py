@@ -82,9 +82,9 @@ class JointState(NodesOfPairs):
         return _joint_springs([state.eps_N for state in self.members])
 
     @property
-    def yielding(self) -> Floats | None:
+    def depth_per_speed(self) -> Floats | None:
         """Compression up to which normal springs are soft, per speed of impact [s]. Local."""
-        return _joint_springs([state.yielding for state in self.members])
+        return _joint_springs([state.depth_per_speed for state in self.members])
 
     @property
     def eps_T(self) -> Floats | None:

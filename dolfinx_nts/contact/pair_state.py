@@ -13,7 +13,7 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats, Ints
-from dolfinx_nts.contact.cell_stiffness import SOFT, softer_layer, yielding
+from dolfinx_nts.contact.cell_stiffness import SOFT, depth_per_speed, softer_layer
 from dolfinx_nts.contact.enforcement import Penalty, Tied
 from dolfinx_nts.contact.history import NEVER, ContactHistory, reloaded
 from dolfinx_nts.contact.method import EDGES, MORTAR
@@ -60,8 +60,9 @@ class PairState(Tractions, NodesOfPairs):
         accepted: Last accepted contact, see `accept`.
         eps_N: Stiffness of the penalty springs from the first step on, shape ``(n,)`` [N/m], or
             None.
-        yielding: Compression up to which springs of the default stiffness are soft, per speed of
-            impact, in steps with inertia, shape ``(n,)`` [s]; None for springs of one stiffness.
+        depth_per_speed: Compression up to which springs of the default stiffness are soft, per
+            speed of impact, in steps with inertia, shape ``(n,)`` [s]; None for springs of one
+            stiffness.
         eps_T: Stiffness of the tangential springs, shape ``(n,)`` [N/m], or None.
         exchange: State of the pair with the roles exchanged, whose forces belong to this pair;
             None without.
@@ -77,7 +78,7 @@ class PairState(Tractions, NodesOfPairs):
         # A separate search for gaps at any distance, which must not change the candidates of steps.
         self._far_search = _search(pair)
         self.eps_N: Floats | None = None
-        self.yielding: Floats | None = None
+        self.depth_per_speed: Floats | None = None
         self.eps_T: Floats | None = None
         # Least and greatest stiffness by name, after the choice.
         self._ranges: dict[str, tuple[float, float]] | None = None
@@ -165,7 +166,8 @@ class PairState(Tractions, NodesOfPairs):
                 deforms = np.isfinite(of_cells)
                 normal = np.where(deforms, of_cells / SOFT, normal)
                 if _takes_default(pair):
-                    self.yielding = np.where(deforms, yielding(pair, *cells()), np.inf)
+                    depth = depth_per_speed(pair, *cells())
+                    self.depth_per_speed = np.where(deforms, depth, np.inf)
         self.choose_penalty(normal, softer)
 
     def _softer_side(self, of_all: Floats) -> Floats:
@@ -303,7 +305,7 @@ class PairState(Tractions, NodesOfPairs):
         }
         self.accept(ContactHistory(**stored))
         self.sink(archive.same(f"{name}/sunk", self.search.sunk))
-        for spring in ("eps_N", "yielding", "eps_T"):
+        for spring in ("eps_N", "depth_per_speed", "eps_T"):
             value = getattr(self, spring)
             if archive.same(f"{name}/has_{spring}", value is not None):
                 value = np.zeros(len(ids)) if value is None else value

@@ -218,7 +218,8 @@ def test_springs_hold_corners_as_deep_as_with_the_nodes_of_the_other_body(comm, 
 def test_thrown_block_sinks_into_a_coarse_face_without_exchange(comm, how):
     law = LAWS["elastic"] if how is NODES else None
     *_, depth = throw(comm, "edge", law, exchange=False, **how)
-    assert depth > 0.08
+    # The smoothing of surface-to-surface contact presses on the facets beside the edge.
+    assert depth > (0.1 if how is NODES else 0.08)
 
 
 @pytest.mark.serial

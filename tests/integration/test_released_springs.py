@@ -1,5 +1,7 @@
 """Loaded springs whose nodes leave all segments give their energy back."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from dolfinx import fem
@@ -10,18 +12,18 @@ from dolfinx_nts import parts
 E, RHO, DT = 1e5, 1e3, 2e-3  # Pa, kg/m^3, s
 
 
-def slide_over_a_rim(comm, dim, method, *, rigid="", degree=1, held=False):
-    """A block strikes the end of a lower one and slides over its rim; returns the stepper."""
+def add_blocks(model, dim):
     middle = (0.2,) * (dim - 2)
     add = parts.add_box if dim == 3 else parts.add_rectangle
+    upper, lower = (0.5, *middle, 0.25), (1.0, *(2 * m for m in middle), 0.5)
+    start, cells = (0.6, *(0.11 for _ in middle), 0.001), (4, *(1 for _ in middle), 2)
+    add(model, "upper", corner=start, size=upper, cells=cells)
+    add(model, "lower", corner=(0.0, *(0.0 for _ in middle), -0.5), size=lower, cells=cells)
 
-    def build(model):
-        upper, lower = (0.5, *middle, 0.25), (1.0, *(2 * m for m in middle), 0.5)
-        start, cells = (0.6, *(0.11 for _ in middle), 0.001), (4, *(1 for _ in middle), 2)
-        add(model, "upper", corner=start, size=upper, cells=cells)
-        add(model, "lower", corner=(0.0, *(0.0 for _ in middle), -0.5), size=lower, cells=cells)
 
-    mesh, cells, facets, tag = nts.read_mesh(build, comm)
+def slide_over_a_rim(comm, dim, method, *, rigid="", degree=1, held=False):
+    """A block strikes the end of a lower one and slides over its rim; returns the stepper."""
+    mesh, cells, facets, tag = nts.read_mesh(partial(add_blocks, dim=dim), comm)
     V = fem.functionspace(mesh, ("Lagrange", degree, (dim,)))
     soft = nts.NeoHookean(E=E, nu=0.3, rho=RHO)
 
@@ -42,7 +44,7 @@ def slide_over_a_rim(comm, dim, method, *, rigid="", degree=1, held=False):
         bottom = fem.locate_dofs_geometrical(V, lambda x: np.isclose(x[dim - 1], -0.5))
         bcs = [fem.dirichletbc(np.zeros(dim), bottom, V)]
     stepper = nts.EnergyMomentum([upper, lower], [pair], dt=DT, bcs=bcs)
-    stepper.set_velocity(upper, (6.0, *(0.0 for _ in middle), -1.0))
+    stepper.set_velocity(upper, (6.0, *(0.0,) * (dim - 2), -1.0))
     return stepper
 
 
@@ -73,3 +75,35 @@ def test_energy_and_momenta_stay_when_loaded_springs_lose_their_segments(
     for quantity in ("linear_momentum", "angular_momentum"):
         before, after = (np.asarray(getattr(each, quantity)) for each in (start, end))
         assert np.abs(after - before).max() < 1e-12 * np.abs(before).max()
+
+
+def losses(caplog):
+    """Lost energies that warnings name [J]."""
+    warnings = [each.getMessage() for each in caplog.records if "have lost" in each.getMessage()]
+    return [float(text.split("energy of ")[1].split()[0]) for text in warnings]
+
+
+@pytest.mark.serial
+def test_warning_names_the_energy_of_springs_between_bodies_that_cannot_move(comm, caplog):
+    mesh, cells, facets, tag = nts.read_mesh(partial(add_blocks, dim=2), comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+    upper, lower = (
+        nts.Body(V, cells, tag[name], nts.NeoHookean(E=E, nu=0.3, rho=RHO))
+        for name in ("upper", "lower")
+    )
+    nodes, segments = (nts.Surface(V, facets, tag[n]) for n in ("upper_bottom", "lower_top"))
+    moved = fem.Function(V)
+    dofs = fem.locate_dofs_topological(V, 2, cells.indices)
+    stepper = nts.EnergyMomentum(
+        [upper, lower],
+        [nts.ContactPair(nodes, segments, nts.Penalty(1e5))],
+        dt=DT,
+        bcs=[fem.dirichletbc(moved, dofs)],
+        update=lambda t: moved.interpolate(lambda x: np.outer([6 * t, -min(t, 0.005)], x[1] > 0)),
+    )
+    while not losses(caplog) and stepper.t < 0.15:
+        report = stepper.advance()
+    # One node is beyond the end of the lower block at x = 1 m now. It was 3 mm deep.
+    assert stepper.t == pytest.approx(0.006)
+    assert report.contact_work.facet_change == pytest.approx(-0.5 * 1e5 * 0.003**2, rel=1e-9)
+    assert losses(caplog) == [pytest.approx(0.45, rel=5e-3)]

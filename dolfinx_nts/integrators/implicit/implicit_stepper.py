@@ -494,7 +494,7 @@ class ImplicitStepper(Stepper):
             both = zip(reactions, update.reactions, strict=True)
             reactions = tuple(last + more for last, more in both)
         if self._released_springs is not None:
-            given = self._released_springs.give_back(self._motion.owned(self._u))
+            given = self._released_springs.give_back(self._motion.owned(self._u), self.t + self.dt)
             works |= {state: works[state] + work for state, work in given.items()}
         digits = position_rounding(_kernels.largest_size(x))
         total = StepWorks.of(

@@ -14,6 +14,7 @@ Forces of a spring have no resultant and no moment. So the impulse conserves bot
 the consistent mass the energy.
 """
 
+import logging
 from collections.abc import Sequence
 
 import numpy as np
@@ -34,6 +35,12 @@ from dolfinx_nts.solvers.bulk import Bulk
 
 __all__ = ["ReleasedSprings"]
 
+_logger = logging.getLogger("dolfinx_nts")
+
+# Loss relative to the kinetic energy of all bodies up to which there is no warning [-]. The energy
+# ledger has every loss.
+_NEGLIGIBLE = 1e-9
+
 
 class ReleasedSprings:
     """Springs that lost their segments in a step. Collective, as are all methods.
@@ -51,15 +58,18 @@ class ReleasedSprings:
     ) -> None:
         self._bulk, self._v, self._free = bulk, v, free
         self._mass = ConsistentMass(bodies, fem.Function(v.function_space))
-        # Energy of the springs of each pair [J].
+        # Energy of the springs of each pair [J], and the part that nothing takes.
         self._energies: dict[PairState | JointState, float] = {}
-        # Their forces on the owned nodes [N].
+        self._lost: dict[PairState | JointState, float] = {}
+        # Greatest loss of a pair in one step of which a warning was written [J].
+        self._reported = 0.0
+        # Forces of the springs on the owned nodes [N].
         self._force: Floats = np.zeros((bulk.num_owned // bulk.rigid.dim, 3))
 
     def collect(self, step: ContactStep, last: ContactContribution) -> None:
         """Collect the springs of a pair whose nodes have no segment in an accepted step.
 
-        Those whose last segment is out of reach have lost their energy.
+        Springs whose last segment is out of reach lose their energy, of which `give_back` warns.
 
         Args:
             step: The attempt that is accepted, before its pairs accept their histories.
@@ -87,23 +97,55 @@ class ReleasedSprings:
         dofs = points.dofs(nodes.take(segment, axis=0))
         forces = (size[:, None] * gradient).reshape(*dofs.shape, 3)
         candidates.scatter.add(self._force, dofs, forces)
-        total = reductions.total(self._bulk.comm, float(energy[node[size > 0]].sum()))
-        self._energies[state] = total
+        taken = np.zeros(len(energy), dtype=bool)
+        taken[node[size > 0]] = True
+        sums = np.array([energy[taken].sum(), energy[~taken].sum()])
+        self._energies[state], self._lost[state] = reductions.total(self._bulk.comm, sums).tolist()
 
-    def give_back(self, u: Floats) -> dict[PairState | JointState, ContactWork]:
+    def give_back(self, u: Floats, t: float) -> dict[PairState | JointState, ContactWork]:
         """Change the velocity by the impulse of the collected springs.
 
         Args:
             u: Displacement at the end of the step, at the owned nodes, shape ``(n, d)`` [m].
+            t: Time at the end of the step [s], for the warning of energy that nothing takes.
 
         Returns:
             Energy given to the bodies by the springs of each pair.
         """
-        energies, energy = self._energies, sum(self._energies.values())
+        energies, lost = self._energies, self._lost
+        self._energies, self._lost = {}, {}
+        if not self._push(u, sum(energies.values())):
+            lost = {state: lost[state] + energy for state, energy in energies.items()}
+            energies = {}
+        self._warn(lost, t)
+        return {state: ContactWork(facet_change=each) for state, each in energies.items()}
+
+    def _warn(self, lost: dict[PairState | JointState, float], t: float) -> None:
+        """Warn of the greatest loss of a pair, and again of one twice as large. Collective."""
+        state = max(lost, key=lost.__getitem__, default=None)
+        if state is None or lost[state] <= 2 * self._reported:
+            return
+        v = self._v.x.array[: self._bulk.num_owned]
+        kinetic = reductions.total(self._bulk.comm, float(self._mass.times(v) @ v)) / 2
+        if lost[state] <= _NEGLIGIBLE * kinetic:
+            return
+        self._reported = lost[state]
+        if self._bulk.comm.rank == 0:
+            _logger.warning(
+                "at t = %g springs of contact between %s have lost an energy of %.3g J: their "
+                "nodes have left all segments, and no segment is near, or neither side can move; "
+                "shorter steps lose less",
+                *(t, state.pair.between, lost[state]),
+            )
+
+    def _push(self, u: Floats, energy: float) -> bool:
+        """Change the velocity such that the bodies take an energy [J]. Collective.
+
+        Returns:
+            False where neither side can move.
+        """
         if not energy:
-            self._energies = {}
-            return {}
-        self._energies = {}
+            return True
         force, d = of_space(self._force, u.shape[1]).ravel(), u.shape[1]
         rigid, comm = self._bulk.rigid, self._bulk.comm
         rigid.begin(u)
@@ -119,9 +161,9 @@ class ReleasedSprings:
         self._force[:] = 0.0
         square, speed = map(float, reductions.total(comm, sums))
         if square <= 0:  # Neither side can move.
-            return {}
+            return False
         root = np.copysign(np.sqrt(speed**2 + 2 * square * energy), speed)
         impulse = 2 * energy / (speed + root)
         v[: len(force)] += impulse * change
         self._v.x.scatter_forward()
-        return {state: ContactWork(facet_change=each) for state, each in energies.items()}
+        return True

@@ -37,7 +37,7 @@ _COUNTED = 4.0
 # left out. Only facets at right angles to segments have such points. Larger: projections of warped
 # segments have no solution (at 1.5 in a pile of balls), and near it forces are arbitrary; smaller:
 # facets that lean towards their segments lose points.
-_BEYOND = 1.0
+_BEYOND = 1.25
 
 
 @dataclass(frozen=True)

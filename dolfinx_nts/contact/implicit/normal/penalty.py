@@ -43,8 +43,8 @@ class PenaltyContact(NormalContact):
         super().__init__(state, search)
         self._law, self._eps_N, self._is_static = law, state.eps_N, is_static
         self._share = share
-        if state.yielding is not None and not is_static and not state.pair.is_convective:
-            self.soft_depth = self._soft_depth(state.yielding, dt)
+        if state.depth_per_speed is not None and not is_static and not state.pair.is_convective:
+            self.soft_depth = self._soft_depth(state.depth_per_speed, dt)
         self._slope: Floats = np.empty(0)  # derivative of lambda_N w.r.t. the gap [N/m]
         # In statics, linearly extrapolated gaps and forces.
         n = len(self.active) if is_static else 0
@@ -165,7 +165,7 @@ class PenaltyContact(NormalContact):
         soft_depth = self.soft_depth[node]
         return self._law.force(gap_n, gap, self._eps_N[node], self._share, soft_depth)
 
-    def _soft_depth(self, yielding: Floats, dt: float) -> Floats:
+    def _soft_depth(self, depth_per_speed: Floats, dt: float) -> Floats:
         """Compression up to which each spring is soft, shape ``(n,)`` [m].
 
         It remains that of the arrival as long as the spring is loaded, so that its energy is a
@@ -173,11 +173,11 @@ class PenaltyContact(NormalContact):
         """
         old, approach = self._state.history, self._search.approach
         speed = np.fmax(approach.gap_n - approach.gap, 0.0) / dt  # without a segment 0
-        deforms = np.isfinite(yielding)
+        deforms = np.isfinite(depth_per_speed)
         # Those that a displacement which was set has loaded have not arrived: they stay soft.
         overlaps = (old.key == NEVER) & (approach.gap_n < 0) & ~self._search.touches
         deforms &= ~overlaps
-        arriving = np.where(deforms, speed * np.where(deforms, yielding, 0.0), np.inf)
+        arriving = np.where(deforms, speed * np.where(deforms, depth_per_speed, 0.0), np.inf)
         depth: Floats = np.where(self._is_loaded, old.soft_depth, arriving)
         return depth
 
