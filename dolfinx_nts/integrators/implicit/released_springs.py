@@ -100,7 +100,8 @@ class ReleasedSprings:
         taken = np.zeros(len(energy), dtype=bool)
         taken[node[size > 0]] = True
         sums = np.array([energy[taken].sum(), energy[~taken].sum()])
-        self._energies[state], self._lost[state] = reductions.total(self._bulk.comm, sums).tolist()
+        sums = reductions.total(self._bulk.comm, sums)
+        self._energies[state], self._lost[state] = map(float, sums)
 
     def give_back(self, u: Floats, t: float) -> dict[PairState | JointState, ContactWork]:
         """Change the velocity by the impulse of the collected springs.
