@@ -28,7 +28,7 @@ _OF_PROCESS = ("ranks", "runs")  # not of its cases
 
 
 def child(module: str, argument: Any, ranks: int = 1, preload: str = "", cache: str = "") -> Any:
-    """Run a module on ranks of its own; what it prints as JSON.
+    """Run a module in a new MPI process and return the JSON that it prints.
 
     Args:
         module: The module.
@@ -37,7 +37,7 @@ def child(module: str, argument: Any, ranks: int = 1, preload: str = "", cache: 
         preload: Library that is loaded first.
         cache: Folder of compiled kernels, if it is not that of the user.
     """
-    # A process that has started MPI leaves traces that confuse mpirun.
+    # The environment of a process that has started MPI confuses mpirun.
     traces = ("OMPI_COMM", "PMIX_")
     environment = {k: v for k, v in os.environ.items() if not k.startswith(traces)}
     environment["OMP_NUM_THREADS"] = "1"
@@ -66,14 +66,14 @@ def write(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 def progress(text: str) -> None:
-    """Say on the terminal what is being done."""
+    """Print the progress of the benchmark on the terminal."""
     print(f"{time.strftime('%H:%M:%S')}  {text}", file=sys.stderr, flush=True)
 
 
 def taken_in_turns(
     processes: Sequence[Sequence[Mapping[str, Any]]], number: int
 ) -> list[dict[str, Any]]:
-    """Row of each case of some processes, the median of a number of runs."""
+    """Rows of cases that alternate in one process, as medians over repeated runs."""
     runs = []
     for _ in range(number):
         rows = []
@@ -129,9 +129,8 @@ def count_messages(
 
 
 def measure_start(size: str) -> list[dict[str, Any]]:
-    """Rows of ``start.csv``: with nothing compiled, and again."""
-    # As an installation has it; where Python is told to write none, it would translate the
-    # package in each process.
+    """Rows of ``start.csv``: with an empty cache of compiled forms, and with a full one."""
+    # Bytecode as in an installation; otherwise each process would compile the package.
     compileall.compile_dir(ROOT / "dolfinx_nts", quiet=1)
     rows = []
     for law in cases.LAWS[size]:

@@ -1,4 +1,4 @@
-"""What each size of the benchmark runs; data only."""
+"""Cases of each benchmark size; data only."""
 
 from typing import Any
 
@@ -33,10 +33,10 @@ _FRICTION = {"n": 12, "friction": 0.3, **_WINDOW}
 
 _PILE = {"h": 0.002, "t_start": 0.04, "t_end": 0.1}
 
-# Each item is measured in a process of its own. Machines change their speed: cases
-# that are compared share a process and take their steps in turn, or, where they
-# cannot, the processes take turns. Several runs where steps are short, or of ranks that
-# share a machine; the median counts. Ranks and runs of a process are those of its first case.
+# Each item is measured in its own process. The speed of machines varies, so cases to compare share
+# a process with alternating steps; where that is impossible, processes alternate. Short steps, and
+# ranks on a shared machine, are repeated, and the median counts. Ranks and repetitions of a process
+# are those of its first case.
 _DEFAULT: list[Rows] = [
     *(
         [{**_IMPACT, "scheme": scheme, "element": "default"}]
@@ -118,7 +118,7 @@ STEPS: dict[str, list[Rows]] = {
     ],
 }
 
-# Steps of central differences are parts of those that they choose.
+# Steps of central differences, as fractions of their default step.
 _PARTS = (1.0, 0.5, 0.25)
 _BALL = {"problem": "ball", "n": 6, "t_end": 1.0}
 _STIFF = {"problem": "stiff ball", "n": 6, "t_end": 0.2}
@@ -182,7 +182,7 @@ _DEFAULT_ERRORS: Rows = [
     {"problem": "braking block", "scheme": EXPLICIT, "n": 4, "h": (1.0,)},
     *(
         {"problem": "paraboloid", "scheme": s, "n": n, "h": (h,)}
-        # Springs of the finest mesh do not come through a step of 0.25.
+        # Springs on the finest mesh fail with a step of 0.25.
         for s, h in (("statics", 0.25), ("statics, mortar", 0.25), ("statics, penalty", 0.125))
         for n in (8, 12, 16)
     ),
@@ -198,7 +198,7 @@ _DEFAULT_ERRORS: Rows = [
     # Meshes of the ball: central differences are the cheapest way to the reference.
     {**_BALL, "scheme": "EM elastic", "n": 12, "h": (0.02, 0.01)},
     *({**_BALL, "scheme": EXPLICIT, "n": n, "h": (1.0,)} for n in (12, 24)),
-    # Other elements; those of degree 2 have the nodes of 2 n cells.
+    # Other elements; elements of degree 2 have the nodes of 2 n cells.
     *(
         {**_BALL, "scheme": "EM elastic", "n": n, "h": (0.02,), "element": element}
         for element, meshes in _OTHERS.items()
@@ -246,7 +246,7 @@ MESSAGES: dict[str, Rows] = {
 }
 MESSAGES["full"] = MESSAGES["default"]
 
-# Whose first step is timed: laws of the package, and a user's energy.
+# Materials whose first step is timed: laws of the package, and a user's energy.
 LAWS = {"tiny": ("psi",), "default": ("SaintVenantKirchhoff", "NeoHookean", "psi")}
 LAWS["full"] = LAWS["default"]
 

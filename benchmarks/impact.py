@@ -1,4 +1,4 @@
-"""Where the energy of the impact of the README goes, by scheme and law: a table of the site.
+"""Energy balance of the impact of the README by scheme and contact law, as a table of the site.
 
     python3 -m benchmarks.impact
 

@@ -23,7 +23,7 @@ __all__ = ["count"]
 
 
 class Counter(Profile):
-    """Counts messages of the phases in the place of their time.
+    """Message counters of the phases, instead of their times.
 
     Attributes:
         counts: By phase: messages, their bytes, collectives, their bytes.
@@ -43,7 +43,7 @@ class Counter(Profile):
 
     @contextmanager
     def phase(self, name: str) -> Iterator[None]:
-        """Count the block, but for what phases in it count."""
+        """Count messages of a ``with`` block, without those of nested phases."""
         start, inner = self.now(), sum(self.counts.values(), np.zeros(4))
         try:
             with super().phase(name):

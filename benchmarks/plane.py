@@ -1,4 +1,4 @@
-"""What an impact costs in two dimensions, and as one layer of hexahedra in plane strain.
+"""Cost of an impact in two dimensions, and as one layer of hexahedra in plane strain.
 
     python3 -m benchmarks.plane [CELLS...]
 
@@ -83,7 +83,7 @@ def scene(n: int, dim: int) -> tuple[nts.Body, nts.EnergyMomentum]:
 
 
 def measure(n: int, steps: int = _STEPS) -> tuple[Cost, Cost]:
-    """Measure both models, whose steps take turns, so that the speed of the machine is the same.
+    """Measure both models with alternating steps, so that both see the same machine load.
 
     Args:
         n: Cells along an edge.

@@ -12,14 +12,14 @@ from dolfinx_nts.solvers.precond import contact_schwarz, preconditioner
 
 __all__ = ["CONTACT", "Profile"]
 
-# What there would be none of without contact.
+# Phases that exist only with contact.
 CONTACT = ("search and projection", "elimination", "contact Schwarz")
 
 _LABELS = {"assembly": "residual", "contact": "search and projection", "solve": "Krylov"}
 
 
 class Profile:
-    """Stands in for the timings of a stepper, and watches its parts.
+    """Replaces the timings of a stepper, and also times parts of a step that have no phase.
 
     A phase within a phase interrupts the outer one. Some phases are so short
     that the clock of CPU time, a system call, would count more than they do.
@@ -29,7 +29,7 @@ class Profile:
     """
 
     def __init__(self) -> None:
-        """Watch the parts of an implicit step that have no phase."""
+        """Wrap the parts of an implicit step that have no phase."""
         self.seconds: dict[str, float] = {}
         self._open: list[str] = []
         self._since = 0.0
@@ -63,12 +63,12 @@ class Profile:
         return _Phase(self, self.label(name))
 
     def enter(self, name: str) -> None:
-        """A phase begins. It interrupts the one that is going on."""
+        """Start a phase and interrupt the current one."""
         self._switch()
         self._open.append(name)
 
     def leave(self) -> None:
-        """The last phase that began ends."""
+        """End the phase that was started last."""
         self._switch()
         self._open.pop()
 

@@ -17,7 +17,7 @@ def publish(folder: Path, root: Path = ROOT) -> None:
     """
     for figure in sorted(folder.glob("bench_*.png")):
         shutil.copy(figure, root / "docs" / "figures" / figure.name)
-    # The comparison with other codes is a run of its own.
+    # The comparison with other codes is a separate run.
     tables = {"tables.md": "benchmarks.md", "peers.md": "peers.md", "defaults.md": "defaults.md"}
     for table, page in tables.items():
         if (folder / table).exists():

@@ -1,4 +1,4 @@
-"""What a rank sends in a step, where work and contact of each rank are the same.
+"""Messages of a rank in a step, in scenes with the same work and contact on each rank.
 
     python3 -m benchmarks.ranks [RANKS...]
 
@@ -15,7 +15,7 @@ from benchmarks.tables import messages_table
 
 __all__ = ["main"]
 
-# From the first search until nodes of all balls are held.
+# Steps from the first search until nodes of all balls are active.
 _CASE = {"n": 3, "h": 0.01, "skip": 0, "steps": 17, "in_a_row": True}
 
 

@@ -1,4 +1,4 @@
-"""Rows of ``errors.csv``: values against what they should be."""
+"""Rows of ``errors.csv``: results compared with reference values."""
 
 from typing import Any
 
@@ -13,8 +13,8 @@ _EXPLICIT = "central differences"
 def rows(runs: list[Run]) -> list[dict[str, Any]]:
     """One row for each run and quantity.
 
-    What has no exact value is compared with the same mesh (and mass) at the smallest step. The
-    velocity of the ball on the plate has a second reference, the limit of the meshes. A
+    Values without a closed form are compared with the smallest step on the same mesh (and mass).
+    The velocity of the ball on the plate has a second reference, the limit of the meshes. A
     reference is no row of its own.
 
     Args:
@@ -42,7 +42,7 @@ def _row(run: Run, quantity: str, value: float, reference: float | None) -> dict
 def _reference(run: Run, quantity: str, runs: list[Run]) -> float | None:
     if quantity in run["exact"]:
         return float(run["exact"][quantity])
-    # With lumped mass a mesh has another limit than with the consistent one.
+    # With lumped mass the limit of a mesh differs from that with consistent mass.
     scheme = _EXPLICIT if run["scheme"] == _EXPLICIT else "EM elastic"
     same = ("problem", "n", "element")
     for other in runs:

@@ -1,4 +1,4 @@
-"""What the impact of a ball on a plate costs as a body of revolution, and in space.
+"""Cost of the impact of a ball on a plate as a body of revolution, and in space.
 
     python3 -m benchmarks.rings [CELLS...]
 
@@ -27,7 +27,7 @@ _SPEED, _DT, _END = 2.0, 0.002, 0.3  # m/s, s, s
 
 @dataclass(frozen=True)
 class Impact:
-    """An impact from flight to flight.
+    """Result of an impact, from approach to rebound.
 
     Attributes:
         unknowns: Unknown displacements.

@@ -1,4 +1,4 @@
-"""Scenes of the benchmarks: meshes of any fineness, and what runs on them."""
+"""Scenes of the benchmarks: meshes of adjustable size, bodies and steppers."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -93,7 +93,7 @@ ELEMENTS = {
 
 @dataclass(frozen=True)
 class Scene:
-    """A stepper ready to run, and what is read off it.
+    """A stepper that is ready to run, with functions that evaluate its state.
 
     Attributes:
         stepper: The stepper.
@@ -177,7 +177,7 @@ def ball_on_plate(
 
 
 def row_of_balls(comm: MPI.Comm, scheme: str, h: float, *, n: int, number: int) -> Scene:
-    """Hollow balls that strike a long plate beside each other, all in the same way.
+    """Hollow balls in a row that strike a long plate, all with the same motion.
 
     Collective.
 
@@ -218,7 +218,7 @@ def row_of_balls(comm: MPI.Comm, scheme: str, h: float, *, n: int, number: int) 
 
 
 def sliding_block(comm: MPI.Comm, scheme: str, h: float, *, n: int, friction: Any = None) -> Scene:
-    """Block that is pressed on a wider one in the first step, and then drawn over it.
+    """Block that is pressed on a wider block in the first step and then pulled along it.
 
     All (n + 1)^2 nodes of its bottom touch; with a coefficient of friction of 0.3 they stick
     at first, and after some steps all slip. Collective.

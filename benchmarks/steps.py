@@ -1,4 +1,4 @@
-"""Cost of a step: one process (or one mpirun) measures a case, or compares some.
+"""Cost of a step: one process (or one mpirun) measures a case, or compares several.
 
 Run as ``python3 -m benchmarks.steps '[{"scene": ..., ...}]'``, which prints
 the rows of ``steps.csv`` as JSON. Several cases take their steps in turn, so
@@ -28,8 +28,8 @@ from dolfinx_nts.fem.linear_forms import PackedForm
 __all__ = ["Case", "measure"]
 
 
-# In so many a run is measured. Between them there are energies and the steps of other
-# runs, which leave a cold cache to the next step.
+# Number of blocks into which the steps of a run are divided. Between blocks energies and steps of
+# other runs are computed, which leave a cold cache.
 _STRETCHES = 5
 
 
@@ -107,7 +107,7 @@ class Run:
     """
 
     def __init__(self, case: Case, comm: MPI.Comm, profile: Profile) -> None:
-        """Build the scene and advance to the first step that is measured."""
+        """Build the scene and advance to the first measured step."""
         self._case, self._comm, self._profile = case, comm, profile
         self._scene = case.build(comm)
         self._stepper = stepper = self._scene.stepper
@@ -129,7 +129,7 @@ class Run:
         self._ffcx = PackedForm(self._bulk._residual._bodies.form) if self._solver else None
         self._forces = np.zeros_like(stepper.u.x.array)
         if self._solver:
-            # What is compiled when it is first needed is no part of a step.
+            # Compilation on demand is not part of a step.
             zero = np.zeros((len(stepper.node_ids), stepper.u.x.block_size))
             self._bulk.rounding(zero)
             self._bulk.action(zero)
@@ -158,7 +158,7 @@ class Run:
         self._counts += self._work() - before
         self._profile.seconds = {}
         energy = self._diagnostics.balance().total_energy
-        # Where nothing moves there is no energy at the start, and supports do work.
+        # At rest there is no energy at the start, and supports do work.
         drift = abs(energy / self._energy - 1) if self._energy else np.nan
         self._drift = float(np.maximum(self._drift, drift))
         evaluate = self._bulk.forces if self._solver else self._bulk.internal.assemble
@@ -185,7 +185,7 @@ class Run:
         u = self._stepper.u.x.array
         accepted, seconds, warm = u.copy(), [], 1 if u.size > 50_000 else 3
         for _ in range(2 * warm if self._solver else 10 * warm):
-            # Of a state that has not changed, less would be done.
+            # For an unchanged state less work would be done.
             u *= 1 + 1e-15
             start = time.process_time()
             evaluate()

@@ -49,7 +49,7 @@ def _text(value: Any) -> str:
 
 
 def _targets(results: Results) -> str:
-    """What is aimed at, and what came out."""
+    """Targets and measured values."""
     rows = [
         (t.name, f"{t.sign} {t.aim:g}", f"{t.sign} {t.gate:g}", value, t.verdict(value))
         for t, value in measured(results)
@@ -97,7 +97,7 @@ def _steps(steps: Rows) -> str:
 
 
 def _errors(errors: Rows) -> str:
-    """Error and cost of each run, but for the displacements of `_orders`."""
+    """Error and cost of each run, without the displacements, which `_orders` shows."""
     keys = list(
         dict.fromkeys(
             (row["problem"], row["quantity"])

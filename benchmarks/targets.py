@@ -1,4 +1,4 @@
-"""What the benchmark is asked for: aims, and gates that must hold."""
+"""Targets of the benchmark: aims, and gates that must hold."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
@@ -25,7 +25,7 @@ class Results(NamedTuple):
 
 
 class Target(NamedTuple):
-    """A number that is aimed at.
+    """A target with its bounds.
 
     Attributes:
         name: What is measured.
@@ -47,7 +47,7 @@ class Target(NamedTuple):
         return "≥" if self.is_least else "≤"
 
     def verdict(self, value: float) -> str:
-        """Whether a value is as it should be."""
+        """Text on whether a value is within the bounds."""
 
         def holds(bound: float) -> bool:
             return value >= bound if self.is_least else value <= bound
@@ -56,7 +56,7 @@ class Target(NamedTuple):
 
 
 def measured(results: Results) -> Iterator[tuple[Target, float]]:
-    """Targets whose rows are there, with what came out."""
+    """Targets whose rows exist, with the measured values."""
     for target in _TARGETS:
         try:
             yield target, float(target.value(results))
@@ -96,19 +96,19 @@ def _ratio(
 
 
 def _beside(results: Results, name: str, scene: str, element: str = "full") -> float:
-    """Against the hard scenes' easy neighbour, whose steps they took in turn."""
+    """Cost of a hard scene relative to the easy scene whose steps alternated with it."""
     here, easy = {"scene": scene, "element": element}, {"scene": "beside nu = 0.499"}
     return _ratio(results, name, here, easy)
 
 
 def _mortar(results: Results, name: str, scene: str, n: int) -> float:
-    """Surface-to-surface contact against nodes and segments."""
+    """Cost of surface-to-surface contact relative to node-to-segment contact."""
     mortar = {"scene": scene, "scheme": "EM mortar", "n": n}
     return _ratio(results, name, mortar, {"scene": f"beside {scene}", "n": n})
 
 
 def _exponent(results: Results, n: int) -> float:
-    """Of the growth from a mesh that was measured beside another one."""
+    """Exponent of the growth of cost between two meshes whose steps alternated."""
     a, b = _step(results, f"beside n = {n}"), _step(results, "contact", n=n)
     return float(np.log(b[_CPU] / a[_CPU]) / np.log(b["dofs"] / a["dofs"]))
 
@@ -119,7 +119,7 @@ def _explicit_in_residuals(results: Results, n: int) -> float:
 
 
 def _wide(results: Results, n: int) -> float:
-    """Krylov iterations of wide contact with friction against those without."""
+    """Ratio of Krylov iterations of a wide contact with and without friction."""
     scenes = ({"scene": f"wide {s}", "scheme": "statics", "n": n} for s in ("friction", "contact"))
     return _ratio(results, "krylov_iterations", *scenes)
 
@@ -140,7 +140,7 @@ def _seconds(results: Results, law: str, state: str) -> float:
 
 
 def _writing(results: Results, scheme: str, n: int) -> float:
-    """A row and a state of the fields, in steps [%]."""
+    """CPU time of writing a row and the fields, relative to a step [%]."""
     return 100 * float(_first(results.output, scheme=scheme, n=n)["row_and_fields_in_steps"])
 
 

@@ -78,9 +78,9 @@ from dolfinx_nts.solvers.newton_report import ConvergenceError
 
 __version__ = "0.2.0"
 
-# From here on, so that no call of the package lets ranks wait for one that has failed.
+# Errors on one rank end all ranks from here on, so that no rank waits for a failed one.
 end_together()
-# The imports above have initialised PETSc.
+# The imports above have initialised PETSc, which replaces the signal handler.
 restore_broken_pipe()
 
 __all__ = [

@@ -1,1 +1,1 @@
-"""Stress suite: scenes that try to make a run lie or break, see `run`."""
+"""Stress suite: scenes that provoke wrong results or failures, see `run`."""

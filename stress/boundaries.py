@@ -1,4 +1,4 @@
-"""Whole boundaries of closed bodies: nothing passes, whatever is meant to touch."""
+"""Contact of whole boundaries of closed bodies: no body passes through another."""
 
 from functools import partial
 from typing import Any
@@ -35,7 +35,7 @@ _OBSTACLES = {
 
 
 def flush(comm: MPI.Comm, cells: int, layers: int | None = None) -> Setup:
-    """Cube that falls on one of the same width, or a slice of both. Collective."""
+    """Cube that falls on a cube of the same width, or a slice of both. Collective."""
     depth, num_deep = (1.0, cells) if layers is None else (0.25, layers)
     rubber = nts.NeoHookean(1e5, 0.3, 1e3)
     low = box((1, depth, 1), (3, min(num_deep, 3), 3)).made(rubber)
@@ -48,7 +48,7 @@ def flush(comm: MPI.Comm, cells: int, layers: int | None = None) -> Setup:
 
 
 def through(comm: MPI.Comm, ratio: float, how: dict[str, Any]) -> Setup:
-    """Block that flies at a plate by some thicknesses of it in a step. Collective."""
+    """Block that moves several plate thicknesses in the step of its impact. Collective."""
     speed, dt = ratio * _THICKNESS / 1e-3, 1e-3
     stone = nts.NeoHookean(1e3 * (20 * speed) ** 2, 0.3, 1e3)
     plate = box((0.5, 0.5, _THICKNESS), (3, 3, 2)).at(-0.25, -0.25, -_THICKNESS).made(stone)
@@ -113,7 +113,7 @@ def random(comm: MPI.Comm, seed: int) -> Setup:
     dt = None if scheme is nts.CentralDifference else 0.01 * 2 ** rng.uniform(-1, 2)
     pairs = nts.all_pairs(list(world.bodies.values()), **(NODAL | how))
     stepper = world.stepper([], dt, scheme, pairs=pairs)
-    # Generalized-alpha does not conserve the angular momentum.
+    # The generalised-alpha method does not conserve the angular momentum.
     return Setup(stepper, 0.6, ledger=True, supported=scheme is nts.GeneralizedAlpha)
 
 

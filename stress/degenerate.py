@@ -15,7 +15,7 @@ from stress.world import Touch, World
 
 __all__ = ["CASES"]
 
-# What is said about facets with edges that have no length.
+# Message on facets with edges of zero length.
 SHARP = "angle of sine"
 
 
@@ -43,7 +43,7 @@ def warped(height: float) -> Part:
 
 
 def collapsed(length: float) -> Part:
-    """Plate, one edge of whose top is shortened to ``length`` [-] of its own."""
+    """Plate with one edge of its top scaled by ``length`` [-]."""
     part = plate(2.0, 4)
     X = part.X.copy()
     top = np.flatnonzero(X[:, 2] > -1e-9)
@@ -62,9 +62,9 @@ def mirrored() -> Part:
 
 
 def islands(gap: float, size: float = 1.0) -> Part:
-    """Two halves of a plate with a slot, left and right of it; doubled nodes where it is 0."""
+    """Two halves of a plate, left and right of a slot; with a slot of 0 nodes are doubled."""
     blocks = [np.add(box_blocks((size, 2, 0.3), (2, 4, 1)), (x, -1, -0.3)) for x in (-size, gap)]
-    # From two parts, for blocks are joined where they coincide.
+    # Two parts, as blocks are joined where their nodes coincide.
     left, right = (from_blocks([block]) for block in blocks)
     first = len(left.X)
     facets = np.vstack([left.sides["all"], first + right.sides["all"]])
@@ -114,7 +114,7 @@ CASES = [
         _on("facets from inside", "cells", c, mirrored(), cell=c)
         for c in ("hexahedron", "tetrahedron")
     ),
-    # Nodes that slide over a ledge between halves that touch get inside the higher one.
+    # Nodes that slide over a step between touching halves penetrate the higher one.
     Case("disconnected surface", "slot", 0.0, partial(in_a_slot, gap=0.0)),
     *(Case("disconnected surface", "slot", g, partial(in_a_slot, gap=g)) for g in (0.1, 0.5)),
     *(

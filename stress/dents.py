@@ -1,4 +1,4 @@
-"""Dents: how deep a node that its own facet holds may be below the facet beside that one."""
+"""Dents: admissible depth of an active node below the facet adjacent to its segment."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ __all__ = ["below_the_next_facet"]
 
 
 def below_the_next_facet(stepper: Any) -> float:
-    """Depth that nodes in equilibrium may have in the present state [m]. Collective.
+    """Admissible depth of nodes in static equilibrium in the current state [m]. Collective.
 
     A node without inertia touches one facet, with a closed gap, and may be beyond its edge by a
     part of its size, `STATIC_OVERHANG`. In a dent the next facet turns up there: the node

@@ -1,4 +1,4 @@
-"""A long run must not need more and more memory, or PETSc objects.
+"""Leak test: memory and the number of PETSc objects stay bounded in a long run.
 
     python3 -m stress.endurance [STEPS]
 
@@ -29,8 +29,8 @@ from stress.world import Touch, World
 
 __all__ = ["SCHEMES", "growth", "samples"]
 
-# Growth of the memory [bytes a step] that is allowed: a vector that is not freed is several
-# hundred. The table of the recorder stores the iterations of each step.
+# Admissible growth of the memory [bytes per step]: a leaked vector has several hundred. The table
+# of the recorder stores the iterations of each step.
 _BYTES_PER_STEP = 64
 _NUM_SAMPLES = 10
 _STEPS_OF_A_MEETING = 25
@@ -43,7 +43,7 @@ _logger = logging.getLogger("stress")
 
 
 def samples(scheme: str, num_steps: int) -> Iterator[tuple[int, int, int, int]]:
-    """Steps done, those with contact, PETSc objects alive, memory [bytes].
+    """Samples of a run: steps, steps with contact, live PETSc objects, memory [bytes].
 
     On one rank. Objects are counted from the first use of this function in
     the process, so that only their difference has a meaning.
@@ -76,14 +76,14 @@ def samples(scheme: str, num_steps: int) -> Iterator[tuple[int, int, int, int]]:
 
 
 def growth(taken: list[tuple[int, int, int, int]]) -> str:
-    """What grows from one sample to the next, or ""."""
+    """Text on quantities that grow from one sample to the next, or ""."""
     steps, touching, objects, memory = np.array(taken).T
     if not touching[0]:
         return "no contact"
-    # The first samples may still take what all of them need.
+    # The first samples may include one-time allocations.
     if np.any(np.diff(objects[2:]) > 0):
         return f"PETSc objects: {objects.tolist()}"
-    # The least of some, as memory is taken in large pieces.
+    # The least of several samples, as memory is taken in large pieces.
     pace = np.diff(memory[2:]) / np.diff(steps[2:])
     return f"memory: {pace} bytes a step" if pace.min() > _BYTES_PER_STEP else ""
 
@@ -107,7 +107,7 @@ def _memory() -> int:
 
 
 def main() -> int:
-    """Run each scheme; returns the number of those that grow."""
+    """Run each scheme; return the number of schemes with growth."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("steps", nargs="?", type=int, default=10_000)
     num_steps = parser.parse_args().steps

@@ -1,4 +1,4 @@
-"""A hollow ball strikes a free plate: every number of it, far from usual."""
+"""A hollow ball strikes a free plate: a sweep of each parameter far beyond usual values."""
 
 from functools import partial
 from typing import Any

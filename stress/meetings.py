@@ -1,4 +1,4 @@
-"""Where and how bodies meet: corners, edges, holes, layers, many at once."""
+"""Contact configurations: corners, edges, holes, layers, several contacts at once."""
 
 from collections.abc import Callable
 from functools import partial
@@ -22,9 +22,9 @@ _POSES = {
     "edge": rotation((0, 1, 0), np.pi / 4),
     "face": np.eye(3),
 }
-# Single nodes press a hole into a fine mesh.
+# Single nodes indent a fine mesh.
 PIERCED = "sank into"
-# What presses an overlap apart.
+# Contact forces that push overlapping bodies apart.
 _CLOSING = {"plastic": nts.LagrangeMultiplier("plastic"), "penalty": nts.Penalty()}
 
 
@@ -57,7 +57,7 @@ def falls(
     frame: Frame | None = None,
     **how: Any,
 ) -> Setup:
-    """Let one part fly against another. Collective.
+    """One body flies against another one. Collective.
 
     Args:
         comm: Communicator.
@@ -137,7 +137,7 @@ def both_sides(comm: MPI.Comm, thickness: float) -> Setup:
 
 
 def between(comm: MPI.Comm, gap: float) -> Setup:
-    """A cube without motion between two that close in with a gap. Collective."""
+    """A resting cube between two approaching cubes, with a gap on each side. Collective."""
     parts = {
         "middle": cube(0.5, 3),
         "above": cube(0.7, 2).at(0.05, 0.03, 0.5 + gap).flying(0, 0, -1),

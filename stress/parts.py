@@ -21,7 +21,7 @@ RUBBER = nts.SaintVenantKirchhoff(E=1.0e5, nu=0.4, rho=1.0e3)  # Pa, -, kg/m^3
 _BITS = np.array([[(c >> a) & 1 for a in range(3)] for c in range(8)])
 _SIDES = np.array([np.flatnonzero(_BITS[:, a] == b) for a in range(3) for b in (0, 1)])
 _WAYS = np.array([[0, 1 << a, (1 << a) + (1 << b), 7] for a, b, _ in permutations(range(3))])
-# Nodes of two grids are one if they agree to this, relative to the part.
+# Distance of nodes of two grids that are merged, relative to the part.
 _SAME = 1e-8
 
 
@@ -57,13 +57,13 @@ class Part:
         return replace(self, X=self.X @ Q.T)
 
     def made(self, material: nts.Hyperelastic, velocity: Any = None) -> "Part":
-        """Take a material, and a velocity if given."""
+        """Copy of the part with a material and, if given, a velocity."""
         return replace(
             self, material=material, velocity=self.velocity if velocity is None else velocity
         )
 
     def flying(self, *velocity: float) -> "Part":
-        """Take a velocity [m/s]."""
+        """Copy of the part with a velocity [m/s]."""
         return replace(self, velocity=velocity)
 
     def tetrahedra(self) -> tuple[Ints, dict[str, Ints]]:

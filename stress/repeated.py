@@ -24,7 +24,7 @@ _HEAVY = nts.SaintVenantKirchhoff(E=1e6, nu=0.3, rho=1e7)
 class Impacts:
     """Counts how often the pairs of a stepper begin to press.
 
-    Passes as the stepper of a `Setup`: it counts in ``run``.
+    It replaces the stepper of a `Setup` and counts in ``run``.
     """
 
     def __init__(self, stepper: Any, least: int) -> None:
@@ -63,12 +63,12 @@ def between_plates(comm: MPI.Comm, impacts: int) -> Setup:
         "ceiling": slab.at(0, 0, 2 * _RADIUS + 0.1),
     }
     touches = [Touch("ball.outer", "floor.top"), Touch("ball.outer", "ceiling.bottom")]
-    # Between 0.5 and 0.6 s for each impact: when they come depends on round-off after some.
+    # Between 0.5 and 0.6 s per impact: later impact times depend on round-off.
     return counted(World(comm, parts).stepper(touches, 0.02), 0.65 * impacts, impacts)
 
 
 def crate() -> Part:
-    """Box with a cubic room of 1.5 m: all cells of a grid but the inner.
+    """Box with a cubic cavity of 1.5 m: all cells of a grid but the inner ones.
 
     Sides: ``wall 0`` to ``wall 5`` inside and ``outer``.
     """
@@ -100,8 +100,7 @@ def in_a_box(comm: MPI.Comm, impacts: int) -> Setup:
         for name, place in zip(names, places, strict=True)
     }
     parts["box"] = crate().made(_HEAVY)
-    # A node touches one facet of a surface: in an edge of the room it needs
-    # two surfaces.
+    # A node touches one facet of a surface: at an edge of the cavity it needs two surfaces.
     balls = "+".join(f"{name}.outer" for name in names)
     touches = [Touch(balls, f"box.wall {wall}") for wall in range(6)]
     touches += [Touch(f"{a}.outer", f"{b}.outer") for a, b in combinations(names, 2)]

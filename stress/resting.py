@@ -1,4 +1,4 @@
-"""Friction, weight and supports: what must stay, and what must slide."""
+"""Friction, weight and supports: bodies that must rest, and bodies that must slide."""
 
 from collections.abc import Callable
 from functools import partial
@@ -21,7 +21,7 @@ _STONE = nts.SaintVenantKirchhoff(E=1e7, nu=0.2, rho=2e3, stiffness_damping=2e-3
 
 
 def weight(t: float) -> tuple[float, float, float]:
-    """Gravity that grows within half a second, so that nothing jumps."""
+    """Gravity that grows smoothly within half a second."""
     return 0.0, 0.0, -_G * min(t / 0.5, 1.0)
 
 
@@ -87,7 +87,7 @@ def stack(comm: MPI.Comm, law: str, blocks: int = 5, until: float = 10.0) -> Set
 def cards(comm: MPI.Comm, mu: float) -> Setup:
     """A card that leans against another, both 20 degrees from upright. Collective."""
     angle, height, thick = np.deg2rad(20.0), 0.6, 0.06
-    # Inner faces in x = 0 before they are turned; the right card is lower.
+    # Inner faces at x = 0 before the rotation; the right card is lower.
     left = box((thick, 0.4, height), (1, 3, 6)).at(-thick, -0.2, 0)
     right = box((thick, 0.3, 0.8 * height), (1, 2, 5)).at(0, -0.16, 0)
     foot = 0.8 * height * np.sin(angle)
@@ -114,18 +114,18 @@ def slope(comm: MPI.Comm, part: float) -> Setup:
     touch = Touch("block.bottom", _FLOOR, {"friction": nts.Coulomb(part * np.tan(angle))})
     stepper = World(comm, {"block": block}).stepper([touch], 0.01)
     body = stepper.bodies[0]
-    # It grows, so that the block is pressed before it is pulled.
+    # It grows, so that the block is pressed before it slides.
     load = nts.Gravity([body], lambda t: weight * min(t / 0.3, 1.0))
     stepper = type(stepper)(stepper.bodies, stepper.pairs, dt=0.01, loads=[load])
     way = max(0.0, _G * (np.sin(angle) - part * np.tan(angle) * np.cos(angle)) / 2)
     check = stays(stepper, 1e-3) if part > 1 else stays(stepper, way, 0.2 * way)
-    # Exactly at the angle of friction vibration decides.
+    # Exactly at the friction angle vibration would decide.
     check = stays(stepper, 0.05) if part == 1 else check
     return Setup(stepper, 1.0, check, ledger=True, supported=True)
 
 
 def twisted(comm: MPI.Comm, degrees: float) -> Setup:
-    """Bar, held at one end and turned at the other. Collective."""
+    """Bar, clamped at one end and twisted at the other. Collective."""
     world = World(comm, {"bar": box((0.2, 0.2, 1.0), (3, 3, 12)).at(-0.1, -0.1, 0).made(RUBBER)})
     V = world.V
     u = fem.Function(V)

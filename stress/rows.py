@@ -1,4 +1,4 @@
-"""A row of the table: run a scene, judge it by what the recorder wrote."""
+"""A row of the table: run a scene and judge it by the files of the recorder."""
 
 import csv
 import logging
@@ -33,15 +33,15 @@ __all__ = [
     "run",
 ]
 
-# Relative to the largest energy (or work) and to the sum of the nodes' momenta.
+# Tolerances relative to the largest energy (or work) and to the sum of nodal momenta.
 ENERGY_TOLERANCE, MOMENTUM_TOLERANCE = 1e-9, 1e-10
-# Depth of an overlap, relative to the longest facet [-], that has to be reported.
+# Depth of an overlap, relative to the longest facet [-], above which a report is required.
 _DEEP = 0.1
-# Warning that bodies have come to overlap.
+# Warning of overlapping bodies.
 OVERLAP = "is up to .* inside"
-# Of the size of a segment: a gap that is closed. Of a depth: round-off.
+# Gap that counts as closed, relative to a segment; and round-off of a depth, relative to it.
 _CLOSED, _ROUNDING = 1e-9, 1e-9
-# Message of a step in which elements are squashed.
+# Message of a step with crushed cells.
 CRUSHED = "is inverted"
 COLUMNS = (
     "scene",
@@ -114,7 +114,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a case.
+    """Outcome of a case.
 
     Attributes:
         row: Values of `COLUMNS`.
@@ -175,7 +175,7 @@ def run(case: Case, comm: MPI.Comm) -> Outcome:
         wrong = wrong or _too_large(row, values, case)
         if setup.stepper.pairs:
             deep = _depth(row, values, _allowed(setup, values, approaches, kinks, dents))
-            # A run that stops, or has to report an overlap, may have nodes that are too deep.
+            # A run that stops, or that requires a report of an overlap, may have deeper nodes.
             reported = case.may_stop and _is_reported(setup, row, said)
             reported = reported or case.stops or case.warns == OVERLAP
             wrong = wrong or ("" if reported else deep)
@@ -223,9 +223,9 @@ def _control(case: Case, setup: Setup) -> nts.StepControl:
 
 
 def _approach(stepper: Any) -> float:
-    """How far a node and a segment came towards each other in the last step [m].
+    """Largest approach of a node and a segment in the last step [m].
 
-    Or less: the sum of the longest ways on both sides. Collective.
+    Upper bound: the sum of the largest displacement increments of both sides. Collective.
     """
     way = np.linalg.norm((stepper.u.x.array - stepper.u_n.x.array).reshape(-1, 3), axis=1)
     comm, longest = stepper.u.function_space.mesh.comm, 0.0
@@ -238,14 +238,14 @@ def _approach(stepper: Any) -> float:
 
 
 def _kink(stepper: Any) -> float:
-    """Depth from which a spring counts, as its node came over a kink [m]. Collective."""
+    """Depth at which a spring becomes active on a node that slid over a kink [m]. Collective."""
     springs = [contact.history.offset for contact in stepper.contacts if contact.eps_N is not None]
     deepest = max((-offset.min(initial=0.0) for offset in springs), default=0.0)
     return float(stepper.u.function_space.mesh.comm.allreduce(deepest, op=MPI.MAX))
 
 
 def _dent(stepper: Any) -> float:
-    """Depth below the next facet in a dent, in equilibrium [m]. Collective."""
+    """Depth below the adjacent facet in a dent, in static equilibrium [m]. Collective."""
     return below_the_next_facet(stepper) if isinstance(stepper, nts.QuasiStatic) else 0.0
 
 
@@ -279,7 +279,7 @@ def _allowed(
 
 
 def _depth(row: dict[str, Any], values: dict[str, Any], allowed: Any) -> str:
-    """Say whether a gap is less than it may be; complete the row."""
+    """Complete the row by the depth; describe a gap below the admissible one."""
     gap = np.nan_to_num(values["min_gap"], nan=np.inf)
     row["least_allowed_gap"] = allowed[gap.argmin()]
     deepest = (gap - allowed).argmin()
@@ -289,13 +289,13 @@ def _depth(row: dict[str, Any], values: dict[str, Any], allowed: Any) -> str:
 
 
 def _is_reported(setup: Setup, row: dict[str, Any], said: str) -> bool:
-    """Whether a run has reported the deepest node, or its depth needs no report."""
+    """Whether the deepest node has been reported, or is too shallow to be reported."""
     size = min(pair.segment_size for pair in setup.stepper.pairs)
     return "inside" in said or row["outcome"] == "stopped" or row["min_gap"] > -_DEEP * size
 
 
 def _unreported(setup: Setup, said: str) -> str:
-    """Say which overlaps at the end no warning has reported. Collective."""
+    """Describe final overlaps without a warning. Collective."""
     deep = [
         f"{' in '.join(o.names)}: {o.depth:.3g}"
         for o in nts.Diagnostics(setup.stepper).overlaps()
@@ -315,7 +315,7 @@ def _not_announced(case: Case, error: str) -> str:
 
 
 def _momentum_scales(setup: Setup) -> Any:
-    """Sum of the sizes of the nodes' linear and angular momenta. Collective."""
+    """Sums of the magnitudes of the nodal linear and angular momenta. Collective."""
     stepper = setup.stepper
     p = stepper.nodal_momentum()
     sizes = [np.linalg.norm(q, axis=1).sum() for q in (p, np.cross(stepper.x[: len(p)], p))]
@@ -329,7 +329,7 @@ def _read(table: Path) -> dict[str, Any]:
 
 
 def _errors(values: dict[str, Any], setup: Setup, scales: Any) -> dict[str, Any]:
-    """Columns of the table from those of the recorder."""
+    """Columns of the table, computed from the columns of the recorder."""
     works = [v for name, v in values.items() if name.startswith("energy_")]
     total = values["total_energy"]
     if setup.ledger:

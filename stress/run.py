@@ -49,14 +49,14 @@ def _run(name: str) -> Outcome:
     try:
         return run(case, MPI.COMM_SELF)
     except Exception as error:
-        # The other rows run all the same.
+        # All other rows are run.
         logging.getLogger("stress").exception(name)
         failed = {"outcome": "failed", "message": repr(error)}
         return Outcome(empty_row(case) | failed, repr(error), 0.0)
 
 
 def main() -> int:
-    """Run what the command line asks for; returns the number of wrong rows."""
+    """Run the rows that the command line selects; return the number of wrong rows."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("pattern", nargs="?", default="")
     parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
@@ -67,7 +67,7 @@ def main() -> int:
     results = _ROOT / "results"
     results.mkdir(exist_ok=True)
     rows, wrong = [], 0
-    # Not forked: MPI must begin in each process.
+    # Not forked: each process has to initialise MPI.
     with (
         (results / "stress.csv").open("w", newline="", encoding="utf-8") as file,
         multiprocessing.get_context("spawn").Pool(options.jobs) as pool,

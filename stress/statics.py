@@ -1,4 +1,4 @@
-"""Bodies that contact alone holds, or that tools press, drag and push through."""
+"""Statics of bodies supported by contact alone, and of bodies under tools."""
 
 from functools import partial
 from typing import Any
@@ -19,7 +19,7 @@ _WEIGHT, _SIDE = 9.81, 0.1  # of a block [N], its edge [m]
 
 
 def rests(comm: MPI.Comm, mu: float, cell: str = "hexahedron") -> Setup:
-    """A block of 1 kg in touch with a wider one, in equilibrium. Collective."""
+    """A block of 1 kg in static equilibrium on a wider block. Collective."""
     rubber = nts.NeoHookean(1e6, 0.3, 1e3)
     low = box((3 * _SIDE, 3 * _SIDE, _SIDE), (6, 6, 2)).at(-_SIDE, -_SIDE, -_SIDE)
     parts = {"low": low.made(rubber), "top": box((_SIDE,) * 3, (4, 4, 4)).made(rubber)}
@@ -65,7 +65,7 @@ def irons(comm: MPI.Comm, scheme: Any, how: dict[str, Any]) -> Setup:
 
 
 def snaps(comm: MPI.Comm, speed: float) -> Setup:
-    """A ball thrown at a shallow arch, both ends of which are held. Collective."""
+    """A ball thrown at a shallow arch with clamped ends. Collective."""
     span, rise, thick = 2.0, 0.15, 0.04
     arch = box((span, 0.4, thick), (24, 3, 2)).at(-span / 2, -0.2, 0)
     arch = arch.moved(lambda x: (x[0], x[1], x[2] + rise * np.cos(np.pi * x[0] / span)))
@@ -115,7 +115,7 @@ CASES = [
         for mu in (0.05, 0.3, 1.0)
     ),
     *(
-        # Facets of the dent that do not match push it sideways, which goes to its inertia.
+        # Non-matching facets of the dent cause a lateral force, which inertia relief carries.
         Case(
             f"block rests on a block, {cell}",
             "mu",

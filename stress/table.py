@@ -22,7 +22,7 @@ _REASONS = {
     "no convergence": "no solution",
     "largest stable": "longer than the stable step",
 }
-# Cases of a scene from which on they are counted instead of listed.
+# Number of cases of a scene above which they are counted instead of listed.
 _MANY = 20
 _HEADER = """\
 | scene | parameter | finished | stopped, state intact | energy | momenta | gap | cut |
@@ -30,7 +30,7 @@ _HEADER = """\
 
 
 def summary(rows: Sequence[dict[str, Any]]) -> str:
-    """Markdown table of rows of the suite, neighbours of one sweep in one line."""
+    """Markdown table of the rows of the suite, one line for each sweep."""
     lines = [_HEADER]
     for (scene, parameter), group in groupby(rows, lambda row: (row["scene"], row["parameter"])):
         cases = list(group)
@@ -61,7 +61,7 @@ def write_table(rows: Sequence[dict[str, Any]], root: Path = _ROOT) -> None:
 
 
 def read(path: Path) -> list[dict[str, Any]]:
-    """Read rows that the suite wrote, with numbers where there are any."""
+    """Read the rows that the suite wrote; numbers are converted."""
     with path.open(newline="", encoding="utf-8") as file:
         rows: list[dict[str, Any]] = list(csv.DictReader(file))
     for row in rows:
@@ -83,7 +83,7 @@ def _worst(cases: Sequence[dict[str, Any]], columns: Sequence[str]) -> str:
 
 
 def _depth(cases: Sequence[dict[str, Any]]) -> str:
-    """Deepest node, as a part of the depth that is allowed."""
+    """Depth of the deepest node relative to the admissible depth."""
     pairs = [(row["min_gap"], row["least_allowed_gap"]) for row in cases]
     pairs = [(gap, allowed) for gap, allowed in pairs if "" not in (gap, allowed)]
     parts = [gap / allowed if allowed < 0 else 0.0 for gap, allowed in pairs]

@@ -23,7 +23,7 @@ from dolfinx_nts import parts
 
 __all__ = ["ANGULAR_MOMENTUM", "ENERGY", "SPINS", "STRETCH", "Drift", "table", "tumble", "wrong"]
 
-# Largest drifts that are allowed, relative to the values at the start [-].
+# Admissible drifts, relative to the values at the start [-].
 ENERGY, ANGULAR_MOMENTUM, STRETCH = 1e-10, 1e-11, 1e-11
 # Step [s] and spin [rad/s]: along x, the intermediate axis, with a small one across it.
 SPINS = [(0.03, (5.0, 0.01, 0.02)), (0.1, (5.0, 0.5, 0.3))]
@@ -39,14 +39,14 @@ _logger = logging.getLogger("stress")
 
 
 class Drift(NamedTuple):
-    """What a run of a body that tumbles has gathered.
+    """Drift of energy and momentum in a run of a tumbling body.
 
     Attributes:
-        num_turns: How often it turned over: its intermediate axis to the other side of the
+        num_turns: Number of flips: its intermediate axis changes to the other side of the
             angular momentum.
         energy: Largest change, relative to the energy [-].
-        angular_momentum: The same of the vector, relative to its length [-].
-        stretch: Largest component of its metric less that of a rotation [-].
+        angular_momentum: Largest change of the vector, relative to its length [-].
+        stretch: Largest entry of F^T F - 1 [-].
     """
 
     num_turns: int
@@ -89,7 +89,7 @@ def tumble(dt: float, spin: Sequence[float], num_steps: int) -> Drift:
 
 
 def wrong(drift: Drift) -> str:
-    """What is too large, or ""."""
+    """Names of the drifts above their bounds, or ""."""
     limits = {"energy": ENERGY, "angular_momentum": ANGULAR_MOMENTUM, "stretch": STRETCH}
     values = drift._asdict()
     found = [name for name, limit in limits.items() if not values[name] <= limit]
@@ -107,7 +107,7 @@ def table(drifts: Sequence[Drift], num_steps: int) -> str:
 
 
 def main() -> int:
-    """Run each spin; returns the number of those that drift."""
+    """Run each spin; return the number of spins with drift."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("steps", nargs="?", type=int, default=_NUM_STEPS)
     num_steps = parser.parse_args().steps

@@ -1,4 +1,4 @@
-"""Other schemes, elements and laws; scenes that are turned, or large, or tiny."""
+"""Other schemes, elements and laws; rotated, large and tiny scenes."""
 
 from functools import partial
 from typing import Any
@@ -66,7 +66,7 @@ def pressed(
     cell: str = "hexahedron",
     degree: int = 1,
 ) -> Setup:
-    """Hard punch on a soft block, in equilibrium. Collective.
+    """Stiff punch on a soft block, in static equilibrium. Collective.
 
     Args:
         comm: Communicator.
@@ -94,7 +94,7 @@ def pressed(
 
 
 def squashed(comm: MPI.Comm, part: float, kind: Any = nts.NeoHookean) -> Setup:
-    """Cube whose top is pushed down to a part of its height, in equilibrium. Collective."""
+    """Cube compressed to a fraction of its height, in static equilibrium. Collective."""
     world = World(comm, {"cube": box((1, 1, 1), (4, 4, 4)).made(kind(1e5, 0.3, 1e3))})
     u = fem.Function(world.V)
     ends = [world.dofs("cube.bottom"), world.dofs("cube.top")]

@@ -1,4 +1,4 @@
-"""Parts become a mesh, bodies, contact pairs and a stepper."""
+"""Mesh, bodies, contact pairs and stepper made of parts."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -18,13 +18,13 @@ from stress.parts import Array, Ints, Part
 
 __all__ = ["NODAL", "Frame", "Touch", "World"]
 
-# Node-to-segment contact with elastic impact, of which the rows of the suite are.
+# The rows of the suite use node-to-segment contact with elastic impact.
 NODAL: dict[str, Any] = {"enforcement": nts.LagrangeMultiplier(), "method": "node-to-segment"}
 
 
 @dataclass(frozen=True)
 class Touch:
-    """A contact pair by names, ``part.side``; several with ``+`` between.
+    """A contact pair by the names of its surfaces, ``part.side``, joined by ``+``.
 
     Attributes:
         nodes: Surface whose nodes may touch.
@@ -41,7 +41,7 @@ class Touch:
 
 @dataclass(frozen=True)
 class Frame:
-    """How a scene is seen: turned by a rotation matrix, all lengths times a number.
+    """Transformation of a scene: a rotation matrix, and a factor of all lengths.
 
     Velocities and materials stay, so that times grow with the lengths and
     all is similar.
@@ -51,7 +51,7 @@ class Frame:
     length: float = 1.0
 
     def of(self, part: Part) -> Part:
-        """Part as it is seen."""
+        """Transformed part."""
         velocity = part.velocity
 
         def flying(x: Array) -> Any:
@@ -150,7 +150,7 @@ class World:
         pairs: Sequence[nts.ContactPair] = (),
         **options: Any,
     ) -> Any:
-        """Stepper of all bodies, with the velocities of the parts; dt as it is seen.
+        """Stepper of all bodies, with the velocities of the parts and the transformed ``dt``.
 
         Without dt the scheme chooses it.
         """

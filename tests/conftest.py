@@ -1,4 +1,4 @@
-"""Fixtures of all tests, and what keeps several ranks together."""
+"""Fixtures of all tests, and hooks that keep several ranks in step."""
 
 import faulthandler
 import gc
@@ -58,7 +58,7 @@ def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Keep what modules hold out of every collection of garbage, see `comm`."""
+    """Exclude objects of imported modules from garbage collection, see `comm`."""
     gc.collect()
     gc.freeze()
 

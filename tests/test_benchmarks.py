@@ -131,7 +131,7 @@ def test_the_first_step_and_files_have_their_cost(folder):
     # Kernels are compiled in the first process only.
     assert float(cold["cpu_seconds"]) > 2 * float(warm["cpu_seconds"]) > 0
     (row,) = rows(folder / "output.csv")
-    # On so small a mesh the two differ by less than a busy machine does between two runs.
+    # On so small a mesh the difference is less than the noise of a busy machine.
     assert float(row["row_seconds"]) > 0
     assert float(row["row_and_fields_seconds"]) > 0
 
@@ -149,7 +149,7 @@ def test_messages_are_counted(folder):
     # Two for each residual: its vector to the owners, displacements to ghosts.
     assert float(row["messages_per_step"]) > 2 * float(row["newton_per_step"])
     assert float(row["contact_messages_per_step"]) < float(row["messages_per_step"])
-    # Elimination and contact Schwarz, whose calls have no phase in the stepper, are among them.
+    # Elimination and contact Schwarz, which have no phase in the stepper, are included.
     assert float(row["contact_collectives_per_step"]) > 5 * float(row["newton_per_step"])
 
 

@@ -1,4 +1,4 @@
-"""README and pages are true: commands and edits run, and numbers are computed values."""
+"""README and pages are correct: commands and edits run, and numbers are computed values."""
 
 import ast
 import csv
@@ -43,7 +43,7 @@ def variants() -> list[tuple[list[str], list[str]]]:
 
 
 def execute(script: str, monkeypatch, folder: Path) -> dict[str, object]:
-    """Run a script where the mesh is, with results in a folder; the names it leaves."""
+    """Run a script next to the mesh, with results in a folder; return its global names."""
     (folder / "meshes").symlink_to(ROOT / "meshes")
     monkeypatch.chdir(folder)
     names: dict[str, object] = {}
@@ -221,7 +221,7 @@ def test_rows_of_the_page_on_verification_are_measured_by_tests():
 
 
 def _pattern(text: ast.expr) -> str:
-    """Regular expression of a text in the source, in which anything may be put."""
+    """Regular expression of a text in the source with placeholders."""
     parts = text.values if isinstance(text, ast.JoinedStr) else [text]
     return "".join(re.escape(p.value) if isinstance(p, ast.Constant) else ".+" for p in parts)
 

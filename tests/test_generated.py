@@ -1,4 +1,4 @@
-"""Generated cases of contact, and their independent judge."""
+"""Generated contact cases, and their independent judge."""
 
 import numpy as np
 import pytest

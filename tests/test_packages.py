@@ -15,7 +15,7 @@ PROJECT = Path(__file__).parents[1]
 
 
 def run(*command: object, folder: Path, path: Path | None = None) -> str:
-    """Return what a command prints in a folder, with packages of a path before all others."""
+    """Return the output of a command in a folder, with a path first in the package search."""
     of_caller = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
     environment = of_caller | ({} if path is None else {"PYTHONPATH": str(path)})
     words = list(map(str, command))

@@ -1,4 +1,4 @@
-"""The routine that judges all codes alike, and its result for this code."""
+"""The common evaluation of all codes, and its result for this code."""
 
 import numpy as np
 import pytest
@@ -67,8 +67,8 @@ def test_impact_conserves_energy_and_momenta_as_judged_by_another_program(mesh, 
     verdict = judge(mesh, found)
     assert abs(verdict.energy_change) <= 1e-12
     assert verdict.momentum_error <= 1e-12 and verdict.angular_momentum_error <= 1e-12
-    # Caught nodes keep the gap with which they came: half a step of approach at most, at the
-    # speeds that nodes have when they come back.
+    # Active nodes keep the gap of their impact: at most half the approach of a step, also at the
+    # speeds of vibrating nodes.
     assert verdict.overlap <= 0.5 * scene.H * np.ptp(found.v[..., 2], axis=1).max()
 
 

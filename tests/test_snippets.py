@@ -25,7 +25,7 @@ pytestmark = pytest.mark.serial
 DOCS = Path(__file__).parents[1] / "docs"
 PAGES = sorted(set(DOCS.rglob("*.md")) - {*DOCS.glob("api/*"), *DOCS.glob("demos/*")})
 RUBBER = nts.SaintVenantKirchhoff(E=1.0e5, nu=0.4, rho=1.0e3)
-# Names that every snippet may use; `k` [N/m] and `volume` [m^3] are those of a spring.
+# Names that every snippet may use; `k` [N/m] and `volume` [m^3] belong to a spring.
 NAMES = {
     "nts": nts,
     "np": np,

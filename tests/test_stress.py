@@ -1,4 +1,4 @@
-"""Rows of the stress suite that take a second, and how it judges."""
+"""Rows of the stress suite that take a second, and tests of its verdicts."""
 
 import csv
 from dataclasses import replace
@@ -22,7 +22,7 @@ from stress.world import Touch, World
 
 pytestmark = pytest.mark.at_most_two_ranks
 
-# Of each kind of scene one on several ranks.
+# One case of each kind of scene on several ranks.
 CHEAP = [
     "ball on plate: nu = 0.499",
     "cube on a plate: cells of plate : of cube = 24:1",
@@ -83,7 +83,7 @@ def midpoint(comm):
 def test_energy_that_is_not_constant_is_found(comm):
     case = Case("plastic", "", "", midpoint)
     assert "energy_error" in run(case, comm).wrong
-    # The ledger shows where it went.
+    # The ledger shows the cause of the loss.
     ledger = Case("plastic", "", "", lambda comm: replace(midpoint(comm), ledger=True))
     assert run(ledger, comm).wrong == ""
 

@@ -28,12 +28,12 @@ Floats = np.ndarray[Any, np.dtype[np.float64]]
 _COMM = MPI.COMM_SELF
 # Of rods, in units of E = rho = c = 1: length, side, speed.
 _LENGTH, _SIDE, _SPEED = 1.0, 0.1, 1e-3
-# Of the plateau of the force between two reflections, in units of L/c.
+# Interval of the plateau of the force between two reflections, in units of L/c.
 _PLATEAUS = ((0.1, 0.9), (1.1, 1.9))
 # Of the ball and the block below [SI].
 BALL = {"radius": 0.5, "gap": 0.005, "speed": 1.0, "height": 0.4, "width": 1.6}
 BALL_END = 0.68
-# Of balls of revolution, in units of their own: how far the contact flattens, Poisson's ratio.
+# Balls of revolution in dimensionless units: flattening, Poisson's ratio.
 _FLAT, _NU = 1e-3, 0.3
 
 
@@ -69,7 +69,7 @@ class Series:
 def _rods(
     setting: Setting, num_cells: int, courant: float, ratio: int
 ) -> tuple[Any, list[nts.Body], nts.Diagnostics]:
-    """Make a rod that strikes a rod at rest of a multiple of its length, or a plane (0)."""
+    """Make a rod that strikes a resting rod ``ratio`` times as long, a rigid plane if it is 0."""
 
     def build(model: Any) -> None:
         for name, low, length in (("struck", -ratio * _LENGTH, ratio), ("striker", 0.0, 1)):
@@ -99,7 +99,7 @@ def _plateau(forces: Series, dt: float, expected: float) -> float:
 
 
 def rods(setting: Setting, *, num_cells: int, courant: float) -> Scene:
-    """Rod that strikes one of twice its length: St. Venant.
+    """Rod that strikes a rod of twice its length (St. Venant's problem).
 
     The force is rho c v A/2 until the wave of the short rod returns at 2 L/c, and with it the
     rods part with half of the speed.
@@ -186,7 +186,7 @@ def ball_on_block(
         degree: Of the displacements.
     """
     radius, width, height = BALL["radius"], BALL["width"], BALL["height"]
-    # Off the middle of the block, so that no symmetry of the mesh keeps the ball from going aside.
+    # Not at the middle of the block, so that no symmetry of the mesh prevents lateral motion.
     centre = np.array([0.031, 0.017, radius + BALL["gap"]])
 
     def build(model: Any) -> None:
@@ -218,7 +218,7 @@ def ball_on_block(
     def judge() -> dict[str, float]:
         velocity = diagnostics.body_velocity(ball) / BALL["speed"]
         force, roughness = steps.rows.T
-        # Multipliers that alternate are averaged, which leaves the peak of a smooth force.
+        # Alternating multipliers are averaged, which preserves the peak of a smooth force.
         peak = np.convolve(force, [0.25, 0.5, 0.25], mode="valid").max()
         loaded = force > 0.5 * peak
         return {
@@ -245,7 +245,7 @@ def _roughness(x: Floats, pressure: Floats) -> float:
 
 
 def balls_of_revolution(setting: Setting, *, plane: bool) -> Scene:
-    """Ball that strikes a plane, or one like it, so slowly that Hertz' theory holds.
+    """Ball that strikes a plane or an equal ball so slowly that Hertz' theory holds.
 
     Johnson, Contact Mechanics, chapter 11.
 
@@ -261,7 +261,7 @@ def balls_of_revolution(setting: Setting, *, plane: bool) -> Scene:
     bodies = [nts.Body(V, cells, tag[n], material) for n in ("upper", "lower")[: len(radii)]]
     near = [nts.boundary_of(body, where=lambda x: np.abs(x[1]) < 0.1) for body in bodies]
     pair = setting.pair(near[0], nts.RigidPlane((0.0, 0.0), (0.0, 1.0)) if plane else near[1])
-    # Of both bodies together: radius, modulus E*, mass, and how far they approach.
+    # Of both bodies together: radius, modulus E*, mass, and approach.
     radius = 1 / sum(1 / r for r in radii)
     modulus, flat = 1 / (1 - _NU**2) / len(radii), _FLAT / radius
     mass = 1 / sum(3 / (4 * np.pi * r**3) for r in radii)
@@ -340,7 +340,7 @@ def cubes(setting: Setting) -> Scene:
 def _deepest(x: list[Floats], local: list[Floats]) -> float:
     """Depth of the deepest point of an edge of either unit cube in the other one [m].
 
-    Cubes count as affine images of the places of their nodes in ``local``, from -1/2 to 1/2.
+    Each cube is an affine image of the unit cube; ``local`` are its nodes there (-1/2 to 1/2).
     """
     corners = np.array(list(product((-0.5, 0.5), repeat=3)))
     ends = [(a, b) for a, b in combinations(corners, 2) if np.count_nonzero(a - b) == 1]
@@ -357,7 +357,7 @@ def _deepest(x: list[Floats], local: list[Floats]) -> float:
 
 
 def pile(setting: Setting) -> Scene:
-    """Eight soft balls that fall in a box: energy, and overlap of the bodies."""
+    """Eight soft balls that fall into a box: energy error, and overlap of the bodies."""
     radius, distance, places = 0.1, 0.201, list(product((0, 1), repeat=3))
 
     def build(model: Any) -> None:

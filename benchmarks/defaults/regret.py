@@ -58,7 +58,7 @@ def regrets(results: Sequence[Result]) -> dict[tuple[str, str], Regret]:
         best = min(error.values())
         for result in own:
             mine = error[result.setting]
-            # Of settings that are as right, up to a twentieth.
+            # Settings with an error within 5 % of the best one.
             cheapest = min(r.cost for r in own if error[r.setting] <= 1.05 * mine)
             regret = Regret(mine / best, result.cost / cheapest)
             failed = Regret(np.inf, np.inf)

@@ -1,4 +1,4 @@
-"""One process computes a scene with all settings, which take their steps in turn.
+"""One process computes a scene with all settings, whose steps alternate.
 
 Run as ``python3 -m benchmarks.defaults.run '"name of the scene"'``, which prints the results as
 JSON.
@@ -17,17 +17,17 @@ from benchmarks.defaults.settings import BASE, METHODS, SETTINGS, Setting
 
 __all__ = ["measure"]
 
-# Relative change of the energy that counts as an error of its own [-]: that of the rebound, which
-# a user of an energy-momentum scheme expects to be exact.
+# Relative change of the energy that counts as a separate error [-]: of the rebound, which users of
+# an energy-momentum scheme expect to be exact.
 ENERGY = 1e-3
 # Largest CPU time of a run relative to that of the base setting, after which it counts as failed.
 _LONGEST = 20.0
-# CPU time of a run that is never too long [s].
+# CPU time of a run that is always accepted [s].
 _SHORT = 20.0
 
 
 class _Run:
-    """A scene with a setting, until its end or its failure.
+    """Run of a scene with one setting, until its end or its failure.
 
     Args:
         name: Name of the scene.
@@ -67,7 +67,7 @@ class _Run:
         self._scene.record()
 
     def too_long(self, base: float) -> None:
-        """Give up if the CPU time is far more than that of the base setting [s]."""
+        """End the run if its CPU time is far above ``base``, that of the base setting [s]."""
         if not self.is_over and self.cpu > max(_SHORT, _LONGEST * base):
             self._fail("failed", f"took more than {_LONGEST:g} times as long")
 
@@ -96,7 +96,7 @@ class _Run:
 
 def measure(name: str) -> list[dict[str, Any]]:
     """Results of all settings in a scene, arguments of `Result`."""
-    # Warnings concern settings that nobody would choose.
+    # Warnings concern unreasonable settings only.
     logging.getLogger("dolfinx_nts").setLevel(logging.ERROR)
     settings = {key: setting for key, setting in SETTINGS.items() if own_method(name, setting)}
     runs = {key: _Run(name, setting) for key, setting in settings.items()}

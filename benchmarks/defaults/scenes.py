@@ -1,4 +1,4 @@
-"""The scenes, and how exact a user wants their results."""
+"""The scenes, and the accuracy that users need in each."""
 
 from collections.abc import Callable, Mapping
 from functools import partial

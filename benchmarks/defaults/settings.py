@@ -1,4 +1,4 @@
-"""Settings that are compared: a method of contact and a law of contact."""
+"""Settings to compare: a contact method and a contact law each."""
 
 from typing import NamedTuple
 
@@ -12,7 +12,7 @@ FACTORS = (1, 2, 4, 16)
 
 
 class Setting(NamedTuple):
-    """A method and a law.
+    """A contact method and a contact law.
 
     Attributes:
         method: Of `nts.ContactPair`; None for the default.

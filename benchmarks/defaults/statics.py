@@ -1,4 +1,4 @@
-"""Equilibria, motion at rest and sliding: Hertz, Lame, dragged and held blocks, a stack."""
+"""Equilibria, rest and sliding: Hertz, Lame, dragged and clamped blocks, a stack."""
 
 from typing import Any
 
@@ -26,7 +26,7 @@ __all__ = [
 ]
 
 _COMM = MPI.COMM_SELF
-_WITHIN = 0.8  # of the contact radius, where pressures are compared [-]
+_WITHIN = 0.8  # Fraction of the contact radius within which pressures are compared [-].
 
 
 def _held(V: fem.FunctionSpace, where: Any, value: Any, axis: int | None = None) -> Any:
@@ -45,7 +45,7 @@ def _at(axis: int, place: float) -> Any:
 
 
 def _pressed(stepper: Any, radius: float, modulus: float, dim: int) -> dict[str, float]:
-    """Difference of nodal pressures from Hertz' for the force, rms relative to the largest [-].
+    """Rms error of nodal pressures against Hertz at the same force, relative to the maximum [-].
 
     Johnson, Contact Mechanics, chapter 4.
 
@@ -76,7 +76,7 @@ def _graded(X: Floats) -> None:
 
 
 def line_contact(setting: Setting, *, degree: int) -> Scene:
-    """Half of a block with a parabola below that is pressed on another one, in plane strain.
+    """Half of a block with a parabolic lower face, pressed on another block in plane strain.
 
     Args:
         setting: Contact.
@@ -114,7 +114,7 @@ def line_contact(setting: Setting, *, degree: int) -> Scene:
 
 
 def paraboloid(setting: Setting, *, cell: str, degree: int, n: int) -> Scene:
-    """Quarter of a block with a paraboloid below that is pressed on another one.
+    """Quarter of a block with a paraboloid as lower face, pressed on another block.
 
     Args:
         setting: Contact.
@@ -204,7 +204,7 @@ def surface_of_both(setting: Setting) -> Scene:
     diagnostics = nts.Diagnostics(stepper)
 
     def judge() -> dict[str, float]:
-        # With Poisson's ratio 0 the energy is that of the strain, and all of it in the blocks.
+        # With Poisson's ratio 0 the energy is that of uniaxial strain, and is stored in the blocks.
         expected = E * strain**2 * (1 - strain / 2) ** 2
         return {"strain energy": abs(diagnostics.strain_energy() / expected - 1)}
 
@@ -250,7 +250,7 @@ def shrink_fit(setting: Setting) -> Scene:
 
 
 def dragged_block(setting: Setting) -> Scene:
-    """Block that is pressed on a wider one and dragged until all of it slides: T = mu N."""
+    """Block that is pressed on a wider block and dragged until it slides everywhere: T = mu N."""
     mu, n, zero = 0.3, 6, np.zeros(3)
 
     def build(model: Any) -> None:
@@ -284,7 +284,7 @@ def dragged_block(setting: Setting) -> Scene:
 
 
 def held_block(setting: Setting) -> Scene:
-    """Block between two jaws that close and hold its weight by friction, and do not slip.
+    """Block whose weight two closing jaws carry by friction, without slip.
 
     Without slip the block sinks by the shear of jaws and block alone, which the same scene with
     common nodes has; what it sinks more counts, relative to the way of the jaws.
@@ -348,7 +348,7 @@ def held_block(setting: Setting) -> Scene:
 
 
 def _relative(stepper: Any, contacts: Any) -> Floats:
-    """Heights of nodes less those of the facets beside them, linear along y [m]."""
+    """Heights of nodes above the adjacent facets, interpolated linearly along y [m]."""
     X = stepper.u.function_space.tabulate_dof_coordinates()
     parts = []
     for contact in contacts:
@@ -361,7 +361,7 @@ def _relative(stepper: Any, contacts: Any) -> Floats:
 
 
 def stack(setting: Setting) -> Scene:
-    """Three blocks at rest on a plane, whose weight comes slowly: contact forces are weights."""
+    """Three resting blocks whose weight grows slowly: contact forces equal the weights above."""
     E, rho, g, ramp = 1e4, 10.0, 10.0, 2.0
 
     def build(model: Any) -> None:

@@ -1,4 +1,4 @@
-"""Runs the impact in each code that is installed, and writes what came out.
+"""Run the impact in each installed code and write the results.
 
 ``python3 -m benchmarks.peers`` writes ``results/bench/peers.csv`` and ``peers.md``;
 ``python3 -m benchmarks.peers NAME FILE`` runs one code and writes its nodes.
@@ -49,7 +49,7 @@ FOLDER = Path("results") / "bench"
 
 
 def run_one(name: str, path: str) -> None:
-    """Run a code in this process and write what it found."""
+    """Run a code in this process and write its result."""
     peer = PEERS[name]
     module = importlib.import_module(f"benchmarks.peers.{peer.module}")
     run = getattr(module, peer.function)(scene.read())
@@ -57,7 +57,7 @@ def run_one(name: str, path: str) -> None:
 
 
 def run_all() -> list[dict[str, Any]]:
-    """Rows of the table, one for each code that is installed."""
+    """Rows of the table, one for each installed code."""
     mesh, rows = scene.read(), []
     for name, peer in PEERS.items():
         if name == "CalculiX" and not calculix.command():

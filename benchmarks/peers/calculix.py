@@ -27,12 +27,12 @@ _SLOPE = 50
 
 
 def command() -> list[str]:
-    """How to call CalculiX; empty where it is not installed."""
+    """Command that runs CalculiX; empty where it is not installed."""
     return shlex.split(os.environ.get("CCX") or shutil.which("ccx") or "")
 
 
 def version() -> str:
-    """Version that the program tells."""
+    """Version that the program prints."""
     text = subprocess.run([*command(), "-v"], capture_output=True, text=True, check=False).stdout
     return found[1] if (found := re.search(r"[Vv]ersion (\S+)", text)) else "unknown"
 

@@ -18,14 +18,14 @@ __all__ = ["run", "version"]
 
 # Of the augmentation, per area; a few times a cell, as GetFEM advises.
 AUGMENTATION, RELEASE = E, 0.3
-# Relative to the force of inertia, with which GetFEM compares the equation of
-# contact too: at 1e-8 it sees no contact.
+# Tolerance relative to the inertia force, which GetFEM also uses for the contact equation: at 1e-8
+# it detects no contact.
 TOLERANCE = 1e-14
 OUTER, TOP = 1, 2  # regions
 
 
 def version() -> str:
-    """Version of the Debian package, as GetFEM does not tell its own."""
+    """Version of the Debian package, as GetFEM does not report its own."""
     query = ["dpkg-query", "-W", "-f", "${Version}", "python3-getfem"]
     return subprocess.run(query, capture_output=True, text=True, check=False).stdout.split("+")[0]
 

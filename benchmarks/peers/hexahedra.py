@@ -36,7 +36,7 @@ class Hexahedra(NamedTuple):
 
     @classmethod
     def of(cls, X: Floats, cells: Ints) -> "Hexahedra":
-        """Cells with given nodes."""
+        """Make the cells of given nodes, with 2 x 2 x 2 Gauss points."""
         factors = 1 + _POINTS[:, None] * _CORNERS
         phi = factors.prod(axis=2) / 8
         slopes = [_CORNERS[:, d] * np.delete(factors, d, axis=2).prod(axis=2) / 8 for d in range(3)]
@@ -47,7 +47,7 @@ class Hexahedra(NamedTuple):
 
     @classmethod
     def of_one_point(cls, X: Floats, cells: Ints) -> "Hexahedra":
-        """Cells with one point, which has the mean gradients."""
+        """The same cells with one point, at which gradients are the cell means."""
         full = cls.of(X, cells)
         volume = full.weight.sum(axis=1, keepdims=True)
         mean = np.einsum("cq,cqai->cai", full.weight / volume, full.gradient)
@@ -80,12 +80,12 @@ class Hexahedra(NamedTuple):
         return self.energy_of_volume(x) + self.energy_of_shape(x)
 
     def energy_of_volume(self, x: Floats) -> float:
-        """Its term of the trace of the strain [J]."""
+        """Volumetric term of the energy, of the trace of the strain [J]."""
         trace = np.einsum("cqii->cq", self._state(x)[1])
         return float(LMBDA / 2 * np.vdot(self.weight, trace**2))
 
     def energy_of_shape(self, x: Floats) -> float:
-        """Its term of the square of the strain [J]."""
+        """Deviatoric term of the energy, of the square of the strain [J]."""
         strain = self._state(x)[1]
         return float(MU * np.einsum("cq,cqij,cqij->", self.weight, strain, strain))
 

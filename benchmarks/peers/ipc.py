@@ -17,11 +17,11 @@ from benchmarks.peers.scene import E, Floats, H, Run, Scene, num_steps
 
 __all__ = ["run", "version"]
 
-# Distance from which on the barrier acts [m], and its stiffness [Pa].
+# Distance below which the barrier acts [m], and its stiffness [Pa].
 _REACH, _BARRIER = 0.01, 10 * E
-# Largest increment at which Newton's method ends, per step [m/s].
+# Largest increment at convergence of Newton's method, per step [m/s].
 _TOLERANCE, _MAX_ITERATIONS = 1e-6, 100
-# SuperLU orders and factorises symmetric matrices faster if it knows.
+# SuperLU orders and factorises matrices declared symmetric faster.
 _SYMMETRIC: dict[str, Any] = {
     "permc_spec": "MMD_AT_PLUS_A",
     "diag_pivot_thresh": 0.0,
@@ -111,7 +111,7 @@ def run(scene: Scene) -> Run:
 
 
 def _minimised(potential: _Potential, x: Floats, target: Floats) -> tuple[Floats, int]:
-    """Minimum of (x - target) M (x - target)/2 + h^2/4 V(x), from x on; number of iterations."""
+    """Minimise (x - target) M (x - target)/2 + h^2/4 V(x) from x; also return the iterations."""
     share, mass = H**2 / 4, potential.mass
 
     def value(y: Floats) -> float:

@@ -1,4 +1,4 @@
-"""What the nodes of a run say about energy, momenta, overlap and rebound."""
+"""Energy, momenta, overlap and rebound from the nodal positions and velocities of a run."""
 
 from typing import NamedTuple
 
@@ -30,7 +30,7 @@ class Verdict(NamedTuple):
 
 
 def judge(scene: Scene, run: Run) -> Verdict:
-    """Judge a run by the positions and velocities of its nodes."""
+    """Evaluate a run from the positions and velocities of its nodes."""
     bodies = Hexahedra.of(scene.X, scene.cells)
     volumes = Hexahedra.of_one_point(scene.X, scene.cells) if run.has_one_point else bodies
     momenta = [bodies.momentum(v, run.has_lumped_mass) for v in run.v]
@@ -57,7 +57,7 @@ def _largest_change(values: Floats) -> float:
 
 
 def _overlap(scene: Scene, x: Floats) -> float:
-    """Depth of the ball below the top of the plate, which stays a height over x and y [m]."""
+    """Depth of the ball below the top of the plate, as a height field over x and y [m]."""
     facets = x[scene.outer]
     points = np.concatenate([x[np.unique(scene.outer)], facets.mean(axis=1)])
     points = points[points[:, 2] < x[scene.top, 2].max()]

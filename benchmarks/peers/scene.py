@@ -50,7 +50,7 @@ class Scene(NamedTuple):
 
 
 class Run(NamedTuple):
-    """What a code found.
+    """Result of a code.
 
     Attributes:
         x, v: Positions [m] and velocities [m/s] at the start and after each step, shape

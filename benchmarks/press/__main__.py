@@ -1,4 +1,4 @@
-"""Runs the scene in each code that is installed, with the nodes of either side, prints a table.
+"""Run the scene in each installed code, with the contact nodes on either side; print a table.
 
 ``python3 -m benchmarks.press > docs/tables/press.md``; ``python3 -m benchmarks.press NAME SWAPPED
 FILE`` runs one code and writes its nodes.
@@ -19,7 +19,7 @@ from benchmarks.press.judge import Verdict, judge
 
 
 class Peer(NamedTuple):
-    """A code, and what it calls a method of contact.
+    """A code with one of its contact methods.
 
     Attributes:
         module: What runs it.
@@ -48,7 +48,7 @@ COLUMNS = (
 
 
 class Run(NamedTuple):
-    """What a code took and found."""
+    """CPU time and result of a code."""
 
     cpu_seconds: float
     newton_iterations: int
@@ -57,7 +57,7 @@ class Run(NamedTuple):
 
 
 def run_one(number: str, swapped: str, path: str) -> None:
-    """Run a code in this process and write what it found."""
+    """Run a code in this process and write its result."""
     peer = PEERS[int(number)]
     module = importlib.import_module(f"benchmarks.press.{peer.module}")
     x, cpu, newton = module.run(scene.read(), peer.method, swapped == "True")
@@ -76,7 +76,7 @@ def run(number: int, swapped: bool) -> Run:
 
 
 def row(peer: Peer, runs: list[Run]) -> str:
-    """Row of the table: with the nodes of the finer side, and with those of the coarser one."""
+    """Row of the table: with contact nodes on the finer side, and on the coarser side."""
     verdicts = [each.verdict for each in runs]
     cells = [
         f"{NAMES[peer.module]} {runs[0].version}",

@@ -37,7 +37,7 @@ def _mesh(scene: Scene) -> tuple[Any, Floats]:
 
 
 def _model(mesh: Any, swapped: bool) -> tuple[Any, Any, Any]:
-    """Model of a step, finite elements, and integration methods, without which it is no more."""
+    """Model of a step, its finite elements and integration methods; the model needs both alive."""
     elements = gf.MeshFem(mesh, 2)
     elements.set_fem(gf.Fem("FEM_QK(2,1)"))
     cells, sides = (gf.MeshIm(mesh, gf.Integ(f"IM_GAUSS_PARALLELEPIPED(2,{k})")) for k in (3, 5))

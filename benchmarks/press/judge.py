@@ -1,4 +1,4 @@
-"""What the nodes of a run say about forces, pressures, friction and overlap.
+"""Forces, pressures, friction and overlap from the nodal positions of a run.
 
 Contact forces are the forces of the cells at the nodes, so that all codes are judged alike. The
 pressure is that of Hertz for the force, the traction that of Cattaneo and Mindlin (K. L. Johnson,
@@ -114,7 +114,7 @@ def judge(scene: Scene, x: Floats) -> Verdict:
 
 
 def _overlap(upper: _Side, lower: _Side) -> float:
-    """Depth of the deepest node of either in the other [m]."""
+    """Largest penetration of a node of either body into the other [m]."""
     (x, _, z), (x_lower, _, z_lower) = upper.x.T, lower.x.T
     depths = np.interp(x, x_lower, z_lower) - z, z_lower - np.interp(x_lower, x, z)
     return float(max(0.0, *(depth.max() for depth in depths)))

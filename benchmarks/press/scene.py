@@ -1,4 +1,4 @@
-"""Two blocks, of which the upper one has a parabola below, as plain arrays: Hertz' line contact.
+"""Two blocks, the upper one with a parabolic lower face, as plain arrays: Hertz' line contact.
 
 The upper block is pressed down, and then dragged. There is one layer of hexahedra, whose nodes
 do not move along y: plane strain.
@@ -15,11 +15,11 @@ __all__ = ["MU", "NUM_DOWN", "NUM_STEPS", "RADIUS", "WIDTH", "Scene", "facets", 
 MU, RADIUS, WIDTH = 0.3, 40.0, 0.05  # friction [-], of the parabola and along y [m]
 # Between the bodies at the start [m]: GetFEM would join them where they share a point.
 GAP = 2e-4
-# Ways of the upper end down and aside, and the steps of each.
+# Displacements of the upper end down and aside, and the number of steps of each.
 DOWN, NUM_DOWN, ASIDE, NUM_ASIDE = 7.5e-4, 3, 4e-4, 10
 NUM_STEPS = NUM_DOWN + NUM_ASIDE
-# Sizes of the cells of the upper and the lower body up to a distance from the middle, and their
-# greatest growth beyond [m, -].
+# Cell sizes of the upper and the lower body up to a distance from the middle, and their largest
+# growth beyond it [m, -].
 _SIZES, _NEAR, _GROWTH = (0.0121, 0.0155), 0.17, 1.45
 
 
@@ -55,7 +55,7 @@ class Scene(NamedTuple):
 
 
 def facets(nodes: Ints) -> Ints:
-    """Quadrilaterals between nodes along x and y, once around, shape ``(k - 1, 4)``."""
+    """Quadrilaterals over the nodes along x, between both layers of y, shape ``(k - 1, 4)``."""
     return np.hstack([nodes[:-1], nodes[1:, ::-1]])
 
 

@@ -11,7 +11,7 @@ __all__ = ["PROBLEMS", "Problem"]
 
 
 class Problem(NamedTuple):
-    """A scene of any fineness, and what is known of it.
+    """A scene of adjustable mesh size, with its reference values.
 
     Attributes:
         build: Makes the scene from a communicator, a key of `scenes.SCHEMES`, a step [s] (None:

@@ -14,7 +14,7 @@ from dolfinx_nts.meshing.parts import add_torus
 
 __all__ = ["ball", "ball_on_wall", "tori"]
 
-# Of the solid ball, in units of its own: modulus, Poisson's ratio, radius; how far it flattens.
+# Solid ball in dimensionless units: modulus, Poisson's ratio, radius, flattening.
 _E, _NU, _RADIUS, _FLAT = 1.0, 0.3, 1.0, 1e-3
 
 
@@ -27,7 +27,7 @@ def ball(
 
 
 def tori(comm: MPI.Comm, scheme: str, h: float | None, *, n: int, element: str) -> Scene:
-    """Soft torus that falls on another one, after Yang and Laursen (2008). Collective.
+    """Soft torus that falls on another torus, after Yang and Laursen (2008). Collective.
 
     Args:
         comm: Communicator of the mesh.
@@ -108,7 +108,7 @@ def _add_quarter(model: Any, n: int) -> None:
     """Add a quarter of a ball in x, y > 0, which touches z = 0 at the origin. Local."""
     occ = model.occ
     whole = occ.addSphere(0, 0, _RADIUS, _RADIUS)
-    # Poles and seam of gmsh's sphere shall not be on the quarter.
+    # Poles and seam of gmsh's sphere must not be on the quarter.
     occ.rotate([(3, whole)], 0, 0, _RADIUS, 1, -1, 0, np.pi / 2)
     occ.rotate([(3, whole)], 0, 0, _RADIUS, 0, 0, 1, np.pi)
     box = occ.addBox(0, 0, -_RADIUS, 2 * _RADIUS, 2 * _RADIUS, 4 * _RADIUS)
@@ -128,7 +128,7 @@ def _add_quarter(model: Any, n: int) -> None:
 
 
 def _moving(stepper: Any, body: nts.Body) -> Scene:
-    """Scene of which the velocity of a body at the end is judged."""
+    """Scene whose result is the final velocity of a body."""
     diagnostics = nts.Diagnostics(stepper)
 
     def judge() -> dict[str, float]:

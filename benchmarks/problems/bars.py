@@ -46,9 +46,9 @@ def bar_on_wall(comm: MPI.Comm, scheme: str, h: float | None, *, n: int, element
 def bar_on_bar(
     comm: MPI.Comm, scheme: str, h: float | None, *, n: int, element: str, ratio: int
 ) -> Scene:
-    """Bar that strikes one at rest, of a multiple of its length.
+    """Bar that strikes a resting bar ``ratio`` times as long.
 
-    When they part, the first one is at rest, and the other one has its momentum. Collective.
+    After release the first bar is at rest and the second one has its momentum. Collective.
 
     Args:
         comm: Communicator of the mesh.

@@ -30,7 +30,7 @@ def pressed_block(comm: MPI.Comm, scheme: str, h: float | None, *, n: int, eleme
     mesh, tags, facets, tag = nts.read_mesh(build, comm)
     V = fem.functionspace(mesh, ("Lagrange", ELEMENTS[element].degree, (3,)))
     block = nts.Body(V, tags, tag["block"], nts.SaintVenantKirchhoff(1e4, 0.0, 10.0))
-    # Overlapping by nothing, so that round-off does not decide who touches.
+    # Without overlap, so that round-off does not decide which nodes touch.
     plane = nts.RigidPlane((0.0, 0.0, 1e-14), _UP)
     pair = SCHEMES[scheme].pair(nts.Surface(V, facets, tag["block_bottom"]), plane)
     weight = nts.Gravity([block], (0.0, 0.0, -20.0))
@@ -39,7 +39,7 @@ def pressed_block(comm: MPI.Comm, scheme: str, h: float | None, *, n: int, eleme
     stepper.set_displacement(
         block, lambda x: [0.0 * x[2], 0.0 * x[2], -g / stiffness * (x[2] - x[2] ** 2 / 2)]
     )
-    # Nothing moves across the plane at its height.
+    # No node moves across the plane at its height.
     stepper.set_velocity(block, lambda x: [1.0 + 0.3 * x[2], 0.1 * x[2], 0.0 * x[2]])
     return Scene(stepper, block)
 
@@ -47,7 +47,7 @@ def pressed_block(comm: MPI.Comm, scheme: str, h: float | None, *, n: int, eleme
 def braking_block(comm: MPI.Comm, scheme: str, h: float | None, *, n: int, element: str) -> Scene:
     """Flat stiff block that slides on a rigid plane until friction stops it.
 
-    Its way is relative to v^2/(2 mu g). Collective.
+    The sliding distance is relative to v^2/(2 mu g). Collective.
     """
 
     def build(model: Any) -> None:
@@ -91,7 +91,7 @@ def paraboloid(comm: MPI.Comm, scheme: str, h: float | None, *, n: int, element:
     modulus, ratio, radius, depth = 1.0, 0.3, 4.0, 0.02
 
     def build(model: Any) -> None:
-        # The upper block is apart, so that its nodes can be told.
+        # The upper block is separate, so that its nodes can be identified.
         for name, z, cells in (("low", 0.0, 3 * n // 4), ("up", 2.0, n)):
             shape = {"size": (1.0, 1.0, 1.0), "cells": (cells, cells, max(4, cells // 2))}
             add_box(model, name, corner=(0.0, 0.0, z), **shape)
@@ -105,7 +105,7 @@ def paraboloid(comm: MPI.Comm, scheme: str, h: float | None, *, n: int, element:
     V = fem.functionspace(mesh, ("Lagrange", ELEMENTS[element].degree, (3,)))
     material = nts.SaintVenantKirchhoff(modulus, ratio, 1.0, one_point=ELEMENTS[element].one_point)
     bodies = [nts.Body(V, tags, tag[name], material) for name in ("up", "low")]
-    # Bottoms were the lower ends when the boxes were made.
+    # The surfaces named bottom were the lower ends when the boxes were created.
     faces = (nts.Surface(V, facets, tag[name]) for name in ("up_bottom", "low_bottom"))
     down, zero, bcs = fem.Constant(mesh, 0.0), np.float64(0.0), []
     ends = [facets.find(tag[name]) for name in ("up_top", "low_top")]

@@ -1,4 +1,4 @@
-"""Declarations: immutable objects that describe what a user means."""
+"""Declarations: immutable objects that users create to describe a scene."""
 
 from abc import ABCMeta
 from inspect import Signature, signature

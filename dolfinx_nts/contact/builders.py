@@ -144,7 +144,7 @@ def all_pairs(
     rigid = {body for body in bodies if body.is_rigid}
 
     def coarseness(group: Sequence[Body]) -> float:
-        # Rigid bodies provide segments, as their nodes say less about the contact area.
+        # Rigid bodies provide segments, as their nodes resolve the contact area less well.
         if rigid.intersection(group):
             return math.inf
         ratio = max(stiffness[body] for body in group) / softest if softest > 0 else 1.0

@@ -50,7 +50,7 @@ def softer_layer(pair: ContactPair, modulus: Floats) -> Floats:
 
 
 def depth_per_speed(pair: ContactPair, modulus: Floats, density: Floats) -> Floats:
-    """Compression up to which default springs are soft, per speed of impact. Collective.
+    """Compression at which default springs change to the stiff slope, per impact speed. Collective.
 
     Where surfaces meet at a relative speed v, plane waves of both sides of the impedances
     Z = rho c exert the pressure v/(1/Z_1 + 1/Z_2). Up to one and a half times this pressure springs

@@ -1,4 +1,4 @@
-"""Contact with the roles of both surfaces exchanged, where edges of the segments touch faces.
+"""Contact with exchanged roles, where edges of the segments touch faces of the nodal surface.
 
 Contact constrains gaps of the nodes of one surface. An edge or a corner of the other one penetrates
 faces between these nodes. `exchange_roles` adds a pair in which the vertices of the segments are
@@ -54,13 +54,13 @@ class ExchangedState(PairState):
 
 
 def exchange_tolerance(state: PairState | JointState) -> Floats | None:
-    """Depths from which on nodes are held, ``(n,)`` [m], None without exchanged roles. Local."""
+    """Depths that activate constraints, ``(n,)`` [m]; None without exchanged roles. Local."""
     found = [each.tolerance for each in members(state) if isinstance(each, ExchangedState)]
     return np.concatenate(found) if found else None
 
 
 def released(state: PairState | JointState) -> Flags:
-    """Which vertices are not held any more, see `ExchangedState`, shape ``(n,)``. Local."""
+    """Flags of released vertices, see `ExchangedState`, shape ``(n,)``. Local."""
     found = [
         np.full(len(each.nodes.nodes), isinstance(each, ExchangedState) and each.is_released)
         for each in members(state)
@@ -69,7 +69,7 @@ def released(state: PairState | JointState) -> Flags:
 
 
 def release_vertices(steps: Iterable[tuple[PairState | JointState, Flags]]) -> list[str]:
-    """Hold no vertex any more of pairs whose vertices a failed step has held. Collective.
+    """Release all vertices of pairs with active vertices in a failed step. Collective.
 
     Args:
         steps: States of the pairs in the step, and which of their nodes are active.
@@ -138,7 +138,7 @@ def exchange_roles(
 
 
 def _may_exchange(pair: ContactPair, pairs: Sequence[ContactPair], is_static: bool) -> bool:
-    """Whether a pair can have exchanged roles, which no other pair has. Collective."""
+    """Whether a pair supports exchanged roles and no other pair has them already. Collective."""
     law, segments = pair.enforcement, pair.segments
     if isinstance(law, Penalty):
         has_law = not (is_static or pair.is_convective or pair.method == EDGES)

@@ -1,4 +1,4 @@
-"""Active nodes that elastic impact keeps at a distance from the surface, or inside."""
+"""Active nodes with a nonzero gap, as elastic impact preserves the gap at contact."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Columns of the table of a run: totals, and the columns of pairs, obstacles and other parts."""
+"""Columns of the table of a run: totals, and columns of pairs, obstacles, bodies and supports."""
 
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, Literal, get_args

@@ -124,7 +124,7 @@ class EnergyLedger:
 
     @property
     def spurious_gain(self) -> float:
-        """Energy that bulk and inertia have added [J]; 0 if small relative to the total energy."""
+        """Energy added by bulk and inertia [J]; 0 if small relative to the total energy."""
         energies = self.first.total_energy, self.last.total_energy
         scale = max(*map(abs, energies), self.drift["total_energy"])
         # The unaccounted energy is round-off, which may be all energy of a body at rest.

@@ -78,7 +78,7 @@ def factorised(body: str) -> str:
         return f"A_{first}.{kind}_at(iq) += {found['number']};"
 
     def replaced(pattern: re.Pattern[str], line: Callable[[re.Match[str]], str]) -> Any:
-        """Replace loops if all of their statements match and have known tables."""
+        """Factorise loops whose statements all match and use known tables."""
 
         def replace(loop: re.Match[str]) -> str:
             found = [pattern.fullmatch(statement) for statement in _statements(loop[1])]

@@ -327,7 +327,7 @@ def _owned(body: Body, n: int) -> Ints:
 
 
 def redundant(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> str:
-    """Names of pairs in which forces of simultaneous contacts are not unique, or "". Collective.
+    """Names of pairs whose forces of simultaneous contacts are not unique, or "". Collective.
 
     These are pairs between rigid bodies, or with obstacles, that use multipliers and friction.
     """

@@ -108,7 +108,7 @@ class TimeLoop(State):
         return None
 
     def _has_last_resort(self) -> bool:
-        """Whether a step that fails at any length may still be solved in another way."""
+        """Whether another solution method remains for a step that fails at any length."""
         return self._static_increment() is not None
 
     def _longest_step(self) -> float:
@@ -316,7 +316,7 @@ class TimeLoop(State):
 
 
 def _in_vain(final: ConvergenceError, error: ConvergenceError) -> ConvergenceError:
-    """Error of a run in which pseudo-transient continuation has failed as well. Local."""
+    """Error of a run after pseudo-transient continuation has failed as well. Local."""
     reason = error.reports[-1].reason if error.reports else str(error)
     return ConvergenceError(
         f"{final}; nor does relaxation with a viscous resistance find another one: {reason}; "

@@ -25,7 +25,7 @@ __all__ = ["load_state"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Parameters of laws that may change while the state of contact remains valid.
+# Parameters of laws that may change without invalidating the state of contact.
 _MAY_CHANGE = re.compile(r"(?<=impact=)\w+|(?<=mu=)[^,)]+")
 
 

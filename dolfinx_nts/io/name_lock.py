@@ -1,4 +1,4 @@
-"""Lock that keeps other runs from writing to files of the same name.
+"""Lock that prevents other runs from writing to files of the same name.
 
 The operating system releases the lock when the process ends for any reason. A file left by a killed
 process locks nothing. Files of other programs are left unchanged, and symbolic links are not

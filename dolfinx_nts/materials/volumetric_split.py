@@ -1,4 +1,4 @@
-"""Parts of a strain energy that are integrated with different quadratures.
+"""Volumetric and isochoric parts of a strain energy, integrated with different quadratures.
 
 Hexahedra of degree 1 lock in nearly incompressible materials: with 2 x 2 x 2 points they can hardly
 deform at constant volume. One point for volumetric terms prevents this (Malkus and Hughes, 1978),

@@ -1,4 +1,4 @@
-"""Division of mixed cells into cells of one kind, as DOLFINx has no spaces on several kinds.
+"""Division of mixed cells into cells of one type, as DOLFINx has no spaces on mixed meshes.
 
 Cells are cut at the midpoints of their edges and the centres of their faces: a tetrahedron
 becomes four hexahedra, a prism six, a hexahedron eight; in the plane, a triangle becomes three

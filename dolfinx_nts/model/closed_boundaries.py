@@ -123,7 +123,7 @@ def outward_triangles(segments: Ints, orientation: Floats) -> Ints:
 def triangles_at(comm: MPI.Comm, x: Floats, triangles: Ints) -> Floats:
     """Positions of triangles, in the plane of the extruded edges. Collective.
 
-    The extrusion is so high that its ends do not affect rays and solid angles. Its height is the
+    The height is so large that the ends do not affect rays and solid angles. It is the
     same on all ranks.
 
     Args:

@@ -206,7 +206,7 @@ def mean_gaps(gap: Floats, start: Array) -> Floats:
 
 
 def too_deep(candidates: Candidates, segment: Ints) -> Floats:
-    """Depth below which points belong to another side of the body, ``(m,)`` [m]. Local."""
+    """Depth beyond which points belong to another side of the body, ``(m,)`` [m]. Local."""
     deepest = float(candidates.sunk.max(initial=0.0))
     depth: Floats = np.maximum(_kernels.DEEPEST * candidates.size[segment], deepest)
     return depth

@@ -1,4 +1,4 @@
-"""Facets around the nodes of several surfaces that are evaluated together."""
+"""Facets around the nodes of several surfaces, for joint evaluation."""
 
 from collections.abc import Sequence
 

@@ -142,7 +142,7 @@ class NodalFacets:
 
 def _angles(x: Floats) -> Floats:
     """Angles of facets at their vertices, ``(f, k)``, by positions ``(f, k, 3)``."""
-    if x.shape[1] == 2:  # both edges at a node count alike
+    if x.shape[1] == 2:  # both edges at a node have equal weight
         return np.ones(x.shape[:2])
     neighbours = np.array(NEIGHBOURS[x.shape[1]])
     a, b = (x[:, neighbours[:, side]] - x for side in (0, 1))

@@ -45,7 +45,7 @@ class SelfContactCandidates(SegmentCandidates):
     ) -> Flags:
         """Choose nodes such that none is a vertex of the segment of another. Collective.
 
-        Greedy selection by urgency. For equal urgency, neighbours of chosen nodes come first, so
+        Greedy selection by ``urgency``. At equal values neighbours of chosen nodes come first, so
         that one of two flat walls gets all multipliers; then the input number decides, so that the
         choice does not depend on the partition. See `Candidates.independent`.
         """

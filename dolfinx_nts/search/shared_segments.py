@@ -1,4 +1,4 @@
-"""Nodes that are equally near to several segments, as above an edge or a vertex of these.
+"""Nodes at equal distance from several segments, as above a common edge or vertex.
 
 Round-off, or the numbering of cells, would choose one of the segments. The gap of such a node is
 the mean of its gaps to all of them instead.
@@ -25,13 +25,13 @@ class SharedSegments:
     """
 
     def __init__(self, num_nodes: int) -> None:
-        """Begin with nodes that have one segment or none."""
+        """Start without nodes with several segments."""
         self.many: Flags = np.zeros(num_nodes, dtype=bool)
         self.node: Ints = np.empty(0, dtype=np.int32)
         self.segment: Ints = self.node
 
     def replace(self, nodes: Ints, row: Ints, segment: Ints) -> None:
-        """Give some nodes other segments.
+        """Replace the segments of some nodes.
 
         Args:
             nodes: The nodes, shape ``(m,)``.

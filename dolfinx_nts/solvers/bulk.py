@@ -150,5 +150,5 @@ class Bulk:
         return flags
 
     def _forces_by(self, action: NodalSum, direction: Floats) -> Floats:
-        """Derivative of the forces in the direction ``(d n,)`` [m] set before. Collective."""
+        """Derivative of the forces in the current direction ``(d n,)`` [m]. Collective."""
         return action.assembled()

@@ -295,7 +295,7 @@ class _Iteration:
     def _decide(
         self, iterate: Iterate, states: tuple[ContactContribution, ...], seen: Measures
     ) -> tuple[Floats, tuple[ContactContribution, ...]] | None:
-        """Residual and states by the cone problem, where it is due and has a solution."""
+        """Set contact states by the cone problem, if due and solvable; return the residual."""
         system, attempt, R = self._system, self._attempt, iterate.R
         steps, relief = attempt.steps, system.relief
         is_supported = not relief.bodies

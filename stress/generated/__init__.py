@@ -1,1 +1,1 @@
-"""Generated cases of contact, judged by a program that shares nothing with the package."""
+"""Generated contact cases, judged by a program that shares no code with the package."""

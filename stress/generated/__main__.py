@@ -23,7 +23,7 @@ _ROOT = Path(__file__).parents[2]
 
 
 def main() -> int:
-    """Run what the command line asks for."""
+    """Run the cases that the command line selects."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", default="", help="regular expression for names")
     parser.add_argument("--seed", type=int, default=0)

@@ -1,4 +1,4 @@
-"""A generated case, how it is run, and the verdict on it."""
+"""A generated case, its run and its verdict."""
 
 import signal
 import time
@@ -13,12 +13,12 @@ import dolfinx_nts as nts
 
 __all__ = ["KINDS_OF_ENDS", "Case", "Verdict", "run"]
 
-# Ends of a case: right; refused with an error that says so; accepted and wrong; any other error;
-# no end within the time.
+# Outcomes of a case: correct; refused with an explanation; accepted but wrong; another error; no
+# end within the time limit.
 KINDS_OF_ENDS = ("right", "refused", "silent", "raw error", "hang")
-# CPU time after which a case counts as one that hangs [s]: ten times that of the slowest.
+# CPU time limit of a case [s]: ten times the time of the slowest one.
 _LONGEST = 40.0
-# Refusals are whole sentences: an error of fewer characters says neither where nor a remedy.
+# A refusal must be a full sentence: a shorter text contains neither position nor remedy.
 _SHORTEST_MESSAGE = 40
 
 
@@ -42,7 +42,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Verdict:
-    """End of a case.
+    """Outcome of a case.
 
     Attributes:
         end: One of `KINDS_OF_ENDS`.
@@ -56,7 +56,7 @@ class Verdict:
 
 
 class _TooLongError(BaseException):
-    """The case has used up its time; no handler of errors takes it for one of its own."""
+    """The time limit of a case is exceeded; no handler of `Exception` catches it."""
 
 
 def _stop(*_: Any) -> None:

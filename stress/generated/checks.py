@@ -9,12 +9,12 @@ from stress.generated.judge import Array, Boundary
 
 __all__ = ["Obstacle", "Touching", "unbalanced"]
 
-# Depth of nodes in segments that counts as none, relative to a facet [-]. Nodes of multipliers are
-# exact; mortar constrains mean gaps, so that single points are deeper on coarse facets.
+# Depth of nodes below segments that counts as zero, relative to a facet [-]. Multipliers are exact
+# at nodes; mortar constrains mean gaps, so single points are deeper on coarse facets.
 NODES, MORTAR = 0.02, 0.1
-# The same of vertices of the segments between nodes of the other side [-].
+# The same for vertices of the segments between nodes of the other side [-].
 REVERSE = 0.25
-# Force that counts as none, relative to modulus times area of a facet [-].
+# Force that counts as zero, relative to modulus times area of a facet [-].
 FORCE = 1e-6
 
 
@@ -73,7 +73,7 @@ class Touching:
         forces: tuple[Any, Any] | None = None,
         free: float = 0.0,
     ) -> str:
-        """Say what is wrong at the end of a step, or "".
+        """Describe the violated condition at the end of a step, or return "".
 
         Args:
             before: Positions of the nodes at its start, shape ``(n, d)`` [m].
@@ -105,7 +105,7 @@ class Touching:
         return float(sum(np.linalg.norm((b.weights @ (x - before)), axis=1).max() for b in ends))
 
     def _without_touch(self, x: Array, forces: tuple[Any, Any], approach: float) -> str:
-        """Say which node has a force although the facets around it are apart, or ""."""
+        """Name a node with a contact force whose facets do not touch, or return ""."""
         for node, force in zip(*forces, strict=True):
             if abs(force) <= self._force * self._facet ** (x.shape[1] - 1):
                 continue
@@ -122,7 +122,7 @@ def _part(depth: float, allowed: float) -> str:
 
 
 def unbalanced(forces: list[Any], scale: float, tolerance: float = 1e-5) -> str:
-    """Say whether forces on a body in equilibrium do not balance, or ""."""
+    """Describe the imbalance of forces on a body in equilibrium, or return ""."""
     rest = float(np.linalg.norm(np.sum(forces, axis=0)))
     is_wrong = rest > tolerance * scale
     return f"forces do not balance by {rest:.4g} of {scale:.4g} N" if is_wrong else ""

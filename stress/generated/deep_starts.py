@@ -1,4 +1,4 @@
-"""Bodies that start inside each other, by a part of a facet up to several facets."""
+"""Bodies with initial overlap, from a fraction of a facet to several facets."""
 
 from functools import partial
 from itertools import product
@@ -19,20 +19,20 @@ _METHODS = ("node-to-segment", "mortar", "all pairs")
 _RATIOS = (0.2, 0.45, 0.6, 1.0, 1.4, 2.0, 3.0)
 # Cells in the height of 1 m.
 _CELLS = (4, 8)
-# Of the force: node-to-segment contact transmits uniform pressure inexactly.
+# Error of the force: node-to-segment contact transmits uniform pressure inexactly.
 TOLERANCE = 0.02
 
 
 def _press(
     rng: np.random.Generator, dim: int, cells: int, ratio: float, method: str, simplices: bool
 ) -> str:
-    """Two columns between two walls that leave too little room for them."""
+    """Two columns between two walls whose distance is less than both heights."""
     h = 1 / cells
     overlap = ratio * h * rng.uniform(0.97, 1.03)
     flat = (0.0,) * (dim - 1)
     low = grid((*flat, 0), (*(2 * h for _ in flat), 1), (*(2 for _ in flat), cells))
     up = grid((*flat, 1 - overlap), (*(2 * h for _ in flat), 1), (*(2 for _ in flat), cells))
-    # Nodes of the upper column are no nodes of the lower one, but for the corners.
+    # Nodes of the columns do not coincide, except at the corners.
     skew = rng.uniform(-0.3, 0.3)
     up = up.moved(lambda *x: (*(s + skew * s * (2 * h - s) / h for s in x[:-1]), x[-1]))
     scene = Scene({"low": low, "up": up}, nts.NeoHookean(E=_E, nu=0.0, rho=1e3), simplices)

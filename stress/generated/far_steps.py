@@ -22,14 +22,14 @@ _RHO, _E = 1e3, 1e6  # kg/m^3, Pa
 _E_MOVING, _DT = 1e9, 0.01  # Pa, s
 _GAPS = (0.1, 0.3, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0)  # facets
 TARGETS = ("plane", "sphere", "surface", "pair", "reverse", "mortar", "self", "edges")
-# Loads relative to that at which bodies touch: below it and above.
+# Loads relative to the load at first contact: below and above it.
 _LOADS = (0.7, 1.3, 3.0)
 # Motion of a body in one step without contact [facets].
 _WAYS = (0.4, 1.5, 6.0)
 
 
 class _Column:
-    """A column above what it may touch; its bottom is at height 0.
+    """A column with its bottom at height 0, above its contact partner.
 
     Args:
         target: One of `TARGETS`.
@@ -120,12 +120,12 @@ class _Column:
         return nts.RigidSurface(points, facets.reshape(-1, 4), (0, 0, 99)), flat
 
     def passed(self, x: Array, allowed: float) -> str:
-        """Say whether the middle of the column is below what it may touch, or ""."""
+        """Report that the middle of the column is below its contact partner, or return ""."""
         depth = -self._gap - float((self._column.weights @ x)[:, -1].mean()) - allowed
         return f"the column has passed by {depth / _H:.3g} facets" if depth > 0 else ""
 
     def forces(self, target: str) -> tuple[Any, Any] | None:
-        """Nodes of the column with multipliers, and these; None where others have some."""
+        """Column nodes with multipliers, and their values; None if other nodes have multipliers."""
         if target in ("self", "edges"):
             return None
         return self.nodes.nodes, self.pairs[0].history.lambda_N
@@ -182,7 +182,7 @@ def _static(rng: np.random.Generator, target: str, gap: float, load: float) -> s
     contact *= -1 if target == "reverse" else 1
     wrong = unbalanced([[step.reactions[-1].force[-1]], [contact], [-force]], force)
     expected = max(force - first, 0.0)
-    # Nodes of the block press on single places of the bottom, which bends.
+    # Nodes of the block press on single points of the bottom, which bends.
     tolerance = 2e-3 if target == "reverse" else 1e-4
     if wrong or target == "sphere" or abs(contact - expected) < tolerance * force:
         return wrong

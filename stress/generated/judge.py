@@ -28,7 +28,7 @@ _FACETS = {
         [4, 5, 6, 7],
     ],
 }
-# Coordinates that agree to this many decimals are those of one node [m].
+# Number of decimals to which coordinates of one node agree [m].
 _DECIMALS = 8
 
 
@@ -115,7 +115,7 @@ def boundary_of_cells(X: Array, cells: Ints, own: Ints, degree: int) -> Boundary
     node_at = {tuple(np.round(X[i], _DECIMALS) + 0.0): i for i in own}
 
     def point(corners: Ints, share: Array) -> int:
-        """Number of the point at a place of a facet of degree 1."""
+        """Number of the sample point at a position of a facet of degree 1."""
         place = tuple(np.round(share @ X[corners], _DECIMALS) + 0.0)
         row = np.zeros(len(X))
         if degree == 2 and place in node_at and np.count_nonzero(share) != 1:
@@ -143,7 +143,7 @@ def boundary_of_cells(X: Array, cells: Ints, own: Ints, degree: int) -> Boundary
 
 
 def _pieces(k: int, degree: int) -> list[Array]:
-    """Simplices of a facet with k vertices, by weights of its vertices."""
+    """Subdivision of a facet with k vertices into simplices, as weights of the vertices."""
     unit = np.eye(k)
     if k == 2:
         middle = unit.mean(axis=0)
@@ -189,7 +189,7 @@ def _winding(points: Array, simplices: Array) -> Array:
 
 
 def _distance(points: Array, simplices: Array) -> Array:
-    """Distance of points from the nearest of simplices."""
+    """Distance of points from the nearest simplex."""
     p = points[:, None]
     if points.shape[1] == 2:
         return np.asarray(_to_edge(p, simplices[None, :, 0], simplices[None, :, 1]).min(axis=1))
@@ -223,7 +223,7 @@ def column_force(stretch: float, modulus: float, area: float) -> float:
 
 
 def nodal_mass(X: Array, cells: Ints) -> Array:
-    """Shares of nodes in the mass of cells of degree 1, shape ``(n,)`` [m^d].
+    """Lumped volume of the nodes of cells of degree 1, shape ``(n,)`` [m^d].
 
     Exact for simplices, parallelograms and parallelepipeds.
     """

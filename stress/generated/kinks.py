@@ -28,7 +28,7 @@ _ELEMENTS = {
     "tetrahedra": (3, True, 1),
     "tetrahedra2": (3, True, 2),
 }
-# Gap under the sole that counts as none, relative to the indentation [-].
+# Gap under the sole that counts as zero, relative to the indentation [-].
 _OPENING = 0.25
 _HEIGHT, _SPEED, _DT = 0.02, 1.0, 0.002  # m, m/s, s
 
@@ -81,7 +81,7 @@ def _kink(rng: np.random.Generator, element: str, place: int, slope: float, what
         total = np.abs(force).sum()
         return f"force {total:.4g} N, and none is right" if total > FORCE * _E else ""
     x = scene.positions(stepper)
-    # The sole stays in touch, wherever nodes of the base lie under it.
+    # The sole stays in contact, for any position of the nodes of the base below it.
     under = scene.X[nodes.nodes]
     is_under = (under[:, 0] > kink - 1.9) & (under[:, 0] < kink - 0.1)
     if dim == 3:
@@ -104,7 +104,7 @@ def _impact(scene: Scene, pair: nts.ContactPair, stepper: nts.EnergyMomentum, he
         stepper.advance()
         force = np.abs(pair.history.lambda_N).sum()
         if force > FORCE * _E:
-            # Surfaces of mean gaps may touch a little before the last step of free flight ends.
+            # With mean gaps, surfaces may touch slightly before the last step of free flight ends.
             early = before - 1.5 * _SPEED * _DT
             return f"force {force:.4g} N at a height of {before:.3g} m" if early > 0 else ""
     return "no force after the surfaces have met"

@@ -96,7 +96,7 @@ def _dynamic(rng: np.random.Generator, dim: int, angle: float, mu: float, method
     for _ in range(_STEPS):
         stepper.advance()
         centre.append(mass @ scene.positions(stepper))
-    # Mean velocity of the last steps, which is that in their middle.
+    # Mean velocities of the last steps, which are the velocities at their midpoints.
     velocity = (centre[-1] - centre[-1 - _LAST]) / (_LAST * _DT)
     change = velocity - speed - gravity * _DT * (_STEPS - _LAST / 2)
     ratio = -change[0] / change[-1]

@@ -31,7 +31,7 @@ class Grid:
         return replace(self, X=np.asarray(np.broadcast_arrays(*move(*self.X.T))).T.copy())
 
     def joined(self, other: "Grid") -> "Grid":
-        """Both grids as one, without nodes in common."""
+        """Union of both grids, without common nodes."""
         cells = np.concatenate([self.cells, len(self.X) + other.cells])
         return Grid(np.concatenate([self.X, other.X]), cells)
 
@@ -49,7 +49,7 @@ def grid(corner: Sequence[float], size: Sequence[float], cells: Sequence[int]) -
 
 
 def from_axes(*axes: Array) -> Grid:
-    """Grid with nodes at the products of some coordinates."""
+    """Tensor-product grid of given coordinates along each axis."""
     X = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
     shape = [len(axis) for axis in axes]
     ids = np.arange(len(X)).reshape(shape)
@@ -123,20 +123,20 @@ class Scene:
         return self.cells[self._owner == self._names.index(name)]
 
     def surface(self, name: str, where: Callable[[Array], Any] | None = None) -> nts.Surface:
-        """Boundary of a body, or the part of it where a function of positions holds."""
+        """Boundary of a body, or its part where a function of positions holds."""
         if where is None:
             return nts.boundary_of(self.bodies[name])
         return nts.boundary_of(self.bodies[name], where=lambda x: where(x[: self.dim]))
 
     def nodes(self, name: str, where: Callable[[Array], Any] | None = None) -> Ints:
-        """Nodes of a body, or those of them where a function of positions ``(d, n)`` holds."""
+        """Nodes of a body, or only the nodes where a function of positions ``(d, n)`` holds."""
         own = np.unique(self._cell_nodes[self._owner == self._names.index(name)])
         return own if where is None else own[np.asarray(where(self.X[own].T))]
 
     def held(
         self, name: str, where: Callable[[Array], Any] | None = None, value: Any = None
     ) -> fem.DirichletBC:
-        """Support of the nodes of a body, or of those where a function holds."""
+        """Clamp the nodes of a body, or only the nodes where a function holds."""
         value = np.zeros(self.dim) if value is None else value
         dofs = self.nodes(name, where).astype(np.int32)
         if isinstance(value, fem.Constant):
@@ -144,12 +144,12 @@ class Scene:
         return fem.dirichletbc(np.asarray(value, dtype=float), dofs, self.V)
 
     def guided(self, name: str, axis: int) -> fem.DirichletBC:
-        """Support of one component of all nodes of a body."""
+        """Fix one displacement component of all nodes of a body."""
         dofs = self.nodes(name).astype(np.int32) * self.dim + axis
         return fem.dirichletbc(np.float64(0.0), dofs, self.V.sub(axis))
 
     def boundary(self, name: str, where: Callable[[Array], Any] | None = None) -> Boundary:
-        """Boundary of the cells of a body, or of those with centres ``(d, c)`` in a region."""
+        """Boundary of the cells of a body, or of its cells with centres ``(d, c)`` in a region."""
         cells = self.cells_of(name)
         if where is not None:
             cells = cells[np.asarray(where(self.X[cells].mean(axis=1).T))]

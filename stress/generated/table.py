@@ -1,4 +1,4 @@
-"""Table of the ends of generated cases, one line for each kind."""
+"""Table of the outcomes of generated cases, one line for each kind."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ __all__ = ["table"]
 
 
 def table(rows: Sequence[tuple[str, str]]) -> str:
-    """Markdown table from the kind and the end of each case."""
+    """Markdown table from the kind and the outcome of each case."""
     lines = [f"| kind | cases | {' | '.join(KINDS_OF_ENDS)} |", "|---|" + "---:|" * 6]
     for kind in [*dict.fromkeys(kind for kind, _ in rows), "all"]:
         ends = Counter(end for of, end in rows if kind in (of, "all"))

@@ -1,4 +1,4 @@
-"""A belt on a pulley: a quarter turn, pulled at one end and drawn at the other."""
+"""A belt on a quarter of a pulley, tensioned at one end and moved at the other."""
 
 from typing import NamedTuple
 
@@ -22,7 +22,7 @@ class Belt(NamedTuple):
 
 
 def belt(dt: float, enforcement: nts.LagrangeMultiplier | nts.Penalty | None = None) -> Belt:
-    """A belt that is pulled more and more until t = 1, and drawn from then on."""
+    """A belt whose tension grows until t = 1, and that is moved over the pulley from then on."""
     arc = RADIUS * ANGLE
 
     def build(model):

@@ -21,7 +21,7 @@ RUBBER = nts.SaintVenantKirchhoff(1.0e3, 0.3, RHO)
 
 # Displacements and energies of order one, after Newton's tolerance.
 SOLVED = 1e-9
-# Energy that no cause accounts for, relative: sums of some thousand terms.
+# Energy without a cause, relative: round-off of sums of some thousand terms.
 CLOSED = 1e4 * np.finfo(float).eps
 
 
@@ -124,7 +124,7 @@ class Ledger:
 
     @property
     def error(self) -> float:
-        """What the works do not account for, relative. Collective."""
+        """Change of energy that the works do not explain, relative. Collective."""
         return abs(self.gained - self.given) / self.scale
 
     def total(self, name: str) -> float:
@@ -133,7 +133,7 @@ class Ledger:
 
 
 def check_loss(comm, cell, material, scheme):
-    """Let a box swirl; its material only takes energy, as the returned ledger has it."""
+    """Let a box swirl; its material only dissipates. Return the ledger."""
     box = Box(comm, cell, material)
     stepper = scheme([box.body], dt=0.02)
     stepper.set_velocity(box.body, swirl)
@@ -147,11 +147,11 @@ def check_loss(comm, cell, material, scheme):
 
 
 def check_dissipation(comm, cell, material, scheme):
-    """Let a box swirl; its material only takes energy, and all of it is accounted for."""
+    """Let a box swirl; its material only dissipates, and the ledger is closed."""
     ledger = check_loss(comm, cell, material, scheme)
     if scheme is not nts.EnergyMomentum:
         return
-    # Nothing but the dissipation is lost.
+    # Only dissipation reduces the energy.
     assert abs(ledger.gained - ledger.total("damping_work")) <= 1e-10 * ledger.scale
     start, end = ledger.start, ledger.diagnostics.balance()
     for name in ("linear_momentum", "angular_momentum"):

@@ -1,4 +1,4 @@
-"""Two blocks of the same section that lie on each other and are compressed: a patch test."""
+"""Patch test: two stacked blocks of the same cross-section under compression."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -47,7 +47,7 @@ def compress(
     one_point: tuple[str, ...] | None = None,
     smooth: bool = False,
 ) -> Compressed:
-    """Compress blocks with so many cells along an edge. Collective.
+    """Compress blocks with given numbers of cells along an edge. Collective.
 
     Args:
         lower: Cells along an edge of the lower block.
@@ -74,7 +74,7 @@ def compress(
     X = mesh.geometry.x
     x, y = X[:, 0].copy(), X[:, 1].copy()
     swirls = swirl * np.sin(np.pi * x) * np.sin(np.pi * y)
-    # The faces of the blocks stay where they are.
+    # Outer faces of the blocks remain in their planes.
     X[:, 0] -= swirls * (y - 0.5)
     X[:, 1] += swirls * (x - 0.5)
     inner = np.all(np.abs(2 * X - np.round(2 * X)) > 1e-9, axis=1)

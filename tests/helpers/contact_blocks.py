@@ -1,4 +1,4 @@
-"""Constraints and contact tangents as the kernels of the solvers take them, and dense ones."""
+"""Constraints and contact tangents in the format of the solver kernels, and dense."""
 
 import itertools
 
@@ -38,7 +38,7 @@ def blocks(kind, rng, nodes=NODES):
         for part, directions in zip(parts, own, strict=True):
             part[:, :3] += directions
         rows.append(np.concatenate([part.ravel() for part in parts]))
-    # Constrained nodes may also follow some of the rows, by any matrix.
+    # Constrained nodes may also occur in some of the rows, with any matrix.
     slopes = np.where([[[1]], [[0]], [[1]], [[1]], [[0]]], 0.3 * rng.normal(size=(m, 3, 3)), 0)
     return (
         np.concatenate([[0], np.cumsum(lengths)]),

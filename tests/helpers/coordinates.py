@@ -9,7 +9,7 @@ __all__ = ["coordinates"]
 
 
 def coordinates(cell: str, dim: int = 3) -> Any:
-    """Element of degree 1 for the coordinates of a mesh, the one of meshes that gmsh has made.
+    """Coordinate element of degree 1, the same variant as in meshes of gmsh.
 
     DOLFINx makes its own boxes of another variant, with the same shape functions but with other
     kernels. These take long to compile, and so all tests share one kind.

@@ -11,7 +11,7 @@ def corners(stepper, body):
     """Corners of a cube of 1 m in the order of binary numbers, local nodes, shape ``(8,)``."""
     X = stepper.u.function_space.tabulate_dof_coordinates()[body.nodes]
     far = np.linalg.norm(X[:, None] - X, axis=2)
-    # Corners are the nodes that are as far from another one as no other nodes are.
+    # Opposite corners are the pairs of nodes at the largest distance.
     (ends,) = np.nonzero(np.isclose(far.max(axis=1), far.max()))
     X, nodes = X[ends], body.nodes[ends]
     sides = X[np.isclose(np.linalg.norm(X - X[0], axis=1), 1.0)] - X[0]

@@ -35,7 +35,7 @@ def dense(blocks):
 
 
 def rounding(L, U, x):
-    """Bound on what rounding of factors and of both solves changes, entry by entry."""
+    """Bound on the rounding error of the factors and of both solves, entry by entry."""
     n = len(L)
     diagonals = [U[i, i] for i in range(n)]
     condition = max(np.linalg.cond(D, np.inf) for D in diagonals)

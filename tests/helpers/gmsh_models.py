@@ -1,4 +1,4 @@
-"""Models of gmsh, and sizes of the meshes that are read from them."""
+"""Models of gmsh, and volumes and areas of the meshes read from them."""
 
 import numpy as np
 import ufl
@@ -7,7 +7,7 @@ from dolfinx.mesh import MeshTags
 
 from dolfinx_nts.meshing.gmsh import MeshData
 
-ROUNDING = 1e3 * np.finfo(float).eps  # of a sum over some hundred cells
+ROUNDING = 1e3 * np.finfo(float).eps  # round-off of a sum over some hundred cells
 
 BOX = {"corner": (0, 0, 0), "size": (1, 1, 1), "cells": (2, 2, 2)}
 
@@ -22,6 +22,6 @@ def measure(data: MeshData, name: str | None = None, kind: str = "dx") -> float:
 
 
 def count(data: MeshData, tags: MeshTags, name: str) -> int:
-    """Number of cells or facets of a region, each counted on one rank."""
+    """Number of cells or facets of a region, summed over ranks without ghosts."""
     owned = tags.indices < data.mesh.topology.index_map(tags.dim).size_local
     return int(data.mesh.comm.allreduce(np.count_nonzero(tags.values[owned] == data.tag[name])))

@@ -1,4 +1,4 @@
-"""Two blocks on each other that are to deform as one homogeneous body: a patch test."""
+"""Patch test: two stacked blocks that deform as one homogeneous body."""
 
 from mpi4py import MPI
 

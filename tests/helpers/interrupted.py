@@ -1,4 +1,4 @@
-"""Scenes of runs that are cut, stopped and resumed."""
+"""Scenes of runs with cut steps, and of runs that are stopped and resumed."""
 
 from functools import partial
 
@@ -11,11 +11,11 @@ from helpers.scenes import BLOCK_RUBBER, BLOCK_STEP, blocks
 
 
 def layers(middle):
-    """Owner of the cells: by their place, the same in every call."""
+    """Owner of the cells by their position, the same in every call."""
     return (np.argsort(np.argsort(middle[:, 0])) % MPI.COMM_WORLD.size).astype(int)
 
 
-# Comes down on a corner of the lowest block, spins, and moves on.
+# It falls on a corner of the lowest block, spins, and moves on.
 TOOL = nts.RigidSphere((1.2, 1.2, 0.823), 0.3).moving(
     nts.Motion(lambda t: (-t, 0, -t), lambda t: (0, 5 * t, 0), (1.2, 1.2, 0.823))
 )

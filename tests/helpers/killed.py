@@ -1,4 +1,4 @@
-"""Programs that are killed at any instant of writing files."""
+"""Simulated kill of a program at any instant of writing files."""
 
 import os
 
@@ -7,11 +7,11 @@ from dolfinx_nts.io.formats import xml_series
 
 
 class Killed(BaseException):
-    """Takes the place of a kill, after which nothing of a program runs any more."""
+    """Exception that simulates a kill: no more code of the program runs."""
 
 
 def kill_at(monkeypatch, count):
-    """Kill at the n-th change of the disk, in the middle where it is a write."""
+    """Kill at the n-th change of the disk; a write is cut in the middle."""
     calls = 0
 
     def counted(owner, name, half):

@@ -1,4 +1,4 @@
-"""Laws of scenes whose results belong to nodal contact with elastic impact."""
+"""Contact laws of scenes whose reference results use node-to-segment contact, elastic impact."""
 
 from functools import partial
 from typing import Any

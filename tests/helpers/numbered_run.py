@@ -14,7 +14,7 @@ class Run:
         self.go_to(0)
 
     def __getattr__(self, name):
-        """Return what the stepper has."""
+        """Return an attribute of the stepper."""
         return getattr(self._stepper, name)
 
     def go_to(self, step):

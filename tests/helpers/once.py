@@ -1,4 +1,4 @@
-"""Parameters of tests with which ranks change nothing that they do not change with others."""
+"""Test parameters for which several ranks test nothing that other parameters do not test."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any

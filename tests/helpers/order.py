@@ -9,7 +9,7 @@ __all__ = ["observed_order"]
 
 
 def observed_order(steps: Sequence[float], results: Sequence[npt.NDArray[np.float64]]) -> float:
-    """Order p with which results differ as c h^p does, whatever the limit that they have.
+    """Observed order p of an error c h^p, from three step sizes and an unknown limit.
 
     Args:
         steps: Three steps h, each shorter than the one before.

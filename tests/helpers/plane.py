@@ -56,7 +56,7 @@ def blocks(
 ) -> Blocks:
     """Make two blocks, turned by an angle; with a depth one layer of hexahedra [m].
 
-    The upper one may be rigid, with a guide. Both may be elsewhere, with the origin at ``place``.
+    The upper one may be rigid, with a guide. ``place`` shifts the origin of both.
     """
     turn = turning(angle)
     (x_low, low), (x_up, up) = (

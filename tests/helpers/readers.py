@@ -1,4 +1,4 @@
-"""Files of fields, read by a program that knows nothing of this package."""
+"""Field files, read by VTK and h5py without this package."""
 
 import h5py
 import numpy as np

@@ -37,7 +37,7 @@ class DomeOnBlock(NamedTuple):
 
     @property
     def clamp(self) -> fem.DirichletBC:
-        """Condition that holds the foot of the block."""
+        """Condition that clamps the bottom of the block."""
         foot = fem.locate_dofs_geometrical(self.V, lambda x: x[1] < -0.5 + 1e-9)
         return fem.dirichletbc(np.zeros(2), foot, self.V)
 

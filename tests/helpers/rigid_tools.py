@@ -32,7 +32,7 @@ def press(
     depth: float = 0.0,
     force: float | None = None,
 ) -> tuple[float, float, Any, Any]:
-    """Press a rigid tool into half a ball whose round side is held, both cut by x = 0 and y = 0.
+    """Press a rigid tool into half a ball with a clamped round side; both are cut by x = 0, y = 0.
 
     Displacements have degree 2. The tool is a `nts.RigidBody`, moved by its guide or loaded by a
     force in one step.

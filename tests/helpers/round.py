@@ -1,4 +1,4 @@
-"""Scenes of round bodies with smooth surfaces: rings in the plane, hollow balls."""
+"""Scenes of bodies with smooth surfaces: rings in the plane, hollow balls."""
 
 from typing import Any
 
@@ -70,7 +70,7 @@ def ring_mesh(
 
 
 def tagged(domain: mesh.Mesh, is_second: Any) -> Any:
-    """Cell tags 2 where a function of midpoints ``(n, 3)`` says so, and 1."""
+    """Cell tags: 2 where a function of midpoints ``(n, 3)`` is true, otherwise 1."""
     index_map = domain.topology.index_map(2)
     every = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
     second = is_second(mesh.compute_midpoints(domain, 2, every))
@@ -89,7 +89,7 @@ def rings(
     dt: float = 0.01,
     **laws: Any,
 ) -> Any:
-    """Stepper of two rings, the upper one 0.02 m above the lower and a bit aside. Collective."""
+    """Stepper of two rings, the upper one 0.02 m above the lower one, offset. Collective."""
     domain = ring_mesh(comm, [(0.0, 0.0), (0.2, 2.0)], cells, cell, angle)
     V = fem.functionspace(domain, ("Lagrange", 1, (2,)))
     tags = tagged(domain, lambda x: (x[:, :2] @ turning(-angle).T)[:, 1] > 1)
@@ -102,7 +102,7 @@ def rings(
 
 
 def marble(comm: MPI.Comm, *, smooth: bool = True, depth: float = 0.0) -> Any:
-    """Stepper of a small ring in the hollow of a large one, as deep inside it. Collective.
+    """Stepper of a small ring that touches the inside of a large ring. Collective.
 
     Facets of the hollow are up to 0.015 m inside its circle, 0.15 facets of the small ring.
     """
@@ -122,7 +122,7 @@ def marble(comm: MPI.Comm, *, smooth: bool = True, depth: float = 0.0) -> Any:
 
 
 def balls(comm: MPI.Comm, *, smooth: bool = True, cell: str = "hexahedron", **laws: Any) -> Any:
-    """Stepper of two hollow balls, the upper one 0.02 m above the lower, aside. Collective."""
+    """Stepper of two hollow balls, the upper one 0.02 m above the lower one, offset. Collective."""
 
     def scene(model: Any) -> None:
         for name, centre in (("lower", (0.0, 0.0, 0.0)), ("upper", (0.2, 0.1, 2.0))):

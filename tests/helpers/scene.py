@@ -34,7 +34,7 @@ class Motion:
 
     @classmethod
     def none(cls) -> "Motion":
-        """Leave everything in place."""
+        """Identity."""
         return cls(np.eye(3), np.zeros(3))
 
     def __call__(self, x: Array) -> Array:
@@ -113,7 +113,7 @@ class Totals:
         parts += [L[i] for i in range(3)]
         twice = 2 * V.ufl_element().degree
         least = 2 if mesh.topology.cell_name() == "tetrahedron" else twice
-        # One kernel gives all numbers of a cell.
+        # One kernel computes all integrals of a cell.
         eta = ufl.TestFunction(fem.functionspace(mesh, ("DG", 0, (len(parts),))))
         terms = [(part * eta[i], least if part is psi else twice) for i, part in enumerate(parts)]
         self._form = compile_form(

@@ -184,7 +184,7 @@ def sliding_blocks(
 ) -> Scene:
     """Return a block that is pressed on another one in step 1, and then slides. Collective.
 
-    All nodes of its bottom touch, n + 1 along an edge, and then more and more slip.
+    All nodes of its bottom touch, n + 1 along an edge; then slip spreads over them.
 
     Args:
         comm: Communicator of the mesh.

@@ -1,4 +1,4 @@
-"""How far two boxes are apart, by the theorem of separating axes: no contact is asked."""
+"""Distance of two boxes by the separating axis theorem, independent of the contact code."""
 
 import numpy as np
 
@@ -11,12 +11,12 @@ _PARALLEL = 1e-12
 def separation(first: np.ndarray, second: np.ndarray) -> float:
     """Greatest distance of two boxes along an axis, negative where they overlap. Local.
 
-    Boxes that overlap can be parted by a motion as long as its magnitude; those apart are at
-    least as far from each other.
+    A translation by the magnitude of a negative value separates the boxes; a positive value is
+    a lower bound of their distance.
 
     Args:
         first: Corners of a rigid box in the order of the binary numbers, shape ``(8, 3)`` [m].
-        second: Those of another one.
+        second: Corners of another box, in the same order.
 
     Returns:
         The distance [m].

@@ -1,4 +1,4 @@
-"""Of the verification tests: quarters of balls, bars, and how a body turns."""
+"""Helpers of the verification tests: quarters of balls, bars, angular momentum."""
 
 from typing import Any
 
@@ -46,7 +46,7 @@ def add_quarter_ball(
     """
     occ = model.occ
     ball = occ.addSphere(0, 0, radius, radius)
-    # Poles and seam of gmsh's sphere shall not be on the quarter.
+    # Poles and seam of gmsh's sphere must not be on the quarter.
     occ.rotate([(3, ball)], 0, 0, radius, 1, -1, 0, np.pi / 2)
     occ.rotate([(3, ball)], 0, 0, radius, 0, 0, 1, np.pi)
     left = -2 * radius if half else 0.0
@@ -72,8 +72,7 @@ def add_quarter_ball(
     model.mesh.field.setAsBackgroundMesh(field)
     for option in ("MeshSizeExtendFromBoundary", "MeshSizeFromPoints", "MeshSizeFromCurvature"):
         gmsh.option.setNumber(f"Mesh.{option}", 0)
-    # Bodies that are there keep their meshes; then gmsh wants to be asked
-    # for each dimension.
+    # Existing meshes are kept; then gmsh has to be called for each dimension.
     gmsh.option.setNumber("Mesh.MeshOnlyEmpty", 1)
     for dimension in (1, 2, 3):
         model.mesh.generate(dimension)

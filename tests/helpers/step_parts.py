@@ -1,4 +1,4 @@
-"""Parts of a step for tests: its forms, and forces that follow a motion."""
+"""Parts of a step: its forms, and contact forces along a motion."""
 
 from typing import Any
 
@@ -16,7 +16,7 @@ def step_forms(stepper: Any) -> StepForms:
 
 
 def following(state: Any, local: Array) -> Array:
-    """Forces of pairs by springs and friction that follow a motion ``local``, both (m, d)."""
+    """Forces of springs and friction of pairs along a motion ``local``, both ``(m, d)``."""
     rows = state.pairs.gradients, state.slopes, state.columns
     values: Array = np.einsum("mjb,mij,mia,mb->ma", *rows, local, optimize=True)
     return values

@@ -34,7 +34,7 @@ _ALL = _INVALID | _DIVIDE_BY_ZERO | _OVERFLOW
 
 
 def _set(flags: int) -> int:
-    """Trap these and no others; returns the traps of before."""
+    """Set the trapped exceptions; return the previous ones."""
     libm = ctypes.CDLL("libm.so.6")
     former: int = libm.fegetexcept()
     # Exceptions raised before do not count.
@@ -46,7 +46,7 @@ def _set(flags: int) -> int:
 
 @contextmanager
 def trapped(flags: int = _DIVIDE_BY_ZERO | _OVERFLOW) -> Iterator[None]:
-    """Context with traps."""
+    """Context manager that enables traps."""
     former = _set(flags)
     try:
         with np.errstate(all="raise", under="ignore"):
@@ -56,7 +56,7 @@ def trapped(flags: int = _DIVIDE_BY_ZERO | _OVERFLOW) -> Iterator[None]:
 
 
 def untrapped(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Function without traps."""
+    """Wrap a function to run without traps."""
 
     @functools.wraps(function)
     def call(*arguments: Any, **named: Any) -> Any:
@@ -70,7 +70,7 @@ def untrapped(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def strict(kernel: Callable[..., Any]) -> Callable[..., Any]:
-    """Kernel with all traps, if there are any around it."""
+    """Wrap a kernel to run with all traps if traps are enabled around it."""
 
     @functools.wraps(kernel)
     def call(*arguments: Any) -> Any:

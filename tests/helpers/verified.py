@@ -12,9 +12,9 @@ from typing import NamedTuple
 __all__ = ["ROUND_OFF", "TABLE", "Row", "differs", "numbers", "read", "write"]
 
 TABLE = Path(__file__).parents[2] / "docs" / "tables" / "verification.md"
-# Smaller values are round-off, and only their size is the same everywhere.
+# Smaller values are round-off, of which only the size is reproducible.
 ROUND_OFF = 1e-9
-# Numbers may differ by this part, and by a unit of the last digit that is printed.
+# Tolerances of numbers: relative, and units of the last printed digit.
 MARGIN = 0.03
 _NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
@@ -43,7 +43,7 @@ def numbers(text: str) -> list[float]:
 
 
 def differs(computed: str, printed: str) -> bool:
-    """Whether two texts differ by more than numbers do from machine to machine."""
+    """Whether two texts differ by more than the variation of numbers between machines."""
     if _NUMBER.sub("#", computed) != _NUMBER.sub("#", printed):
         return True
     for ours, theirs in zip(_NUMBER.findall(computed), _NUMBER.findall(printed), strict=True):

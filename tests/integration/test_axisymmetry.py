@@ -82,7 +82,7 @@ def test_ledger_of_friction_closes(enforcement, eps_T, method):
     pairs = scene.pairs(enforcement=enforcement, friction=friction, method=method)
     stepper = nts.EnergyMomentum(scene.bodies, pairs, dt=0.002)
     balances, reports = run(stepper)
-    # Nodes that the axis holds do not stick, and are eliminated as others.
+    # Nodes on the axis do not stick tangentially, and are eliminated as all others.
     assert stepper.statistics.solver.num_direct == 0
     first, last, size = balances[0], balances[-1], 1e-10 * balances[0].total_energy
     given = sum(sum(report.contact_work) for report in reports)
@@ -113,7 +113,7 @@ def test_ledger_of_friction_closes_where_impact_is_resolved(method):
 
 @pytest.mark.serial
 def test_bar_without_lateral_strain_strikes_as_one_in_the_plane():
-    """Resolved impact of a column on a wall: in both 1-D waves, with the mass of its section."""
+    """Resolved impact of a column on a wall: both have 1-D waves and the mass of the section."""
     states, forces, masses = [], [], []
     for is_round in (False, True):
         domain = mesh.create_rectangle(
@@ -188,7 +188,7 @@ def test_other_schemes_conserve_the_axial_momentum_and_close_their_ledgers(kind,
 
 @pytest.mark.serial
 def test_conserving_stress_is_exact_for_large_steps_of_any_law():
-    """An own law without closed form: rings that swell and shrink by half in a step."""
+    """A law of a user without closed form: rings that swell and shrink by half in a step."""
 
     def psi(C, mu, kappa):
         J2 = ufl.det(C)
@@ -320,7 +320,7 @@ def test_the_stable_step_is_estimated_on_the_safe_side(cell, degree):
     free = np.setdiff1d(np.arange(len(mass)), static.supports.fixed)
     scale = 1 / np.sqrt(mass[free])
     values = np.linalg.eigvalsh(K[np.ix_(free, free)] * scale * scale[:, None])
-    # One rigid motion, that along the axis.
+    # The only rigid motion is the translation along the axis.
     assert np.count_nonzero(np.abs(values) < 1e-9 * values[-1]) == 1
     assert 0.6 < explicit.stable_step / (2 / np.sqrt(values[-1])) <= 1
 

@@ -142,7 +142,7 @@ def test_state_that_is_no_number_is_refused(comm, bad, name, refused, agree):
 
 @schemes
 def test_element_that_inverts_is_named_with_its_place_and_time(comm, scheme, refused, agree):
-    # Reflected, the body has C = 1 and no stress: all equations hold.
+    # The reflected body has C = 1 and no stress, so all equations hold.
     scene = scenes.blocks(comm, scheme)
     stepper, body = scene.stepper, scene.bodies["body 0"]
     stepper.set_displacement(body, lambda X: np.array([0 * X[0], 0 * X[0], -4.0 - 2 * X[2]]))
@@ -159,7 +159,7 @@ def test_element_that_inverts_is_named_with_its_place_and_time(comm, scheme, ref
 
 
 def test_element_that_inverts_on_one_rank_is_named_on_all(comm, refused):
-    # Only the first cell: its rank alone can see it.
+    # Only the first cell: only its rank can detect it.
     data = box_meshes.boxes([(4, 1, 1)], [(4.0, 1.0, 1.0)])
     mesh, cells, _, tag = box_meshes.distribute(
         comm, data, owner=lambda middle: np.arange(len(middle)) % comm.size
@@ -230,7 +230,7 @@ def test_prescribed_nodes_in_contact_with_supported_surfaces_are_named(comm, ref
 
 @schemes
 def test_unreachable_convergence_is_reported_on_all_ranks(comm, scheme, refused):
-    # A block thrown through another one by ten times its size in a step.
+    # A block whose velocity moves it by ten times its size in a step, through another block.
     scene = scenes.blocks(comm, scheme)
     scene.stepper.set_velocity(scene.bodies["body 1"], lambda X: 1e4 * X[[1, 2, 0]])
     with refused(nts.ConvergenceError, r"step 1 from t = 0 to 0\.02 failed .*\|R\|"):

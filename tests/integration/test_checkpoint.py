@@ -26,7 +26,7 @@ from helpers.scenes import BLOCK_STEP, blocks, of_material
 
 pytestmark = pytest.mark.at_most_two_ranks
 
-# Between numbers of ranks, relative to lengths of about one.
+# Tolerance between numbers of ranks, relative to lengths of about one.
 POSITION_TOLERANCE = 1e-10
 NUM_STEPS, BREAK = 9, 5
 
@@ -40,7 +40,7 @@ def record(stepper, path, num_steps, fields="xdmf", **options):
 
 
 def test_a_resumed_run_has_the_steps_of_the_script_if_they_are_new(comm, folder, agree):
-    # Within the run its steps are changed to a half, which an unchanged script keeps.
+    # The run halves its step length, and an unchanged script must continue with the half.
     def part(dt, until):
         stepper = scene(comm).stepper
         stepper.dt = dt
@@ -67,7 +67,7 @@ def test_a_resumed_run_repeats_the_whole_one_bit_for_bit(
     comm, folder, agree, scheme, request, monkeypatch
 ):
     if "strong" in request.node.callspec.id:
-        # MUMPS on several ranks does not repeat itself.
+        # MUMPS on several ranks is not reproducible bit by bit.
         monkeypatch.setattr(factor_age, "_SLOW", 0.0)
     whole = scene(comm, scheme, owner=layers).stepper
     record(whole, folder / "whole", NUM_STEPS, every=3)
@@ -82,7 +82,7 @@ def test_a_resumed_run_repeats_the_whole_one_bit_for_bit(
     tables = [(folder / f"{name}.csv").read_text() for name in ("whole", "parts")]
     assert agree(tables[0] == tables[1] and len(tables[0].splitlines()) == NUM_STEPS + 2)
     one, other = (read_fields(folder / f"{name}_fields") for name in ("whole", "parts"))
-    # The last state of a part is there as well.
+    # The last state of the interrupted run is included.
     extra = {key for key in other if key[0] == f"{BREAK:09d}.h5"}
     assert agree(extra and other.keys() - extra == one.keys())
     assert agree(all(np.array_equal(one[key], other[key], equal_nan=True) for key in one))
@@ -225,7 +225,7 @@ def test_a_full_disk_is_an_error_that_leaves_the_last_checkpoint(comm, folder, r
     stepper.advance()
     before, limits = path.read_bytes(), resource.getrlimit(resource.RLIMIT_FSIZE)
     comm.barrier()
-    # No file may grow beyond that: as if the disk were full.
+    # Limit on the size of files, as if the disk were full.
     resource.setrlimit(resource.RLIMIT_FSIZE, (len(before) // 2, limits[1]))
     try:
         with refused(
@@ -330,7 +330,7 @@ with nts.Recorder(sys.argv[2], stepper, **options) as record:
 
 @pytest.fixture(scope="module")
 def wholes(tmp_path_factory):
-    """Folders with the files of the script when nobody kills it, by kind of fields."""
+    """Folders with the files of an uninterrupted script, by kind of fields."""
     folders = {fields: tmp_path_factory.mktemp(fields) for fields in ("xdmf", "vtkhdf")}
     for fields, folder in folders.items():
         record(blocks(MPI.COMM_SELF, num_bodies=3).stepper, folder / "whole", 8, fields)
@@ -351,7 +351,7 @@ def run_script(path, fields, when="never", signum=0, call=0):
     [
         ("step", signal.SIGKILL, 6, "xdmf"),  # between checkpoints
         ("step", signal.SIGKILL, 6, "vtkhdf"),
-        # The second checkpoint, of step 4, is about to reach the disk, and to get its name,
+        # The second checkpoint, of step 4: before it is written, before it is renamed,
         ("fsync", signal.SIGKILL, 17, "xdmf"),
         ("replace", signal.SIGKILL, 9, "xdmf"),
         ("_write", signal.SIGKILL, 9, "xdmf"),  # and is half written.

@@ -1,4 +1,4 @@
-"""Cells of second order: bodies are as round as their geometry, conserved as straight ones."""
+"""Cells of second order: round geometry and conservation as with straight cells."""
 
 from functools import partial
 from typing import Any
@@ -107,7 +107,7 @@ def bounce(build: Any) -> np.ndarray:
     t, force = np.array(
         [(step.t, diagnostics.balance().contact_force[2]) for step in stepper.run(0.312)]
     ).T
-    assert force[force.argmax() :].min() == 0  # It has left.
+    assert force[force.argmax() :].min() == 0  # It has rebounded.
     return np.array([force.sum() * stepper.dt, force @ t / force.sum()])
 
 
@@ -140,7 +140,7 @@ def test_rebound_of_a_ball_of_curved_cells_is_at_least_four_times_closer(cell, t
     ],
 )
 def test_impact_conserves_energy_and_momenta(comm, cell, friction, method):
-    """Of a ball on a free plate, also with friction."""
+    """A ball strikes a free plate, also with friction."""
 
     def build(model: Any) -> None:
         plate = {"corner": (-0.7, -0.7, -0.2), "size": (1.4, 1.4, 0.2), "cells": (3, 3, 1)}

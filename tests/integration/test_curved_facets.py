@@ -1,4 +1,4 @@
-"""Surfaces of curved cells that touch each other with their facets as curved as they are."""
+"""Contact of surfaces of curved cells by curved facets."""
 
 from typing import Any
 
@@ -40,7 +40,7 @@ def balls(model: Any, cell: str) -> None:
 
 
 def collision(comm: Any, cell: str, scheme: Any = nts.EnergyMomentum, **how: Any) -> Any:
-    """Two balls that meet aslant and turn. Collective."""
+    """Oblique collision of two spinning balls. Collective."""
     mesh, cells, _, tag = nts.read_mesh(lambda model: balls(model, cell), comm)
     dim = mesh.topology.dim
     V = fem.functionspace(mesh, ("Lagrange", 2, (dim,)))

@@ -1,4 +1,4 @@
-"""Contact that is never missed: bodies bounce, or the step fails and says how."""
+"""Contact is never missed: bodies bounce, or the step fails with an explanation."""
 
 import re
 
@@ -46,7 +46,7 @@ class Flight:
 
         mesh, cells, _, tag = nts.read_mesh(fill, comm)
         V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
-        # Waves in it are twenty times as fast as it flies.
+        # Its wave speed is twenty times its velocity.
         speed = ratio * THICKNESS / STEP
         rubber = nts.NeoHookean(1e3 * (20 * speed) ** 2, 0.3, 1e3)
         self.block = nts.Body(V, cells, tag["block"], rubber)
@@ -71,11 +71,11 @@ class Flight:
         self.stepper = scheme(bodies, [pair], bcs=bcs, **options)
         self.stepper.set_velocity(self.block, (0, 0, -speed * STEP / self.stepper.dt))
         self.diagnostics = nts.Diagnostics(self.stepper)
-        # Enough to reach the other side.
+        # Long enough to reach the other side.
         self.num_steps = int(np.ceil((THICKNESS + GAP + 2 * WIDTH) / (ratio * THICKNESS))) + 3
 
     def outcome(self):
-        """Tell whether it bounces or passes, or the error, which restores the state."""
+        """Return "bounces", "passes" or the error; an error restores the state."""
         try:
             for _ in range(self.num_steps):
                 before = self.stepper.u.x.array.copy()
@@ -95,8 +95,8 @@ def test_nothing_passes_in_silence_however_long_the_step(comm, target, ratio):
     outcome = Flight(comm, target, nts.EnergyMomentum, nts.LagrangeMultiplier(), ratio).outcome()
     is_refused = "pass through a surface" in outcome and "a dt of" in outcome
     assert is_refused or outcome == "bounces"
-    # What flies on to beyond a round obstacle as a whole is refused, and walls catch it. Whether
-    # the last attempt at a step of ten thicknesses converges depends on round-off.
+    # A body that passes a round obstacle as a whole is refused, and walls catch it. Whether the
+    # last attempt at a step of ten thicknesses converges depends on round-off.
     assert ratio == 10 or is_refused == (target in ("sphere", "cylinder"))
 
 
@@ -124,7 +124,7 @@ def test_explicit_steps_let_nothing_pass_in_silence(comm, target):
 @pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize("ratio", [0.3, 1.5])
 def test_vertices_do_not_pass_the_facets_of_the_nodes_in_silence(comm, ratio):
-    # Roles exchanged wrongly: nodes of the coarse plate, segments of the small block.
+    # Wrong roles: nodes of the coarse plate, segments of the small block.
     law = nts.LagrangeMultiplier()
     flight = Flight(comm, "plate", nts.EnergyMomentum, law, ratio, reverse=True)
     outcome = flight.outcome()
@@ -151,7 +151,7 @@ def fall(comm, num_cells, how):
             )
         ]
     else:
-        # Edges of faces alone are no kinks, so that roles are not exchanged there.
+        # Edges of faces alone are no kinks, so roles are not exchanged there.
         pairs = nts.all_pairs(
             [top, low],
             exchange=False,
@@ -182,7 +182,7 @@ def test_a_ball_between_closing_walls_is_reported_and_an_infeasible_step_ends_ea
     with pytest.raises(nts.ConvergenceError, match="smallest cell") as raised:
         list(stepper.run(1.0, nts.StepControl(smallest=stepper.dt)))
     assert 0.7 < stepper.t < 0.87
-    # A third of what all starts are allowed.
+    # A third of the iterations allowed for all starting guesses.
     assert sum(report.iterations for report in raised.value.reports) <= 50
     deep = [o for o in nts.Diagnostics(stepper).overlaps() if o.depth > 0.1 * o.size]
     more = sum(map(int, re.findall(r"and (\d+) more by less", caplog.text)))

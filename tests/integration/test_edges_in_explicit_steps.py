@@ -25,7 +25,7 @@ rigid = partial(explicit, is_rigid=True, enforcement=SPRINGS)
 
 
 def run(stepper, until, every=1):
-    """Balances at both ends, what contact took or gave, and least separation of two cubes [m]."""
+    """Balances at start and end, energy change by contact [J], least separation of cubes [m]."""
     diagnostics, given = nts.Diagnostics(stepper), 0.0
     first, least = diagnostics.balance(), np.inf
     cubes = [corners(stepper, body) for body in stepper.bodies]
@@ -56,7 +56,7 @@ def test_rigid_cubes_bounce_off_each_others_edges_and_pass_without(comm):
     scene = rigid(comm)
     first, last, _, least = run(scene.stepper, 0.2)
     check_momenta(first, last)
-    # They turn a little, so that less than a central blow goes into the spring.
+    # They rotate a little, so that the spring stores less than in a central collision.
     assert -DEPTH < least < -0.9 * DEPTH
     assert velocity(scene, "upper")[:, 2].mean() > -0.05
     *_, least = run(rigid(comm, edges=False).stepper, 0.2)
@@ -65,12 +65,12 @@ def test_rigid_cubes_bounce_off_each_others_edges_and_pass_without(comm):
 
 @pytest.mark.serial
 def test_a_central_blow_exchanges_the_velocities(comm):
-    # Equal cubes in the middle of their edges: elastic impact along the line of their centres.
+    # Equal cubes touch at the middle of their edges: elastic impact along the line of centres.
     scene = rigid(comm, place=np.array([0.0, 0.0, np.sqrt(2) + 0.02]), velocity=(0.0, 0.0, -1.0))
     first, last, given, least = run(scene.stepper, 0.2)
     assert abs(last.total_energy - first.total_energy - given) < 1e-11 * first.total_energy
     assert -least == pytest.approx(DEPTH, rel=5e-3)
-    # But for the error of second order in the step of 1/50 of the time that the spring is loaded.
+    # Up to the second-order error of steps of 1/50 of the contact duration.
     assert np.abs(velocity(scene, "upper")).max() < 1e-3
     assert np.abs(velocity(scene, "lower") - [0, 0, -1]).max() < 1e-3
 
@@ -224,6 +224,6 @@ def test_an_edge_rotating_past_a_corner_is_not_active_deep_inside(comm):
         )
     first, last, _, least = run(stepper, 0.012)
     check_momenta(first, last)
-    # A spring that began there would bring 90 J.
+    # A spring that became active there would add 90 J.
     assert last.total_energy < 1.01 * first.total_energy
     assert -0.02 < least < -0.01

@@ -21,7 +21,7 @@ TURNING = nts.Motion(
 
 
 def run(scene, until):
-    """Balances at both ends, works of contact by cause [J], impulse and its moment, and touches."""
+    """Balances at start and end, works of contact by cause [J], impulse, its moment, contacts."""
     stepper = scene.stepper
     comm = stepper.u.function_space.mesh.comm
     diagnostics, works, given = nts.Diagnostics(stepper), np.zeros(8), np.zeros((2, 3))
@@ -36,7 +36,7 @@ def run(scene, until):
 
 
 def check_ledger(first, last, works, tol=1e-11):
-    """What contact gave and took is all that changed the energy."""
+    """The change of energy is the sum of the works of contact."""
     change = last.total_energy - last.contact_energy - first.total_energy
     assert abs(change - works.sum()) < tol * max(first.total_energy, last.total_energy)
 

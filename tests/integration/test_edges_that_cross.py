@@ -18,7 +18,7 @@ from reference.bulk import rotation
 
 
 def run(scene, num_steps=40):
-    """Balances at both ends, work of contact, deepest overlap, and steps with edges in touch."""
+    """Balances at start and end, work of contact, deepest overlap, steps with edge contact."""
     stepper = scene.stepper
     diagnostics, given, depth, touched = nts.Diagnostics(stepper), 0.0, 0.0, 0
     first = diagnostics.balance()
@@ -52,7 +52,7 @@ def test_cubes_bounce_off_each_others_edges_with_exact_energy_in_any_position(co
     assert abs(given) < 1e-11 * first.total_energy
     assert touched > 0
     assert depth < 1e-3
-    # They part: neither reaches the other any more.
+    # They separate: neither reaches the other any more.
     edges = scene.stepper.contacts[-1]
     assert not np.any(edges.gap(scene.stepper.x) < 0.01)
     momentum = motion.Q.T @ (last.linear_momentum - first.linear_momentum)
@@ -68,7 +68,7 @@ def test_without_edges_they_go_into_each_other(comm):
 LAWS = {
     "plastic": {"enforcement": nts.LagrangeMultiplier("plastic")},
     "springs": {"enforcement": nts.Penalty()},
-    "friction": {"friction": nts.Coulomb(0.05)},  # more would stick
+    "friction": {"friction": nts.Coulomb(0.05)},  # otherwise the nodes stick
     "springs and friction": {"enforcement": nts.Penalty(), "friction": nts.Coulomb(0.3)},
     "tetrahedra": {"cell": "tetrahedron"},
     "degree 2": {"degree": 2, "n": 1},
@@ -166,7 +166,7 @@ def test_edges_that_are_pressed_together_carry_the_force_in_equilibrium(comm):
 @pytest.mark.parametrize("offset", [(0.6, 0.0), (0.0, 0.6)])
 @pytest.mark.parametrize("enforcement", [None, nts.Penalty(2.0e4)])
 def test_an_edge_passing_the_end_of_another_edge_has_no_contact(comm, enforcement, offset):
-    # It passes at 0.1 m from the end of the other; faces meet when it is as deep below it.
+    # It crosses 0.1 m from the end of the other edge; faces touch at the same depth below it.
     laws = {"is_rigid": True, "n": 1, "enforcement": enforcement, "dt": 0.01}
     scene = crossed(comm, place=[*offset, np.sqrt(2) + 0.02], velocity=(0.0, 0.0, -1.0), **laws)
     x = scene.stepper.x.copy()
@@ -180,8 +180,8 @@ def test_an_edge_passing_the_end_of_another_edge_has_no_contact(comm, enforcemen
 @pytest.mark.serial
 @pytest.mark.parametrize("slope", [0.3, 0.03, 0.003, 0.0])
 def test_edges_that_are_nearly_or_quite_flat_on_a_face_are_seen(comm, slope):
-    # A cube lies with a face nearly flat on the edge of the other: unseen it could go in by the
-    # slope times its length until its corner comes, and for ever where it is quite flat.
+    # A face of a cube lies nearly flat on the edge of the other cube. Undetected, it penetrates by
+    # the slope times its length until a corner touches, and without limit if it is flat.
     scene = crossed(comm, is_rigid=True, n=1)
     edges, x = scene.stepper.contacts[-1], scene.stepper.x
     upper = scene.bodies["upper"].nodes
@@ -228,7 +228,7 @@ def test_an_edge_that_is_pressed_flat_on_a_face_between_its_nodes_does_not_sink_
 @pytest.mark.serial
 @pytest.mark.parametrize("degrees", [90.0, 10.0, 5.0, 2.0])
 def test_cubes_do_not_pass_each_other_at_edges_of_any_angle(comm, degrees):
-    # Elastic impact may hold them at half a step of approach, 5 mm; without edges it is 46 mm.
+    # Elastic impact may keep half the approach of a step, 5 mm; without edges it is 46 mm.
     place, turn = [0.03, 0.02, np.sqrt(2) + 0.02], np.radians(degrees)
     laws = {"is_rigid": True, "n": 1, "dt": 0.01, "velocity": (0.0, 0.0, -1.0)}
     scene = crossed(comm, turn=turn, place=place, **laws)

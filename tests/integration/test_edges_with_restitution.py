@@ -18,7 +18,7 @@ def with_e(comm, e, **laws):
 
 
 def strike(scene, until):
-    """Balances at both ends, and the work of contact [J]."""
+    """Balances at start and end, and the work of contact [J]."""
     diagnostics, given = nts.Diagnostics(scene.stepper), 0.0
     first = diagnostics.balance()
     while scene.stepper.t < until:
@@ -71,7 +71,7 @@ def test_eccentric_impact_obeys_newtons_law(comm, e):
     x, y = PLACE[:2] + time * VELOCITY[:2]
     compliance = 2 / MASS + 6 * (x**2 + y**2) / MASS
     impulse = (1 + e) / compliance
-    # But for the turn of the normal while they are in touch.
+    # Up to the rotation of the normal during contact.
     assert departure(scene)[2] == pytest.approx(-1 + 2 * impulse / MASS, abs=1e-3)
     assert given == pytest.approx(-(1 - e**2) / compliance / 2, abs=2e-3 * MASS)
 

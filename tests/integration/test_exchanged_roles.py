@@ -52,7 +52,7 @@ class Scene:
         return nts.ContactPair(*surfaces, law, nts.Coulomb(mu) if mu else None, **(NODES | how))
 
     def held(self, nodes, value=None):
-        """Condition on the displacement of nodes of this rank."""
+        """Prescribed displacement of nodes of this rank."""
         value = fem.Constant(self.V.mesh, np.zeros(self.dim)) if value is None else value
         return fem.dirichletbc(value, nodes.astype(np.int32), self.V)
 
@@ -124,7 +124,7 @@ def test_corner_in_the_middle_of_a_large_facet_is_held_with_the_force_of_the_rev
     comm, turn
 ):
     force, depth = press(comm, turn, exchange=True)
-    assert depth < 1e-3  # an edge penetrates next to its vertices as facets bend
+    assert depth < 1e-3  # an edge penetrates next to its vertices, as facets bend
     of_reverse, _ = press(comm, turn, reverse=True)
     assert force == pytest.approx(of_reverse, rel=1e-6)
     assert force > 50  # N
@@ -139,9 +139,9 @@ def test_without_exchange_the_corner_sinks_without_force_as_in_the_paper(comm, t
 
 
 def throw(comm, turn, law, mu=0.0, num_steps=100, reverse=False, **how):
-    """Throw the block at a free floor; balances at both ends, work and depth [J, m].
+    """Throw the block at a free floor; return both balances, work and depth [J, m].
 
-    The work is what contact gives to the bodies and does not keep in springs.
+    The work is the energy that contact adds to the bodies and does not store in springs.
     """
     scene = Scene(comm, turn, gap=0.01)
     pair = scene.pair(law, mu, **how)
@@ -299,7 +299,7 @@ def drag(comm, angle, friction, floor):
 @pytest.mark.parametrize("angle", [75, 90, 105, 120, 135, 150])
 def test_friction_of_an_edge_between_coarse_nodes_agrees_with_coulomb(comm, angle, friction):
     ratios, depth = drag(comm, angle, friction, (5, 2))
-    # The floor tilts below the edge of the block as a whole facet.
+    # The floor tilts below the edge of the block, over a whole facet.
     np.testing.assert_allclose(ratios, friction, atol=0.04)
     assert depth < 0.01 * 0.25 + 1e-9
 

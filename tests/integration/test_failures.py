@@ -21,7 +21,7 @@ pytestmark = pytest.mark.at_most_two_ranks
 # Wall time from the error to the end of the last process [s], where each rank
 # has a core of its own.
 LONGEST = 2.0
-# Far beyond that: it hangs.
+# Far above that time: the run hangs.
 HANGS = 60.0
 
 SCRIPT = """
@@ -129,7 +129,7 @@ def run(folder: Path, num_ranks: int, where: str, ranks: str, checkpoint_every: 
     # A process that has started MPI gives its children an environment of its own.
     own = ("OMPI_COMM_", "OMPI_UNIVERSE", "PMIX_", "PMI_")
     env = {k: v for k, v in os.environ.items() if not k.startswith(own)}
-    # Where a run is killed, Open MPI leaves a folder that confuses a later one.
+    # Open MPI leaves a folder of a killed run, which confuses later ones.
     env["PRTE_MCA_prte_tmpdir_base"] = str(folder)
     tests = Path(__file__).parents[1]
     paths = [str(tests), str(tests.parent), env.get("PYTHONPATH", "")]
@@ -137,7 +137,7 @@ def run(folder: Path, num_ranks: int, where: str, ranks: str, checkpoint_every: 
     command = ["mpirun", "-n", str(num_ranks), sys.executable, str(script), str(folder), where]
     command += [ranks, str(checkpoint_every)]
     lasted = []
-    # The machine may be busy with something else.
+    # The machine may be under load.
     longest = LONGEST * max(1.0, max(num_ranks, os.getloadavg()[0]) / (os.cpu_count() or 1))
     while not lasted or (min(lasted) >= longest and len(lasted) < 3):
         pipe = subprocess.PIPE
@@ -145,7 +145,7 @@ def run(folder: Path, num_ranks: int, where: str, ranks: str, checkpoint_every: 
             try:
                 output, error = process.communicate(timeout=HANGS)
             except subprocess.TimeoutExpired:
-                # Not kill(), which would leave the ranks behind.
+                # Not kill(), which would not end the ranks.
                 process.terminate()
                 raise
         raised = max(float(path.read_text()) for path in folder.glob("time_*"))
@@ -157,20 +157,20 @@ def run(folder: Path, num_ranks: int, where: str, ranks: str, checkpoint_every: 
 
 
 def is_reported_once(error: str, text: str) -> bool:
-    """Whether one traceback ends with a text, or a line has it without one."""
+    """Whether exactly one traceback ends with a text, or one line contains it without traceback."""
     return error.count("Traceback") == text.count("Error") and len(re.findall(text, error)) == 1
 
 
-# All places at which a program of a user, or a part of this one, may fail on one rank.
+# All places at which user code, or the package, may fail on one rank.
 PLACES = [
     *("mesh", "energy", "boundary_of", "Surface.where", "first load", "form", "velocity"),
     *("between calls", "update", "update between messages", "load", "contact", "write", "loop"),
     "loop without recorder",
 ]
-# Where the function of a user runs, or nothing of the package.
+# In user code, or outside of any call of the package.
 EXITS = ["mesh", "energy", "boundary_of", "Surface.where", "form", "update", "load", "loop"]
 EXITS += ["velocity", "between calls", "loop without recorder"]
-# What ranks do if one of them has another dt or time of the end, or leaves the loop.
+# Reaction of the ranks if one has another dt or end time, or leaves the loop.
 DIFFERENT = {
     "dt": ("make EnergyMomentum .* dt = 0.02 s", "make EnergyMomentum .* dt = 0.04 s"),
     "new dt": ("step 1 from t = 0.0 s by dt = 0.02 s", "step 1 from t = 0.0 s by dt = 0.01 s"),
@@ -186,7 +186,7 @@ CASES = [
         for place, (a, b) in DIFFERENT.items()
     ),
 ]
-# Numbers of ranks, and which of them goes wrong.
+# Numbers of ranks, and the rank that fails.
 JOBS = [(2, 0), (2, 1), (3, 1)]
 
 
@@ -222,7 +222,7 @@ def test_the_same_error_on_all_ranks_is_reported_once_without_abort(tmp_path):
 
 @pytest.fixture
 def patient(monkeypatch):
-    """Wait as long for the other ranks as a busy machine needs."""
+    """Extend the waiting time for other ranks, for busy machines."""
     monkeypatch.setattr(errors, "_PATIENCE", HANGS)
 
 

@@ -48,7 +48,7 @@ def test_far_scenes_have_the_results_of_near_ones(scheme, method, law, size):
         press_and_slide(place, scheme, law, method) for place in ((0.0, 0.0), (size, -2 * size))
     )
     assert np.abs(near[1]).max() > 100.0
-    # Of positions some 50 last digits, which contact makes of those of each step.
+    # About 50 units of the last digit of positions, amplified by contact.
     digits = 50 * np.finfo(np.float64).eps * 2 * size
     assert np.abs(far[0] - near[0]).max() < digits
     np.testing.assert_allclose(far[1], near[1], rtol=0, atol=100 * digits * np.abs(near[1]).max())

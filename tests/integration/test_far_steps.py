@@ -129,7 +129,7 @@ def test_heavy_load_from_rest_does_not_pass_the_floor(pairing):
 @pytest.mark.parametrize("pairing", ["nodes", "roles exchanged", "mortar", "all pairs"])
 def test_impact_from_rest_within_the_search_obeys_the_law(pairing):
     """The ballistic motion is zero, so that only the motion made shows the nodes in contact."""
-    gap, dt = 0.02, 0.008  # a tenth of a facet, which is in reach of any search
+    gap, dt = 0.02, 0.008  # a tenth of a facet, within the reach of every search
     stepper, _, bottom = column(PAIRINGS[pairing], nts.EnergyMomentum, gap, dt=dt)
     free, _, _ = column(lambda *_: [], nts.EnergyMomentum, gap, dt=dt)
     for each in (stepper, free):
@@ -203,5 +203,5 @@ def test_explicit_far_step_finds_contact_or_is_refused(pairing, facets):
                 if facets > 1 or "pass through a surface" not in str(error):
                     raise
                 break
-            # A node enters in one step, and is pressed in the next one.
+            # A node penetrates in one step and transmits force in the next one.
             assert before > -GAP or force(pairs) > 0

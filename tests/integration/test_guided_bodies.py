@@ -87,7 +87,7 @@ def test_static_tool_is_in_equilibrium_with_the_foot(comm, case):
         press = 300.0 * (0.1 - (CENTRE[2] - z))
         assert 20.0 < press < 29.0
     assert abs(foot.force[2] - press) < 1e-8 * press
-    # All else is taken by the guide; a turning tool leaves the moment to friction.
+    # The guide carries all other components; friction resists the moment of a rotating tool.
     rest = np.sum([r.force for r in of_guide], axis=0) + np.array(foot.force)
     assert np.abs(rest - [0, 0, press]).max() < 1e-7
     if moment:
@@ -171,7 +171,7 @@ def test_motion_is_the_same_on_any_number_of_ranks_and_resumed(comm, agree, tmp_
     alone = scene(MPI.COMM_SELF)
     for _ in alone.run(until=0.2):
         pass
-    for num_steps in (14, 20):  # within the contact
+    for num_steps in (14, 20):  # during contact
         here = scene(comm)
         with nts.Recorder(folder / "run", here, checkpoint_every=2, resume=True) as recorder:
             for step in here.run(until=num_steps * here.dt):
@@ -189,7 +189,7 @@ INERTIA = RHO * 0.08 * (0.4**2 / 12 + 1.0 / 3)  # about the hinge [kg m^2]
 
 
 def angle(stepper):
-    """Angle by which a hinged brick has turned, from its lowest points."""
+    """Rotation angle of a hinged brick, from its lowest points."""
     x = stepper.x - stepper.x[np.argmin(np.linalg.norm(stepper.x, axis=1))]
     X = stepper.u.function_space.tabulate_dof_coordinates()
     low = np.isclose(X[:, 2], -1.0)
@@ -206,7 +206,7 @@ def test_moment_on_a_hinge_turns_it_as_by_newtons_law():
         for step in stepper.run(until=1.0):
             work += step.load_work
             reaction = step.reactions[0]
-            # The hinge takes what the moment has across the axis.
+            # The hinge carries the components of the moment normal to its axis.
             assert np.allclose(np.array(reaction.moment)[[0, 2]], [-1.0, -2.0], atol=1e-9)
         balance = nts.Diagnostics(stepper).balance()
         assert abs(balance.kinetic_energy - work) < 1e-11 * work

@@ -1,4 +1,4 @@
-"""Nodes that contact holds at a gap stay held while they press, whatever the segment."""
+"""Nodes with an active constraint stay active under pressure when their segment changes."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def test_loaded_nodes_stay_active_on_shorter_segments(comm):
         enforcement=nts.LagrangeMultiplier(),
         method="node-to-segment",
     )
-    # Each node is caught at its gap in the first step, and pressed from then on.
+    # Each node becomes active at its gap in the first step, and stays under pressure.
     speed = 2.1 * GAP / DT
     load = nts.BodyForce(block, (0.0, -4e3 * speed / DT))
     stepper = nts.EnergyMomentum(

@@ -60,6 +60,6 @@ def test_no_step_of_an_impact_on_a_corner_has_to_be_halved(comm, scene):
     end = nts.Diagnostics(stepper).balance()
     assert len(reports) == 20
     assert sum(report.newton_iterations for report in reports) <= 110
-    # Loaded nodes that lose all of their contact points give the energy of their springs back.
+    # Loaded nodes that lose all contact points return the energy of their springs.
     assert abs(end.total_energy - start.total_energy) <= 1e-9 * start.total_energy
     assert end.kinetic_energy < 0.999 * start.kinetic_energy  # contact acted

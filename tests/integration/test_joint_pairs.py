@@ -58,7 +58,7 @@ def box_in_corner(comm, integrator, enforcement, friction=None):
 
 
 def states(stepper):
-    """What pairs remember, by the names of `ContactHistory`."""
+    """Contact history of the pairs, by the names of `ContactHistory`."""
     return [vars(contact.history) for contact in stepper.contacts]
 
 
@@ -89,7 +89,7 @@ def test_nodes_may_touch_in_several_joint_pairs(comm, monkeypatch):
 
 
 def compare(monkeypatch, make, *scene, moves):
-    """Run a scene with joint pairs and with pairs alone; the former, and most active nodes."""
+    """Run a scene with joint and with single pairs; return the joint run and most active nodes."""
     together = make(*scene)
     with monkeypatch.context() as patch:
         patch.setattr("dolfinx_nts.integrators.implicit.step_solver.joint_states", list)

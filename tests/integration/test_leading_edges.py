@@ -14,7 +14,7 @@ pytestmark = pytest.mark.serial
 
 
 def scene(comm, angle, dim, friction):
-    """Floor and block, whose leading edge has this angle [degrees] inside, and their pair."""
+    """Floor, block with a leading edge of this interior angle [degrees], and their pair."""
 
     def fill(model):
         if dim == 2:
@@ -86,5 +86,5 @@ def test_block_thrown_along_a_floor_keeps_its_velocity_without_friction(comm, an
     stepper.set_velocity(bodies[1], np.eye(dim)[0])
     list(stepper.run(until=0.2))
     velocity = nts.Diagnostics(stepper).body_velocity(bodies[1])
-    # The surface of the floor waves, with slopes of about a hundredth.
+    # The surface of the floor is wavy, with slopes of about a hundredth.
     assert abs(velocity[0] - 1) < 0.02

@@ -1,4 +1,4 @@
-"""Statics with tools moved by guides, obstacle motions or supports: all give the same."""
+"""Statics with tools moved by guides, obstacle motions or supports: equal results."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ SQUEEZE, ASIDE, ANGLE = 0.03, 0.08, 0.06  # m, m, rad
 
 
 def bushing(comm, tool, method="node-to-segment"):
-    """A sleeve of rubber, squeezed onto a pin until t = 1, which goes aside until t = 2 and turns.
+    """A rubber sleeve, squeezed onto a pin until t = 1; the pin shifts until t = 2 and rotates.
 
     The pin moves as a rigid body, as an exact obstacle, or by supports at all of its nodes.
     """
@@ -105,7 +105,7 @@ def test_a_pin_that_begins_to_turn_takes_a_bushing_along(comm, tool, method):
 
 
 def dragged(tool, travel, angle=0.0, nu=0.3):
-    """A block that is pressed into a tool until t = 1, which moves away and turns then.
+    """A block that is pressed into a tool until t = 1; then the tool moves away and rotates.
 
     The tool is below the block, whose top supports press down.
     """

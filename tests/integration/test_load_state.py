@@ -1,4 +1,4 @@
-"""A scene that begins with the state of another one."""
+"""Start of a scene from the state of another scene."""
 
 import logging
 

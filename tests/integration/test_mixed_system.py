@@ -30,7 +30,7 @@ impacts = pytest.mark.parametrize("impact", ["plastic", "elastic"])
 
 @dataclass
 class Scene:
-    """Two bodies, and what may touch: nodes of one, segments of the other."""
+    """Two bodies, with the contact nodes of one and the segments of the other."""
 
     bulk: Bulk
     x: np.ndarray

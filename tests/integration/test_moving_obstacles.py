@@ -1,4 +1,4 @@
-"""Tools that move: work, force and torque, and the same scenes seen from the tool."""
+"""Moving obstacles: work, force and torque, and the same scenes in the frame of the tool."""
 
 import logging
 
@@ -14,7 +14,7 @@ from helpers.once import once
 from helpers.scene import gathered
 from reference.bulk import rotation
 
-# Of the ledger and the momenta, relative to what the tool gives.
+# Tolerance of ledger and momenta, relative to the work and impulse of the tool.
 BALANCE = 1e-10
 # Between two runs that differ by Newton's method only, relative to a size of about one.
 SAME = 1e-9
@@ -148,7 +148,7 @@ def test_a_wall_that_comes_is_a_wall_to_which_the_body_goes(comm):
         return gathered(block.V, stepper.x)
 
     coming = positions(comm, wall.moving(nts.Motion(lambda t: t * VELOCITY)), np.zeros(3))
-    # All ranks together do the same as each alone.
+    # All ranks together compute the same as each rank alone.
     going = positions(MPI.COMM_SELF, wall, -VELOCITY)
     np.testing.assert_allclose(coming, going + 0.3 * VELOCITY, atol=SAME)
 
@@ -166,7 +166,7 @@ def test_a_tool_in_a_body_is_a_body_that_is_pushed_onto_the_tool(comm, obstacle)
     options = {"scheme": nts.QuasiStatic, "dt": 0.05}
     bcs, _ = block.bottom(lambda t, x: x)
     stepper = block.stepper(obstacle.moving(turning), surface=block.top, bcs=bcs, **options)
-    # Seen from the tool the bottom makes the inverse motion.
+    # In the frame of the tool the bottom makes the inverse motion.
     bcs, update = other.bottom(lambda t, x: (x - tool(t)[1]) @ tool(t)[0])
     seen = other.stepper(obstacle, surface=other.top, bcs=bcs, update=update, **options)
     works = []
@@ -324,7 +324,7 @@ def test_overlap_of_a_tool_with_a_body_without_pair_is_reported(comm, caplog):
 @pytest.mark.parametrize("speed", [once(0.0), 0.5])
 @pytest.mark.parametrize("angle", [once(0.0), -np.pi / 2])
 def test_obstacle_that_has_turned_returns_e_times_the_speed(comm, speed, angle):
-    # A plane that was declared upright, or level, and lies level below a rigid block.
+    # A plane, declared vertical or horizontal, that is horizontal below a rigid block.
     normal = rotation([0, 1, 0], angle).T @ [0, 0, 1]
     plane = nts.RigidPlane(-0.52 * normal, normal).moving(
         nts.Motion(translation=lambda t: (0, 0, speed * t), rotation=lambda t: (0, angle, 0))

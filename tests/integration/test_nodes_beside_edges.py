@@ -65,10 +65,10 @@ def gap_of(offset, *, height=-DEPTH, x=0.5, before=None):
 @pytest.mark.parametrize("x", [0.3, 0.5])
 def test_a_node_coming_from_beyond_a_sharp_edge_has_no_segment(x):
     assert np.isnan(gap_of(OFFSET, x=x))
-    # Through the plane of the top it comes into contact: bodies slide over their rims.
+    # It touches through the plane of the top, as bodies that slide over an edge do.
     assert gap_of(OFFSET, x=x, height=0.02) == pytest.approx(0.02)
     assert gap_of(OFFSET, x=x, before=0.02) == pytest.approx(-DEPTH)
-    # So it does where round-off or a bulge of a hundredth puts it next to the edge.
+    # The same holds if round-off or a bulge of a hundredth moves it next to the edge.
     assert gap_of(0.005, x=x) == pytest.approx(-DEPTH)
 
 

@@ -75,7 +75,7 @@ def test_ball_and_plate_on_all_ranks_and_on_each_alone_agree(comm):
 @pytest.mark.parametrize("cell", [once("hexahedron"), "tetrahedron"])
 @pytest.mark.parametrize("scheme", [nts.EnergyMomentum, once(nts.Midpoint), MORTAR])
 def test_renumbered_nodes_and_cells_give_the_same_result(comm, cell, scheme):
-    # The renumbering follows from a seed: draw it twice.
+    # The renumbering follows from a seed: draw it again.
     plain = scenes.blocks(comm, scheme, cell=cell)
     data = scenes.block_input(cell, 2)[0].permuted(np.random.default_rng(5))
     shuffled = scenes.blocks(comm, scheme, cell=cell, permute=np.random.default_rng(5))
@@ -102,7 +102,7 @@ def scattered(middle):
 
 @pytest.mark.several_ranks
 @pytest.mark.parametrize(
-    # Each two of the three meet on two ranks; on three each scheme, cell and owner is there.
+    # All pairs of parameters on two ranks; on three ranks each scheme, cell and owner once.
     ("cell", "scheme", "owner"),
     [
         ("hexahedron", nts.EnergyMomentum, one_rank_idle),
@@ -178,8 +178,8 @@ def test_ranks_without_surfaces_take_part(comm):
 def test_segments_are_the_same_however_linear_systems_are_solved(
     comm, monkeypatch, name, num_steps
 ):
-    # The partition changes the preconditioner, and with it every iterate: within
-    # what Newton's method asks of a linear system, and so does asking for more.
+    # The partition changes the preconditioner and thus every iterate, within the tolerance of the
+    # linear systems. The same holds for a smaller tolerance.
     (case,) = (case for case in CASES if case.name == name)
     ends = []
     for tight in (False, True):
@@ -194,7 +194,7 @@ def test_segments_are_the_same_however_linear_systems_are_solved(
 
 @pytest.mark.several_ranks
 def test_meshes_with_ghost_cells_and_supports_by_facets_agree_with_one_rank(comm):
-    """As `dolfinx.mesh.create_box` makes them, with a condition of a constant value."""
+    """Meshes of `dolfinx.mesh.create_box`, with a constant Dirichlet value."""
 
     def press(comm):
         """Energies of a cube that hangs from its top and is pressed onto a plane."""

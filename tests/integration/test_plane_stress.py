@@ -49,7 +49,7 @@ def test_energy_of_a_sheet_is_the_least_one_of_all_thicknesses(law):
 
 
 def side(law, stretch):
-    """Stretch of the free sides of a block that is pulled, and its force per undeformed area."""
+    """Lateral stretch of a block in tension, and its force per undeformed area."""
     E, nu = RUBBER["E"], law_nu(law)
     if isinstance(law, nts.SaintVenantKirchhoff):
         strain = (stretch**2 - 1) / 2
@@ -67,7 +67,7 @@ def side(law, stretch):
 
 
 def law_nu(law):
-    """Poisson's ratio of one of the laws."""
+    """Poisson's ratio of a law."""
     return RUBBER["nu"] if isinstance(law, nts.SaintVenantKirchhoff) else 0.45
 
 

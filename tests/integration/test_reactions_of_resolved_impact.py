@@ -1,4 +1,4 @@
-"""Supports of bodies that are struck, impact resolved: balances of momenta, force and energy."""
+"""Supports of struck bodies with resolved impact: balances of momenta, force and energy."""
 
 import numpy as np
 import pytest

@@ -140,7 +140,7 @@ def test_another_reader_finds_the_data_of_the_run(comm, tmp_path, agree, reader,
             assert agree(np.array_equal(nodal[name], values, equal_nan=True)), name
         body = cellwise["body"].astype(int)
         assert agree(sorted(map(tuple, np.c_[found.cells, body].tolist())) == rows)
-    # The scene has something to find.
+    # The scene has contact.
     assert agree(expected[-1]["slip_state"].any() and expected[-1]["contact_pressure"].any())
 
 

@@ -1,4 +1,4 @@
-"""Rigid bodies at rest, or nearly so, on more points than hold them, with exact friction."""
+"""Rigid bodies at rest, or nearly so, on redundant contact points, with exact friction."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ from helpers.once import once
 
 MU, EDGE, G = 0.3, 0.1, 9.81
 SCHEMES = pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.Midpoint])
-# More than enough for Newton's method once states are right.
+# More iterations than Newton's method needs with correct contact states.
 FEW = 12
 
 
@@ -28,7 +28,7 @@ def boxes(
     e: float = 1.0,
     comm: MPI.Comm = MPI.COMM_SELF,
 ) -> tuple[Any, list[nts.RigidBody]]:
-    """Rigid boxes on each other on a plane, whose normal gravity has an angle with [rad]."""
+    """Stacked rigid boxes on a plane whose normal is tilted against gravity [rad]."""
 
     def build(model: Any) -> None:
         for i in range(number):
@@ -55,7 +55,7 @@ def boxes(
 @pytest.mark.parametrize("seed", [0, 3])
 @SCHEMES
 def test_a_die_that_comes_to_rest_needs_few_iterations_and_obeys_coulombs_law(scheme, seed):
-    # Each step fails or passes as it is: nothing cuts it.
+    # Without step control each step must converge.
     rng = np.random.default_rng(seed)
     stepper, (die,) = boxes(scheme, lift=0.02, dt=4e-3, e=0.3)
     omega, v = rng.normal(size=3) * 4, np.append(rng.normal(size=2) / 2, -0.5)
@@ -89,7 +89,7 @@ def test_a_box_that_slides_stops_where_the_closed_form_has_it(scheme):
     # It stops within a step.
     last = MU * G * stepper.dt**2
     assert abs(travel - speed**2 / (2 * MU * G)) < last
-    # The mean velocity of a step is none from then on.
+    # The mean velocity of a step is zero from then on.
     assert abs(diagnostics.body_velocity(box)[0]) < MU * G * stepper.dt
     assert max(iterations) <= FEW
 

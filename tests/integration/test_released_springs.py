@@ -66,7 +66,7 @@ def test_energy_and_momenta_stay_when_loaded_springs_lose_their_segments(
         new = contact.history
         lost += old.energy[(old.energy > 0) & (new.key < 0)].sum()
         old = new
-    # The scene is what it should be: without an impulse this energy would be missing.
+    # A check of the scene: without an impulse this energy would be lost.
     assert comm.allreduce(lost) > 1e-4 * start.total_energy
     end = diagnostics.balance()
     assert end.total_energy == pytest.approx(start.total_energy, rel=1e-12)

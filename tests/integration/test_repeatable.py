@@ -42,7 +42,7 @@ def test_memory_does_not_grow_with_the_number_of_steps(comm):
     x, v = scene.stepper.u.x.array.copy(), scene.stepper.v.x.array.copy()
 
     def run(num_runs: int) -> int:
-        # The same collision again and again, not bodies that fly away.
+        # Repeated collisions, since bodies that fly away would test nothing.
         for _ in range(num_runs):
             scene.stepper.u.x.array[:] = x
             for body in scene.bodies.values():
@@ -55,7 +55,7 @@ def test_memory_does_not_grow_with_the_number_of_steps(comm):
     while len(growth) < 10 and min(growth, default=np.inf) > BYTES_PER_STEP:
         before, used = used, run(8)
         growth.append((used - before) / 200)
-    # The least of some: the allocator takes memory in large pieces, and the more the sooner.
+    # The least of several samples, as the allocator takes memory in large pieces.
     assert min(growth) <= BYTES_PER_STEP, f"{growth} bytes a step"
 
 

@@ -54,7 +54,7 @@ def test_tumbling_about_the_intermediate_axis_keeps_energy_and_angular_momentum(
 @pytest.mark.serial
 @pytest.mark.parametrize("v", [1e-10, 1e-14, 0.0])
 def test_a_body_far_from_its_start_may_be_almost_at_rest(v):
-    # No force is larger than what rounding of its displacement makes of its inertia.
+    # Forces are at most the round-off of the displacement times its inertia.
     stepper, _ = brick(0.01, np.zeros(3))
     body = stepper.bodies[0]
     stepper.set_displacement(body, (1.0, -2.0, 3.0))
@@ -68,7 +68,7 @@ def test_a_body_far_from_its_start_may_be_almost_at_rest(v):
 
 
 def run(scene, num_steps=25):
-    """Balances at the start and the end, work of contact, and most active nodes."""
+    """Balances at start and end, work of contact, and most active nodes."""
     diagnostics = nts.Diagnostics(scene.stepper)
     first, given, active = diagnostics.balance(), 0.0, 0
     for _ in range(num_steps):
@@ -99,7 +99,7 @@ def test_impact_on_a_free_block_keeps_energy_and_momenta_in_any_position(comm, f
         assert abs(given) < 1e-11 * first.total_energy
     else:
         assert given < -0.05 * first.total_energy
-    # The other body has bent, this one has not.
+    # The other body has deformed, this one has not.
     assert last.strain_energy > 1e-3 * first.total_energy
     local = scene.bodies["rigid"].nodes[:5]
     X, x = (
@@ -153,7 +153,7 @@ FALLS = {"edge": (0.3, None), "face": (0.0, STICK), "corner": (0.05, nts.Coulomb
     ("tilt", "friction"), [once(*FALLS["edge"]), FALLS["face"], once(*FALLS["corner"])]
 )
 def test_rigid_body_bounces_on_a_floor_with_exact_energy(comm, tilt, friction):
-    # All nine nodes of a face touch together: their forces are not unique, their sum is.
+    # All nine nodes of a face touch together: only the sum of their forces is unique.
     stepper = falling(comm, tilt, friction)
     diagnostics = nts.Diagnostics(stepper)
     first, given, active, rises = diagnostics.balance(), 0.0, 0, False
@@ -170,7 +170,7 @@ def test_rigid_body_bounces_on_a_floor_with_exact_energy(comm, tilt, friction):
 
 @pytest.mark.serial
 @pytest.mark.parametrize(
-    # Rigid bodies stick to each other unless friction is little.
+    # Rigid bodies stick to each other unless friction is small.
     ("lower", "friction"),
     [("rigid", None), ("rigid", nts.Coulomb(0.1)), ("deformable", None), ("deformable", STICK)],
 )
@@ -406,7 +406,7 @@ def test_a_resumed_run_is_the_same_run(comm, tmp_path):
     whole = impact(comm, friction=STICK)
     for _ in whole.stepper.run(until=12 * whole.stepper.dt):
         pass
-    for num_steps in (6, 12):  # within the contact
+    for num_steps in (6, 12):  # during contact
         scene = impact(comm, friction=STICK)
         record(scene.stepper, num_steps)
     assert np.array_equal(scene.stepper.x, whole.stepper.x)

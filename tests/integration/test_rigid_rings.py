@@ -25,7 +25,7 @@ def axial(function, body):
 
 
 def run(stepper, until):
-    """Balances, most active nodes, energies of the scheme, of nothing, and that friction took."""
+    """Balances, most active nodes; energies by the scheme, unexplained, and of friction."""
     diagnostics = nts.Diagnostics(stepper)
     first, given, active, of_scheme, taken = diagnostics.balance(), 0.0, 0, 0.0, 0.0
     for report in stepper.run(until=until):
@@ -76,7 +76,7 @@ def test_impact_keeps_energy_and_axial_momentum(comm, agree, case):
     travels, across = axial(stepper.u, scene.dome)
     assert agree(across == 0.0 and (not len(travels) or np.ptp(travels) < 1e-13))
     if not shape.get("inner"):
-        # The mass of the closed form, and the velocity that all nodes have.
+        # The mass of the closed form, and the common velocity of all nodes.
         speeds, across = axial(stepper.v, scene.dome)
         fastest = comm.allreduce(speeds.max(initial=-np.inf), op=MPI.MAX)
         slowest = comm.allreduce(speeds.min(initial=np.inf), op=MPI.MIN)
@@ -171,7 +171,7 @@ def test_dome_bounces_on_obstacles_with_exact_energy(comm, friction):
 
 @pytest.mark.parametrize("method", [once("node-to-segment"), "mortar"])
 def test_tied_dome_goes_with_the_block(comm, method):
-    """The node on the axis has nothing to tie across it; its forces were no numbers."""
+    """The node on the axis has no tied component across it; its forces used to be NaN."""
     scene = dome_on_block(comm)
     tie = scene.pair(enforcement=nts.Tied(reach=0.5), method=method)
     stepper = nts.EnergyMomentum(scene.bodies, [tie], dt=0.002)
@@ -305,7 +305,7 @@ def test_motion_is_the_same_on_any_number_of_ranks_and_resumed(comm, agree, tmp_
     for stepper, _ in (alone, whole):
         for _ in stepper.run(until=num_steps * dt):
             pass
-    for steps in (num_steps - 6, num_steps):  # within the contact
+    for steps in (num_steps - 6, num_steps):  # during contact
         here, dome = scene(comm)
         with nts.Recorder(folder / "run", here, checkpoint_every=2, resume=True) as files:
             for step in here.run(until=steps * dt):

@@ -44,7 +44,7 @@ def test_free_rotation_agrees_with_eulers_equations_to_second_order(scheme):
 
 @pytest.mark.serial
 def test_moment_turns_a_tumbling_body_to_second_order_with_numerical_damping():
-    """By differences of three steps; a moment about the mean state made them halve only."""
+    """Differences of three steps; a moment about the mean state would be of first order."""
 
     def driven(bodies, dt):
         moment = nts.Moment(bodies[0], (0.6, -0.9, 0.5))
@@ -78,7 +78,7 @@ def test_explicit_tumbling_keeps_angular_momentum_and_bounds_the_energy():
 
 
 def run(stepper, until=0.25):
-    """Balances, most active nodes, energies of the scheme, of nothing, and that friction took."""
+    """Balances, most active nodes; energies by the scheme, unexplained, and of friction."""
     diagnostics = nts.Diagnostics(stepper)
     first, given, active, of_scheme, taken = diagnostics.balance(), 0.0, 0, 0.0, 0.0
     for report in stepper.run(until=until):
@@ -104,8 +104,9 @@ def test_impact_has_exact_momenta_and_a_ledger(comm, scheme, law, dt, case):
     assert active > 0
     size = first.total_energy
     assert abs(rest) < 1e-10 * size
-    # Central differences neither gain nor lose much, generalised-alpha loses. Between rigid bodies
-    # its springs lose what the jump of the acceleration gives, which no cells take.
+    # Central differences hardly change the energy, generalised-alpha dissipates. Between rigid
+    # bodies its springs dissipate the energy that the jump of the acceleration adds, as there are
+    # no cells that do so.
     if case == "both rigid" and scheme is nts.GeneralizedAlpha:
         of_scheme = last.total_energy - size + taken
     assert (-0.01 if scheme is nts.CentralDifference else -0.3) * size < of_scheme < 0.01 * size
@@ -131,7 +132,7 @@ def test_motion_is_the_same_on_any_number_of_ranks_and_resumed(
     for each in (alone, whole):
         for _ in each.stepper.run(until=end * dt):
             pass
-    for num_steps in (end - 6, end):  # within the contact
+    for num_steps in (end - 6, end):  # during contact
         here = scene(comm)
         with nts.Recorder(folder / "run", here.stepper, checkpoint_every=2, resume=True) as files:
             for step in here.stepper.run(until=num_steps * dt):

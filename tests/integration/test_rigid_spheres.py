@@ -39,7 +39,7 @@ def scene(
     obstacle=None,
     both_rigid=False,
 ):
-    """A ball of eight cells above a block, or above another ball, or an obstacle in its place."""
+    """A ball of eight cells above a block, another ball or an obstacle."""
     data = boxes([(4, 4, 2), (2, 2, 2)], [(1.0, 1.0, 0.5), (1.0, 1.0, 1.0)])
     lower, upper = (np.unique(data.cells[data.body == number]) for number in (0, 1))
     data.X[upper] = round_off(data.X[upper], CENTRE)
@@ -154,7 +154,7 @@ def test_friction_at_the_end_of_a_step_acts_along_the_sphere_there(rng):
     middle = X[ball].mean(axis=0)
 
     def moved(h):
-        """Nodes of the block go anywhere, the ball as it can."""
+        """Random displacements of the block's nodes, and a rigid motion of the ball."""
         x, angle = X + h * own, h * np.linalg.norm(turn)
         k = turn / np.linalg.norm(turn)
         arm = X[ball] - middle

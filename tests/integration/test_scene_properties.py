@@ -28,7 +28,7 @@ LAWS = {
 }
 
 
-# A spring that has all the energy of contact goes over an edge, below the next facet.
+# A spring with all energy of contact slides over an edge, below the adjacent facet.
 KINK = {
     "cell": "hexahedron",
     "cells": 1,
@@ -72,7 +72,7 @@ def scene(comm: MPI.Comm, numbers, motion=HERE) -> Setup:
 
 @pytest.mark.parametrize(
     "numbers",
-    # Of each law one on several ranks.
+    # One case of each law on several ranks.
     [
         once(KINK, id="kink"),
         *(once(drawn(n), id=f"{n}") for n in range(5)),
@@ -82,7 +82,7 @@ def scene(comm: MPI.Comm, numbers, motion=HERE) -> Setup:
 def test_random_scenes_conserve_their_invariants_or_stop(comm, numbers):
     outcome = run(Case("random", "numbers", str(numbers), lambda c: scene(c, numbers)), comm)
     if outcome.row["outcome"] == "stopped":
-        # Whatever the error, the accepted steps are right.
+        # Whatever the error, the accepted steps must be correct.
         assert "the state is that of the last accepted step" in outcome.wrong
         assert outcome.row["energy_error"] <= 1e-9 and outcome.row["momentum_error"] <= 1e-10
     else:
@@ -99,6 +99,6 @@ def test_random_scenes_do_not_depend_on_where_they_are(comm, seed):
         stepper = scene(comm, numbers, motion).stepper
         for _ in range(5):
             stepper.advance()
-        # By number: each mesh has a partition of its own.
+        # Tolerances by number of ranks: each mesh has its own partition.
         x.append(gathered(stepper.u.function_space, stepper.x) @ motion)
     assert np.abs(x[0] - x[1]).max() <= 1e-9

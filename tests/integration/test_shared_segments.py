@@ -1,4 +1,4 @@
-"""Nodes above edges and vertices of segments: neither numbers nor round-off decide."""
+"""Nodes above edges and vertices of segments: results depend neither on numbering nor round-off."""
 
 from mpi4py import MPI
 
@@ -33,7 +33,7 @@ def blocks(comm, seed=0, cell="hexahedron", owner=None):
         data = data.permuted(np.random.default_rng(seed))
     mesh, cells, facets, tag = distribute(comm, data, owner=owner)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
-    # Of different stiffness, so that surfaces curve where they touch.
+    # Different stiffnesses, so that surfaces curve where they touch.
     bodies = [
         nts.Body(V, cells, tag[f"body {i}"], nts.NeoHookean(E, 0.3, 1e3))
         for i, E in enumerate((1e5, 4e5))

@@ -1,4 +1,4 @@
-"""What a scene does not need is left out, and the steps are the same."""
+"""Unneeded work of a scene is skipped, and the steps are the same."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def ball_plate(comm, law, monkeypatch=None):
 
 
 def num_cells(scene):
-    """Cells that a residual goes over, on all ranks."""
+    """Number of cells in a residual, on all ranks."""
     return scene.comm.allreduce(scene.stepper.statistics.solver.num_cells)
 
 
@@ -130,7 +130,7 @@ def test_obstacles_out_of_reach_cost_no_attempt(comm, monkeypatch):
             patch.setattr("dolfinx_nts.integrators.implicit.step_solver.may_face", lambda *_: True)
             assert reference.advance().num_active == report.num_active
         assert np.array_equal(stepper.u.x.array, reference.u.x.array)
-    # The first step learns that nothing is remembered of it.
+    # The first step shows that its state is not kept.
     assert counts[:4] == [1, 0, 0, 0] and counts[-1] > 0 and max(active) > 8
     same = zip(stepper.contacts, reference.contacts, strict=True)
     for one, other in same:
@@ -202,7 +202,7 @@ def test_bodies_that_share_nodes_sleep_together(comm, struck):
         assert now.total_energy == pytest.approx(start.total_energy, rel=1e-11)
         sleeping.append(step.num_sleeping)
         active.append(step.num_active)
-    # All of the column, or nothing of it.
+    # The whole column, or none of it.
     assert sleeping[0] == (0 if struck == "rigid" else 2) and set(sleeping) <= {0, 2}
     assert max(active) > 0
 

@@ -1,4 +1,4 @@
-"""Contact with smooth surfaces: round bodies that meet, roll and are pressed together."""
+"""Contact with smooth surfaces: round bodies that collide, roll and are pressed together."""
 
 import logging
 
@@ -121,7 +121,7 @@ def test_a_resumed_run_is_the_whole_one_and_needs_smooth_segments(comm, tmp_path
 
 @pytest.fixture
 def warned(comm, caplog):
-    """Numbers of warnings so far, of rank 0 on all ranks. Collective."""
+    """Number of warnings so far on rank 0, returned on all ranks. Collective."""
     caplog.set_level(logging.WARNING, "dolfinx_nts")
     return lambda: comm.bcast(sum("inside" in message for message in caplog.messages))
 

@@ -1,4 +1,4 @@
-"""Statics where no equilibrium is near the last one: arches that snap, and discs that roll."""
+"""Statics without an equilibrium near the last one: snap-through of arches, rolling discs."""
 
 from typing import Any, NamedTuple
 
@@ -27,7 +27,7 @@ class Arch(NamedTuple):
     punch: nts.RigidBody
 
     def place(self) -> tuple[float, float]:
-        """Height of the punch [m], and the force that it meets [N/m]."""
+        """Height of the punch [m], and the force on it [N/m]."""
         diagnostics = nts.Diagnostics(self.stepper)
         height: float = diagnostics.centre_of_mass(self.punch)[1]
         return height, -diagnostics.contact_force()[1]

@@ -15,7 +15,7 @@ CENTRE = (0.0, -0.5)  # m
 
 
 def press_and_turn(kind):
-    """Press two blocks together, slide one along the other, turn both, all in one step.
+    """Press two blocks together, slide one of them and rotate both, all in one step.
 
     Returns the stepper with the pair, and the report.
     """
@@ -24,7 +24,7 @@ def press_and_turn(kind):
     centre = np.array(CENTRE)[:, None]
 
     def top_u(low, high, extra):
-        """Nodes between two heights, turned about the centre after a shift."""
+        """Prescribed displacement of nodes between two heights: a shift, then a rotation."""
         u = fem.Function(V)
 
         def displacement(x):

@@ -14,7 +14,7 @@ pytestmark = pytest.mark.at_most_two_ranks
 
 
 def pressed_and_drawn(**laws) -> nts.QuasiStatic:
-    """A block that is pressed into another one by 0.05 m until t = 1, and drawn over it then."""
+    """A block that is pressed 0.05 m into another one until t = 1, and then pulled along it."""
     scene = blocks(width=12, material=nts.NeoHookean(1e5, 0.3, 1e3))
     V, u = scene.V, fem.Function(scene.V)
     low = fem.locate_dofs_geometrical(V, lambda x: np.isclose(x[1], -0.5))
@@ -113,7 +113,7 @@ def test_a_pin_finds_its_place_in_a_hole_with_few_iterations(comm, load):
     # At the start vertices of both polygons are exactly above each other; then they slide apart.
     assert step.newton_iterations <= 20
     (reaction,) = step.reactions
-    # The hole is a polygon, and so is the pin, whose weight is less by that.
+    # Both hole and pin are polygons, which reduces the weight of the pin.
     assert reaction.force[1] == pytest.approx(load, rel=0.03)
 
 
@@ -125,8 +125,8 @@ def test_springs_hold_a_belt_with_few_iterations():
     for step in stepper.run(until=1.4):
         iterations.append(step.newton_iterations)
         (reaction,) = step.reactions
-    # Laid on, pulled more and more, and drawn until all of it slides: without contact that changes
-    # a step takes 4, and no step fails.
+    # Laid on, tensioned, and moved until it slides everywhere. A step without change of contact
+    # takes 4 iterations, and no step fails.
     assert max(iterations[1:10]) <= 6
     assert sum(iterations) <= 200
     ratio = np.exp(MU * ANGLE * RADIUS / (RADIUS + THICKNESS / 2))
@@ -199,7 +199,7 @@ def test_a_strip_of_metal_bends_around_a_circle_with_few_iterations(comm):
         dt=0.025,
         bcs=[fem.dirichletbc(np.float64(0), middle, W)],
     )
-    # In the first step contact is found.
+    # The first step finds contact.
     _, *later = (step.newton_iterations for step in stepper.run(until=0.25))
     assert max(later) <= 18
     assert sum(later) <= 105

@@ -1,4 +1,4 @@
-"""Statics of bodies that contact alone holds, and of those that nothing holds."""
+"""Statics of bodies supported by contact alone, and of unsupported bodies."""
 
 from mpi4py import MPI
 
@@ -23,10 +23,10 @@ ROUND_OFF, FACETS = 1e-9, 1e-7
 
 
 class Blocks:
-    """A block of 0.1 m and 1 kg on a clamped one, in touch, both of the same material."""
+    """A block of 0.1 m and 1 kg in contact with a clamped block of the same material."""
 
     def __init__(self, *, cell="hexahedron", wide=0.1, nu=0.3, lowest=0.0):
-        """Mesh both blocks; the lower one is as much wider on each side."""
+        """Mesh both blocks; the lower one is wider by a margin on each side."""
         comm = MPI.COMM_WORLD
 
         def fill(model):
@@ -53,7 +53,7 @@ class Blocks:
         return nts.ContactPair(nodes, segments, **(NODAL | laws))
 
     def stepper(self, pairs, g, **options):
-        """Statics under a gravity that acts on the upper block."""
+        """Statics with gravity on the upper block."""
         return nts.QuasiStatic(
             *([self.top, self.low], pairs), dt=0.25, bcs=[self.ground],
             loads=[nts.Gravity([self.top], g)], **options,
@@ -70,8 +70,8 @@ def test_a_block_rests_on_a_block(cell, mu, ramped):
     stepper = blocks.stepper([pair], g)
     iterations = [step.newton_iterations for step in stepper.run(until=1.0)]
     assert max(iterations) <= FEW
-    # Friction has found its place after two steps of the whole load, and nothing moves any more.
-    # Together they need 15 or 16 iterations on tetrahedra, as round-off wants.
+    # Friction is in equilibrium after two steps under the full load, and nothing moves any more.
+    # Together they need 15 or 16 iterations on tetrahedra, depending on round-off.
     assert ramped or sum(iterations[2:]) == 0
     assert ramped or cell == "tetrahedron" or sum(iterations) <= FEW
     force = nts.Diagnostics(stepper).contact_force()
@@ -79,7 +79,7 @@ def test_a_block_rests_on_a_block(cell, mu, ramped):
 
 
 @pytest.mark.parametrize(
-    # In the second step of the first all nodes are at their limit and none has far to slide.
+    # In the second step of the first scene all nodes are at their limit, with little slip.
     ("mu", "ramped"),
     [(0.003, False), once(0.003, True), once(0.01, False), once(0.0102, False)],
 )

@@ -1,4 +1,4 @@
-"""Steps are cut and grow again, without a trace in the state."""
+"""Steps are cut and grow again; a rejected attempt leaves no trace in the state."""
 
 import csv
 import logging
@@ -39,7 +39,7 @@ def same_state(one, other):
     same = [np.array_equal(getattr(one, f).x.array, getattr(other, f).x.array) for f in "uv"]
     for a, b in zip(one.pairs, other.pairs, strict=True):
         same += [
-            # NaN is a number like others here.
+            # NaN compares equal to NaN here.
             np.array_equal(*(np.nan_to_num(getattr(p.history, f.name), nan=9e9) for p in (a, b)))
             for f in fields(ContactHistory)
         ]
@@ -47,7 +47,7 @@ def same_state(one, other):
 
 
 def fail_at(monkeypatch, calls):
-    """Let some calls of Newton's method fail after they have moved everything."""
+    """Make some calls of Newton's method fail after they have changed the state."""
     solve, count = implicit_stepper.newton.solve, [0]
 
     def failing(*arguments, **options):
@@ -65,7 +65,7 @@ def test_a_cut_step_leaves_no_trace(comm, agree, monkeypatch, scheme):
     for control in (None, nts.StepControl()):
         cut, plain = (scene(comm, scheme, owner=layers).stepper for _ in range(2))
         with monkeypatch.context() as patch:
-            # All starts of the fourth step, and of its first half.
+            # All starting guesses of the fourth step, and of its first half.
             fail_at(patch, range(4, 10))
             reports = list(cut.run(UNTIL, control))
         for report in reports:
@@ -73,7 +73,7 @@ def test_a_cut_step_leaves_no_trace(comm, agree, monkeypatch, scheme):
             plain.advance()
         assert agree([report.rejected for report in reports[:5]] == [0, 0, 0, 2, 0])
         assert agree(max(report.num_active for report in reports) > 0)
-        # Equal steps also store the times at which they end.
+        # Equal steps also store their end times.
         assert agree(np.array_equal(cut.x, plain.x))
         assert agree(np.array_equal(cut.v.x.array, plain.v.x.array))
         assert agree(control is None or same_state(cut, plain))
@@ -106,7 +106,7 @@ def test_no_node_is_caught_further_away_than_asked(comm, folder, agree, gap_tol)
     energy = np.array([float(row["total_energy"]) for row in rows])
     rest = np.array([float(row["energy_unaccounted"]) for row in rows])
     assert agree(held and max(held) <= gap_tol)
-    # Cut for the impact, and grown again.
+    # Cut at the impact, and grown again.
     assert agree(min(lengths) < BLOCK_STEP / 4 and lengths[-1] > 2 * min(lengths))
     assert agree(sum(int(row["rejected"]) for row in rows) > 0)
     assert agree(np.abs(energy / energy[0] - 1).max() < ENERGY_TOLERANCE)
@@ -124,8 +124,8 @@ def test_without_it_nodes_are_caught_further_away(comm, agree):
 
 
 def fast(comm, law, factor):
-    """Blocks that meet a good deal faster than before. Collective."""
-    # Cells that are squashed to a small part of their height hold better with all points.
+    """Blocks that collide much faster than before. Collective."""
+    # Strongly compressed cells are more robust with all quadrature points.
     old, material = blocks(comm).stepper, law(E=1e3, nu=0.3, rho=10.0, one_point=())
     bodies = [of_material(body, material) for body in old.bodies]
     stepper = nts.EnergyMomentum(bodies, old.pairs, dt=0.2 / factor)
@@ -135,8 +135,8 @@ def fast(comm, law, factor):
 
 
 def test_an_impact_that_fails_in_long_steps_does_not_in_shorter_ones(comm, agree, refused):
-    # Twice the speed of the waves; what fails first depends on round-off. (At four
-    # times, a node can be driven through in any step, which is refused.)
+    # Twice the wave speed; the first failure depends on round-off. At four times this speed nodes
+    # may pass through a surface in any step, which is refused.
     reasons = "inverted|turned by more than 90 degrees|pass through a surface"
     with refused(nts.ConvergenceError, reasons):
         long = fast(comm, nts.NeoHookean, 14)
@@ -218,7 +218,7 @@ def test_a_first_step_that_is_cut_logs_pairs_once(comm, caplog, monkeypatch):
     stepper = scene(comm, SCHEMES["stick"]).stepper
     with caplog.at_level(logging.INFO, logger="dolfinx_nts"):
         with monkeypatch.context() as patch:
-            fail_at(patch, range(1, 7))  # all starts of the step, and of its first half
+            fail_at(patch, range(1, 7))  # all starting guesses of the step, and of its first half
             next(iter(stepper.run(UNTIL, nts.StepControl())))
     messages = [record.message for record in caplog.records]
     assert sum("is cut" in text for text in messages) == 2
@@ -346,7 +346,7 @@ def test_a_resumed_run_continues_with_the_same_steps(comm, folder, agree):
 
 
 def balloon(comm, pressure):
-    """Statics of a hollow ball under a pressure that grows with time, as if gas filled it."""
+    """Statics of a hollow ball under an internal gas pressure that grows with time."""
 
     def fill(model):
         size = {"inner_radius": 0.4, "outer_radius": 0.5, "cells_per_edge": 2, "layers": 1}
@@ -379,7 +379,7 @@ def test_a_limit_load_is_named_soon(comm, monkeypatch):
     assert below == pytest.approx(stepper.t) and above - below < 0.1 / 16
     assert "nor does relaxation with a viscous resistance find another one" in str(raised.value)
     assert "use EnergyMomentum, with damping or plastic impact" in str(raised.value)
-    # What a user asks for is done, and finds equilibria closer to it, none beyond.
+    # A length that the user sets is respected; it finds closer equilibria, but none beyond.
     smallest = 0.1 / 2**8
     with pytest.raises(nts.ConvergenceError, match=f"smallest step of {smallest:.3g} s"):
         list(stepper.run(1.0, nts.StepControl(smallest=smallest)))

@@ -54,7 +54,7 @@ class System:
         V = s.u.function_space
         self.owned = V.dofmap.index_map.size_local
         self.X = V.tabulate_dof_coordinates()[: self.owned]
-        # A state that is neither that at t_n nor a rigid motion of it.
+        # A state that is neither the one at t_n nor a rigid motion of it.
         trial = s.u.x.array + 2 * s.dt * s.v.x.array
         ids = input_ids(V)
         self.numbers = ids[: self.owned]

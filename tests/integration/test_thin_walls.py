@@ -30,7 +30,7 @@ def test_whole_boundaries_of_thin_plates_bounce_by_the_default(comm, thickness, 
     diagnostics = nts.Diagnostics(stepper)
     before = diagnostics.balance()
     for report in stepper.run(until=1.5 * gap + 3 * dt):
-        # Nothing acts before they meet.
+        # No force acts before they touch.
         assert report.num_active == 0 or report.t >= gap - dt / 2
     after = diagnostics.balance()
     assert abs(after.total_energy / before.total_energy - 1) < 1e-9

@@ -1,4 +1,4 @@
-"""Tied surfaces: exact balances, a conforming mesh as oracle, the patch test, and refusals."""
+"""Tied surfaces: exact balances, comparison with a conforming mesh, patch test, refusals."""
 
 from mpi4py import MPI
 
@@ -18,7 +18,7 @@ METHODS = ["node-to-segment", "mortar"]
 
 
 def stacked(comm, upper=(4, 4, 2), gap=0.0, motion=None):
-    """Two boxes of half a metre on each other; the lower one has 3 x 3 x 2 cells."""
+    """Two stacked boxes of 0.5 m; the lower one has 3 x 3 x 2 cells."""
     motion = motion or Motion.none()
     data = boxes([(3, 3, 2), upper], [(1.0, 1.0, 0.5)] * 2)
     data.X[np.unique(data.cells[data.body == 1])] += [0, 0, 0.5 + gap]
@@ -31,7 +31,7 @@ def stacked(comm, upper=(4, 4, 2), gap=0.0, motion=None):
 
 
 def tearing(X):
-    """Velocity of boxes that spin, and whose upper parts are torn away to the side."""
+    """Velocity of spinning boxes whose upper parts are pulled to the side."""
     return np.cross(OMEGA, X.T).T + np.array([0 * X[0], 3 * X[2] ** 2, 2 * X[0] * X[2]])
 
 

@@ -1,4 +1,4 @@
-"""Statics in which a tool reaches a body within a step, from any distance, for all laws."""
+"""Statics in which a tool reaches a body within a step, from any distance, with all laws."""
 
 from mpi4py import MPI
 
@@ -23,7 +23,7 @@ LAWS = {
 
 
 def punched(tool, gap, *, crumb=0.0, **laws):
-    """A sheet on which a punch comes down in one step, and perhaps a small cell next to it.
+    """A sheet on which a punch moves down in one step; optionally a small cell next to it.
 
     The punch moves as a rigid body, or by supports at its top.
     """
@@ -63,7 +63,7 @@ def punched(tool, gap, *, crumb=0.0, **laws):
 
 
 def force(stepper):
-    """Force of all supports that are held [N/m]."""
+    """Reaction of all supports [N/m]."""
     step = stepper.advance()
     return step.reactions[0].force[1]
 

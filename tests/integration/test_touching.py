@@ -14,7 +14,7 @@ pytestmark = pytest.mark.at_most_two_ranks
 STONE = nts.SaintVenantKirchhoff(E=1e7, nu=0.2, rho=2e3)
 FLOOR = nts.RigidPlane((0, 0, 0), (0, 0, 1))
 HOW = {"friction": nts.Coulomb(0.5)}
-# Round-off of positions [m]; no way at all, where a free body falls 4e-5 m in a step.
+# Round-off of positions [m], and no motion, where a free body falls 4e-5 m in a step.
 ROUNDING, NONE = 1e-14, 1e-9
 
 
@@ -49,7 +49,7 @@ def pressed(comm):
 
 def test_springs_of_nodes_without_earlier_segment_have_no_energy(comm):
     stepper = pressed(comm)
-    # As of nodes that come around an edge: they begin inside, and the last step saw them nowhere.
+    # As for nodes that slide around an edge: they start inside, without a segment before.
     stepper.contacts[0].history.key[:] = -1
     diagnostics = nts.Diagnostics(stepper)
 
@@ -61,7 +61,7 @@ def test_springs_of_nodes_without_earlier_segment_have_no_energy(comm):
     for _ in range(10):
         stepper.advance()
     assert diagnostics.active_nodes() > 0
-    # Springs that began on the surface would store 74 J there.
+    # Springs without offset would store 74 J there.
     assert abs(energy() - start) < 1e-10 * start
 
 

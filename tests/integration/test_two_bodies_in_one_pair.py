@@ -1,4 +1,4 @@
-"""A cube over the floor of a pair is struck from the side by another body of the same pair."""
+"""A cube over a floor is struck from the side by another body of the same pair."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ steps_ = pytest.mark.parametrize(
 
 
 def struck(comm, scheme, enforcement, dt, *, is_rigid, touches_itself=False):
-    """A cube over a floor of one cell, and a larger cube that flies at it; their bodies too."""
+    """Stepper and bodies: a cube over a floor of one cell, and a larger cube that flies at it."""
     data = boxes([(1, 1, 1)] * 3, [(EDGE,) * 3, (4.0, 4.0, 1.0), (1.0, 1.0, 1.0)])
     # Corners of the cube meet a face of the striker, and no edge of it.
     places = [(-EDGE / 2, -EDGE / 2, 0.2), (-2.0, -2.0, -1.0), (-1.6, -0.47, 0.02)]
@@ -48,7 +48,7 @@ def struck(comm, scheme, enforcement, dt, *, is_rigid, touches_itself=False):
 
 
 def overlap(stepper, cube, striker):
-    """Deepest x at which the striker has entered the cube so far in a run of a second [m]."""
+    """Largest penetration of the striker into the cube along x in a run of a second [m]."""
     deepest = -np.inf
     while stepper.t < 1.0:
         stepper.advance()

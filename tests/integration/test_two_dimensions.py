@@ -31,7 +31,7 @@ def run(scene, stepper, steps=STEPS):
 
 
 @pytest.mark.parametrize(
-    # Each two of the three meet in all combinations.
+    # All pairs of the three parameters.
     ("cell", "degree", "method", "impact"),
     [
         once("quadrilateral", 1, "node-to-segment", "elastic"),

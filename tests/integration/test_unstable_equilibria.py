@@ -1,4 +1,4 @@
-"""Equilibria of statics that bodies would leave: columns, strips and arches beyond buckling."""
+"""Unstable static equilibria: columns, strips and arches beyond buckling."""
 
 from itertools import chain
 from typing import Any
@@ -22,7 +22,7 @@ TOLD = "the equilibrium is unstable"
 
 
 def euler_load(dim: int, free_length: float) -> float:
-    """Load of a column whose buckles have this length [N], in the plane for a width of 1 m."""
+    """Euler load of a column of this buckling length [N], in the plane for a width of 1 m."""
     inertia = HEIGHT**3 / 12 * (WIDTH if dim == 3 else 1.0)
     return float(np.pi**2 * MODULUS * inertia / free_length**2)
 
@@ -63,7 +63,7 @@ def column(
 
 
 def warnings_of(caplog: pytest.LogCaptureFixture) -> list[str]:
-    """Warnings of an unstable equilibrium that any rank has given."""
+    """Warnings of an unstable equilibrium on any rank."""
     mine = [text for text in caplog.messages if TOLD in text]
     return list(chain(*MPI.COMM_WORLD.allgather(mine)))
 
@@ -131,7 +131,7 @@ def test_a_column_below_a_free_rigid_cap_is_unstable_beyond_its_euler_load(caplo
 
 
 def walls(V, body, facets, tag):
-    """Two walls without friction that touch the column all along."""
+    """Two frictionless walls that touch the column along its whole length."""
     sides = {"bottom": (0.0, 1.0), "top": (HEIGHT, -1.0)}
     return [
         nts.ContactPair(
@@ -180,17 +180,17 @@ def test_a_shallow_arch_is_unstable_beyond_its_limit_load(caplog):
         down.value = -rise * t
 
     def made(weight, *bcs):
-        """Statics under a weight in m/s^2."""
+        """Statics with gravity [m/s^2]."""
         load = nts.Gravity([body], (0.0, -weight))
         return nts.QuasiStatic([body], dt=0.25, bcs=[clamps, *bcs], loads=[load], update=update)
 
     def driven(weight):
-        """Lead the top down; returns the force that this takes, and the last state."""
+        """Move the top down; return the reaction force and the last state."""
         stepper = made(weight, drive)
         *_, last = stepper.run(1.0)
         return last.reactions[1].force[1], stepper
 
-    # The weight that needs no force there, by secants.
+    # Weight with zero reaction there, by secants.
     weights, forces = [0.0, 0.2], [driven(0.0)[0], driven(0.2)[0]]
     while abs(forces[-1]) > 1e-9 * abs(forces[0]):
         (a, b), (f, g) = weights[-2:], forces[-2:]
@@ -206,7 +206,7 @@ def test_a_shallow_arch_is_unstable_beyond_its_limit_load(caplog):
 
 
 def pressed_and_drawn() -> nts.QuasiStatic:
-    """A block that is pressed into another one with friction, and drawn over it then."""
+    """A block that is pressed into another one with friction, and then pulled along it."""
     scene = blocks(width=12, material=nts.NeoHookean(1e5, 0.3, 1e3))
     V, u = scene.V, fem.Function(scene.V)
     low, top = (

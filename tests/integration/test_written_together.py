@@ -1,4 +1,4 @@
-"""All ranks together write the same files as one, and none needs the memory for all data."""
+"""Several ranks write the same files as one rank, and no rank holds all data in memory."""
 
 import tracemalloc
 from contextlib import suppress
@@ -25,7 +25,7 @@ COPIES = 3.5
 
 
 def moved(stepper):
-    """Give each node a displacement and a velocity that its number decides."""
+    """Set displacement and velocity of each node by its number."""
     V = stepper.u.function_space
     ids = input_ids(V)[:, None] % 1013
     stepper.u.x.array[:] = (1e-3 * np.sin(ids * [0.1, 0.2, 0.3])).ravel()
@@ -34,7 +34,7 @@ def moved(stepper):
 
 
 def arrays(path):
-    """Every array in an HDF5 file by name, without what only one partition needs."""
+    """Every array in an HDF5 file by name, without data that depend on the partition."""
     found = {}
 
     def add(name, item):
@@ -86,7 +86,7 @@ def test_an_error_on_all_ranks_writes_buffered_states(comm, folder, agree):
 
 
 def peak(write):
-    """Most memory that this rank needs to write [bytes]."""
+    """Peak memory of this rank while writing [bytes]."""
     tracemalloc.start()
     try:
         write()

@@ -40,8 +40,7 @@ HEXAHEDRON, QUADRILATERAL = [0, 1, 3, 2, 4, 5, 7, 6], [0, 1, 3, 2]
 KEPT, KEPT_IN_EQUILIBRIUM = 0.01, 0.15
 # Difference of distances of equally near segments, relative to a segment [-].
 EQUAL = 1e-8
-# Gaps that count as none, and at which active nodes may stay, relative to a
-# segment [-].
+# Gaps that count as zero, and gaps at which active nodes may stay, relative to a segment [-].
 TOUCHES, NEAR = 1e-9, 0.01
 # Nodes higher above the plate do not touch in any step [m].
 FAR = 0.1
@@ -86,19 +85,19 @@ def read_mesh(path: Path) -> tuple[Array, dict[str, IntArray]]:
 
 
 def elastic(gap_n: Array, gap_trial: Array, size: float, active: Flags) -> Flags:
-    """Nodes that touch, would pass, or were active nearby hold their gap."""
+    """Elastic impact: nodes that touch, would penetrate, or were active nearby hold their gap."""
     passes = (gap_n > 0) & (gap_trial < gap_n) & (gap_n + gap_trial < TOUCHES * size)
     stays = active & (gap_n < NEAR * size)
     return (gap_n <= TOUCHES * size) | passes | stays
 
 
 def hold(gap_n: Array, gap_trial: Array, size: float, active: Flags) -> Flags:
-    """Only nodes that have touched hold their gap."""
+    """Elastic impact: only nodes that have touched hold their gap."""
     return gap_n <= 1e-12
 
 
 def plastic(gap_n: Array, gap_trial: Array, size: float, active: Flags) -> Flags:
-    """All nodes may touch, and close their gap."""
+    """Plastic impact: all nodes may touch, and close their gap."""
     return np.full(len(gap_n), True)
 
 
@@ -112,7 +111,7 @@ VARIANTS: dict[str, tuple[bool, Law]] = {
 
 @dataclass
 class State:
-    """Positions and velocities, and who was active on which segments."""
+    """Positions and velocities, active nodes and their segments."""
 
     x: Array
     v: Array
@@ -178,7 +177,7 @@ class BallPlate:
         return abs(gap) if max(*-xi, *(xi - 1)) <= 0 else nts.distance(x_pair)
 
     def find(self, x: Array, number: int, before: list[int], allowed: float) -> list[int]:
-        """Return the segments before, unless the node is too far beside one, or the nearest."""
+        """Return the previous segments, or the nearest ones if the node has left one of them."""
         for i in before:
             xi = nts.project(x[self.pair(number, i)], self.orientation[i])[0]
             if max(*-xi, *(xi - 1)) > allowed:
@@ -194,7 +193,7 @@ class BallPlate:
         """Return the segments at t_n, and which nodes may touch."""
         begin, gap_n, gap_trial = [], *np.full((2, len(self.nodes)), np.nan)
         for number, before in enumerate(old.segments):
-            # Of several segments none was the right one.
+            # None of several segments was the right one.
             single = before if len(before) == 1 else []
             own = self.find(old.x, number, single, KEPT)
             met = own if len(own) > 1 else self.find(trial, number, own, KEPT)[:1]

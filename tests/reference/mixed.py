@@ -183,7 +183,7 @@ def solve_step(
     geometric = np.concatenate((np.full(num, True), own))
     for iteration in range(max_iter):
         residual, jacobian = assemble(bulk, contacts, x_n, unknowns)
-        # Equilibrated: the rows are forces and lengths, moduli apart
+        # Equilibrated, as rows are forces and lengths.
         rows = np.abs(jacobian).max(axis=1)
         change = np.linalg.solve(jacobian / rows[:, None], -residual / rows)
         unknowns = unknowns + change

@@ -77,7 +77,7 @@ def test_uniform_stress_is_exact_on_distorted_cells(cell, degree, nu, table_row)
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize("cells", [(4, 6), (6, 4)])
 def test_axisymmetric_patch_test_is_passed_by_mortar(cells, degree, table_row):
-    """Round blocks whose meshes do not match, pressed and widened alike: one pressure."""
+    """Round blocks with non-matching meshes, compressed and widened equally: uniform pressure."""
     lower, upper = (
         block((0.0, z), (1.0, 1.0), (n, 2)) for z, n in ((-1.0, cells[0]), (0.0, cells[1]))
     )
@@ -224,7 +224,7 @@ def half_ball(model: Any, size: str, edge: float) -> None:
 
 
 class HalfBall(NamedTuple):
-    """The body, the nodes of its top that may touch, and what holds its round side."""
+    """The body, the contact surface at its top, and the clamp of its round side."""
 
     body: nts.Body
     top: nts.Surface
@@ -243,7 +243,7 @@ class HalfBall(NamedTuple):
 def pressed(
     tool: Any, depth: float, size: str, edge: float = np.inf
 ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
-    """Press a moving tool into the flat top of half a ball, whose round side is held.
+    """Press a moving tool into the flat top of half a ball with a clamped round side.
 
     Args:
         tool: Obstacle that touches the top at the origin.

@@ -23,10 +23,10 @@ PLASTIC = nts.LagrangeMultiplier("plastic")
 # Of the energy at any step, relative to the start.
 ENERGY_TOLERANCE = 1e-10
 LINEAR_TOLERANCE, ANGULAR_TOLERANCE = 1e-12, 1e-11
-# A node is held where it is found: the approach within half a step,
-# 0.01 s * 1 m/s / 2, is the order of its penetration [m].
+# A node becomes active at its current gap: the approach within half a step, 0.01 s * 1 m/s / 2, is
+# the order of its penetration [m].
 DEEPEST = 3e-3
-# Relative; both programs solve each step to 1e-12, what else they do is the same.
+# Relative; both programs solve each step to 1e-12 and agree otherwise.
 REFERENCE_TOLERANCE = 1e-9
 # What round-off leaves of a symmetric motion [m/s]; measured 4e-14.
 SYMMETRY_TOLERANCE = 1e-9
@@ -46,7 +46,7 @@ class Hold(nts.LagrangeMultiplier):
 
 @dataclass
 class Run:
-    """What a run leaves behind, one entry for each step.
+    """Results of a run, one entry for each step.
 
     Pressures are the least and the greatest of each on this rank.
     """
@@ -65,7 +65,7 @@ class Run:
         return float(-self.smallest_gap.min())
 
     def release(self, gap: float | None = None) -> float:
-        """Time after which no node is active, or nearer than a gap, again."""
+        """Time after which no node is active again, or closer than a gap."""
         there = self.history.num_active if gap is None else self.smallest_gap < gap
         return self.history.reports[int(np.flatnonzero(there)[-1])].t
 
@@ -250,7 +250,7 @@ def test_ball_leaves_with_the_velocity_of_the_reference(elastic):
 
 @pytest.mark.serial
 def test_energy_is_conserved_in_short_steps():
-    """As in those of 0.01 and 0.02 s; half of the contact."""
+    """Half of the contact, compared with steps of 0.01 and 0.02 s."""
     history = run(nts.EnergyMomentum, None, 0.005, 0.8).history
     assert history.energy_error <= ENERGY_TOLERANCE
     assert max(history.num_active) > 10
@@ -258,10 +258,9 @@ def test_energy_is_conserved_in_short_steps():
 
 @pytest.mark.serial
 def test_ball_is_released_at_the_time_of_the_reference(to_five):
-    # Reference: 1.54 (elastic), 1.52 (plastic). Elastic nodes hop, and
-    # whether the last hop ends on the plate is chance: what counts is when
-    # they leave the layer in which nodes are held, of half a step of
-    # approach (1 m/s).
+    # Reference: 1.54 (elastic), 1.52 (plastic). Elastic nodes bounce, and whether the last bounce
+    # ends on the plate is random. The test measures when they leave the layer in which nodes become
+    # active, half the approach of a step (1 m/s).
     assert 1.50 <= to_five.release(gap=0.02 * 1.0 / 2) <= 1.56
     plastic = run(nts.EnergyMomentum, nts.LagrangeMultiplier("plastic"), 0.02, 1.7)
     assert 1.50 <= plastic.release() <= 1.56

@@ -24,8 +24,8 @@ pytestmark = pytest.mark.at_most_two_ranks
 
 # Of the total energy at any step, relative to the start.
 ENERGY_TOLERANCE = 1e-10
-# Of mean force and duration on the finest mesh; other programs are content
-# with 10 % in the stress and 6-8 % in the energy (Norma.jl).
+# Tolerances of mean force and duration on the finest mesh; other programs accept 10 % in the stress
+# and 6-8 % in the energy (Norma.jl).
 FORCE_TOLERANCE = DURATION_TOLERANCE = 0.02
 # The solution is a jump that travels: the best approximation by elements of
 # degree 1 is of this order in the norm of the energy.
@@ -96,7 +96,7 @@ PUBLISHED = {
     "two bars": "Cirak and West 2005: stress rho c v = 0.1, contact for 20, energy 0.2 a bar",
     "SDNV100": "code_aster V5.03.100: touch at 2.0e-5 s, contact for 6.895e-5 s, 1.856e6 N",
 }
-# Laws of impact that do not hop, with steps in which a wave passes half a cell.
+# Laws of impact without bouncing nodes, with steps in which a wave passes half a cell.
 STEADY = {
     "wall by resolved": replace(CASES["wall"], courant=0.5, law=("resolved",)),
     "wall by restitution": replace(CASES["wall"], courant=0.5, law=("restitution", 0.0)),
@@ -107,7 +107,7 @@ EXACT = [name for name, case in CASES.items() if case.uniaxial_strain]
 
 @dataclass(frozen=True)
 class Impact:
-    """What came out, relative to theory.
+    """Results relative to theory.
 
     Attributes:
         energy_error: Largest change of the total energy.

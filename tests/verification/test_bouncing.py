@@ -1,4 +1,4 @@
-"""Bodies that bounce for ever: no drift of the energy, and the right pace.
+"""Bodies that bounce repeatedly: no drift of the energy, and the correct period.
 
 A bar under gravity (Doyen, Ern and Piperno, SIAM J. Sci. Comput. 33, 2011)
 and a ball between two free plates.
@@ -145,7 +145,7 @@ def test_bouncing_bar_turns_in_the_period_of_theory(table_row):
 
 @pytest.mark.serial
 def test_bouncing_bar_keeps_its_energy_for_ten_periods(table_row):
-    """With a multiplier only the energy lasts, the pace does not.
+    """With a multiplier the energy is conserved, but the period drifts.
 
     Each time the wall stops the node that it meets, and the energy of
     that node becomes vibration, which comes back at another time: the
@@ -163,9 +163,8 @@ def test_bouncing_bar_keeps_its_energy_for_ten_periods(table_row):
     assert 0.7 <= run.period(10) <= 0.95
 
 
-# Ten periods with a spring instead, half as stiff as a cell: it meets no node
-# by surprise. Each contact lasts longer by the time that a wave takes for some
-# cells.
+# Ten periods with a spring of half the stiffness of a cell, which stops nodes gradually. Each
+# contact lasts longer by the time of a wave through some cells.
 SPRING, MESHES = 0.5, (12, 18, 24)
 
 

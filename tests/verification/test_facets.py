@@ -1,4 +1,4 @@
-"""What facets of a round surface do to forces: a point that is dragged over a cylinder.
+"""Effect of facets of a round surface on forces: a point that is dragged over a cylinder.
 
 Facets of the length l are up to l^2/8R below an arc of radius R, which is compared with how deep
 the point is pressed in; on curved cells of second order they are half as long. Smooth segments
@@ -123,7 +123,7 @@ def dragged_in_space(cell: str, smooth: bool) -> np.ndarray:
 
 
 def ripple(forces: np.ndarray) -> float:
-    """By how much a force changes, relative to its mean [%]."""
+    """Variation of a force relative to its mean [%]."""
     return float(100 * np.ptp(forces) / forces.mean())
 
 

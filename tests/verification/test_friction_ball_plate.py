@@ -33,8 +33,8 @@ DISSIPATION_ROUND_OFF = 1e-11
 MEAN_ITERATIONS, MOST_ITERATIONS = 4.8, 10
 
 
-# The variant of the paper: midpoint rule, penalty, slip by convective
-# coordinates; energy at the end, and the defect of it and the springs.
+# The variant of the paper: midpoint rule, penalty, slip by convective coordinates. Energy at the
+# end, and the energy error including springs.
 PAPER_ENERGY, PAPER_DISSIPATION = 1673.62, 307.82
 
 

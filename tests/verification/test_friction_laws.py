@@ -45,7 +45,7 @@ def block() -> nts.RigidBody:
 
 
 def on_plate(body: nts.Body, travel: Any, law: Any, enforcement: Any) -> nts.ContactPair:
-    """Contact of the lower side with a plate of a given travel along x over time. Collective."""
+    """Contact of the lower side with a plate of prescribed motion along x. Collective."""
     plate = nts.RigidPlane((0, 0, 0), UP).moving(
         nts.Motion(translation=lambda t: (travel(t), 0.0, 0.0))
     )
@@ -266,7 +266,7 @@ def error_of_limits(s: Any, before: Any) -> float:
     error = np.where(history.sliding, np.abs(size - limit), 0.0).max(initial=0.0)
     own = float(size.max(initial=0.0)), float(error)
     largest, error = (MPI.COMM_WORLD.allreduce(value, op=MPI.MAX) for value in own)
-    # Nodes that arrive at the end of a step have forces of round-off.
+    # The forces of nodes that touch at the end of a step are round-off.
     return error / largest if largest > 1.0 else np.nan
 
 
@@ -316,7 +316,7 @@ def test_law_of_a_user_between_bodies_that_move(stepper, method, enforcement):
             assert error <= (1e-12 if explicit else 1e-6)
             assert report.contact_work.friction < 0
     assert slid >= 2
-    if explicit:  # which conserves the energy of no step
+    if explicit:  # which does not conserve the energy in a step
         return
     # Plastic impact of multipliers loses energy, too.
     assert energy - diagnostics.balance().total_energy >= dissipated

@@ -370,10 +370,9 @@ def test_two_balls_at_published_data_differ_from_hertz_by_their_material(materia
 
 # --- tangential load ---------------------------------------------------
 
-# Theory leaves out that pressing also slides (against a rigid plane, Dundurs'
-# beta = (1 - 2 nu)/(2 - 2 nu) is 0.09 with nu = 0.45) and that slip is not quite
-# parallel to the load. From six cells on the error is 2 to 3 %, which neither a
-# stiffer spring nor smaller steps nor more friction change.
+# Theory neglects slip due to pressing (against a rigid plane Dundurs' beta = (1 - 2 nu)/(2 - 2 nu)
+# is 0.09 with nu = 0.45), and slip is not quite parallel to the load. From six cells on the error
+# is 2 to 3 %, for any stiffness of springs, step and friction.
 STICK_TOLERANCE = 0.03
 MOST_ITERATIONS = 9
 
@@ -430,7 +429,7 @@ def shift(fine: int, eps_T: float | None = None) -> Shift:
         support(V, facets, tag["ball_top"], 2, down),
         support(V, facets, tag["ball_top"], 0, aside),
     ]
-    # Cattaneo, Mindlin: half of the force that makes all of it slide.
+    # Cattaneo, Mindlin: half of the force at which the whole contact slides.
     normal = 4 / 3 * E / (1 - nu**2) * np.sqrt(R) * depth**1.5
     shear = E / (2 * (1 + nu))
     travel = 3 * mu * normal * (2 - nu) / (16 * a * shear) * (1 - 0.5 ** (2 / 3))

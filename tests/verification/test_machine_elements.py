@@ -24,7 +24,7 @@ ROUND_OFF = 1e-9
 
 
 def held(V, data, side, axis=None):
-    """Condition that fixes a side in all directions, or in one."""
+    """Condition that fixes a side in all directions, or in one direction."""
     space = V if axis is None else V.sub(axis)
     dofs = fem.locate_dofs_topological(space, 1, data.facets.find(data.tag[side]))
     return fem.dirichletbc(np.zeros(2) if axis is None else np.float64(0), dofs, space)

@@ -18,7 +18,7 @@ from reference.bulk import rotation
 pytestmark = pytest.mark.serial
 
 MORTAR = partial(nts.ContactPair, method="mortar", enforcement=nts.LagrangeMultiplier())
-# Spread of stress and pressure that is none, relative.
+# Spread of stress and pressure that counts as zero, relative.
 EXACT = 1e-9
 
 
@@ -80,7 +80,7 @@ def test_patch_test_is_nearly_passed_on_facets_that_are_no_parallelograms(smooth
 
 
 def test_blocks_that_are_compressed_in_large_steps_still_pass():
-    """Points are chosen again until they belong to the equilibrium."""
+    """Contact points are updated until they belong to the equilibrium."""
     blocks = compress(4, 6, MORTAR, compression=0.05)
     assert np.ptp(blocks.stress) <= 1e-7
 
@@ -255,7 +255,7 @@ def sliding_bulge(comm: MPI.Comm) -> tuple[nts.EnergyMomentum, nts.Diagnostics]:
 
 
 def test_a_touching_node_does_not_sink_in_as_its_facets_slide_over_a_rim(table_row):
-    """By overlaps of the bodies, which know nothing of pairs."""
+    """By overlaps of the bodies, independent of the contact pairs."""
     stepper, diagnostics = sliding_bulge(MPI.COMM_WORLD)
     energy, depth, active = diagnostics.balance().total_energy, 0.0, 0
     for _ in range(30):

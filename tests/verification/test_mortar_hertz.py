@@ -81,7 +81,7 @@ def pressed(method: str, upper: int, lower: int, swapped: bool, scale: Scale = Q
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
     material = nts.SaintVenantKirchhoff(E, NU, 1.0, one_point=())
     bodies = [nts.Body(V, cells, tag[f"body {number}"], material) for number in (0, 1)]
-    # Those at z = 0.
+    # Nodes at z = 0.
     sides = [nts.Surface(V, facets, tag[f"bottom {number}"]) for number in (1, 0)]
     pair = nts.ContactPair(
         *(sides[::-1] if swapped else sides), method=method, enforcement=nts.LagrangeMultiplier()
@@ -128,13 +128,13 @@ def pressed(method: str, upper: int, lower: int, swapped: bool, scale: Scale = Q
     )
 
 
-# Largest error with the finer side as nodes, and with the coarser one.
+# Largest error with the nodes on the finer side, and on the coarser one.
 FINER, COARSER = 0.012, 0.019
 
 
 @pytest.mark.parametrize("swapped", [False, True])
 def test_nodal_pressure_agrees_with_hertz(swapped, table_row):
-    """Six times as near as with nodes and segments, and ten times as smooth."""
+    """A sixth of the error, and a tenth of the roughness, of node-to-segment contact."""
     mortar, nodes = (pressed(m, 16, 12, swapped) for m in ("mortar", "node-to-segment"))
     table_row(
         f"{'coarser' if swapped else 'finer'} side as nodes, 6 to 8 cells in a",

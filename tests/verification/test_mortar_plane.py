@@ -108,7 +108,7 @@ RADIUS, TRAVEL = 4.0, 0.02
 
 @dataclass(frozen=True)
 class Pressure:
-    """Nodal pressure within 0.85 of the contact radius, relative to the greatest one.
+    """Nodal pressure within 0.85 of the contact radius, relative to the maximum.
 
     Attributes:
         error: Root mean square of the difference from theory.
@@ -175,7 +175,7 @@ def pressed_parabola(method: str, swapped: bool, degree: int = 1) -> Pressure:
     )
 
 
-# Largest error, with the finer side as nodes and with the coarser one, by degree.
+# Largest error with the nodes on the finer side and on the coarser one, by degree.
 LARGEST = {(1, False): 0.011, (1, True): 0.018, (2, False): 0.019, (2, True): 0.039}
 
 

@@ -34,7 +34,7 @@ EXACT = 10 * COMPRESSION
 def stress_error(
     lower: int, upper: int, pairs: Callable[..., Any] = NODAL_PAIR
 ) -> tuple[float, float, list[float]]:
-    """Error of the stress of blocks with so many cells along an edge. Collective.
+    """Error of the stress of blocks with given numbers of cells along an edge. Collective.
 
     Args:
         lower: Cells along an edge of the lower block.
@@ -57,11 +57,11 @@ def stress_error(
 
 
 def test_matching_meshes_pass_the_patch_test():
-    """Uniform pressure, where every node has its fellow."""
+    """Uniform pressure, where nodes of both surfaces coincide."""
     assert stress_error(4, 4)[0] <= EXACT
 
 
-# Largest error of the stress: the finer surface as nodes, and the coarser.
+# Largest error of the stress: nodes on the finer surface, and on the coarser one.
 FINER_AS_NODES, COARSER_AS_NODES = 0.118, 0.387
 # Change of the largest error by refinement.
 CHANGE = 0.05
@@ -85,7 +85,7 @@ def test_error_of_the_patch_test_agrees_with_the_readme(finer_as_nodes, table_ro
     assert np.log2(coarse_mean / fine_mean) == pytest.approx(0.5, abs=0.1)
 
 
-# With both as nodes of springs, of which those at the rim are softer.
+# With springs at the nodes of both; springs at the rim are softer.
 BOTH = 0.0421
 
 

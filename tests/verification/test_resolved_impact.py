@@ -1,4 +1,4 @@
-"""Impact that is resolved in time, by nodes without mass: order, energy, momenta and forces.
+"""Resolved impact by massless contact nodes: order, energy, momenta and forces.
 
 So it is by springs that follow the stiffness of the cells.
 """
@@ -49,7 +49,7 @@ class Bar:
     depth: float
 
 
-# Times at which a run of each law is looked at.
+# Times at which a run of each law is evaluated.
 TIMES = {"resolved": (1.2, 2.6), "elastic": (2.6,), "springs": (1.2,)}
 # Cells of bars by name, and their degree; at degree 2 they are twice as long.
 HEXAHEDRA, HEXAHEDRA_2, TETRAHEDRA_2 = ("hexahedron", 1), ("hexahedron", 2), ("tetrahedron", 2)
@@ -139,7 +139,7 @@ def test_error_is_of_second_order_in_the_step_also_through_release(
 
 
 def _of(element):
-    """Say in words of which cells a bar is, where these are not the usual ones."""
+    """Describe the cells of a bar where they are not the default ones."""
     cell, degree = element
     return "" if element == HEXAHEDRA else f", {cell[:-2]}a of degree {degree}"
 
@@ -467,8 +467,8 @@ def test_ball_on_a_plate_loses_the_frictional_dissipation_only(
 
 @pytest.mark.serial
 def test_node_that_is_pressed_into_a_dent_finds_a_place_where_the_plate_is_smooth():
-    # Waves have 12 m/s. Between two flat facets a node without mass, which goes to its equilibrium
-    # may have it beyond the edge of either, from step 17 on.
+    # The wave speed is 12 m/s. From step 17 on, a massless node between two flat facets may have
+    # its equilibrium beyond the edge of both.
     stepper = on_plate(
         MPI.COMM_SELF, 0.002, "node-to-segment", 0.0, velocity=(0.0, 5.0, -10.0), smooth=True
     )
@@ -530,8 +530,8 @@ def test_energy_is_exact_in_steps_in_which_waves_cross_many_cells(dt):
 @pytest.mark.serial
 def test_steps_that_do_not_resolve_a_cell_are_reported_once(caplog):
     bars.__wrapped__("resolved", 0.15, [0.6])
-    (message,) = (m for m in caplog.messages if "waves cross" in m)
-    assert "waves cross 1.4 cells" in message
+    (message,) = (m for m in caplog.messages if "Courant number" in m)
+    assert "Courant number 1.4 of cells" in message
     assert "use dt <= 0.11 s" in message
     caplog.clear()
     bars.__wrapped__("resolved", 0.04, [0.3])

@@ -1,4 +1,4 @@
-"""Impact that is resolved in time, of bodies that take energy: order, dissipation and momenta."""
+"""Resolved impact of dissipative bodies: order, dissipation and momenta."""
 
 from functools import partial
 
@@ -18,7 +18,7 @@ from helpers.order import observed_order
 
 pytestmark = pytest.mark.at_most_two_ranks
 
-# Of the energy that nothing accounts for, and of momenta, relative.
+# Tolerances of the unaccounted energy and of momenta, relative.
 ENERGY_TOLERANCE, MOMENTUM_TOLERANCE = 1e-10, 1e-11
 RESOLVED = nts.LagrangeMultiplier("resolved")
 DRAG, elastic = 0.5, nts.SaintVenantKirchhoff
@@ -150,7 +150,8 @@ def test_blocks_lose_the_dissipation_of_materials_and_friction(comm, agree, name
     assert agree(sum(works) < -1e-2 * ledger.scale)
     assert agree((rubbed < -1e-5 * ledger.scale) == (mu > 0))
     assert agree(abs(ledger.gained - sum(works) - rubbed) <= ENERGY_TOLERANCE * ledger.scale)
-    # Mass damping slows all by (1 - a dt/2)/(1 + a dt/2) a step, and has no such law of turns.
+    # Mass damping reduces all velocities by (1 - a dt/2)/(1 + a dt/2) a step, and conserves no
+    # momentum.
     drag = BLOCKS[name].mass_damping * scenes.BLOCK_STEP / 2
     left = ((1 - drag) / (1 + drag)) ** 12
     start, end = ledger.start, ledger.diagnostics.balance()

@@ -1,4 +1,4 @@
-"""Impact by a coefficient of restitution: rebound, losses, and what cannot have it."""
+"""Impact with a coefficient of restitution: rebound, losses, and refused combinations."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ RIGID = 2e-3
 
 
 def drop(comm, e, phase, scheme):
-    """Let a stiff cube fly against a wall, which it meets at a phase of the second step.
+    """Let a stiff cube fly against a wall, with impact at a given fraction of the second step.
 
     Returns:
         Its velocity to the wall at the end over that before, and its relative loss of energy by
@@ -177,7 +177,7 @@ def test_side_of_a_hinged_rod_meets_a_wall_at_once_and_leaves_with_a_part_of_its
     first = diagnostics.balance()
     active = max(step.num_active for step in stepper.run(6 * STEP))
     last = diagnostics.balance()
-    assert active >= 3  # as many as it takes of the 21 that meet the wall
+    assert active >= 3  # as many of the 21 nodes that touch the wall as needed
     spin = last.angular_momentum[1] / first.angular_momentum[1]
     assert spin == pytest.approx(-e, abs=1e-5)
     # An angle of 1/100 a step: the remaining spin at e = 0 is of second order.
@@ -243,7 +243,7 @@ def test_block_that_slides_in_a_tube_does_not_sink_into_it_step_by_step():
     for step in stepper.run(until=0.5):
         depth.append(np.linalg.norm(stepper.x, axis=1).max() - radius)
         assert sum(step.contact_work) < 1e-9
-    # It has come to the wall, with what an impact may leave, and stays as it is.
+    # It has reached the wall up to the tolerance of an impact, and rests.
     assert 0 < np.mean(depth[-20:]) < 2.5e-3
     assert np.mean(depth[-20:]) - np.mean(depth[40:60]) < 1e-3
 

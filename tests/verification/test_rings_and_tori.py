@@ -175,7 +175,7 @@ def check_rebound(run: Run) -> None:
 
 
 def balances(run: Run) -> str:
-    """Tell how well all is conserved."""
+    """Report the conservation errors."""
     energy = run.ledger_error if run.dissipation else run.energy_error
     return f"{energy:.0e}, {run.linear_drift:.0e}, {run.angular_drift:.0e}"
 
@@ -203,7 +203,7 @@ def test_two_rings_with_friction_spin_afterwards(eps_T, table_row):
     assert run.dissipation > 0
     assert np.mean(run.iterations) <= MEAN_ITERATIONS
     assert np.abs(run.spins[:, 2]).min() >= TURNS
-    # Equal forces at equal lever arms turn both in the same sense.
+    # Equal forces at equal lever arms rotate both in the same direction.
     assert np.prod(run.spins[:, 2]) > 0
 
 

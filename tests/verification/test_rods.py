@@ -94,12 +94,12 @@ def noise(t, force, first=0.1):
 def test_contact_force_of_default_springs_is_steady_at_any_step(dt, table_row):
     results = [rods(n, dt) for n in (20, 40, 80)]
     values = [noise(*result[:2]) for result in results]
-    # The front takes about four cells, a fifth of the plateau's half in 20 cells.
+    # The front extends over about four cells, a fifth of half the plateau with 20 cells.
     assert values[0] < 0.08
     assert noise(*results[0][:2], first=0.25) < 0.05
     assert max(values[1:]) < 0.05
     assert max(result[3] for result in results) < ENERGY
-    # It needs one cell on each side for the front to build up.
+    # The front needs one cell on each side to build up.
     for n, (_, _, speed, _) in zip((20, 40, 80), results, strict=True):
         assert abs(speed - 0.5) < 0.5 / n
     if dt is not None:

@@ -1,4 +1,4 @@
-"""What facets of round bodies do to their motion: a disc that rolls, and two that collide.
+"""Effect of facets of round bodies on motion: a rolling disc, and two colliding discs.
 
 A polygon that rolls falls onto each of its sides, so that its speed ripples. It turns what meets
 it aside where a side is not normal to the line of the centres. On a smooth surface both depend on
@@ -38,7 +38,7 @@ def rolling(cells: int, *, by_disc: bool = False, smooth: bool = False) -> np.nd
     tags = tagged(domain, lambda x: x[:, 1] < 0)
     disc, floor = nts.Body(V, tags, 1, STEEL), nts.RigidBody(V, tags, 2, 1e3, guide=nts.Guide())
     rim = nts.boundary_of(disc, where=lambda x: np.hypot(x[0], x[1] - 1) > 0.99, smooth=smooth)
-    # Softer springs round the facets off.
+    # Softer springs smooth the facets.
     laws: Any = {"enforcement": nts.Penalty(1.08e7), "friction": nts.Coulomb(0.5)}
     if by_disc:
         pair = nts.ContactPair(rim, nts.RigidPlane((0, 0), (0, 1)), **(NODAL | laws))
@@ -131,7 +131,7 @@ def test_a_rigid_ball_with_smooth_segments_rolls_as_a_ball(table_row):
 
 
 def turned_aside(upper_cells: int, *, smooth: bool = False, **laws: Any) -> float:
-    """Largest speed to the side after discs collide centrally with 1 m/s, over turns of both."""
+    """Largest lateral speed after a central collision of discs at 1 m/s, over rotations of both."""
     speeds = []
     for lower_phase, upper_phase in ((0.0, 0.3), (0.25, 0.3), (0.25, 0.6)):
         two = ring((0, 0), 1.0, 16, lower_phase), ring((0, 2.005), 1.0, upper_cells, upper_phase)

@@ -1,4 +1,4 @@
-"""Bodies whose walls meet: energy and momenta as in any other contact."""
+"""Self-contact: energy and momenta are conserved as in contact of two bodies."""
 
 from mpi4py import MPI
 
@@ -40,7 +40,7 @@ def ball(comm):
 
 
 def squeezed(body, pair, speed, dt, scheme=nts.EnergyMomentum):
-    """Thrown so that its top and its bottom fly towards each other."""
+    """Body whose top and bottom fly towards each other."""
     stepper = scheme([body], [pair], dt=dt)
     x, y, z = body.V.tabulate_dof_coordinates()[body.nodes].T
     stepper.set_velocity(body, np.array([0.7 - 0.1 * z, 0.3 * x - speed * y, 0.2 + 0 * x]))
@@ -56,7 +56,7 @@ def check(stepper, pair, until, comm):
         lost += comm.allreduce(pair.history.dissipation.sum())
         most = max(most, report.num_active)
         works = report.contact_work
-        # A loaded spring that slides over a rim gives its energy up.
+        # A loaded spring that slides over a free edge releases its energy.
         lost -= works.facet_change
         if isinstance(pair.enforcement, nts.LagrangeMultiplier):
             lost -= works.persistent + works.activation

@@ -74,7 +74,7 @@ def rings(
 
 
 def guided(V: fem.FunctionSpace, thickness: float) -> list[fem.DirichletBC]:
-    """Planes of symmetry, and of plane strain in space."""
+    """Supports on planes of symmetry, and of plane strain in space."""
     planes = [(0, 0.0), (1, 0.0)] + [(2, 0.0), (2, thickness)] * (V.mesh.topology.dim == 3)
     bcs = []
     for axis, at in planes:
@@ -87,7 +87,7 @@ def guided(V: fem.FunctionSpace, thickness: float) -> list[fem.DirichletBC]:
 
 
 def pressed(cell: str, by: str, order: int = 2, smooth: tuple[str, ...] = ()) -> np.ndarray:
-    """Fit both, with the nodes of one; pressure at its nodes, relative to Lame's."""
+    """Fit both, with contact nodes on one body; nodal pressure relative to Lame's."""
     other = "hub" if by == "shaft" else "shaft"
     data = nts.read_mesh(
         partial(rings, cell=cell, edges={"shaft": 12, "hub": 16}, order=order), MPI.COMM_WORLD

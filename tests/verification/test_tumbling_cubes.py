@@ -1,4 +1,4 @@
-"""Rigid cubes that tumble in a box: how deep edges that cross sink into each other."""
+"""Rigid cubes that tumble in a box: largest penetration at crossing edges."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def test_tumbling_cubes_overlap_by_half_a_step_at_most_where_edges_touch(comm, t
     with_edges, error, speed = run(comm, edges=True)
     assert abs(error) < 1e-10
     assert depth > 0.1
-    # Two nodes may come nearer by twice the speed; half a step of that stays.
+    # Two nodes approach each other by at most twice the speed; half of that per step remains.
     assert with_edges < 0.008 * speed
     table_row(
         "five rigid cubes of 1 m tumble in a box, elastic impact",

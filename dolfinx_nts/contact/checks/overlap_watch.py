@@ -107,7 +107,7 @@ class OverlapWatch:
 
     @cached_property
     def _selves(self) -> frozenset[str]:
-        """Names of boundaries with self contact."""
+        """Boundaries with self-contact, by name."""
         return frozenset().union(*(a & b for _, a, b in self._roles))
 
     @cached_property
@@ -396,7 +396,7 @@ class OverlapWatch:
 
 
 def _by_kind(verdicts: Mapping[Overlap, str]) -> dict[str, list[Overlap]]:
-    """Overlaps by cause."""
+    """Sort overlaps by cause."""
     kinds: dict[str, list[Overlap]] = {}
     for overlap, kind in verdicts.items():
         kinds.setdefault(kind, []).append(overlap)

@@ -189,7 +189,7 @@ def _relative_displacements(
 def _is_lost(
     candidates: Candidates, points: ContactPoints, x: Floats, paths: Trajectories, reach: float
 ) -> Flags:
-    """Flags of points that remain below a surface and would not be found there."""
+    """Flags of points that end below a surface, beyond the reach of the next search."""
     entered, size = paths.entered, candidates.size[paths.entered]
     after, gap = candidates.pair(points, x, paths.entered, reach)
     came = paths.begin >= 0

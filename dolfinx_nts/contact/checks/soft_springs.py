@@ -54,7 +54,7 @@ class SoftSprings:
         return contact in self._watched
 
     def sunk(self, x: Floats) -> str:
-        """Message naming bodies that were pushed through an obstacle, or "".
+        """Message with the names of bodies that were pushed through an obstacle, or "".
 
         ``x`` are positions of the local nodes, shape ``(l, 3)`` [m]. Unlike other obstacles, a
         plane has no depth at which nodes are lost.

@@ -59,7 +59,7 @@ class SpringFriction(Friction):
     """
 
     def __init__(self, state: PairState, law: FrictionLaw) -> None:
-        """Remember the state, whose springs are chosen later."""
+        """Store the state; its stiffness is chosen later."""
         self._state, self._law = state, law
 
     def add_to(

@@ -106,7 +106,7 @@ class NeighbourList:
         self._pressed = np.where(gap < 0, segment, -1)
 
     def change(self, x: Floats, segment: Ints, gap: Floats) -> bool:
-        """Keep segments of rows, and assign all equally near ones to nodes that need it. Local.
+        """Update the segments of rows; new contacts get all equally near segments. Local.
 
         These are nodes that begin to transmit force, or do so on another segment than before. They
         get the nearest one of the adjacent segments, and all that are equally near.
@@ -147,7 +147,7 @@ class NeighbourList:
         return True
 
     def _set_rows(self, segment: Ints) -> None:
-        """Set the rows of the listed nodes; ``(m,)`` segments of the nodes that have only one."""
+        """Set the rows of the listed nodes, given ``(m,)`` segments of nodes with only one."""
         number, start = self._listed, None
         eps_N = self._state.eps_N
         assert eps_N is not None

@@ -117,7 +117,7 @@ class FrictionLaw(Declaration):
         return True
 
     def describe(self) -> str:
-        """The law in words, for ``str`` of a pair."""
+        """Text that describes the law, for ``str`` of a pair."""
         return f"friction by {self!r}"
 
     def __repr__(self) -> str:

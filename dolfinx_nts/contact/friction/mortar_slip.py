@@ -26,7 +26,7 @@ class NodalFrames(NamedTuple):
 
     @classmethod
     def of(cls, points: MortarPoints, slip: Slip) -> "NodalFrames":
-        """Make them from frames and normals of the segments of the points at t_n. Local."""
+        """Compute nodal frames from the frames and normals of the segments at t_n. Local."""
         shares = points.shares
         at_nodes = _tangents(shares.sums(slip.normal_n[shares.point]))
         of_shares = shares.start, shares.point, shares.value
@@ -47,7 +47,7 @@ class MortarSlip(Slip):
     """
 
     def __init__(self, points: MortarPoints, slip: Slip, frames: NodalFrames) -> None:
-        """Sum up."""
+        """Average the slips of the points for each node."""
         shares = points.shares
         self._points, self._slip = points, slip
         self._of_shares = shares.start, shares.point, frames.parts

@@ -1,4 +1,4 @@
-r"""Friction: the traction of a node that slips on its segment.
+r"""Friction: tangential force of a node on its segment, as a function of the slip.
 
 Functions are pure, of arrays over ``m`` pairs. The slip g_T of a step has two components in an
 orthonormal frame of the segment (`cpp/nts/contact/slip.h`). The traction t is a nodal force
@@ -43,8 +43,8 @@ def spring_model(
 ) -> TractionModel:
     """Map trial tractions of tangential springs back to their limits. Local.
 
-    A node that slides although its trial traction points backwards has the direction of
-    before, which is no solution yet.
+    A sliding node whose trial traction opposes the sliding keeps the direction of the last
+    iteration, which is not a solution yet.
 
     Args:
         limit: Limits of the nodes, see `Limits.of_springs`.
@@ -136,7 +136,7 @@ def slip_energy(traction: Floats, eps_T: Floats | None) -> Floats:
 
 
 def _polar(t: Floats) -> tuple[Floats, Floats, Floats]:
-    """Length of vectors, their direction, 0 for zero vectors, and the projector across it."""
+    """Length and direction of vectors, and projector normal to it; 0 for zero vectors."""
     size: Floats = np.linalg.norm(t, axis=1)
     s = t / np.where(size > 0, size, 1.0)[:, None]
     across: Any = np.eye(2) - s[:, :, None] * s[:, None, :]

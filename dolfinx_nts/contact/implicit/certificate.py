@@ -1,4 +1,4 @@
-"""Certificate of a converged step: contact is right for the motion actually made, or refused.
+"""Certificate of a converged step: contact is consistent with the computed motion, or refused.
 
 The search of an attempt covers a multiple of the trial motion, which the solution may exceed.
 `missed_contact` repeats the search with the motion from x_n to the solution x, and compares.
@@ -72,7 +72,7 @@ def missed_contact(
     displacement: float,
     repeat: Callable[[PairState | JointState], ContactStep],
 ) -> str:
-    """Name nodes that the motion actually made brought into a surface, unseen, or "". Collective.
+    """Message naming nodes that penetrate beyond the searched range, or "". Collective.
 
     The candidates are exhaustive while the largest displacement increment is within the reach of
     the search. Then only the law has to decide by the motion made instead of the trial motion.
@@ -101,7 +101,7 @@ def missed_contact(
 
 
 def _late_nodes(step: ContactStep) -> tuple[Ints, Floats]:
-    """Nodes that the law would let touch by the motion made, and did not by the trial. Local.
+    """Nodes eligible for contact by the computed motion, but not by the trial motion. Local.
 
     Returns:
         Positions among the surface's nodes, and the gaps at the end of the step [m].
@@ -110,7 +110,7 @@ def _late_nodes(step: ContactStep) -> tuple[Ints, Floats]:
     gap_n, gap_trial = search.approach.gap_n, search.approach.gap
     if not len(search.candidates.segments):
         return _numbers(np.zeros(len(gap_n), dtype=bool)), np.empty(0)
-    # How far the motion made is from the trial one bounds what gaps it changes.
+    # The distance between computed and trial motion bounds the change of the gaps.
     off = x - search.approach.x
     vertices = _kernels.largest_size(off.take(search.candidates.segments.ravel(), axis=0))
     own = np.linalg.norm(off.take(step.state.nodes.nodes, axis=0), axis=1)
@@ -131,7 +131,7 @@ def _late_nodes(step: ContactStep) -> tuple[Ints, Floats]:
     late = gap < np.fmin(before, 0.0) - _LATE * size
     late &= normal.may_hold(node, before, gap)
     node, gap = node[late], gap[late]
-    # Else the law has decided by about the motion made.
+    # Otherwise the law has decided from almost the same motion.
     own, facing = step.state.nodes.nodes[node], search.candidates.segments[segment[late]]
     number = max(facing.shape[1], 1)  # obstacles have no vertices, and rest in the frame
     trial, made = (
@@ -148,7 +148,7 @@ def _is_exhaustive(
     ends: tuple[Floats, Floats],
     displacement: float,
 ) -> bool:
-    """Whether no node can have come to anything that the search left out. Collective."""
+    """Whether the search covers all segments within the computed motion. Collective."""
     search = state.search
     if step is None:
         return not may_face(state, ends[0], displacement)
@@ -162,7 +162,7 @@ def _is_exhaustive(
 
 
 def _missed_nodes(step: ContactStep, known: Flags | None, x: Floats) -> str:
-    """Describe nodes that the repeated search would hold and that are inside, or "". Collective.
+    """Describe penetrating nodes that the repeated search makes eligible, or "". Collective.
 
     Args:
         step: Contact with the end of the step as trial state.
@@ -179,7 +179,7 @@ def _missed_nodes(step: ContactStep, known: Flags | None, x: Floats) -> str:
 
 
 def _message(step: ContactStep, node: Ints, gap: Floats, x: Floats) -> str:
-    """Name nodes that are inside without force, and the deepest place, or "". Collective.
+    """Message naming penetrating nodes without force, and the deepest position, or "". Collective.
 
     Args:
         step: Contact of their surface.
@@ -219,7 +219,7 @@ def check_penetration(step: ContactStep, dt: float) -> str:
 
 
 def passing_without_contact(step: ContactStep, dt: float) -> str:
-    """Name nodes that would pass on the trial motion, and a shorter step, or "". Collective.
+    """Message naming nodes that pass on the trial motion, and a shorter step, or "". Collective.
 
     It explains a failed step: from such a depth a node may not return to the surface.
 
@@ -243,7 +243,7 @@ def check_boundaries(
     times: tuple[float, float],
     displacement: float,
 ) -> str:
-    """Name bodies that a step brings into each other without contact force, or "". Collective.
+    """Message naming bodies that overlap without contact force after a step, or "". Collective.
 
     It sees whole boundaries, also edges that cross between nodes, and the path of the step. Free
     of charge while steps are shorter than what the last overlap check allows for.
@@ -285,7 +285,7 @@ def _passage(step: ContactStep, free: Flags) -> Passage:
 
 
 def _without_segment(step: ContactStep) -> int:
-    """Number of nodes that press from within a body and have no segment at the end.
+    """Number of penetrating nodes that transmit force and have no segment at the end.
 
     It includes those that stayed with their segment because they had changed it again and
     again: the next step could not begin, however short.
@@ -307,7 +307,7 @@ def _without_segment(step: ContactStep) -> int:
 
 
 def _outside_candidate(step: ContactStep, points: ContactPoints, segment: Ints) -> Flags:
-    """Whether points have left their segments sideways, over a rim of the surface."""
+    """Flags of points that have left their segments over a free edge of the surface."""
     candidates = step.search.candidates
     depth = -candidates.gap(points, step.x, segment)
     flags: Flags = depth < too_deep(candidates, segment)
@@ -315,9 +315,9 @@ def _outside_candidate(step: ContactStep, points: ContactPoints, segment: Ints) 
 
 
 def _between_segments(step: ContactStep) -> int:
-    """Number of pressing nodes that their next segment has much deeper within the body.
+    """Number of nodes with force that are much deeper below the adjacent segment.
 
-    At the bottom of a dent a node finds no place over either of two segments.
+    At the bottom of a dent the projection of a node is on neither of two segments.
     """
     node = _numbers(step.normal.active)
     if not len(node):
@@ -331,7 +331,7 @@ def _between_segments(step: ContactStep) -> int:
 
 
 def check_forces(step: ContactStep, last: ContactContribution, residual: float) -> str:
-    """Name nodes whose contact force contradicts its laws at the end of a step, or "". Collective.
+    """Message naming nodes whose force violates the contact laws after a step, or "". Collective.
 
     Multipliers push; they act at the gap that they hold, which elastic impact takes from the
     start of the step, and springs where the gap is below their begin at one end of the step.
@@ -348,7 +348,7 @@ def check_forces(step: ContactStep, last: ContactContribution, residual: float) 
     size, pressure = state.segment_sizes[node], -normal.lambda_N[node]
     floor = _CONE * pressure.max(initial=0.0) + _NOISE * residual
     law, friction = state.pair.enforcement, state.pair.friction
-    # Measure of each error, and from where on it is one.
+    # Scale of each error, and threshold.
     errors: list[tuple[str, Floats, Floats | float]] = []
     if not isinstance(law, Tied):
         gap_n, gap = pairs.contact.gap_n[loaded], pairs.contact.gap[loaded]
@@ -360,7 +360,7 @@ def check_forces(step: ContactStep, last: ContactContribution, residual: float) 
         t, slip = step.friction.traction[node], pairs.slip.value[loaded]
         length, slid = np.linalg.norm(t, axis=1), np.linalg.norm(slip, axis=1)
         slips = slid > _SLIPS * size
-        # A law may fall from a static limit, which holds for slips of round-off, too.
+        # A law may decrease from a static limit, which also holds for slips of round-off.
         limit = step.friction.largest(node, pressure, np.where(slips, slid, 0.0))
         excess = length - limit
         errors.append(("exceed the limit of friction, by {:.3g} N", excess, _CONE * limit + floor))
@@ -377,7 +377,7 @@ def check_forces(step: ContactStep, last: ContactContribution, residual: float) 
 
 
 def _wrong_nodes(step: ContactStep, text: str, node: Ints, value: Floats, x: Floats) -> str:
-    """Name nodes of a step, how wrong they are, and where the worst one is, or "". Collective."""
+    """Message naming nodes, their errors, and the position of the worst one, or "". Collective."""
     nodes, pair = step.state.nodes, np.searchsorted(step.state.ends, node, side="right") - 1
     rows = joined(nodes.V.mesh.comm, np.column_stack((pair, nodes.node_ids[node], value, x)))
     if not len(rows):

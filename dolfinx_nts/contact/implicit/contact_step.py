@@ -27,7 +27,7 @@ from dolfinx_nts.search.candidates import Candidates
 
 __all__ = ["ContactStep", "contact_residual", "go_on_from"]
 
-# Number of changes of state from which on the message of a failed step names the node.
+# Number of state changes above which the message of a failed step names the node.
 _RESTLESS = 4
 
 _NONE: Ints = np.empty(0, dtype=np.int32)
@@ -100,7 +100,7 @@ class ContactStep:
         dt: float = 1.0,
         others: Sequence["ContactStep"] = (),
     ) -> None:
-        """Find the candidates within the search radius, and the nodes that may touch."""
+        """Find the candidates within the search radius, and the eligible nodes."""
         self.state, self._scheme = state, scheme
         self._comm: MPI.Comm = state.nodes.V.mesh.comm
         self.search = search = make_search(state, x_n, x_trial, is_static)
@@ -262,7 +262,7 @@ def contact_residual(
 
 
 def go_on_from(steps: Sequence[ContactStep], others: Sequence[ContactStep]) -> None:
-    """Begin with the segments and the active sets at the end of other attempts. Local.
+    """Start from the segments and active sets at the end of other attempts. Local.
 
     Args:
         steps: Attempts at a step, not yet evaluated.

@@ -91,7 +91,7 @@ class PairKinematics:
         self.excess[:, 1:] = slip.value
 
     def _leave_out_given(self, free: Floats, still: Floats) -> None:
-        """Remove directions of slip with prescribed displacements only, or of zero length.
+        """Remove slip directions without unknown displacements, or of zero length.
 
         Across a plane of symmetry multipliers would be determined by round-off. Arguments are those
         of the class and of `add_slip`.

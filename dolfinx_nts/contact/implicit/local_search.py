@@ -39,7 +39,7 @@ _REACH = 3
 
 
 def may_face(state: PairState | JointState, x_n: Floats, increment: float) -> bool:
-    """Whether nodes of a pair may have a segment in a step, or had one in the last. Collective.
+    """Whether nodes of a pair may get a segment in a step, or had one in the last step. Collective.
 
     Other pairs have no contact in a step with inertia, and need no attempt.
 
@@ -385,6 +385,6 @@ def sunk(search: LocalSearch, x: Floats, node: Ints, least: float) -> tuple[Ints
 
 
 def _may_share(pair: ContactPair) -> bool:
-    """Whether nodes may have several segments: node-to-segment contact where they change them."""
+    """Whether nodes may have several segments: in node-to-segment contact with segment changes."""
     alone = isinstance(pair.enforcement, Tied) or pair.is_convective or is_resolved(pair)
     return pair.method == NODES and not (alone or pair.touches_itself)

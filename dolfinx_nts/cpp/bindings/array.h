@@ -133,7 +133,7 @@ void check(const char* name, const Array<T>& array,
     refuse(name, array, shape);
 }
 
-/// @brief Raise ValueError unless all are numbers of n rows.
+/// @brief Raise ValueError unless all are valid row numbers, less than n.
 inline void check_rows(const char* message, const In<std::int32_t>& rows,
                        std::size_t n)
 {

@@ -134,7 +134,7 @@ private:
   MovingBoundaries& placed()
   {
     if (!_x)
-      throw nb::value_error("expected a call of move before");
+      throw nb::value_error("expected an earlier call of move");
     return _boundaries;
   }
 

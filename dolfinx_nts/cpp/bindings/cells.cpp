@@ -116,7 +116,7 @@ private:
       for (const BatchKernel& kernel : kernels)
         if (kernel.lanes() != kernels[0].lanes()
             || kernel.is_single() != kernels[0].is_single())
-          throw nb::value_error("kernels: expected as many lanes and digits");
+          throw nb::value_error("kernels: expected equal lanes and precision");
   }
 
   Kernels _kernels;

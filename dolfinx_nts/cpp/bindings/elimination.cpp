@@ -77,7 +77,7 @@ constraint_lists(const In<std::int64_t>& start, const Doubles& gradients,
   check("slopes", slopes, {any, B, B});
   const auto begin = view(start);
   if (begin.front() != 0 || !std::ranges::is_sorted(begin))
-    throw nb::value_error("start: expected where lists begin, and the end");
+    throw nb::value_error("start: expected ascending offsets of the lists");
   for (const Doubles* rows : {&gradients, &columns})
     if (rows->size() != B * B * static_cast<std::size_t>(begin.back()))
       throw nb::value_error(
@@ -137,7 +137,7 @@ auto at_nodes_batch(const In<std::int64_t>& start, const In<bool>& keeps,
   const auto keep = view(keeps);
   if (begin.empty() || begin.front() != 0 || !std::ranges::is_sorted(begin)
       || static_cast<std::size_t>(begin.back()) != keep.size())
-    throw nb::value_error("start: expected where lists begin, and the end");
+    throw nb::value_error("start: expected ascending offsets of the lists");
   const std::size_t B = components, block = B * B;
   if (gradients.size() != block * keep.size()
       || columns.size() != gradients.size())

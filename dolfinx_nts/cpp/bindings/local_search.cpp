@@ -45,7 +45,7 @@ public:
     check("x_facets", x, {any, 3});
     for (const std::int32_t number : view(numbers))
       if (number < 0 || static_cast<std::size_t>(number) + 1 >= _first.shape(0))
-        throw nb::value_error("numbers: expected those of nodes");
+        throw nb::value_error("numbers: expected numbers of nodes");
     return {
         view(_vertices), view(_orientation), _vertices.shape(1), view(_first),
         view(_facets),   view(_corner),      view(_angle),       view(x)};

@@ -187,15 +187,15 @@ auto points_of(const Doubles& phi, const Ints& nodes, const Doubles& x)
   check("x", x, {any, 3});
   check_rows("nodes: expected rows of x", nodes, x.shape(0));
   if (nodes.shape(1) < phi.shape(1))
-    throw nb::value_error("nodes: expected those of the facets");
+    throw nb::value_error("nodes: expected the nodes of the facets");
   auto out = create<double>({phi.shape(0), 3});
   at_points(view(phi), phi.shape(1), view(nodes), nodes.shape(1), view(x),
             view(out));
   return out;
 }
 
-auto give_up(const Ints& rank, const Doubles& rows, const Doubles& normal,
-             std::size_t c)
+auto eliminated_directions(const Ints& rank, const Doubles& rows,
+                           const Doubles& normal, std::size_t c)
 {
   const std::size_t m = rank.size();
   check("rank", rank, {m});
@@ -207,8 +207,9 @@ auto give_up(const Ints& rank, const Doubles& rows, const Doubles& normal,
   if (b == 0 || rows.shape(2) < b)
     throw nb::value_error("rows: expected the node of each row");
   auto directions = create<double>({m, c, b});
-  nts::give_up({{}, view(rank), view(rows), rows.shape(2) / b, rows.shape(1)},
-               view(normal), c, b, view(directions));
+  nts::eliminated_directions(
+      {{}, view(rank), view(rows), rows.shape(2) / b, rows.shape(1)},
+      view(normal), c, b, view(directions));
   return directions;
 }
 
@@ -304,8 +305,8 @@ void mortar(nb::module_& m)
   m.def("at_points", &points_of, nb::arg("phi"), nb::arg("nodes"), nb::arg("x"),
         "(p, k), (p, at least k), (n, 3) -> (p, 3), see "
         "nts/contact/aggregation.h");
-  m.def("give_up", &give_up, nb::arg("rank"), nb::arg("rows"),
-        nb::arg("normal"), nb::arg("count"),
+  m.def("eliminated_directions", &eliminated_directions, nb::arg("rank"),
+        nb::arg("rows"), nb::arg("normal"), nb::arg("count"),
         "(m,), (m, r, d b), (m, b), c -> directions (m, c, b), see "
         "nts/solvers/constraint_products.h");
   m.def("constraint_products", &constraint_products, nb::arg("nodes"),

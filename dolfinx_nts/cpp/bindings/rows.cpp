@@ -75,7 +75,7 @@ auto counts_of_parts(const In<bool>& flags, const Ints& number,
   check("flags", flags, {number.size()});
   check("ends", ends, {any});
   if (ends.size() == 0)
-    throw nb::value_error("ends: expected where parts begin, and the end");
+    throw nb::value_error("ends: expected ascending offsets of the parts");
   auto counts = create<std::int64_t>({ends.size() - 1});
   std::ranges::fill(view(counts), 0);
   for (std::size_t i = 0, part = 0; i < number.size(); ++i)

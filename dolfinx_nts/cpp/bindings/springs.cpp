@@ -207,7 +207,7 @@ void add_to_rows(Out<double> total, Out<double> ghosts, const Ints& rows,
   const std::size_t components = total.shape(1);
   check("ghosts", ghosts, {any, components});
   if (values.size() != components * rows.size())
-    throw nb::value_error("values: expected those of a row for each of rows");
+    throw nb::value_error("values: expected one row for each of rows");
   check_rows("rows: expected rows of total, and then of ghosts", rows,
              total.shape(0) + ghosts.shape(0));
   dispatch_components(components,

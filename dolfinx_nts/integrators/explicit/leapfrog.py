@@ -49,7 +49,7 @@ _MAX_ITERATIONS, _SMALL = 30, 1e-9
 
 
 class _Leap:
-    """Step of ``b`` rigid bodies. Local.
+    """Leapfrog step of ``b`` rigid bodies. Local.
 
     Args:
         fields: Linear fields over the bodies.

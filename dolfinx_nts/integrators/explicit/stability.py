@@ -265,7 +265,7 @@ def highest_frequency(
             strain[..., 0] += basis[:, 2, 2, None] * (values / r[:, :, None])[:, :, None]
             strain[..., 0] *= ~on_axis[block][:, None, None]
         strain *= np.sqrt(volume)[:, :, None, None, None] * scale[:, None, None, :, None]
-        # Explicit, since -1 is ambiguous on ranks without such cells.
+        # An explicit shape, since -1 is ambiguous on ranks without such cells.
         size = strain.shape[3] * strain.shape[4]
         strain = strain.reshape(*volume.shape, 6, size)
         stress = moduli @ strain

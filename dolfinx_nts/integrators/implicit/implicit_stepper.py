@@ -180,7 +180,9 @@ class ImplicitStepper(Stepper):
         return self._step_solver.linear
 
     def _with_defaults(self, pair: ContactPair) -> ContactPair:
-        """Springs, but multipliers in statics, at edges and at nodes of rigid bodies. Collective.
+        """Pair with default laws: springs, or multipliers in statics, at edges and at rigid bodies.
+
+        Collective.
 
         Nodes of rigid bodies and edges do not vibrate in contact. By multipliers the generalised
         alpha method would gain energy.
@@ -304,7 +306,7 @@ class ImplicitStepper(Stepper):
         raise self._failure(reports, steps, solution.end.states, advice)
 
     def _released(self, steps: Sequence[ContactStep]) -> bool:
-        """Whether vertices held in a failed step are released from now on. Collective."""
+        """Release vertices active in a failed step; return whether there are any. Collective."""
         between = release_vertices((step.state, step.normal.active) for step in steps)
         if between and self._comm.rank == 0:
             _logger.warning(

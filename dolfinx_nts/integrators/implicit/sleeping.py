@@ -1,4 +1,4 @@
-"""Sleeping bodies: bodies in equilibrium without loads or contact, which a step skips.
+"""Sleeping (inactive) bodies: bodies in equilibrium without loads or contact, which a step skips.
 
 A body sleeps in a step if it does not move, is in equilibrium, carries no load, its supports do
 not move, and no contact can reach it. Bodies that share nodes sleep only together.

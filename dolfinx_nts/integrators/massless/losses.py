@@ -1,4 +1,4 @@
-r"""Energy dissipated in a step of bodies with massless nodes, and their stiffness damping.
+r"""Energy dissipated in a step of bodies with massless nodes, including stiffness damping.
 
 With the stiffness K a massless node obeys :math:`\beta K \dot x_c = -r`, where r is the residual of
 its static equilibrium. A second-order step of length h multiplies a deviation from equilibrium by

@@ -1,4 +1,4 @@
-r"""Impact resolved in time: the nodes in contact are massless.
+r"""Impact resolved in time, with massless contact nodes.
 
 Interior nodes below the surface carry their mass, see `redistributed_mass`. After each step
 
@@ -100,9 +100,9 @@ class SurfaceWaves:
             return
         self._is_silent = True
         _logger.warning(
-            "waves cross %.2g %s at the surface in a step, too many for impact 'resolved' to be "
-            "of second order in time: harmless, as the energy is exact nevertheless, but "
-            "'elastic' is as accurate and faster; use dt <= %.2g s to resolve impact",
+            "Courant number %.2g of %s at the surface: too large for second order in time with "
+            "impact 'resolved'; harmless, as the energy is exact nevertheless, but 'elastic' is "
+            "as accurate and faster; use dt <= %.2g s to resolve impact",
             crossings,
             self._cell,
             _RESOLVED / self._cells_per_second,
@@ -293,7 +293,7 @@ class ResolvedImpact(Inertia):
         return cost, dissipation, correction
 
     def _affordable(self, budget: Floats, costs: Floats) -> Floats:
-        """Fractions of the gaps that can be closed within a budget. Collective.
+        """Fractions of the gaps that can be closed within an energy budget. Collective.
 
         Args:
             budget: Energy of each group, ``(g,)`` [J].

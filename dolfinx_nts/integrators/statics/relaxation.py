@@ -75,12 +75,12 @@ class Resistance:
 
     @property
     def is_too_large(self) -> bool:
-        """Whether it has reached its upper limit."""
+        """Whether the resistance has reached its upper limit."""
         return self.part > _LARGEST
 
     @property
     def is_gone(self) -> bool:
-        """Whether it is too small to matter."""
+        """Whether the resistance is negligible."""
         return self.part < _LEAST
 
 

@@ -60,7 +60,7 @@ class AdjacentFacets:
         return _outside(_kernels.project(pairs, self._orientation[facet])[0], pairs.shape[1] - 1)
 
     def have_common_vertices(self, facet: Ints, other: Ints) -> Flags:
-        """Whether facets have vertices in common with others, shape ``(m,)``."""
+        """Whether facets share vertices with the facets ``other``, shape ``(m,)``."""
         own, theirs = self._facets[facet], self._facets[other]
         flags: Flags = (own[:, :, None] == theirs[:, None]).any(axis=(1, 2))
         return flags
@@ -73,7 +73,7 @@ class AdjacentFacets:
         return order, np.searchsorted(corners[order], np.arange(corners.max(initial=-1) + 2))
 
     def _around(self, facet: Ints) -> tuple[Ints, Ints]:
-        """Facets adjacent to given ones, with these, ``(e,)``, and for which one, ascending."""
+        """Given facets and neighbours, ``(e,)``, and the index of the given facet, ascending."""
         vertices, width = self._facets[facet], len(self._facets)
         order, begin = self._corners
         first = begin[vertices].ravel()

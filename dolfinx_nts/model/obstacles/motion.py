@@ -13,7 +13,7 @@ from dolfinx_nts.model.frames import Frame, MovingFrame, Placement, rotation_by
 
 __all__ = ["Motion", "vector"]
 
-# By how much a matrix may miss a rotation [-]: more than round-off, less than any mistake.
+# Largest deviation of a matrix from a rotation [-]: above round-off, below any mistake.
 _ROUND_OFF = 1e-6
 
 
@@ -65,12 +65,12 @@ class Motion(Declaration):
 
     @property
     def is_rest(self) -> bool:
-        """Whether there is neither translation nor rotation."""
+        """Whether the obstacle is at rest."""
         return self._translation is None and self._rotation is None
 
     @property
     def turns(self) -> bool:
-        """Whether there is a rotation."""
+        """Whether the motion includes a rotation."""
         return self._rotation is not None
 
     def check(self, dim: int) -> None:

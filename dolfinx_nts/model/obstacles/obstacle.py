@@ -108,7 +108,7 @@ class Obstacle(Declaration):
         return {"name": self._label} if self._label else {}
 
     def _call_it(self, name: str) -> None:
-        """Set the name, empty for the automatic one."""
+        """Set the name; an empty text selects the automatic name."""
         self._label = label(name)
 
     @abstractmethod

@@ -106,7 +106,7 @@ class FacetCandidates(SegmentCandidates):
         return self._projections(points, x, segment)[0]
 
     def shortened(self, points: ContactPoints, x: Floats, segment: Ints, rise: Floats) -> Floats:
-        """Reduction of the gaps of points by the shifts of patches, shape ``(m,)`` [m].
+        """Correction of the gaps of points for the shift of patches, shape ``(m,)`` [m].
 
         ``rise`` is the displacement of the points from the shifted to the actual patches of their
         own facets, ``(m, 3)`` [m].
@@ -128,7 +128,7 @@ class FacetCandidates(SegmentCandidates):
     def contact_between(
         self, scheme: str, pairs_n: Floats, pairs: Floats, segment: Ints
     ) -> ContactKinematics:
-        """The same of `pairs` at both ends of the step, shape ``(m, 1+n, 3)`` [m]."""
+        """Kinematics for positions as in `pairs` at both ends of the step, ``(m, 1+n, 3)`` [m]."""
         found = ContactKinematics(*self._kernels[scheme](pairs_n, pairs, self._sense(segment)))
         weights = self._weights(segment)
         return found if weights is None else found.combined(weights)
@@ -138,7 +138,7 @@ class FacetCandidates(SegmentCandidates):
         return self.slip_between(pairs_n, pairs, segment)
 
     def slip_between(self, pairs_n: Floats, pairs: Floats, segment: Ints) -> Slip:
-        """The same of `pairs` at both ends of the step, shape ``(m, 1+n, 3)`` [m]."""
+        """Kinematics for positions as in `pairs` at both ends of the step, ``(m, 1+n, 3)`` [m]."""
         orientation, weights = self._sense(segment), self._weights(segment)
         *values, frame_n, frame = self._kernels["slip"](pairs_n, pairs, orientation)
         slip = Slip(*values, frame_n=frame_n, frame=frame, orientation=orientation)
@@ -185,7 +185,7 @@ def outside(candidates: FacetCandidates, points: ContactPoints, x: Floats, segme
 
 
 def _among(weights: Floats, n: int) -> Floats:
-    """Weights of vertices in control points, ``(c, k)``, extended to ``n`` nodes and the point."""
+    """Extend weights of vertices in control points, ``(c, k)``, by zeros for other nodes."""
     of_nodes = np.zeros((1, len(weights), n))
     of_nodes[0, :, : weights.shape[1]] = weights
     of_pairs: Floats = weights_of_pairs(of_nodes)[0]

@@ -1,4 +1,4 @@
-"""Choice of the contact points of mortar facets, and of the shape functions of their multipliers.
+"""Contact (quadrature) points of mortar facets, and shape functions of the multipliers there.
 
 Dual functions are negative on a part of a facet. Above a kink of the segments the gap is not
 linear, and an opening there may count as penetration. So a facet takes the functions
@@ -42,7 +42,7 @@ _BEYOND = 1.25
 
 @dataclass(frozen=True)
 class FacetPoints:
-    """Points of facets, and corners of the parts of facets below which there is one segment.
+    """Points of facets, and corners of the integration cells, which have one segment each.
 
     Attributes:
         facets, candidates: Facets and candidates of both surfaces.
@@ -139,7 +139,7 @@ class FacetPoints:
     def _kinks(self) -> Floats:
         """Greatest kink of the segments around the vertices of the facet of each point, ``(p,)``.
 
-        Collective. Normals of undeformed segments decide: no state changes it.
+        Collective. It is computed from undeformed normals and does not change.
         """
         facets, scatter, k = self.facets, self.candidates.scatter, self.linear.shape[1]
         segments, orientation = self.candidates.segments, self.candidates.orientation
@@ -197,14 +197,14 @@ class FacetPoints:
             linear, dual = (integrals_above(gap, least, f) for f in (self.linear, self.dual))
             area = slack * at_nodes(integrals(self.linear))
             there, taken = at_nodes(linear), at_nodes(np.fmax(linear - dual, 0.0))
-            # A gap that is constant but for round-off leaves the dual functions.
+            # A gap that is constant up to round-off keeps the dual functions.
             with np.errstate(invalid="ignore", divide="ignore"):
                 room = area * area / (area + there)
                 part = np.fmin(part, (there + room) / taken)
         return part
 
     def _gaps(self, x: Floats) -> tuple[Floats, Floats]:
-        """Gaps of points and corners, and the least one around each node of the map, ``(l,)``."""
+        """Gaps of points and corners, and the least gap around each node of the map, ``(l,)``."""
         gap = self.candidates.gap(self.places, x, self.places.segment) + self.places.offset
         least = np.full(len(self.facets.X), np.inf)
         np.fmin.at(least, self.facets.vertices[self.facet, : self.linear.shape[1]], gap[:, None])
@@ -213,7 +213,7 @@ class FacetPoints:
     def points(
         self, part: Floats | None = None, x: Floats | None = None, slack: float = 0.0
     ) -> MortarPoints:
-        """Take the points with the shares of the nodes in them. Collective.
+        """Create contact points with the weights of the nodes. Collective.
 
         In equilibrium nothing presses where surfaces are open. So above kinks linear functions are
         multiplied by a weight there, which is 1 up to a multiple of the least gap, by size, on the

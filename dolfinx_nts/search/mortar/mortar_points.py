@@ -26,7 +26,7 @@ _CORNERS = {
     4: np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]),
 }
 
-# Share of its area [-] with contact points that a node needs to carry a multiplier.
+# Covered fraction of its area [-] that a node needs to carry a multiplier.
 _LEAST_COVERED = 1e-6
 
 
@@ -73,7 +73,7 @@ class MortarFacets:
         return patched
 
     def shares(self, facet: Ints, weight: Floats, psi: Floats, key: GlobalInts) -> "Shares":
-        """Shares of the nodes in ``p`` points.
+        """Weights of the nodes at ``p`` points, see `Shares`.
 
         Args:
             facet: Facet of each point, shape ``(p,)``.
@@ -88,7 +88,7 @@ class MortarFacets:
         node, value = on_facet[point, column], weight[point] * psi[point, column]
         area = _sums(node, value, len(self.nodes))
         carries = area > _LEAST_COVERED * self.area
-        # By nodes, and in each the segment with the lowest key first.
+        # Sorted by nodes, and for each node the segment with the lowest key first.
         order = np.lexsort((point, key[point], node))
         order = order[carries[node[order]]]
         node, of_share = node[order], point[order].astype(np.int32)
@@ -99,7 +99,9 @@ class MortarFacets:
 
 @dataclass(frozen=True)
 class Shares:
-    """Shares of ``m`` nodes with multipliers in ``p`` contact points, ``i`` in all. Local.
+    """Weights of ``m`` nodes with multipliers at ``p`` contact points, ``i`` entries. Local.
+
+    A share is one entry: the reference area times the multiplier's shape function at a point.
 
     Attributes:
         nodes: The nodes, shape ``(m,)``.
@@ -117,7 +119,7 @@ class Shares:
 
     @classmethod
     def none(cls, nodes: Ints) -> "Shares":
-        """Take no share of any of the nodes."""
+        """Make shares of nodes without contact points."""
         no_points = np.empty(0, dtype=np.int32), np.empty(0)
         return cls(nodes, np.zeros(len(nodes)), _starts(np.zeros(len(nodes), int)), *no_points)
 
@@ -151,11 +153,11 @@ class Shares:
         return first
 
     def spread(self, values: Floats, num_points: int) -> Floats:
-        """Sum of the values of nodes, ``(m,)``, by their shares, at the points, ``(p,)``."""
+        """Interpolate values of nodes, ``(m,)``, to the points by their shares, ``(p,)``."""
         return _sums(self.point, self.value * values[self.node], num_points)
 
     def take(self, nodes: Ints) -> tuple["Shares", Ints]:
-        """Shares of some nodes, in the points that these have; and these points."""
+        """Select the shares of some nodes; also return the points that remain."""
         counts = np.diff(self.start)[nodes]
         start = _starts(counts)
         entries = np.repeat(self.start[nodes] - start[:-1], counts) + np.arange(start[-1])
@@ -189,12 +191,12 @@ class MortarPoints:
 
     @property
     def nodes(self) -> Ints:
-        """None, as no point is a node."""
+        """Array of -1: no contact point is a node."""
         return np.full(len(self.segment), -1, dtype=np.int32)
 
     @property
     def facing(self) -> Facing:
-        """Anything: segments were chosen by what the facets face."""
+        """No restriction: the choice of segments has respected the admissible directions."""
         return Facing.everywhere(len(self.segment))
 
     def of(self, values: Floats) -> Floats:
@@ -220,7 +222,7 @@ class MortarPoints:
 
     @cached_property
     def _rows(self) -> tuple[Ints, Ints]:
-        """Lists, and places of the nodes of both facets of each share in them, (i, m + n)."""
+        """Lists of nodes, and the positions of each share's nodes in them, ``(i, m + n)``."""
         shares = self.shares
         return _rows(shares.nodes, shares.node, self.reached[shares.point])
 
@@ -275,12 +277,12 @@ def _starts(counts: Array) -> GlobalInts:
 
 
 def _rows(own: Ints, row: Ints, nodes: Ints) -> tuple[Ints, Ints]:
-    """Nodes of the rows, and places of the nodes of shares in them, see `MortarPoints`.
+    """Nodes of the rows, and positions of the nodes of shares in them, see `MortarPoints`.
 
     ``own`` is the first node of each row, shape ``(m,)``, ``row`` the row of each share, ``(i,)``,
     ``nodes`` the nodes that it reaches, ``(i, m + n)``.
     """
-    # The own node comes before all others; rows without shares have it, too.
+    # The node of the row comes first; rows without shares contain it, too.
     rank = np.where(nodes == own[row][:, None], 0, nodes.astype(np.int64) + 1)
     width = 1 + int(rank.max(initial=0))
     keys = np.concatenate([width * np.arange(len(own)), (width * row[:, None] + rank).ravel()])

@@ -1,4 +1,4 @@
-"""Global search of surface-to-surface contact: facets around nodes, and segments in their reach."""
+"""Global search of surface-to-surface contact: segments within reach of the facets of nodes."""
 
 import numpy as np
 
@@ -17,13 +17,13 @@ from dolfinx_nts.search.smooth.smooth_patches import SmoothPatches
 
 __all__ = ["MortarCandidates", "MortarSearch"]
 
-# Reach of the search for the facets around a node, relative to the longest facet [-]: they are
-# at no distance but for round-off.
+# Reach of the search for the facets around a node, relative to the longest facet [-]: their
+# distance is zero up to round-off.
 _AROUND = 1e-6
 
 
 class MortarCandidates(FacetCandidates):
-    """Segments with the facets that may touch them.
+    """Candidate segments with the facets that may touch them.
 
     Args:
         found: The segments.
@@ -36,14 +36,14 @@ class MortarCandidates(FacetCandidates):
     """
 
     def __init__(self, found: FoundSegments, wholes: Ints, facets: MortarFacets) -> None:
-        """Take them."""
+        """Store the arguments."""
         super().__init__(found, wholes)
         self.facets = facets
         self.hats = _hats(self, facets.vertices) if self.has_middles else None
 
 
 class FacetSearch(GlobalSearch):
-    """Finds segments with the facets that they are parts of, see `GlobalSearch`. Collective.
+    """Search for segments with their whole facets, see `GlobalSearch`. Collective.
 
     Args:
         nodes: Surface whose nodes search for segments.
@@ -53,7 +53,7 @@ class FacetSearch(GlobalSearch):
     candidates: FacetCandidates
 
     def __init__(self, nodes: Surface, segments: Surface) -> None:
-        """Offer the nodes of the facets, too."""
+        """Create the search; other ranks also receive the nodes of the facets."""
         super().__init__(nodes, segments)
         self._k, space = segments.segments.shape[1], segments.V.dofmap.index_map
         # A sphere has no patches.
@@ -81,9 +81,9 @@ class FacetSearch(GlobalSearch):
 
 
 class MortarSearch(FacetSearch):
-    """Finds the segments that facets around the owned nodes can reach, see `Search`. Collective.
+    """Search for segments within reach of facets around the owned nodes, see `Search`. Collective.
 
-    Facets of other ranks are known too where an owned node is one of theirs: each rank computes
+    A rank knows all facets around its owned nodes, also facets of other ranks: it computes
     all that the multipliers of its nodes do.
 
     Args:

@@ -1,4 +1,4 @@
-"""Whole facets of the surfaces of mortar contact: a facet of degree 2 is several segments.
+"""Whole facets in mortar contact; a facet of degree 2 consists of several segments.
 
 Node-to-segment contact knows segments only. Mortar contact integrates over facets with all their
 nodes, in the order of Basix: vertices, middles of edges, middle. Multipliers belong to vertices,
@@ -32,7 +32,7 @@ def whole_facets(segments: Ints, degree: int) -> Ints:
         return segments
     k = segments.shape[1]
     parts = 2 if k == 2 else 4
-    # Those at the vertices come first: node j of the one at vertex i lies between i and j.
+    # Pieces at the vertices come first: node j of piece i lies between vertices i and j.
     corners = segments.reshape(-1, parts, k)[:, :k]
     nodes = [corners[:, i, i] for i in range(k)] + [corners[:, i, j] for i, j in _EDGES[k]]
     if k == 4:
@@ -50,7 +50,7 @@ def linear_functions(k: int) -> Floats:
 
 
 class Hats:
-    """Fields on facets of degree 2 that are linear there, by their values at vertices.
+    """Hat functions: fields on facets of degree 2 that are linear, given by vertex values.
 
     Args:
         scatter: Map of the nodes, which has all of each facet around an owned node.
@@ -60,7 +60,7 @@ class Hats:
 
     def __init__(self, scatter: NodalScatter, facets: Ints, k: int) -> None:
         self._scatter = scatter
-        # A node that is on no facet, or a vertex, has its own value.
+        # A node that is on no facet, or is a vertex, keeps its value.
         self.parents = np.repeat(np.arange(scatter.num_local, dtype=np.int32)[:, None], k, axis=1)
         self.weights = np.zeros((scatter.num_local, k))
         self.weights[:, 0] = 1
@@ -75,7 +75,7 @@ class Hats:
         return field
 
     def gather(self, forces: Floats) -> Floats:
-        """Sum up forces at the owned nodes, ``(n, 3)``, by the work on such fields. Collective.
+        """Sum forces at the owned nodes, ``(n, 3)``, to conjugate vertex forces. Collective.
 
         Returns those at vertices; there are none at others.
         """

@@ -20,7 +20,7 @@ _SIDEWAYS = 1e-6
 
 
 class SphereSlip(Slip):
-    r"""Slip along tangents :math:`e_i` that a sphere carries along.
+    r"""Slip along tangents :math:`e_i` that rotate with a sphere.
 
     At t_{n+1} a node is at another point of the sphere, where :math:`e_i` have the normal
     components :math:`s_i = e_i \cdot n`. Schemes with forces at t_{n+1} use the tangents

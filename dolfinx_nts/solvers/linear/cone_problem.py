@@ -130,7 +130,7 @@ def _multipliers(step: ContactStep, state: ContactContribution) -> Floats:
 
 
 def _with_all_rows(state: ContactContribution, dim: int) -> ContactContribution:
-    """All pairs as sticking ones, so that all of their forces are unknowns. Local."""
+    """Treat all pairs as sticking, so that all force components are unknowns. Local."""
     m = len(state.active)
     return state._replace(
         active=np.ones(m, dtype=bool),

@@ -210,7 +210,7 @@ class Elimination:
         return [p.constrain(_NO_VALUES, x) for p in self.pairs]
 
     def act(self, parts: list[Part], y: Floats) -> Floats:
-        """Z~^T (y + sum lambda dF/dq x), with the parts of x from `constrain`; overwrites y."""
+        """Replace y by Z~^T (y + sum lambda dF/dq x), with the parts of x from `constrain`."""
         self._act(parts, y)
         return y
 

@@ -72,7 +72,7 @@ class PetscOptions:
 
     @contextmanager
     def understood(self) -> Iterator[None]:
-        """Context in which PETSc reads the options. Collective.
+        """Context with the options in PETSc's database. Collective.
 
         Raises:
             ValueError: PETSc refuses one of them.

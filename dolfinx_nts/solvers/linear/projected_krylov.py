@@ -151,7 +151,7 @@ class KrylovMethod:
     ) -> None:
         bulk = operator.bulk
         self._operator, self._preconditioner = operator, preconditioner
-        self._options: PetscOptions | None = options  # until their use has been checked
+        self._options: PetscOptions | None = options  # kept until their use has been checked
         self.others: PetscKrylov | None = None
         if options.krylov:
             shape = bulk.num_owned // bulk.rigid.dim, bulk.rigid.dim

@@ -26,7 +26,7 @@ _SLIDING_PASSES = 4
 
 
 class KeptGaps(NamedTuple):
-    """Gaps of one pair that are constant or closed, and slips that are constant.
+    """Constraints of one pair: gaps that stay constant or close, and constant slips.
 
     Attributes:
         scatter: Exchange of nodal values between ranks.
@@ -45,7 +45,7 @@ class KeptGaps(NamedTuple):
 
 
 class _SomeNodes:
-    """Exchange of values of some owned nodes with the rows of a pair.
+    """Exchange of values between some owned nodes and the rows of a pair.
 
     Args:
         scatter: Exchange of nodal values between ranks.

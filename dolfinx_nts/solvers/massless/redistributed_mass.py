@@ -165,7 +165,7 @@ def _triple(matrix: la.MatrixCSR, below: Extrapolation) -> _Entries:
     node, column, weight = node[order], column[places], weight[places]
 
     def expanded(keys: GlobalInts, *others: Any) -> tuple[Any, ...]:
-        """Replace keys by the nodes that carry them; return weights and other data, too."""
+        """Replace keys by the nodes that carry them; also return weights and other data."""
         place = np.minimum(np.searchsorted(node, keys), len(node) - 1)
         follows = node[place] == keys
         _, these = entries_of_rows(start, place[follows])

@@ -185,7 +185,7 @@ class ContactComplement:
         return total
 
     def _forget(self, batches: Sequence[Array]) -> None:
-        """Discard all columns, and set the nodes whose columns are to be computed."""
+        """Discard all columns, and set the nodes of the new columns."""
         self._version, self._batches, self._columns = self._bulk.num_builds, list(batches), []
 
     def _owned(self, nodes: GlobalInts) -> tuple[Array, Array]:

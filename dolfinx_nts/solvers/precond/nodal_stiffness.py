@@ -1,4 +1,4 @@
-"""Stiffness of the nodes, used as a weight, and stiffness added to the diagonal of the bodies."""
+"""Nodal stiffness as a weight, and stiffness added to the diagonal of the bulk tangent."""
 
 from collections.abc import Sequence
 

@@ -121,7 +121,7 @@ class BulkPreconditioner:
 
     @property
     def is_complete(self) -> bool:
-        """Whether they are LU factors in double precision of a matrix near the derivative."""
+        """Whether the factors are LU in double precision, of a matrix close to the tangent."""
         return self._kind == _LU
 
     @property

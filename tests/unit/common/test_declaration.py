@@ -1,4 +1,4 @@
-"""What users declare never changes, and says how to do it."""
+"""Declarations of users are immutable; the error explains the alternative."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What the package says where something that it needs is not installed."""
+"""Error messages where a required package is not installed."""
 
 import pytest
 

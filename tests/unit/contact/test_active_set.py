@@ -24,7 +24,7 @@ def test_gaps_of_active_nodes_count_with_inertia_only(is_static, stays):
     excess, before = np.full(n, 1e-5), np.ones(n, dtype=bool)
     found, violators = active.update(node, excess, before, presses, 1)
     assert found.all() == stays and (violators == 0) == stays
-    # Who pulls is let go, and who is inside is held, in any case.
+    # Tensile nodes are released, and penetrating nodes are activated, in any case.
     pulls = active.update(node, 0 * excess, before, -presses, 2)[0]
     inside = active.update(node, -excess, ~before, 0 * presses, 3)[0]
     assert not pulls.any() and inside.all()

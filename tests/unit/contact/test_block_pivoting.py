@@ -1,4 +1,4 @@
-"""BlockPivoting: all violators while they become fewer, then one at a time."""
+"""BlockPivoting: all violated conditions change while their number decreases, then one."""
 
 from itertools import pairwise
 
@@ -76,13 +76,13 @@ def test_who_waits_does_not_change_back_at_once_unless_violators_become_fewer(co
     pivoting, node = pivoting_of(comm, ids, waits=np.inf), np.arange(4, dtype=np.int32)
     first, other = ids % 4 < 2, ids % 4 >= 2
     assert np.array_equal(pivoting.select(first, node, 1)[0], first)
-    # As many violate again: those that have just changed wait, others change, and all are counted.
+    # The number has not decreased: nodes that have just changed wait, others change.
     changes, violators = pivoting.select(first, node, 2)
     assert not changes.any() and violators == 2
-    # Who has waited changes.
+    # Nodes that have waited change.
     assert np.array_equal(pivoting.select(first, node, 3)[0], first)
     assert np.array_equal(pivoting.select(other | first, node, 4)[0], other)
-    # Fewer violate: all change.
+    # The number decreases: all change.
     assert np.array_equal(pivoting.select(ids % 4 == 2, node, 5)[0], ids % 4 == 2)
 
 
@@ -95,7 +95,7 @@ def test_a_single_node_that_has_just_changed_waits(comm):
     changes, violators = pivoting.select(one, node, 2)
     assert not changes.any() and violators == one.sum()
     assert np.array_equal(pivoting.select(one, node, 3)[0], one)
-    # Another one does not wait.
+    # Another node does not wait.
     assert np.array_equal(pivoting.select(ids == 1, node, 4)[0], ids == 1)
 
 

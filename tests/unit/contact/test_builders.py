@@ -18,7 +18,7 @@ RUBBER = nts.SaintVenantKirchhoff(E=1e5, nu=0.3, rho=1e3)
 
 
 def row(comm, cells=(1, 2, 3), stiffness=None):
-    """Unit cubes in a row, each of another number of cells an edge."""
+    """Unit cubes in a row, with different numbers of cells along an edge."""
 
     def build(model):
         for i, n in enumerate(cells):
@@ -278,7 +278,7 @@ def meeting(comm, order, **laws):
 def test_two_half_passes_keep_energy_and_momenta_and_prefer_no_side(comm, friction):
     found = []
     for order in (1, -1):
-        # So stiff that no node slides over a rim while it is inside.
+        # So stiff that no penetrating node slides over a free edge.
         stepper = meeting(comm, order, enforcement=nts.Penalty(5e3), friction=friction)
         diagnostics = nts.Diagnostics(stepper)
         before, dissipated, most = diagnostics.balance(), 0.0, np.zeros(2)

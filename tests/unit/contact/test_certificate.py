@@ -28,7 +28,7 @@ NO_SEGMENT = "nodes that sank into a surface and face no segment any more: 1"
 
 
 def step_of(facets, before, after, held):
-    """A step that moves a node from (x, z) to another at y = 0.4; ``held``: at t_n, at the end."""
+    """A step that moves a node in the plane y = 0.4; ``held``: active at t_n, active at the end."""
     segments = np.array(SEGMENTS[facets], dtype=np.int32)
     orientation = np.resize([1.0, -1.0] if facets == "triangle" else [1.0], len(segments))
     none = np.empty(0, dtype=np.int64)
@@ -49,7 +49,7 @@ def step_of(facets, before, after, held):
     segment_n, gap_n = candidates.pair(points, x_n, none_yet, 2.0)
     segment, gap = candidates.pair(points, x, segment_n, 2.0)
     if held[1] and segment[0] < 0:
-        # As of a node that has changed its segment again and again.
+        # As for a node that has changed its segment repeatedly.
         segment, gap = segment_n, candidates.gap(points, x, segment_n)
     history = SimpleNamespace(active=np.array(held[:1]), gap=gap_n)
     search = SimpleNamespace(
@@ -82,7 +82,12 @@ def step_of(facets, before, after, held):
         ((0.4, -0.3), (0.4, -0.5), (True, True), ""),
         ((0.9, -0.3), (1.3, -0.3), (True, False), NO_SEGMENT),  # below the edge of a pit
         ((0.9, -0.3), (1.3, -0.3), (False, True), NO_SEGMENT),
-        ((0.9, -0.3), (1.3, -0.3), (False, False), ""),  # nothing presses
+        (
+            (0.9, -0.3),
+            (1.3, -0.3),
+            (False, False),
+            "",
+        ),  # without force at an admissible depth at the rim
         ((0.9, -0.1), (1.3, -0.1), (True, False), ""),  # a depth with which nodes may come
         ((0.1, -0.3), (-0.3, -0.3), (True, False), ""),  # over the rim
         ((0.1, -0.3), (-0.3, -0.3), (False, True), ""),
@@ -110,21 +115,21 @@ def test_node_that_goes_through_a_surface_is_found():
     ("after", "held", "message"),
     [
         ((1.2, 0.05), True, "nodes that sank into a surface between two segments: 1"),
-        ((1.1, 0.05), True, ""),  # a depth with which nodes may come
+        ((1.1, 0.05), True, ""),  # an admissible depth without force
         ((1.2, 0.05), False, ""),  # nothing presses
     ],
 )
 def test_node_must_not_sink_between_two_segments(facets, flat, after, held, message):
-    # On the flat one, continued, at the end; the next step finds it below the steep one.
+    # At the end it is on the extension of the flat segment; the next step finds the steep one.
     step = step_of(facets, (0.9, 0.1), after, (True, held))
     step.search.segment[:], step.search.gap[:] = flat, after[1]
     assert check_penetration(step, dt=0.1) == message
-    step.search.gap[:] = -0.1  # not much deeper than now
+    step.search.gap[:] = -0.1  # hardly deeper than now
     assert check_penetration(step, dt=0.1) == ""
 
 
 def loaded(enforcement=None, **fault):
-    """A node in sliding contact, right unless a fault changes it, and its last evaluation."""
+    """A node in sliding contact with its last evaluation, correct unless a fault is injected."""
     at = {"held": 0.0, "gap_n": 0.0, "gap": 0.0, "force": -2.0, "t": (0.6, 0.0), "slip": (0.1, 0.0)}
     at |= fault
     surface = SimpleNamespace(

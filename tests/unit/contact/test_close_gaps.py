@@ -21,7 +21,7 @@ class Blocks:
     """A block of 0.4 m on a wider one: meshes that do not match."""
 
     def __init__(self, cell="hexahedron", degree=1, *, wavy="top 0", sharp=False):
-        """Make one face wavy, up to `GAP` of either sign; perhaps a sharp cell above a node."""
+        """Make one face wavy by up to +-`GAP`; optionally with a flat cell above a node."""
         data = box_meshes.boxes([(5, 5, 2), (3, 3, 3)], [(0.6, 0.6, 0.2), (0.4, 0.4, 0.4)], cell)
         X, upper = data.X, np.unique(data.cells[data.body == 1])
         X[upper] += (0.1, 0.1, 0.2)
@@ -56,7 +56,7 @@ class Blocks:
 @pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize("cell", ["hexahedron", once("tetrahedron")])
 @pytest.mark.parametrize(
-    # Of surfaces that touch, mean gaps vanish where both are flat.
+    # Mean gaps of touching surfaces vanish where both are flat.
     ("method", "wavy"),
     [("node-to-segment", "top 0"), ("mortar", "bottom 1")],
 )
@@ -71,7 +71,7 @@ def test_nodes_lie_on_segments_and_touch_from_the_first_step_on(cell, method, wa
     assert 0.5 * GAP < farthest < 1.1 * GAP
     if MPI.COMM_WORLD.rank == 0:
         assert "16 nodes of surface 3 were moved onto surface 2, by 0.00" in caplog.text
-    # A second time nothing is left to move.
+    # A second call moves nothing.
     assert nts.close_gaps(pair, within=1.1 * GAP)[0] == 0
     stepper = scene.press(pair)
     assert np.abs(stepper.contacts[0].gap(stepper.x)).max(initial=0.0) <= 1e2 * EPS

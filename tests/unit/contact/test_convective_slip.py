@@ -117,7 +117,7 @@ def test_tangent_of_the_pairs_is_the_derivative_of_their_forces(comm, rng, cell,
     travel = 0.04 * scene.stepper.v.x.array.reshape(-1, 3)
     x = x_n + travel + 0.01 * rng.normal(size=x_n.shape)
     contact, given = PairState(pair), np.ones(len(pair.nodes.nodes))
-    contact.choose_penalty(given, given)  # it has the stiffnesses of its laws
+    contact.choose_penalty(given, given)  # the stiffnesses are the given ones
     step = ContactStep(contact, "midpoint", x_n, x_n + travel, np.ones(len(x)))
     for iteration in range(3):
         state = step.evaluate(x, None, iteration)

@@ -1,4 +1,4 @@
-"""Laws and methods of contact pairs that state none, by schemes and surfaces."""
+"""Default laws and methods of contact pairs, by schemes and surfaces."""
 
 from mpi4py import MPI
 

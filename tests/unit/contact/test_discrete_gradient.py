@@ -18,7 +18,7 @@ WORK_ROUND_OFF = 50 * EPS
 
 IMPLEMENTATIONS = [pytest.param(_kernels, id="kernels"), pytest.param(nts.batched, id="twin")]
 both = pytest.mark.parametrize("implementation", IMPLEMENTATIONS)
-# What the twin does where it agrees with the kernels follows, and takes it long.
+# Slow properties of the twin, tested where it agrees with the kernels.
 kernels = pytest.mark.parametrize("implementation", IMPLEMENTATIONS[:1])
 segments = pytest.mark.parametrize("k", [3, 4], ids=["triangle", "quadrilateral"])
 signs = pytest.mark.parametrize("orientation", [1, -1])
@@ -122,7 +122,7 @@ def test_work_of_the_conserving_force_is_the_change_of_the_gap(implementation, k
 @segments
 @signs
 def test_midpoint_force_is_not_directional(implementation, k, orientation):
-    # The reason for the conserving force; guards the test above
+    # The reason for the conserving force, which shows that the test above is sharp
     x_n, x, signs = steps(k, orientation, 6, num=40)
     gap_n, gap, force, *_ = implementation.contact_midpoint(x_n, x, signs)
     assert np.abs(work(force, x_n, x) - (gap - gap_n)).max() > 1e-5

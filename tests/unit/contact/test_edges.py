@@ -1,4 +1,4 @@
-"""Edges in the plane as segments, against quadrilaterals that they sweep out of it."""
+"""Edges as segments of the plane, compared with quadrilaterals extruded along z."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def states(seed, m=20):
 
 
 def swept(x):
-    """The same with the quadrilateral between the edge and one above it, ``(m, 5, 3)``."""
+    """The same with the quadrilateral extruded from the edge, ``(m, 5, 3)``."""
     up = np.array([0.0, 0.0, 1.0])
     return np.stack([x[:, 0], x[:, 1], x[:, 2], x[:, 1] + up, x[:, 2] + up], axis=1)
 

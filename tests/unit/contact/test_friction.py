@@ -56,7 +56,7 @@ def exact(t, slip, p, c, heading, sliding, law=LAWS["Coulomb"]):
 
 
 def spring(t_n, slip, p, eps, law=LAWS["Coulomb"], slid=None):
-    """Return the solution of the spring's law, and who slides."""
+    """Return the tractions of the spring law, and the sliding nodes."""
     trial, node = t_n + eps[:, None] * slip, np.arange(len(p), dtype=np.int32)
     size, never = np.linalg.norm(trial, axis=1), np.zeros(len(p), dtype=bool)
     judged, limit = limits(len(p), law).of_springs(
@@ -117,7 +117,7 @@ def test_spring_that_turned_back_while_sliding_sticks_first(rng):
     every = np.ones(len(p), dtype=bool)
     trial = t_n + 1e3 * eps[:, None] * slip
     assert not slides(trial, trial, p, -trial, every).any()
-    # One that has to go on sliding has the direction of before, and no stiffness.
+    # A node that has to keep sliding keeps its direction, without stiffness.
     model = spring_model(limit_at(p), trial, p, eps, -trial, every)
     ahead = -MU * p[:, None] * trial / np.linalg.norm(trial, axis=1)[:, None]
     np.testing.assert_allclose(traction(model, p), ahead, rtol=1e2 * ROUNDING)
@@ -151,14 +151,14 @@ def test_exact_law_turns_a_traction_towards_the_slip(rng):
 
 
 def test_slip_does_not_reverse_in_one_iteration(rng):
-    # However far a node slides against its traction, it sticks first.
+    # A node that slides against its traction sticks first, whatever the slip.
     _, slip, p, c = sample(rng)
     every = np.ones(len(p), dtype=bool)
     t = -MU * p[:, None] * slip / np.linalg.norm(slip, axis=1)[:, None]
     far = t + 1e3 * c[:, None] * slip
     assert not slides(far, slip, p, t, every).any()
     assert np.array_equal(slides(far, slip, p, t, ~every), np.linalg.norm(far, axis=1) > MU * p)
-    # One that has to go on sliding has the direction of before, and no stiffness.
+    # A node that has to keep sliding keeps its direction, without stiffness.
     model = exact(t, slip, p, c, t, every)
     np.testing.assert_allclose(traction(model, p), t, rtol=1e2 * ROUNDING)
     assert np.all(model.stiffness == 0)

@@ -39,7 +39,7 @@ def test_nodes_at_the_limit_or_on_the_axis_keep_their_state(rng):
     heading, sliding = of.kernel.judge(of.node, of.active, p, MU * p, trial, trial)
     assert sliding.tolist() == [False, True, False, True, True]
     np.testing.assert_array_equal(heading[0], trial[0])
-    # The pressing force of nodes in new contact is unknown.
+    # The pressing force of new contacts is unknown.
     _, unknown = of.kernel.judge(of.node, of.active, 0 * p, MU * p, trial, trial)
     assert unknown.tolist() == [False, True, False, True, True]
     # Nodes stick before their slip reverses.
@@ -91,7 +91,7 @@ def test_known_tractions_are_the_same_in_other_frames(rng):
     of, names = Friction(rng), ("traction", "explicit", "direction", "heading", "modelled")
     frame = np.linalg.qr(rng.normal(size=(M, 3, 3)))[0][:, :2]
     before = {name: getattr(of, name).copy() for name in (*names, "stiffness")}
-    of.kernel.turn(of.node, frame)  # without a frame, the first one is taken
+    of.kernel.turn(of.node, frame)  # a node without a frame takes the first one
     for name, values in before.items():
         np.testing.assert_array_equal(getattr(of, name), values)
     turned = rng.permutation(np.array([[1.0, 0.0], [0.0, -1.0]]))[None] @ frame

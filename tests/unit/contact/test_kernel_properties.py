@@ -1,4 +1,4 @@
-"""Properties that the contact kernels have for every geometry, or they say so.
+"""Properties of the contact kernels for every geometry, or a reported failure.
 
 Hypothesis looks for a counterexample; the examples are the same in every run.
 """
@@ -44,7 +44,7 @@ def motions(draw):
 
 
 def conserving(x_n, x, sign):
-    """Gaps, force and tangent where the kernel succeeds; None if it says no."""
+    """Gaps, force and tangent; None if the kernel reports a failure."""
     gap_n, gap, force, _, tangent, turn = _kernels.contact_conserving(x_n, x, sign)
     if np.isnan(turn[0]):
         return None

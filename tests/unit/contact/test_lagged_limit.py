@@ -44,7 +44,7 @@ def test_one_state_only_is_a_solution():
 
 
 def iterate(comm, has_lag, start, count=200):
-    """Change states as `StickSlip` does; the last ones, and whether no node contradicts them."""
+    """Iterate the states as `StickSlip` does; return the last ones, and their consistency."""
     pivoting = BlockPivoting(comm, NODE.astype(np.int64), np.array([0, 2]), waits=np.inf)
     lagged = LaggedLimit(2)
     direction = np.array(start)

@@ -59,7 +59,7 @@ def iterate(search, at, node):
 
 
 def equilibrium(scene, place, held=False):
-    """How many nodes change in equilibrium at a place, and the segment of the node."""
+    """Number of nodes that change in equilibrium at a position, and the segment of the node."""
     search, at, node = scene
     iterate(*scene)
     x = search.candidates.scatter.forward(at(place))

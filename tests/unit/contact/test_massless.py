@@ -1,4 +1,4 @@
-"""In which contact pairs impact can be resolved."""
+"""Contact pairs in which impact can be resolved."""
 
 from functools import partial
 
@@ -16,7 +16,7 @@ pytestmark = pytest.mark.serial
 
 
 def with_pairs(*changes, scheme=nts.EnergyMomentum):
-    """Make a stepper whose pairs are replaced by what functions make of them."""
+    """Make a stepper whose pairs are replaced by the results of functions."""
 
     def make(bodies, pairs, dt):
         return scheme(

@@ -98,7 +98,7 @@ def test_a_growing_overlap_is_reported_again_at_double_depth_or_at_cell_centres(
 
 
 def plate_and_cubes(comm, heights):
-    """A plate, and small cubes in a row over it, those at ``heights`` over its top."""
+    """A plate, and a row of small cubes at ``heights`` over its top."""
 
     def build(model):
         parts.add_box(model, "plate", corner=(0, 0, -0.5), size=(2, 1, 0.5), cells=(4, 2, 2))
@@ -134,7 +134,7 @@ def test_the_deepest_overlap_of_one_cause_is_reported_and_others_are_counted(
 
 def test_overlaps_of_one_cause_are_reported_as_they_become_deeper(comm, reported_overlaps):
     stepper = watched_fall(plate_and_cubes(comm, [0.015, 0.035, 0.034]), num_steps=4)
-    # The others are hardly deeper when they are seen. Each of two bodies is as deep in the other.
+    # Other overlaps are hardly deeper when detected. Each of two bodies is as deep in the other.
     (first,) = reported_overlaps()
     assert first.startswith("at t = 0.06 ") and "is up to 0.045 inside" in first
     assert "cube 0" in first and "more by less" not in first
@@ -453,7 +453,7 @@ def test_bodies_in_touch_are_looked_at_when_they_came_nearer_by_a_cell(comm, mon
     for _ in range(100):
         stepper.advance()
     run(stepper, 0.75)
-    # Cells are 0.2 and 0.25 thick, and there is one look at the end of the run, which is neither
-    # near one of the others nor beyond the rim of the plate.
+    # Cells are 0.2 and 0.25 thick. There is one check at the end of the run, neither close to
+    # another check nor beyond the edge of the plate.
     assert len(checks) == int(0.75 / (0.85 * 0.7 * 0.45)) + 1
     assert not paths

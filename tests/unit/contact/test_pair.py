@@ -43,7 +43,7 @@ def attempt(scene, scheme, *, weight=1.0):
 
 
 def pressed(step, x, iteration=1):
-    """Evaluate with a pushing multiplier at every node that may touch."""
+    """Evaluate with a compressive multiplier at every eligible node."""
     step.normal.lambda_N[:] = -1.0
     return step.evaluate(x, None, iteration)
 
@@ -144,7 +144,7 @@ def test_penetrating_nodes_are_active_first_then_nodes_under_pressure(comm):
 @pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize("value", [np.nan, 1.0])
 def test_pair_that_could_not_be_evaluated_is_counted_active_or_not(comm, monkeypatch, value):
-    # A node without a gap must not go through unnoticed.
+    # A node with a NaN gap must be reported.
     step, x, _ = attempt(scenes.blocks(comm), "conserving")
     kernel = step.candidates.contact
 
@@ -174,7 +174,7 @@ def test_changes_of_the_set_are_counted(comm):
 
 
 def test_cycling_active_sets_end_in_changes_of_the_lowest_node_alone(comm):
-    # Every node wants to change in every iteration.
+    # Every node violates its condition in every iteration.
     scene = scenes.blocks(comm)
     step, x, _ = attempt(scene, "conserving", weight=0.0)
     state = step.evaluate(x, None, 0)
@@ -219,7 +219,7 @@ def test_accepted_history_holds_pushing_forces_along_the_normals(comm, agree):
     up = history.force[history.active][:, 2]
     assert agree(np.all(up > 0))
     np.testing.assert_allclose(pair.pressure * pair.nodes.area, -history.lambda_N, rtol=ROUNDING)
-    # Nearly all that the nodes face is flat.
+    # Nearly all facets that the nodes touch are flat.
     facing = history.gap < np.inf
     assert agree(np.allclose(np.linalg.norm(history.normal[history.active], axis=1), 1, ROUNDING))
     assert agree(np.all(history.normal[history.active][:, 2] > 0.99))
@@ -263,7 +263,7 @@ def test_accepted_normal_is_the_gradient_of_the_gap(comm, scheme, law, friction)
 
 
 def gaps_of_active_nodes(comm, impact):
-    """Gaps before and after each step of the nodes that it held."""
+    """Gaps of the active nodes before and after each step."""
     scene = scenes.blocks(comm, nts.EnergyMomentum, nts.LagrangeMultiplier(impact))
     (pair,) = scene.stepper.pairs
     found = []

@@ -1,4 +1,4 @@
-"""Vertices of segments that come out on another side of the nodes' body are named."""
+"""Reverse pass-through: segment vertices that leave the nodes' body on another side are named."""
 
 from itertools import pairwise
 
@@ -52,7 +52,7 @@ def test_vertices_that_come_out_below_are_named_before_they_are_a_cell_away(comm
         reasons.append(bullet.watch.check(x_n, x, moved))
         bullet.watch.accept()
     assert agree(reasons == comm.bcast(reasons))
-    # Four of them lie 0.1 above the plate, at the start, and have to travel 0.6.
+    # Four of them start 0.1 above the plate and have to move by 0.6.
     first, last = (int(np.floor(way / moved)) for way in (0.6, 0.6 + 0.5))
     assert not any(reasons[:first])
     assert any(

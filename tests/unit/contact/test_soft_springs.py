@@ -1,4 +1,4 @@
-"""Springs into which nodes sink deep are reported once, and bodies that pass an obstacle."""
+"""Deep penetration into soft springs, and passing of an obstacle, are reported once."""
 
 import re
 
@@ -39,7 +39,7 @@ def test_springs_that_do_not_stop_nodes_are_reported_once(comm, caplog, scheme, 
 
 
 def cube(comm, obstacle, eps_N, dt, scheme, is_rigid=True):
-    """A cube of 2 x 2 x 2 cells, of 1 kg and one metre, that flies down onto an obstacle."""
+    """A cube of 1 m, 1 kg and 2 x 2 x 2 cells that falls on an obstacle."""
     data = box_meshes.boxes([(2, 2, 2)], [(1.0, 1.0, 1.0)])
     data.X[:] += [-0.5, -0.5, 0.01]
     mesh, cells, _, tag = box_meshes.distribute(comm, data)

@@ -61,7 +61,7 @@ def test_springs_of_a_bar_on_a_wall_are_soft_in_proportion_to_its_speed(comm):
             depths.append(stepper.contacts[0].history.soft_depth.copy())
         after = nts.Diagnostics(stepper).balance().total_energy
         assert after == pytest.approx(before, rel=1e-12)
-        # It remains that of the arrival.
+        # It stays at its value at impact.
         np.testing.assert_array_equal(depths[0], depths[-1])
         return depths[0]
 

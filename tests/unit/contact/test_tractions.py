@@ -1,4 +1,4 @@
-"""Forces per area where the surface of the nodes goes round edges and corners."""
+"""Tractions of nodes on edges and corners of their surface."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ E, STRAIN = 1e6, 1e-3
 
 
 def pressed(comm, cell="hexahedron", degree=1, law=None, turn=None):
-    """Stepper and pair of a unit cube that is pressed uniformly onto a plane, by its boundary."""
+    """Stepper and pair of a unit cube whose whole boundary may touch a plane, under pressure."""
     turn = np.eye(3) if turn is None else turn
     data = boxes([(3, 2, 2)], [(1.0, 1.0, 1.0)], cell)
     data.X[:, 0] **= 1.5  # cells of several sizes

@@ -248,7 +248,7 @@ def test_min_gap_is_the_least_of_all_gaps_without_evaluating_far_pairs(comm, mon
             stepper.advance()
             assert np.array_equal(diagnostics._now().x, stepper.x)  # not the state before
         looked.clear()
-    # What surrounds the nodes is found once.
+    # The facets around the nodes are found once.
     assert [c._far_search.num_searches for c in stepper.contacts[:3]] == [1, 1, 1]
 
 

@@ -52,7 +52,7 @@ def virtual_work(comm, law, cell="hexahedron", degree=1):
 
 
 def source_of(form):
-    """The C that FFCx wrote."""
+    """C source that FFCx generated."""
     library = Path(form.module.__file__)
     return library.with_name(library.name.split(".")[0] + ".c").read_text()
 

@@ -15,7 +15,7 @@ from dolfinx_nts.fem.jit import compile_quickly
 
 pytestmark = pytest.mark.serial
 
-# Holds the byte of the lock that is this form's, and then completes the form.
+# Holds the lock of this form, and then completes the form.
 COMPILING = """
 import sys, time
 from pathlib import Path
@@ -30,7 +30,7 @@ with _locked(source):
 
 @pytest.fixture
 def interrupted(comm, monkeypatch):
-    """A form, its C file and its library, as a process leaves them that is killed meanwhile."""
+    """A form with its C file and library in the state after a killed compilation."""
     monkeypatch.setattr(compat, "_loaded", {})
     form = 7.25 * ufl.dx(domain=create_unit_cube(comm, 1, 1, 1))
     library = Path(compile_quickly(form).module.__file__)
@@ -38,7 +38,7 @@ def interrupted(comm, monkeypatch):
     compat._loaded.clear()
     source.with_suffix(".c.cached").unlink()
     yield form, source, library
-    # Other tests shall not compile it again.
+    # Keeps other tests from compiling it again.
     source.with_suffix(".c.cached").touch()
 
 

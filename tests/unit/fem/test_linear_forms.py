@@ -54,7 +54,7 @@ class Case:
         function.x.array[:] = self.fill(size=len(function.x.array))
 
     def action(self):
-        """Derivative of a work that the mass shares, along the direction."""
+        """Derivative of the virtual work with a mass term, along the direction."""
         F = ufl.Identity(3) + ufl.grad((self.u + self.u_n) / 2)
         eta = ufl.TestFunction(self.V)
 
@@ -183,7 +183,7 @@ def test_numbers_behind_a_vector_are_summed_in_the_same_pass(comm, cell, degree)
     forces = bulk_form(case.bodies, lambda law, some, rho: force(test_function, law, some))
     form, alone = CellForm(bulk_form(case.bodies, both), V=V, num_sums=1), CellForm(forces)
     energies = compile_form(bulk_form(case.bodies, energy))
-    for _ in range(2):  # sums are of the last assembly
+    for _ in range(2):  # sums belong to the last assembly
         values, expected = np.zeros((2, len(case.u.x.array)))
         form.assemble(values)
         alone.assemble(expected)

@@ -57,7 +57,7 @@ def test_the_integral_of_a_gradient_is_exact(comm, cell):
 def test_a_function_of_the_gradient_sees_its_mean(comm):
     V, u, v = distorted(comm, "hexahedron")
     mesh = V.mesh
-    # Of each cell, by a test function that is constant in it.
+    # By cell, with a test function that is constant in each.
     cellwise = ufl.TestFunction(fem.functionspace(mesh, ("Discontinuous Lagrange", 0)))
 
     def by_cell(value, metadata):

@@ -94,7 +94,7 @@ def test_stress_of_held_shear_relaxes_as_in_closed_form(comm, table_row):
     stepper = held(nts.QuasiStatic, box, lambda t: shear, time / num_steps)
     F = np.eye(3) + shear * np.outer([1, 0, 0], [0, 0, 1])
     E = (F.T @ F - np.eye(3)) / 2
-    # All nodes are held, so that the branches take what their springs lose.
+    # All nodes are prescribed, so branches dissipate the energy of their springs.
     deviator = E - np.trace(E) / 3 * np.eye(3)
     ledger, errors = Ledger(stepper), []
     elastic = VOLUME * (SHEAR * np.vdot(E, E) + YOUNG * NU / (1 + NU) / (1 - 2 * NU) / 2

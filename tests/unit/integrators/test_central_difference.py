@@ -258,7 +258,7 @@ def test_nodes_far_from_an_obstacle_are_not_looked_up(comm, monkeypatch):
 @pytest.mark.serial
 @pytest.mark.parametrize("friction", [None, nts.Coulomb(0.3)], ids=["smooth", "rough"])
 def test_ball_on_plate(comm, friction, table_row):
-    """Energy without friction; with it the converged reference."""
+    """Energy without friction; with friction the converged reference."""
     first = scenes.ball_plate(comm, nts.Midpoint, nts.Penalty())
     (pair,), bodies = first.stepper.pairs, first.stepper.bodies
     pair = nts.ContactPair(
@@ -337,7 +337,7 @@ def test_motion_is_bounded_at_the_estimate(comm, cell):
 
 
 def test_wrong_estimate_is_found_out_and_the_state_stays(comm, monkeypatch, refused, agree):
-    """Twice the largest step: the energy grows until the step is refused."""
+    """A step of twice the limit: the energy grows until the step is refused."""
     box = Box(comm)
     stable = nts.CentralDifference([box.body]).stable_step
     limits = stability.Cells.limits

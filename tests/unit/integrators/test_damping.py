@@ -66,14 +66,14 @@ def test_stiffness_damping_leaves_momenta_of_a_spinning_body(comm, cell, scheme)
     for name in ("linear_momentum", "angular_momentum"):
         before, after = getattr(start, name), getattr(end, name)
         np.testing.assert_allclose(after, before, atol=1e-12 * np.linalg.norm(before))
-    # What oscillated is gone, what turns is left.
+    # Vibrations have decayed, rotation remains.
     assert ledger.total("damping_work") < -1
     assert abs(ledger.reports[-1].damping_work) < 0.1 * abs(ledger.reports[0].damping_work)
 
 
 @pytest.mark.serial
 def test_steadily_turning_body_is_not_slowed_by_stiffness_damping(comm):
-    # Stiff against its spin, so that it turns as if rigid; C is constant.
+    # Stiff compared to the spin, so that it rotates rigidly; C is constant.
     stiff = nts.SaintVenantKirchhoff(1.0e7, 0.3, RHO, stiffness_damping=1.0)
     box = Box(comm, material=stiff)
     stepper = nts.EnergyMomentum([box.body], dt=0.01)
@@ -108,7 +108,7 @@ def test_damping_agrees_with_its_body(comm):
 def test_mode_of_a_bar_decays_as_stiffness_damping_says(comm):
     r"""Lowest mode of a clamped bar: q'' + b w^2 q' + w^2 q = 0.
 
-    With w of n linear cells, and the means of a step in place of q and q'.
+    w is the frequency of n linear cells; the means of a step replace q and q'.
     """
     n, length, E, dt, b = 8, 2.0, 900.0, 0.004, 0.01
     material = nts.SaintVenantKirchhoff(E, 0.0, 1.0, stiffness_damping=b)

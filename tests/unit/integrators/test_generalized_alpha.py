@@ -38,7 +38,7 @@ def amplification(rho_inf, x):
 
 
 class Oscillator:
-    """One cell held at a side, whose other side moves without contraction."""
+    """One cell, clamped at a side, whose other side moves without lateral contraction."""
 
     def __init__(self, comm, rho_inf, omega_dt):
         """Choose the step for a frequency."""
@@ -155,7 +155,7 @@ def rebound(rho_inf, ratio, phase):
 @pytest.mark.parametrize("rho_inf", [0.0, 0.5, 0.8, 1.0])
 @pytest.mark.parametrize("phase", [0.2, 0.7])
 def test_rigid_body_rebounds_from_springs_without_a_gain_of_energy(rho_inf, phase):
-    """A cube that meets a floor by its face, as one unknown."""
+    """A cube that meets a floor with its whole face, a system with one unknown."""
     dt, comm = 0.01, scenes.MPI.COMM_SELF
     data = box_meshes.boxes([(1, 1, 1)], [(1.0, 1.0, 1.0)])
     data.X[:, 2] += (2 + phase) * dt

@@ -96,7 +96,7 @@ def sheared(box, scheme, shear, dt):
 def exact_tension(stretch, yield_stress):
     """Force per reference area and plastic strain of a bar at a stretch.
 
-    By the Kirchhoff stress q, the volume of its pressure, and logarithmic strains that add up.
+    From the Kirchhoff stress q, the volume change by its pressure, and logarithmic strains.
     """
     sign = np.sign(stretch - 1)
 
@@ -169,7 +169,7 @@ def test_cycles_of_shear_lose_the_area_of_their_loop(comm, table_row, scheme):
     )
     assert abs(loss / exact - 1) <= 5e-3
     assert abs(work / exact - 1) <= (5e-3 if scheme is nts.EnergyMomentum else 0.03)
-    # Energies of strains as small as these are known to the round-off of moduli, in each step.
+    # Energies of such small strains are exact to the round-off of moduli, in each step.
     round_off = np.finfo(float).eps * SHEAR * VOLUME
     assert max(s.damping_work for s in ledger.reports) <= round_off
     assert ledger.error * ledger.scale <= len(ledger.reports) * round_off
@@ -282,7 +282,7 @@ def test_the_first_step_bends_a_flat_sheet_with_friction(comm, law, travel):
 
 
 def test_products_know_whether_points_flow_that_are_just_at_yield(comm, rng):
-    # By less than half of the digits resolve.
+    # Less than half of the resolved digits.
     stretch = np.array([1.0, -0.5, -0.5])
 
     def von_mises(amount):
@@ -298,7 +298,7 @@ def test_products_know_whether_points_flow_that_are_just_at_yield(comm, rng):
     x = rng.standard_normal((bulk.num_owned // 3, 3))
 
     def products(beyond):
-        """Products by the usual kernels and by those with the fewest digits."""
+        """Products by the default kernels and by the kernels of least precision."""
         amount = (1 + beyond) * yields
         stepper.u.interpolate(lambda X: amount * stretch[:, None] * X)
         return bulk.action(x), bulk.rounded_action(x)

@@ -36,7 +36,7 @@ def supported(comm, scheme, enforcement, speed):
     bcs = [fem.dirichletbc(g, bottom), fem.dirichletbc(g, corner)]
     bodies, (pair,) = old.bodies, old.pairs
     pairs = [nts.ContactPair(pair.nodes, pair.segments, enforcement, method="node-to-segment")]
-    if scheme is nts.QuasiStatic:  # nothing but the supports holds the bodies
+    if scheme is nts.QuasiStatic:  # only the supports carry the bodies
         bcs.append(fem.dirichletbc(np.zeros(3), bodies[1].nodes, V))
         pairs = []
     loads = [nts.Gravity(bodies, G), nts.Traction(pair.segments, TRACTION)]

@@ -52,7 +52,7 @@ def largest(scene, values):
 
 
 def state_of(stepper):
-    """Copies of everything that an accepted step may change."""
+    """Copies of all state that an accepted step may change."""
     arrays = [stepper.u.x.array.copy(), stepper.v.x.array.copy()]
     for pair in stepper.pairs:
         arrays += [getattr(pair.history, f.name).copy() for f in fields(pair.history)]
@@ -415,8 +415,8 @@ def test_stepper_refuses_wrong_arguments(comm, refused):
 
 
 def test_block_squashed_by_supports_in_statics_needs_few_iterations(comm):
-    # No force is known but the reactions: with round-off alone as the target
-    # Newton's method stalls where cells are squashed.
+    # Only reactions give a force scale: with round-off as the target Newton's method stalls where
+    # cells are crushed.
     data = box_meshes.boxes([(4, 4, 4)], [(1.0, 1.0, 1.0)])
     mesh, cells, _, tag = box_meshes.distribute(comm, data)
     V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
@@ -478,7 +478,7 @@ def test_a_load_that_update_sets_acts_as_a_function_of_time_does(comm, scheme, k
             moved = stepper.u.x.array.reshape(-1, 3)[owned, 1]
             np.testing.assert_allclose(moved, 1e-3 * np.sin(5 * step.t), rtol=1e-12)
         if kind == "time":
-            assert len(asked) == stepper.step  # once in a step that has nothing else to ask for
+            assert len(asked) == stepper.step  # once in a step without other requests
         return comm.allreduce(float(stepper.u.x.array.sum()))
 
     assert tip(0.05, kind) == pytest.approx(tip(0.05, "time"), rel=1e-8)

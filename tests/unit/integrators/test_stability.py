@@ -109,7 +109,7 @@ def test_damped_oscillator_is_stable_up_to_the_step(alpha, beta):
 @pytest.mark.serial
 @pytest.mark.parametrize("degree", [1, 2])
 def test_a_rank_without_cells_has_no_frequencies(degree):
-    """It stopped for cells of other shapes than degree 1 in space or in the plane."""
+    """Regression: it failed for cells other than degree 1 in space or in the plane."""
     law, element = nts.NeoHookean(1e3, 0.3, 1.0), Element("quadrilateral", degree)
     none = np.empty((0, 4, 2)), np.empty((0, (degree + 1) ** 2), dtype=bool)
     assert stability.highest_frequency(law, element, *none).shape == (0,)

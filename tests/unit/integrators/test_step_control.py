@@ -56,7 +56,7 @@ def test_the_rest_of_a_halved_step_ends_where_the_step_ends():
     assert not even.goes_on(0.5, 0.1)
     assert even.goes_on(0.55, 0.1)
     assert not even.goes_on(even.target, 0.1)
-    # A time set by the user is no part of the step.
+    # A time that the user sets is not part of a step.
     assert not even.goes_on(0.2, 0.1)
 
 
@@ -70,7 +70,7 @@ def test_given_times_are_met_exactly_by_halved_steps():
 
 def test_steps_that_fit_are_not_cut():
     assert ends(StepControl(), 0.0, 0.25, 1.0) == [0.25, 0.5, 0.75, 1.0]
-    # Nor is what only round-off is missing of.
+    # Nor do times that round-off separates from it.
     assert ends(StepControl(), 0.0, 0.1, 0.3) == pytest.approx([0.1, 0.2, 0.3])
 
 

@@ -1,4 +1,4 @@
-"""Checksums notice every change, and do not depend on how rows are shared."""
+"""Checksums detect every change, and do not depend on the distribution of rows."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Fingerprints of scenes: what changes them, and what does not."""
+"""Fingerprints of scenes: changes that alter them, and changes that do not."""
 
 from mpi4py import MPI
 

@@ -1,4 +1,4 @@
-"""A lock on a name, held by processes that know nothing of this package."""
+"""A lock on a file name, held by processes without this package."""
 
 import errno
 import fcntl

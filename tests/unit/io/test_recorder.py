@@ -325,7 +325,7 @@ def test_stress_and_fields_of_the_user_are_in_the_files_also_after_resuming(comm
         assert agree(np.abs(written).max() > 0)
     assert agree(np.allclose(grids[-1]["x"], grids[-1].points + grids[-1]["displacement"]))
     added = [grid["f"] - grid.points @ [1.0, 2.0, 0.0] for grid in grids]
-    # Each part began with 0 and added 1 after a step was written.
+    # Each run began with 0 and added 1 after a step was written.
     assert agree(np.allclose(added, np.array([0, 0, 1, 0, 1])[:, None], rtol=0, atol=1e-12))
 
 

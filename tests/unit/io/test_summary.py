@@ -1,4 +1,4 @@
-"""What a run prints about itself at its end."""
+"""Summary of a run, printed at its end."""
 
 import re
 from typing import Any

@@ -1,4 +1,4 @@
-"""VTX files of the recorder, read back by ADIOS2 where its package is."""
+"""VTX files of the recorder, read back by ADIOS2 where it is installed."""
 
 import dolfinx.io
 import numpy as np

@@ -1,4 +1,4 @@
-"""Fields in an XDMF file and a folder, whatever happens to the program or to the files."""
+"""Fields in an XDMF file and a folder after interruptions and damage of files."""
 
 import time
 from pathlib import Path
@@ -44,7 +44,7 @@ def record(path, run, steps, resume_at=None):
 
 
 def steps_of(path):
-    """Steps of the states that a reader finds, all of whose values are right."""
+    """Steps of the states that a reader finds, after a check of their values."""
     if not list(ET.parse(path).iter("Time")):
         return []
     times, grids = read_grids(path)

@@ -16,7 +16,7 @@ NUM_ELEMENTS = 25
 
 @pytest.fixture
 def series(tmp_path, monkeypatch):
-    """Return a series whose room is soon full."""
+    """Return a series with little reserved space."""
     monkeypatch.setattr(xml_series, "_FIRST_ROOM", 100)
     return XmlSeries(tmp_path / "a.xml", HEAD, TAIL)
 

@@ -1,4 +1,4 @@
-"""What tests of materials share."""
+"""Shared helpers of the tests of materials."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from helpers.boxed import Box
 
 @pytest.fixture
 def at(comm):
-    """Evaluate UFL of C at numbers."""
+    """Evaluate a UFL expression of C at a given tensor."""
     mesh = Box(comm, shape=(comm.size, 1, 1)).mesh
     C = fem.Constant(mesh, np.eye(3))
 

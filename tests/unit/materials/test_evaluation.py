@@ -1,4 +1,4 @@
-"""Values of UFL expressions, each part of which is evaluated once."""
+"""Values of UFL expressions, with each subexpression evaluated once."""
 
 import basix.ufl
 import numpy as np

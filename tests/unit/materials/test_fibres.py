@@ -28,7 +28,7 @@ def principal_stress(stretch, dispersion):
     """First Piola-Kirchhoff stress of stretches along the axes, fibres along the first two."""
     J = np.prod(stretch)
     bar = stretch**2 * J ** (-2 / 3)
-    # Slope of each squared isochoric stretch by each stretch.
+    # Derivative of each squared isochoric stretch with respect to each stretch.
     slope = np.diag(2 * bar / stretch) - 2 / 3 * np.outer(bar, 1 / stretch)
     P = MU / 2 * slope.sum(axis=0) + KAPPA * (J - 1) * J / stretch
     for a in range(2):

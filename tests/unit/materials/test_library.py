@@ -102,7 +102,7 @@ def test_stress_is_symmetric_for_an_energy_that_names_entries_of_C(at, rng):
     ids=["free", "damped"],
 )
 def test_neo_hookean_body_flies_and_turns_with_exact_energy_and_momenta(comm, material):
-    # Strains of a fifth in a step, a turn of some radians.
+    # Strains of 20 % in a step, and a rotation of some radians.
     box = Box(comm, material=material)
     stepper = nts.EnergyMomentum([box.body], dt=0.05)
     stepper.set_velocity(box.body, swirl)

@@ -18,7 +18,7 @@ pytestmark = pytest.mark.at_most_two_ranks
 
 EPS = np.finfo(float).eps
 KAPPA = 2.0e3
-# Bulk modulus with which errors of the change of shape are not hidden by rounding of the volume.
+# Bulk modulus at which errors of the isochoric part are above the round-off of the volume.
 SOFT = 1.0
 # Treloar's rubber by Ogden (1972), in units in which the shear modulus is 4.225.
 TRELOAR = ((6.3, 0.012, -0.1), (1.3, 5.0, -2.0))

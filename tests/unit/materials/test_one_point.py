@@ -176,14 +176,14 @@ def test_body_force_acts_once(comm):
 
 
 def not_linear(C, c, b, kappa):
-    """Energy of Fung's kind: not linear in its parameters, so that it has no volumetric one."""
+    """Energy of Fung type: not linear in its parameters, so it has no volumetric parameter."""
     J2 = ufl.det(C)
     isochoric = c / b * (ufl.exp(b * (J2 ** (-1 / 3) * ufl.tr(C) - 3)) - 1)
     return isochoric + kappa / 2 * (ufl.sqrt(J2) - 1) ** 2
 
 
 def fung(kappa):
-    """Material of that energy, with the shear modulus 2 c."""
+    """Material of Fung type with the shear modulus 2 c."""
     numbers = {"c": 0.5 * MU, "b": 2.0, "kappa": kappa}
     return nts.Hyperelastic(not_linear, rho=RHO, one_point="volumetric", **numbers)
 
@@ -233,7 +233,7 @@ def test_the_ratio_of_an_own_energy_is_measured():
 
     # K = 13/6 mu at a ratio of 0.3.
     assert [rubber(ratio * MU).splits_volume for ratio in (2.1, 2.2)] == [False, True]
-    # Nothing but volume resists: with one point cells would have no energy of their own.
+    # Only the volume has stiffness: with one point cells would have no energy of their own.
     fluid = nts.Hyperelastic(lambda C, k: k / 2 * (ufl.sqrt(ufl.det(C)) - 1) ** 2, rho=RHO, k=MU)
     assert not fluid.splits_volume and fluid.one_point == frozenset()
 
@@ -287,7 +287,7 @@ def test_energy_of_a_divided_material_is_conserved(comm):
 
 
 def eigenvalues(material, motion):
-    """Of the stiffness of a distorted cell after a motion, in ascending order [N/m]."""
+    """Eigenvalues of the stiffness of a distorted cell after a motion, ascending [N/m]."""
     rng = np.random.default_rng(3)
     data = box_meshes.boxes([(1, 1, 1)], [(1.0, 1.2, 0.8)])
     data.X[:] += 0.1 * rng.uniform(-1, 1, data.X.shape)

@@ -43,7 +43,7 @@ class Point:
         self._values = compile_expression(values, np.array([[0.3, 0.3]]))
 
     def flow(self, C, G, alpha):
-        """Factor, increment and metric."""
+        """Scaling factor of the deviator, plastic increment, and plastic metric."""
         for constant, value in zip([*self._tensors, self._alpha], (C, G, alpha), strict=True):
             constant.value = value
         t, x, *parts = self._values.eval(self._mesh, np.zeros(1, dtype=np.int32)).ravel()
@@ -74,7 +74,7 @@ def twin(C, G, alpha, law):
 
 
 def energy(C, G):
-    """Elastic energy of shape."""
+    """Deviatoric elastic energy."""
     return MU / 2 * (np.linalg.det(C) ** (-1 / 3) * np.vdot(C, G) - 3)
 
 

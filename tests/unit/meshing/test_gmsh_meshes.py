@@ -300,7 +300,7 @@ def test_order_numbering_and_format_of_the_file_do_not_matter(
 @pytest.mark.parametrize("source", ["model", "file", "function"])
 def test_points_and_curves_of_no_cell_are_left_out(comm, model, tmp_path, order, source):
     def build(own):
-        first = own.occ.addPoint(3, 0, 0)  # with lower numbers than all that follows
+        first = own.occ.addPoint(3, 0, 0)  # numbered lower than all following ones
         line = own.occ.addLine(first, own.occ.addPoint(3, 0, 1))
         box = own.occ.addBox(0, 0, 0, 1, 1, 1)
         own.occ.synchronize()

@@ -35,7 +35,7 @@ def test_prisms_and_tetrahedra_of_one_body_still_fit(comm, caplog):
         data = read_mesh(add_prisms, comm)
     assert data.mesh.topology.cell_type == CellType.hexahedron
     assert measure(data) == pytest.approx(1, rel=ROUNDING)
-    # Facets that do not fit would be on the boundary too.
+    # Non-matching facets would be on the boundary, too.
     assert measure(data, kind="ds") == pytest.approx(6, rel=ROUNDING)
     assert measure(data, "block.bottom", "ds") == pytest.approx(1, rel=ROUNDING)
     assert measure(data, "block.top", "ds") == pytest.approx(1, rel=ROUNDING)

@@ -1,4 +1,4 @@
-"""Files of gmsh, read without gmsh: compared with gmsh's and DOLFINx's own readers."""
+"""Files of gmsh, read without gmsh; compared with the readers of gmsh and DOLFINx."""
 
 import re
 import struct
@@ -101,7 +101,7 @@ def test_file_is_read_as_by_gmsh_and_dolfinx(
     np.testing.assert_allclose(corners(data), corners(live), atol=1e-14)
     for ours, gmsh_s in ((data.cells, live.cells), (data.facets, live.facets)):
         np.testing.assert_array_equal(tagged(data.mesh, ours), tagged(live.mesh, gmsh_s))
-    # DOLFINx wants numbers without gaps, and has no names.
+    # DOLFINx requires consecutive numbers, and has no names.
     try:
         reader = import_module("dolfinx.io.gmsh")
     except ModuleNotFoundError:

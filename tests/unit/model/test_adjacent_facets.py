@@ -24,7 +24,7 @@ def grid(cell, height):
 
 
 def found(adjacent, points, x, facet):
-    """Facets that are as near as the own one, by points."""
+    """Facets at the same distance as the given facet, by points."""
     size = np.full(len(facet), DIAMETER)
     row, other = adjacent.as_near(points, x, np.array(facet, dtype=np.int32), size)
     return [sorted(other[row == number].tolist()) for number in range(len(facet))]

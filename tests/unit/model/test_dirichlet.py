@@ -80,7 +80,7 @@ def test_support_at_rest_does_no_work(comm):
 
 
 def test_work_of_a_support_that_strikes_a_body_equals_that_of_contact(comm):
-    # The lower block is driven; its top nodes are given and in contact.
+    # The lower block is driven; its top nodes are prescribed and in contact.
     data = box_meshes.boxes([(2, 2, 1), (1, 1, 1)], [(1.0, 1.0, 0.5), (0.6, 0.7, 0.5)])
     data.X[data.cells[data.body == 1].ravel().min() :] += [0.15, 0.17, 0.52]
     mesh, cells, facets, tag = box_meshes.distribute(comm, data)

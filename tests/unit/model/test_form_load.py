@@ -34,8 +34,8 @@ def test_a_source_term_is_a_body_force(comm, cell, scheme):
 @cells_
 @schemes
 def test_the_energy_of_springs_and_body_is_constant(comm, cell, scheme):
-    # Springs k u on the floor: energy k/2 int |u|^2, quadratic, so that the
-    # force in the middle of a step does exactly the work of its change.
+    # Springs k u on the floor have the energy k/2 int |u|^2. It is quadratic, so the force in the
+    # middle of a step does exactly the work of its change.
     box, k = Box(comm, cell), 300.0
     ds = ufl.Measure("ds", subdomain_data=box.facets, subdomain_id=box.tag["bottom 0"])
     load = nts.FormLoad(box.V, lambda u, eta, t: -k * ufl.inner(u, eta) * ds)
@@ -72,7 +72,7 @@ def test_a_follower_load_has_its_tangent(comm, cell):
     np.testing.assert_allclose(*positions, rtol=0, atol=SOLVED)
     assert iterations[0] == iterations[1]
     depth = SIZE[2] - positions[0][:, 2].max()
-    assert depth > 0.01  # something happens
+    assert depth > 0.01  # there is a load
 
 
 @pytest.mark.serial

@@ -118,7 +118,7 @@ def test_work_of_pressure_in_a_cavity_is_pressure_times_volume(comm, cell, schem
     assert ledger.error <= CLOSED
     momentum, spin = ledger.diagnostics.linear_momentum(), ledger.diagnostics.angular_momentum()
     np.testing.assert_allclose(momentum, ledger.start.linear_momentum, atol=SOLVED)
-    # The mean of cof F gives up the moment, to second order of the step.
+    # The mean of cof F conserves the moment to second order of the step only.
     np.testing.assert_allclose(spin, ledger.start.angular_momentum, atol=1e-3 * p * VOLUME / 27)
 
 

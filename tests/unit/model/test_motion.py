@@ -1,4 +1,4 @@
-"""Moving obstacles, compared with the same obstacles declared elsewhere."""
+"""Moving obstacles, compared with fixed obstacles at the moved position."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def end(X):
 
 MOTION = nts.Motion(lambda t: FIRST + t * SHIFT, lambda t: turn(t * ANGLE), CENTRE)
 FRAME = MOTION.frame(0.0, 1.0)
-# Each obstacle as a function of how its points are moved.
+# Each obstacle as a function of the map of its points.
 SHAPES = {
     "plane": lambda at: nts.RigidPlane(at(CENTRE), at(CENTRE + UPWARD) - at(CENTRE)),
     "sphere": lambda at: nts.RigidSphere(at(CENTRE + UPWARD / 10), 0.7),
@@ -75,7 +75,7 @@ def test_gaps_agree_with_the_obstacle_declared_where_it_is(name, scheme, rng):
     for place, at, gap in ((start, x_n, seen.gap_n), (end, x, seen.gap)):
         there = SHAPES[name](place).contact("static", at, at, segment)
         np.testing.assert_allclose(gap, there.gap, atol=ROUNDING)
-    # The last one is that at the end of the step.
+    # The last position is the one at the end of the step.
     np.testing.assert_allclose(seen.gradient, there.gradient, atol=ROUNDING)
     if scheme == "static":
         np.testing.assert_allclose(seen.force, there.force, atol=ROUNDING)
@@ -132,7 +132,7 @@ def test_work_of_a_traction_is_the_slip_relative_to_the_obstacle(name, rng):
     for number in range(2):
         work = work_on_both(seen.force[:, number], x_n, x)
         np.testing.assert_allclose(work, seen.value[:, number], atol=ROUNDING)
-    # A node that the obstacle carries along does not slip, and its frame turns along.
+    # A node that moves with the obstacle does not slip, and its frame rotates with it.
     seen = slip(name, x_n, end(FRAME.at_start(x_n)), segment)
     np.testing.assert_allclose(seen.value, 0, atol=ROUNDING)
     turned = seen.frame_n @ rotation(AXIS, ANGLE).T

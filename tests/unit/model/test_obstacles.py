@@ -118,7 +118,7 @@ def test_work_of_a_traction_on_an_obstacle_is_the_slip(name, rng):
 @pytest.mark.serial
 @obstacles
 def test_tangents_turn_with_the_normal_by_the_smallest_rotation(name, rng):
-    """Whatever the axes are: a traction must not turn about the normal."""
+    """For any choice of axes: a traction must not turn about the normal."""
     obstacle, _ = CASES[name]
     x_n, x, segment = states(rng, m=300)
     slip = obstacle.slip(x_n, x, segment)
@@ -153,7 +153,7 @@ def test_friction_at_the_end_of_a_step_acts_along_the_surface_there(name, rng):
 
 
 def on_obstacle(scene, obstacle, friction=None):
-    """Return the scene with another pair, that with an obstacle."""
+    """Return the scene with an obstacle in place of the segments."""
     old = scene.stepper
     pair = nts.ContactPair(
         old.pairs[0].nodes,
@@ -198,7 +198,7 @@ def test_body_that_is_put_into_an_obstacle_between_steps_is_refused(comm, refuse
     stepper, bodies = scene.stepper, scene.bodies
     while not agree(stepper.advance().num_active > 3):
         pass
-    # Nodes that contact holds a little inside may stay, and go down by less.
+    # Active nodes slightly inside may stay, and move down by less.
     gap = stepper.contacts[0].gap(stepper.x).min(initial=0.0)
     assert -1e-2 < comm.allreduce(gap, op=MPI.MIN) < -1e-5
     now = fem.Function(stepper.u.function_space)

@@ -33,7 +33,7 @@ def box_top(comm, cell, ghosts=GhostMode.none, **kwargs):
 
 
 def everywhere(surface, values):
-    """Values of all ranks, one after the other."""
+    """Concatenated values of all ranks."""
     return np.concatenate(surface.V.mesh.comm.allgather(np.asarray(values)))
 
 
@@ -100,7 +100,7 @@ def test_normals_of_the_ball_point_away_from_its_centre(comm):
 
 
 @pytest.mark.parametrize(
-    # Each two of the three overlap in each order.
+    # All pairs of the three parameters, in both orders.
     ("cell", "ghosts", "degree"),
     [
         ("hexahedron", GhostMode.none, 1),

@@ -1,4 +1,4 @@
-"""What ranks do for each other, with rows and errors known beforehand."""
+"""Exchange of rows and errors between ranks, with known results."""
 
 import numpy as np
 
@@ -17,7 +17,7 @@ def table(ids):
 
 
 def test_each_rank_receives_messages_of_its_senders(comm, agree):
-    # Of each two neighbours the lower one has rows for the other, and then the other way round.
+    # The lower one of two neighbours first has rows for the other, then the reverse.
     for step in (1, -1) * 3:
         to, source = comm.rank + step, comm.rank - step
         parts = {rank: table(np.arange(comm.rank, rank + 3)) for rank in (to, comm.rank)}

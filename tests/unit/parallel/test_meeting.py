@@ -47,5 +47,5 @@ def test_late_ranks_are_distinguished_from_missing_ones(comm, agree):
         assert not all_come(comm, "leave")
     else:
         time.sleep(1.0)
-        all_come(comm, "leave")  # as late as this, nobody waits any more
+        all_come(comm, "leave")  # nobody waits any more at this time
     comm.barrier()

@@ -1,4 +1,4 @@
-"""Sums and extremes over all ranks, against what each rank gave."""
+"""Sums and extremes over all ranks, compared with the values of each rank."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Signals that wait, sent by the test itself."""
+"""Deferred signals, sent by the test itself."""
 
 import os
 import signal
@@ -13,7 +13,7 @@ from dolfinx_nts.parallel.signals import Interrupts
 
 
 class Stopped(Exception):
-    """What the handler of the test raises."""
+    """Exception that the handler of the test raises."""
 
 
 def _drop(pipe):

@@ -1,11 +1,11 @@
-"""Numbered rows in slabs, with rows known beforehand."""
+"""Distributed numbered rows in contiguous slabs, with known contents."""
 
 import numpy as np
 import pytest
 
 from dolfinx_nts.parallel.slabs import Slab, Slabs, Some, looked_up
 
-# Numbers as those of vertices, and of middles of edges, which need 62 bits.
+# Numbers of vertices, and of edge midpoints, which need 62 bits.
 NUMBERS = np.concatenate([3 * np.arange(200), 2**31 * np.arange(1, 1801) + 5])
 
 
@@ -16,7 +16,7 @@ def table(ids):
 
 @pytest.fixture
 def mine(comm, rng):
-    """Numbers of this rank's rows in any order; none on the last of several, few on the first."""
+    """Row numbers of this rank in random order; none on the last rank, few on the first."""
     order = rng.permutation(NUMBERS)
     if comm.size == 1:
         return order
@@ -24,7 +24,7 @@ def mine(comm, rng):
 
 
 def whole(comm, slab):
-    """All rows, from slabs that must lie one behind the other."""
+    """All rows, from slabs that must be consecutive."""
     parts = comm.allgather((slab.begin, slab.values))
     ends = np.cumsum([0, *(len(values) for _, values in parts)])
     assert [begin for begin, _ in parts] == ends[:-1].tolist()
@@ -48,7 +48,7 @@ def test_rows_replace_unused_ones(comm, mine, agree):
     found = slabs.slab(rows, former)
     assert agree(found.values is former or np.shares_memory(found.values, former))
     assert agree(np.array_equal(whole(comm, found), table(NUMBERS)))
-    # One of the same size has room, one of another size or type has none.
+    # A buffer of the same size and type is reused, others are not.
     others = former.ravel(), former[:-1].copy(), former.astype(np.int64)
     for number, other in enumerate(others):
         found = slabs.slab(rows, other)

@@ -1,4 +1,4 @@
-"""Movies: what reaches the file and the encoder."""
+"""Movies: data sent to the file and the encoder."""
 
 import sys
 from types import SimpleNamespace

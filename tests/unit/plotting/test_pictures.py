@@ -334,7 +334,7 @@ def test_pictures_to_turn_appear_where_there_is_a_place(comm, monkeypatch, refus
         assert options["notebook"] == (place == "notebook")
         assert not options["off_screen"]
         plotter.return_value.show.assert_called_once_with()
-        # What a notebook shows must live on.
+        # A picture that a notebook shows must not be destroyed.
         assert plotter.return_value.close.called == (place == "window")
     else:
         plotter.assert_not_called()

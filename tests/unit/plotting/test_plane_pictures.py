@@ -17,7 +17,7 @@ pytest.importorskip("pyvista")
 
 
 def spied(function, *arguments, **options):
-    """Draw, and return the plotter with the calls that it got, None where nothing is drawn."""
+    """Draw, and return the plotter with its recorded calls, or None where nothing is drawn."""
     import pyvista
 
     plotters = []
@@ -36,7 +36,7 @@ def spied(function, *arguments, **options):
 
 @pytest.fixture
 def touching():
-    """Two blocks that touch, on a circle that only one of them meets."""
+    """Two touching blocks above a circular obstacle that only one of them touches."""
     scene = blocks("triangle")
     bodies = [scene.lower, scene.upper]
     circle = nts.RigidSphere((0.0, -1.5), 1.0)

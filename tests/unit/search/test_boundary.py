@@ -19,7 +19,7 @@ class Boundary:
     """A boundary of triangles alone, shape (t, 3, 3)."""
 
     def __init__(self, triangles, box=None):
-        """Number the vertices; a ray leaves the given box, or the box of the triangles."""
+        """Number the vertices; rays end outside the given box, or the box of the triangles."""
         rows = np.arange(3 * len(triangles), dtype=np.int32)
         self._kernels = _kernels.Boundaries([rows], [rows.reshape(-1, 3)])
         self._kernels.move(np.ascontiguousarray(triangles).reshape(-1, 3))
@@ -75,7 +75,7 @@ def crumpled(rng, n=6):
 
 
 def winding(points, triangles):
-    """How often triangles wind around points, by solid angles."""
+    """Winding number of triangles around points, by solid angles."""
     a, b, c = np.moveaxis(triangles[None] - points[:, None, None], 2, 0)
     la, lb, lc = (np.linalg.norm(r, axis=2) for r in (a, b, c))
     dot = np.einsum
@@ -263,7 +263,7 @@ def test_boundaries_are_where_they_have_moved():
 def test_wrong_arguments_are_refused():
     rows = np.arange(36, dtype=np.int32)
     boundaries = _kernels.Boundaries([rows], [rows.reshape(-1, 3)])
-    with pytest.raises(ValueError, match="expected a call of move before"):
+    with pytest.raises(ValueError, match="expected an earlier call of move"):
         boundaries.extents()
     with pytest.raises(ValueError, match="x: expected all rows of the boundaries"):
         boundaries.move(np.zeros((35, 3)))

@@ -1,4 +1,4 @@
-"""Pairs of edges that cross: which are found, and what their gap and forces conserve."""
+"""Pairs of crossing edges: detection, gap, and momenta conserved by their forces."""
 
 from mpi4py import MPI
 
@@ -79,7 +79,7 @@ def test_others_are_no_pairs(case):
 
 
 def test_an_edge_crossing_at_a_common_vertex_crosses_one_edge():
-    # Two edges in a row: the second one begins where the first one ends.
+    # Two consecutive edges: the second one starts where the first one ends.
     found = []
     for shift in (0.5, -0.5):
         x = crossed(shift=(0.0, shift))
@@ -98,7 +98,7 @@ def test_only_edges_within_reach_are_crossed(monkeypatch, rng):
     assert not any(crossed_pairs)
     assert pairs.pair(CARRIER, x, NONE, 6.0)[0][0] >= 0
     assert any(crossed_pairs)
-    # Also beyond an end of the other edge, and whichever way they are turned.
+    # Also beyond an end of the other edge, with either direction of the edges.
     for shift in rng.uniform(-0.7, 0.7, (50, 2)):
         x = crossed(0.3, shift, turn=rng.uniform(0.5, 2.5)) @ rotation(rng.normal(size=3), 2.0).T
         pairs = candidates(x, reach=10.0)
@@ -187,7 +187,7 @@ def test_slip_agrees_with_the_nearest_points_and_has_its_derivatives(rng):
     d = np.column_stack([a_2 - a_1, b_1 - b_2])
     s, t = np.linalg.lstsq(d, b_1 - a_1, rcond=None)[0]
     between = [a + s * (e - a) - b - t * (f - b) for a, e, b, f in (at_n, at)]
-    # Along what the orthonormal tangents at t_n have become, which move as the edges do.
+    # Along the orthonormal tangents at t_n, convected with the edges.
     edges_n, edges = (np.array([a2 - a1, b2 - b1]) for a1, a2, b1, b2 in (at_n, at))
     tangents = slip.frame_n[0] @ np.linalg.pinv(edges_n) @ edges
     assert tangents @ between[1] == pytest.approx(slip.value[0], abs=1e-12)

@@ -1,4 +1,4 @@
-"""Nodes touch what faces them: not the sides of bodies next to them."""
+"""Nodes touch segments that face them, not the sides of adjacent bodies."""
 
 import time
 
@@ -94,8 +94,8 @@ def test_node_below_a_thin_plate_is_not_taken_for_one_deep_inside(comm, agree):
 
 
 def test_side_of_a_block_hides_segments_behind_its_rim(comm, agree):
-    # A slanted block stands before the end of a beam of one long cell. Its lower edge looks away
-    # from the end, and up to the under side, behind whose plane it is: beyond the end, not inside.
+    # A slanted block in front of the end of a beam of one long cell. The lower edge faces away from
+    # the end and up to the underside, behind whose plane it lies: beyond the end, not inside.
     beam = ((0, -1, 0), (4, 1, 0.5), (1, 1, 1))
     two = Two(comm, beam, ((-0.4, -0.3, 0.2), (-0.1, 0.3, 0.8), (1, 1, 1)))
     _, gap = two.gaps((0, 0, 0))
@@ -108,7 +108,7 @@ def test_searches_at_any_distance_find_the_same_segment(comm, agree, cell):
     two, rng = Two(comm, floor, stone, cell=cell), np.random.default_rng(7)
     X, found, search = two.V.tabulate_dof_coordinates(), 0, two.search()
     for _ in range(30):
-        # Both are warped, and the stone lies anywhere. The search knows what it found before.
+        # Both are warped, at random positions of the stone. The search knows the last segments.
         bend = rng.uniform(-0.5, 0.5, (3, 3))
         x = X + np.sin(2 * X @ bend) * rng.uniform(0, 0.6)
         x[two.bodies[1].nodes] += rng.uniform(-2, 4, 3)
@@ -203,7 +203,7 @@ def test_nodes_that_face_nothing_do_not_search_all_segments():
     x = np.zeros((grid.size, 3))
     x[:, :2] = np.stack(np.divmod(grid.ravel(), n + 1), axis=-1) / n
     kernel = _kernels.Segments(floor, np.ones(len(floor)), np.arange(len(floor)))
-    # A triangle around each node, which looks down or up.
+    # A triangle around each node, facing down or up.
     numbers, ones = np.arange(m, dtype=np.int32), np.ones(m)
     own = np.arange(3 * m, dtype=np.int32).reshape(m, 3)
     nodes = np.column_stack([np.random.default_rng(1).uniform(0, 1, (m, 2)), 0.3 * ones])

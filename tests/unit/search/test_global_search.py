@@ -1,4 +1,4 @@
-"""Global search: what reaches which rank, and what travels back."""
+"""Global search: data sent to each rank, and results sent back."""
 
 import numpy as np
 import pytest

@@ -47,7 +47,7 @@ def test_no_taken_node_is_a_vertex_of_another_and_no_more_can_be_taken(comm, cel
         if row[0]:
             assert not before
         else:
-            # One that is at least as urgent forbids it.
+            # A chosen node of at least the same urgency excludes it.
             assert any(other[1] >= row[1] for other in before)
 
 

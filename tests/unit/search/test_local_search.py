@@ -1,4 +1,4 @@
-"""Local search: the segment of a node, against looking at all of them."""
+"""Local search: the segment of a node, compared with brute force over all segments."""
 
 import numpy as np
 import pytest
@@ -13,13 +13,13 @@ pytestmark = pytest.mark.serial
 EPS = np.finfo(float).eps
 # Of lengths of about one.
 ROUNDING = 1e3 * EPS
-# Sampling of a segment on a grid of 1/64 finds distances to its square
-# over the distance, segments of size 0.3.
+# Sampling on a grid of 1/64 overestimates distances by its square over the distance; segments have
+# size 0.3.
 SAMPLING = 1e-3
-# As near as the nearest, of the longest segment.
+# Tolerance of equal distances, relative to the longest segment.
 TIE = 1e-9
 
-# Numbers of the local search, all in reference coordinates or segment diameters.
+# Parameters of the local search, in reference coordinates or segment diameters.
 HYSTERESIS, OVERHANG, DEPTH = 0.01, 0.15, 0.5
 
 # Nodes that are clearly over the sheet, and on both sides of it.
@@ -91,7 +91,7 @@ def test_node_gets_the_nearest_of_all_segments(k, rng):
 def test_nearest_of_slivers_is_found(k, angle, rng):
     segments, orientation = bumpy_surface(k, n=4)
     segments[..., 0] += segments[..., 1] / np.tan(np.deg2rad(angle))
-    # Near edges, where a node need not be over any segment.
+    # Near edges a node need not project onto any segment.
     starts, ends = segments[rng.integers(len(segments), size=90), :2].swapaxes(0, 1)
     nodes = starts + rng.uniform(0, 1, (90, 1)) * (ends - starts)
     nodes += rng.uniform(-0.1, 0.1, nodes.shape)
@@ -205,7 +205,7 @@ def test_node_far_below_the_surface_belongs_to_another_side():
             (segment,), _, gap, _ = find(node, segments, orientation, current=current)
             assert (segment >= 0) == has
             assert not has or abs(gap[0] - node[2]) <= ROUNDING
-    # As deep on the open side is nothing special.
+    # The same depth on the open side is not exceptional.
     assert find([0.5, 0.5, 1.1 * DEPTH * diameter], segments, orientation)[0][0] == 0
 
 
@@ -218,7 +218,7 @@ def test_segment_out_of_reach_is_not_kept():
 @pytest.mark.parametrize("depth", [1e-6, 0.05, 0.2])
 def test_node_in_front_of_its_segment_sees_that_it_is_inside_of_another_body(depth):
     floor, (lid, _) = two_squares()[0][0], two_squares()[0]
-    # Above the node, turned down, hangs the lower side of a block.
+    # The underside of a block hangs above the node.
     above, orientation = np.array([0, 0, 0.3]), np.array([1.0, -1.0])
     segments = np.stack([floor, lid + above])
     node = [0.4, 0.4, 0.3 + depth]
@@ -227,7 +227,7 @@ def test_node_in_front_of_its_segment_sees_that_it_is_inside_of_another_body(dep
     # In front of both, or inside the first, it keeps its segment.
     for height in (0.3 - 1e-6, 0.2, -1e-6):
         assert find([0.4, 0.4, height], segments, orientation, current=0)[0][0] == 0
-    # So it does next to the block, below the plane of its lower side.
+    # The same holds next to the block, below the plane of its underside.
     outside = segments + np.array([[0.0], [0.5]])[..., None] * [1, 0, 0]
     assert find(node, outside, orientation, current=0)[0][0] == 0
     # Iterates of a step do not search.

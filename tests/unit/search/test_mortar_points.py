@@ -1,4 +1,4 @@
-"""Contact points of surface-to-surface contact, and how they are summed up for nodes."""
+"""Contact points of surface-to-surface contact, and nodal sums over them."""
 
 from dataclasses import replace
 
@@ -179,7 +179,7 @@ def test_nodes_beyond_a_rim_are_no_lever(k):
     for travel in np.arange(0.0, 0.8, 0.01):
         mean, area = slide_over_rim(k, travel, lambda _, inside: slope * inside)
         assert np.nanmin(mean) >= -0.2 * slope * facet
-        # The integral over what lies above the other sheet, but for the tilt of projections.
+        # The integral over the part above the other sheet, up to the tilt of projections.
         farthest, covered = 0.9 - travel, min(0.8, 0.9 - travel)
         integral = 0.8 * slope * (farthest * covered - covered**2 / 2)
         assert (area * np.nan_to_num(mean)).sum() == pytest.approx(integral, rel=2e-2)
@@ -263,7 +263,7 @@ def test_openings_above_a_steep_chamfer_neither_press_nor_lift_in_equilibrium(ki
     linear, weighted = (some.shares.mean(opening) for some in (points, in_equilibrium))
     assert (linear > 0).all()
     assert (weighted[0] >= 0) and (weighted < linear).all()
-    # Area on which the first node acts: that above the sole, and little of the rest.
+    # Area of the first node: the part above the sole, and little of the rest.
     sole = kink - kink**2 / 2
     assert sole <= in_equilibrium.shares.area[0] <= sole + 0.1 * bool(depth) + 1e-9
 
@@ -316,7 +316,7 @@ def test_rows_are_sums_over_the_points_of_a_node(k, rng):
     parts = rng.normal(size=(len(shares.point), 2, 2))
     rows = some.rows(values, parts)
     field = rng.normal(size=x.shape)
-    # The work of a row is the sum of the parts of the work of the points.
+    # The work of a row is the sum of the works of its points.
     work = np.einsum("mcd,md->mc", rows, field[some.lists].reshape(len(nodes), -1))
     there = np.concatenate([some.of(field)[:, None], field[some.reached[:, k:]]], axis=1)
     of_points = np.einsum("pcd,pd->pc", values, there.reshape(len(there), -1))

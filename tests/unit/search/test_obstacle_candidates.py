@@ -1,4 +1,4 @@
-"""Nodes that meet an obstacle: the answers of candidates without other ranks."""
+"""Candidates of an obstacle: local results without communication."""
 
 from mpi4py import MPI
 

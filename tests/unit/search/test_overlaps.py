@@ -54,7 +54,7 @@ def turned(bodies, down):
 
 
 @pytest.mark.parametrize(
-    # Each two of the three overlap in each order.
+    # All pairs of the three parameters, in both orders.
     ("cell", "degree", "down"),
     [
         ("hexahedron", 1, 0.0),

@@ -27,7 +27,7 @@ def numbers(scatter):
 def test_ghosts_get_the_values_of_their_owners(scatter, agree, d):
     number = numbers(scatter)
     n = scatter.index_map.size_local
-    for factor in (1.0, 2.0):  # nothing of the first vector stays
+    for factor in (1.0, 2.0):  # no value of the first vector remains
         values = factor * np.column_stack([number, number**2, -number])[:, :d]
         assert agree(np.array_equal(scatter.at_ghosts(values[:n]), values[n:]))
     assert agree(d < 3 or np.array_equal(scatter.forward(values[:n]), values))

@@ -1,4 +1,4 @@
-"""LocalSearch of a surface with itself, against looking at all segments."""
+"""Local search of a surface with itself, compared with brute force over all segments."""
 
 import numpy as np
 import pytest
@@ -98,7 +98,7 @@ def test_nodes_of_a_cavity_face_the_other_side_of_it(comm, cell, radius):
     *_, gap = searched(surface, x, 2.0)
     pole = np.linalg.norm(X[surface.nodes, :2], axis=1) < 0.3
     assert comm.allreduce(int(np.count_nonzero(pole))) > 1
-    # As far as the cavity is high, less what facets cut off.
+    # The height of the cavity, reduced by the chord error of facets.
     height = 2 * np.abs(x[surface.nodes[pole], 2])
     assert np.all(np.abs(gap[pole] / height - 1) < 0.1)
 
@@ -110,7 +110,7 @@ def test_node_keeps_its_segment_and_is_not_given_one_it_may_not_touch(comm):
     again = candidates.pair(NodalPoints(surface.nodes), x, segment, REACH)
     assert np.array_equal(again[0], segment)
     assert np.array_equal(again[1], gap, equal_nan=True)
-    # A node does not stay with the segment under it if that is its own.
+    # A node does not keep a segment to which it belongs itself.
     own = np.full(len(segment), -1, dtype=np.int32)
     for number, vertices in enumerate(candidates.segments):
         own[np.isin(surface.nodes, vertices)] = number

@@ -17,7 +17,7 @@ RUBBER = nts.NeoHookean(E=1e5, nu=0.3, rho=1e3)
 
 
 def strip(comm, cell="hexahedron", length=LENGTH):
-    """A straight strip of some more than 2 pi."""
+    """A straight strip, slightly longer than 2 pi."""
     mesh, tags, _, tag = nts.read_mesh(
         lambda model: parts.add_box(
             model,
@@ -34,7 +34,7 @@ def strip(comm, cell="hexahedron", length=LENGTH):
 
 
 def spiral(X, turn):
-    """The strip wound up, turns of which are apart by so much; it grows wider along its length."""
+    """The strip wound to a spiral with a given distance of turns; its width grows along it."""
     s, y, z = X.T
     radius = 1 + turn * s / (2 * np.pi) - z
     wound = np.column_stack([radius * np.cos(s), y * (1 + WIDENING * s), radius * np.sin(s)])
@@ -60,7 +60,7 @@ def test_turns_of_a_spiral_are_as_deep_in_each_other_as_they_are_too_near(comm, 
     X, turn = body.V.tabulate_dof_coordinates(), 0.12
     (overlap,), _ = OverlapSearch([body], []).find(spiral(X, turn))
     assert overlap.names == ("strip", "strip")
-    # But for the facets between nodes.
+    # Up to the error of facets between nodes.
     assert overlap.depth == pytest.approx(THICKNESS - turn, rel=0.1)
     n = body.V.dofmap.index_map.size_local
     own, low, high = X[:n], [0, -0.5, 0], [LENGTH, 0.5, THICKNESS]

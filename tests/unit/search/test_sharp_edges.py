@@ -27,7 +27,7 @@ def test_a_box_has_its_twelve_edges_once_on_any_number_of_ranks(comm, cell):
     assert edges.total == 4 * (2 + 3 + 1)
     everywhere = np.concatenate(comm.allgather(edges.key))
     assert np.array_equal(np.sort(everywhere), np.arange(edges.total))
-    # Each lies on two sides of the box, and its middle on no more.
+    # Both ends lie on two sides of the box, the middle on exactly these.
     X = edges.ends(surface.V.tabulate_dof_coordinates()).mean(axis=0)
     at_side = np.isclose(X, 0) | np.isclose(X, 1)
     assert (at_side.sum(axis=1) == 2).all()

@@ -1,4 +1,4 @@
-"""Patches of smooth surfaces: what their control points do, by weights of nodes."""
+"""Patches of smooth surfaces: control points as weighted sums of nodes."""
 
 import numpy as np
 import pytest

@@ -35,7 +35,7 @@ def follow(nodes_n, nodes, segments_n, segments, inside=None):
 
 
 def crossings(node_n, node, segment_n, segment):
-    """Times when a node crosses a segment, and whether inwards, by looking at many times."""
+    """Times when a node crosses a segment, and whether inwards, by sampling many times."""
     s = np.linspace(0, 1, NUM_TIMES)[:, None]
     found = []
     for triangle in TRIANGLES[len(segment)]:

@@ -1,4 +1,4 @@
-"""Facets of degree 2 as mortar contact sees them: nodes and hats."""
+"""Facets of degree 2 in mortar contact: nodes and hat functions."""
 
 from mpi4py import MPI
 

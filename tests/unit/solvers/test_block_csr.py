@@ -9,7 +9,7 @@ def test_rows_of_any_nodes_are_gathered_from_their_owners(comm, matrices, agree)
     rows, dense, _ = matrices
     num_nodes = len(dense) // 3
     ends = np.cumsum(comm.allgather(rows.index_map.size_local))
-    # Each rank asks for others, the last for none.
+    # Each rank requests other rows, the last rank none.
     nodes = np.sort(np.random.default_rng(comm.rank).permutation(num_nodes)[:7])
     if comm.rank == comm.size - 1 > 0:
         nodes = nodes[:0]

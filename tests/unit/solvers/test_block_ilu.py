@@ -1,4 +1,4 @@
-"""Incomplete factors of a distributed matrix, against dense factors of each rank's part."""
+"""Incomplete factors of a distributed matrix, compared with dense factors of each rank's block."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Products of the rows of constraints with the directions that their nodes give up."""
+"""Products of constraint rows with the eliminated directions of their nodes."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ pytestmark = pytest.mark.serial
 
 
 def problem(rng, b, h):
-    """Arguments of the kernel: nodes 0 to 3 are constrained, others go with h of these."""
+    """Arguments of the kernel: nodes 0 to 3 are constrained, other nodes depend on h of them."""
     count, c, d = 9, b, 5
     rank = np.array([1, 0, b, 1], dtype=np.int32)
     nodes = np.array(

@@ -1,4 +1,4 @@
-"""Lists of nodes of any length, taken apart and put together."""
+"""Lists of nodes of any length, split and joined again."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""How far contacts are from those for which factors were made, and what factors need of them."""
+"""Change of the contacts since the factorisation, and contact data that the factors need."""
 
 import numpy as np
 import pytest

@@ -64,7 +64,7 @@ def test_whole_system_is_solved(comm, kind, is_strong, rng):
 
 @kinds
 def test_forces_at_points_move_them_as_the_whole_system_does(comm, kind, rng):
-    """Forces that turn with surfaces are left out, and constraints of others are held."""
+    """Without geometric stiffness of contact forces; constraints of other ranks stay active."""
     bulk, arrays = Bulk(comm, rng), blocks(kind, rng)
     without = ContactBlocks(*arrays)
     _, G, F, C = dense(*without._replace(tangent=0 * without.tangent))

@@ -1,4 +1,4 @@
-"""Correction around the contacts, against dense matrices.
+"""Correction in the contact subdomain, compared with dense matrices.
 
 Where every node neighbours every other, the incomplete factors are complete.
 """
@@ -22,7 +22,7 @@ NO_PLACES, NO_GHOSTS = np.empty(0, dtype=np.int32), np.empty((0, 6))
 
 
 def matrix(rng, far=0):
-    """Return a random block matrix as rows, and dense."""
+    """Return a random block matrix as sparse rows, and as a dense matrix."""
     near = NODES - far
     start, column, value = [0], [], []
     full = np.zeros((NODES, NODES, 3, 3))
@@ -59,7 +59,7 @@ def projections(E, G, F):
 
 
 def made(start, column, value, places=NO_PLACES):
-    """Factors of a matrix whose columns have their numbers in vectors, or other places."""
+    """Factors of a matrix whose columns are numbered as in vectors, or permuted."""
     return _kernels.ContactSchwarz(start, column, value, places)
 
 
@@ -76,7 +76,7 @@ def test_complete_factors_solve_the_projected_system(kind, rng):
     r = Zt @ rng.normal(size=3 * NODES)
     z = rng.normal(size=(NODES, 3))  # any guess
     schwarz.correct(r.reshape(-1, 3), z, NO_GHOSTS)
-    # Only the rows of the contact nodes in z are left to the projection.
+    # Only the rows of the contact nodes remain for the projection.
     A = Zt @ (K + C) @ Z
     residual = A @ z.ravel() - r
     largest = np.linalg.norm(A, axis=0).max()  # below the norm of A

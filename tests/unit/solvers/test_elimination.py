@@ -62,7 +62,7 @@ def test_nodes_move_along_their_normals_to_zero_gap(rng):
     change = np.einsum("mi,mi->m", gradients[:, 0, :3], x[:5])
     np.testing.assert_allclose(gap[:2] + change[:2], 0, atol=ROUNDING)
     assert np.abs(np.cross(x[:2], normal[:2])).max() < ROUNDING
-    # Held back, too far, without a gap; and all that are no contact nodes.
+    # Clamped, too far away, without a gap; and all nodes without contact.
     np.testing.assert_array_equal(x[2:], 0)
 
 

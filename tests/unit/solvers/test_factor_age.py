@@ -16,7 +16,7 @@ FEW, MORE, MANY = 24, 36, 90  # iterations in them
 
 
 class Factors:
-    """Factors that are as strong as they were made."""
+    """Factors whose quality a test sets."""
 
     point, is_strong, is_ilu0, is_complete, may_be_strengthened = None, True, False, False, True
 

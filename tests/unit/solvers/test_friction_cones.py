@@ -1,4 +1,4 @@
-"""Forces that obey Coulomb's law at all points of a linear system together."""
+"""Cone complementarity problem of Coulomb friction at all points of a linear system."""
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ def test_a_single_point_opens_sticks_or_slides(q, expected):
         np.testing.assert_allclose(p, 5.0, rtol=1e-8)
         np.testing.assert_allclose(t, -MU * p * slip, rtol=1e-8)
     else:
-        # Forces that are regularised move points by 1e-10 of their motions without them.
+        # Regularisation of the forces moves points by 1e-10 of their free motions.
         np.testing.assert_allclose(found.force[0], [5.0, -1.2, 0.9], rtol=1e-8)
         assert abs(found.motion).max() < 1e-14
 
@@ -55,7 +55,7 @@ def test_redundant_points_of_a_body_obey_all_conditions(num, speed, rng):
     assert gap.min() > -1e-13 and p.min() > -1e-8
     assert abs(p * gap).max() < 1e-12
     assert (size - MU * p[:, 0]).max() < 1e-7
-    # What slides is opposed by all of the friction.
+    # The full friction opposes sliding points.
     lost = np.einsum("mi,mi->m", t, slip) + MU * p[:, 0] * length
     assert abs(lost).max() < 1e-12
     if speed == 0:

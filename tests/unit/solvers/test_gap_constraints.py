@@ -1,4 +1,4 @@
-"""What held gaps and slips leave of nodal vectors, compared with dense least squares."""
+"""Projection of nodal vectors on active gap and slip constraints, by dense least squares."""
 
 from mpi4py import MPI
 
@@ -37,12 +37,12 @@ def dense(dofs, gradient, free):
 
 
 def moving(free):
-    """Nodes that may move, to which nodal vectors of held gaps belong."""
+    """Free nodes, in the order of the projected nodal vectors."""
     return np.flatnonzero(free.any(axis=1)).astype(np.int32)
 
 
 def held(rows, travel, friction=0.0, repeat=1):
-    """Make the constraints, each as often as said, half of them in another pair."""
+    """Make the constraints with given multiplicities, half of them in another pair."""
     scatter, stiffness, free, dofs, gradient = rows
     order = np.tile(np.arange(NUM_ROWS), repeat)
     force = (gradient + friction).reshape(NUM_ROWS, -1)

@@ -146,7 +146,7 @@ def test_singular_diagonal_is_reported(rng, case):
     assert not factors.factorise(start, column, value, order)
     with pytest.raises(ValueError, match=r"b: expected shape \(0, 3\)"):
         factors.apply(np.zeros((NODES, 3)), np.zeros((NODES, 3)))
-    # The next matrix has nothing to do with it.
+    # The next matrix is independent of it.
     assert factors.factorise(*matrix(rng, 0.5)[0], order)
 
 

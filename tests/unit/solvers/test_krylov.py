@@ -1,4 +1,4 @@
-"""Krylov solver on the projected tangent against the whole saddle system."""
+"""Krylov solver on the projected tangent, compared with the whole saddle point system."""
 
 import numpy as np
 import pytest
@@ -104,7 +104,8 @@ def test_a_method_that_keeps_failing_is_tried_less_and_less_often(comm, monkeypa
     while work.num_direct < 2 + 4 + 8 + 4:
         scene.stepper.advance()
         work = scene.stepper.statistics.solver
-    # After the systems 1, 1 + 3 and 1 + 3 + 5 each has two or three trials, by other factors.
+    # After the systems 1, 1 + 3 and 1 + 3 + 5 the method is tried again, two or three times, with
+    # other factors.
     assert work.num_builds <= 4 * 2 and len(tried) <= 4 * 3
 
 

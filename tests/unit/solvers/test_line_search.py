@@ -17,7 +17,7 @@ STRETCH = np.array([[0.1], [-0.05], [-0.05]])  # to twenty strains of yield
 
 @pytest.fixture(params=[20.0, 1.0], ids=["much hardening", "little hardening"])
 def stepper(comm, request):
-    """Stepper of a box of metal with hardly any mass that is stretched until all of it flows."""
+    """Stepper of a metal box of negligible mass that is stretched until it yields everywhere."""
     metal = nts.J2Plasticity(1.0e3, 0.3, 1e-9, yield_stress=5.0, hardening=request.param)
     box = Box(comm, material=metal)
     stepper = nts.EnergyMomentum([box.body], dt=0.02)
@@ -26,7 +26,7 @@ def stepper(comm, request):
 
 
 def increment(stepper, part):
-    """Increment by a part of the last one, and the residual that requires it."""
+    """Increment parallel to the last one, and the residual that it balances."""
     bulk = stepper._bulk
     du = -part * stepper.u.x.array[: bulk.num_owned]
     return du, -bulk.action(du.reshape(-1, 3)).ravel()
@@ -49,7 +49,7 @@ def test_an_increment_into_reverse_flow_ends_at_zero_work(comm, stepper):
     search.begin(du, 1.0, R, forces)
 
     def rest(now):
-        """Virtual work of the balance along the increment [J]."""
+        """Virtual work of the residual along the increment [J]."""
         return reductions.total(comm, float(du @ (now - forces))) - work
 
     now = move(stepper, start, du)

@@ -1,4 +1,4 @@
-"""How forces move free bodies as a whole, where factors of a matrix hold them too much."""
+"""Rigid motion of free bodies under forces, where factors of a matrix are too stiff for it."""
 
 import numpy as np
 import pytest

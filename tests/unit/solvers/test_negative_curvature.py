@@ -11,7 +11,7 @@ SIZE, TRIALS = 40, 200
 
 
 def searched(rng, least: float):
-    """Search with a preconditioner near a matrix but for its least eigenvalue.
+    """Search with a preconditioner close to the matrix except for its least eigenvalue.
 
     Returns the matrix, the result, and the number of products.
     """

@@ -1,4 +1,4 @@
-"""Nodes around contacts move first: fewer iterations of Newton's method to the same solution."""
+"""Nonlinear elimination in the contact subdomain: fewer Newton iterations, the same solution."""
 
 from dataclasses import replace
 
@@ -15,11 +15,11 @@ from helpers.once import once
 
 pytestmark = pytest.mark.at_most_two_ranks
 
-STEP, FIRST, LAST = 0.02, 0.05, 0.15  # [s]: nodes are struck from the fourth step on
+STEP, FIRST, LAST = 0.02, 0.05, 0.15  # [s]: contact begins in the fourth step
 
 
 def impact(comm, scheme="EM elastic", mu=0.0):
-    """A ball and a plate, whose nodes go up to a sixth of their cells in a step."""
+    """A ball and a plate, whose nodes move up to a sixth of a cell in a step."""
     friction = nts.Coulomb(mu) if mu else None
     scene = ball_on_plate(comm, scheme, STEP, n=12, friction=friction, element="full")
     return scene.stepper

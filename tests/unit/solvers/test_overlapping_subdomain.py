@@ -1,4 +1,4 @@
-"""Nodes around the contacts that one of several ranks solves for."""
+"""Overlapping contact subdomain of one of several ranks."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from helpers import contact_blocks, scenes
 
 
 def some(blocks, constraints, tangents):
-    """The contacts for which there are flags."""
+    """Contacts that are selected by flags."""
     return blocks.take(np.flatnonzero(constraints), np.flatnonzero(tangents))
 
 
@@ -38,7 +38,7 @@ def test_ranks_gather_rows_again_only_for_more_contacts_or_another_matrix(comm, 
     domain.build([every], 2)
     domain.build([fewer], 2)
     assert len(gathered) == 5
-    # What there is more than needed changes nothing.
+    # Additional data change nothing.
     exact = OverlappingSubdomain(rows)
     exact.build([fewer], 2)
     r, z = np.random.default_rng(comm.rank).random((2, rows.index_map.size_local, 3))
@@ -52,7 +52,7 @@ def test_each_rank_gets_the_contacts_of_its_nodes_and_of_their_neighbours_once(c
     tangent = scenes.blocks(comm).stepper._tangent
     tangent.assemble_nearby()
     rows = tangent.rows
-    # Constraints reach any nodes, blocks of the tangent have one; they come from any ranks.
+    # Constraints contain any nodes, blocks of the tangent one node; both come from any rank.
     arrays = contact_blocks.blocks("ragged", np.random.default_rng(3), rows.index_map.size_global)
     every = ContactBlocks(*arrays).renumbered(lambda nodes: nodes.astype(np.int64))
     every = every._replace(

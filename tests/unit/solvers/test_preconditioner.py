@@ -1,4 +1,4 @@
-"""Preconditioners of the bulk: whichever it is, the steps are the same."""
+"""Preconditioners of the bulk: the steps do not depend on the choice."""
 
 import logging
 import math
@@ -59,7 +59,7 @@ def positions(stepper):
 
 @pytest.fixture(scope="module")
 def default():
-    """Positions with the default preconditioner, and iterations, none of them rough.
+    """Positions and iterations with the default preconditioner, without approximate increments.
 
     Only incomplete factors without fill are trusted with those.
     """
@@ -123,7 +123,7 @@ def test_options_that_nothing_asks_for_are_refused_by_name(comm, refused, option
     stepper = with_options(scene, options)
     with refused(ValueError, f"expected petsc_options .* given {unused}$"):
         stepper.advance()
-    # PETSc would complain once more at the end of the program.
+    # PETSc would warn again at the end of the program.
     left = PETSc.Options().getAll().keys() - before
     assert not any(name.endswith(f"_{key}") for name in left for key in unused.split(", "))
 
@@ -270,7 +270,7 @@ def test_factors_missing_on_one_rank_are_replaced_by_stronger_ones(comm, monkeyp
 @pytest.mark.serial
 @pytest.mark.parametrize("nu", [0.3, 0.499])
 def test_complete_factors_in_single_precision_serve_as_well_as_mumps(comm, monkeypatch, nu):
-    # Slow iterations would choose them one after the other.
+    # Slow iterations would select them one after the other.
     monkeypatch.setattr(factor_age, "_MOST_CROSSINGS", np.inf)
     monkeypatch.setattr(factor_age, "_EXACT_PAYS", np.inf)
     ends, iterations = [], []
@@ -289,7 +289,7 @@ def test_complete_factors_in_single_precision_serve_as_well_as_mumps(comm, monke
 
 @pytest.mark.at_most_two_ranks
 def test_plastic_flow_takes_factors_of_the_derivative_itself(comm, agree):
-    # Its tangent is a few hundredths of that of elasticity, of which all other factors are.
+    # Its tangent is a few hundredths of the elastic one, which all other factors use.
     mesh = create_rectangle(comm, [(0, 0), (1, 1)], [6, 6], CellType.quadrilateral)
     V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
     every_cell = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)

@@ -1,4 +1,4 @@
-"""Supports that move far in one static step, and near incompressibility."""
+"""Supports with large displacements in one static step, also near incompressibility."""
 
 import numpy as np
 import pytest
@@ -186,7 +186,7 @@ def test_a_rest_of_the_increment_is_not_waited_for(comm, monkeypatch):
 
 @pytest.mark.parametrize("bonded", [False, True])
 def test_supports_go_on_where_contact_holds_a_rigid_body(comm, bonded):
-    # What keeps it rigid balances the contact forces on its nodes, which do not vanish.
+    # Rigidity forces balance the contact forces on its nodes, which do not vanish.
     def build(model):
         for name, corner, size, cells in (
             ("lower", (0.0, -0.5), (1.0, 0.5), (8, 4)),
@@ -224,7 +224,7 @@ def test_supports_go_on_where_contact_holds_a_rigid_body(comm, bonded):
 
 
 def test_a_body_that_supports_lead_as_a_whole_is_not_waited_for(comm):
-    # It turns by so much that it goes in parts, none of which adds forces to others.
+    # The rotation is so large that it is applied in substeps, whose forces must not add up.
     def build(model):
         for name, corner in (("led", (0.0, 1.0)), ("loaded", (0.0, 0.0))):
             parts.add_rectangle(model, name, corner=corner, size=(0.9, 0.5), cells=(3, 2))

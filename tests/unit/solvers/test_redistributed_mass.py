@@ -1,4 +1,4 @@
-"""Mass of surface nodes that nodes below carry: invariants of the consistent mass."""
+"""Redistribution of surface mass to the nodes below: invariants of the consistent mass."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ ROUND_OFF = 1e-13
 
 
 def skewed(X):
-    """Shear and curve a unit box."""
+    """Shear and bend a unit box."""
     x, y, z = X.T
     return np.column_stack([x + 0.3 * z**2 + 0.1 * y * z, y - 0.2 * x * z, z + 0.2 * x * y])
 

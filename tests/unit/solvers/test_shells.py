@@ -1,4 +1,4 @@
-"""What PETSc is lent is freed, also when the program ends."""
+"""Arrays lent to PETSc are released, also when the program ends."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""Products in single precision, against those in double."""
+"""Products in single precision, compared with double precision."""
 
 import numpy as np
 import pytest

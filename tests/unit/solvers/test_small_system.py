@@ -1,4 +1,4 @@
-"""Small sparse systems near to a diagonal one."""
+"""Small sparse systems that are close to diagonal."""
 
 import numpy as np
 import pytest

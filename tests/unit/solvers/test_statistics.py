@@ -51,8 +51,8 @@ def test_counts_agree_with_the_calls(comm, monkeypatch, direct):
     scene.run(8)
     work = solver.statistics
     assert {name: getattr(work, name) for name in COUNTED} == {n: calls[n] for n in COUNTED}
-    # With one product for each iteration, GMRES needs no residual of its own. The rough ones apply
-    # the preconditioner alone.
+    # With one product for each iteration, GMRES needs no explicit residual. Approximate increments
+    # apply the preconditioner only.
     num_products = calls["products"] + calls["rough"]
     assert num_products == work.num_iterations + work.num_local_iterations
     assert (work.num_direct > 0, work.num_iterations > 0) == (direct, not direct)

@@ -1,4 +1,4 @@
-"""How wide the subdomain around the contacts is."""
+"""Width of the contact subdomain."""
 
 from types import SimpleNamespace
 
@@ -8,11 +8,11 @@ from dolfinx_nts.solvers.precond.contact_schwarz import SubdomainWidth
 
 pytestmark = pytest.mark.serial
 
-SOLVES = 12  # each of two decades: more than any choice takes
+SOLVES = 12  # each of two decades: more than any decision needs
 
 
 def changes(width, iterations, part=0.0):
-    """Count solves, each with new factors; return how often the width changes."""
+    """Record solves with new factors each; return the number of changes of the width."""
     count = 0
     for _ in range(SOLVES):
         width.count_factors(part)

@@ -1,4 +1,4 @@
-"""Matrix of the tangent: its age, and how a former one comes back."""
+"""Matrix of the tangent: its age, and reuse of a former matrix."""
 
 import numpy as np
 import pytest
@@ -90,6 +90,6 @@ def test_a_soft_body_keeps_its_stiffness_next_to_a_stiff_one(comm):
     nodes = above.nodes[above.nodes < len(alone)]
     is_free = V.tabulate_dof_coordinates()[nodes, 1] < 1.99
     np.testing.assert_allclose(together[nodes[is_free]], alone[nodes[is_free]], rtol=1e-12)
-    # Held nodes have the mean stiffness of their own body.
+    # Clamped nodes have the mean stiffness of their own body.
     known = comm.allreduce([*together[nodes[is_free]]])
     np.testing.assert_allclose(together[nodes[~is_free]], np.mean(known), rtol=1e-12)

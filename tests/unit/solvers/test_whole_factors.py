@@ -1,4 +1,4 @@
-"""Factors of a whole system get as much room as their pivots need."""
+"""Factors of a whole system get as much memory as their pivots need."""
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -11,7 +11,7 @@ from dolfinx_nts.solvers.precond import mumps
 
 
 def constrained(n, m, rng):
-    """Matrix of n soft springs in a row with m constraints, whose diagonal is nearly nothing."""
+    """Matrix of n soft springs in series with m constraints and a nearly vanishing diagonal."""
     soft = 1e-6 * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
     gradients = np.eye(m, n)
     rows, columns = np.repeat(np.arange(m), 3), rng.integers(0, n, 3 * m)
@@ -20,7 +20,7 @@ def constrained(n, m, rng):
 
 
 def as_sparse(A):
-    """The matrix for PETSc."""
+    """Convert the matrix to PETSc."""
     rows, columns = np.nonzero(A)
     start = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=len(A)))])
     csr = start.astype(np.int32), columns.astype(np.int32), A[rows, columns]
@@ -32,7 +32,7 @@ def as_sparse(A):
 @pytest.mark.serial
 @pytest.mark.parametrize(("n", "m"), [(300, 200), (300, 290)])
 def test_systems_of_many_constraints_are_solved(n, m):
-    # The room that MUMPS estimates does for the first, and not for the second.
+    # The memory estimate of MUMPS suffices for the first matrix, not for the second.
     rng = np.random.default_rng(0)
     A, x = constrained(n, m, rng), rng.normal(size=n + m)
     matrix = as_sparse(A)

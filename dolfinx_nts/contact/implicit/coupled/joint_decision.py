@@ -37,7 +37,7 @@ class DecidedFriction(Protocol):
         """Coefficients of friction of nodes, shape ``(m,)`` [-]."""
 
     def show_slips(self, pairs: PairKinematics) -> None:
-        """Use all slips of pairs in constraints, however small."""
+        """Use all slips of pairs in constraints, without a threshold."""
 
     def decide(
         self, pairs: PairKinematics, slides: Flags, active: Flags, forces: Floats, slip: Floats

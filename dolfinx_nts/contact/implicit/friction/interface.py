@@ -34,7 +34,7 @@ class Friction:
     decided: DecidedFriction | None
 
     def __init__(self, state: PairState | JointState) -> None:
-        """Let all nodes slide, without traction."""
+        """Start with all nodes sliding, without traction."""
         n = len(state.nodes.nodes)
         self._state, self._dim = state, dimension(state.nodes.V)
         self.decided = NoFriction()
@@ -45,7 +45,7 @@ class Friction:
         self.flips: Ints = np.zeros(n, dtype=np.int32)
 
     def go_on_from(self, other: "Friction") -> None:
-        """Begin with the nodes that stick in another attempt, and its tractions. Local."""
+        """Start with the sticking nodes and tractions of another attempt. Local."""
         self.sliding[:], self.traction[:] = other.sliding, other.traction
         self._frame[:] = other._frame
 
@@ -53,14 +53,14 @@ class Friction:
         """Add the slip of the pairs to their kinematics; x has ghosts, shape ``(l, 3)`` [m]."""
 
     def release(self, node: Ints) -> None:
-        """Forget the traction of nodes that have become inactive."""
+        """Discard the traction of nodes that have become inactive."""
         self.traction[node] = 0.0
 
     def follow_contact(self, pairs: PairKinematics, before: Flags, active: Flags) -> None:
         """Release nodes active only ``before``, shape ``(m,)``; set stick or slip of new ones."""
 
     def sticks(self, node: Ints, active: Flags) -> Flags:
-        """Active nodes held by multipliers in the tangent plane, shape ``(m,)``."""
+        """Active nodes that stick by tangential multipliers, shape ``(m,)``."""
         return np.zeros(len(node), dtype=bool)
 
     def largest(self, node: Ints, p: Floats, slip: Floats) -> Floats:
@@ -96,7 +96,7 @@ class Friction:
         return pairs.blocks.balance(pairs.normal, R, pairs.columns, rank, None)[:, 0]
 
     def follow_multipliers(self, pairs: PairKinematics, lambda_N: Floats, active: Flags) -> None:
-        """Set tractions of sliding nodes by multipliers, ``(m,)`` [N], that were solved for."""
+        """Set tractions of sliding nodes from solved normal multipliers, ``(m,)`` [N]."""
 
     def add_to(
         self, pairs: PairKinematics, active: Flags, force: Floats, tangent: Floats

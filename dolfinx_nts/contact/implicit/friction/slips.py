@@ -55,7 +55,7 @@ class Slips:
         self.linear[node] = value
         if self._values is not None:
             self.linear[node] = self._values.of(pairs, x, value, pairs.slip.gradient)
-        if not pairs.fixed.any():  # then constraints see all
+        if not pairs.fixed.any():  # then constraints use all slips
             self._all[node] = self.present[node] = value
             return
         predicted = self._predicted[node]
@@ -98,7 +98,7 @@ def length_of(vectors: Floats) -> Floats:
 
 
 def with_length(vectors: Floats, length: Floats) -> Floats:
-    """Vectors, ``(m, 2)``, of given lengths, ``(m,)``; zero vectors stay zero."""
+    """Vectors ``(m, 2)`` scaled to lengths ``(m,)``; zero vectors stay zero."""
     present = length_of(vectors)
     scaled: Floats = vectors * (length / np.where(present > 0, present, 1.0))[:, None]
     return scaled

@@ -298,7 +298,7 @@ class StickSlip(Friction):
         def decide(
             self, pairs: PairKinematics, slides: Flags, active: Flags, forces: Floats, slip: Floats
         ) -> None:
-            """Take over states, and the model of the traction at the forces and slips."""
+            """Set the states, and linearise the traction at the coupled solution."""
             of, node, t, p = self._of, pairs.node, forces[:, 1:], -forces[:, 0]
             of.sliding[node] = np.where(active, slides | of._on_axis[node], of.sliding[node])
             slip = of._slips.without_none(pairs, slip)

@@ -104,7 +104,7 @@ class FrozenPoints(LocalSearch):
         return found.largest_parts(() if self._is_resolved else (x_n, x), self._slack)
 
     def _points(self, found: FacetPoints, part: Floats, x: Floats) -> MortarPoints:
-        """Points with shares of the nodes, chosen at x."""
+        """Quadrature points chosen at x, with the weights of the nodes."""
         return found.points(part)
 
     def _has_fallen(self, part: Floats) -> Flags:

@@ -1,4 +1,4 @@
-"""Evaluation of mortar contact: multipliers of nodes act on the contact points around them."""
+"""Evaluation of mortar contact: nodal multipliers act on the surrounding quadrature points."""
 
 import numpy as np
 
@@ -21,7 +21,7 @@ _BEYOND = _kernels.OVERHANG
 
 
 class MortarPairing(Pairing):
-    """Nodes and the contact points around them.
+    """Evaluates pairs of mortar contact: nodes with the quadrature points around them.
 
     Args:
         candidates: Facets of the points, and their candidate segments.

@@ -51,7 +51,7 @@ class NodalSystem:
         self._is_local = scatter.is_local
         b = normal.shape[1]
         c = int(reductions.largest(self._comm, float(rank.max(initial=1))))
-        self.directions: Floats = _kernels.give_up(rank, rows, normal, c)
+        self.directions: Floats = _kernels.eliminated_directions(rank, rows, normal, c)
         self._held = np.arange(c) < rank[:, None]
         E = np.zeros((c, scatter.num_local, b))
         for a in range(c):

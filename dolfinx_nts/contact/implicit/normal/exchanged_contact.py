@@ -29,13 +29,13 @@ _ONE = 0.99
 
 
 class _Vertices(NormalContact):
-    """Vertices that were active in the last step, or that the step has sunk into a face.
+    """Vertices that were active in the last step, or have penetrated a face within the step.
 
     See `exchange_roles`.
     """
 
     def _prepare(self, state: PairState | JointState, search: LocalSearch) -> None:
-        """Set what the choice of vertices needs; arguments as for `NormalContact`."""
+        """Set the data for the choice of vertices; arguments as for `NormalContact`."""
         self._candidates = cast(SegmentCandidates, search.candidates)
         self._states = cast(tuple[ExchangedState, ...], members(state))
         self._tolerance = np.concatenate([each.tolerance for each in self._states])
@@ -49,7 +49,7 @@ class _Vertices(NormalContact):
 
     @abstractmethod
     def _lack_force(self, node: Ints, segment: Ints, gap: Floats, x: Floats) -> Flags:
-        """Whether vertices that lie too deep need a force of their own, shape ``(m,)``. Collective.
+        """Whether vertices that are too deep need their own force, shape ``(m,)``. Collective.
 
         ``segment`` are their segments, ``gap`` their gaps [m], both ``(m,)``, ``x`` positions with
         ghosts, shape ``(l, 3)`` [m].
@@ -73,7 +73,7 @@ class _Vertices(NormalContact):
         node = self._barred.nonzero()[0].astype(np.int32)
         points, current = search.points.take(node), search.segment[node]
         segment, gap = candidates.pair(points, x, current, search.reach)
-        # Deeper than half a facet they have none: they went through the one that they met.
+        # Nodes deeper than half a facet have no segment: they passed through the one they touched.
         met = search.approach.segment[node]
         lost = ((segment < 0) & (met >= 0)).nonzero()[0].astype(np.int32)
         segment[lost] = met[lost]
@@ -87,7 +87,7 @@ class _Vertices(NormalContact):
         return self._hold(node[deep], segment[deep], gap[deep])
 
     def _above(self, node: Ints, segment: Ints, x: Floats) -> tuple[Flags, Ints]:
-        """Whether vertices are above their segments, and above which nodes of these. Local.
+        """Flags of vertices above their segments, and the nearest nodes of these. Local.
 
         Arguments as for `_lack_force`. Returns flags, shape ``(m,)``, and nodes of the map, -1
         between nodes, shape ``(m,)``.
@@ -105,7 +105,7 @@ class _Vertices(NormalContact):
         return is_above, np.where(away.min(axis=1) <= _kernels.HYSTERESIS, nearest, -1)
 
     def _sink(self, node: Ints, segment: Ints, gap: Floats) -> Flags:
-        """Whether vertices are deeper than at t_n: those that leave need no force. Local."""
+        """Whether vertices are deeper than at t_n; separating vertices need no force. Local."""
         candidates, points = self._candidates, self._search.points.take(node)
         before = candidates.gap(points, self._search.x_n, segment)
         flags: Flags = gap < before - TOUCHES * candidates.size[segment]
@@ -113,7 +113,7 @@ class _Vertices(NormalContact):
 
 
 class ExchangedContact(_Vertices, MultiplierContact):
-    """Holds vertices by multipliers.
+    """Multipliers of vertices with exchanged roles.
 
     See `exchange_roles` and, for the arguments, `MultiplierContact`.
     """
@@ -146,15 +146,15 @@ class ExchangedContact(_Vertices, MultiplierContact):
         return self._sink(node, segment, gap) & ~self._is_held_by_node(node, segment, x)
 
     def _target(self, pairs: PairKinematics) -> Floats:
-        """Gaps that multipliers hold: with inertia, vertices inside are not pushed out.
+        """Reference gaps of the multipliers: with inertia, penetrating vertices are not pushed out.
 
-        That would do work, as they have sunk in without a force.
+        That would add energy, as they have penetrated without a force.
         """
         target = super()._target(pairs)
         return target if self._is_static else np.fmin(target, pairs.contact.gap_n)
 
     def _is_held_by_node(self, node: Ints, segment: Ints, x: Floats) -> Flags:
-        """Whether vertices are above nodes that the given pair holds, shape ``(m,)``. Local.
+        """Whether vertices are above active nodes of the given pair, shape ``(m,)``. Local.
 
         Both constraints would be the same. ``segment`` are the segments of the vertices, ``(m,)``,
         ``x`` positions with ghosts, shape ``(l, 3)`` [m].

@@ -52,7 +52,7 @@ class NormalContact(ABC):
         self._begin(history.active, history.lambda_N)
 
     def _begin(self, active: Flags, lambda_N: Floats) -> None:
-        """Choose the eligible nodes; active ones stay active if eligible. Collective."""
+        """Choose the eligible nodes; active nodes stay active if eligible. Collective."""
         self._eligible = self.choose()
         self.nodes: Ints = self._eligible.nonzero()[0].astype(np.int32)
         self.active: Flags = active & self._eligible
@@ -73,11 +73,11 @@ class NormalContact(ABC):
         return self._faces_by_law()
 
     def _faces_by_law(self) -> Flags:
-        """Nodes with a segment that the law lets transmit force, shape ``(n,)``. Local."""
+        """Eligible nodes by the law, among nodes with a segment, shape ``(n,)``. Local."""
         return self._search.approach.segment >= 0
 
     def _hold(self, node: Ints, segment: Ints, gap: Floats) -> int:
-        """Let nodes transmit force on the segments into which they have sunk. Collective.
+        """Activate nodes on the segments that they have penetrated. Collective.
 
         Arguments have the shape ``(m,)``. Returns the number of nodes of this rank.
         """
@@ -93,7 +93,7 @@ class NormalContact(ABC):
         return len(node)
 
     def may_hold(self, node: Ints, gap_n: Floats, gap: Floats) -> Flags | bool:
-        """Whether the law lets nodes touch that go from one gap to another in the step. Local.
+        """Whether the law makes nodes eligible, by their gaps at both ends of the step. Local.
 
         Args:
             node: Positions among the surface's nodes, shape ``(m,)``.
@@ -103,11 +103,11 @@ class NormalContact(ABC):
         return True
 
     def held(self, pairs: PairKinematics) -> Floats:
-        """Largest gaps at which the law lets pairs transmit force, shape ``(m,)`` [m]. Local."""
+        """Largest gaps at which pairs may transmit force, shape ``(m,)`` [m]. Local."""
         return np.zeros(len(pairs.node))
 
     def admit(self, nodes: Flags) -> None:
-        """Let nodes touch that an earlier solution of the step let touch. Collective.
+        """Make nodes eligible that were eligible in an earlier solution of the step. Collective.
 
         ``nodes`` are flags, shape ``(n,)``.
         """
@@ -131,7 +131,9 @@ class NormalContact(ABC):
     def gaps(self, x: Floats, node: Ints) -> Floats:
         """Gaps of nodes to their segments at x, shape ``(m,)`` [m]. Local."""
         search = self._search
-        if not search.pairing.follows:  # points that stay are not projected to be found
+        if (
+            not search.pairing.follows
+        ):  # points that keep their segment need no projection to be found
             search.gap[node] = search.pairing.gaps(x, node, search.segment[node])
         return search.gap[node]
 

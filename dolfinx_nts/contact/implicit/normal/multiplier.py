@@ -153,7 +153,7 @@ class MultiplierContact(NormalContact):
         pairs.excess[:, 0] = gap - self._target(pairs)
         R = None if R is None else pairs.blocks.gathered(R)
         node, before = pairs.node, self.active[pairs.node]
-        # Decisions follow from multipliers, multipliers from decisions.
+        # Contact states follow from multipliers, and multipliers from contact states.
         lambda_N = self._balance(pairs, R, self.lambda_N[node], before, friction)
         active, changes = self._set.update(node, pairs.excess[:, 0], before, lambda_N, iteration)
         lambda_N = np.where(active, lambda_N, 0.0)

@@ -168,13 +168,12 @@ class PenaltyContact(NormalContact):
     def _soft_depth(self, depth_per_speed: Floats, dt: float) -> Floats:
         """Compression up to which each spring is soft, shape ``(n,)`` [m].
 
-        It remains that of the arrival as long as the spring is loaded, so that its energy is a
-        function of the gap.
+        It is constant while the spring is loaded, so that its energy is a function of the gap.
         """
         old, approach = self._state.history, self._search.approach
         speed = np.fmax(approach.gap_n - approach.gap, 0.0) / dt  # without a segment 0
         deforms = np.isfinite(depth_per_speed)
-        # Those that a displacement which was set has loaded have not arrived: they stay soft.
+        # Springs loaded by a displacement that the user set had no impact: they stay soft.
         overlaps = (old.key == NEVER) & (approach.gap_n < 0) & ~self._search.touches
         deforms &= ~overlaps
         arriving = np.where(deforms, speed * np.where(deforms, depth_per_speed, 0.0), np.inf)

@@ -1,4 +1,4 @@
-"""Nodes that are tied to their segments, in one attempt at a step."""
+"""Tied contact in one attempt at a step."""
 
 from typing import cast
 
@@ -20,7 +20,7 @@ __all__ = ["Bond", "TiedContact"]
 
 
 class TiedContact(MultiplierContact):
-    """Holds the gaps of tied nodes, by forces of either sign."""
+    """Multipliers of tied nodes, of either sign, which keep the gap."""
 
     def choose(self) -> Flags:
         tied, (segment, gap) = self._state.history.active, self._search.start
@@ -43,11 +43,11 @@ class TiedContact(MultiplierContact):
 
     @property
     def may_touch(self) -> Flags:
-        """Whether a node may transmit force: the tied ones do, shape ``(n,)``. Local."""
+        """Whether a node may transmit force, shape ``(n,)``: all tied nodes. Local."""
         return self._eligible
 
     def _target(self, pairs: PairKinematics) -> Floats:
-        """Gaps that multipliers hold: those at t_n, shape ``(m,)`` [m]."""
+        """Reference gaps of the multipliers: the gaps at t_n, shape ``(m,)`` [m]."""
         return pairs.contact.gap_n
 
     def update(
@@ -61,12 +61,12 @@ class TiedContact(MultiplierContact):
         self.lambda_N[pairs.node] = self._balance(
             pairs, R, self.lambda_N[pairs.node], active, friction
         )
-        # A tied node without a segment never makes an equilibrium.
+        # An equilibrium with a tied node without a segment is never accepted.
         return len(self.nodes) - len(pairs.node)
 
 
 class Bond(StickSlip):
-    """Tangential forces of tied nodes, which stick whatever the force.
+    """Tangential forces of tied nodes, which always stick.
 
     Args:
         state: State of the pair.
@@ -89,7 +89,7 @@ class Bond(StickSlip):
         self.sliding[:] = self._on_axis
 
     def follow_contact(self, pairs: PairKinematics, before: Flags, active: Flags) -> None:
-        """Change nothing, as no tied node comes or goes."""
+        """Do nothing: the set of tied nodes is constant."""
 
     def update(
         self,

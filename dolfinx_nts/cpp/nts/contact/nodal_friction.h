@@ -126,8 +126,8 @@ struct NodalFriction
     return t + stiffness_of(j) * change;
   }
 
-  /// @brief Set the traction that goes with multipliers.
-  /// @param[in] rank Number of multipliers that hold the node.
+  /// @brief Set the traction of a node from its multipliers.
+  /// @param[in] rank Number of multipliers of the node.
   /// @param[in] multipliers Along the normal and both tangents [N].
   /// @param[in] known Traction that does not scale with the pressing force [N].
   void balance(std::size_t j, bool active, std::int32_t rank,

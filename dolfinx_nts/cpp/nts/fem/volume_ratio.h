@@ -104,7 +104,7 @@ private:
 };
 
 /// @brief Compute the volumes of cells at their points.
-/// @param[in] of Says which.
+/// @param[in] of Volumes at the quadrature points.
 /// @param[in] x Positions of nodes, (n, 3) [m].
 /// @param[in] cells Rows of the nodes of each cell, (c, k).
 /// @param[in] visit Called with each cell and its volumes, (q,), until it
@@ -130,7 +130,7 @@ struct VolumeRatio
 };
 
 /// @brief Find the least det F of all cells, or one that is NaN.
-/// @param[in] of Volumes at the points that count.
+/// @param[in] of Volumes at the quadrature points.
 /// @param[in] x Positions of nodes, (n, 3) [m].
 /// @param[in] reference Volumes of the cells without deformation, (c, q).
 /// @param[in] cells Rows of the nodes of each cell, (c, k).

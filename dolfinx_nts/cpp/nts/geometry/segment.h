@@ -138,7 +138,7 @@ constexpr Vec3 combine(const std::array<double, K>& weights,
   return sum;
 }
 
-/// @brief Stands for the segment of a pair with a rigid obstacle.
+/// @brief Placeholder for the segment of a pair with a rigid obstacle.
 struct NoSegment
 {
   static constexpr std::size_t vertices = 0;

@@ -148,7 +148,7 @@ public:
   }
 
   /// @brief Whether the node may face a segment whose normal is along a vector
-  /// in this box; the vectors that count are no longer than 1.
+  /// in this box, of length 1 at most.
   bool may_face(const Box& normals) const
   {
     constexpr double round_off = 1e-9;
@@ -281,7 +281,7 @@ public:
 
   bool keeps(std::int32_t, const Projection<S>&) const noexcept { return true; }
 
-  /// @brief Note the normal of the node's current segment.
+  /// @brief Store the normal of the node's current segment.
   void comes_from(const Vec3& normal) noexcept { _before = normal; }
 
   /// @brief Whether a node in front of its segment keeps it.

@@ -8,7 +8,7 @@
 /// @brief Local search: the segment that a node may touch.
 namespace nts
 {
-/// @brief Numbers of the local search, relative to the size of the segment [-].
+/// @brief Tolerances of the local search, relative to the segment size [-].
 struct LocalSearchRule
 {
   /// Usual `slack`: a node stays with its segment while xi is at most this far
@@ -99,7 +99,7 @@ struct Anything
     return true;
   }
 
-  /// @brief Note the normal of the node's current segment.
+  /// @brief Store the normal of the node's current segment.
   void comes_from(const Vec3&) noexcept {}
 
   /// @brief Whether the node may touch a segment, given the projection.

@@ -27,7 +27,7 @@
 /// others, up to the linear functions themselves, see multiplier_functions.h.
 namespace nts
 {
-/// @brief Numbers of the choice of contact points.
+/// @brief Tolerances for the choice of contact points.
 struct MortarRule
 {
   /// Cosine between the normals of a facet and of a segment that it faces.
@@ -83,7 +83,7 @@ public:
   }
 
   /// @brief Choose the points of all facets.
-  /// @param[in] tree Over the segments where they are.
+  /// @param[in] tree Tree over the segments at their current positions.
   MortarPoints find(const Tree& tree)
   {
     for (std::size_t e = 0; e < _facets.vertices.size() / n; ++e)
@@ -169,8 +169,9 @@ private:
       return false;
     }
 
-    /// @brief Part of a projected segment inside, of a curved facet, whose map
-    /// folds far from it: points there come from nowhere, or from within.
+    /// @brief Part of a projected segment inside a curved facet. Far outside of
+    /// the facet its map folds, so that points there have no unique
+    /// coordinates.
     Polygon part(const std::array<Vec2, k>& segment) const
     {
       Polygon polygon;
@@ -193,8 +194,8 @@ private:
   };
 
   /// @brief Mean gap at the corners of a polygon, the greater one of both ends
-  /// of the step: what is far behind a segment all the time is that of another
-  /// side of the body.
+  /// of the step. A facet that is far behind a segment at both ends belongs to
+  /// another side of the body.
   double gap_of(std::int32_t facet, const Below& below) const
   {
     double there = 0, before = 0;

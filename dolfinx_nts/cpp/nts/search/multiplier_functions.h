@@ -40,7 +40,8 @@ struct MultiplierRule
   /// Covered fractions of a facet [-]: below the first one all vertices are
   /// outside, since slivers have no accurate dual functions.
   static constexpr double sliver = 1e-3, wide = 1e-2;
-  /// Largest part that a vertex inside gives to vertices outside [-].
+  /// Largest fraction that the function of an inside vertex transfers to
+  /// outside vertices [-].
   static constexpr double given = 0.9;
 };
 
@@ -121,7 +122,7 @@ public:
   }
 
 private:
-  /// @brief How much each vertex is one of the covered part, from 0 to 1.
+  /// @brief Degree to which each vertex belongs to the covered part, 0 to 1.
   std::array<double, k> insides(double covered) const noexcept
   {
     static constexpr std::array<Vec2, 4> corners

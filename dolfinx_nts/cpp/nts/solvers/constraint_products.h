@@ -59,9 +59,10 @@ struct ConstraintRows
 /// @param[in] c Most constraints of a node.
 /// @param[in] b Components of a node.
 /// @param[out] directions (m, c, b), 0 beyond the constraints of a node.
-inline void give_up(const ConstraintRows& rows, std::span<const double> normal,
-                    std::size_t c, std::size_t b,
-                    std::span<double> directions) noexcept
+inline void eliminated_directions(const ConstraintRows& rows,
+                                  std::span<const double> normal, std::size_t c,
+                                  std::size_t b,
+                                  std::span<double> directions) noexcept
 {
   std::ranges::fill(directions, 0.);
   for (std::size_t i = 0; i < rows.rank.size(); ++i)
