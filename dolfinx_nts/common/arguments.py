@@ -2,7 +2,7 @@
 
 import math
 import reprlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from difflib import get_close_matches
 from inspect import signature
 from numbers import Integral, Real
@@ -14,7 +14,9 @@ from dolfinx_nts.common.arrays import Floats
 
 __all__ = [
     "as_call",
+    "called",
     "check_call",
+    "check_methods",
     "chosen_times",
     "did_you_mean",
     "finite",
@@ -118,6 +120,45 @@ def check_call(
             f"expected {kind.__name__}({', '.join(names)}){must}, "
             f"given {kind.__name__}({given}): {error}"
         ) from None
+
+
+def check_methods(kind: type[Any]) -> None:
+    """Check that a class implements all methods that its base class requires. Local.
+
+    Raises:
+        TypeError: A method is missing.
+    """
+    missing = sorted(getattr(kind, "__abstractmethods__", ()))
+    if missing:
+        calls = " and ".join(
+            f"{name}({', '.join(signature(getattr(kind, name)).parameters)})" for name in missing
+        )
+        raise TypeError(
+            f"expected a method {calls} in the class {kind.__name__}, as in help of "
+            f"{kind.__mro__[1].__name__}, given none"
+        )
+
+
+def called(function: Callable[..., Any], name: str, *arguments: Any) -> Any:
+    """Call a function of the user, after a check that it takes these arguments. Local.
+
+    Args:
+        function: The function.
+        name: Name and arguments of the function in a message, such as ``limit(p, slip)``.
+        *arguments: Arguments by place.
+
+    Raises:
+        TypeError: The function takes other arguments.
+    """
+    try:
+        call = signature(function)
+    except (TypeError, ValueError):
+        return function(*arguments)
+    try:
+        call.bind(*arguments)
+    except TypeError as error:
+        raise TypeError(f"expected {name}, given ({', '.join(call.parameters)}): {error}") from None
+    return function(*arguments)
 
 
 def functions_by_name(name: str, given: Any) -> dict[str, Any]:

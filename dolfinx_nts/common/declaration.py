@@ -4,7 +4,7 @@ from abc import ABCMeta
 from inspect import Signature, signature
 from typing import Any, Generic, TypeVar, cast
 
-from dolfinx_nts.common.arguments import check_call
+from dolfinx_nts.common.arguments import check_call, check_methods
 
 __all__ = ["Declaration", "SetOnce"]
 
@@ -16,6 +16,7 @@ class _Completing(ABCMeta):
 
     def __call__(cls, *args: Any, **kwargs: Any) -> Any:
         check_call(cls, args, kwargs)
+        check_methods(cls)
         item = super().__call__(*args, **kwargs)
         item._is_complete = True
         return item

@@ -2,12 +2,20 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
+from dolfinx_nts.common.arguments import finite, kind_of
 from dolfinx_nts.integrators.rates import Rates
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
 
-__all__ = ["Scheme"]
+__all__ = ["HINT", "Scheme"]
+
+Gradient = Literal["conserving", "midpoint", "static"]
+LoadState = Literal["mean", "end"]
+
+_GRADIENTS, _LOADS = get_args(Gradient), get_args(LoadState)
+# Advice in messages on the arguments of a scheme.
+HINT = "see the page on extending, rates=partial(NewmarkRates, Newmark(...))"
 
 
 @dataclass(frozen=True)
@@ -33,19 +41,40 @@ class Scheme:
             the end of the step (``"end"``).
         resolves_impact: Whether nodes may be massless, see ``ResolvedImpact``.
 
+    Raises:
+        TypeError: ``stress`` or ``rates`` is no function, or a share no number.
+        ValueError: ``contact`` or ``loads_at`` is unknown, or a share not between 0 and 1.
+
     Example:
         >>> scheme = nts.EnergyMomentum.scheme
         >>> scheme.contact, scheme.load_point
         ('conserving', 0.5)
     """
 
-    contact: Literal["conserving", "midpoint", "static"]
+    contact: Gradient
     stress: Callable[[Hyperelastic, Any, Any, Any], Any]
     rates: Callable[..., Rates]
     stress_share: float = 0.5
     load_point: float = 0.5
-    loads_at: Literal["mean", "end"] = "mean"
+    loads_at: LoadState = "mean"
     resolves_impact: bool = False
+
+    def __post_init__(self) -> None:
+        chosen = {"contact": self.contact, "loads_at": self.loads_at}
+        for (name, value), allowed in zip(chosen.items(), (_GRADIENTS, _LOADS), strict=True):
+            if value not in allowed:
+                raise ValueError(
+                    f"expected {name} of a Scheme out of {', '.join(map(repr, allowed))}, given "
+                    f"{value!r}"
+                )
+        for name, function in ("stress", self.stress), ("rates", self.rates):
+            if not callable(function):
+                raise TypeError(
+                    f"expected a function as {name} of a Scheme, given {kind_of(function)}: {HINT}"
+                )
+        for name, number in ("stress_share", self.stress_share), ("load_point", self.load_point):
+            if not 0 <= finite(f"{name} of a Scheme", number) <= 1:
+                raise ValueError(f"expected {name} of a Scheme from 0 to 1, given {number}")
 
     def ends_for_loads(self, u_n: Any, u: Any) -> tuple[Any, Any]:
         """Displacements whose mean a load uses, Functions or UFL. Local.

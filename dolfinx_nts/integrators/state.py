@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mpi4py import MPI
 
@@ -60,6 +60,18 @@ class State(ABC):
         self.dt = dt
         # Length of the current step, or of the last one for diagnostics.
         self._dt = fem.Constant(V.mesh, self.dt)
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            """Refuse use of a state whose class has not called this ``__init__``."""
+            kind = type(self).__name__
+            if "_comm" not in vars(self) and name != "scheme":
+                raise AttributeError(
+                    f"expected super().__init__(bodies, pairs, dt=...) in the __init__ of {kind} "
+                    f"before any use of it, given a {kind} without {name}"
+                )
+            raise AttributeError(f"{kind!r} object has no attribute {name!r}")
 
     @property
     def t(self) -> float:

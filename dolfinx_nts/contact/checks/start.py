@@ -14,12 +14,15 @@ from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.node_numbering import input_ids, listed, reference_positions
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.connected_bodies import connected
+from dolfinx_nts.model.obstacles.distance_check import check_distance
 from dolfinx_nts.model.obstacles.obstacle import Obstacle
+from dolfinx_nts.model.obstacles.rigid_shapes import ExactObstacle
 from dolfinx_nts.model.obstacles.rigid_surface import RigidSurface
 from dolfinx_nts.model.segments import area_vectors, diameters
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined
+from dolfinx_nts.parallel.errors import agreed
 from dolfinx_nts.search.overlap.overlaps import OverlapSearch
 
 __all__ = [
@@ -48,13 +51,17 @@ def check_start(state: PairState, t: float, x: Floats, x_before: Floats | None =
             allowed. None at the first step.
 
     Raises:
-        ValueError: Nodes are deeper than a millionth of the size of the surface's facets.
+        ValueError: Nodes are deeper than a millionth of the size of the surface's facets; or the
+            distance of an obstacle of the user is wrong, see `check_distance`.
     """
     pair = state.pair
     if not isinstance(pair.segments, Obstacle):
         return
     obstacle, comm, nodes = pair.segments, pair.nodes.V.mesh.comm, pair.nodes.nodes
     place = obstacle.motion.frame(t, t, obstacle.dim).at_end
+    if isinstance(obstacle, ExactObstacle) and x_before is None:
+        with agreed(comm, "check an obstacle"):
+            check_distance(obstacle, place(x[nodes]), pair.segment_size)
     depth = obstacle.depth(place(x[nodes]))
     allowed = _DEEP * pair.segment_size
     new = depth > allowed

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from dolfinx_nts.common.arguments import called
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.friction.laws import FrictionLaw, FrictionNodes
 
@@ -18,6 +19,15 @@ _ROUNDING = 1e-14
 # Least slope of spring and limit together, relative to the spring [-]: it bounds the derivative of
 # a traction if the limit decreases as steeply as the spring is stiff.
 _LEAST_SLOPE = 1e-3
+# Check of derivatives: steps [s], normal forces [N] and slips [m] at which they are compared with
+# differences, at so many nodes. No law has a kink at such numbers by intention.
+_STEPS = (1.37e-3, 0.413)
+_FORCES = 1.37 * 10.0 ** np.arange(-2, 7, 2)
+_SLIPS = 1.37 * 10.0 ** np.arange(-8, 1)
+_NUM_NODES = 4
+# Relative distance of the two points of a difference [-], and its relative error: of second order
+# where one-sided differences enclose the derivative, and by round-off of the limit.
+_PART, _DEVIATION, _ROUND_OFF = 1e-4, 1e-5, 1e-14
 
 
 class NodalLimit(NamedTuple):
@@ -66,21 +76,12 @@ class Limits:
         pressed = np.maximum(p, 0.0)
         slip = np.zeros(len(p)) if slip is None else slip
         nodes = FrictionNodes(self._nodes, node, self._area(), self._slipped, self._known)
-        found = self._law.limit(pressed, slip, self._dt, nodes)
-        if len(found) != 3 or np.shape(found[0]) != p.shape:
-            raise ValueError(
-                "expected a limit of friction at each node and two derivatives, shape "
-                f"{p.shape}, from {self._law!r}, given {found}"
-            )
-        force, by_p, by_slip = found
+        force, by_p, by_slip = _arrays(self._law, p.shape, pressed, slip, self._dt, nodes)
         if np.any(force < 0):
             raise ValueError(
                 f"expected limits of friction >= 0 from {self._law!r}, given {np.min(force)} N"
             )
-        force = force + by_p * np.minimum(p, 0.0)
-        return NodalLimit(
-            np.asarray(force), *(np.broadcast_to(each, p.shape) for each in (by_p, by_slip))
-        )
+        return NodalLimit(force + by_p * np.minimum(p, 0.0), by_p, by_slip)
 
     def of_springs(
         self, node: Ints, p: Floats, trial: Floats, eps_T: Floats, slid: Flags
@@ -128,12 +129,18 @@ class Limits:
 
 
 def check_law(law: FrictionLaw, nodes: Any) -> None:
-    """Evaluate a law once at all owned nodes of a surface. Local, if the area is known.
+    """Evaluate a law at owned nodes of a surface, and compare derivatives with differences. Local.
+
+    The area of the nodes must be known.
 
     Raises:
-        ValueError: Limits or their derivatives are not finite, of another shape or negative.
+        TypeError: The method `FrictionLaw.limit` takes other arguments.
+        ValueError: Limits or their derivatives are not finite, of another shape or negative, or a
+            derivative is not the derivative of the limit.
     """
     n = len(nodes.nodes)
+    if n == 0:
+        return
     node, one = np.arange(n, dtype=np.int32), np.ones(n)
     found = Limits(law, nodes, 1.0, lambda: nodes.area, np.zeros(n)).at(node, one, one)
     for name, values in zip(("limit", "derivative by p", "derivative by slip"), found, strict=True):
@@ -141,3 +148,63 @@ def check_law(law: FrictionLaw, nodes: Any) -> None:
             raise ValueError(
                 f"expected a finite {name} from {law!r} at 1 N, 1 m and 1 s, given {values}"
             )
+    for dt in _STEPS:
+        _check_derivatives(law, nodes, dt)
+
+
+def _check_derivatives(law: FrictionLaw, nodes: Any, dt: float) -> None:
+    """Compare derivatives of a law in a step dt [s] with one-sided differences of the limit. Local.
+
+    At a kink, as of a cap, a derivative may have any value between the two differences.
+    """
+    some = np.unique(np.linspace(0, len(nodes.nodes) - 1, _NUM_NODES, dtype=np.int32))
+    grid = (each.ravel() for each in np.meshgrid(some, _FORCES, _SLIPS, indexing="ij"))
+    node, p, slip = grid
+    limits = Limits(law, nodes, dt, lambda: nodes.area, np.zeros(len(nodes.nodes)))
+    at = limits.at(node, p, slip)
+    moved = {"p": (_PART * p, 0 * slip), "slip": (0 * p, _PART * slip)}
+    for (name, (dp, ds)), given in zip(moved.items(), at[1:], strict=True):
+        h = dp + ds
+        sides = [
+            (limits.at(node, p + s * dp, slip + s * ds).force - at.force) / (s * h) for s in (-1, 1)
+        ]
+        error = _DEVIATION * np.abs(sides).sum(axis=0) + _ROUND_OFF * at.force / h
+        wrong = (given < np.minimum(*sides) - error) | (given > np.maximum(*sides) + error)
+        if wrong.any():
+            i = int(np.argmax(wrong))
+            unit = "" if name == "p" else " N/m"
+            raise ValueError(
+                f"expected the derivative of the limit by {name} from {law!r}, given "
+                f"{given[i]:.6g}{unit} instead of {np.mean(sides, axis=0)[i]:.6g}{unit} by "
+                f"differences of the limit, at p = {p[i]:.3g} N, slip = {slip[i]:.3g} m and "
+                f"dt = {dt:.3g} s: correct the method limit"
+            )
+
+
+def _arrays(law: FrictionLaw, shape: tuple[int, ...], *arguments: Any) -> list[Floats]:
+    """Limit and both derivatives of a law as arrays of a shape. Local."""
+    found = called(law.limit, f"limit(p, slip, dt, nodes) of {type(law).__name__}", *arguments)
+    if isinstance(found, tuple | list) and len(found) == 3:
+        try:
+            values = [np.asarray(each, dtype=np.float64) for each in found]
+            if values[0].shape == shape:
+                return [np.broadcast_to(each, shape) for each in values]
+        except (TypeError, ValueError):
+            pass
+    raise ValueError(
+        f"expected limit, derivative by p and derivative by slip at each node, shape {shape}, from "
+        f"{law!r}, given {_described(found)}"
+    )
+
+
+def _described(found: Any) -> str:
+    """Number and shapes of returned values, or a value that is none."""
+    if found is None:
+        return "None"
+    if not isinstance(found, tuple | list):
+        found = (found,)
+    try:
+        shapes = [str(np.asarray(each, dtype=np.float64).shape) for each in found]
+    except (TypeError, ValueError):
+        return repr(found)
+    return f"{len(found)} of the shapes {', '.join(shapes)}"

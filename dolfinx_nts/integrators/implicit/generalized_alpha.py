@@ -16,7 +16,7 @@ import numpy as np
 from dolfinx import fem
 
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arguments import finite
+from dolfinx_nts.common.arguments import finite, kind_of, positive
 from dolfinx_nts.common.arrays import Floats, GlobalInts
 from dolfinx_nts.common.declaration import SetOnce
 from dolfinx_nts.contact.pair import ContactPair
@@ -44,12 +44,21 @@ class Newmark:
 
     Example:
         >>> average_acceleration = nts.Newmark(alpha_m=0.0, alpha_f=0.0, beta=0.25, gamma=0.5)
+
+    Raises:
+        TypeError: A parameter is no number.
+        ValueError: A parameter is not finite, or ``beta`` is not positive.
     """
 
     alpha_m: float
     alpha_f: float
     beta: float
     gamma: float
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            finite(name, value)
+        positive("beta of Newmark", self.beta)
 
     @classmethod
     def of(cls, rho_inf: float) -> "Newmark":
@@ -150,6 +159,11 @@ class NewmarkRates(Rates):
     def __init__(
         self, parameters: Newmark, state: State, dt: fem.Constant, bodies: Sequence[Body]
     ) -> None:
+        if not isinstance(parameters, Newmark):
+            raise TypeError(
+                "expected rates=partial(NewmarkRates, Newmark(alpha_m, alpha_f, beta, gamma)), "
+                f"given {kind_of(parameters)} as parameters"
+            )
         self._parameters = p = parameters
         u_n, u, v = state.u_n, state.u, state.v
         self.a = fem.Function(u.function_space, name="acceleration")

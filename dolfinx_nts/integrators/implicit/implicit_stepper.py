@@ -43,6 +43,7 @@ from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.integrators.implicit.attempt import AdmissibleMotion, Start, StepProblem
 from dolfinx_nts.integrators.implicit.inertia import ConsistentInertia, Inertia
 from dolfinx_nts.integrators.implicit.released_springs import ReleasedSprings
+from dolfinx_nts.integrators.implicit.scheme_checks import check_stress, make_rates
 from dolfinx_nts.integrators.implicit.sleeping import SleepingBodies
 from dolfinx_nts.integrators.implicit.static_stiffness import choose_default_stiffness
 from dolfinx_nts.integrators.implicit.step_forces import Reactions, StepForces, StepWorks
@@ -56,6 +57,7 @@ from dolfinx_nts.integrators.rigid import (
     gives_rigid_nodes,
     rigid_motion,
 )
+from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.integrators.statics.relaxation import IF_IT_MOVES
 from dolfinx_nts.integrators.step_failure import SHORTER_STEP_HELPS, StepFailure
 from dolfinx_nts.integrators.stepper import Stepper
@@ -111,8 +113,14 @@ class ImplicitStepper(Stepper):
         update: Callable[[float], None] | None = None,
         petsc_options: Mapping[str, Any] | None = None,
     ) -> None:
+        if not isinstance(getattr(self, "scheme", None), Scheme):
+            raise TypeError(
+                f"expected a Scheme as the attribute scheme of {type(self).__name__}, set before "
+                f"super().__init__(), given {getattr(self, 'scheme', 'none')!r}"
+            )
         super().__init__(bodies, pairs, dt=dt, loads=loads, update=update)
-        self._rates = self.scheme.rates(self, self._dt, bodies)
+        check_stress(self.scheme, self.bodies)
+        self._rates = make_rates(self.scheme, self, self._dt, bodies)
         if self._is_static:
             check_statics(self.bodies, Supports(self.u.function_space, bcs).fixed)
         elif self.scheme.contact == "static":

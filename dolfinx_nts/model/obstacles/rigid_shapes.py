@@ -105,7 +105,7 @@ class ExactObstacle(Obstacle):
 
     An obstacle of your own is one method, `distance`. Gap, force, slip and trajectories follow from
     it. The contact force of the energy-momentum scheme is the discrete gradient of Gonzalez (J.
-    Nonlinear Sci. 6, 1996). Set the attribute ``shortest_passage`` to half of the least thickness
+    Nonlinear Sci. 6, 1996). Set the attribute ``shortest_passage`` to a quarter of the thickness
     of the obstacle, and ``dim`` to 2 in the plane. Other attributes are arguments in messages and
     checkpoints.
 

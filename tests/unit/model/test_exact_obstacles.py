@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 import dolfinx_nts as nts
+from dolfinx_nts.model.obstacles.distance_check import check_distance
+from helpers.boxed import Box
 from reference.bulk import taylor_order
 
 pytestmark = pytest.mark.serial
@@ -73,3 +75,96 @@ def test_obstacle_of_a_user_shows_its_arguments():
     bowl = Bowl(2.0)
     assert repr(bowl) == "Bowl(radius=2)"
     assert repr(bowl.moving(nts.Motion(lift))).startswith("Bowl(radius=2).moving(Motion(")
+
+
+def change(distance):
+    """A torus whose distance and normal a function of both changes."""
+
+    class Wrong(Torus):
+        def distance(self, x):
+            return distance(*super().distance(x))
+
+    return Wrong()
+
+
+@pytest.mark.parametrize(
+    ("obstacle", "given"),
+    [
+        (change(lambda g, n: (g, -n)), "normals that are the gradient of the distance"),
+        (change(lambda g, n: (2 * g, n)), "normals that are the gradient of the distance"),
+        (change(lambda g, n: (g * np.abs(g), n)), "normals that are the gradient of the distance"),
+        (change(lambda g, n: (g, 0 * n + [0, 0, 1])), "normals that are the gradient"),
+        (change(lambda g, n: (g, 1.5 * n)), "unit normals .* given one of length 1.5"),
+        (change(lambda g, n: (g * np.nan, n)), "finite distances .* given none at the 12 points"),
+        (change(lambda g, _: g), r"two NumPy arrays .* given ndarray of shape \(12,\)"),
+        (change(lambda g, n: (g[:, None], n)), r"given ndarray of shape \(\d+, 1\) and ndarray"),
+        (change(lambda g, n: (g, n.T)), r"shape \(3, \d+\)"),
+        (change(lambda g, n: (g.tolist(), n)), "given list and ndarray"),
+        (change(lambda *_: None), "given NoneType"),
+    ],
+)
+def test_wrong_distance_is_refused(rng, obstacle, given):
+    with pytest.raises(ValueError, match=f"expected .*{given}"):
+        check_distance(obstacle, rng.normal(size=(12, 3)), 0.1)
+
+
+def test_right_distances_are_accepted(rng):
+    class Paraboloid(nts.ExactObstacle):
+        """z < x^2 + y^2, by f/|grad f|, which is exact to first order at the surface."""
+
+        def distance(self, x):
+            f = x[:, 2] - x[:, 0] ** 2 - x[:, 1] ** 2
+            slope = np.stack([-2 * x[:, 0], -2 * x[:, 1], np.ones(len(x))], axis=1)
+            size = np.linalg.norm(slope, axis=1)
+            return f / size, slope / size[:, None]
+
+    class Cube(nts.ExactObstacle):
+        """Cube of 1 m, whose distance has kinks at edges and corners."""
+
+        def distance(self, x):
+            beyond = np.abs(x) - 0.5
+            outside = np.linalg.norm(np.maximum(beyond, 0), axis=1)
+            axis = np.eye(3)[beyond.argmax(axis=1)]
+            gap = np.where(outside > 0, outside, beyond.max(axis=1))
+            away = np.maximum(beyond, 0) / np.where(outside > 0, outside, 1)[:, None]
+            return gap, np.sign(x) * np.where(outside[:, None] > 0, away, axis)
+
+    for obstacle in Torus(), Ball(), Paraboloid(), Cube():
+        for shift in 0.0, 1e6:
+            moved = Moved(obstacle, shift)
+            check_distance(moved, shift + rng.normal(size=(200, 3)), 0.1)
+
+
+class Moved(nts.ExactObstacle):
+    """Another obstacle, shifted along all axes."""
+
+    def __init__(self, other, shift):
+        self.other, self.shift = other, shift
+
+    def distance(self, x):
+        return self.other.distance(x - self.shift)
+
+
+def test_methods_of_obstacles_that_are_missing_or_take_other_arguments_are_named():
+    class NoDistance(nts.ExactObstacle):
+        pass
+
+    class NoPoints(nts.ExactObstacle):
+        def distance(self):
+            return 0.0
+
+    with pytest.raises(
+        TypeError, match=r"expected a method distance\(self, x\) in the class NoDis"
+    ):
+        NoDistance()
+    with pytest.raises(TypeError, match=r"expected distance\(x\) of NoPoints, given \(\)"):
+        check_distance(NoPoints(), np.zeros((1, 3)), 1.0)
+
+
+def test_wrong_distance_is_refused_by_a_stepper(comm):
+    box = Box(comm)
+    obstacle = change(lambda g, n: (g, -n))
+    pair = nts.ContactPair(box.surface("bottom 0"), Moved(obstacle, -2.0))
+    stepper = nts.EnergyMomentum([box.body], [pair], dt=1e-3)
+    with pytest.raises(ValueError, match="expected normals that are the gradient of the distance"):
+        stepper.advance()

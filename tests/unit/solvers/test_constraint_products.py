@@ -68,10 +68,10 @@ def test_nodes_without_parents_are_their_own(rng):
 
 
 @pytest.mark.parametrize("b", [2, 3])
-def test_nodes_give_up_their_normals_or_their_own_parts_of_the_rows(b, rng):
+def test_eliminated_directions_are_normals_or_own_parts_of_the_rows(b, rng):
     _, rank, rows, *_ = problem(rng, b, 1)
     normal = rng.normal(size=(len(rank), b))
-    directions = _kernels.give_up(rank, rows, normal, b)
+    directions = _kernels.eliminated_directions(rank, rows, normal, b)
     for own, held, each, row in zip(directions, rank, normal, rows, strict=True):
         expected = each[None] if held == 1 else row[:held, :b]
         assert np.array_equal(own[:held], expected)

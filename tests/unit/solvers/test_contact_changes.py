@@ -57,7 +57,7 @@ def test_lists_keep_nodal_gradients_of_constraints(kind, rng):
         for part, taken in zip(parts, some, strict=True):
             expected = part.reshape(3, -1, 3)[:, keep].reshape(3, -1)
             np.testing.assert_array_equal(taken, expected)
-    with pytest.raises(ValueError, match="expected where lists begin"):
+    with pytest.raises(ValueError, match="expected ascending offsets of the lists"):
         _kernels.at_nodes(whole.start, keeps[:-1], whole.gradients, whole.columns, 3)
 
 
@@ -83,7 +83,7 @@ def test_wrong_lists_of_constraints_are_refused(rng):
     start, _, rank, _, gradients, columns, slopes, *_ = blocks("ragged", rng)
     with pytest.raises(ValueError, match="expected a block for each node"):
         _kernels.slopes_at_nodes(start, gradients[:-9], columns, slopes)
-    with pytest.raises(ValueError, match="expected where lists begin"):
+    with pytest.raises(ValueError, match="expected ascending offsets of the lists"):
         _kernels.slopes_at_nodes(start[::-1].copy(), gradients, columns, slopes)
     with pytest.raises(ValueError, match="expected at most all components"):
         _kernels.essential_nodes(start, rank + 1, gradients, columns, slopes, 0.5, 1.0)

@@ -1,0 +1,86 @@
+"""Checks of a scheme that a user has written, when a stepper uses it."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from ufl.algorithms import expand_derivatives
+
+from dolfinx_nts.common.arguments import called, kind_of
+from dolfinx_nts.integrators.rates import Rates
+from dolfinx_nts.integrators.scheme import HINT, Scheme
+from dolfinx_nts.integrators.state import State
+from dolfinx_nts.materials.evaluation import Evaluation
+from dolfinx_nts.model.bodies import Body
+
+__all__ = ["check_stress", "make_rates"]
+
+# Deformation gradient at which the stress of a scheme is checked [-]: a stretch with a rotation.
+_SAMPLE = [[1.05, 0.20, 0.0], [-0.15, 0.95, 0.05], [0.0, 0.1, 1.02]]
+# Relative error of a stress [-] that round-off does not explain.
+_INCONSISTENT = 1e-6
+
+
+def make_rates(scheme: Scheme, state: State, dt: fem.Constant, bodies: Sequence[Body]) -> Rates:
+    """Create the rates of a stepper. Collective.
+
+    Raises:
+        TypeError: ``scheme.rates`` takes other arguments, or returns no `Rates`.
+    """
+    call = f"rates(state, dt, bodies) of the Scheme ({HINT})"
+    found = called(scheme.rates, call, state, dt, bodies)
+    if not isinstance(found, Rates):
+        raise TypeError(
+            f"expected rates of the Scheme that return Rates, given {kind_of(found)}: {HINT}"
+        )
+    return found
+
+
+def check_stress(scheme: Scheme, bodies: Sequence[Body]) -> None:
+    """Check that the stress of a step without deformation is the stress of the material. Local.
+
+    Any consistent scheme has the stress P = F S(F^T F) if F is the same at both ends. It is
+    evaluated for the first deformable body whose stress depends on the deformation alone. Schemes
+    of the package are tested and not checked here, as this takes up to half a second.
+
+    Raises:
+        TypeError: ``scheme.stress`` takes other arguments.
+        ValueError: It returns no tensor, or another stress.
+    """
+    if scheme.stress.__module__.startswith("dolfinx_nts."):
+        return
+    plain = (body for body in bodies if not body.is_rigid)
+    for material in (body.material for body in plain if not body.material.remembers):
+        if material.has_fields:
+            continue
+        F = ufl.as_matrix(_SAMPLE)
+        call = "stress(material, parameters, F_n, F) of the Scheme"
+        P = called(scheme.stress, call, material, dict(material.parameters), F, F)
+        shape = getattr(P, "ufl_shape", None)
+        if shape != (3, 3):
+            raise ValueError(
+                "expected the first Piola-Kirchhoff stress from stress of the Scheme, a UFL tensor "
+                f"of shape (3, 3), given {kind_of(P) if shape is None else shape}"
+            )
+        try:
+            values = _numbers(P)
+        except (ArithmeticError, TypeError, ValueError):
+            return
+        exact = _numbers(F * material.stress(F.T * F))
+        if not np.abs(values - exact).max() <= _INCONSISTENT * np.abs(exact).max():
+            raise ValueError(
+                "expected the first Piola-Kirchhoff stress F S(F^T F) from stress of the Scheme if "
+                f"F_n = F, given another tensor: for {material!r} and F = {_SAMPLE} its entries 11 "
+                f"and 12 are {values[0, 0]:.4g} and {values[0, 1]:.4g} Pa instead of "
+                f"{exact[0, 0]:.4g} and {exact[0, 1]:.4g} Pa"
+            )
+        return
+
+
+def _numbers(tensor: Any) -> Any:
+    """Entries of a UFL tensor of numbers, shape ``(3, 3)``."""
+    axes = range(3)
+    entries = [[expand_derivatives(tensor[i, j]) for j in axes] for i in axes]
+    return np.array([[Evaluation(entry).value({}) for entry in row] for row in entries])

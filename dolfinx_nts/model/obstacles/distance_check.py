@@ -1,0 +1,127 @@
+"""Check of the signed distance of an obstacle that a user has written."""
+
+from typing import Any
+
+import numpy as np
+
+from dolfinx_nts.common.arguments import called, kind_of
+from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.model.obstacles.rigid_shapes import ExactObstacle
+
+__all__ = ["check_distance"]
+
+# Number of points at which the distance is compared with the normal [-].
+_NUM_POINTS = 12
+# Shift of these points from nodes, relative to a facet [-]: nodes are often on planes of symmetry,
+# where the distance may have a kink.
+_SHIFT = 0.05 * np.array([0.31, -0.47, 0.23])
+# Distance of the points from the surface, where the gradient is compared, and step of the
+# differences, relative to a facet [-].
+_NEAR, _STEP = 1e-4, 1e-7
+# Least step relative to the positions [-], for scenes far from the origin.
+_ROUNDING = 1e-12
+# Deviation from that distance, relative to it [-], up to which a point counts.
+_CLOSE = 0.1
+# Deviation of the gradient from the normal that counts as wrong [-]: above the curvature at that
+# distance. Deviation of the length of normals, above round-off.
+_WRONG, _NOT_UNIT = 1e-2, 1e-6
+# Largest number of iterations to the surface [-]; points that are farther are left out.
+_MOST_ITERATIONS = 50
+
+
+def check_distance(obstacle: ExactObstacle, x: Floats, size: float) -> None:
+    """Compare the distance with the normal by differences near the surface. Local.
+
+    Obstacles of the package are tested and not checked here.
+
+    Args:
+        obstacle: The obstacle.
+        x: Positions of nodes in its frame, shape ``(n, 3)`` [m].
+        size: Size of a facet [m].
+
+    Raises:
+        TypeError: The method `ExactObstacle.distance` takes other arguments.
+        ValueError: It returns arrays of other shapes, normals that are not unit vectors, or that
+            are not the gradient of the distance at the surface.
+    """
+    if len(x) == 0 or type(obstacle).distance.__module__.startswith("dolfinx_nts."):
+        return
+    dim = obstacle.dim
+    shift = size * _SHIFT * (np.arange(3) < dim)
+    some = np.unique(np.linspace(0, len(x) - 1, _NUM_POINTS, dtype=np.int32))
+    x = x[some] + shift
+    gap, normal = _evaluated(obstacle, x)
+    if not np.isfinite(gap).any():
+        raise _error(obstacle, "finite distances", f"none at the {len(x)} points near nodes", x[0])
+    length = np.linalg.norm(normal, axis=1)
+    if np.any(np.abs(length - 1) > _NOT_UNIT):
+        i = int(np.argmax(np.abs(length - 1) > _NOT_UNIT))
+        raise _error(obstacle, "unit normals", f"one of length {length[i]:.6g}", x[i])
+    x = x[np.isfinite(gap)]
+    h = max(_STEP * size, _ROUNDING * float(np.abs(x).max()))
+
+    def differences(x: Floats) -> tuple[Floats, Floats]:
+        """One-sided differences of the distance along the axes, both ``(m, dim)`` [-]."""
+        at = _evaluated(obstacle, x)[0]
+        sides = [[_evaluated(obstacle, x + s * h * e)[0] for e in np.eye(3)[:dim]] for s in (-1, 1)]
+        before, after = (np.stack(side, axis=1) for side in sides)
+        down: Floats = (at[:, None] - before) / h
+        up: Floats = (after - at[:, None]) / h
+        return down, up
+
+    with np.errstate(invalid="ignore", divide="ignore"):
+        for _ in range(_MOST_ITERATIONS):
+            excess = _evaluated(obstacle, x)[0] - _NEAR * size
+            if not np.any(np.abs(excess) > _CLOSE * _NEAR * size):
+                break
+            slope = np.zeros(x.shape)
+            slope[:, :dim] = np.mean(differences(x), axis=0)
+            square = np.einsum("mi,mi->m", slope, slope)[:, None]
+            x = x - np.clip(excess[:, None] * slope / square, -size, size)
+    gap, normal = _evaluated(obstacle, x)
+    there = np.isfinite(normal).all(axis=1) & (np.abs(gap - _NEAR * size) < _CLOSE * _NEAR * size)
+    x, normal = x[there], normal[there]
+    least, most = np.sort(differences(x), axis=0)
+    wrong = (normal[:, :dim] < least - _WRONG) | (normal[:, :dim] > most + _WRONG)
+    if wrong.any():
+        i = int(np.argmax(wrong.any(axis=1)))
+        slope = (least[i] + most[i]) / 2
+        raise _error(
+            obstacle,
+            "normals that are the gradient of the distance",
+            f"the normal {_text(normal[i, :dim])} where differences of the distance are "
+            f"{_text(slope)}",
+            x[i],
+        )
+
+
+def _evaluated(obstacle: ExactObstacle, x: Floats) -> tuple[Floats, Floats]:
+    """Distance and normals, with a check of their shapes."""
+    found: Any = called(obstacle.distance, f"distance(x) of {type(obstacle).__name__}", x)
+    is_pair = isinstance(found, tuple | list) and len(found) == 2
+    if is_pair and all(isinstance(each, np.ndarray) for each in found):
+        gap, normal = found
+        if gap.shape == x.shape[:1] and normal.shape == x.shape:
+            return gap, normal
+    raise ValueError(
+        f"expected two NumPy arrays from distance(x) of {obstacle!r}, signed distances of shape "
+        f"{x.shape[:1]} and outward normals of shape {x.shape}, for x of shape {x.shape}, given "
+        f"{' and '.join(map(_kind, found)) if is_pair else _kind(found)}"
+    )
+
+
+def _kind(value: Any) -> str:
+    """Class of a returned value, and shape of an array."""
+    shape = f" of shape {value.shape}" if isinstance(value, np.ndarray) else ""
+    return f"{kind_of(value)}{shape}"
+
+
+def _error(obstacle: ExactObstacle, expected: str, given: str, x: Floats) -> ValueError:
+    return ValueError(
+        f"expected {expected} from distance(x) of {obstacle!r}, given {given} at x = {_text(x)} m, "
+        "in the frame of the obstacle: correct the method distance"
+    )
+
+
+def _text(vector: Floats) -> str:
+    return f"({', '.join(f'{value:.4g}' for value in vector + 0.0)})"

@@ -1,0 +1,96 @@
+"""Friction laws of users: mistakes that a check finds when the pair is made."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import dolfinx_nts as nts
+from dolfinx_nts.contact.friction.limits import check_law
+
+pytestmark = pytest.mark.serial
+
+NODES = SimpleNamespace(nodes=np.arange(9, dtype=np.int32), area=np.linspace(0.1, 1.0, 9))
+
+
+class Viscous(nts.FrictionLaw):
+    """Coefficient that grows with the speed of slip, with a cap."""
+
+    def __init__(self, by_p=1.0, by_slip=1.0):
+        self.by_p, self.by_slip = by_p, by_slip
+
+    def limit(self, p, slip, dt, nodes):
+        mu, cap = 0.2 + 0.1 * slip / dt, 1e3 * nodes.area
+        is_capped = mu * p > cap
+        by_p, by_slip = (np.where(is_capped, 0, each) for each in (mu, 0.1 / dt * p))
+        return np.where(is_capped, cap, mu * p), self.by_p * by_p, self.by_slip * by_slip
+
+
+def returns(*arrays):
+    """Law that returns these arrays, functions of p and slip."""
+
+    class Returns(nts.FrictionLaw):
+        def limit(self, p, slip, dt, nodes):
+            found = tuple(each(p, slip) for each in arrays)
+            return found[0] if len(found) == 1 else found
+
+    return Returns()
+
+
+def zero(p, slip):
+    return 0 * p
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        *(Viscous(), nts.Coulomb(0.3), nts.Tresca(nts.Coulomb(0.3), 1e3)),
+        *(nts.Stribeck(0.4, 0.2, speed) for speed in (1e-6, 0.1, 0.0)),
+        *(nts.SlipWeakening(0.4, 0.2, length) for length in (1e-6, 0.01)),
+        returns(lambda p, _: [0.3 * each for each in p], lambda *_: 0.3, lambda *_: 0.0),
+    ],
+)
+def test_right_laws_are_accepted(law):
+    check_law(law, NODES)
+
+
+@pytest.mark.parametrize("name", ["by_p", "by_slip"])
+@pytest.mark.parametrize("factor", [-1.0, 0.0, 0.5, 0.999, 2.0])
+def test_wrong_derivative_is_named(name, factor):
+    message = rf"expected the derivative of the limit by {name.removeprefix('by_')} from Viscous"
+    with pytest.raises(ValueError, match=message):
+        check_law(Viscous(**{name: factor}), NODES)
+
+
+@pytest.mark.parametrize(
+    ("law", "given"),
+    [
+        (returns(lambda p, _: 0.3 * p), r"1 of the shapes \(9,\)"),
+        (returns(lambda *_: None), "None"),
+        (returns(lambda p, _: 0.3 * p.sum(), zero, zero), r"3 of the shapes \(\), \(9,\), \(9,\)"),
+        (
+            returns(zero, lambda p, _: np.ones((9, 2)), zero),
+            r"3 of the shapes \(9,\), \(9, 2\), \(9,\)",
+        ),
+        (returns(*3 * [lambda *_: "0.3"]), r"3 of the shapes \(\), \(\), \(\)"),
+        (returns(*3 * [lambda *_: "mu"]), r"\('mu', 'mu', 'mu'\)"),
+    ],
+)
+def test_wrong_return_value_is_described(law, given):
+    with pytest.raises(ValueError, match=rf"expected limit, derivative by p and .* given {given}"):
+        check_law(law, NODES)
+
+
+def test_missing_method_and_wrong_arguments_are_named():
+    class Forgotten(nts.FrictionLaw):
+        pass
+
+    class Short(nts.FrictionLaw):
+        def limit(self, p, slip, dt):
+            return 0.3 * p, 0.3, 0.0
+
+    with pytest.raises(TypeError, match=r"expected a method limit\(self, p, slip, dt, nodes\)"):
+        Forgotten()
+    message = r"expected limit\(p, slip, dt, nodes\) of Short, given \(p, slip, dt\)"
+    with pytest.raises(TypeError, match=message):
+        check_law(Short(), NODES)

@@ -1,0 +1,90 @@
+"""Schemes of users: mistakes that are found when a stepper is made."""
+
+from functools import partial
+
+import pytest
+import ufl
+
+import dolfinx_nts as nts
+from helpers.boxed import Box
+
+pytestmark = pytest.mark.serial
+
+
+def stress(material, parameters, F_n, F):
+    """Stress at the end of a step."""
+    return F * material.stress(F.T * F, **parameters)
+
+
+RATES = partial(nts.NewmarkRates, nts.Newmark(0.0, 0.0, 0.25, 0.5))
+ARGUMENTS = {"contact": "static", "stress": stress, "rates": RATES}
+
+
+@pytest.fixture
+def box(comm):
+    return Box(comm, shape=(1, 1, 1))
+
+
+def stepper_of(box, **options):
+    """Stepper of the box with a scheme of these arguments."""
+
+    class Own(nts.ImplicitStepper):
+        scheme = nts.Scheme(**ARGUMENTS | options)
+
+    return Own([box.body], dt=0.1)
+
+
+def test_right_scheme_is_accepted(box):
+    assert stepper_of(box).advance().newton_iterations >= 0
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        ({"contact": "end"}, "out of 'conserving', 'midpoint', 'static', given 'end'"),
+        ({"loads_at": "start"}, "expected loads_at of a Scheme out of 'mean', 'end'"),
+        ({"stress_share": 2.0}, "expected stress_share of a Scheme from 0 to 1, given 2"),
+        ({"load_point": "end"}, "expected a number for load_point of a Scheme, given 'end'"),
+        ({"rates": nts.Newmark(0.0, 0.0, 0.25, 0.5)}, "expected a function as rates .* Newmark"),
+        ({"rates": nts.NewmarkRates}, r"expected rates\(state, dt, bodies\) .* given \(parameters"),
+        ({"rates": lambda *_: None}, "expected rates of the Scheme that return Rates"),
+        ({"rates": partial(nts.NewmarkRates, 0.25)}, "given float as parameters"),
+        ({"stress": lambda m, F_n, F: F}, r"expected stress\(material, parameters, F_n, F\)"),
+        ({"stress": lambda *_: None}, r"tensor of shape \(3, 3\), given NoneType"),
+        ({"stress": lambda m, p, F_n, F: ufl.tr(F)}, r"tensor of shape \(3, 3\), given \(\)"),
+        (
+            {"stress": lambda m, p, F_n, F: m.stress(F.T * F, **p)},
+            r"expected the first Piola-Kirchhoff stress F S\(F\^T F\)",
+        ),
+        (
+            {"stress": lambda *arguments: -stress(*arguments)},
+            r"expected the first Piola-Kirchhoff stress F S\(F\^T F\)",
+        ),
+    ],
+)
+def test_wrong_argument_is_named(box, option, message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        stepper_of(box, **option)
+
+
+def test_parameters_of_newmark_are_checked():
+    with pytest.raises(ValueError, match=r"expected beta of Newmark > 0, given -0\.25"):
+        nts.Newmark(0.0, 0.0, -0.25, 0.5)
+    with pytest.raises(TypeError, match="expected a number for gamma, given 'half'"):
+        nts.Newmark(0.0, 0.0, 0.25, "half")
+
+
+def test_missing_scheme_and_missing_call_of_the_base_class_are_named(box):
+    class Without(nts.ImplicitStepper):
+        pass
+
+    class NotCalled(nts.ImplicitStepper):
+        def __init__(self, *bodies, **options):
+            self.scheme = nts.Scheme(**ARGUMENTS)
+
+    with pytest.raises(TypeError, match="expected a Scheme as the attribute scheme of Without"):
+        Without([box.body], dt=0.1)
+    with pytest.raises(
+        AttributeError, match=r"expected super\(\).__init__\(bodies, pairs, dt=...\)"
+    ):
+        NotCalled([box.body], dt=0.1).set_velocity(box.body, None)
