@@ -22,6 +22,7 @@ __all__ = [
     "finite",
     "functions_by_name",
     "instances",
+    "is_of_package",
     "kind_of",
     "label",
     "nonnegative",
@@ -137,6 +138,11 @@ def check_methods(kind: type[Any]) -> None:
             f"expected a method {calls} in the class {kind.__name__}, as in help of "
             f"{kind.__mro__[1].__name__}, given none"
         )
+
+
+def is_of_package(function: Any) -> bool:
+    """Whether a function is defined in the package, and not by a user. Local."""
+    return (getattr(function, "__module__", None) or "").startswith("dolfinx_nts.")
 
 
 def called(function: Callable[..., Any], name: str, *arguments: Any) -> Any:

@@ -8,7 +8,7 @@ import ufl
 from dolfinx import fem
 from ufl.algorithms import expand_derivatives
 
-from dolfinx_nts.common.arguments import called, kind_of
+from dolfinx_nts.common.arguments import called, is_of_package, kind_of
 from dolfinx_nts.integrators.rates import Rates
 from dolfinx_nts.integrators.scheme import HINT, Scheme
 from dolfinx_nts.integrators.state import State
@@ -49,7 +49,7 @@ def check_stress(scheme: Scheme, bodies: Sequence[Body]) -> None:
         TypeError: ``scheme.stress`` takes other arguments.
         ValueError: It returns no tensor, or another stress.
     """
-    if scheme.stress.__module__.startswith("dolfinx_nts."):
+    if is_of_package(scheme.stress):
         return
     plain = (body for body in bodies if not body.is_rigid)
     for material in (body.material for body in plain if not body.material.remembers):

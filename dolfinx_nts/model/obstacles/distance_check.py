@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_nts.common.arguments import called, kind_of
+from dolfinx_nts.common.arguments import called, is_of_package, kind_of
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.model.obstacles.rigid_shapes import ExactObstacle
 
@@ -44,7 +44,7 @@ def check_distance(obstacle: ExactObstacle, x: Floats, size: float) -> None:
         ValueError: It returns arrays of other shapes, normals that are not unit vectors, or that
             are not the gradient of the distance at the surface.
     """
-    if len(x) == 0 or type(obstacle).distance.__module__.startswith("dolfinx_nts."):
+    if len(x) == 0 or is_of_package(type(obstacle).distance):
         return
     dim = obstacle.dim
     shift = size * _SHIFT * (np.arange(3) < dim)
