@@ -129,20 +129,20 @@ class Limits:
 
 
 def check_law(law: FrictionLaw, nodes: Any) -> None:
-    """Evaluate a law at owned nodes of a surface, and compare derivatives with differences. Local.
+    """Evaluate a law at owned nodes of a surface, and compare derivatives with differences.
 
-    The area of the nodes must be known.
+    Collective, as is the area of the nodes at its first use.
 
     Raises:
         TypeError: The method `FrictionLaw.limit` takes other arguments.
         ValueError: Limits or their derivatives are not finite, of another shape or negative, or a
             derivative is not the derivative of the limit.
     """
-    n = len(nodes.nodes)
+    n, area = len(nodes.nodes), nodes.area
     if n == 0:
         return
     node, one = np.arange(n, dtype=np.int32), np.ones(n)
-    found = Limits(law, nodes, 1.0, lambda: nodes.area, np.zeros(n)).at(node, one, one)
+    found = Limits(law, nodes, 1.0, lambda: area, np.zeros(n)).at(node, one, one)
     for name, values in zip(("limit", "derivative by p", "derivative by slip"), found, strict=True):
         if not np.all(np.isfinite(values)):
             raise ValueError(
