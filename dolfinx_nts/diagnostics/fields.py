@@ -1,4 +1,4 @@
-"""Fields of a stepper as DOLFINx Functions: contact, stress and strain energy density."""
+"""Fields of a stepper as DOLFINx Functions: motion, contact, stress and strain energy."""
 
 from functools import cached_property
 
@@ -13,6 +13,7 @@ from dolfinx_nts.common.arrays import Array, Floats
 from dolfinx_nts.diagnostics.functions import NodalFunctions
 from dolfinx_nts.diagnostics.nodal_fields import NodalFields
 from dolfinx_nts.diagnostics.present import Present
+from dolfinx_nts.fem.components import nodal
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.cell_stress import CellStress, StressState
@@ -26,9 +27,9 @@ class Fields:
     """Fields of a stepper's accepted state as DOLFINx Functions.
 
     Each call updates the same Function, which can be given to a writer once. Its values do not
-    change until the next call. Functions of contact have the nodes of the bodies' space. Functions
-    of stress are discontinuous between cells: constant in cells of degree 1, with the value at the
-    centre, and linear in cells of degree 2. Collective, as are all its methods.
+    change until the next call. Functions of motion and contact have the nodes of the bodies'
+    space. Functions of stress are discontinuous between cells: constant in cells of degree 1, with
+    the value at the centre, and linear in cells of degree 2. Collective, as are all its methods.
 
     Args:
         stepper: The stepper.
@@ -60,6 +61,14 @@ class Fields:
 
     def __repr__(self) -> str:
         return as_call(self, stepper=type(self._stepper))
+
+    def displacement(self) -> fem.Function:
+        """Displacement of each node [m], a copy of ``stepper.u``."""
+        return self._motion("displacement", self._stepper.u)
+
+    def velocity(self) -> fem.Function:
+        """Velocity of each node [m/s], a copy of ``stepper.v``; 0 in statics."""
+        return self._motion("velocity", self._stepper.v)
 
     def gap(self) -> fem.Function:
         """Smallest gap of each node [m], > 0 open, NaN without a candidate segment."""
@@ -98,6 +107,10 @@ class Fields:
         """Equivalent plastic strain, mean of each cell [-]; 0 without plasticity."""
         strain = self._stepper.memory.plastic_strain()
         return self._of_cells("plastic_strain", strain[:, None])
+
+    def _motion(self, name: str, function: fem.Function) -> fem.Function:
+        owned = nodal(function)[: len(self._stepper.node_ids)]
+        return self._functions.set(name, owned)
 
     def _contact(self, name: str) -> fem.Function:
         return self._functions.set(name, self._nodal.contact(Present(self._stepper), name))

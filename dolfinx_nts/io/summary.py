@@ -87,6 +87,8 @@ class Summary:
         duration = self._duration
         phases["other"] = duration - sum(phases.values())
         times = ", ".join(f"{name} {_seconds(s)}" for name, s in phases.items() if s)
+        watch = self._stepper.watch.overlaps
+        overlaps = [(each, watch.deepest_at[names]) for names, each in watch.deepest.items()]
         time_span = f"from t = {ledger.first.time:g} to {ledger.last.time:g} s"
         return "\n".join(
             [
@@ -94,8 +96,8 @@ class Summary:
                 *(ledger.energies() if self._is_static else ledger.drifts()),
                 *self._static,
                 *(
-                    f"{o.names[0]} overlaps {o.names[1]} by up to {o.depth:.3g} m"
-                    for o in self._stepper.watch.overlaps.deepest.values()
+                    f"{o.names[0]} overlaps {o.names[1]} by up to {o.depth:.3g} m at t = {t:g} s"
+                    for o, t in overlaps
                 ),
                 "solver",
                 *(

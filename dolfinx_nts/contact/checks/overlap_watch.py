@@ -49,6 +49,7 @@ class OverlapWatch:
 
     Attributes:
         deepest: The deepest overlap of any two bodies so far, by their names.
+        deepest_at: Times at which these were found, by the same names [s].
     """
 
     def __init__(
@@ -59,6 +60,7 @@ class OverlapWatch:
     ) -> None:
         self._bodies, self._contacts, self._clear = tuple(bodies), tuple(contacts), clear
         self.deepest: dict[frozenset[str], Overlap] = {}
+        self.deepest_at: dict[frozenset[str], float] = {}
         # Known depth (doubled if reported) and number of cells of two bodies.
         self._known: dict[frozenset[str], tuple[float, float]] = {}
         # The deepest reported overlap of each cause, and overlaps that are not reported yet.
@@ -247,7 +249,7 @@ class OverlapWatch:
         if selves is None:
             for kind, overlaps in self._waiting.items():
                 grown = [self._grown(overlap) for overlap in overlaps]
-                self._warn(f"until t = {t:g} ", "was", kind, grown)
+                self._warn(f"until t = {t:g} s, ", "was", kind, grown)
             self._waiting.clear()
 
     def _report(self, kind: str, overlaps: list[Overlap], t: float) -> None:
@@ -261,7 +263,7 @@ class OverlapWatch:
             or (reaches_cells and not last.cells)
         ):
             self._reported[kind] = deepest
-            self._warn(f"at t = {t:g} ", "is", kind, self._waiting.pop(kind))
+            self._warn(f"at t = {t:g} s, ", "is", kind, self._waiting.pop(kind))
 
     def _grown(self, overlap: Overlap) -> Overlap:
         """Maximum of an overlap so far, with the same inner body."""
@@ -281,9 +283,8 @@ class OverlapWatch:
             self._clear(x, float((apart + self._passing_approach).min()))
         for overlap in overlaps:
             names = frozenset(overlap.names)
-            deepest = self.deepest.setdefault(names, overlap)
-            if overlap.depth > deepest.depth:
-                self.deepest[names] = overlap
+            if names not in self.deepest or overlap.depth > self.deepest[names].depth:
+                self.deepest[names], self.deepest_at[names] = overlap, t
             depth, cells = self._known.get(names, (0.0, 0))
             more = overlap.depth - depth - part * overlap.size
             if (more > 0 and more > self._beneath(overlap, x)) or overlap.cells > 0 == cells:
@@ -336,9 +337,9 @@ class OverlapWatch:
             )
         if depth < overlap.depth / 2:
             return (
-                f"the nodes of their contact pair are {depth:.3g} inside; harmless between facets "
-                "of round surfaces that fit, as in a shrink fit; otherwise move the bodies apart "
-                "before the first step, as no force acts on the deeper parts"
+                f"the nodes of their contact pair are {depth:.3g} m inside; harmless between "
+                "facets of round surfaces that fit, as in a shrink fit; otherwise move the bodies "
+                "apart before the first step, as no force acts on the deeper parts"
             )
         return (
             "harmless if it is meant: a step of QuasiStatic makes a press fit, from which "
@@ -413,7 +414,7 @@ def _described(overlap: Overlap) -> str:
     inner, outer = overlap.names
     outer = "itself" if outer == inner else outer
     return (
-        f"up to {overlap.depth:.3g} inside {outer} "
+        f"up to {overlap.depth:.3g} m inside {outer} "
         f"({overlap.depth / overlap.size:.2g} of the longest facet; nodes inside: {overlap.nodes}, "
         f"cell centres inside: {overlap.cells})"
     )

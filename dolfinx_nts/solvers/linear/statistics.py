@@ -13,7 +13,8 @@ class SolverStatistics:
     Attributes:
         preconditioner: Kind of the factors of the bulk, empty before the first.
         is_strong: Whether they are complete factors or multigrid.
-        wave_crossings: Courant number [-], infinite in statics.
+        wave_crossings: Courant number [-], infinite in statics; 0 if all factors are those of a
+            resumed run.
         num_iterations: Krylov iterations.
         num_local_iterations: Additional iterations of the nonlinear elimination around contacts.
         num_builds: Factorisations of the bulk.
@@ -45,8 +46,9 @@ class SolverStatistics:
             if self.num_direct == 0:
                 return "not used so far"
             return f"factorisations: complete systems {self.num_direct}"
-        is_static = not isfinite(self.wave_crossings)
-        number = "statics" if is_static else f"Courant number {self.wave_crossings:.3g}"
+        number = f"Courant number {self.wave_crossings:.3g}; " if self.wave_crossings else ""
+        if not isfinite(self.wave_crossings):
+            number = "statics; "
         kinds = {
             "bulk": self.num_builds,
             "contact subdomain": self.num_schwarz_builds,
@@ -55,5 +57,5 @@ class SolverStatistics:
         counts = ", ".join(f"{kind} {count}" for kind, count in kinds.items() if count)
         return (
             f"GMRES with {self.preconditioner} of the bulk and a contact correction\n"
-            f"  {number}; {self.num_iterations} iterations; factorisations: {counts}"
+            f"  {number}{self.num_iterations} iterations; factorisations: {counts}"
         )

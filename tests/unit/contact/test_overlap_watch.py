@@ -92,9 +92,9 @@ def test_a_growing_overlap_is_reported_again_at_double_depth_or_at_cell_centres(
     for _ in stepper.run(until=0.26):
         stepper.watch.overlaps.check(stepper.x, stepper.t, ())
     first, twice, cells = reported_overlaps()
-    assert "up to 0.04 inside" in first
-    assert "up to 0.12 inside" in twice and "cell centres inside: 0" in twice
-    assert "up to 0.14 inside" in cells and "cell centres inside: 1" in cells
+    assert "up to 0.04 m inside" in first
+    assert "up to 0.12 m inside" in twice and "cell centres inside: 0" in twice
+    assert "up to 0.14 m inside" in cells and "cell centres inside: 1" in cells
 
 
 def plate_and_cubes(comm, heights):
@@ -128,7 +128,7 @@ def test_the_deepest_overlap_of_one_cause_is_reported_and_others_are_counted(
     bodies = plate_and_cubes(comm, [-0.02, -0.05, -0.03, -0.06, -0.04])
     nts.EnergyMomentum(bodies, dt=0.02).advance()
     (text,) = reported_overlaps()
-    assert text.startswith("cube 3 starts up to 0.06 inside plate (")
+    assert text.startswith("cube 3 starts up to 0.06 m inside plate (")
     assert f", and 4 more by less: {FORGOTTEN}" in text and text.count("inside plate") == 1
 
 
@@ -136,12 +136,12 @@ def test_overlaps_of_one_cause_are_reported_as_they_become_deeper(comm, reported
     stepper = watched_fall(plate_and_cubes(comm, [0.015, 0.035, 0.034]), num_steps=4)
     # Other overlaps are hardly deeper when detected. Each of two bodies is as deep in the other.
     (first,) = reported_overlaps()
-    assert first.startswith("at t = 0.06 ") and "is up to 0.045 inside" in first
+    assert first.startswith("at t = 0.06 s, ") and "is up to 0.045 m inside" in first
     assert "cube 0" in first and "more by less" not in first
     stepper.check_overlaps()
     stepper.check_overlaps()
     _, last = reported_overlaps()
-    assert last.startswith("until t = 0.08 ") and "was up to 0.046 inside" in last
+    assert last.startswith("until t = 0.08 s, ") and "was up to 0.046 m inside" in last
     assert "cube 2" in last and f", and 1 more by less: {FORGOTTEN}" in last
 
 
@@ -184,7 +184,7 @@ def test_initial_overlaps_are_reported_before_the_first_step(comm, reported_over
     stepper.set_velocity(scene.cube, (0.0, 0.0, 0.0))
     stepper.advance()
     (text,) = reported_overlaps()
-    assert text.startswith("cube starts up to 0.05 inside plate (0.18 of the longest facet; ")
+    assert text.startswith("cube starts up to 0.05 m inside plate (0.18 of the longest facet; ")
     assert "nodes inside: 4," in text
     assert "harmless" in text
     run(stepper, 0.1)
@@ -315,7 +315,7 @@ def test_a_shrink_fit_found_by_contact_is_not_reported_as_undetected(comm, repor
     assert step.num_active == 32
     (text,) = reported_overlaps()
     assert text.startswith("shaft starts up to 0.01") and "inside hub" in text
-    assert "are 0.002 inside" in text
+    assert "are 0.002 m inside" in text
     assert "shrink fit" in text and "does not see" not in text
 
 
@@ -356,7 +356,7 @@ def test_a_body_placed_into_another_between_steps_is_reported(comm, reported_ove
     stepper.set_displacement(scene.cube, (0.0, 0.0, -0.1))
     stepper.advance()
     (text,) = reported_overlaps()
-    assert "starts up to 0.08 inside" in text
+    assert "starts up to 0.08 m inside" in text
 
 
 def test_a_resumed_run_does_not_report_gaps_of_elastic_impact_as_initial_overlap(
@@ -382,8 +382,8 @@ def test_the_end_of_a_run_reports_the_largest_depth_of_an_overlap(comm, reported
     stepper = watched_fall(plate_and_cubes(comm, [0.015, 0.035]), num_steps=5)
     stepper.check_overlaps()
     first, last = reported_overlaps()
-    assert "cube 0" in first and "is up to 0.045 inside" in first
-    assert "cube 1" in last and "was up to 0.065 inside" in last
+    assert "cube 0" in first and "is up to 0.045 m inside" in first
+    assert "cube 1" in last and "was up to 0.065 m inside" in last
 
 
 def test_a_small_overlap_at_the_end_of_a_run_is_reported(comm, reported_overlaps):
@@ -391,7 +391,7 @@ def test_a_small_overlap_at_the_end_of_a_run_is_reported(comm, reported_overlaps
     stepper = scene.stepper(dt=0.05)
     run(stepper, 0.05)  # less than half of a cell
     (text,) = reported_overlaps()
-    assert "at t = 0.05 cube is up to 0.04 inside plate" in text
+    assert "at t = 0.05 s, cube is up to 0.04 m inside plate" in text
 
 
 def test_a_recorder_checks_overlaps_at_the_end_of_a_user_loop(comm, reported_overlaps, tmp_path):
@@ -401,7 +401,7 @@ def test_a_recorder_checks_overlaps_at_the_end_of_a_user_loop(comm, reported_ove
         record.write(stepper.advance())
         assert reported_overlaps() == []
     assert len(reported_overlaps()) == 1
-    assert "cube overlaps plate by up to 0.04 m" in record.summary()
+    assert "cube overlaps plate by up to 0.04 m at t = 0.05 s" in record.summary()
 
 
 def test_overlap_with_an_obstacle_without_pair_is_reported(comm, reported_overlaps):

@@ -9,6 +9,8 @@ import dolfinx_nts as nts
 from dolfinx_nts.diagnostics.functions import nodal_values
 from dolfinx_nts.diagnostics.nodal_fields import NodalFields
 from dolfinx_nts.diagnostics.present import Present
+from dolfinx_nts.fem.components import nodal
+from helpers import plane
 from helpers.scenes import BLOCK_RUBBER, blocks
 
 pytestmark = pytest.mark.at_most_two_ranks
@@ -40,6 +42,27 @@ def test_stress_of_a_homogeneous_deformation_agrees_with_the_law(comm, agree, ce
         rows = field.x.array.reshape(-1, len(value))
         assert agree(np.allclose(rows, value, rtol=0, atol=TOLERANCE * E))
     assert fields.cauchy_stress() is fields.cauchy_stress()
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_displacement_and_velocity_are_copies_of_the_state(comm, agree, dim):
+    if dim == 3:
+        stepper = blocks(comm).stepper
+    else:
+        scene = plane.blocks(comm=comm)
+        stepper = nts.EnergyMomentum([scene.lower, scene.upper], [], dt=0.01)
+    for body in stepper.bodies:
+        stepper.set_displacement(body, lambda X: 0.1 * X[:dim])
+        stepper.set_velocity(body, lambda X: 0.2 * X[:dim])
+    fields = nts.Fields(stepper)
+    for field, state in ((fields.displacement(), stepper.u), (fields.velocity(), stepper.v)):
+        owned = len(nodal(state)[: len(stepper.node_ids)].ravel())
+        assert field is not state
+        assert agree(np.array_equal(field.x.array[:owned], state.x.array[:owned]))
+        # Positions of ghosts differ by round-off from those of their owners.
+        assert agree(np.allclose(field.x.array, state.x.array, rtol=0, atol=1e-15))
+    assert agree(np.abs(stepper.v.x.array).max() > 0)
+    assert fields.velocity().name == "velocity" and fields.velocity() is fields.velocity()
 
 
 def test_stress_in_each_cell_of_degree_two_is_linear(comm, agree):

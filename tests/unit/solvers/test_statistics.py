@@ -1,6 +1,7 @@
 """Counts of the linear solver, against counted calls."""
 
 from collections import Counter
+from dataclasses import replace
 
 import pytest
 
@@ -65,3 +66,12 @@ def test_counts_agree_with_the_calls(comm, monkeypatch, direct):
         counts = f"{work.num_iterations} iterations; factorisations: bulk {work.num_builds}"
         assert counts in line
         assert work.preconditioner in line and 0.5 < work.wave_crossings < 2
+
+
+def test_a_courant_number_of_zero_is_left_out(comm):
+    stepper = scenes.blocks(comm).stepper
+    stepper.advance()
+    solver = stepper.statistics.solver
+    assert "Courant number" in str(solver)
+    resumed = str(replace(solver, wave_crossings=0.0))
+    assert "Courant number" not in resumed and f"  {solver.num_iterations} iterations" in resumed
