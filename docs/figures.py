@@ -37,6 +37,7 @@ DEMOS = {
     "bowl": ["bowl.png"],
     "drop_test": ["drop_test.png"],
     "drum": ["drum.png"],
+    "finger": ["finger.png"],
     "gripper": ["gripper.png"],
     "hammer": ["hammer_force.png"],
     "hertz": ["hertz_force.png", "hertz_pressure.png"],
