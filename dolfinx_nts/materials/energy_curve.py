@@ -30,7 +30,8 @@ _ROUND_OFF, _TRUNCATION = 1e-6, 1e-3
 class EnergyCurve:
     r"""Derivatives of :math:`\psi(1 + s D)` by s, for any s and D. Local.
 
-    They are expanded once. Expanding them at every evaluation would take most of its time.
+    They are expanded once. Expanding them at every evaluation would take most of its time. Values
+    are kept, as the same ones serve the check and the moduli of each material of an energy.
 
     Args:
         psi: Strain energy density ``psi(C)`` [J/m^3], a UFL scalar without fields.
@@ -49,14 +50,15 @@ class EnergyCurve:
             Evaluation(expand_derivatives(derivative))
             for derivative in (first, ufl.diff(first, at))
         )
+        self._values: dict[tuple[bool, bytes, float], float] = {}
 
     def slope(self, D: Floats, s: float = 0.0) -> float:
         """First derivative in the direction D, shape ``(3, 3)``, at s [J/m^3]."""
-        return self._value(self._first, D, s)
+        return self._value(False, D, s)
 
     def curvature(self, D: Floats, s: float = 0.0) -> float:
         """Second derivative in the direction D, shape ``(3, 3)``, at s [J/m^3]."""
-        return self._value(self._second, D, s)
+        return self._value(True, D, s)
 
     def check(self) -> None:
         """Compare the curvature at C = 1 with a difference of slopes.
@@ -75,8 +77,12 @@ class EnergyCurve:
                 f"derivatives {slopes[1], curvatures[1]} and a difference of {difference}"
             )
 
-    def _value(self, derivative: Evaluation, D: Floats, s: float) -> float:
-        with warnings.catch_warnings():
-            # UFL warns before it raises.
-            warnings.simplefilter("ignore")
-            return derivative.value({self._s: s, self._D: D.tolist()})
+    def _value(self, is_second: bool, D: Floats, s: float) -> float:
+        key = is_second, D.tobytes(), s
+        if key not in self._values:
+            derivative = self._second if is_second else self._first
+            with warnings.catch_warnings():
+                # UFL warns before it raises.
+                warnings.simplefilter("ignore")
+                self._values[key] = derivative.value({self._s: s, self._D: D.tolist()})
+        return self._values[key]

@@ -237,7 +237,7 @@ class Hyperelastic(StrainEnergy):
         """Raise unless the energy is the sum of its parts for `one_point`."""
         if not self.one_point or self.has_fields:
             return
-        C = ufl.Identity(3) + ufl.as_matrix((_LARGE_STRAIN * GENERIC_STRAIN).tolist())
+        C = ufl.as_matrix((np.eye(3) + _LARGE_STRAIN * GENERIC_STRAIN).tolist())
         names = self.parameters.keys()
         parts = [self.value(C, without) for without in (self.one_point, names - self.one_point)]
         total = self.value(C)
@@ -273,8 +273,9 @@ class Hyperelastic(StrainEnergy):
         The energy must be linear in its parameters.
         """
         names = self.parameters.keys()
-        shape = ufl.as_matrix((np.eye(3) + _LARGE_STRAIN * GENERIC_STRAIN).tolist())
-        as_large = ufl.det(shape) ** (1 / 3) * ufl.Identity(3)
+        C = np.eye(3) + _LARGE_STRAIN * GENERIC_STRAIN
+        equally_large = np.linalg.det(C) ** (1 / 3) * np.eye(3)
+        shape, as_large = (ufl.as_matrix(each.tolist()) for each in (C, equally_large))
         try:
             terms = {n: [self.value(C, names - {n}) for C in (shape, as_large)] for n in names}
             total = self.value(shape)

@@ -1,7 +1,7 @@
 """Strain energies psi(C), and their properties in the undeformed state."""
 
 from collections.abc import Callable, Iterable, Mapping
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from itertools import combinations_with_replacement
 from types import MappingProxyType
 from typing import Any, ClassVar
@@ -62,8 +62,9 @@ class StrainEnergy(Declaration):
 
     def value(self, C: Any, without: Iterable[str] = ()) -> float:
         """Energy [J/m^3] of a constant tensor, UFL (3, 3), with some parameters set to zero."""
-        energy = ufl.as_ufl(self.psi(C, **dict.fromkeys(without, 0.0)))
-        return Evaluation(expand_derivatives(energy)).value({})
+        parameters = dict(self.parameters) | dict.fromkeys(without, 0.0)
+        value = _known_value if self._is_ours else _value
+        return value(self._psi if self._is_ours else self.psi, C, *parameters.items())
 
     @property
     def has_fields(self) -> bool:
@@ -164,7 +165,30 @@ class StrainEnergy(Declaration):
 
     @cached_property
     def _curve(self) -> EnergyCurve:
-        return EnergyCurve(partial(self.psi, **self.parameters))
+        curve = _known_curve if self._is_ours else _curve
+        return curve(self._psi if self._is_ours else self.psi, *self.parameters.items())
+
+    @property
+    def _is_ours(self) -> bool:
+        """Whether psi is a function of the package, which depends on its arguments only.
+
+        Its properties are kept for other materials with the same parameters. Energies of a script
+        may depend on what the script changes.
+        """
+        package = getattr(self._psi, "__module__", "").split(".")[0]
+        return package == __name__.split(".")[0] and type(self).psi is StrainEnergy.psi
+
+
+def _curve(psi: Callable[..., Any], *parameters: tuple[str, float]) -> EnergyCurve:
+    return EnergyCurve(partial(psi, **dict(parameters)))
+
+
+def _value(psi: Callable[..., Any], C: Any, *parameters: tuple[str, float]) -> float:
+    energy = ufl.as_ufl(psi(C, **dict(parameters)))
+    return Evaluation(expand_derivatives(energy)).value({})
+
+
+_known_curve, _known_value = (lru_cache(maxsize=256)(each) for each in (_curve, _value))
 
 
 def strain_basis() -> Floats:

@@ -265,7 +265,12 @@ class Surface(Declaration):
         Collective at the first use.
         """
         eta = ufl.TestFunction(self.V)
-        form = compile_quickly(over_circumference(eta[0], self.V.mesh) * self.measure())
+        # With its own tag each surface would need a compiled form of its own.
+        mesh, dim = self.V.mesh, self.V.mesh.topology.dim - 1
+        own = np.sort(self._facets.find(self._tag))
+        renamed = meshtags(mesh, dim, own, np.zeros_like(own))
+        ds = ufl.Measure("ds", domain=mesh, subdomain_data=renamed, subdomain_id=0)
+        form = compile_quickly(over_circumference(eta[0], mesh) * ds)
         area: Floats = assembled(form).reshape(-1, dimension(self.V))
         area = area[self.nodes, 0]
         return area

@@ -5,6 +5,7 @@ import pytest
 import ufl
 
 import dolfinx_nts as nts
+from dolfinx_nts.materials.evaluation import Evaluation
 from dolfinx_nts.materials.library import MooneyRivlin, NeoHookean, Yeoh
 from helpers.boxed import Box, Ledger, swirl
 from reference.bulk import rotation
@@ -139,6 +140,39 @@ def test_body_of_an_anisotropic_energy_with_a_field_conserves_energy(comm):
 
 
 @pytest.mark.serial
+@pytest.mark.serial
+def test_energy_is_checked_once_for_materials_with_the_same_parameters(monkeypatch):
+    evaluations, value = [], Evaluation.value
+    monkeypatch.setattr(
+        Evaluation, "value", lambda self, at: evaluations.append(at) or value(self, at)
+    )
+
+    def count(make):
+        evaluations.clear()
+        material = make()
+        return len(evaluations), material.moduli
+
+    for law in (nts.NeoHookean, nts.SaintVenantKirchhoff):
+        first, moduli = count(lambda law=law: law(E=1.2345e4, nu=0.3, rho=1.0))
+        again, same = count(lambda law=law: law(E=1.2345e4, nu=0.3, rho=2.0, mass_damping=1.0))
+        other, softer = count(lambda law=law: law(E=1.2346e4, nu=0.3, rho=1.0))
+        assert first == other > 10 and again == 0
+        np.testing.assert_array_equal(moduli, same)
+        assert np.abs(moduli / 1.2345 - softer / 1.2346).max() < 1e-9 * moduli.max()
+
+    # A function of a script may return another energy when it is called again.
+    modulus = [10.0]
+
+    def psi(C):
+        J2 = ufl.det(C)
+        return modulus[0] * (ufl.tr(C) - 3 - ufl.ln(J2)) + ufl.ln(J2) ** 2
+
+    _, soft = count(lambda: nts.Hyperelastic(psi, rho=1.0))
+    modulus[0] = 20.0
+    _, stiff = count(lambda: nts.Hyperelastic(psi, rho=1.0))
+    assert stiff[1, 1] == pytest.approx(2 * soft[1, 1])
+
+
 def test_impossible_materials_are_refused():
     with pytest.raises(ValueError, match="Young's modulus E > 0, given -1"):
         NeoHookean(-1.0, 0.3, 1.0)
