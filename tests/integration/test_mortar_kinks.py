@@ -10,6 +10,10 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts.compat import geometry_nodes
+from helpers.once import once, once_except
+
+# Points of facets belong to one rank each, wherever the kink is: one case of each test shows it.
+pytestmark = pytest.mark.at_most_two_ranks
 
 E = 1.0e6  # Pa
 
@@ -52,11 +56,8 @@ def chamfered(
     return V, [base, block], sides, held
 
 
-kinks = pytest.mark.parametrize("kink", [0.02, 0.25, 0.5, 0.75, 0.98])
-
-
-@kinks
-@pytest.mark.parametrize("slope", [0.02, 0.2, 1.0])
+@pytest.mark.parametrize("kink", once_except([0.02, 0.25, 0.5, 0.75, 0.98], 0.25))
+@pytest.mark.parametrize("slope", once_except([0.02, 0.2, 1.0], 0.2))
 def test_a_chamfer_above_a_facet_does_not_press(slope, kink):
     """The sole touches the base without overlap, so that all gaps are zero or open."""
     _, bodies, sides, held = chamfered(slope, kink)
@@ -67,9 +68,15 @@ def test_a_chamfer_above_a_facet_does_not_press(slope, kink):
     assert np.abs(stepper.contacts[0].history.lambda_N).max(initial=0.0) <= 1e-9 * E
 
 
-@pytest.mark.parametrize("degree", [1, 2])
-@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron", "triangle"])
-def test_a_chamfer_does_not_press_in_all_cells(cell, degree):
+@pytest.mark.parametrize(
+    "kind",
+    once_except(
+        {f"{c}-{d}": (c, d) for c in ("hexahedron", "tetrahedron", "triangle") for d in (1, 2)},
+        *["tetrahedron-1", "hexahedron-2"],
+    ),
+)
+def test_a_chamfer_does_not_press_in_all_cells(kind):
+    cell, degree = kind
     V, bodies, sides, held = chamfered(0.2, 0.4, cell=cell, degree=degree)
     zero = np.zeros(V.mesh.geometry.dim)
     pair = nts.ContactPair(*sides, method="mortar")
@@ -88,6 +95,7 @@ def force_below_loaded(method: str, refined: int) -> float:
     return report.reactions[0].force[1]
 
 
+@pytest.mark.serial
 def test_force_below_a_loaded_sole_with_chamfers_converges_to_that_of_a_fine_mesh(table_row):
     """Dual functions alone give four times the force on facets as long as the chamfer."""
     right, meshes = force_below_loaded("node-to-segment", 8), (1, 2, 4)
@@ -165,9 +173,11 @@ def test_a_leading_edge_that_leans_forward_does_not_push_the_floor(angle, mu):
 
 
 @pytest.mark.parametrize(
-    "impact", [("elastic",), ("plastic",), ("restitution", 0.0)], ids=lambda law: law[0]
+    "impact",
+    [once(("elastic",)), ("plastic",), once(("restitution", 0.0))],
+    ids=lambda law: law[0],
 )
-@pytest.mark.parametrize("kink", [0.25, 0.5])
+@pytest.mark.parametrize("kink", [0.25, once(0.5)])
 def test_impact_of_a_chamfered_block_begins_when_surfaces_touch(impact, kink):
     """The block flies flat onto the base: it touches after ten steps, not before."""
     V, bodies, sides, held = chamfered(0.5, kink, height=0.0101)
