@@ -63,7 +63,7 @@ class StrainEnergy(Declaration):
     def value(self, C: Any, without: Iterable[str] = ()) -> float:
         """Energy [J/m^3] of a constant tensor, UFL (3, 3), with some parameters set to zero."""
         parameters = dict(self.parameters) | dict.fromkeys(without, 0.0)
-        value = _known_value if self._is_ours else _value
+        value: Callable[..., float] = _known_value if self._is_ours else _value
         return value(self._psi if self._is_ours else self.psi, C, *parameters.items())
 
     @property
@@ -165,7 +165,7 @@ class StrainEnergy(Declaration):
 
     @cached_property
     def _curve(self) -> EnergyCurve:
-        curve = _known_curve if self._is_ours else _curve
+        curve: Callable[..., EnergyCurve] = _known_curve if self._is_ours else _curve
         return curve(self._psi if self._is_ours else self.psi, *self.parameters.items())
 
     @property
@@ -188,7 +188,8 @@ def _value(psi: Callable[..., Any], C: Any, *parameters: tuple[str, float]) -> f
     return Evaluation(expand_derivatives(energy)).value({})
 
 
-_known_curve, _known_value = (lru_cache(maxsize=256)(each) for each in (_curve, _value))
+_known_curve = lru_cache(maxsize=256)(_curve)
+_known_value = lru_cache(maxsize=256)(_value)
 
 
 def strain_basis() -> Floats:
