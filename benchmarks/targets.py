@@ -43,7 +43,7 @@ class Target(NamedTuple):
 
     @property
     def sign(self) -> str:
-        """Relation to the bounds."""
+        """Relation of the value to the bounds, as a sign."""
         return "≥" if self.is_least else "≤"
 
     def verdict(self, value: float) -> str:

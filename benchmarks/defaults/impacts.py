@@ -26,11 +26,11 @@ __all__ = [
 
 Floats = np.ndarray[Any, np.dtype[np.float64]]
 _COMM = MPI.COMM_SELF
-# Of rods, in units of E = rho = c = 1: length, side, speed.
+# Rods in units of E = rho = c = 1: length, side, speed.
 _LENGTH, _SIDE, _SPEED = 1.0, 0.1, 1e-3
 # Interval of the plateau of the force between two reflections, in units of L/c.
 _PLATEAUS = ((0.1, 0.9), (1.1, 1.9))
-# Of the ball and the block below [SI].
+# Ball, and block below it [SI].
 BALL = {"radius": 0.5, "gap": 0.005, "speed": 1.0, "height": 0.4, "width": 1.6}
 BALL_END = 0.68
 # Balls of revolution in dimensionless units: flattening, Poisson's ratio.
@@ -261,7 +261,7 @@ def balls_of_revolution(setting: Setting, *, plane: bool) -> Scene:
     bodies = [nts.Body(V, cells, tag[n], material) for n in ("upper", "lower")[: len(radii)]]
     near = [nts.boundary_of(body, where=lambda x: np.abs(x[1]) < 0.1) for body in bodies]
     pair = setting.pair(near[0], nts.RigidPlane((0.0, 0.0), (0.0, 1.0)) if plane else near[1])
-    # Of both bodies together: radius, modulus E*, mass, and approach.
+    # Combined values of both bodies: radius, modulus E*, mass, and approach.
     radius = 1 / sum(1 / r for r in radii)
     modulus, flat = 1 / (1 - _NU**2) / len(radii), _FLAT / radius
     mass = 1 / sum(3 / (4 * np.pi * r**3) for r in radii)

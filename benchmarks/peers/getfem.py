@@ -16,7 +16,7 @@ from benchmarks.peers.scene import NU, RHO, E, H, Run, Scene, num_steps
 
 __all__ = ["run", "version"]
 
-# Of the augmentation, per area; a few times a cell, as GetFEM advises.
+# Augmentation parameter per area; a few times the stiffness of a cell, as GetFEM advises.
 AUGMENTATION, RELEASE = E, 0.3
 # Tolerance relative to the inertia force, which GetFEM also uses for the contact equation: at 1e-8
 # it detects no contact.

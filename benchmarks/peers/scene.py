@@ -13,7 +13,7 @@ MESH = Path(__file__).parents[2] / "dolfinx_nts" / "meshing" / "ball_plate.msh"
 # Young's modulus [Pa], Poisson's ratio, density [kg/m^3] of both bodies; step and end [s]. At the
 # end the ball has left the plate.
 E, NU, RHO, H, T_END = 1e5, 0.4, 1e3, 0.01, 2.0
-# Of the ball at the start [m/s].
+# Initial velocity of the ball [m/s].
 VELOCITY = (0.0, 1.0, -1.0)
 num_steps = round(T_END / H)
 

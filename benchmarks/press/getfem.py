@@ -12,7 +12,7 @@ from benchmarks.press.scene import MU, NUM_STEPS, Scene
 
 __all__ = ["run", "version"]
 
-# Of the augmentation, per area, and the distance beyond which nothing touches [m].
+# Augmentation parameter per area, and largest distance at contact [m].
 _AUGMENTATION, _RELEASE = 50 * E, 0.05
 _TOLERANCE = 1e-12
 _OUTER, _TOP, _HELD, _MOVED = 1, 2, 3, 4  # regions

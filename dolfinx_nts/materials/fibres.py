@@ -93,7 +93,7 @@ class HolzapfelGasserOgden(Hyperelastic):
         return 2 * self.parameters["mu"]
 
     @property
-    def is_stable(self) -> bool:
+    def _is_stable(self) -> bool:
         """True, as all moduli are positive."""
         return True
 

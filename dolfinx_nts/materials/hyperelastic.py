@@ -119,7 +119,7 @@ class Hyperelastic(StrainEnergy):
         self.branches = checked_branches(branches)
         super().__init__(psi, parameters)
         self.check()
-        if stiffness_damping > 0 and not (self.has_fields or self.is_stable):
+        if stiffness_damping > 0 and not (self.has_fields or self._is_stable):
             raise ValueError(
                 "expected moduli without negative eigenvalue at C = 1 for stiffness_damping, "
                 f"given {np.linalg.eigvalsh(self.moduli)[0]:g} Pa"
@@ -256,7 +256,7 @@ class Hyperelastic(StrainEnergy):
         if not splits:
             return False, frozenset(one_point or ())
         names = self._volumetric_parameters()
-        if names or self.has_fields or self.answers_volume_by_pressure:
+        if names or self.has_fields or self._answers_volume_by_pressure:
             return True, names
         if one_point is None:
             return False, frozenset()

@@ -125,7 +125,7 @@ class StrainEnergy(Declaration):
         return max(float(np.linalg.eigvalsh(self.moduli)[0]), 0.0)
 
     @property
-    def is_stable(self) -> bool:
+    def _is_stable(self) -> bool:
         """Whether no small strain has a negative energy; for energies without fields."""
         least, most = np.linalg.eigvalsh(self.moduli)[[0, -1]]
         return bool(least >= -_ROUND_OFF * max(most, -least))
@@ -144,7 +144,7 @@ class StrainEnergy(Declaration):
         return float((3 * bulk - 2 * shear) / (2 * (3 * bulk + shear)))
 
     @property
-    def answers_volume_by_pressure(self) -> bool:
+    def _answers_volume_by_pressure(self) -> bool:
         """Whether a small volume change causes only a pressure; for energies without fields."""
         volume = np.einsum("aii->a", strain_basis())
         stress = self.moduli @ volume

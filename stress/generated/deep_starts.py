@@ -26,7 +26,7 @@ TOLERANCE = 0.02
 def _press(
     rng: np.random.Generator, dim: int, cells: int, ratio: float, method: str, simplices: bool
 ) -> str:
-    """Two columns between two walls whose distance is less than both heights."""
+    """Two stacked columns between two walls whose distance is less than the sum of both heights."""
     h = 1 / cells
     overlap = ratio * h * rng.uniform(0.97, 1.03)
     flat = (0.0,) * (dim - 1)

@@ -25,7 +25,7 @@ pytestmark = pytest.mark.at_most_two_ranks
 # Largest change, relative to the start.
 ENERGY_TOLERANCE = 1e-10
 MOMENTUM_TOLERANCE = 1e-11
-# Of positions, lengths of about one: impacts amplify rounding.
+# Tolerance of positions, lengths of about one: impacts amplify rounding.
 POSITION_TOLERANCE = 1e-9
 
 cells_ = pytest.mark.parametrize("cell", [once("hexahedron"), "tetrahedron"])

@@ -16,7 +16,7 @@ from helpers.scenes import BLOCK_STEP, blocks
 pytestmark = pytest.mark.at_most_two_ranks
 
 BREAK, NUM_STEPS = 4, 8
-# Relative to lengths of about one: the starts of Newton's method differ.
+# Tolerance relative to lengths of about one: the starts of Newton's method differ.
 TOLERANCE = 1e-9
 
 

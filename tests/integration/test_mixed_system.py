@@ -21,7 +21,7 @@ pytestmark = pytest.mark.serial
 # the positions times stiffness over contact force, about 100.
 POSITION_TOLERANCE = 1e-12
 MULTIPLIER_TOLERANCE = 1e-10
-# Of momenta and energy, relative to the energy at the start.
+# Tolerance of momenta and energy, relative to the energy at the start.
 BALANCE_TOLERANCE = 1e-11
 
 segments = pytest.mark.parametrize("k", [3, 4], ids=["triangle", "quadrilateral"])

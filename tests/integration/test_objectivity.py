@@ -12,8 +12,8 @@ from helpers.scene import Motion
 
 pytestmark = pytest.mark.serial
 
-# Relative to lengths of about one: rounding and Newton's tolerance,
-# amplified by the impacts.
+# Tolerance relative to lengths of about one: rounding and Newton's tolerance, amplified by the
+# impacts.
 TOLERANCE = 1e-9
 
 schemes = pytest.mark.parametrize("scheme", [nts.EnergyMomentum, nts.Midpoint])

@@ -15,7 +15,7 @@ from stress.run import CASES
 # Relative, of energies: scenes without ties, so that only rounding and
 # Newton's tolerance differ.
 ENERGY_TOLERANCE = 1e-10
-# Of positions, lengths of about one: impacts amplify these.
+# Tolerance of positions, lengths of about one: impacts amplify these.
 POSITION_TOLERANCE = 1e-9
 
 MORTAR, RESOLVED = SCHEMES["mortar"], SCHEMES["resolved"]

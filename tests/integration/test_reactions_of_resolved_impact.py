@@ -8,7 +8,7 @@ import dolfinx_nts as nts
 from helpers import plane
 from helpers.once import once
 
-# Relative to the largest impulse, moment or work of a step.
+# Tolerance relative to the largest impulse, moment or work of a step.
 BALANCE = 1e-10
 DT, STEPS = 0.01, 25
 

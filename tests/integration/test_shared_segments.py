@@ -16,7 +16,7 @@ from helpers.once import once
 GAP, STEP, SHORT = 1e-3, 5e-3, 2e-3  # m, s, s in explicit steps
 # Explicit steps, in which the blocks touch, slide and part [-].
 LONG = 200
-# Of velocities [m/s]: round-off and the tolerance of Newton's method, measured 8e-12.
+# Tolerance of velocities [m/s]: round-off and the tolerance of Newton's method, measured 8e-12.
 SAME = 1e-9
 # Change of the energy [J], relative to the kinetic energy at the start.
 CONSERVED = 1e-9

@@ -27,7 +27,7 @@ from helpers.scenes import BLOCK_STEP, blocks, of_material
 
 pytestmark = pytest.mark.at_most_two_ranks
 
-# Of the energy at the start.
+# Tolerance of the energy at the start.
 ENERGY_TOLERANCE = 1e-11
 UNTIL = 8 * BLOCK_STEP
 

@@ -18,7 +18,7 @@ from helpers.step_parts import following, step_forms
 
 pytestmark = pytest.mark.at_most_two_ranks
 
-# Of an observed order that tends to 2.
+# Least observed order, which tends to 2.
 ORDER = 1.9
 # Matrix and action are sums of the same terms in another order, relative.
 ROUNDING = 1e4 * np.finfo(float).eps

@@ -221,7 +221,7 @@ class BallPlate:
                 break
             segments = found
         else:
-            raise RuntimeError("segments change again and again")
+            raise RuntimeError("segments change repeatedly")
         mean = (x - old.x) / dt
         active = multiplier < 0
         impulse = old.impulse - dt * force

@@ -20,7 +20,7 @@ from helpers.scene import History, Scene, Totals, local_momentum
 from reference import ball_plate
 
 PLASTIC = nts.LagrangeMultiplier("plastic")
-# Of the energy at any step, relative to the start.
+# Tolerance of the energy at any step, relative to the start.
 ENERGY_TOLERANCE = 1e-10
 LINEAR_TOLERANCE, ANGULAR_TOLERANCE = 1e-12, 1e-11
 # A node becomes active at its current gap: the approach within half a step, 0.01 s * 1 m/s / 2, is

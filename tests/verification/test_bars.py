@@ -22,7 +22,7 @@ from helpers import shapes
 
 pytestmark = pytest.mark.at_most_two_ranks
 
-# Of the total energy at any step, relative to the start.
+# Tolerance of the total energy at any step, relative to the start.
 ENERGY_TOLERANCE = 1e-10
 # Tolerances of mean force and duration on the finest mesh; other programs accept 10 % in the stress
 # and 6-8 % in the energy (Norma.jl).

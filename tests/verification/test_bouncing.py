@@ -19,9 +19,9 @@ from helpers import shapes
 
 pytestmark = pytest.mark.at_most_two_ranks
 
-# Of the total energy at any step, relative to the start.
+# Tolerance of the total energy at any step, relative to the start.
 ENERGY_TOLERANCE = 1e-10
-# Of both momenta, relative to the start; bodies of a scene differ in mass by 1e5.
+# Tolerance of both momenta, relative to the start; bodies of a scene differ in mass by 1e5.
 MOMENTUM_TOLERANCE = 1e-10
 # Solutions with jumps: least order of convergence.
 JUMP_ORDER = 0.5

@@ -22,7 +22,7 @@ END, STEP = 1.0, 0.01
 # Kinetic and strain energy at the end, and total dissipation [J].
 REFERENCE = {"multiplier": (1682.25, 301.35), "penalty": (1670.16, 311.21)}
 REFERENCE_TOLERANCE = 0.01
-# Of the energy and of its dissipation together, relative to the start.
+# Tolerance of the energy and of its dissipation together, relative to the start.
 LEDGER_TOLERANCE = 1e-9
 # Round-off of sums over nodes, relative to the start.
 LINEAR_TOLERANCE, ANGULAR_TOLERANCE = 1e-12, 1e-11

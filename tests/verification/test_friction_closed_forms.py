@@ -30,11 +30,11 @@ PLANE = nts.RigidPlane((0, 0, 0), (0, 0, 1))
 LEDGER_TOLERANCE = 1e-9
 # Newton Physics asserts the stopping distance to 1 %.
 DISTANCE_TOLERANCE = 1e-3
-# Of the stopping time and of the acceleration on a slope, up to vibration.
+# Tolerance of the stopping time and of the acceleration on a slope, up to vibration.
 PACE_TOLERANCE = 2e-3
 # A ball of a mesh is an inscribed polyhedron.
 BALL_TOLERANCE = 0.01
-# Of an impact that slides all the time, with the moments of the polyhedron.
+# Tolerances of an impact that slides all the time, with the moments of the polyhedron.
 SLIP_TOLERANCE, SPIN_TOLERANCE = 1e-9, 1e-3
 
 

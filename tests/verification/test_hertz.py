@@ -483,6 +483,6 @@ def test_stiff_tangential_spring_tends_to_exact_stick():
     # Twenty and a hundred times the stiffness of a node.
     exact = shift(4).stick
     errors = [abs(shift(4, eps_T).stick - exact) for eps_T in (0.01, 0.05)]
-    # Of first order in the compliance.
+    # The error is of first order in the compliance.
     assert np.log(errors[0] / errors[1]) / np.log(5) > 0.9
     assert errors[1] < 0.01

@@ -21,7 +21,7 @@ from helpers.order import observed_order
 
 pytestmark = pytest.mark.at_most_two_ranks
 
-# Of the total energy and of momenta, relative.
+# Tolerances of the total energy and of momenta, relative.
 ENERGY_TOLERANCE, MOMENTUM_TOLERANCE = 1e-10, 1e-11
 CELLS, SPEED, GAP = 10, 0.1, 0.01  # of a bar of length 1, wave speed 1
 LAWS = {

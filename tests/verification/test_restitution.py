@@ -13,9 +13,9 @@ pytestmark = pytest.mark.at_most_two_ranks
 
 STEP, SPEED, ALONG = 0.01, 1.0, 0.5  # s, m/s to the wall and along it
 REST = nts.Motion()
-# Of the energy, and of momenta, relative.
+# Tolerances of the energy, and of momenta, relative.
 ENERGY_TOLERANCE, MOMENTUM_TOLERANCE = 1e-11, 1e-11
-# Of the speed: a cube with a wave speed of 1000 m/s is not quite rigid.
+# Tolerance of the speed: a cube with a wave speed of 1000 m/s is not quite rigid.
 RIGID = 2e-3
 
 

@@ -22,7 +22,7 @@ import dolfinx_nts as nts
 from dolfinx_nts import meshing
 from helpers import shapes
 
-# Relative to the start, at any step: energy, and both momenta.
+# Tolerance relative to the start, at any step: energy, and both momenta.
 ENERGY_TOLERANCE = 1e-10
 MOMENTUM_TOLERANCE = 1e-11
 # Energy and its dissipation together.

@@ -22,7 +22,7 @@ pytestmark = pytest.mark.serial
 
 E, NU = 200e9, 0.3  # Pa, -
 INNER, JOINT, OUTER, OVER, THICKNESS = 0.025, 0.05, 0.10, 5e-6, 0.005  # m
-# Of each nodal pressure, on curved cells and on straight ones with smooth surfaces.
+# Tolerances of each nodal pressure, on curved cells and on straight ones with smooth surfaces.
 TOLERANCE, SMOOTH_TOLERANCE = 0.03, 0.005
 
 

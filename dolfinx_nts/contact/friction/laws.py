@@ -309,7 +309,7 @@ class Tresca(FrictionLaw):
             cover.
 
     Attributes:
-        law_below, stress: The arguments.
+        stress: The argument.
 
     Raises:
         TypeError: An argument has the wrong type.
@@ -323,36 +323,36 @@ class Tresca(FrictionLaw):
 
     def __init__(self, law: FrictionLaw | float, stress: Coefficient) -> None:
         """Check the arguments."""
-        self.law_below = friction_law(law)
+        self._law_below = friction_law(law)
         self.stress = _coefficient("a shear stress", stress)
 
     @property
     def eps_T(self) -> float | None:  # type: ignore[override]
         """Stiffness of the tangential springs of the law below the cap [N/m]."""
-        return self.law_below.eps_T
+        return self._law_below.eps_T
 
     @property
     def depends_on_slip(self) -> bool:  # type: ignore[override]
         """Whether the law below the cap depends on slip."""
-        return self.law_below.depends_on_slip
+        return self._law_below.depends_on_slip
 
     def limit(
         self, p: Floats, slip: Floats, dt: float, nodes: FrictionNodes
     ) -> tuple[Floats, Floats, Floats]:
-        force, by_p, by_slip = self.law_below.limit(p, slip, dt, nodes)
+        force, by_p, by_slip = self._law_below.limit(p, slip, dt, nodes)
         cap = nodes.value(self.stress) * nodes.area
         below = force <= cap
         return np.minimum(force, cap), np.where(below, by_p, 0.0), np.where(below, by_slip, 0.0)
 
     @property
     def acts(self) -> bool:
-        return self.law_below.acts
+        return self._law_below.acts
 
     def describe(self) -> str:
-        return f"{self.law_below.describe()}, up to {_words(self.stress)} Pa"
+        return f"{self._law_below.describe()}, up to {_words(self.stress)} Pa"
 
     def __repr__(self) -> str:
-        return as_call(self, law=self.law_below, stress=self.stress)
+        return as_call(self, law=self._law_below, stress=self.stress)
 
 
 def friction_law(law: FrictionLaw | float) -> FrictionLaw:

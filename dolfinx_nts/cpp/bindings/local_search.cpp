@@ -85,8 +85,8 @@ public:
       _first = {0, num_segments};
     if (_first.size() < 2 || _first.front() != 0
         || _first.back() != num_segments || !std::ranges::is_sorted(_first))
-      throw nb::value_error("first: expected where each group of segments "
-                            "begins, and their number");
+      throw nb::value_error("first: expected ascending offsets of the "
+                            "groups of segments");
     _sunk.resize(_first.size() - 1);
     _trees.reserve(_first.size() - 1);
     for (std::size_t g = 0; g + 1 < _first.size(); ++g)

@@ -254,7 +254,7 @@ void small_system(nb::module_& m)
             SmallSystem system(view(number));
             if (!system.fill(view(row), view(column), view(value)))
               throw nb::value_error(
-                  "number: expected those of all rows and columns");
+                  "number: expected the numbers of all rows and columns");
             new (self) SmallSystem(std::move(system));
           },
           nb::arg("number"), nb::arg("row"), nb::arg("column"),

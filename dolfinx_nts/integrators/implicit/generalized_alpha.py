@@ -42,12 +42,12 @@ class Newmark:
         beta: Newmark's parameter of the displacement [-].
         gamma: Newmark's parameter of the velocity [-].
 
-    Example:
-        >>> average_acceleration = nts.Newmark(alpha_m=0.0, alpha_f=0.0, beta=0.25, gamma=0.5)
-
     Raises:
         TypeError: A parameter is no number.
         ValueError: A parameter is not finite, or ``beta`` is not positive.
+
+    Example:
+        >>> average_acceleration = nts.Newmark(alpha_m=0.0, alpha_f=0.0, beta=0.25, gamma=0.5)
     """
 
     alpha_m: float

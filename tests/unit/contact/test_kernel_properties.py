@@ -16,7 +16,7 @@ pytestmark = pytest.mark.serial
 
 kernels = settings(derandomize=True, database=None, deadline=None, max_examples=200)
 SIDE = {3: [[0, 0, 0], [1, 0, 0], [0, 1, 0]], 4: [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]}
-# Of numbers of order one; gradients of nearly flat segments are larger.
+# Round-off of numbers of order one; gradients of nearly flat segments are larger.
 ROUND_OFF = 1e-11
 
 

@@ -21,7 +21,7 @@ from helpers.scenes import BLOCK_STEP
 from reference import nts as reference
 
 EPS = np.finfo(float).eps
-# Of sums of forces of order one on lengths of order one.
+# Round-off of sums of forces of order one on lengths of order one.
 ROUNDING = 1e3 * EPS
 # Newton's tolerance of gaps, cells of size 0.4 [m].
 CLOSED = 1e-10

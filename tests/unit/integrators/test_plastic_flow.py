@@ -65,7 +65,7 @@ def test_impacts_of_plastic_blocks_lose_the_plastic_dissipation(comm, folder, ag
 
 
 def face(box, axis, place):
-    """Degrees of freedom along an axis on a face of a box across it."""
+    """Degrees of freedom normal to a face of a box."""
     facets = locate_entities_boundary(box.mesh, 2, lambda X: np.isclose(X[axis], place))
     return fem.locate_dofs_topological(box.V.sub(axis), 2, facets)
 

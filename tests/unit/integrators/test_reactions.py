@@ -12,7 +12,7 @@ from helpers.scenes import BLOCK_RUBBER, blocks
 
 pytestmark = pytest.mark.at_most_two_ranks
 
-# Relative to the largest term of a sum.
+# Tolerance relative to the largest term of a sum.
 TOLERANCE = 1e-11
 
 G = np.array([1.0, -2.0, -3.0])  # m/s^2

@@ -17,7 +17,7 @@ from helpers.scene import Scene, Totals
 
 pytestmark = pytest.mark.at_most_two_ranks
 
-# Of positions and velocities of order one, after Newton's tolerance.
+# Tolerance of positions and velocities of order one, after Newton's tolerance.
 SOLVED = 1e-9
 ROUNDING = 1e3 * np.finfo(float).eps
 

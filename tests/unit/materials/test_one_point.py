@@ -31,9 +31,9 @@ from helpers.step_parts import step_forms
 
 pytestmark = pytest.mark.at_most_two_ranks
 
-# Of the total energy at any step, relative to the start.
+# Tolerance of the total energy at any step, relative to the start.
 ENERGY_TOLERANCE = 1e-10
-# Of numbers near 1, in double precision.
+# Round-off of numbers near 1, in double precision.
 ROUNDING = 1e-12
 
 E, NU, RHO = 1.0e5, 0.4, 1.0e3

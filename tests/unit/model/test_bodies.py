@@ -22,7 +22,7 @@ from helpers.scene import input_ids
 pytestmark = pytest.mark.at_most_two_ranks
 
 RUBBER = nts.SaintVenantKirchhoff(E=1.0e3, nu=0.3, rho=10.0)
-# Of sums over some hundred quadrature points.
+# Round-off of sums over some hundred quadrature points.
 ROUNDING = 1e3 * np.finfo(float).eps
 
 cells_ = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])

@@ -15,7 +15,7 @@ from dolfinx_nts.model.surfaces import sharpest_corner
 from helpers import box_meshes, scenes
 from helpers.scene import input_ids
 
-# Of sums over some hundred facets of lengths of about one.
+# Round-off of sums over some hundred facets of lengths of about one.
 ROUNDING = 1e3 * np.finfo(float).eps
 
 cells_ = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])

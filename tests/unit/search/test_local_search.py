@@ -11,7 +11,7 @@ from reference.bulk import rotation
 pytestmark = pytest.mark.serial
 
 EPS = np.finfo(float).eps
-# Of lengths of about one.
+# Round-off of lengths of about one.
 ROUNDING = 1e3 * EPS
 # Sampling on a grid of 1/64 overestimates distances by its square over the distance; segments have
 # size 0.3.

@@ -125,7 +125,7 @@ def test_multipliers_are_dual_to_displacements_on_whole_facets(k, rng):
 
 @shapes
 def test_multipliers_of_partly_covered_facets_are_positive(k, rng):
-    # In the reference cell of a distorted facet the edges of others are not quite straight.
+    # In the reference cell of a distorted facet, edges of other facets are slightly curved.
     surface, _, x, points = choose(k, rng, size=1.4, noise=0.0)
     # 0.05 and 0.02 of the lower sheet are not below the upper one.
     assert points.shares.area.sum() == pytest.approx(0.95 * 0.98, rel=1e-9)

@@ -136,7 +136,7 @@ def test_a_body_in_the_hollow_of_a_bent_one_does_not_overlap(comm):
     assert apart.min() == 0.0  # the boxes around them overlap
     x[bodies[1].nodes] += [-0.75, 0.0, 0.0]
     (overlap,), _ = search.find(x)
-    # Of the inner side of the bar, below the outer side of the small body.
+    # Depth of the inner side of the bar below the outer side of the small body.
     np.testing.assert_allclose(overlap.depth, 0.95 - 0.8, rtol=0.01)
 
 

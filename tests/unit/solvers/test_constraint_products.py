@@ -93,5 +93,7 @@ def test_entries_of_unknown_rows_or_columns_are_refused():
     number, one = np.array([2, 5], dtype=np.int64), np.ones(1)
     known, unknown = np.array([5], dtype=np.int64), np.array([3], dtype=np.int64)
     for place in ((known, unknown), (unknown, known)):
-        with pytest.raises(ValueError, match="number: expected those of all rows and columns"):
+        with pytest.raises(
+            ValueError, match="number: expected the numbers of all rows and columns"
+        ):
             _kernels.SmallSystem(number, *place, one)

@@ -13,7 +13,7 @@ from helpers import scenes
 from helpers.once import once
 from helpers.rigid import impact
 
-# Of a Krylov solution asked for 1e-11, relative to the largest increment.
+# Tolerance of a Krylov solution asked for 1e-11, relative to the largest increment.
 AGREEMENT = 1e-8
 
 

@@ -19,8 +19,8 @@ from dolfinx_nts.solvers.precond.block_ilu import BlockILU, SinglePrecisionOpera
 from helpers import scenes
 from helpers.scene import gathered
 
-# Of displacements after some steps, each to the tolerance of Newton's method, relative
-# to lengths of about one.
+# Tolerance of displacements after some steps, each to the tolerance of Newton's method, relative to
+# lengths of about one.
 AGREEMENT = 1e-10
 
 INCOMPLETE = {"sub_pc_type": "ilu", "sub_pc_factor_levels": 1}

@@ -248,7 +248,7 @@ def test_a_body_that_supports_lead_as_a_whole_is_not_waited_for(comm):
     stepper = nts.QuasiStatic(bodies, [], dt=1.0, bcs=bcs, loads=[weight], update=update)
     assert stepper.advance().newton_iterations <= 12
     given = (f.x.array.reshape(-1, 2)[driven] for f in (stepper.u, u))
-    # Products on other ranks may round ghosts otherwise.
+    # Round-off of ghosts may differ between ranks.
     np.testing.assert_allclose(*given, rtol=0.0, atol=1e-15)
 
 

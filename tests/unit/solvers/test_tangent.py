@@ -62,7 +62,7 @@ def test_given_displacements_do_not_count_as_stiffness_in_any_units(comm, E):
     x = X[:n, 0]
     within, at_end = (x > 0.1) & (x < 2.9), x > 2.9
     np.testing.assert_allclose(supported[within], free[within], rtol=1e-12)
-    # Of a cube of edge 1 the stiffness of a corner is the same in all directions.
+    # The corner of a cube of edge 1 has the same stiffness in all directions.
     np.testing.assert_allclose(supported[at_end], free[at_end], rtol=1e-12)
     known = comm.allreduce([*supported[within | at_end]])
     np.testing.assert_allclose(supported[x < 0.1], np.mean(known), rtol=1e-12)

@@ -92,7 +92,7 @@ struct KernelInput
   std::span<const double> constants;    ///< their values
 };
 
-/// @brief A vector that integrals over cells are added to, and sums over cells.
+/// @brief Output of integrals over cells: a nodal vector, and sums over cells.
 struct CellRows
 {
   std::span<double> b;                ///< (l, d)

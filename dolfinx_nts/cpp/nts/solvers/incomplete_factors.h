@@ -35,7 +35,7 @@ public:
       _place[order[i]] = static_cast<std::int32_t>(i);
   }
 
-  /// @brief Entries of row i in any order, until the next call.
+  /// @brief Entries of row i in any order, valid until the next call.
   Entries& row(std::int32_t i)
   {
     _entries.clear();
