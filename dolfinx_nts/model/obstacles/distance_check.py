@@ -60,14 +60,12 @@ def check_distance(obstacle: ExactObstacle, x: Floats, size: float) -> None:
     x = x[np.isfinite(gap)]
     h = max(_STEP * size, _ROUNDING * float(np.abs(x).max()))
 
-    def differences(x: Floats) -> tuple[Floats, Floats]:
+    def differences(x: Floats) -> tuple[Any, Any]:
         """One-sided differences of the distance along the axes, both ``(m, dim)`` [-]."""
         at = _evaluated(obstacle, x)[0]
         sides = [[_evaluated(obstacle, x + s * h * e)[0] for e in np.eye(3)[:dim]] for s in (-1, 1)]
         before, after = (np.stack(side, axis=1) for side in sides)
-        down: Floats = (at[:, None] - before) / h
-        up: Floats = (after - at[:, None]) / h
-        return down, up
+        return (at[:, None] - before) / h, (after - at[:, None]) / h
 
     with np.errstate(invalid="ignore", divide="ignore"):
         for _ in range(_MOST_ITERATIONS):
