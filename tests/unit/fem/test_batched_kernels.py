@@ -51,6 +51,15 @@ def virtual_work(comm, law, cell="hexahedron", degree=1):
     return expand_derivatives(bulk_form([nts.Body(V, cells, tag["body 0"], law)], work))
 
 
+@pytest.mark.serial
+@pytest.mark.parametrize(("number", "level"), [(4000, "-O3"), (6000, "-O1")])
+def test_forms_with_many_values_are_compiled_at_a_lower_level(tmp_path, number, level):
+    """At GCC's -O3 the compile time of thousands of values grows faster than their number."""
+    (tmp_path / "form.c").write_text("  double value = 1.0;\n" * number)
+    library = module._Library.of(tmp_path / "form.cpython.so", is_single=False, columns=None)
+    assert [flag for flag in library.command if re.fullmatch("-O.", flag)][-1] == level
+
+
 def source_of(form):
     """C source that FFCx generated."""
     library = Path(form.module.__file__)
