@@ -13,8 +13,14 @@ ANGLES = [75, 90, 95, 105, 120, 135, 150]
 pytestmark = pytest.mark.serial
 
 
-def scene(comm, angle, dim, friction):
+NODES = nts.LagrangeMultiplier("plastic"), "node-to-segment"
+MORTAR = nts.LagrangeMultiplier("elastic"), "mortar"
+DEFAULT = None, None  # springs, surface-to-surface
+
+
+def scene(comm, angle, dim, friction, contact=NODES):
     """Floor, block with a leading edge of this interior angle [degrees], and their pair."""
+    law, method = contact
 
     def fill(model):
         if dim == 2:
@@ -38,9 +44,9 @@ def scene(comm, angle, dim, friction):
     pair = nts.ContactPair(
         nts.boundary_of(low),
         nts.boundary_of(up),
-        nts.LagrangeMultiplier("plastic"),
+        law,
         nts.Coulomb(friction) if friction else None,
-        method="node-to-segment",
+        method,
     )
     bottom, top = (
         fem.locate_dofs_geometrical(V, lambda x, z=z: np.isclose(x[dim - 1], z)) for z in (0, 2)
@@ -75,16 +81,34 @@ def test_friction_of_a_dragged_block_in_space_agrees_with_coulomb(comm, angle):
     np.testing.assert_allclose(drag(comm, angle, 3, 0.5), 0.5, atol=0.02)
 
 
-@pytest.mark.parametrize(("angle", "dim"), [*((angle, 2) for angle in ANGLES), (105, 3), (150, 3)])
-def test_block_thrown_along_a_floor_keeps_its_velocity_without_friction(comm, angle, dim):
-    V, bodies, pairs, bottom, _ = scene(comm, angle, dim, 0.0)
+def slow_down(comm, angle, dim, friction, contact, until):
+    """Velocity of the block after it was thrown along the floor at 1 m/s [m/s]."""
+    V, bodies, pairs, bottom, _ = scene(comm, angle, dim, friction, contact)
     fall = np.zeros(dim)
     fall[dim - 1] = -2.0
     bcs = [fem.dirichletbc(np.zeros(dim), bottom, V)]
     loads = [nts.Gravity([bodies[1]], fall)]
     stepper = nts.EnergyMomentum(bodies, pairs, dt=4e-3, bcs=bcs, loads=loads)
     stepper.set_velocity(bodies[1], np.eye(dim)[0])
-    list(stepper.run(until=0.2))
-    velocity = nts.Diagnostics(stepper).body_velocity(bodies[1])
+    list(stepper.run(until=until))
+    return nts.Diagnostics(stepper).body_velocity(bodies[1])
+
+
+@pytest.mark.parametrize(("angle", "dim"), [*((angle, 2) for angle in ANGLES), (105, 3), (150, 3)])
+def test_block_thrown_along_a_floor_keeps_its_velocity_without_friction(comm, angle, dim):
     # The surface of the floor is wavy, with slopes of about a hundredth.
-    assert abs(velocity[0] - 1) < 0.02
+    assert abs(slow_down(comm, angle, dim, 0.0, NODES, until=0.2)[0] - 1) < 0.02
+
+
+@pytest.mark.parametrize("contact", [MORTAR, DEFAULT], ids=["mortar", "default"])
+@pytest.mark.parametrize(
+    ("angle", "dim", "friction"),
+    [(95, 2, 0.5), (105, 2, 0.5), (120, 2, 0.0), (135, 2, 0.5), (150, 2, 0.0), (95, 3, 0.5)],
+)
+def test_facets_below_the_edge_of_a_thrown_block_agree_with_coulomb(
+    comm, angle, dim, friction, contact
+):
+    velocity = slow_down(comm, angle, dim, friction, contact, until=0.3)
+    # Gravity of 2 m/s^2 acts for 0.3 s.
+    of_friction, of_contact = 1 - velocity[0], velocity[dim - 1] + 0.6
+    assert of_friction / of_contact == pytest.approx(friction, abs=0.04)

@@ -70,11 +70,13 @@ def contact_work(step: ContactStep, last: ContactContribution, new: ContactHisto
     same = step.search.pairing.is_same(pairs)
     kind = np.where(old.active[pairs.node], np.where(same, 0, 2), 1)
     stays, arrives, moves = np.bincount(kind, work, minlength=3)
+    normal = step.normal
+    lost = normal.released_energy(pairs.node).sum() + normal.surplus_energy(pairs).sum()
     parts = np.array(
         [
             stays,
             arrives,
-            moves - step.normal.released_energy(pairs.node).sum(),
+            moves - lost,
             old.energy.sum() - new.energy.sum(),
             -new.dissipation.sum(),
             of_obstacle,

@@ -1,9 +1,11 @@
-r"""Energy of loaded springs whose nodes have left all segments, given back as an impulse.
+r"""Energy of springs that lose their segments or change their points, given back as an impulse.
 
 A node that slides over a rim, or leaves a corner, loses its segment while its spring is still
 compressed. Without a segment the spring cannot do work in the next step, and its energy :math:`E`
-would be lost. At the end of that step it acts once more, as an impulse :math:`J p`, where
-:math:`p` has the forces of all such springs on both sides in the current positions:
+would be lost. In mortar contact the points of a node change with every step, and with them its
+mean gap: where it is larger at the new points, the spring is compressed less, and the difference of
+its energies would be lost. At the end of that step such a spring acts once more, as an impulse
+:math:`J p`, where :math:`p` has the forces of all of them on both sides in the current positions:
 
 .. math:: v^+ = v + J M^{-1} p, \qquad
    J \, p \cdot v + \tfrac12 J^2 \, p \cdot M^{-1} p = E,
@@ -37,13 +39,15 @@ __all__ = ["ReleasedSprings"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
+# Difference of the energies of a spring, relative to its energy, that is round-off [-].
+_ROUNDING = 1e-12
 # Loss relative to the kinetic energy of all bodies up to which there is no warning [-]. The energy
 # ledger has every loss.
 _NEGLIGIBLE = 1e-9
 
 
 class ReleasedSprings:
-    """Springs that lost their segments in a step. Collective, as are all methods.
+    """Springs that lost energy by a change of points in a step. Collective, as are all methods.
 
     Args:
         bodies: The bodies.
@@ -67,7 +71,7 @@ class ReleasedSprings:
         self._force: Floats = np.zeros((bulk.num_owned // bulk.rigid.dim, 3))
 
     def collect(self, step: ContactStep, last: ContactContribution) -> None:
-        """Collect the springs of a pair whose nodes have no segment in an accepted step.
+        """Collect the springs of a pair that lost their segments, or energy at new points.
 
         Springs whose last segment is out of reach lose their energy, of which `give_back` warns.
 
@@ -78,10 +82,16 @@ class ReleasedSprings:
         state, candidates, history = step.state, step.candidates, step.state.history
         if state.eps_N is None:
             return
+        surplus = step.normal.surplus_energy(last.pairs)
+        surplus[surplus <= _ROUNDING * history.energy[last.pairs.node]] = 0.0
         energy = step.normal.released_energy(last.pairs.node)
         node = np.flatnonzero(energy > 0).astype(np.int32)
-        if not reductions.anywhere(self._bulk.comm, len(node) > 0):
+        if not reductions.anywhere(self._bulk.comm, len(node) > 0 or bool(surplus.any())):
             return
+        pairs, scatter = last.pairs, candidates.scatter
+        size = np.sqrt(2 * surplus * state.eps_N[pairs.node])
+        forces = size[:, None] * pairs.contact.gradient
+        scatter.add(self._force, pairs.dofs, forces.reshape(*pairs.dofs.shape, 3))
         # Candidates of several pairs know the pair of a key by its place among all nodes.
         segment = candidates.find(history.key)[node]
         node, segment = node[segment >= 0], segment[segment >= 0]
@@ -96,10 +106,10 @@ class ReleasedSprings:
             nodes = candidates.wholes
         dofs = points.dofs(nodes.take(segment, axis=0))
         forces = (size[:, None] * gradient).reshape(*dofs.shape, 3)
-        candidates.scatter.add(self._force, dofs, forces)
+        scatter.add(self._force, dofs, forces)
         taken = np.zeros(len(energy), dtype=bool)
         taken[node[size > 0]] = True
-        sums = np.array([energy[taken].sum(), energy[~taken].sum()])
+        sums = np.array([surplus.sum() + energy[taken].sum(), energy[~taken].sum()])
         sums = reductions.total(self._bulk.comm, sums)
         self._energies[state], self._lost[state] = map(float, sums)
 

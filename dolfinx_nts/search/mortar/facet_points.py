@@ -215,14 +215,15 @@ class FacetPoints:
     ) -> MortarPoints:
         """Create contact points with the weights of the nodes. Collective.
 
-        In equilibrium nothing presses where surfaces are open. So above kinks linear functions are
-        multiplied by a weight there, which is 1 up to a multiple of the least gap, by size, on the
-        facets next to that of the point.
+        Nothing presses where surfaces are open. So above kinks linear functions are multiplied by
+        a weight there, which is 1 up to a multiple of the least gap, by size, on the facets next
+        to that of the point.
 
         Args:
             part: Largest part of the dual functions around each node, shape ``(n,)``; None: 1,
                 and the method is local.
-            x: Positions in equilibrium, shape ``(l, 3)`` [m]; None: all weights are 1.
+            x: Positions whose gaps give the weights, in equilibrium or at t_n, shape ``(l, 3)``
+                [m]; None: all weights are 1.
             slack: Difference of gaps that is round-off [m].
         """
         facets, inner = self.facets, np.flatnonzero(self.weight > 0).astype(np.int32)

@@ -46,9 +46,8 @@ class FrozenPoints(LocalSearch):
     # Largest number of renewals of the points in a step [-]. More: steps that find no points cost
     # more; fewer (2): points have slid off their segments in some impacts on corners.
     _most_renewals = 6
-    # Whether facets above kinks have linear functions: in equilibrium alone, as in impacts with
-    # friction Newton's method may fail with them.
-    _has_kinks = False
+    # Whether facets above kinks have linear functions.
+    _has_kinks = True
     # Gap relative to the size of a segment [-] above which the position of points is irrelevant
     # at nodes without force.
     _nearby = 0.01
@@ -76,8 +75,9 @@ class FrozenPoints(LocalSearch):
 
     def _take(self, x_n: Floats, x: Floats) -> None:
         ends = x_n, x
+        kinks = self._has_kinks and not self._is_resolved
         found = FacetPoints.choose(
-            self.candidates.facets, self.candidates, *ends, self.reach, kinks=self._has_kinks
+            self.candidates.facets, self.candidates, *ends, self.reach, kinks=kinks
         )
         part = self._largest_parts(found, x_n, x)
         if self._renewals > 1:
@@ -98,14 +98,18 @@ class FrozenPoints(LocalSearch):
     def _largest_parts(self, found: FacetPoints, x_n: Floats, x: Floats) -> Floats:
         """Largest fractions of dual functions in the shape functions around nodes, shape ``(n,)``.
 
-        In resolved impact they do not depend on gaps: fractions that change between steps reduce
-        the order of convergence in time from 2.7 to 0.6.
+        In resolved impact neither they nor weights above kinks depend on gaps: fractions that
+        change between steps reduce the order of convergence in time from 2.7 to 0.6.
         """
         return found.largest_parts(() if self._is_resolved else (x_n, x), self._slack)
 
     def _points(self, found: FacetPoints, part: Floats, x: Floats) -> MortarPoints:
-        """Quadrature points chosen at x, with the weights of the nodes."""
-        return found.points(part)
+        """Points with shares of the nodes, chosen at x.
+
+        Above kinks they have the weights of their gaps at t_n: those without contact, at x, say
+        nothing of what presses in the step.
+        """
+        return found.points(part, self.x_n, self._slack)
 
     def _has_fallen(self, part: Floats) -> Flags:
         """Whether the fractions of dual functions have to be reduced, shape ``(n,)``."""
@@ -144,6 +148,7 @@ class TiedPoints(FrozenPoints):
     """Quadrature points of tied contact, fixed in the reference configuration."""
 
     _most_renewals = 0
+    _has_kinks = False
 
     def _choose(self, x: Floats) -> None:
         # At the reference positions.
@@ -158,7 +163,6 @@ class TiedPoints(FrozenPoints):
 class SettlingPoints(FrozenPoints):
     """Quadrature points of statics, renewed until they belong to the equilibrium."""
 
-    _has_kinks = True
     _nearby = 0.1
 
     def _largest_parts(self, found: FacetPoints, x_n: Floats, x: Floats) -> Floats:

@@ -177,6 +177,13 @@ class NormalContact(ABC):
         """Energy stored in the springs in the step, shape ``(m,)`` [J]. Local."""
         return 0.0
 
+    def surplus_energy(self, pairs: PairKinematics) -> Floats:
+        """Energy of springs at t_n beyond that of the gaps at their new points, ``(m,)`` [J].
+
+        Local.
+        """
+        return np.zeros(len(pairs.node))
+
     def released_energy(self, node: Ints) -> Floats:
         """Energy at t_n of the normal springs of all but the given nodes, ``(n,)`` [J]. Local."""
         return np.zeros(len(self.active))
