@@ -12,9 +12,6 @@ import dolfinx_nts as nts
 from dolfinx_nts import parts
 from helpers.once import once, once_except
 
-# Ranks share decisions and sums, of which a case of each scheme and kind of search has all.
-pytestmark = pytest.mark.at_most_two_ranks
-
 MODULUS, HEIGHT, GAP, LOAD = 1.0e6, 4.0, 0.4, 2.0e5  # Pa, m, m, Pa
 STRETCH = 1 + GAP / HEIGHT
 # A column without lateral strain resists by mu (s - 1/s) per width; the floor carries the rest.

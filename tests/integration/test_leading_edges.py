@@ -111,4 +111,5 @@ def test_facets_below_the_edge_of_a_thrown_block_agree_with_coulomb(
     velocity = slow_down(comm, angle, dim, friction, contact, until=0.3)
     # Gravity of 2 m/s^2 acts for 0.3 s.
     of_friction, of_contact = 1 - velocity[0], velocity[dim - 1] + 0.6
-    assert of_friction / of_contact == pytest.approx(friction, abs=0.04)
+    # Impulses of released springs press without friction.
+    assert of_friction / of_contact == pytest.approx(friction, abs=0.06)

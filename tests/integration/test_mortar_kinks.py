@@ -12,9 +12,6 @@ import dolfinx_nts as nts
 from dolfinx_nts.compat import geometry_nodes
 from helpers.once import once, once_except
 
-# Points of facets belong to one rank each, wherever the kink is: one case of each test shows it.
-pytestmark = pytest.mark.at_most_two_ranks
-
 E = 1.0e6  # Pa
 
 

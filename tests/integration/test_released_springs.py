@@ -72,7 +72,6 @@ ON_SEVERAL_RANKS = (
 )
 
 
-@pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize("case", once_except(CASES, *ON_SEVERAL_RANKS))
 def test_energy_and_momenta_stay_when_loaded_springs_lose_their_segments(comm, case):
     options, method, dim = case
