@@ -11,6 +11,7 @@ import ufl
 from ufl.algorithms import expand_derivatives
 from ufl.domain import extract_domains
 
+from dolfinx_nts.common.arguments import is_of_package
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.materials.energy_curve import EnergyCurve
@@ -175,8 +176,7 @@ class StrainEnergy(Declaration):
         Its properties are kept for other materials with the same parameters. Energies of a script
         may depend on what the script changes.
         """
-        package = getattr(self._psi, "__module__", "").split(".")[0]
-        return package == __name__.split(".")[0] and type(self).psi is StrainEnergy.psi
+        return is_of_package(self._psi) and type(self).psi is StrainEnergy.psi
 
 
 def _curve(psi: Callable[..., Any], *parameters: tuple[str, float]) -> EnergyCurve:
