@@ -39,15 +39,17 @@ __all__ = ["ReleasedSprings"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Difference of the energies of a spring, relative to its energy, that is round-off [-].
+# Difference of the energies of a spring, relative to its energy, that is round-off [-]. Smaller:
+# rows of equal springs whose points move along a plane give impulses of round-off; larger: that
+# fraction of the energy of a spring may be lost in a step.
 _ROUNDING = 1e-12
-# Loss relative to the kinetic energy of all bodies up to which there is no warning [-]. The energy
-# ledger has every loss.
+# Loss relative to the kinetic energy of all bodies up to which there is no warning [-]. Smaller:
+# warnings of losses that no result shows; larger: losses that a ledger shows go unnoticed.
 _NEGLIGIBLE = 1e-9
 
 
 class ReleasedSprings:
-    """Springs that lost energy by a change of points in a step. Collective, as are all methods.
+    """Gives the energy of springs that lost their contact points to the bodies. Collective.
 
     Args:
         bodies: The bodies.
@@ -143,9 +145,9 @@ class ReleasedSprings:
         self._reported = lost[state]
         if self._bulk.comm.rank == 0:
             _logger.warning(
-                "at t = %g springs of contact between %s have lost an energy of %.3g J: their "
-                "nodes have left all segments, and no segment is near, or neither side can move; "
-                "shorter steps lose less",
+                "at t = %g s, springs of contact between %s have lost an energy of %.3g J, as they "
+                "lost their segments or changed their contact points: neither side can move, or "
+                "no segment is near any more; shorter steps lose less",
                 *(t, state.pair.between, lost[state]),
             )
 
