@@ -95,7 +95,7 @@ def _ratio(
     return float(_step(results, **scene)[name] / _step(results, **other)[name])
 
 
-def _beside(results: Results, name: str, scene: str, element: str = "full") -> float:
+def _hard(results: Results, name: str, scene: str, element: str = "full") -> float:
     """Cost of a hard scene relative to the easy scene whose steps alternated with it."""
     here, easy = {"scene": scene, "element": element}, {"scene": "beside nu = 0.499"}
     return _ratio(results, name, here, easy)
@@ -239,7 +239,7 @@ _TARGETS = (
     *(
         Target(
             f"{name} against 0.4, cost of a step",
-            partial(_beside, name=_CPU, scene=scene, element=element),
+            partial(_hard, name=_CPU, scene=scene, element=element),
             aim,
             gate,
         )
@@ -251,13 +251,13 @@ _TARGETS = (
     ),
     Target(
         "thin wall against thick, step in residuals",
-        partial(_beside, name=_RESIDUALS, scene="thin wall"),
+        partial(_hard, name=_RESIDUALS, scene="thin wall"),
         2,
         3,
     ),
     Target(
         "neo-Hooke against St. Venant-Kirchhoff, cost of a step",
-        partial(_beside, name=_CPU, scene="neo-Hooke"),
+        partial(_hard, name=_CPU, scene="neo-Hooke"),
         1.3,
         1.5,
     ),

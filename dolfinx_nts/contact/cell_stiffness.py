@@ -24,7 +24,7 @@ __all__ = ["SOFT", "depth_per_speed", "layers_in_series", "softer_layer"]
 SOFT = 5 / 3
 # Compression up to which springs are soft, relative to that by the pressure of wave theory [-].
 # Larger: with 2.4 instead of 1.5 the peak force of the ball is 4.5 instead of 1.9 % too small;
-# smaller (1.2: 1.4 %): vibration exceeds that pressure, and would go on where springs are stiff.
+# smaller (1.2: 1.4 %): vibration exceeds that pressure, and would persist where springs are stiff.
 _BEYOND_WAVES = 1.5
 
 

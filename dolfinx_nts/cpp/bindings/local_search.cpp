@@ -465,7 +465,7 @@ void local_search(nb::module_& m)
   nb::class_<SegmentsAndTrees>(
       m, "Segments",
       "Segments in groups, among which nodes look, and a tree over each, which "
-      "is built anew only if a vertex has moved far; the arrays are read, not "
+      "is built again only if a vertex has moved far; the arrays are read, not "
       "copied")
       .def(nb::init<Ints, Doubles, Keys, std::optional<Ints>>(),
            nb::arg("vertices"), nb::arg("orientation"), nb::arg("key"),

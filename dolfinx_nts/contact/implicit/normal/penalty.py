@@ -217,8 +217,8 @@ class PenaltyContact(NormalContact):
         """
         old, node, gap_n = self._state.history, pairs.node, pairs.contact.gap_n
         pairing = self._search.pairing
-        anew = ~pairing.is_same(pairs) if pairing.follows else not self._is_static
-        moved = (old.key[node] != NEVER) & anew
+        changes_points = ~pairing.is_same(pairs) if pairing.follows else not self._is_static
+        moved = (old.key[node] != NEVER) & changes_points
         before = np.where(old.active[node], old.gap[node], np.maximum(gap_n, 0.0))
         offset: Floats = old.offset[node] + np.where(moved, gap_n - before, 0.0)
         return offset
