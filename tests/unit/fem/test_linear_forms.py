@@ -237,7 +237,7 @@ def test_kernel_refuses_arrays_of_wrong_shape():
     integral = _kernels.CellIntegral(**good)
     for wrong, message in (
         ({"kernels": []}, "at least one"),
-        ({"kernels": [_kernels.BatchKernel(1, n, False) for n in (4, 8)]}, "as many lanes"),
+        ({"kernels": [_kernels.BatchKernel(1, n, False) for n in (4, 8)]}, "equal lanes"),
         ({"places": np.array([12], dtype=np.int32)}, "less than width"),
         ({"X": X[:3]}, "rows of X"),
         ({"nodes": np.repeat(nodes, 2, axis=0)}, "nodes: expected shape"),
