@@ -374,25 +374,41 @@ private:
   /// they face it better.
   ///
   /// The node is then below the edge. The edge will touch the facets around the
-  /// node, not the node the segment.
+  /// node, not the node the segment. Vertices on the edge may be below these
+  /// facets by `LocalSearchRule::hysteresis`, and as little is the node then
+  /// below the segment beyond the edge, when it is behind both.
   template <class GetTree>
   bool waits(const Vec3& node, std::int32_t i, const Projection<S>& p,
              const GetTree& tree)
   {
-    // A node behind the segment has passed through it, and stays in contact.
-    if (p.gap < 0)
-      return false;
+    const std::int32_t other = beyond_edge(node, i, p, tree);
+    if (other < 0 || p.gap >= 0)
+      return other >= 0;
+    // Otherwise it has passed through the segment, and stays in contact.
+    const Projection<S> q = project<S>({node, _surface.segment(other)},
+                                       _surface.orientation[other]);
+    return q.converged
+           && q.gap >= -LocalSearchRule::hysteresis * _surface.size(other);
+  }
+
+  /// @brief Segment beyond the nearest edge ahead of the node, if it faces the
+  /// node better by more than the angle of `FacingRule::turn`, otherwise -1.
+  template <class GetTree>
+  std::int32_t beyond_edge(const Vec3& node, std::int32_t i,
+                           const Projection<S>& p, const GetTree& tree)
+  {
     const double cosine = directions().cosine(-1. * p.normal, FacingRule::turn);
     if (cosine >= FacingRule::turn)
-      return false;
+      return -1;
     const Edge edge = directions().towards(p.normal);
     const double rate = -dot(edge.along, p.normal);
     if (!(rate > 0))
-      return false;
+      return -1;
     // Point one edge length below the plane of the segment, and the segment
     // nearest to it.
     const Vec3 beyond = node + (p.gap / rate + edge.length) * edge.along;
     double nearest = rate * edge.length, best = -1;
+    std::int32_t found = -1;
     const double margin = LocalSearchRule::tie * _surface.size(i);
     tree().nearest(
         beyond, nearest + margin,
@@ -408,13 +424,19 @@ private:
           if (away > bound)
             return bound;
           // Among equally near segments, the one that faces the node best.
-          best = std::max(away < nearest - margin ? -1 : best,
-                          directions().cosine(-1. * q.normal));
+          const double facing = directions().cosine(-1. * q.normal);
+          if (away < nearest - margin || facing > best)
+          {
+            best = facing;
+            found = other;
+          }
           nearest = std::min(away, nearest);
           return nearest + margin;
         });
-    return std::acos(std::min(best, 1.)) + std::acos(FacingRule::turn)
-           < std::acos(cosine);
+    const bool is_better
+        = std::acos(std::min(best, 1.)) + std::acos(FacingRule::turn)
+          < std::acos(cosine);
+    return is_better ? found : -1;
   }
 
   const Directions& directions()
