@@ -352,20 +352,21 @@ public:
       _normal = p.normal;
       // Sides of two bodies in one plane hide no rim, if they bulge by less
       // than the overhang of nodes.
-      _hides_from = _surface.size(i)
-                    * (directions().cosine(p.normal) > FacingRule::wall
-                           ? LocalSearchRule::overhang
-                           : LocalSearchRule::hysteresis);
+      _size = _surface.size(i);
+      _hides_from = directions().cosine(p.normal) > FacingRule::wall
+                        ? LocalSearchRule::overhang
+                        : LocalSearchRule::hysteresis;
     }
     return false;
   }
 
   /// @brief Whether a node behind its segment is inside the body: not in front
   /// of a nearer neighbour or of the other side of a wall.
-  bool confirms(const Projection<S>& found, double distance) const noexcept
+  bool confirms(const Projection<S>& found, double distance,
+                double size) const noexcept
   {
     return found.gap >= 0 || _in_front_by > distance
-           || (_in_front_by <= _hides_from
+           || (_in_front_by <= _hides_from * std::min(_size, size)
                && dot(_normal, found.normal) >= -FacingRule::wall);
   }
 
@@ -452,7 +453,7 @@ private:
   const NormalBounds<S>& _normals;
   std::span<const double> _thickness;
   std::optional<Directions> _directions;
-  double _in_front_by = INFINITY, _hides_from = 0;
+  double _in_front_by = INFINITY, _hides_from = 0, _size = 0;
   Vec3 _normal = {};
   Vec3 _before = {}; // normal of the current segment
 };

@@ -130,7 +130,7 @@ struct Anything
 
   /// @brief Whether to accept the nearest segment after the search.
   template <class S>
-  bool confirms(const Projection<S>&, double) const noexcept
+  bool confirms(const Projection<S>&, double, double) const noexcept
   {
     return true;
   }
@@ -340,7 +340,9 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
     segments.nearest(node, nearest, visit);
   }
   const NearestOnSide<S>* found = chosen();
-  if (!found || !may.confirms(found->projection, nearest))
+  if (!found
+      || !may.confirms(found->projection, nearest,
+                       surface.size(found->segment)))
     return kept;
   const Projection<S>& p = found->projection;
   if (stays && (p.gap >= 0 || continues(kept, found->segment, surface)))
