@@ -89,6 +89,12 @@ def _percent(results: Results, scene: str, name: str, **values: Any) -> float:
 _share = partial(_percent, name="contact_share")  # part of contact in a step [%]
 
 
+def _checks(results: Results, scheme: str, n: int) -> float:
+    """Part of the checks of accepted steps in a step [%]."""
+    row = _step(results, "contact", scheme=scheme, n=n)
+    return 100 * sum(float(row.get(f"share: {name}", 0.0)) for name in ("passage", "overlap"))
+
+
 def _ratio(
     results: Results, name: str, scene: Mapping[str, Any], other: Mapping[str, Any]
 ) -> float:
@@ -208,6 +214,16 @@ _TARGETS = (
         partial(_percent, scene="pile, friction", name="share: search and projection"),
         25,
         35,
+    ),
+    *(
+        Target(
+            f"checks of accepted steps, {scheme}, n = {n} [% of a step]",
+            partial(_checks, scheme=scheme, n=n),
+            most,
+            most,
+        )
+        for scheme, most in ((_EM, 3), (_EXPLICIT, 5))
+        for n in (6, 12, 24)
     ),
     *(
         Target(

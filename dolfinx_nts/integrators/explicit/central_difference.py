@@ -288,7 +288,8 @@ class CentralDifference(Stepper):
         # `Stepper.advance` uses it for the overlap check.
         self._increment = 0.0 if free else moved
         if not free:
-            self._check_passage(bound, bounds)
+            with self.timings.phase("passage"):
+                self._check_passage(bound, bounds)
         strained, at_start = forces.strain_energy, bulk.work(du)
         held = bulk.total[given] if self.supports.exist else np.empty(0)
         self._evaluate(bounds)
