@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stress.generated import deep_starts, far_steps
+from stress.generated import deep_starts, far_steps, leading_edges
 from stress.generated.case import Case, run
 from stress.generated.cases import ALL_CASES
 from stress.generated.judge import boundary_of_cells, column_force, nodal_mass
@@ -23,6 +23,14 @@ def test_sample_of_cases_is_right_or_refused(cases):
     for case in (is_static[i] for i in chosen):
         verdict = run(case, SEED)
         assert verdict.end in ("right", "refused"), f"{case.name}: {verdict.message}"
+
+
+@pytest.mark.parametrize("angle", [105, 150])
+@pytest.mark.parametrize("mu", [0.0, 0.5])
+def test_edge_that_sank_between_nodes_catches_none_of_them(angle, mu):
+    name = f"edge-dynamics-2d-node-to-segment-{angle}-mu{mu}"
+    (case,) = (case for case in leading_edges.CASES if case.name == name)
+    assert run(case, SEED).message == ""
 
 
 def test_there_are_hundreds_of_cases_with_names_of_their_own():

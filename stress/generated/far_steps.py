@@ -54,7 +54,9 @@ class _Column:
         cells = tuple(round(side / _H) for side in sides)
         grids = {"column": grid((0,) * self.dim, (*sides, _HEIGHT), (*cells, 8))}
         if has_block:
-            grids["block"] = grid((-0.6 * _H, low), (4 * _H, 2 * _H), (4, 2))
+            # Nodes of the block keep the bottom of the column flat, as the closed form assumes.
+            across = 16 if target == "reverse" else 4
+            grids["block"] = grid((-0.6 * _H, low), (4 * _H, 2 * _H), (across, 2))
         if target == "self":
             grids = {"column": grids["column"].joined(grids["block"])}
         elif target == "edges":
