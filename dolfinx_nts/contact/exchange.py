@@ -15,7 +15,7 @@ from dolfinx_nts.common.arrays import Flags, Floats
 from dolfinx_nts.contact.enforcement import Penalty, Tied
 from dolfinx_nts.contact.joint_state import JointState, members
 from dolfinx_nts.contact.massless import is_resolved
-from dolfinx_nts.contact.method import EDGES, NODES
+from dolfinx_nts.contact.method import EDGES, MORTAR, NODES
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.model.bodies import Body
@@ -105,8 +105,8 @@ def exchange_roles(
     energy, at a depth that exceeds the compression of the springs at the nodes of the face.
 
     Roles are not exchanged for edge contact, obstacles, self contact, ties, massless nodes,
-    convective friction, ``exchange=False``, springs in statics and multipliers of mortar contact,
-    and if another pair has the vertices as nodes.
+    convective friction, ``exchange=False`` and springs in statics, and if another pair has the
+    vertices as nodes.
 
     Args:
         contacts: States of all pairs of a stepper. The new states are their `exchange`.
@@ -143,7 +143,7 @@ def _may_exchange(pair: ContactPair, pairs: Sequence[ContactPair], is_static: bo
     if isinstance(law, Penalty):
         has_law = not (is_static or pair.is_convective or pair.method == EDGES)
     else:
-        has_law = pair.method == NODES and not isinstance(law, Tied)
+        has_law = pair.method in (NODES, MORTAR) and not isinstance(law, Tied)
     wanted = not is_static if pair.exchange is None else pair.exchange
     if not (wanted and has_law and isinstance(segments, Surface)) or pair.touches_itself:
         return False

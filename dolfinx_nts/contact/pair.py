@@ -96,10 +96,9 @@ class ContactPair(Declaration):
         exchange: Whether contact also holds vertices on convex edges and corners of the segments:
             where one sinks deeper than a hundredth of a facet between the nodes, and deeper than
             their springs are compressed, it becomes a node and the facets around it become
-            segments, with the same laws. Multipliers do so in node-to-segment contact, springs in
-            steps with inertia. False is the method of the paper. None: with inertia alone, as in
-            statics constraints of both sides may let a soft surface buckle. Explicit steps and
-            mortar contact with multipliers do not exchange roles.
+            segments, with the same laws. Springs do so in steps with inertia only. False is the
+            method of the paper. None: with inertia alone, as in statics constraints of both sides
+            may let a soft surface buckle. Explicit steps do not exchange roles.
 
     Attributes:
         nodes, segments, name, exchange: The arguments.

@@ -17,6 +17,7 @@ TURNS = {
     "corner": DIAGONAL,
     "2-D": ([0.0, 0.0, 1.0], np.pi / 4),
 }
+MORTAR = {"method": "mortar"}
 DEFAULT = {"method": None}  # springs and surface-to-surface contact
 LAWS = {"elastic": nts.LagrangeMultiplier(), "plastic": nts.LagrangeMultiplier("plastic")}
 
@@ -119,11 +120,17 @@ def reduced(comm, heights):
 
 
 @pytest.mark.at_most_two_ranks
-@pytest.mark.parametrize("turn", ["2-D", once("corner"), once("edge")])
+@pytest.mark.parametrize(
+    ("turn", "how"),
+    [
+        *(("2-D", NODES), once("corner", NODES), once("edge", NODES)),
+        *(once("2-D", MORTAR), once("corner", MORTAR)),
+    ],
+)
 def test_corner_in_the_middle_of_a_large_facet_is_held_with_the_force_of_the_reverse_pair(
-    comm, turn
+    comm, turn, how
 ):
-    force, depth = press(comm, turn, exchange=True)
+    force, depth = press(comm, turn, exchange=True, **how)
     assert depth < 1e-3  # an edge penetrates next to its vertices, as facets bend
     of_reverse, _ = press(comm, turn, reverse=True)
     assert force == pytest.approx(of_reverse, rel=1e-6)
@@ -164,18 +171,24 @@ def throw(comm, turn, law, mu=0.0, num_steps=100, reverse=False, **how):
 
 @pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize(
-    ("turn", "law", "mu"),
+    ("turn", "law", "mu", "how"),
     [
-        ("2-D", "elastic", 0.0),
-        once("2-D", "elastic", 0.5),
-        once("2-D", "plastic", 0.5),
-        ("edge", "elastic", 0.5),
-        once("corner", "elastic", 0.0),
-        once("corner", "plastic", 0.5),
+        ("2-D", "elastic", 0.0, NODES),
+        once("2-D", "elastic", 0.5, NODES),
+        once("2-D", "plastic", 0.5, NODES),
+        ("edge", "elastic", 0.5, NODES),
+        once("corner", "elastic", 0.0, NODES),
+        once("corner", "plastic", 0.5, NODES),
+        once("2-D", "elastic", 0.5, MORTAR),
+        ("edge", "elastic", 0.0, MORTAR),
+        once("corner", "elastic", 0.5, MORTAR),
+        once("corner", "plastic", 0.0, MORTAR),
     ],
 )
-def test_thrown_block_bounces_off_a_coarse_face_with_exact_energy_and_momenta(comm, turn, law, mu):
-    first, last, given, depth = throw(comm, turn, LAWS[law], mu)
+def test_thrown_block_bounces_off_a_coarse_face_with_exact_energy_and_momenta(
+    comm, turn, law, mu, how
+):
+    first, last, given, depth = throw(comm, turn, LAWS[law], mu, **how)
     assert abs(last.total_energy - first.total_energy - given) < 1e-11 * first.total_energy
     if law == "elastic" and not mu:
         assert abs(given) < 1e-12 * first.total_energy
@@ -315,7 +328,6 @@ def test_pairs_in_both_directions_have_no_exchanged_roles(comm):
         nts.ContactPair(low, up, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"),
         nts.ContactPair(up, low, enforcement=nts.LagrangeMultiplier(), method="node-to-segment"),
     )
-    mortar = nts.ContactPair(low, up, method="mortar", enforcement=nts.LagrangeMultiplier())
-    for chosen in (pairs, both, [mortar]):
+    for chosen in (pairs, both):
         stepper = nts.EnergyMomentum([scene.low, scene.up], chosen, dt=1e-3)
         assert all(contact.exchange is None for contact in stepper.contacts)
