@@ -164,9 +164,10 @@ class ImplicitStepper(Stepper):
             petsc_options,
             flows=self.memory.flows,
         )
-        conserves = not self._is_static and self.scheme.contact != "static"
-        released = ReleasedSprings(bodies, self._bulk, self.v, self._step_solver.free)
-        self._released_springs = released if conserves else None
+        self._released_springs = None
+        if not self._is_static:
+            free = self._step_solver.free
+            self._released_springs = ReleasedSprings(bodies, self._bulk, self.v, free)
         self._reactions = Reactions(
             self._bulk,
             self.bodies,
