@@ -8,14 +8,17 @@ from itertools import chain
 from typing import Any
 
 import numpy as np
-from dolfinx.mesh import exterior_facet_indices
+from dolfinx import fem
 
 from dolfinx_nts.common.arguments import instances, label
+from dolfinx_nts.common.arrays import Ints
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.contact.friction.laws import FrictionLaw
 from dolfinx_nts.contact.method import EDGES, MORTAR, NODES, Method
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.components import dimension
+from dolfinx_nts.fem.elements import Element
+from dolfinx_nts.fem.node_numbering import geometry_unchanged
 from dolfinx_nts.model.bodies import Body, common_space
 from dolfinx_nts.model.connected_bodies import connected, log_shared_nodes
 from dolfinx_nts.model.obstacles.obstacle import Obstacle
@@ -61,12 +64,7 @@ def boundary_of(
         1.0
     """
     V = common_space(bodies)
-    topology, tdim = V.mesh.topology, V.mesh.topology.dim
-    topology.create_connectivity(tdim - 1, tdim)
-    facets = exterior_facet_indices(topology)
-    to_cell = topology.connectivity(tdim - 1, tdim)
-    cells = to_cell.array[to_cell.offsets[facets]]
-    facets = facets[np.isin(cells, np.concatenate([body.cells for body in bodies]))]
+    facets = _exterior_facets(V, np.concatenate([body.cells for body in bodies]))
     automatic = f"the boundary of {' and '.join(body.name for body in bodies)}"
     if where is not None:
         facets = np.intersect1d(facets, boundary_facets(V, where))
@@ -74,6 +72,7 @@ def boundary_of(
     return Surface.of(V, facets, label(name) or automatic, smooth=smooth)
 
 
+@geometry_unchanged()
 def all_pairs(
     bodies: Sequence[Body],
     *,
@@ -243,6 +242,23 @@ def two_half_passes(
     half = enforcement.halved()
     surfaces = ((first, second), (second, first))
     return [ContactPair(nodes, segments, half, friction, NODES) for nodes, segments in surfaces]
+
+
+def _exterior_facets(V: fem.FunctionSpace, cells: Ints) -> Ints:
+    """Owned facets of cells on the boundary of the mesh, sorted, ``(s,)``. Collective.
+
+    Unlike `dolfinx.mesh.exterior_facet_indices` it does not look at the rest of the mesh.
+    """
+    topology, tdim = V.mesh.topology, V.mesh.topology.dim
+    both = (tdim - 1, tdim), (tdim, tdim - 1)
+    for dims in both:
+        topology.create_connectivity(*dims)
+    to_cell, to_facet = (topology.connectivity(*dims) for dims in both)
+    of_cells = to_facet.array.reshape(-1, len(Element.of(V).sides))
+    facets: Ints = np.unique(of_cells[cells])
+    facets = facets[facets < topology.index_map(tdim - 1).size_local]
+    facets = facets[to_cell.offsets[facets + 1] - to_cell.offsets[facets] == 1]
+    return np.setdiff1d(facets, topology.interprocess_facets(), assume_unique=True)
 
 
 def _halves(items: Sequence[Any]) -> Iterator[tuple[Sequence[Any], Sequence[Any]]]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from dolfinx_nts._kernels import HYSTERESIS
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arrays import Flags, Floats
+from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.contact.enforcement import Penalty, Tied
 from dolfinx_nts.contact.joint_state import JointState, members
 from dolfinx_nts.contact.massless import is_resolved
@@ -27,6 +27,9 @@ from dolfinx_nts.search.kinks import nodes_on_kinks
 __all__ = [
     *("ExchangedState", "exchange_roles", "exchange_tolerance", "release_vertices", "released"),
 ]
+
+# Number above those of all nodes [-].
+_NO_NODE = 2**31
 
 
 class ExchangedState(PairState):
@@ -118,10 +121,13 @@ def exchange_roles(
     """
     pairs = [contact.pair for contact in contacts]
     found: list[PairState] = []
+    if any(map(is_resolved, pairs)):
+        return found
+    roles = _Roles(pairs)
     rigid = [body.nodes for body in excluded if body.is_rigid]
     for contact in contacts:
         pair = contact.pair
-        if any(map(is_resolved, pairs)) or not _may_exchange(pair, pairs, is_static):
+        if not _may_exchange(pair, roles, is_static):
             continue
         assert isinstance(pair.segments, Surface)
         is_kink, facet = nodes_on_kinks(pair.segments)
@@ -137,7 +143,51 @@ def exchange_roles(
     return found
 
 
-def _may_exchange(pair: ContactPair, pairs: Sequence[ContactPair], is_static: bool) -> bool:
+class _Roles:
+    """Nodes and vertices of the segments of all pairs that have both. Local.
+
+    Args:
+        pairs: All pairs of a stepper.
+    """
+
+    def __init__(self, pairs: Sequence[ContactPair]) -> None:
+        self._pairs = [
+            (pair, pair.nodes, pair.segments)
+            for pair in pairs
+            if pair.method != EDGES and isinstance(pair.segments, Surface)
+        ]
+        # Least and largest node of each side, by which most pairs are excluded.
+        self._ends: GlobalInts = np.array(
+            [[_ends(side.nodes) for side in sides] for _, *sides in self._pairs], dtype=np.int64
+        ).reshape(-1, 2, 2)
+
+    def are_exchanged(self, pair: ContactPair, segments: Surface) -> bool:
+        """Whether another pair has the nodes of these segments as nodes, and in turn. Collective.
+
+        Its nodes include those of the segments, and its segments the nodes of the pair.
+        """
+        own = segments.nodes, pair.nodes.nodes
+        has_both: Flags = np.ones(len(self._pairs), dtype=bool)
+        for number, nodes in enumerate(own):
+            least, largest = _ends(nodes)
+            ends = self._ends[:, number]
+            has_both &= (ends[:, 0] <= least) & (largest <= ends[:, 1])
+        for i in np.flatnonzero(has_both):
+            other, *sides = self._pairs[i]
+            has_both[i] = other is not pair and all(
+                bool(np.isin(nodes, side.nodes).all())
+                for nodes, side in zip(own, sides, strict=True)
+            )
+        found = reductions.everywhere(segments.V.mesh.comm, has_both)
+        return bool(found.any())
+
+
+def _ends(nodes: Ints) -> tuple[int, int]:
+    """Least and largest of sorted nodes; without any an empty range within all others."""
+    return (int(nodes[0]), int(nodes[-1])) if len(nodes) else (_NO_NODE, -1)
+
+
+def _may_exchange(pair: ContactPair, roles: _Roles, is_static: bool) -> bool:
     """Whether a pair supports exchanged roles and no other pair has them already. Collective."""
     law, segments = pair.enforcement, pair.segments
     if isinstance(law, Penalty):
@@ -149,11 +199,4 @@ def _may_exchange(pair: ContactPair, pairs: Sequence[ContactPair], is_static: bo
         return False
     if any(isinstance(each.smooth, RigidSphere) for each in (pair.nodes, segments)):
         return False
-    comm = segments.V.mesh.comm
-    for other in pairs:
-        if other.method != EDGES and isinstance(other.segments, Surface):
-            sides = (segments, other.nodes), (pair.nodes, other.segments)
-            has_both = all(bool(np.isin(a.nodes, b.nodes).all()) for a, b in sides)
-            if other is not pair and reductions.everywhere(comm, has_both):
-                return False
-    return True
+    return not roles.are_exchanged(pair, segments)

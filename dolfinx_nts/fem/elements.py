@@ -18,6 +18,7 @@ from dolfinx_nts import compat
 from dolfinx_nts.common.arguments import kind_of
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.fem.axisymmetry import is_axisymmetric
+from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.meeting import meet
 
 __all__ = ["Element", "check_space", "check_tag"]
@@ -78,6 +79,11 @@ class Element:
         """Element of a space, one object for all spaces with the same element."""
         mesh = V.mesh
         return _created(mesh.topology.cell_name(), V.ufl_element().degree, is_axisymmetric(mesh))
+
+    @classmethod
+    def known(cls, cell: str, degree: int, is_axisymmetric: bool = False) -> "Element":
+        """Element with the given attributes, always the same object."""
+        return _created(cell, degree, is_axisymmetric)
 
     @cached_property
     def diagonals(self) -> list[Ints]:
@@ -224,6 +230,6 @@ def check_tag(V: fem.FunctionSpace, tags: MeshTags, tag: int, dim: int, name: st
             f"expected {name} of the mesh of the function space, given those of another mesh: each "
             "call of read_mesh creates a new mesh and its tags"
         )
-    values = sorted(set().union(*comm.allgather(set(tags.values.tolist()))))
-    if tag not in values:
+    if not reductions.anywhere(comm, bool((tags.values == tag).any())):
+        values = sorted(set().union(*comm.allgather(set(tags.values.tolist()))))
         raise ValueError(f"expected one of the tags {values} of {name}, given {tag}")

@@ -6,6 +6,8 @@ numbers: the smallest one of the edge, face or cell, and the number of the oppos
 """
 
 import weakref
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +17,7 @@ from dolfinx_nts import compat
 from dolfinx_nts.common.arrays import Floats, GlobalInts
 from dolfinx_nts.fem.elements import Element
 
-__all__ = ["input_ids", "listed", "reference_positions"]
+__all__ = ["geometry_unchanged", "input_ids", "listed", "reference_positions"]
 
 # Bits of the number of a vertex [-]; two numbers fill the 64 bits of a node's number.
 _BITS = 31
@@ -33,6 +35,10 @@ class _Positions(NamedTuple):
 # By the `id` of a space, as spaces cannot be hashed; an entry goes with its space.
 _IDS: dict[int, GlobalInts] = {}
 _POSITIONS: dict[int, _Positions] = {}
+# Spaces compared with the geometry of their mesh in the outermost `geometry_unchanged`, and number
+# of such contexts within each other.
+_UNCHANGED: set[int] = set()
+_num_contexts = 0
 
 
 def input_ids(V: fem.FunctionSpace) -> GlobalInts:
@@ -56,7 +62,8 @@ def input_ids(V: fem.FunctionSpace) -> GlobalInts:
 def reference_positions(V: fem.FunctionSpace) -> Floats:
     """Reference positions of all local nodes of a space. Local.
 
-    They are computed again when the geometry of the mesh has changed.
+    They are computed again when the geometry of the mesh has changed, see also
+    `geometry_unchanged`.
 
     Args:
         V: Space on the mesh.
@@ -64,15 +71,41 @@ def reference_positions(V: fem.FunctionSpace) -> Floats:
     Returns:
         Positions, owned and ghost, a read-only array of shape ``(l, 3)`` [m].
     """
-    geometry = V.mesh.geometry.x
     known = _POSITIONS.get(id(V))
+    if known is not None and id(V) in _UNCHANGED:
+        return known.nodes
+    geometry = V.mesh.geometry.x
     if known is None or not np.array_equal(known.geometry, geometry):
         if known is None:
-            weakref.finalize(V, _POSITIONS.pop, id(V))
+            weakref.finalize(V, _forget_positions, id(V))
         known = _Positions(geometry.copy(), V.tabulate_dof_coordinates())
         known.nodes.flags.writeable = False
         _POSITIONS[id(V)] = known
+    if _num_contexts:
+        _UNCHANGED.add(id(V))
     return known.nodes
+
+
+@contextmanager
+def geometry_unchanged() -> Iterator[None]:
+    """Context in which no geometry changes, for a set-up that asks for positions often. Local.
+
+    In it each space is compared with the geometry of its mesh once. Otherwise the set-up of n
+    bodies would take n comparisons of all their nodes.
+    """
+    global _num_contexts
+    _num_contexts += 1
+    try:
+        yield
+    finally:
+        _num_contexts -= 1
+        if not _num_contexts:
+            _UNCHANGED.clear()
+
+
+def _forget_positions(space: int) -> None:
+    _POSITIONS.pop(space)
+    _UNCHANGED.discard(space)
 
 
 def _input_ids(V: fem.FunctionSpace) -> GlobalInts:

@@ -197,7 +197,7 @@ def rigid_leapfrog(
     V = bodies[0].V
     fields, masses = _fields(bodies, supports)
     deformable = [body for body in bodies if not body.is_rigid]
-    bonded = lumped_mass(deformable) if deformable else np.zeros_like(mass)
+    bonded = lumped_mass(deformable) if deformable and fields else np.zeros_like(mass)
     comm: MPI.Comm = V.mesh.comm
     resisting, whole = mass.copy(), []
     for of_body, own in zip(fields, masses, strict=True):

@@ -184,12 +184,12 @@ class State(ABC):
                     f"expected a {function.name} of shape {shape[:1]} or {shape}, given "
                     f"{values.shape}"
                 )
-        before = function.x.array.copy()
+        before = nodal(function)[body.nodes]
         nodal(function)[body.nodes] = values.T
         try:
             self._keep_axis(function)
         except ValueError:
-            function.x.array[:] = before
+            nodal(function)[body.nodes] = before
             raise
         self._state_was_set()
 

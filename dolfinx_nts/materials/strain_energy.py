@@ -67,7 +67,7 @@ class StrainEnergy(Declaration):
         value: Callable[..., float] = _known_value if self._is_ours else _value
         return value(self._psi if self._is_ours else self.psi, C, *parameters.items())
 
-    @property
+    @cached_property
     def has_fields(self) -> bool:
         """Whether the energy depends on fields, so that its properties cannot be evaluated."""
         return bool(extract_domains(ufl.as_ufl(self.psi(ufl.Identity(3)))))
@@ -115,7 +115,7 @@ class StrainEnergy(Declaration):
         moduli: Floats = 2 * (curvature - diagonal[:, None] - diagonal)
         return moduli
 
-    @property
+    @cached_property
     def least_modulus(self) -> float:
         """Smallest eigenvalue of `moduli`, at least 0; NaN for energies with fields [Pa].
 

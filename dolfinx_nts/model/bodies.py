@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import ufl
-from dolfinx import fem, la
+from dolfinx import fem
 from dolfinx.mesh import MeshTags
 
 from dolfinx_nts.common.arguments import as_call, instances, kind_of, label
@@ -19,6 +19,7 @@ from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.common.named_tag import NamedTag
 from dolfinx_nts.fem.axisymmetry import is_axisymmetric, over_circumference
 from dolfinx_nts.fem.elements import Element, check_space, check_tag
+from dolfinx_nts.fem.few_nodes import nodes_on_any_rank
 from dolfinx_nts.fem.mean_gradient import with_mean_gradients
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
 from dolfinx_nts.materials.mass_only import MassOnly
@@ -99,11 +100,7 @@ class Body(Declaration):
         local = cells.find(tag)
         self.cells: Ints = local[local < V.mesh.topology.index_map(tdim).size_local]
         # This rank may own a node of the body although it has no cell of it.
-        marker = la.vector(V.dofmap.index_map)
-        marker.array[V.dofmap.list[local]] = 1
-        marker.scatter_reverse(la.InsertMode.add)
-        marker.scatter_forward()
-        self.nodes: Ints = np.flatnonzero(marker.array).astype(np.int32)
+        self.nodes: Ints = nodes_on_any_rank(V, V.dofmap.list[local])
 
     def __repr__(self) -> str:
         """Tag, name, material, and number of cells on this rank. Local."""

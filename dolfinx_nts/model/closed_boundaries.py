@@ -84,10 +84,15 @@ def closed_boundaries(groups: Sequence[Sequence[Body]]) -> list[ClosedBoundary]:
     marker.scatter_reverse(la.InsertMode.add)
     on_boundary = marker.array[: index_map.size_local] > 0
     k = segments.shape[1]
+    of_groups = [np.concatenate([body.cells for body in group]) for group in groups]
+    group_of = np.full(len(V.dofmap.list), len(groups))
+    for number, cells in enumerate(of_groups):
+        group_of[cells] = number
+    order = np.argsort(group_of[cell], kind="stable")
+    first = np.searchsorted(group_of[cell][order], np.arange(len(groups) + 1))
     boundaries = []
-    for group in groups:
-        cells = np.concatenate([body.cells for body in group])
-        mine = np.isin(cell, cells)
+    for number, (group, cells) in enumerate(zip(groups, of_groups, strict=True)):
+        mine = order[first[number] : first[number + 1]]
         some, size = segments[mine], diameters(X[segments[mine]]).max(initial=0.0)
         nodes = np.unique(np.concatenate([body.nodes for body in group]))
         nodes = nodes[nodes < index_map.size_local]

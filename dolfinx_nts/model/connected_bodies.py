@@ -4,7 +4,6 @@ import logging
 from collections.abc import Sequence
 
 import numpy as np
-from dolfinx import la
 
 from dolfinx_nts.common.arrays import Flags, Ints
 from dolfinx_nts.fem.elements import Element
@@ -38,16 +37,14 @@ def connected(bodies: Sequence[Body]) -> list[list[Body]]:
     last = np.full(index_map.size_local, -1)  # last body of each owned node
     touching: Flags = np.zeros((len(bodies), len(bodies)), dtype=bool)
     for i, body in enumerate(bodies):
-        # A node may be owned by a rank that has no cell of the body.
-        marker = la.vector(index_map)
-        marker.array[body.nodes] = 1
-        marker.scatter_reverse(la.InsertMode.add)
-        nodes = np.flatnonzero(marker.array[: index_map.size_local])
+        nodes = body.nodes[body.nodes < index_map.size_local]
         touching[i, np.setdiff1d(last[nodes], -1)] = True
         last[nodes] = i
     touching = reductions.total(bodies[0].V.mesh.comm, touching.astype(np.int32)) > 0
-    group = _groups(touching)
-    return [[b for b, g in zip(bodies, group, strict=True) if g == k] for k in np.unique(group)]
+    groups: dict[int, list[Body]] = {}
+    for body, group in zip(bodies, _groups(touching), strict=True):
+        groups.setdefault(int(group), []).append(body)
+    return [groups[group] for group in sorted(groups)]
 
 
 def log_shared_nodes(bodies: Sequence[Body]) -> None:

@@ -83,11 +83,8 @@ def group_of_nodes(bodies: Sequence[Body]) -> Ints:
     index_map = bodies[0].V.dofmap.index_map
     group_of = np.zeros(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
     for number, group in enumerate(connected(bodies)):
-        marker = la.vector(index_map)
         for body in group:
-            marker.array[body.nodes] = 1
-        _share(marker)
-        group_of[marker.array > 0] = number
+            group_of[body.nodes] = number
     return group_of
 
 

@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 
 import numpy as np
-from dolfinx import la
 
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.fem.axisymmetry import is_axisymmetric
 from dolfinx_nts.fem.elements import Element
+from dolfinx_nts.fem.few_nodes import sums_at
 from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.segments import area_vectors
@@ -58,9 +58,6 @@ def layers(surface: Surface, modulus: Floats) -> tuple[Floats, Floats]:
     area = np.linalg.norm(area_vectors(X, surface.orientation), axis=1) / X.shape[1]
     if is_axisymmetric(V.mesh):
         area *= 2 * np.pi * X[:, :, 0].mean(axis=1)
-    sums = la.vector(V.dofmap.index_map, 2)
-    for vertex in surface.segments.T:
-        np.add.at(sums.array.reshape(-1, 2), vertex, np.column_stack([area, area * height]))
-    sums.scatter_reverse(la.InsertMode.add)
-    of_nodes, volume = sums.array.reshape(-1, 2)[surface.nodes].T
+    parts = np.tile(np.column_stack([area, area * height]), (X.shape[1], 1))
+    of_nodes, volume = sums_at(V, surface.nodes, surface.segments.T.ravel(), parts).T
     return of_nodes, volume / of_nodes / modulus[surface.nodes]

@@ -52,7 +52,7 @@ def nodal_parts(element: Element, x: Floats) -> Floats:
     Returns:
         Volume of each node of each cell, shape ``(c, n)`` [m^3].
     """
-    linear = Element(element.cell, 1, element.is_axisymmetric)
+    linear = Element.known(element.cell, 1, element.is_axisymmetric)
     is_curved = x.shape[1] > len(linear.points)
     # At degree 2 a nodal rule would give nodes on the axis no mass.
     if is_curved or (element.is_axisymmetric and element.degree > 1):

@@ -30,7 +30,10 @@ def area_vectors(vertices: Floats, orientation: Floats) -> Floats:
     # Half the cross product of the diagonals of a quadrilateral, or of two edges of a triangle.
     if vertices.shape[1] == 3:
         first, second = vertices[:, 1] - vertices[:, 0], first
-    vectors: Floats = orientation[:, None] * np.cross(first, second) / 2
+    # `np.cross` takes twice as long.
+    (a, b, c), (d, e, f) = first.T, second.T
+    cross = np.column_stack([b * f - c * e, c * d - a * f, a * e - b * d])
+    vectors: Floats = orientation[:, None] * cross / 2
     return vectors
 
 

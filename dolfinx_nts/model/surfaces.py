@@ -22,6 +22,7 @@ from dolfinx_nts.common.named_tag import NamedTag
 from dolfinx_nts.fem.axisymmetry import over_circumference
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.elements import Element, check_space, check_tag
+from dolfinx_nts.fem.few_nodes import nodes_on_any_rank
 from dolfinx_nts.fem.jit import assembled, compile_quickly
 from dolfinx_nts.fem.node_numbering import input_ids, reference_positions
 from dolfinx_nts.model.facet_segments import facet_segments
@@ -116,11 +117,8 @@ class Surface(Declaration):
 
         found = facet_segments(V, facets, tag)
         # All local facets mark nodes, but only owned facets become segments.
-        block_map = V.dofmap.index_map
-        marker = la.vector(block_map)
-        marker.array[found.vertices.ravel()] = 1
-        marker.scatter_reverse(la.InsertMode.add)
-        self.nodes: Ints = np.flatnonzero(marker.array[: block_map.size_local]).astype(np.int32)
+        nodes = nodes_on_any_rank(V, found.vertices)
+        self.nodes: Ints = nodes[nodes < V.dofmap.index_map.size_local]
         self.segments: Ints = found.vertices[found.is_owned]
         self.orientation: Floats = found.orientation[found.is_owned]
         self.thickness: Floats = found.thickness[found.is_owned]

@@ -47,7 +47,7 @@ class GlobalSearch(Search):
         self._segments = segments
         space, vertices = segments.V.dofmap.index_map, segments.segments
         ids = space.local_to_global(vertices.ravel()).reshape(vertices.shape)
-        owners = owners_of(space)[vertices]
+        owners = owners_of(space, vertices)
         # Data of a segment that are sent, except its size.
         self._offer = (ids, owners, segments.orientation, segments.key, segments.thickness)
         self.covered: tuple[Floats, Floats, float] | None = None
@@ -177,7 +177,9 @@ def _near(lower: Floats, upper: Floats, boxes: Floats, own: int) -> dict[int, Fl
     return near
 
 
-def owners_of(index_map: common.IndexMap) -> Ints:
-    """Owning rank of each local index. Local."""
-    own = np.full(index_map.size_local, index_map.comm.rank, dtype=np.int32)
-    return np.concatenate([own, index_map.owners])
+def owners_of(index_map: common.IndexMap, nodes: Ints) -> Ints:
+    """Owning ranks of local indices, of the same shape. Local."""
+    owners: Ints = np.full(nodes.shape, index_map.comm.rank, dtype=np.int32)
+    is_ghost = nodes >= index_map.size_local
+    owners[is_ghost] = index_map.owners[nodes[is_ghost] - index_map.size_local]
+    return owners

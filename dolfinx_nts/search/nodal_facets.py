@@ -91,8 +91,10 @@ class NodalFacets:
         """
         self.around, counts = around, around.counts
         first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
+        # Nodes whose positions the normals need.
+        self._vertices: Ints = np.unique(around.vertices)
         facets = (
-            around.vertices,
+            np.searchsorted(self._vertices, around.vertices).astype(np.int32),
             around.orientation,
             first,
             around.facets,
@@ -108,7 +110,8 @@ class NodalFacets:
         ``x`` are positions of the local nodes of the space, owned and ghost, ``(l, 3)`` [m].
         """
         # A copy, as x may change later.
-        facing = Facing(self._kernel, self.around.scatter.forward(x).copy(), self._numbers)
+        corners = self.around.scatter.forward(x).take(self._vertices, axis=0)
+        facing = Facing(self._kernel, corners, self._numbers)
         return NodalPoints(self.around.nodes, facing)
 
     def facing_parts(self, x: Floats, normal: Floats, presses: Flags) -> Floats:

@@ -1,6 +1,7 @@
 """Exchange of nodal values between ranks for the candidates of one search."""
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -30,17 +31,26 @@ class NodalScatter:
 
     def __init__(self, index_map: common.IndexMap) -> None:
         self.index_map = index_map
-        self._num_owned, self._num_ghosts = index_map.size_local, index_map.num_ghosts
+        self._num_owned: int = index_map.size_local
+        self._num_ghosts: int = index_map.num_ghosts
         self.is_local = not reductions.anywhere(index_map.comm, index_map.num_ghosts > 0)
         self.shared: Ints = compat.shared(index_map)
-        self._vector: Any = la.vector(index_map, 3)
-        # Cached, since access to the array of a DOLFINx vector is slow.
-        self._values: Floats = self._vector.array.reshape(-1, 3)
+
+    @cached_property
+    def _vector(self) -> Any:
+        """Vector for the exchange, which most scatters on one rank never need."""
+        return la.vector(self.index_map, 3)
+
+    @cached_property
+    def _values(self) -> Floats:
+        """Values of the vector, as access to the array of a DOLFINx vector is slow."""
+        values: Floats = self._vector.array.reshape(-1, 3)
+        return values
 
     @property
     def num_local(self) -> int:
         """Number of owned nodes and ghosts. Local."""
-        return len(self._values)
+        return self._num_owned + self._num_ghosts
 
     def global_nodes(self, nodes: Ints) -> Any:
         """Global numbers of local nodes, of the same shape. Local."""

@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import cached_property
-from itertools import permutations, product
+from itertools import permutations
 
 import numpy as np
 
@@ -93,13 +93,14 @@ class OverlapWatch:
         It is infinite for boundaries without a common pair.
         """
         names, thickness = self.search.names, self.search.thickness
-        of = {name: [i for i, other in enumerate(names) if other == name] for name in names}
+        of: dict[str, list[int]] = {}
+        for number, name in enumerate(names):
+            of.setdefault(name, []).append(number)
         approach = np.full((len(names), len(names)), np.inf)
-        for _, nodes, segments in self._roles:
-            for one, other in product(nodes, segments):
-                for i, j in product(of.get(one, []), of.get(other, [])):
-                    if i != j:
-                        approach[i, j] = thickness[i] + thickness[j]
+        for _, *sides in self._roles:
+            i, j = ([n for name in side for n in of.get(name, [])] for side in sides)
+            approach[np.ix_(i, j)] = thickness[i][:, None] + thickness[j]
+        np.fill_diagonal(approach, np.inf)
         return approach
 
     @cached_property

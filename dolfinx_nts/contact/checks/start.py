@@ -205,8 +205,10 @@ def warn_of_bodies_without_pair(bodies: Sequence[Body], pairs: Sequence[ContactP
         for flag, surface in zip(flags, surfaces, strict=True):
             flag[group_of[surface.segments]] = True
     found = reductions.anywhere(comm, found)
-    met = np.einsum("psi,psj->ij", found, found[:, ::-1]) & ~np.eye(len(groups), dtype=bool)
-    alone = [group for group, others in zip(groups, met, strict=True) if not others.any()]
+    # Other groups on the other side of each pair.
+    others = found.sum(axis=2, keepdims=True)[:, ::-1] - found[:, ::-1]
+    has_pair = (found & (others > 0)).any(axis=(0, 1))
+    alone = [group for group, has in zip(groups, has_pair, strict=True) if not has]
     if alone and comm.rank == 0:
         names = ", ".join(body.name for group in alone for body in group)
         _logger.warning(

@@ -29,6 +29,7 @@ from dolfinx_nts.contact.history import ContactWork
 from dolfinx_nts.contact.method import EDGES, NODES, has_patches
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.components import in_space, nodal
+from dolfinx_nts.fem.node_numbering import geometry_unchanged
 from dolfinx_nts.integrators.explicit.explicit_forms import ExplicitBulk, PresentForces
 from dolfinx_nts.integrators.explicit.leapfrog import Drift
 from dolfinx_nts.integrators.explicit.stability import Stability
@@ -140,6 +141,7 @@ class CentralDifference(Stepper):
     _halves_equal_steps = False
     stable_step: float = math.inf
 
+    @geometry_unchanged()
     @compat.quicker_ffcx()  # Derivatives ask for cells as often as FFCx does.
     def __init__(
         self,

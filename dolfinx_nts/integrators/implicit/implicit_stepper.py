@@ -40,6 +40,7 @@ from dolfinx_nts.contact.massless import is_resolved, massless_nodes
 from dolfinx_nts.contact.method import EDGES
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.components import in_space
+from dolfinx_nts.fem.node_numbering import geometry_unchanged
 from dolfinx_nts.integrators.implicit.attempt import AdmissibleMotion, Start, StepProblem
 from dolfinx_nts.integrators.implicit.inertia import ConsistentInertia, Inertia
 from dolfinx_nts.integrators.implicit.released_springs import ReleasedSprings
@@ -101,6 +102,7 @@ class ImplicitStepper(Stepper):
         True
     """
 
+    @geometry_unchanged()
     @compat.quicker_ffcx()  # Derivatives ask for cells as often as FFCx does.
     def __init__(
         self,

@@ -77,7 +77,7 @@ class SharpEdges:
         both = np.prod(self.facets.shape[1:])
         rows = np.column_stack([self.nodes, self.facets.reshape(-1, both)])
         ids = self.scatter.index_map.local_to_global(rows.ravel()).reshape(rows.shape)
-        return ids, owners_of(self.scatter.index_map)[rows]
+        return ids, owners_of(self.scatter.index_map, rows)
 
     def ends(self, x: Floats) -> Floats:
         """Positions of the ends, ``(2, e, 3)``, for positions of local nodes, ``(l, 3)`` [m].

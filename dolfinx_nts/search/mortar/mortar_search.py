@@ -66,7 +66,7 @@ class FacetSearch(GlobalSearch):
         if wholes is not segments.segments:
             ids, owners, orientation, key, thickness = self._offer
             more = space.local_to_global(wholes.ravel()).reshape(wholes.shape)
-            owners = np.hstack([owners, owners_of(space)[wholes]])
+            owners = np.hstack([owners, owners_of(space, wholes)])
             self._offer = np.hstack([ids, more]), owners, orientation, key, thickness
 
     def _make(self, found: FoundSegments, others: Ints, x: Floats, reach: float) -> FacetCandidates:
@@ -121,7 +121,7 @@ class MortarSearch(FacetSearch):
         area = np.bincount(facets[:, : self._k].ravel(), shares, near.scatter.num_local)
         self._area: Floats = area[nodes.nodes].astype(np.float64)
         ids = near.scatter.index_map.local_to_global(facets.ravel())
-        self._others = ids, owners_of(near.scatter.index_map)[facets.ravel()]
+        self._others = ids, owners_of(near.scatter.index_map, facets.ravel())
         self._around = _hats(near, facets) if near.has_middles else None
 
     def per_area(self, force: Floats, area: Floats) -> Floats:

@@ -121,7 +121,7 @@ class OverlapSearch:
         mine = np.zeros(len(self._boundaries) + 1, dtype=bool)
         mine[self._boundary_of[surface.nodes]] = True
         belongs = reductions.anywhere(self._comm, mine[:-1])
-        return frozenset(name for name, yes in zip(self.names, belongs, strict=True) if yes)
+        return frozenset(self.names[number] for number in np.flatnonzero(belongs))
 
     def box(self, name: str) -> Floats:
         """Least and greatest coordinates of a body at the positions of the last `find`. Local.

@@ -14,6 +14,9 @@ __all__ = ["least_thickness"]
 
 # Depth of the start of a ray below its triangle, relative to the triangle [-].
 _BELOW = 1e-6
+# Length of the first rays relative to the largest triangle, and of further ones relative to those
+# before [-].
+_FIRST_REACH, _LONGER = 4.0, 4.0
 
 
 def least_thickness(comm: MPI.Comm, triangles: Floats) -> float:
@@ -37,9 +40,17 @@ def least_thickness(comm: MPI.Comm, triangles: Floats) -> float:
     area = np.linalg.norm(normal, axis=1, keepdims=True)
     inward = -normal / np.where(area > 0, area, np.inf)
     begin = triangles.mean(axis=1) + _BELOW * np.sqrt(area) * inward
-    paths = joined(comm, np.hstack([begin, begin + longest * inward]))
+    begin, inward = joined(comm, begin), joined(comm, inward)
     rows = np.arange(3 * len(triangles), dtype=np.int32)
     surface = _kernels.Boundaries([rows], [rows.reshape(-1, 3)])
     surface.move(triangles.reshape(-1, 3))
-    _, places = surface.cuts(paths, np.zeros(len(paths), dtype=np.int32))
-    return longest * float(reductions.least(comm, float(places.min(initial=1.0))))
+    # Only the shortest ray counts, so that the others need not reach through all bodies.
+    widest = float(reductions.largest(comm, float(area.max(initial=0.0))))
+    reach = min(_FIRST_REACH * widest**0.5, longest) or longest
+    while True:
+        paths = np.hstack([begin, begin + reach * inward])
+        _, places = surface.cuts(paths, np.zeros(len(paths), dtype=np.int32))
+        nearest = float(reductions.least(comm, float(places.min(initial=np.inf))))
+        if nearest <= 1 or reach >= longest:
+            return reach * min(nearest, 1.0)
+        reach = min(_LONGER * reach, longest)

@@ -58,7 +58,7 @@ class NearFacets(NamedTuple):
             input_ids(surface.V)[vertices],
             reference_positions(surface.V)[vertices],
             space.local_to_global(vertices.ravel()).reshape(vertices.shape),
-            owners_of(space)[vertices],
+            owners_of(space, vertices),
         )
         rows = rows if comm.size == 1 else _around(comm, rows)
         key, first = np.unique(rows[0], return_index=True)

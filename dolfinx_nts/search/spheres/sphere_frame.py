@@ -45,7 +45,7 @@ class SphereFrame:
         own, places = surface.segments, reference_positions(V)
         space = V.dofmap.index_map
         dofs = space.local_to_global(own.ravel()).reshape(own.shape)
-        owners = owners_of(space)[own]
+        owners = owners_of(space, own)
         of_nodes = input_ids(V)[own].ravel(), places[own].reshape(-1, 3), dofs.ravel()
         ids, X, *nodes = (joined(comm, values) for values in (*of_nodes, owners.ravel()))
         _, first = np.unique(ids, return_index=True)
