@@ -114,7 +114,8 @@ def exchange_roles(
     Args:
         contacts: States of all pairs of a stepper. The new states are their `exchange`.
         excluded: Bodies; the nodes of a pair must not belong to a rigid one of them.
-        is_static: Whether there is no inertia; then only pairs with ``exchange=True`` have them.
+        is_static: Whether there is no inertia; then mortar pairs have them with ``exchange=True``
+            only.
 
     Returns:
         The states of the new pairs.
@@ -194,7 +195,8 @@ def _may_exchange(pair: ContactPair, roles: _Roles, is_static: bool) -> bool:
         has_law = not (is_static or pair.is_convective or pair.method == EDGES)
     else:
         has_law = pair.method in (NODES, MORTAR) and not isinstance(law, Tied)
-    wanted = not is_static if pair.exchange is None else pair.exchange
+    by_default = not is_static or pair.method == NODES
+    wanted = by_default if pair.exchange is None else pair.exchange
     if not (wanted and has_law and isinstance(segments, Surface)) or pair.touches_itself:
         return False
     if any(isinstance(each.smooth, RigidSphere) for each in (pair.nodes, segments)):

@@ -97,8 +97,8 @@ class ContactPair(Declaration):
             where one sinks deeper than a hundredth of a facet between the nodes, and deeper than
             their springs are compressed, it becomes a node and the facets around it become
             segments, with the same laws. Springs do so in steps with inertia only. False is the
-            method of the paper. None: with inertia alone, as in statics constraints of both sides
-            may let a soft surface buckle. Explicit steps do not exchange roles.
+            method of the paper. None: in all implicit steps, except with mortar contact in
+            statics, where mean gaps close. Explicit steps do not exchange roles.
 
     Attributes:
         nodes, segments, name, exchange: The arguments.
