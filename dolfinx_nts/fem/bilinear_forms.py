@@ -16,7 +16,7 @@ from dolfinx_nts.fem.batched_kernels import begin_batched_kernels, matrix_kernel
 from dolfinx_nts.fem.batched_source import Columns
 from dolfinx_nts.fem.jit import compile_bilinear_form, compile_quickly
 
-__all__ = ["CellMatrix"]
+__all__ = ["CellMatrix", "compiled_matrix"]
 
 
 class CellMatrix:
@@ -70,3 +70,20 @@ class CellMatrix:
             width=width,
             coordinates=3 * nodes,
         )
+
+
+def compiled_matrix(form: ufl.Form) -> fem.Form:
+    """Compile a bilinear form for DOLFINx, by `CellMatrix` if it is over bodies. Collective.
+
+    Args:
+        form: Bilinear form with derivatives applied, which is not empty. Cells of its integrals are
+            those of `bulk_form` or of DOLFINx's tags.
+
+    Returns:
+        The compiled form.
+    """
+    is_over_bodies = all(
+        integral.integral_type() == "cell" and isinstance(integral.subdomain_data(), list)
+        for integral in form.integrals()
+    )
+    return CellMatrix(form).compiled if is_over_bodies else compile_bilinear_form(form)

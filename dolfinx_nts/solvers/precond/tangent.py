@@ -13,7 +13,7 @@ from dolfinx import cpp, fem, la
 from ufl.algorithms import expand_derivatives
 
 from dolfinx_nts.common.arrays import Array, Floats, Ints
-from dolfinx_nts.fem.bilinear_forms import CellMatrix
+from dolfinx_nts.fem.bilinear_forms import CellMatrix, compiled_matrix
 from dolfinx_nts.fem.cell_constant import changing
 from dolfinx_nts.fem.components import in_space, nodal
 from dolfinx_nts.fem.jit import compile_bilinear_form
@@ -235,9 +235,11 @@ def _add(form: fem.Form, matrix: la.MatrixCSR, bcs: Sequence[fem.DirichletBC]) -
 
 
 def _compiled(forms: Sequence[ufl.Form]) -> list[fem.Form]:
-    """Compiled forms, without forms with an empty derivative."""
+    """Compiled derivatives of residual and loads, without empty ones. Collective."""
     forms = list(map(expand_derivatives, forms))
-    return [compile_bilinear_form(form) for form in forms if not form.empty()]
+    residual, *loads = forms
+    of_loads = [compile_bilinear_form(form) for form in loads if not form.empty()]
+    return of_loads if residual.empty() else [compiled_matrix(residual), *of_loads]
 
 
 def _inputs(forms: Sequence[ufl.Form]) -> list[Array]:
