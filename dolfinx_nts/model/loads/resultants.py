@@ -9,7 +9,7 @@ from dolfinx import fem
 
 from dolfinx_nts.fem.axisymmetry import is_axisymmetric
 from dolfinx_nts.fem.components import deformation_gradient, gradient
-from dolfinx_nts.fem.jit import compile_form
+from dolfinx_nts.fem.jit import compile_quickly
 from dolfinx_nts.model.bodies import Body, bulk_form
 from dolfinx_nts.model.loads.load import LoadOnBody
 from dolfinx_nts.parallel import reductions
@@ -28,7 +28,7 @@ class _Resultant(LoadOnBody):
     def __init__(self, body: Body, value: Any) -> None:
         super().__init__(body, value)
         comm: MPI.Comm = body.V.mesh.comm
-        form = compile_form(bulk_form([body], lambda material, parameters, rho: rho))
+        form = compile_quickly(bulk_form([body], lambda material, parameters, rho: rho))
         self._mass: float = reductions.total(comm, float(fem.assemble_scalar(form)))
 
     def _spread(self, work: Any) -> ufl.Form:
