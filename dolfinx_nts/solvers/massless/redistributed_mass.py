@@ -21,7 +21,7 @@ from dolfinx import fem, la
 
 from dolfinx_nts.common.arrays import Floats, GlobalInts, Ints
 from dolfinx_nts.fem.components import dimension
-from dolfinx_nts.fem.jit import compile_form
+from dolfinx_nts.fem.jit import compile_bilinear_form
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
 from dolfinx_nts.model.bodies import Body, bulk_form
 from dolfinx_nts.model.extrapolation import Extrapolation
@@ -61,7 +61,7 @@ class RedistributedMass:
             return part * rho * ufl.inner(trial, test)
 
         form = bulk_form(bodies, integrand)
-        matrix = fem.assemble_matrix(compile_form(form))
+        matrix = fem.assemble_matrix(compile_bilinear_form(form))
         matrix.scatter_reverse()
         index_map = V.dofmap.index_map
         self._mass = _assembled(index_map, _triple(matrix, below))
