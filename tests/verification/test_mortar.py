@@ -6,6 +6,7 @@ from mpi4py import MPI
 
 import numpy as np
 import pytest
+import ufl
 from dolfinx import fem
 
 import dolfinx_nts as nts
@@ -271,3 +272,39 @@ def test_a_touching_node_does_not_sink_in_as_its_facets_slide_over_a_rim(table_r
     assert active >= 15
     assert depth <= 3 * travel
     assert diagnostics.balance().total_energy == pytest.approx(energy, rel=1e-10)
+
+
+def test_walls_beside_a_roller_across_a_plate_carry_no_pressure():
+    comm = MPI.COMM_WORLD
+
+    def build(model):
+        plate = model.occ.addBox(0, 0, 0, 2, 1, 0.5)
+        roller = model.occ.addCylinder(0.5, -0.1, 0.81, 0, 1.2, 0, 0.3)
+        model.occ.synchronize()
+        model.addPhysicalGroup(3, [plate], name="plate")
+        model.addPhysicalGroup(3, [roller], name="roller")
+        model.mesh.setSize(model.getEntities(0), 0.2)
+        model.mesh.generate(3)
+
+    mesh, cells, _, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    rubber, steel = nts.NeoHookean(1e6, 0.4, 1e3), nts.NeoHookean(1e8, 0.3, 1e3)
+    bodies = [nts.Body(V, cells, tag["plate"], rubber), nts.Body(V, cells, tag["roller"], steel)]
+    down = fem.Constant(mesh, np.zeros(3))
+    bottom, top = (
+        fem.locate_dofs_geometrical(V, lambda x, part=part: part(x[2]))
+        for part in (lambda z: np.isclose(z, 0.0), lambda z: z > 0.95)
+    )
+    bcs = [fem.dirichletbc(np.zeros(3), bottom, V), fem.dirichletbc(down, top, V)]
+
+    def update(t):
+        down.value[2] = -0.08 * t
+
+    pairs = nts.all_pairs(bodies)
+    stepper = nts.QuasiStatic(bodies, pairs, dt=0.25, bcs=bcs, update=update)
+    most = max(report.newton_iterations for report in stepper.run(until=1.0))
+    pressure = nts.Fields(stepper).contact_pressure()
+    force = -nts.Diagnostics(stepper).contact_force()[2]
+    # The walls bulge below the roller, whose facets are turned from theirs by about 80 degrees.
+    assert fem.assemble_scalar(fem.form(pressure * ufl.ds)) == pytest.approx(force, rel=0.1)
+    assert most <= 15
