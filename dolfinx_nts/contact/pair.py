@@ -98,7 +98,8 @@ class ContactPair(Declaration):
             their springs are compressed, it becomes a node and the facets around it become
             segments, with the same laws. Springs do so in steps with inertia only. False is the
             method of the paper. None: in all implicit steps, except with mortar contact in
-            statics, where mean gaps close. Explicit steps do not exchange roles.
+            statics, where corners sink in between coarse nodes. Explicit steps do not exchange
+            roles.
 
     Attributes:
         nodes, segments, name, exchange: The arguments.

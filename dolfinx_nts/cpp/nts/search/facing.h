@@ -391,7 +391,8 @@ private:
     const std::int32_t other = beyond_edge(node, i, p, tree);
     if (other < 0 || p.gap >= 0)
       return other >= 0;
-    // Otherwise it has passed through the segment, and stays in contact.
+    // A node that is deeper below both has passed through the segment, and
+    // stays in contact.
     const Projection<S> q = project<S>({node, _surface.segment(other)},
                                        _surface.orientation[other]);
     return q.converged && q.gap >= -FacingRule::below * _surface.size(other);
@@ -458,7 +459,9 @@ private:
   const NormalBounds<S>& _normals;
   std::span<const double> _thickness;
   std::optional<Directions> _directions;
-  double _in_front_by = INFINITY, _hides_from = 0, _size = 0;
+  // Least gap in front of a segment, size of the segment [m], and the gap up to
+  // which it does not count, relative to the smaller segment [-].
+  double _in_front_by = INFINITY, _size = 0, _hides_from = 0;
   Vec3 _normal = {};
   Vec3 _before = {}; // normal of the current segment
 };
