@@ -83,7 +83,7 @@ def all_pairs(
     method: Method | None = None,
     edges: bool = False,
     smooth: bool = False,
-    exchange: bool | None = None,
+    exchange: bool = True,
 ) -> list[ContactPair]:
     """Contact pairs between all bodies, and with obstacles. Collective.
 
@@ -109,8 +109,7 @@ def all_pairs(
             edges, and for each `RigidSurface` with sharp edges.
         smooth: Whether segments between bodies are smooth, as in `Surface`; with method "mortar"
             both surfaces are smooth. Self contact and edges always use facets.
-        exchange: Whether edges and corners of segments are held between nodes, as in
-            `ContactPair`.
+        exchange: Whether vertices on edges and corners are held, as in `ContactPair`.
 
     Returns:
         The pairs.

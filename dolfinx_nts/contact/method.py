@@ -40,7 +40,7 @@ def default_method(pair: Any) -> Method:
     friction act at nodes, where they are exact.
     """
     between_surfaces = isinstance(pair.segments, Surface) and not pair.touches_itself
-    at_nodes = pair.exchange or pair.is_convective or isinstance(pair.enforcement, Tied)
+    at_nodes = pair.is_convective or isinstance(pair.enforcement, Tied)
     if not between_surfaces or at_nodes or pair.segments.smooth:
         return NODES
     return NODES if isinstance(pair.nodes.smooth, RigidSphere) else MORTAR

@@ -89,17 +89,15 @@ class ContactPair(Declaration):
             or of a `RigidSurface`, if both edges are convex and turn by more than 30 degrees. Use
             it in addition to a pair of the same surfaces with one of the other methods, which do
             not detect crossing edges. None for mortar contact between two surfaces. With
-            obstacles, smooth segments, ties, self contact, convective friction,
-            ``exchange=True`` or multipliers at nodes of rigid bodies by default, and in explicit
-            steps, None means node-to-segment contact.
+            obstacles, smooth segments, ties, self contact, convective friction, or multipliers
+            at nodes of rigid bodies by default, and in explicit steps, None means node-to-segment
+            contact.
         name: Name in columns and legends; empty for the names of the two sides.
-        exchange: Whether contact also holds vertices on convex edges and corners of the segments:
-            where one sinks deeper than a hundredth of a facet between the nodes, and deeper than
-            their springs are compressed, it becomes a node and the facets around it become
-            segments, with the same laws. Springs do so in steps with inertia only. False is the
-            method of the paper. None: in all implicit steps, except with mortar contact in
-            statics, where corners sink in between coarse nodes. Explicit steps do not exchange
-            roles.
+        exchange: Whether contact also holds vertices on convex edges and corners: those of the
+            segments, and with mortar contact those of the nodes. Where one sinks deeper than a
+            hundredth of a facet into a face, and deeper than the springs there are compressed, it
+            becomes a node and the face a segment, with the same laws. Springs do so in steps with
+            inertia only. False is the method of the paper. Explicit steps do without.
 
     Attributes:
         nodes, segments, name, exchange: The arguments.
@@ -130,7 +128,7 @@ class ContactPair(Declaration):
         method: Method | None = None,
         *,
         name: str = "",
-        exchange: bool | None = None,
+        exchange: bool = True,
     ) -> None:
         if not isinstance(nodes, Surface):
             raise TypeError(
@@ -143,7 +141,7 @@ class ContactPair(Declaration):
             )
         is_open = enforcement is None
         if enforcement is None:
-            enforcement = LagrangeMultiplier() if exchange else Penalty()
+            enforcement = Penalty()
         if not isinstance(enforcement, LagrangeMultiplier | Penalty):
             raise TypeError(
                 "expected LagrangeMultiplier or Penalty as enforcement, "
@@ -160,12 +158,12 @@ class ContactPair(Declaration):
         # Friction with mu = 0 is omitted.
         self.friction = rubs if rubs is not None and rubs.acts else None
         self.touches_itself = isinstance(segments, Surface) and _check_surfaces(nodes, segments)
-        if not (exchange is None or isinstance(exchange, bool)):
-            raise TypeError(f"expected exchange=True, False or None, given {exchange!r}")
+        if not isinstance(exchange, bool):
+            raise TypeError(f"expected exchange=True or False, given {exchange!r}")
         self.name, self.exchange = label(name), exchange
         self.method: Method = default_method(self) if method is None else method
-        # Only multipliers exchange roles, and only springs measure slip in convective coordinates.
-        self._law_is_open = is_open and not (exchange or convective)
+        # Only springs measure slip in convective coordinates.
+        self._law_is_open = is_open and not convective
         self._method_is_open = method is None
         self._declared: ContactPair | None = None
         check_method(self)
@@ -287,7 +285,7 @@ class ContactPair(Declaration):
         """Arguments. Local."""
         names = ("nodes", "segments", "enforcement", "friction", "method")
         given: dict[str, Any] = {"name": self.name} if self.name else {}
-        given |= {} if self.exchange is None else {"exchange": self.exchange}
+        given |= {} if self.exchange else {"exchange": False}
         return as_call(self, **{name: getattr(self, name) for name in names}, **given)
 
     def __str__(self) -> str:

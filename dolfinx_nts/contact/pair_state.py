@@ -64,11 +64,13 @@ class PairState(Tractions, NodesOfPairs):
             speed of impact, in steps with inertia, shape ``(n,)`` [s]; None for springs of one
             stiffness.
         eps_T: Stiffness of the tangential springs, shape ``(n,)`` [N/m], or None.
-        exchange: State of the pair with the roles exchanged, whose forces belong to this pair;
-            None without.
+        vertices: States of vertices on convex edges and corners, see `VertexState`, whose forces
+            belong to this pair.
+        is_reverse: Whether the nodes belong to the segments of another pair, as its `vertices`.
     """
 
-    exchange: "PairState | None" = None
+    vertices: "tuple[PairState, ...]" = ()
+    is_reverse = False
 
     def __init__(self, pair: ContactPair, passes: Passes | None = None) -> None:
         NodesOfPairs.__init__(self, [pair])
@@ -284,11 +286,14 @@ class PairState(Tractions, NodesOfPairs):
         return row, segment, (1 / np.diff(start))[row]
 
     def _by_reverse(self, of_nodes: ForcesOfNodes) -> Floats:
-        """Forces of all opposite passes on the nodes of this pair, see `Tractions`."""
-        total, exchange = super()._by_reverse(of_nodes), self.exchange
+        """Forces of opposite passes and vertices on the nodes of this pair, see `Tractions`."""
+        total, nodes = super()._by_reverse(of_nodes), self.nodes.nodes
         comm: MPI.Comm = self.nodes.V.mesh.comm
-        if exchange is not None and reductions.anywhere(comm, bool(exchange.history.active.any())):
-            total += exchange._forces_on_segments(of_nodes)[self.nodes.nodes]
+        for each in self.vertices:
+            if not each.is_reverse:
+                total[np.searchsorted(nodes, each.nodes.nodes)] += of_nodes(each.history)
+            elif reductions.anywhere(comm, bool(each.history.active.any())):
+                total += each._forces_on_segments(of_nodes)[nodes]
         return total
 
     def serialize(self, archive: Archive, name: str) -> None:
@@ -317,9 +322,9 @@ class PairState(Tractions, NodesOfPairs):
             springs = (("eps_N", self.eps_N), ("eps_T", self.eps_T))
             ranges = {name: self._range(values) for name, values in springs if values is not None}
             self._ranges = ranges if chosen else None
-        has_exchange = archive.same(f"{name}/has_exchange", self.exchange is not None)
-        if has_exchange and self.exchange is not None:
-            self.exchange.serialize(archive, f"{name}/exchange")
+        number = archive.same(f"{name}/num_vertices", len(self.vertices))
+        for i, vertices in enumerate(self.vertices[:number], start=1):
+            vertices.serialize(archive, f"{name}/vertices_{i}")
 
     def _range(self, stiffness: Floats) -> tuple[float, float]:
         """Least and greatest value on all ranks. Collective."""

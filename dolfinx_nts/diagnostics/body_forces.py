@@ -33,7 +33,7 @@ class BodyForces:
 
     def __init__(self, stepper: Stepper) -> None:
         contacts: list[PairState] = [c for c in stepper.contacts if isinstance(c.segments, Surface)]
-        contacts += [c.exchange for c in contacts if c.exchange is not None]
+        contacts += [vertices for contact in contacts for vertices in contact.vertices]
         self._contacts, self._stepper = contacts, stepper
         self.pairs: list[tuple[int, int]] = []
         if not contacts:

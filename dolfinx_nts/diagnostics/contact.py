@@ -293,10 +293,10 @@ class ContactDiagnostics:
         sums: Any = np.empty((len(stepper.contacts), 9))
         for numbers, contact in zip(sums, stepper.contacts, strict=True):
             numbers[:] = contact_sums(contact.history, x, contact.nodes.nodes, contact.area)
-            if (exchange := contact.exchange) is not None:
-                nodes = exchange.nodes.nodes
-                other = contact_sums(exchange.history, x, nodes, np.zeros(len(nodes)))
-                other[3:] *= -1  # resultants on the nodes of the pair
+            for vertices in contact.vertices:
+                nodes = vertices.nodes.nodes
+                other = contact_sums(vertices.history, x, nodes, np.zeros(len(nodes)))
+                other[3:] *= -1 if vertices.is_reverse else 1  # on the nodes of the pair
                 numbers += other
         return np.concatenate([sums.ravel(), self._body_forces.of_own_nodes().ravel()])
 

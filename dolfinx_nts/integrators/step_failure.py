@@ -8,7 +8,6 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import GlobalInts
 from dolfinx_nts.contact.enforcement import Penalty
-from dolfinx_nts.contact.exchange import ExchangedState
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.prescribed import prescribed_nodes
@@ -16,6 +15,7 @@ from dolfinx_nts.contact.joint_state import members
 from dolfinx_nts.contact.method import NODES, may_be_smooth
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.contact.vertices import VertexState
 from dolfinx_nts.fem.node_numbering import listed, reference_positions
 from dolfinx_nts.integrators.rigid import redundant
 from dolfinx_nts.model.bodies import Body
@@ -126,7 +126,7 @@ class StepFailure:
             ends, node = step.state.ends, step.restless
             counts = reductions.total(self._comm, np.diff(np.searchsorted(node, ends)))
             for each, count in zip(members(step.state), counts, strict=True):
-                if not isinstance(each, ExchangedState):
+                if not isinstance(each, VertexState):
                     yield each.pair, bool(count > 0)
 
     def _softer(self, bodies: Sequence[Body]) -> str:
@@ -164,7 +164,7 @@ class StepFailure:
                 members(step.state), step.state.ends[:-1], step.state.ends[1:], strict=True
             ):
                 pair, nodes = each.pair, each.pair.nodes
-                if isinstance(each, ExchangedState) or pair.method != NODES:
+                if isinstance(each, VertexState) or pair.method != NODES:
                     continue
                 if not isinstance(pair.segments, Surface) or pair.touches_itself:
                     continue

@@ -242,8 +242,8 @@ class Stepper(TimeLoop):
         for number, contact in enumerate(self.contacts, start=1):
             contact.serialize(archive, f"pair_{number}")
             contact.search.serialize(archive, f"pair_{number}/search")
-            if contact.exchange is not None:
-                contact.exchange.search.serialize(archive, f"pair_{number}/exchange/search")
+            for i, vertices in enumerate(contact.vertices, start=1):
+                vertices.search.serialize(archive, f"pair_{number}/vertices_{i}/search")
         self.watch.serialize(archive)
         # Overlaps of a restored run are not initial overlaps.
         self._was_displaced &= not archive.giving

@@ -236,6 +236,12 @@ class Surface(Declaration):
             own.pop(name, None)
         return surface
 
+    def smoothed(self) -> "Surface":
+        """Copy of the surface with ``smooth=True``, of degree 1. Local."""
+        surface = copy(self)
+        vars(surface)["smooth"] = True
+        return surface
+
     def measure(self, degree: int | None = None) -> ufl.Measure:
         """Measure for integrals over the reference surface. Local.
 

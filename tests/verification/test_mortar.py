@@ -274,7 +274,8 @@ def test_a_touching_node_does_not_sink_in_as_its_facets_slide_over_a_rim(table_r
     assert diagnostics.balance().total_energy == pytest.approx(energy, rel=1e-10)
 
 
-def test_walls_beside_a_roller_across_a_plate_carry_no_pressure():
+@pytest.mark.parametrize("exchange", [True, False])
+def test_walls_beside_a_roller_across_a_plate_carry_no_pressure(exchange):
     comm = MPI.COMM_WORLD
 
     def build(model):
@@ -300,11 +301,17 @@ def test_walls_beside_a_roller_across_a_plate_carry_no_pressure():
     def update(t):
         down.value[2] = -0.08 * t
 
-    pairs = nts.all_pairs(bodies)
+    pairs = nts.all_pairs(bodies, exchange=exchange)
     stepper = nts.QuasiStatic(bodies, pairs, dt=0.25, bcs=bcs, update=update)
     most = max(report.newton_iterations for report in stepper.run(until=1.0))
     pressure = nts.Fields(stepper).contact_pressure()
     force = -nts.Diagnostics(stepper).contact_force()[2]
     # The walls bulge below the roller, whose facets are turned from theirs by about 80 degrees.
-    assert fem.assemble_scalar(fem.form(pressure * ufl.ds)) == pytest.approx(force, rel=0.1)
+    _, y, z = V.tabulate_dof_coordinates().T
+    is_wall = (np.isclose(y, 0) | np.isclose(y, 1)) & (z < 0.45)
+    assert not pressure.x.array[is_wall].any()
+    # Forces of vertices have no area of their own, which raises the pressure on facets partly in
+    # contact.
+    if not exchange:
+        assert fem.assemble_scalar(fem.form(pressure * ufl.ds)) == pytest.approx(force, rel=0.1)
     assert most <= 15

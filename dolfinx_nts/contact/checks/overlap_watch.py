@@ -296,10 +296,11 @@ class OverlapWatch:
         """Largest depth of contact on smooth segments below their facets [m]."""
         inner, outer = overlap.names
         depths = [
-            depth_beneath_facets(contact.nodes, contact.segments, x, overlap.depth)
+            depth_beneath_facets(each.nodes, each.segments, x, overlap.depth)
             for contact, nodes, segments in self._roles
-            if isinstance(contact.segments, Surface) and contact.segments.smooth is True
             if (inner in nodes and outer in segments) or (outer in nodes and inner in segments)
+            for each in (contact, *contact.vertices)
+            if isinstance(each.segments, Surface) and each.segments.smooth is True
         ]
         return max(depths, default=0.0)
 
@@ -422,12 +423,12 @@ def _described(overlap: Overlap) -> str:
 
 
 def _held(contact: PairState) -> float:
-    """Largest penetration of a node, or of a loaded vertex of the segments [m]. Collective."""
-    depth, vertices = _deepest(contact, contact.history.gap), contact.exchange
-    if vertices is None:
-        return depth
-    history = vertices.history
-    return max(depth, _deepest(vertices, np.where(history.active, history.gap, np.nan)))
+    """Largest penetration of a node or a loaded vertex [m]. Collective."""
+    depth = _deepest(contact, contact.history.gap)
+    for each in contact.vertices:
+        gap = np.where(each.history.active, each.history.gap, np.nan)
+        depth = max(depth, _deepest(each, gap))
+    return depth
 
 
 def _deepest(contact: PairState, gap: Floats) -> float:

@@ -17,13 +17,13 @@ from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.checks.overlap_watch import OverlapWatch
 from dolfinx_nts.contact.checks.passage import Passage, passing_nodes_message
 from dolfinx_nts.contact.enforcement import TOUCHES, Penalty, Tied
-from dolfinx_nts.contact.exchange import exchange_tolerance
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.local_search import may_face
 from dolfinx_nts.contact.implicit.normal.interface import known_nodes
 from dolfinx_nts.contact.joint_state import JointState, members
 from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.contact.vertices import vertex_tolerance
 from dolfinx_nts.fem.node_numbering import listed
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined
@@ -171,7 +171,7 @@ def _missed_nodes(step: ContactStep, known: Flags | None, x: Floats) -> str:
     """
     approach, node = step.search.approach, step.normal.nodes
     inside = approach.gap < np.fmin(approach.gap_n, 0.0) - TOUCHES * step.state.segment_sizes
-    if (tolerance := exchange_tolerance(step.state)) is not None:
+    if (tolerance := vertex_tolerance(step.state)) is not None:
         node = _numbers(known_nodes(step.normal))
         inside &= approach.gap < -np.fmin(tolerance, _kernels.HYSTERESIS * step.state.segment_sizes)
     node = node[inside[node] if known is None else (inside & ~known)[node]]
@@ -213,7 +213,7 @@ def check_penetration(step: ContactStep, dt: float) -> str:
         return f"nodes that sank into a surface between two segments: {between}"
     if beyond:
         return f"contact points that slid off their segments within the step: {beyond}"
-    if exchange_tolerance(step.state) is not None:
+    if vertex_tolerance(step.state) is not None:
         return ""  # vertices of segments are followed by `ReversePassages`
     return passing_nodes_message(step.state.nodes, _passage(step, ~step.normal.active), dt)
 

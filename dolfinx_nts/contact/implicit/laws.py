@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping
 
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Tied
-from dolfinx_nts.contact.exchange import ExchangedState
 from dolfinx_nts.contact.implicit.crossing_edges import CrossingEdges
 from dolfinx_nts.contact.implicit.friction.interface import Friction
 from dolfinx_nts.contact.implicit.friction.stick_slip import StickSlip
@@ -14,13 +13,14 @@ from dolfinx_nts.contact.implicit.mortar.frozen_points import (
     SettlingPoints,
     TiedPoints,
 )
-from dolfinx_nts.contact.implicit.normal.exchanged_contact import ExchangedContact, ExchangedSprings
 from dolfinx_nts.contact.implicit.normal.interface import NormalContact
 from dolfinx_nts.contact.implicit.normal.multiplier import MultiplierContact
 from dolfinx_nts.contact.implicit.normal.penalty import PenaltyContact
 from dolfinx_nts.contact.implicit.normal.tied import Bond, TiedContact
+from dolfinx_nts.contact.implicit.normal.vertex_contact import VertexMultipliers, VertexSprings
 from dolfinx_nts.contact.joint_state import JointState, members
 from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.contact.vertices import VertexState
 
 __all__ = ["make_friction", "make_normal_contact", "make_search"]
 
@@ -65,17 +65,17 @@ def make_normal_contact(
         intermediate: Positions by fractions of the ballistic motion, see `ContactStep` [m].
         share: Weight of the end of the step in the forces of springs [-].
         dt: Length of the step [s].
-        compression: Present compression of springs of other pairs, see `ExchangedSprings`.
+        compression: Present compression of springs of other pairs, see `VertexSprings`.
     """
     law = state.pair.enforcement
-    exchanged = isinstance(members(state)[0], ExchangedState)
+    exchanged = isinstance(members(state)[0], VertexState)
     if isinstance(law, Tied):
         return TiedContact(state, law, is_static, search, stiffness, intermediate)
     if isinstance(law, LagrangeMultiplier):
-        kind = ExchangedContact if exchanged else MultiplierContact
+        kind = VertexMultipliers if exchanged else MultiplierContact
         return kind(state, law, is_static, search, stiffness, intermediate)
     if exchanged:
-        return ExchangedSprings(state, law, search, share, dt, compression)
+        return VertexSprings(state, law, search, share, dt, compression)
     return PenaltyContact(state, law, is_static, search, share, dt)
 
 

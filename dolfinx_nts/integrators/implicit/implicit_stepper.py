@@ -25,7 +25,6 @@ from dolfinx_nts import _kernels, compat
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
-from dolfinx_nts.contact.exchange import ExchangedState, exchange_roles, release_vertices
 from dolfinx_nts.contact.implicit.accepted_contact import contact_history, contact_work
 from dolfinx_nts.contact.implicit.certificate import (
     check_boundaries,
@@ -39,6 +38,7 @@ from dolfinx_nts.contact.implicit.normal.interface import known_nodes
 from dolfinx_nts.contact.massless import is_resolved, massless_nodes
 from dolfinx_nts.contact.method import EDGES
 from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.contact.vertices import VertexState, add_vertices, release_vertices
 from dolfinx_nts.fem.components import in_space
 from dolfinx_nts.fem.node_numbering import geometry_unchanged
 from dolfinx_nts.integrators.implicit.attempt import AdmissibleMotion, Start, StepProblem
@@ -152,8 +152,8 @@ class ImplicitStepper(Stepper):
         # gains energy.
         stops_rigid = self._is_static or self.scheme.contact != "static"
         excluded = () if stops_rigid else self.bodies
-        exchanged = exchange_roles(self.contacts, excluded, is_static=self._is_static)
-        self._all_contacts = (*self.contacts, *exchanged)
+        vertices = add_vertices(self.contacts, excluded, is_static=self._is_static)
+        self._all_contacts = (*self.contacts, *vertices)
         self._step_solver = StepSolver(
             self._bulk,
             self._tangent,
@@ -321,16 +321,16 @@ class ImplicitStepper(Stepper):
         between = release_vertices((step.state, step.normal.active) for step in steps)
         if between and self._comm.rank == 0:
             _logger.warning(
-                "step %d to t = %g has no solution with edges of the segments held between nodes "
-                "(%s): from now on these edges are free and sink in there; smaller facets of the "
-                "nodes' side hold them, or nodes and segments exchanged in the pair",
+                "step %d to t = %g has no solution with contact of the vertices on edges and "
+                "corners (%s): from now on they are free and sink in between nodes; use smaller "
+                "facets there",
                 *(self.step + 1, self.t + self.dt, ", ".join(between)),
             )
         return bool(between)
 
     def _has_last_resort(self) -> bool:
         return super()._has_last_resort() or any(
-            isinstance(each, ExchangedState) and not each.is_released for each in self._all_contacts
+            isinstance(each, VertexState) and not each.is_released for each in self._all_contacts
         )
 
     def _most_long(self, start: str) -> int | None:

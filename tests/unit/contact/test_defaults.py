@@ -73,13 +73,10 @@ def test_contact_that_mortar_cannot_have_is_at_nodes(scene, surfaces, refused):
         nts.ContactPair(nodes, nodes),
         nts.ContactPair(nodes, segments, nts.Tied()),
         nts.ContactPair(nodes, segments, friction=nts.Coulomb(0.3, law="convective")),
-        nts.ContactPair(nodes, segments, exchange=True),
         nts.ContactPair(nodes, nts.boundary_of(scene.stepper.bodies[0], smooth=True)),
     ):
         assert pair.method == "node-to-segment"
     assert used(nts.EnergyMomentum, scene, nts.ContactPair(nodes, FLOOR))[0] is SPRINGS
-    exchanged = nts.ContactPair(nodes, segments, exchange=True)
-    assert used(nts.EnergyMomentum, scene, exchanged)[0] is MULTIPLIERS
     rubbed = nts.ContactPair(nodes, segments, friction=nts.Coulomb(0.3, law="convective"))
     assert used(nts.Midpoint, scene, rubbed)[0] is SPRINGS
     with refused(ValueError, "Midpoint with convective friction, given QuasiStatic"):

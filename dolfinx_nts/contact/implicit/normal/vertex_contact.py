@@ -1,4 +1,4 @@
-"""Normal contact of vertices of the segments with facets of the nodes, in one attempt at a step."""
+"""Normal contact of vertices on edges and corners with faces, in one attempt at a step."""
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
@@ -9,7 +9,6 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.enforcement import TOUCHES, LagrangeMultiplier, Penalty
-from dolfinx_nts.contact.exchange import ExchangedState, released
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.implicit.normal.interface import NormalContact
@@ -17,10 +16,11 @@ from dolfinx_nts.contact.implicit.normal.multiplier import MultiplierContact
 from dolfinx_nts.contact.implicit.normal.penalty import PenaltyContact
 from dolfinx_nts.contact.joint_state import JointState, members
 from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.contact.vertices import VertexState, released
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.search.segment_candidates import SegmentCandidates
 
-__all__ = ["ExchangedContact", "ExchangedSprings"]
+__all__ = ["VertexMultipliers", "VertexSprings"]
 
 # Cosine of the angle between two constraints at one place [-], 8 degrees, up to which they are one.
 # Larger: their system is nearly singular. Smaller: a corner above a node sinks until its sides hold
@@ -31,13 +31,13 @@ _ONE = 0.99
 class _Vertices(NormalContact):
     """Vertices that were active in the last step, or have penetrated a face within the step.
 
-    See `exchange_roles`.
+    See `add_vertices`.
     """
 
     def _prepare(self, state: PairState | JointState, search: LocalSearch) -> None:
         """Set the data for the choice of vertices; arguments as for `NormalContact`."""
         self._candidates = cast(SegmentCandidates, search.candidates)
-        self._states = cast(tuple[ExchangedState, ...], members(state))
+        self._states = cast(tuple[VertexState, ...], members(state))
         self._tolerance = np.concatenate([each.tolerance for each in self._states])
         # Smooth segments have the nodes around a facet, after its vertices.
         k = cast(Surface, self._states[0].segments).segments.shape[1]
@@ -112,10 +112,10 @@ class _Vertices(NormalContact):
         return flags
 
 
-class ExchangedContact(_Vertices, MultiplierContact):
-    """Multipliers of vertices with exchanged roles.
+class VertexMultipliers(_Vertices, MultiplierContact):
+    """Multipliers of vertices.
 
-    See `exchange_roles` and, for the arguments, `MultiplierContact`.
+    See `add_vertices` and, for the arguments, `MultiplierContact`.
     """
 
     def __init__(
@@ -167,11 +167,11 @@ class ExchangedContact(_Vertices, MultiplierContact):
         return flags
 
 
-class ExchangedSprings(_Vertices, PenaltyContact):
-    """Springs at vertices that are deeper below a face than the springs of its nodes.
+class VertexSprings(_Vertices, PenaltyContact):
+    """Springs at vertices that are deeper below a face than the springs of the given pair.
 
     A spring begins without energy, at the depth from which on its vertex needs it or, if it is
-    deeper already, at its gap at t_n. See `exchange_roles` and `PenaltyContact`.
+    deeper already, at its gap at t_n. See `add_vertices` and `PenaltyContact`.
 
     Args:
         compression: Returns how far the active springs of a given pair are compressed at present,
@@ -201,8 +201,9 @@ class ExchangedSprings(_Vertices, PenaltyContact):
         depth = np.zeros((candidates.scatter.index_map.size_local, 1))
         for each in self._states:
             depth[each.given.nodes.nodes, 0] = self._compression(each.given)
+        own = depth[self._state.nodes.nodes[node], 0]
         depth = candidates.scatter.forward(np.repeat(depth, 3, axis=1))[:, 0]
-        allowed = depth[self._facets[segment]].max(axis=1, initial=0.0)
+        allowed = np.fmax(own, depth[self._facets[segment]].max(axis=1, initial=0.0))
         allowed += np.fmin(self._tolerance[node], _kernels.HYSTERESIS * candidates.size[segment])
         self._begin_at[node] = -allowed
         flags: Flags = (gap < -allowed) & self._sink(node, segment, gap)

@@ -1,0 +1,219 @@
+"""Contact of vertices on convex edges and corners, which the other constraints of a pair miss.
+
+Contact constrains gaps of the nodes of one surface, node by node or as means over facets. An edge
+or a corner of the other one penetrates faces between these nodes. In mortar contact an edge of the
+nodes penetrates too, until the mean gap beside it is closed, and without end if the facets beside
+it are too steep to face the other surface. `add_vertices` adds contact of these vertices with the
+faces.
+"""
+
+from collections.abc import Iterable, Sequence
+from typing import cast
+
+import numpy as np
+
+from dolfinx_nts._kernels import HYSTERESIS
+from dolfinx_nts.common.archive import Archive
+from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
+from dolfinx_nts.contact.enforcement import Penalty, Tied
+from dolfinx_nts.contact.joint_state import JointState, members
+from dolfinx_nts.contact.massless import is_resolved
+from dolfinx_nts.contact.method import EDGES, MORTAR, NODES, may_be_smooth
+from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.obstacles.rigid_shapes import RigidSphere
+from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.search.kinks import nodes_on_kinks
+
+__all__ = [
+    *("VertexState", "add_vertices", "release_vertices", "released", "vertex_tolerance"),
+]
+
+# Number above those of all nodes [-].
+_NO_NODE = 2**31
+
+
+class VertexState(PairState):
+    """Contact of vertices of one side of a pair with faces of the other, see `add_vertices`.
+
+    Args:
+        given: State of the pair of the user.
+        vertices: Surface of its nodes or segments, with the nodes on convex edges and corners only.
+        faces: The other surface.
+        tolerance: Depth from which on each vertex is held, shape ``(n,)`` [m].
+        is_static: Whether there is no inertia.
+
+    Attributes:
+        given, tolerance: The arguments.
+        is_released: Whether no vertex is held any more, as a step had no solution with them.
+    """
+
+    def __init__(
+        self,
+        given: PairState,
+        vertices: Surface,
+        faces: Surface,
+        tolerance: Floats,
+        *,
+        is_static: bool,
+    ) -> None:
+        self.given, self.tolerance = given, tolerance
+        self.is_reverse = faces is given.nodes
+        self.is_released = False
+        laws = given.pair.enforcement, given.pair.friction, NODES
+        pair = ContactPair(vertices, faces, *laws, exchange=False)
+        # A vertex above a node touches several facets. Patches have one normal there.
+        if is_static and may_be_smooth(pair):
+            pair = ContactPair(vertices, faces.smoothed(), *laws, exchange=False)
+        super().__init__(pair, given.passes)
+
+    def serialize(self, archive: Archive, name: str) -> None:
+        self.is_released = archive.same(f"{name}/is_released", self.is_released)
+        super().serialize(archive, name)
+
+
+def vertex_tolerance(state: PairState | JointState) -> Floats | None:
+    """Depths from which on vertices are held, ``(n,)`` [m]; None for other contact. Local."""
+    found = [each.tolerance for each in members(state) if isinstance(each, VertexState)]
+    return np.concatenate(found) if found else None
+
+
+def released(state: PairState | JointState) -> Flags:
+    """Flags of released vertices, see `VertexState`, shape ``(n,)``. Local."""
+    found = [
+        np.full(len(each.nodes.nodes), isinstance(each, VertexState) and each.is_released)
+        for each in members(state)
+    ]
+    return np.concatenate(found)
+
+
+def release_vertices(steps: Iterable[tuple[PairState | JointState, Flags]]) -> list[str]:
+    """Release all vertices of pairs with active vertices in a failed step. Collective.
+
+    Args:
+        steps: States of the pairs in the step, and which of their nodes are active.
+
+    Returns:
+        Between what these pairs are.
+    """
+    found: list[str] = []
+    for state, active in steps:
+        for each, start, end in zip(members(state), state.ends[:-1], state.ends[1:], strict=True):
+            if not isinstance(each, VertexState) or each.is_released:
+                continue
+            holds = bool(active[start:end].any() or each.history.active.any())
+            if reductions.anywhere(each.nodes.V.mesh.comm, holds):
+                each.is_released = True
+                found.append(each.given.pair.between)
+    return found
+
+
+def add_vertices(
+    contacts: Sequence[PairState], excluded: Sequence[Body], *, is_static: bool
+) -> list[VertexState]:
+    """Add contact of vertices on convex edges and corners to each pair. Collective.
+
+    These are vertices of the segments, whose faces are the facets of the nodes, and with mortar
+    contact also vertices of the nodes, whose faces are the segments. The laws are those of the
+    pair. A vertex becomes active once a solution has it deeper below a face than a hundredth of the
+    smallest facet at the vertex, and stays active as long as a force acts on it. Scenes in which no
+    vertex penetrates so deep are solved as without vertices.
+
+    Multipliers keep its gap with inertia, as pushing it out would do work. A vertex of the segments
+    above an active node stays inactive. Springs, of node-to-segment and mortar contact with
+    inertia, begin without energy, at a depth that exceeds the compression of the springs of the
+    pair there.
+
+    There are no vertices for edge contact, obstacles, self contact, ties, massless nodes,
+    convective friction, ``exchange=False`` and springs in statics, and none of the segments if
+    another pair has them as nodes.
+
+    Args:
+        contacts: States of all pairs of a stepper. The new states are added to their `vertices`.
+        excluded: Bodies; vertices must not belong to a rigid one of them.
+        is_static: Whether there is no inertia.
+
+    Returns:
+        The states of the vertices.
+    """
+    pairs = [contact.pair for contact in contacts]
+    if any(map(is_resolved, pairs)):
+        return []
+    roles = _Roles(pairs)
+    rigid = [body.nodes for body in excluded if body.is_rigid]
+    for contact in contacts:
+        pair = contact.pair
+        if not _has_vertices(pair, is_static):
+            continue
+        assert isinstance(pair.segments, Surface)
+        sides = [(pair.nodes, pair.segments)] if pair.method == MORTAR else []
+        if not roles.are_exchanged(pair, pair.segments):
+            sides.insert(0, (pair.segments, pair.nodes))
+        for surface, faces in sides:
+            is_kink, facet = nodes_on_kinks(surface)
+            vertices, tolerance = surface.with_nodes(is_kink), HYSTERESIS * facet[is_kink]
+            is_excluded = bool(rigid and np.isin(vertices.nodes, np.concatenate(rigid)).any())
+            comm = surface.V.mesh.comm
+            number, num_excluded = reductions.total(comm, [len(vertices.nodes), is_excluded])
+            if number and not num_excluded:
+                state = VertexState(contact, vertices, faces, tolerance, is_static=is_static)
+                contact.vertices = (*contact.vertices, state)
+    return [cast(VertexState, each) for contact in contacts for each in contact.vertices]
+
+
+class _Roles:
+    """Nodes and vertices of the segments of all pairs that have both. Local.
+
+    Args:
+        pairs: All pairs of a stepper.
+    """
+
+    def __init__(self, pairs: Sequence[ContactPair]) -> None:
+        self._pairs = [
+            (pair, pair.nodes, pair.segments)
+            for pair in pairs
+            if pair.method != EDGES and isinstance(pair.segments, Surface)
+        ]
+        # Least and largest node of each side, by which most pairs are excluded.
+        self._ends: GlobalInts = np.array(
+            [[_ends(side.nodes) for side in sides] for _, *sides in self._pairs], dtype=np.int64
+        ).reshape(-1, 2, 2)
+
+    def are_exchanged(self, pair: ContactPair, segments: Surface) -> bool:
+        """Whether another pair has the nodes of these segments as nodes, and in turn. Collective.
+
+        Its nodes include those of the segments, and its segments the nodes of the pair.
+        """
+        own = segments.nodes, pair.nodes.nodes
+        has_both: Flags = np.ones(len(self._pairs), dtype=bool)
+        for number, nodes in enumerate(own):
+            least, largest = _ends(nodes)
+            ends = self._ends[:, number]
+            has_both &= (ends[:, 0] <= least) & (largest <= ends[:, 1])
+        for i in np.flatnonzero(has_both):
+            other, *sides = self._pairs[i]
+            has_both[i] = other is not pair and all(
+                bool(np.isin(nodes, side.nodes).all())
+                for nodes, side in zip(own, sides, strict=True)
+            )
+        found = reductions.everywhere(segments.V.mesh.comm, has_both)
+        return bool(found.any())
+
+
+def _ends(nodes: Ints) -> tuple[int, int]:
+    """Least and largest of sorted nodes; without any an empty range within all others."""
+    return (int(nodes[0]), int(nodes[-1])) if len(nodes) else (_NO_NODE, -1)
+
+
+def _has_vertices(pair: ContactPair, is_static: bool) -> bool:
+    """Whether a pair supports contact of vertices. Local."""
+    law = pair.enforcement
+    if not pair.exchange or pair.touches_itself or pair.method not in (NODES, MORTAR):
+        return False
+    if isinstance(law, Tied) or (isinstance(law, Penalty) and (is_static or pair.is_convective)):
+        return False
+    if not isinstance(pair.segments, Surface):
+        return False
+    return not any(isinstance(each.smooth, RigidSphere) for each in (pair.nodes, pair.segments))
