@@ -94,10 +94,10 @@ class ContactPair(Declaration):
             contact.
         name: Name in columns and legends; empty for the names of the two sides.
         exchange: Whether contact also holds vertices on convex edges and corners: those of the
-            segments, and with mortar contact those of the nodes. Where one sinks deeper than a
-            hundredth of a facet into a face, and deeper than the springs there are compressed, it
-            becomes a node and the face a segment, with the same laws. Springs do so in steps with
-            inertia only. False is the method of the paper. Explicit steps do without.
+            segments, and with mortar contact or in statics those of the nodes. Where one sinks
+            deeper than a hundredth of a facet into a face, and deeper than the springs there are
+            compressed, it becomes a node and the face a segment, with the same laws. Springs do so
+            in steps with inertia only. False is the method of the paper. Explicit steps do without.
 
     Attributes:
         nodes, segments, name, exchange: The arguments.

@@ -3,8 +3,8 @@
 Contact constrains gaps of the nodes of one surface, node by node or as means over facets. An edge
 or a corner of the other one penetrates faces between these nodes. In mortar contact an edge of the
 nodes penetrates too, until the mean gap beside it is closed, and without end if the facets beside
-it are too steep to face the other surface. `add_vertices` adds contact of these vertices with the
-faces.
+it are too steep to face the other surface. In statics a node above another node touches several
+facets, and is held by one of them. `add_vertices` adds contact of these vertices with the faces.
 """
 
 from collections.abc import Iterable, Sequence
@@ -116,10 +116,10 @@ def add_vertices(
     """Add contact of vertices on convex edges and corners to each pair. Collective.
 
     These are vertices of the segments, whose faces are the facets of the nodes, and with mortar
-    contact also vertices of the nodes, whose faces are the segments. The laws are those of the
-    pair. A vertex becomes active once a solution has it deeper below a face than a hundredth of the
-    smallest facet at the vertex, and stays active as long as a force acts on it. Scenes in which no
-    vertex penetrates so deep are solved as without vertices.
+    contact or in statics also vertices of the nodes, whose faces are the segments. The laws are
+    those of the pair. A vertex becomes active once a solution has it deeper below a face than a
+    hundredth of the smallest facet at the vertex, and stays active as long as a force acts on it.
+    Scenes in which no vertex penetrates so deep are solved as without vertices.
 
     Multipliers keep its gap with inertia, as pushing it out would do work. A vertex of the segments
     above an active node stays inactive. Springs, of node-to-segment and mortar contact with
@@ -148,7 +148,7 @@ def add_vertices(
         if not _has_vertices(pair, is_static):
             continue
         assert isinstance(pair.segments, Surface)
-        sides = [(pair.nodes, pair.segments)] if pair.method == MORTAR else []
+        sides = [(pair.nodes, pair.segments)] if is_static or pair.method == MORTAR else []
         if not roles.are_exchanged(pair, pair.segments):
             sides.insert(0, (pair.segments, pair.nodes))
         for surface, faces in sides:
