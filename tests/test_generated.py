@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stress.generated import deep_starts, far_steps, leading_edges
+from stress.generated import deep_starts, far_steps, leading_edges, sharp_tips
 from stress.generated.case import Case, run
 from stress.generated.cases import ALL_CASES
 from stress.generated.judge import boundary_of_cells, column_force, nodal_mass
@@ -30,6 +30,15 @@ def test_sample_of_cases_is_right_or_refused(cases):
 def test_edge_that_sank_between_nodes_catches_none_of_them(angle, mu):
     name = f"edge-dynamics-2d-node-to-segment-{angle}-mu{mu}"
     (case,) = (case for case in leading_edges.CASES if case.name == name)
+    assert run(case, SEED).message == ""
+
+
+@pytest.mark.parametrize("kind", ["statics", "dynamics"])
+@pytest.mark.parametrize("side", ["block", "tool"])
+@pytest.mark.parametrize("flank", [45, 75])
+def test_sharp_tip_is_held_whichever_side_gives_the_nodes(kind, side, flank):
+    name = f"tip-{kind}-2d-default-nodes-of-{side}-flank{flank}-n4"
+    (case,) = (case for case in sharp_tips.CASES if case.name == name)
     assert run(case, SEED).message == ""
 
 

@@ -311,22 +311,24 @@ class ImplicitStepper(Stepper):
                 return report
             advice += f"; {IF_IT_MOVES}"
         self._u[:] = self._u_n
-        if self._relaxes and not hopeless and self._released(steps):
-            self._tries = True
-            return self._step()
+        if self._relaxes and not hopeless:
+            between = release_vertices((step.state, step.normal.active) for step in steps)
+            if between:
+                self._tries = True
+                report = self._step()
+                self._warn_of_released(between)
+                return report
         raise self._failure(reports, steps, solution.end.states, advice)
 
-    def _released(self, steps: Sequence[ContactStep]) -> bool:
-        """Release vertices active in a failed step; return whether there are any. Collective."""
-        between = release_vertices((step.state, step.normal.active) for step in steps)
-        if between and self._comm.rank == 0:
+    def _warn_of_released(self, between: Sequence[str]) -> None:
+        """Warn of pairs whose vertices are free from this step on."""
+        if self._comm.rank == 0:
             _logger.warning(
                 "step %d to t = %g has no solution with contact of the vertices on edges and "
                 "corners (%s): from now on they are free and sink in between nodes; use smaller "
                 "facets there",
-                *(self.step + 1, self.t + self.dt, ", ".join(between)),
+                *(self.step, self.t, ", ".join(between)),
             )
-        return bool(between)
 
     def _has_last_resort(self) -> bool:
         return super()._has_last_resort() or any(
