@@ -282,11 +282,16 @@ class ContactPair(Declaration):
         return self.friction is not None and self.friction.law == "convective"
 
     def __repr__(self) -> str:
-        """Arguments. Local."""
+        """Arguments; a law and a method only if they are known. Local."""
+        is_open = {
+            "enforcement": self._law_is_open and self._declared is None,
+            "method": self._method_is_open and self._declared is None,
+        }
         names = ("nodes", "segments", "enforcement", "friction", "method")
+        known = {name: getattr(self, name) for name in names if not is_open.get(name)}
         given: dict[str, Any] = {"name": self.name} if self.name else {}
         given |= {} if self.exchange else {"exchange": False}
-        return as_call(self, **{name: getattr(self, name) for name in names}, **given)
+        return as_call(self, **known, **given)
 
     def __str__(self) -> str:
         """Laws and, while one stepper uses the pair, the stiffness of springs. Local."""
