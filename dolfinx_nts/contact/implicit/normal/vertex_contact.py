@@ -81,20 +81,21 @@ class _Vertices(NormalContact):
         some = (gap < 0).nonzero()[0]
         node, segment, gap = node[some], segment[some], gap[some]
         size = candidates.size[segment]
-        deep = gap < -np.fmin(self._tolerance[node], _kernels.HYSTERESIS * size)
-        deep &= self._above(node, segment, x)[0]
+        deep, _, depth = self._above(node, segment, x)
+        # On round surfaces patches lie above their facets, which is no depth.
+        deep &= depth > np.fmin(self._tolerance[node], _kernels.HYSTERESIS * size)
         deep &= self._lack_force(node, segment, gap, x)
         return self._hold(node[deep], segment[deep], gap[deep])
 
-    def _above(self, node: Ints, segment: Ints, x: Floats) -> tuple[Flags, Ints]:
-        """Flags of vertices above their segments, and the nearest nodes of these. Local.
+    def _above(self, node: Ints, segment: Ints, x: Floats) -> tuple[Flags, Ints, Floats]:
+        """Flags of vertices above their facets, the nearest nodes of these, and depths. Local.
 
-        Arguments as for `_lack_force`. Returns flags, shape ``(m,)``, and nodes of the map, -1
-        between nodes, shape ``(m,)``.
+        Arguments as for `_lack_force`. Returns flags, nodes of the map, -1 between nodes, and
+        depths below the facets [m], all of shape ``(m,)``.
         """
         points, vertices = self._search.points.take(node), self._facets[segment]
         pairs = _kernels.with_vertices(points.of(x), x, self._facets, segment)
-        xi = _kernels.project(pairs, self._candidates.orientation[segment])[0]
+        xi, gap, *_ = _kernels.project(pairs, self._candidates.orientation[segment])
         outside = np.fmax(-xi.min(axis=1), xi.max(axis=1) - 1)
         if vertices.shape[1] == 3:
             outside = np.fmax(outside, xi.sum(axis=1) - 1)
@@ -102,7 +103,7 @@ class _Vertices(NormalContact):
         away = np.abs(xi[:, None] - corners).max(axis=2)
         nearest = np.take_along_axis(vertices, away.argmin(axis=1)[:, None], axis=1)[:, 0]
         is_above: Flags = outside <= _kernels.HYSTERESIS
-        return is_above, np.where(away.min(axis=1) <= _kernels.HYSTERESIS, nearest, -1)
+        return is_above, np.where(away.min(axis=1) <= _kernels.HYSTERESIS, nearest, -1), -gap
 
     def _sink(self, node: Ints, segment: Ints, gap: Floats) -> Flags:
         """Whether vertices are deeper than at t_n; separating vertices need no force. Local."""
@@ -160,7 +161,7 @@ class VertexMultipliers(_Vertices, MultiplierContact):
         ``x`` positions with ghosts, shape ``(l, 3)`` [m].
         """
         points, candidates = self._search.points.take(node), self._candidates
-        _, below = self._above(node, segment, x)
+        _, below, _ = self._above(node, segment, x)
         normal = candidates.contact("static", points, x, x, segment).gradient[:, :3]
         opposed = np.einsum("mi,mi->m", normal, self._held_along[below]) < -_ONE
         flags: Flags = (below >= 0) & opposed
