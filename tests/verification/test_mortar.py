@@ -306,6 +306,8 @@ def test_walls_beside_a_roller_across_a_plate_carry_no_pressure(exchange):
     most = max(report.newton_iterations for report in stepper.run(until=1.0))
     pressure = nts.Fields(stepper).contact_pressure()
     force = -nts.Diagnostics(stepper).contact_force()[2]
+    traction = -nts.Fields(stepper).contact_traction()[2]
+    assert fem.assemble_scalar(fem.form(traction * ufl.ds)) == pytest.approx(force, rel=1e-9)
     # The walls bulge below the roller, whose facets are turned from theirs by about 80 degrees.
     _, y, z = V.tabulate_dof_coordinates().T
     is_wall = (np.isclose(y, 0) | np.isclose(y, 1)) & (z < 0.45)
