@@ -66,7 +66,8 @@ class PairState(Tractions, NodesOfPairs):
         eps_T: Stiffness of the tangential springs, shape ``(n,)`` [N/m], or None.
         vertices: States of vertices on convex edges and corners, see `VertexState`, whose forces
             belong to this pair.
-        is_reverse: Whether the nodes belong to the segments of another pair, as its `vertices`.
+        is_reverse: Whether this is contact of vertices of the segments of another pair, whose
+            nodes have the reactions to its forces.
     """
 
     vertices: "tuple[PairState, ...]" = ()

@@ -8,6 +8,7 @@ facets, and is held by one of them. `add_vertices` adds contact of these vertice
 """
 
 from collections.abc import Iterable, Sequence
+from functools import cache
 from typing import cast
 
 import numpy as np
@@ -143,6 +144,7 @@ def add_vertices(
         return []
     roles = _Roles(pairs)
     rigid = [body.nodes for body in excluded if body.is_rigid]
+    kinks = cache(nodes_on_kinks)
     for contact in contacts:
         pair = contact.pair
         if not _has_vertices(pair, is_static):
@@ -152,7 +154,7 @@ def add_vertices(
         if not roles.are_exchanged(pair, pair.segments):
             sides.insert(0, (pair.segments, pair.nodes))
         for surface, faces in sides:
-            is_kink, facet = nodes_on_kinks(surface)
+            is_kink, facet = kinks(surface)
             vertices, tolerance = surface.with_nodes(is_kink), HYSTERESIS * facet[is_kink]
             is_excluded = bool(rigid and np.isin(vertices.nodes, np.concatenate(rigid)).any())
             comm = surface.V.mesh.comm
