@@ -11,15 +11,16 @@ from stress.generated.case import Case
 from stress.generated.judge import Array, Ints
 from stress.generated.scene import Scene, grid
 
-__all__ = ["CASES", "DEPTH", "DEPTH_OF_PATCHES"]
+__all__ = ["CASES"]
 
 _E = 2e5  # Pa
 _FLANKS = (20, 45, 60, 75)  # degrees
 _CELLS = (4, 8)  # per edge of the block of 1 m
 # Depth of the tip below facets [-]: before a vertex is held, relative to facets; and between facets
 # and the smooth patches of statics, relative to the depth of the dent.
-DEPTH, DEPTH_OF_PATCHES = 0.02, 1 / 8
-# Springs sink in by 5/3 of the compression of a cell, at a point by more.
+_DEPTH, _DEPTH_OF_PATCHES = 0.02, 1 / 8
+# Depth of tips with springs relative to facets [-]. They sink in by 5/3 of the compression of a
+# cell, and below a point cells are compressed most.
 _DEPTH_OF_SPRINGS = 0.35
 # Relative error of the work of the trapezoidal rule and of the depth before a vertex is held.
 _WORK = 0.1
@@ -93,7 +94,7 @@ def _static(
             return f"reactions {below:.5g} and {above:.5g} N"
         work += travel * step.dt * (last - above) / 2
         last = -above
-        limit = DEPTH / cells + DEPTH_OF_PATCHES * travel * step.t
+        limit = _DEPTH / cells + _DEPTH_OF_PATCHES * travel * step.t
         if (depth := _tip_depth(scene, scene.positions(stepper))) > limit:
             return f"tip {depth * cells:.3f} of a facet deep at t = {step.t:.2f}"
     energy = _strain_energy(before, scene.positions(stepper), scene.cells_of("block"))
@@ -115,7 +116,7 @@ def _dynamic(
     stepper.set_velocity(scene.bodies["tool"], speed)
     limit = _DEPTH_OF_SPRINGS / cells
     if method != "default":
-        limit = DEPTH / cells + _SPEED * _DT
+        limit = _DEPTH / cells + _SPEED * _DT
     own, before = scene.nodes("tool"), scene.positions(stepper)
     for _ in range(_STEPS):
         step = stepper.advance()
