@@ -86,7 +86,7 @@ class ContactPair(Declaration):
             weighted with a dual shape function (Wohlmuth 2000); a uniform pressure is transmitted
             exactly on any meshes. At degree 2 only vertices carry multipliers.
             ``"edge-to-edge"``: edges of the first surface must not cross edges of the second one,
-            or of a `RigidSurface`, if both edges are convex and turn by more than 30 degrees. Use
+            or of a `RigidSurface`, if both edges are convex and turn by 30 degrees or more. Use
             it in addition to a pair of the same surfaces with one of the other methods, which do
             not detect crossing edges. None for mortar contact between two surfaces. With
             obstacles, smooth segments, ties, self contact, convective friction, or multipliers
@@ -96,8 +96,8 @@ class ContactPair(Declaration):
         exchange: Whether contact also holds vertices on convex edges and corners: those of the
             segments, and with mortar contact or in statics those of the nodes. Where one sinks
             deeper than a hundredth of a facet into a face, and deeper than the springs there are
-            compressed, it becomes a node and the face a segment, with the same laws. Springs do so
-            in steps with inertia only. False is the method of the paper. Explicit steps do without.
+            compressed, it becomes a node and the face a segment, with the same laws. False is the
+            method of the paper.
 
     Attributes:
         nodes, segments, name, exchange: The arguments.
@@ -317,7 +317,7 @@ def _check_edges(*surfaces: Surface | Obstacle) -> None:
     for surface in surfaces:
         if not num_sharp_edges(surface):
             raise ValueError(
-                "expected surfaces with convex edges of more than 30 degrees with method "
+                "expected surfaces with convex edges of 30 degrees or more with method "
                 f"{EDGES!r}, given {surface.name} without any: facets on both sides of an edge "
                 "must belong to the surface, as in boundary_of, or to the RigidSurface"
             )

@@ -123,13 +123,12 @@ def add_vertices(
     Scenes in which no vertex penetrates so deep are solved as without vertices.
 
     Multipliers keep its gap with inertia, as pushing it out would do work. A vertex of the segments
-    above an active node stays inactive. Springs, of node-to-segment and mortar contact with
-    inertia, begin without energy, at a depth that exceeds the compression of the springs of the
-    pair there.
+    above an active node stays inactive. Springs with inertia begin without energy, at a depth that
+    exceeds the compression of the springs of the pair there; in statics they begin at the latter.
 
     There are no vertices for edge contact, obstacles, self contact, ties, massless nodes,
-    convective friction, ``exchange=False`` and springs in statics, and none of the segments if
-    another pair has them as nodes.
+    convective friction and ``exchange=False``, and none of the segments if another pair has them
+    as nodes.
 
     Args:
         contacts: States of all pairs of a stepper. The new states are added to their `vertices`.
@@ -147,7 +146,7 @@ def add_vertices(
     kinks = cache(nodes_on_kinks)
     for contact in contacts:
         pair = contact.pair
-        if not _has_vertices(pair, is_static):
+        if not _has_vertices(pair):
             continue
         assert isinstance(pair.segments, Surface)
         sides = [(pair.nodes, pair.segments)] if is_static or pair.method == MORTAR else []
@@ -209,12 +208,12 @@ def _ends(nodes: Ints) -> tuple[int, int]:
     return (int(nodes[0]), int(nodes[-1])) if len(nodes) else (_NO_NODE, -1)
 
 
-def _has_vertices(pair: ContactPair, is_static: bool) -> bool:
+def _has_vertices(pair: ContactPair) -> bool:
     """Whether a pair supports contact of vertices. Local."""
     law = pair.enforcement
     if not pair.exchange or pair.touches_itself or pair.method not in (NODES, MORTAR):
         return False
-    if isinstance(law, Tied) or (isinstance(law, Penalty) and (is_static or pair.is_convective)):
+    if isinstance(law, Tied) or (isinstance(law, Penalty) and pair.is_convective):
         return False
     if not isinstance(pair.segments, Surface):
         return False

@@ -22,7 +22,7 @@ import numpy as np
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 
-__all__ = ["Frame", "MovingFrame", "Placement", "rotation_by"]
+__all__ = ["Frame", "MovingFrame", "Placement", "TurnedSlip", "rotation_by"]
 
 # Rotation [rad] for which the path of a fixed point is nearly straight in a rotating frame: it is
 # off the chord by 2e-4 of the distance from the axis. Smaller values cost time.
@@ -264,11 +264,18 @@ class MovingFrame(Frame):
         )
 
     def turned_slip(self, slip: Slip) -> Slip:
-        return _TurnedSlip(slip, self._start.rotation, self._mean, self.end.rotation)
+        return TurnedSlip(slip, self._start.rotation, self._mean, self.end.rotation)
 
 
-class _TurnedSlip(Slip):
-    """Slip relative to a rotating frame, with the rotations at t_n, mean, and at t_{n+1}."""
+class TurnedSlip(Slip):
+    """Slip relative to a rotating frame.
+
+    Args:
+        slip: Slip in the frame.
+        start: Rotation of the frame at t_n, shape ``(3, 3)``.
+        mean: Mean rotation.
+        end: Rotation at t_{n+1}.
+    """
 
     def __init__(self, slip: Slip, start: Floats, mean: Floats, end: Floats) -> None:
         self._slip, self.value = slip, slip.value
@@ -278,8 +285,18 @@ class _TurnedSlip(Slip):
         self.frame_n, self.normal_n = slip.frame_n @ start.T, slip.normal_n @ start.T
         self.frame, self.normal = slip.frame @ end.T, slip.normal @ end.T
 
-    def at_end(self) -> "_TurnedSlip":
-        return _TurnedSlip(self._slip.at_end(), self._start, self._end, self._end)
+    def averaged(self, average: Callable[[Slip, Floats], Slip], tangents_n: Floats) -> "TurnedSlip":
+        """Average the slip in the frame.
+
+        Args:
+            average: Returns the averaged slip of a slip and of tangents at t_n.
+            tangents_n: Tangents at t_n in space, shape ``(m, 2, 3)``.
+        """
+        slip = average(self._slip, tangents_n @ self._start)
+        return TurnedSlip(slip, self._start, self._mean, self._end)
+
+    def at_end(self) -> "TurnedSlip":
+        return TurnedSlip(self._slip.at_end(), self._start, self._end, self._end)
 
     def tangent(self, t: Floats) -> Floats:
         mean, end = (_of_all(turn, self._slip.force) for turn in (self._mean, self._end))

@@ -57,8 +57,8 @@ class Surface(Declaration):
         tag: Value of the tag.
         smooth: Whether contact uses curved patches through the nodes of the surface instead of
             flat facets (``search/smooth/smooth_patches.py``), for its segments and, in
-            surface-to-surface contact, for the surface itself. Edges at which facets turn by more
-            than 30 degrees stay sharp. Needs degree 1. With a `RigidSphere`, contact uses that
+            surface-to-surface contact, for the surface itself. Edges at which facets turn by 30
+            degrees or more stay sharp. Needs degree 1. With a `RigidSphere`, contact uses that
             sphere exactly; the surface must belong to a `RigidBody`, which moves the sphere, with
             all its vertices on the sphere.
         name: Name in messages, columns and legends; empty for the name of the region, or

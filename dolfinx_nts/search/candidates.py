@@ -100,6 +100,7 @@ class Candidates(ABC):
         stiffness: Floats,
         start: Array | None = None,
         slack: float = HYSTERESIS,
+        begin_at: Floats | float = 0.0,
     ) -> tuple[Ints, Floats, _kernels.Springs]:
         """Pair nodes and evaluate the springs of penetrating ones, see `cpp/nts/contact/springs.h`.
 
@@ -114,14 +115,16 @@ class Candidates(ABC):
             start: First occurrence of each node, and the end, shape ``(m + 1,)``; None where all
                 nodes occur once.
             slack: See `pair`.
+            begin_at: Gaps at which springs begin, shape ``(c,)`` [m].
 
         Returns:
-            Candidate as for `pair`, and gap, the mean of those of the same node, ``(c,)``; and
-            springs of the nodes with gap < 0.
+            Candidate as for `pair`, and the gap above the beginning of the spring, of the mean of
+            those of the same node, ``(c,)``; and springs of the nodes where it is negative.
         """
         segment, gap = self.pair(points, x, current, reach, slack)
         if start is not None:
             gap = mean_gaps(gap, start)
+        gap = gap - begin_at
         inside = np.flatnonzero(gap < 0).astype(np.int32)
         some, facet, depth = points.take(inside), segment[inside], gap[inside]
         gradient = self.contact("static", some, x, x, facet).gradient

@@ -15,7 +15,7 @@ __all__ = ["nodes_on_kinks"]
 
 
 def nodes_on_kinks(surface: Surface) -> tuple[Flags, Floats]:
-    """Find the owned nodes at which the surface turns by more than 30 degrees. Collective.
+    """Find the owned nodes at which the surface turns by 30 degrees or more. Collective.
 
     Two facets around such a node have normals that differ by more than that, and one lies behind
     the plane of the other, in the reference configuration. On the rim of a surface nothing is

@@ -103,10 +103,12 @@ class SegmentCandidates(Candidates):
         stiffness: Floats,
         start: Array | None = None,
         slack: float = HYSTERESIS,
+        begin_at: Floats | float = 0.0,
     ) -> tuple[Ints, Floats, _kernels.Springs]:
         segment, xi, gap, normal = self._choose(points, x, current, reach, slack)
         if start is not None:
             gap = mean_gaps(gap, start)
+        gap = gap - begin_at
         springs = _kernels.penalty_forces(
             numbers, points.nodes, segment, xi, gap, normal, self.segments, self.key, stiffness
         )

@@ -12,6 +12,7 @@ from helpers import scenes
 from helpers.box_meshes import boxes, distribute
 from helpers.boxed import CLOSED, Ledger
 from helpers.once import once
+from reference.bulk import rotation
 
 GAP, STEP, SHORT = 1e-3, 5e-3, 2e-3  # m, s, s in explicit steps
 # Explicit steps, in which the blocks touch, slide and part [-].
@@ -243,3 +244,49 @@ def test_forces_on_segments_are_symmetric_where_nodes_share_them():
     force = scene.stepper.contacts[0]._forces_on_segments(lambda history: history.force)
     assert np.abs(force).max() > 1
     np.testing.assert_allclose(force[mirrored] * [-1, 1, 1], force[order], rtol=0, atol=1e-7)
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("friction", [None, 0.3])
+@pytest.mark.parametrize("law", [None, nts.Penalty(1e5)])
+def test_a_ridge_that_moves_below_nodes_has_the_forces_of_one_at_rest(law, friction):
+    """The relative motion is the same; each reaction is seen from the ridge."""
+
+    def turn(t):
+        return rotation((0.0, 0.0, 1.0), 0.05 * t)
+
+    def shift(t):
+        return np.array([0.02 * t, 0.01 * t, 0.02 * t])
+
+    def reactions(moves):
+        V, bodies, (nodes, _) = blocks(MPI.COMM_SELF)
+        y, x = np.indices((4, 4)).reshape(2, 16) / 3
+        points = np.stack([x, y, 0.4 - 0.05 * np.abs(x - 1 / 3)], axis=1)
+        number = np.arange(16).reshape(4, 4)
+        facets = [number[j : j + 2, i : i + 2].ravel() for j in range(3) for i in range(3)]
+        ridge = nts.RigidSurface(points, facets, outside=(0.5, 0.5, 9.0))
+        if moves:
+            centre = (1 / 3, 1 / 3, 0.4)
+            ridge = ridge.moving(nts.Motion(shift, lambda t: (0, 0, 0.05 * t), centre))
+        X, displacement = V.tabulate_dof_coordinates(), fem.Function(V)
+
+        def update(t):
+            R, c = np.eye(3) if moves else turn(t), np.array([1 / 3, 1 / 3, 0.4])
+            to = (X - c - (0 if moves else shift(t))) @ R + c
+            displacement.x.array[:] = (to - X).ravel()
+
+        held = np.concatenate([bodies[0].nodes, bodies[1].nodes[X[bodies[1].nodes, 2] > 0.79]])
+        pair = nts.ContactPair(nodes, ridge, law, friction, method="node-to-segment")
+        bcs = [fem.dirichletbc(displacement, held.astype(np.int32))]
+        stepper = nts.QuasiStatic(bodies, [pair], dt=0.25, bcs=bcs, update=update)
+        steps, shared = [], 0
+        for step in stepper.run(until=1.0):
+            (reaction,) = step.reactions
+            steps.append(np.array(reaction.force) @ (turn(step.t) if moves else np.eye(3)))
+            shared += np.count_nonzero(pair.history.shared)
+        return np.array(steps), shared
+
+    (moving, shared), (at_rest, same) = reactions(True), reactions(False)
+    assert shared == same > 0
+    np.testing.assert_allclose(moving, at_rest, rtol=0, atol=1e-7 * np.abs(at_rest).max())
+    assert np.abs(at_rest[-1, 2]) > 100  # N

@@ -9,6 +9,7 @@ from numpy.polynomial.polynomial import polyvander2d
 from scipy.interpolate import CubicHermiteSpline
 
 import dolfinx_nts as nts
+from dolfinx_nts.io import checkpoint
 from helpers.laws import NODES
 from helpers.once import once
 from reference.bulk import rotation
@@ -105,13 +106,13 @@ class Scene:
         return (powers(block) @ surface - block[:, z]).max()
 
 
-def press(comm, turn, travel=0.02, **how):
+def press(comm, turn, travel=0.02, law=LAWS["elastic"], **how):
     """Press the block into the floor in statics.
 
     Returns its force [N], and its depth below the facets and below the parabola [m].
     """
     scene, reverse = Scene(comm, turn), how.pop("reverse", False)
-    pair = scene.pair(LAWS["elastic"], **how)
+    pair = scene.pair(law, **how)
     if reverse:
         patches = nts.boundary_of(scene.low, smooth=True)
         pair = nts.ContactPair(pair.segments, patches, pair.enforcement, method="node-to-segment")
@@ -157,6 +158,16 @@ def test_corner_in_the_middle_of_a_large_facet_is_held_with_the_force_of_the_rev
     assert force == pytest.approx(of_reverse, rel=1e-6)
     assert depth == pytest.approx(depth_of_reverse, abs=1e-9)
     assert force > 50  # N
+
+
+@pytest.mark.at_most_two_ranks
+@pytest.mark.parametrize("turn", ["2-D", once("edge"), "corner"])
+@pytest.mark.parametrize("how", [NODES, once(MORTAR)])
+def test_springs_of_vertices_in_statics_have_the_force_of_the_reverse_pair(comm, turn, how):
+    force, depth, _ = press(comm, turn, law=nts.Penalty(), **how)
+    of_reverse, depth_of_reverse, _ = press(comm, turn, law=nts.Penalty(), reverse=True, **how)
+    assert force == pytest.approx(of_reverse, rel=1e-9)
+    assert depth == pytest.approx(depth_of_reverse, rel=1e-9)
 
 
 @pytest.mark.serial
@@ -246,6 +257,64 @@ def test_springs_hold_corners_as_deep_as_with_the_nodes_of_the_other_body(comm, 
     *_, of_reverse = throw(comm, turn, law, mu, reverse=True)
     # Springs begin a hundredth of a facet of the block deeper.
     assert depth < of_reverse + 0.01 * np.sqrt(2) * SIZE / 3 + 1e-4
+
+
+def throw_in_explicit_steps(comm, turn, mu, reverse=False, exchange=True):
+    """Throw the block at a free floor.
+
+    Returns both balances, the energy that friction dissipates, and the depth [J, m].
+    """
+    scene = Scene(comm, turn, gap=0.01)
+    sides = [nts.boundary_of(scene.low), nts.boundary_of(scene.up)]
+    pair = nts.ContactPair(*sides[:: 1 - 2 * reverse], friction=mu or None, exchange=exchange)
+    stepper = nts.CentralDifference([scene.low, scene.up], [pair])
+    velocity = np.zeros(scene.dim)
+    velocity[0], velocity[-1] = 0.5, -1.0
+    stepper.set_velocity(scene.up, velocity)
+    diagnostics = nts.Diagnostics(stepper)
+    first, friction, depth = diagnostics.balance(), 0.0, 0.0
+    while stepper.t < 0.2:
+        friction -= stepper.advance().contact_work.friction
+        depth = max(depth, scene.depth(stepper))
+    return first, diagnostics.balance(), friction, depth
+
+
+@pytest.mark.at_most_two_ranks
+@pytest.mark.parametrize("mu", [0.0, 0.5])
+@pytest.mark.parametrize("turn", ["2-D", "edge", "corner"])
+def test_explicit_springs_hold_corners_as_deep_as_with_the_nodes_of_the_other_body(comm, turn, mu):
+    first, last, friction, depth = throw_in_explicit_steps(comm, turn, mu)
+    assert friction > -1e-12 * first.total_energy and bool(friction) == bool(mu)
+    assert abs(last.total_energy + friction - first.total_energy) < 1e-3 * first.total_energy
+    for name in ("linear_momentum", "angular_momentum"):
+        before, after = getattr(first, name), getattr(last, name)
+        np.testing.assert_allclose(after, before, atol=1e-12 * np.linalg.norm(before))
+    *_, of_reverse = throw_in_explicit_steps(comm, turn, mu, reverse=True)
+    # Springs begin a hundredth of a facet of the block deeper.
+    assert depth < of_reverse + 0.01 * np.sqrt(2) * SIZE / 3 + 1e-4
+    *_, without = throw_in_explicit_steps(comm, turn, mu, exchange=False)
+    assert without > 1.9 * depth  # m
+
+
+@pytest.mark.parametrize("stepper", [nts.CentralDifference, once(nts.EnergyMomentum)])
+def test_a_restored_run_continues_with_loaded_vertices(comm, folder, stepper, agree):
+    def scene():
+        made = Scene(comm, "edge", gap=0.001)
+        pair = nts.ContactPair(nts.boundary_of(made.low), nts.boundary_of(made.up), friction=0.3)
+        found = stepper([made.low, made.up], [pair], dt=1e-3)
+        found.set_velocity(made.up, (0.5, 0.0, -1.0))
+        return found
+
+    whole, part = scene(), scene()
+    for _ in range(20):
+        whole.advance()
+    assert agree(any(v.history.active.any() for v in whole.contacts[0].vertices)) or comm.size > 1
+    checkpoint.save(folder / "part.h5", whole)
+    checkpoint.load(folder / "part.h5", part)
+    for _ in range(20):
+        whole.advance()
+        part.advance()
+    assert agree(np.array_equal(whole.x, part.x))
 
 
 @pytest.mark.serial

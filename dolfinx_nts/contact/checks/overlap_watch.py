@@ -118,7 +118,10 @@ class OverlapWatch:
         """Allowed approach of two touching boundaries until a check, ``(g, g)`` [m]."""
         # Less than the approach to pass through each other, even for bodies of one cell.
         cells = self.search.cells
-        return _UNSEEN * (cells[:, None] + cells)
+        unseen = _UNSEEN * (cells[:, None] + cells)
+        # On the diagonal for obstacles, of which one may be smaller than a cell.
+        np.fill_diagonal(unseen, np.fmin(unseen.diagonal(), self.search.extent / 2))
+        return unseen
 
     def start(self, x: Floats, t: float) -> None:
         """Check a state that was set, and report overlaps.
@@ -362,6 +365,12 @@ class OverlapWatch:
             # The deepest point is no contact node, but contact nodes may be equally deep.
             or (outer in nodes and inner in segments and _held(contact) > overlap.depth / 2)
         ]
+        if not held and inner in self.search.obstacles:
+            return (
+                "their contact pair holds the nodes of {outer} only, and a part of {inner} sinks "
+                "in between them, with too small a force or none; use finer facets there, or, for "
+                "a sharp obstacle, a meshed RigidBody, whose edges and corners are held"
+            )
         if not held:
             return (
                 "their contact pair holds the nodes of {outer} only, and {inner} sinks in "

@@ -138,8 +138,9 @@ def check_rigid_facets(
 ) -> None:
     """Check that no body starts so deep in a `RigidSurface` that no force acts. Collective.
 
-    Nodes more than half a facet behind the facets face none of them. Facets alone do not define
-    an interior: a body is inside if its inward rays enter the facets.
+    A body may be within a closed surface as a whole. Nodes more than half a facet behind the facets
+    face none of them. Facets of an open surface alone do not define an interior: a body is inside
+    if its inward rays enter the facets.
 
     Args:
         state: State of a contact pair.
@@ -149,12 +150,20 @@ def check_rigid_facets(
         x: Positions of the local nodes of the space, shape ``(l, 3)`` [m].
 
     Raises:
-        ValueError: The surface of the nodes is that deep.
+        ValueError: A body is within a closed surface, or the surface of the nodes is that deep.
     """
     surface, obstacle, comm = state.pair.nodes, state.pair.segments, state.nodes.V.mesh.comm
     if not isinstance(obstacle, RigidSurface) or state.pair.method != NODES:
         return
     place = obstacle.motion.frame(t, t, obstacle.dim).at_end
+    numbers, some = inside.one_node_each(surface)
+    within = joined(comm, numbers[obstacle.encloses(place(x[some]))])
+    if len(within):
+        raise ValueError(
+            f"expected bodies outside of obstacles, given {inside.names[within[0]]} inside the "
+            f"closed surface of {obstacle.name}, where no force acts; move the two apart before "
+            "the first step, or, for a container, let the points `outside` be within it"
+        )
     corners = x[surface.segments]
     normal = area_vectors(corners, surface.orientation)
     normal /= np.linalg.norm(normal, axis=1)[:, None]

@@ -7,7 +7,9 @@ import numpy as np
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.explicit.penalty import ContactSprings, SpringForces
+from dolfinx_nts.contact.explicit.vertex_springs import VertexSprings
 from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.contact.vertices import VertexState
 from dolfinx_nts.parallel import reductions
 
 __all__ = ["AllSprings"]
@@ -22,17 +24,26 @@ class AllSprings:
 
     Args:
         contacts: State of each contact pair.
+        vertices: States of vertices on edges and corners of these.
         mass: See `ContactSprings`.
         modulus: See `ContactSprings`.
 
     Attributes:
-        pairs: Springs of each pair.
+        pairs: Springs of each pair, and then of the vertices.
         has_friction: Whether any pair has friction.
     """
 
-    def __init__(self, contacts: Sequence[PairState], mass: Floats, modulus: Floats) -> None:
-        self._contacts = tuple(contacts)
-        self.pairs = [ContactSprings(contact, mass, modulus) for contact in contacts]
+    def __init__(
+        self,
+        contacts: Sequence[PairState],
+        vertices: Sequence[VertexState],
+        mass: Floats,
+        modulus: Floats,
+    ) -> None:
+        self._contacts = (*contacts, *vertices)
+        of_pairs = {contact: ContactSprings(contact, mass, modulus) for contact in contacts}
+        self.pairs = [*of_pairs.values()]
+        self.pairs += [VertexSprings(v, mass, modulus, of_pairs[v.given]) for v in vertices]
         self.has_friction = any(contact.pair.friction is not None for contact in contacts)
         self._forces: tuple[SpringForces, ...] = ()
         self._before: tuple[SpringForces, ...] = ()
@@ -72,7 +83,11 @@ class AllSprings:
     def fast(self, bounds: Sequence[float]) -> list[tuple[ContactSprings, float]]:
         """Pairs whose nodes may pass through a surface in a step, with their `bounds`. Local."""
         both = zip(self.pairs, bounds, strict=True)
-        return [(springs, bound) for springs, bound in both if 2 * bound > springs.shortest_passage]
+        return [
+            (springs, bound)
+            for springs, bound in both
+            if 2 * bound > springs.shortest_passage and not isinstance(springs, VertexSprings)
+        ]
 
     def evaluate(
         self, x_n: Floats, x: Floats, bounds: Sequence[float], total: Floats, dt: float

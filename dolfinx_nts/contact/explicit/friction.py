@@ -8,7 +8,7 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.friction.laws import FrictionLaw
 from dolfinx_nts.contact.friction.limits import Limits
-from dolfinx_nts.contact.friction.mortar_slip import MortarSlip, NodalFrames
+from dolfinx_nts.contact.friction.mortar_slip import NodalFrames, mean_slip
 from dolfinx_nts.contact.friction.traction import slip_energy, spring_model, transport
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.search.candidates import Candidates
@@ -77,6 +77,8 @@ class SpringFriction(Friction):
         inside = lambda_N < 0
         segment, p, node = segment[inside], -lambda_N[inside], springs.node
         points, x_n = NodalPoints(springs.dofs[:, 0]), candidates.scatter.forward(x_n)
+        if not len(node):
+            return self.without_contact()
         slip = of_rows = candidates.slip(law.law, points, x_n, x, segment)
         shares = None
         if springs.num_nodes < len(node):
@@ -85,7 +87,7 @@ class SpringFriction(Friction):
             start, p = np.append(start, len(springs.node)), np.add.reduceat(p, start)
             shared = shared_points(springs.dofs[start[:-1], 0], springs.dofs, segment, start)
             frames = NodalFrames.of(shared, of_rows)
-            slip, shares = MortarSlip(shared, of_rows, frames), shared.shares
+            slip, shares = mean_slip(shared, of_rows, frames), shared.shares
         eps_T = state.eps_T[node]
         t_n = transport(old.traction[node], old.normal[node], slip.frame_n, slip.normal_n)
         trial = t_n + eps_T[:, None] * slip.value

@@ -119,11 +119,21 @@ class ContactSprings:
         self.shortest_passage = shortest_passage_of(pair)
         self._deep = deep_from(pair)
         self.num_lost = self.num_deep = 0
+        # Nodes of the springs of the last evaluation, and their gaps [m].
+        self._pressed: tuple[Ints, Floats] = np.empty(0, dtype=np.int32), np.empty(0)
 
     @property
     def _num_own(self) -> int:
         """Number of nodes of the surface in each pair: two for an edge."""
         return 2 if self._state.pair.method == EDGES else 1
+
+    @property
+    def compression(self) -> Floats:
+        """Compression of the springs in the last evaluation, shape ``(n,)`` [m]. Local."""
+        node, gap = self._pressed
+        depth: Floats = np.zeros(len(self._reduced_mass))
+        depth[node] = -gap
+        return depth
 
     def forget(self) -> None:
         """Discard the neighbour list after the state was set. Local."""
@@ -247,6 +257,7 @@ class ContactSprings:
         x_n, x = frame.at_start(x_n), frame.at_end(x)
         seen.update(x, step)
         self.num_lost = self.num_deep = 0
+        self._pressed = np.empty(0, dtype=np.int32), np.empty(0)
         if seen.is_idle:
             parts = self._friction.without_contact()
             return SpringForces(
@@ -257,16 +268,18 @@ class ContactSprings:
             )
         candidates = seen.candidates
         x = candidates.scatter.forward(x)
-        segment, gap, springs = self._springs(x)
+        begin_at = self._begin_at(x)
+        segment, gap, springs = self._springs(x, begin_at)
         self.num_lost = self._count_lost(x, seen.current, segment)
         if seen.change(x, segment, gap):
             # Nodes away from free edges keep all of their new segments.
-            segment, gap, springs = self._springs(x, np.inf)
+            segment, gap, springs = self._springs(x, begin_at, np.inf)
             seen.keep(segment, gap)
         number, stiffness, shared = seen.number, seen.stiffness, nothing.shared
         if seen.start is not None:
             shared = seen.shared.sums(candidates.key)
         self.num_deep = int(np.count_nonzero(gap < -self._deep))
+        self._pressed = number[gap < 0], gap[gap < 0]
         lambda_N = stiffness * gap
         slip = self._friction.add_to(springs, candidates, x_n, x, segment, lambda_N, dt)
         on_nodes = self._on_own_side(springs, candidates)
@@ -282,7 +295,8 @@ class ContactSprings:
                 "active": active,
                 "lambda_N": multiplier,
                 "force": force if on_nodes is None else on_nodes,
-                "gap": gaps,
+                "gap": gaps if begin_at is None else gaps + begin_at,
+                "offset": nothing.offset if begin_at is None else np.where(active, begin_at, 0.0),
                 "normal": normal,
                 "energy": energy,
             }
@@ -292,14 +306,25 @@ class ContactSprings:
         return SpringForces(candidates.scatter, springs, dissipation, history)
 
     def _springs(
-        self, x: Floats, slack: float = _kernels.HYSTERESIS
+        self, x: Floats, begin_at: Floats | None, slack: float = _kernels.HYSTERESIS
     ) -> tuple[Ints, Floats, _kernels.Springs]:
-        """Segments and gaps of the listed nodes, and springs, see `Candidates.penalty_forces`."""
+        """Segments and gaps of the listed nodes, and springs, see `Candidates.penalty_forces`.
+
+        ``begin_at`` are gaps at which springs begin, see `_begin_at`.
+        """
         seen = self._neighbours
         of_rows = seen.number, seen.stiffness, seen.start
+        begin = 0.0 if begin_at is None else begin_at[seen.number]
         return seen.candidates.penalty_forces(
-            seen.points, x, seen.current, seen.reach, *of_rows, slack
+            seen.points, x, seen.current, seen.reach, *of_rows, slack, begin
         )
+
+    def _begin_at(self, x: Floats) -> Floats | None:
+        """Gaps at which springs begin, shape ``(n,)`` [m]; None if they begin at 0. Local.
+
+        ``x`` are positions with ghosts, shape ``(l, 3)`` [m].
+        """
+        return None
 
     def _on_own_side(self, springs: _kernels.Springs, candidates: Candidates) -> Floats | None:
         """Forces on the nodes of the surface, ``(n, 3)`` [N]; None if springs act on single nodes.

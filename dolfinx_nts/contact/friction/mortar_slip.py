@@ -6,10 +6,11 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.model.frames import TurnedSlip
 from dolfinx_nts.model.kinematics import Slip
 from dolfinx_nts.search.mortar.mortar_points import MortarPoints
 
-__all__ = ["MortarSlip", "NodalFrames"]
+__all__ = ["NodalFrames", "mean_slip"]
 
 
 class NodalFrames(NamedTuple):
@@ -62,6 +63,17 @@ class MortarSlip(Slip):
         of_points = _kernels.spread_tractions(*self._of_shares, t, len(w))
         to = points.phi, points.patch, len(points.patch_nodes)
         return _kernels.sum_slip_blocks(*to, w, b, of_points)
+
+
+def mean_slip(points: MortarPoints, slip: Slip, frames: NodalFrames) -> Slip:
+    """Mean slip of the points of each node, see `MortarSlip`. Local."""
+    if isinstance(slip, TurnedSlip):
+
+        def average(slip: Slip, at_nodes: Floats) -> Slip:
+            return MortarSlip(points, slip, NodalFrames(at_nodes, frames.parts))
+
+        return slip.averaged(average, frames.at_nodes)
+    return MortarSlip(points, slip, frames)
 
 
 def _tangents(normal: Floats) -> Floats:

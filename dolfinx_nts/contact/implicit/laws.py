@@ -75,7 +75,7 @@ def make_normal_contact(
         kind = VertexMultipliers if exchanged else MultiplierContact
         return kind(state, law, is_static, search, stiffness, intermediate)
     if exchanged:
-        return VertexSprings(state, law, search, share, dt, compression)
+        return VertexSprings(state, law, is_static, search, share, dt, compression)
     return PenaltyContact(state, law, is_static, search, share, dt)
 
 

@@ -5,7 +5,7 @@ from abc import ABC, abstractmethod
 import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
-from dolfinx_nts.contact.friction.mortar_slip import MortarSlip, NodalFrames
+from dolfinx_nts.contact.friction.mortar_slip import NodalFrames, mean_slip
 from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.pair_blocks import OwnBlocks
@@ -125,7 +125,7 @@ class NodePairing(Pairing):
             return self._candidates.slip(law, points, self._x_n, x, segment)
         nodal, shared = self._shared(node, segment)
         slip = self._candidates.slip(law, nodal, self._x_n, x, shared.segment)
-        return MortarSlip(shared, slip, NodalFrames.of(shared, slip))
+        return mean_slip(shared, slip, NodalFrames.of(shared, slip))
 
     def _shared_kinematics(
         self, scheme: str, x: Floats, node: Ints, segment: Ints, free: Floats | None

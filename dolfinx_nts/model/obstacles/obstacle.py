@@ -85,6 +85,25 @@ class Obstacle(Declaration):
         return None
 
     @property
+    def vertices(self) -> Floats:
+        """Vertices of facets, shape ``(p, 3)`` [m]; none of round obstacles."""
+        return np.empty((0, 3))
+
+    def nearest(self, x: Floats) -> Floats:
+        """Points of a convex round surface nearest to others, ``(m, 3)`` [m]; none if it is flat."""
+        return np.empty((0, 3))
+
+    @property
+    def least_radius(self) -> float:
+        """Least radius of convex curvature [m], infinite for planes."""
+        return 2 * self.shortest_passage
+
+    @property
+    def extent(self) -> float:
+        """Length over which the obstacle is in a body that passes it [m], infinite for planes."""
+        return 4 * self.shortest_passage
+
+    @property
     def is_of_revolution(self) -> bool:
         """Whether the obstacle is symmetric about the axis y, for axisymmetric meshes."""
         return False

@@ -195,6 +195,14 @@ class ExactObstacle(Obstacle):
         frame_n = _frame(normal_n)
         return frame_n, turned_tangents(frame_n, normal_n, normal)
 
+    def nearest(self, x: Floats) -> Floats:
+        if np.isinf(self.shortest_passage):
+            return super().nearest(x)
+        gap, normal = self.distance(x)
+        points = x - gap[:, None] * normal
+        found: Floats = points[np.isfinite(points).all(axis=1)]
+        return found
+
     def find(
         self, x: Floats, current: Ints, slack: float, reach: float, facing: Facing
     ) -> tuple[Ints, Floats]:

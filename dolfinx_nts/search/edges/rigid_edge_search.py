@@ -84,7 +84,7 @@ class RigidEdgeSearch(ObstacleSearch):
 
 
 def num_sharp_edges(surface: Surface | Obstacle) -> int:
-    """Number of convex edges of more than 30 degrees of a surface, on all ranks. Collective."""
+    """Number of convex edges of 30 degrees or more of a surface, on all ranks. Collective."""
     if isinstance(surface, Surface):
         return SharpEdges.of(surface).total
     return len(_rigid_edges(surface)[1].key) if isinstance(surface, RigidSurface) else 0

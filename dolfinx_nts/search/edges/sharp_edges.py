@@ -28,7 +28,7 @@ _REVERSED = {3: [0, 2, 1], 4: [0, 2, 1, 3]}
 
 
 class SharpEdges:
-    """Convex edges at which the normal of a surface turns by more than 30 degrees. Collective.
+    """Convex edges at which the normal of a surface turns by 30 degrees or more. Collective.
 
     The reference configuration decides which edges are sharp. Each edge belongs to the rank that
     owns its *carrier*, the end with the lower input number. Free edges of a surface are left out,

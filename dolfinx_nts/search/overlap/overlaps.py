@@ -32,6 +32,10 @@ __all__ = ["Overlap", "OverlapSearch"]
 
 # Depth relative to the size of a facet [-] that counts as touching.
 _TOUCHING = 1e-6
+# Radius of the circle through the vertices of a facet relative to its diameter [-], of equal sides.
+_HALF_FACET = 0.6
+# Number of parts of the edges of facets between points of which round obstacles are looked for [-].
+_PARTS = 4
 
 
 @dataclass(frozen=True)
@@ -78,6 +82,7 @@ class OverlapSearch:
         names: Names of the boundaries, as in `Overlap`.
         cells: Undeformed length of the smallest cell within each boundary, shape ``(g,)`` [m].
         smallest_cell: The least of these lengths [m].
+        extent: Least extent of an obstacle, see `Obstacle.extent` [m].
     """
 
     def __init__(self, bodies: Sequence[Body], obstacles: Sequence[Obstacle]) -> None:
@@ -89,6 +94,7 @@ class OverlapSearch:
             " and ".join(body.name for body in boundary.bodies) for boundary in self._boundaries
         ]
         self._obstacles = dict(zip(obstacles, _names(obstacles), strict=True))
+        self.extent = min((obstacle.extent for obstacle in obstacles), default=np.inf)
         self._nodes = [boundary.nodes for boundary in self._boundaries]
         self._edges = [boundary.edges for boundary in self._boundaries]
         self._sizes = np.array([boundary.size for boundary in self._boundaries])
@@ -122,6 +128,11 @@ class OverlapSearch:
         mine[self._boundary_of[surface.nodes]] = True
         belongs = reductions.anywhere(self._comm, mine[:-1])
         return frozenset(self.names[number] for number in np.flatnonzero(belongs))
+
+    def one_node_each(self, surface: Surface) -> tuple[Ints, Ints]:
+        """Boundaries of a surface on this rank, and one node of each, ``(m,)`` each. Local."""
+        number, first = np.unique(self._boundary_of[surface.nodes], return_index=True)
+        return number.astype(np.int32), surface.nodes[first]
 
     def box(self, name: str) -> Floats:
         """Least and greatest coordinates of a body at the positions of the last `find`. Local.
@@ -192,8 +203,8 @@ class OverlapSearch:
             ``(g, g)`` [m], on the diagonal of all of them from obstacles. The same on all ranks.
         """
         touching = np.maximum(_TOUCHING * self._sizes, least)
-        in_obstacles, clearance = self._with_obstacles(x, t, touching)
         self._insides.move(x)
+        in_obstacles, clearance = self._with_obstacles(x, t, touching)
         apart, pairs, depth, regions = self._insides.overlapping_boxes(touching)
         if self._obstacles:
             np.fill_diagonal(apart, clearance)
@@ -284,21 +295,70 @@ class OverlapSearch:
                 deepest[i, j] = depth.max(initial=-np.inf)
                 num_nodes[i, j] = np.count_nonzero(depth > touching[j])
         deepest = reductions.largest(self._comm, deepest)
+        reverse, num_points = self._obstacles_within(seen, t, touching)
         overlaps = []
-        for i, j in np.argwhere(deepest > touching):
+        for i, j in np.argwhere((deepest > touching) | (reverse > touching)):
             (obstacle, name), boundary = list(self._obstacles.items())[i], self._boundaries[j]
             at_centres = obstacle.depth(_centres(seen[i], boundary.cells))
             counts = [int(num_nodes[i, j]), int(np.count_nonzero(at_centres > touching[j]))]
             nodes, cells = reductions.total(self._comm, counts)
-            names = self.names[j], name
-            deepest_of_two = float(deepest[i, j])
-            overlaps.append(Overlap(names, deepest_of_two, 0.0, nodes, cells, boundary.size))
-        return overlaps, max(0.0, -float(deepest.max(initial=-np.inf)))
+            names, nodes = (self.names[j], name), int(nodes + num_points[i, j])
+            depths = max(float(deepest[i, j]), 0.0), float(reverse[i, j])
+            if depths[0] < (1 - _TOUCHING) * depths[1]:
+                names, depths = names[::-1], depths[::-1]
+            overlaps.append(Overlap(names, *depths, nodes, int(cells), boundary.size))
+        # A round obstacle may be nearer to the middle of a facet than to its nodes.
+        radius = np.array([[o.least_radius] for o in self._obstacles])
+        is_round, size = np.isfinite(radius), _HALF_FACET * self._sizes
+        radius = np.where(is_round, radius, 0.0)
+        nearer = np.sqrt(np.fmax((np.fmax(-deepest, 0.0) + radius) ** 2 - size**2, 0.0)) - radius
+        distance = np.where(is_round, nearer, -deepest).min(initial=np.inf)
+        return overlaps, max(0.0, float(distance))
+
+    def _obstacles_within(
+        self, seen: Sequence[Floats], t: float, touching: Floats
+    ) -> tuple[Floats, Ints]:
+        """Greatest depths of points of obstacles in bodies, and numbers of vertices inside.
+
+        Points are the vertices of facets, and those of round surfaces nearest to facets of bodies.
+        Collective, after `Insides.move`; ``seen`` are positions in the frame of each obstacle,
+        other arguments as for `_with_obstacles`. Returns shape ``(o, g)`` each [m, -].
+        """
+        shape = len(self._obstacles), len(self._boundaries)
+        deepest, number = np.zeros(shape), np.zeros(shape, dtype=np.int32)
+        for i, obstacle in enumerate(self._obstacles):
+            in_space = obstacle.motion.frame(t, t, obstacle.dim).in_space
+            vertices = in_space(obstacle.vertices)
+            for j, boundary in enumerate(self._boundaries):
+                least, greatest = self._insides.box(j)
+                round_ = in_space(obstacle.nearest(_on_facets(obstacle, seen[i], boundary)))
+                points, of_round = (
+                    some[((some > least) & (some < greatest)).all(axis=1)]
+                    for some in (vertices, round_)
+                )
+                points = np.vstack([points, joined(self._comm, of_round)])
+                where = np.full(len(points), j, dtype=np.int32)
+                depth = self._insides.depth(points, where, np.full(len(points), touching[j]))
+                deepest[i, j] = depth.max(initial=0.0)
+                number[i, j] = np.count_nonzero(depth[: len(vertices)])
+        return deepest, number
 
 
 def _is_rigid(boundary: ClosedBoundary) -> bool:
     """Whether all bodies of a boundary are rigid."""
     return all(isinstance(body, RigidBody) for body in boundary.bodies)
+
+
+def _on_facets(obstacle: Obstacle, x: Floats, boundary: ClosedBoundary) -> Floats:
+    """Points on the facets of a boundary near a round obstacle, ``(m, 3)`` [m]. Local."""
+    if not 0 < obstacle.least_radius < np.inf:
+        return np.empty((0, 3))
+    corners = x[boundary.triangles]
+    near = corners[obstacle.depth(corners.mean(axis=1)) > -boundary.size]
+    k = corners.shape[1]
+    steps = np.stack(np.meshgrid(*[np.arange(_PARTS + 1)] * k), axis=-1).reshape(-1, k)
+    parts = steps[steps.sum(axis=1) == _PARTS] / _PARTS
+    return np.einsum("pk,fki->fpi", parts, near).reshape(-1, 3)
 
 
 def _names(obstacles: Sequence[Obstacle]) -> list[str]:

@@ -30,7 +30,7 @@ class NearFacets(NamedTuple):
         orientation: +1 if a_1 x a_2 points outward, otherwise -1, shape ``(f,)``.
         edges: Both ends of each edge; in the plane these are the facets, shape ``(e, 2)``.
         facet_edges: Edges of each facet in the order of `local_edges`, shape ``(f, c)``.
-        is_feature: Flags of edges at which the surface turns by more than 30 degrees or ends; all
+        is_feature: Flags of edges at which the surface turns by 30 degrees or more or ends; all
             edges in the plane, shape ``(e,)``.
         own: Facets of this rank, in the order of the segments of the surface, shape ``(s,)``.
         dofs: Global numbers of the nodes in the space, shape ``(n,)``.

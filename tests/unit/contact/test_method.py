@@ -89,7 +89,7 @@ def test_laws_that_edges_cannot_do_are_refused(boundaries, message):
 
 
 def test_surfaces_without_sharp_edges_are_refused(surfaces, boundaries):
-    with pytest.raises(ValueError, match="convex edges of more than 30 degrees with"):
+    with pytest.raises(ValueError, match="convex edges of 30 degrees or more with"):
         nts.ContactPair(*surfaces, method="edge-to-edge")
     floor = nts.RigidPlane((0, 0, 0), (0, 0, 1))
     with pytest.raises(

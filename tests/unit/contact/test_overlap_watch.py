@@ -277,6 +277,117 @@ def test_bodies_that_do_not_start_in_rigid_facets_are_not_refused(comm, height, 
     assert report.reactions[0].force[2] == 0
 
 
+@pytest.mark.parametrize("inwards", [False, True])
+@pytest.mark.parametrize("cells", [1, 12])
+def test_bodies_within_a_closed_rigid_surface_are_refused_unless_it_is_a_container(
+    comm, refused, inwards, cells
+):
+    """A box of 3 m with facets of 3 m and of 0.25 m around a cube of 1 m."""
+    cube = sheet_and_cube(comm, 0.0, 3).bodies[0]
+    steps = np.linspace(-1.5, 1.5, cells + 1)
+    sheet = np.stack(np.meshgrid(steps, steps), axis=2).reshape(-1, 2)
+    squares = np.arange((cells + 1) ** 2).reshape(cells + 1, -1)
+    squares = [squares[j : j + 2, i : i + 2].ravel() for j in range(cells) for i in range(cells)]
+    points, facets = [], []
+    for axis in range(3):
+        for side in (-1.5, 1.5):
+            facets += [square + len(points) * len(sheet) for square in squares]
+            points.append(np.insert(sheet, axis, side, axis=1))
+    points, number = np.unique(np.vstack(points).round(9), axis=0, return_inverse=True)
+    facets = number.ravel()[np.array(facets)]
+    centres = points[facets].mean(axis=1)
+    middle = np.full(3, 0.5)
+    box = nts.RigidSurface(points + middle, facets, middle + (0 if inwards else 2) * centres)
+    stepper = nts.EnergyMomentum([cube], nts.all_pairs([cube], obstacles=[box]), dt=1e-3)
+    if inwards:
+        assert stepper.advance().num_active == 0
+    else:
+        with refused(ValueError, "outside of obstacles, given .* inside"):
+            stepper.advance()
+        assert stepper.t == 0
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("cells", [4, 16])
+def test_a_rigid_tip_that_sinks_between_nodes_is_reported_with_a_remedy(
+    comm, reported_overlaps, cells
+):
+    def build(model):
+        size, number = (1, 1, 0.5), (cells, cells, cells // 2)
+        parts.add_box(model, "block", corner=(-0.37, -0.37, -0.5), size=size, cells=number)
+
+    mesh, tags, _, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    block = nts.Body(V, tags, tag["block"], SOFT)
+    corners = ((1, 1), (-1, 1), (-1, -1), (1, -1))
+    points = 0.2 * np.array([[0, 0, 0], *((x, y, 3) for x, y in corners)], dtype=float)
+    sides = [[0, i, i % 4 + 1] for i in range(1, 5)]
+    outside = 2 * points[np.array(sides)].mean(axis=1) - [0, 0, 0.4]
+    tip = nts.RigidSurface(points, sides, outside, name="tip")
+    tip = tip.moving(nts.Motion(translation=lambda t: (0, 0, -0.08 * t)))
+    floor = fem.locate_dofs_geometrical(V, lambda x: np.isclose(x[2], -0.5))
+    bcs = [fem.dirichletbc(np.zeros(3), floor, V)]
+    pair = nts.ContactPair(nts.boundary_of(block), tip)
+    stepper = nts.QuasiStatic([block], [pair], dt=0.5, bcs=bcs)
+    list(stepper.run(until=1.0))
+    texts = reported_overlaps()
+    assert texts
+    assert all("tip is up to" in text and "inside block" in text for text in texts)
+    assert all("part of tip sinks in" in text and "RigidBody" in text for text in texts)
+
+
+class Ring(nts.ExactObstacle):
+    """A torus about z of the radii 0.1 and 0.06 m."""
+
+    shortest_passage = 0.03
+
+    def distance(self, x):
+        out = np.linalg.norm(x[:, :2], axis=1)
+        to_circle = np.column_stack([x[:, :2] * (1 - 0.1 / out)[:, None], x[:, 2]])
+        length = np.linalg.norm(to_circle, axis=1)
+        return length - 0.06, to_circle / length[:, None]
+
+
+SMALL = {
+    "sphere": nts.RigidSphere((0, 0, -0.15), 0.14),
+    "cylinder": nts.RigidCylinder((0, 0, -0.15), (0, 1, 0), 0.14),
+    "torus": Ring(),
+}
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("obstacle", SMALL.values(), ids=SMALL)
+@pytest.mark.parametrize("scheme", [nts.QuasiStatic, nts.EnergyMomentum, nts.CentralDifference])
+def test_obstacles_smaller_than_the_facets_that_they_enter_are_reported(
+    comm, reported_overlaps, scheme, obstacle
+):
+    """A block with facets of 0.6 m, pressed or thrown onto an obstacle below one of them."""
+    base = 0.065 if isinstance(obstacle, Ring) else 0.0
+
+    def build(model):
+        parts.add_box(
+            model, "block", corner=(-0.9, -0.9, base), size=(1.8, 1.8, 0.6), cells=(3, 3, 1)
+        )
+
+    mesh, tags, _, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    block = nts.Body(V, tags, tag["block"], STIFF)
+    how = {}
+    if scheme is nts.QuasiStatic:
+        obstacle = obstacle.moving(nts.Motion(translation=lambda t: (0, 0, 10 * t)))
+        top = fem.locate_dofs_geometrical(V, lambda x: np.isclose(x[2], base + 0.6))
+        how["bcs"] = [fem.dirichletbc(np.zeros(3), top, V)]
+    pair = nts.ContactPair(nts.boundary_of(block), obstacle)
+    stepper = scheme([block], [pair], dt=5e-4, **how)
+    if scheme is not nts.QuasiStatic:
+        stepper.set_velocity(block, (0.0, 0.0, -10.0))
+    # In dynamics the block passes the obstacle.
+    list(stepper.run(until=0.01 if scheme is nts.QuasiStatic else 0.15))
+    texts = reported_overlaps()
+    assert texts
+    assert all(" inside block" in text and "sinks in between them" in text for text in texts)
+
+
 def test_initial_overlaps_that_contact_does_not_detect_are_reported(comm, reported_overlaps):
     """Facets of the plate are 0.71 m long, and no node of it is inside the cube."""
     scene = Scene(comm, -0.05)

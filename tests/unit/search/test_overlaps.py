@@ -248,3 +248,32 @@ def test_depth_in_obstacles_is_the_negative_gap(comm):
         ("body 1", "RigidSurface"): (0.1, 25),
         ("body 2", "RigidSurface"): (0.1, 9),
     }
+
+
+@pytest.mark.at_most_two_ranks
+@pytest.mark.parametrize("depth", [-0.05, 0.05, 0.3])
+def test_a_vertex_of_a_moving_obstacle_between_nodes_is_inside(comm, depth):
+    """A tip above the middle of a facet of 0.25 m, which turned by a right angle about y."""
+    bodies = bodies_of(comm, LOWER, box((3, 0, 0), (1, 1, 1), (2, 2, 2)))
+    width, height = 0.1, 0.4
+    corners = [[0, 0, 0], *([height, y, z] for y, z in ((1, 1), (-1, 1), (-1, -1), (1, -1)))]
+    points = np.array(corners, dtype=float) * [1, width, width]
+    sides = [[0, i, i % 4 + 1] for i in range(1, 5)]
+    outside = 2 * points[np.array(sides)].mean(axis=1) - [height / 2, 0, 0]
+    top = bodies[0].V.tabulate_dof_coordinates()[bodies[0].nodes, 2].max(initial=-np.inf)
+    top = comm.allreduce(top, op=MPI.MAX)
+    motion = nts.Motion(
+        translation=lambda t: (0.375, 0.375, top - depth * t),
+        rotation=lambda t: (0, -np.pi / 2 * t, 0),
+    )
+    tip = nts.RigidSurface(points, sides, outside).moving(motion)
+    search = OverlapSearch(bodies, [tip])
+    x = bodies[0].V.tabulate_dof_coordinates()
+    found, _ = search.find(x, 0.0, 1.0)
+    if depth < 0:
+        assert not found
+    else:
+        (overlap,) = found
+        assert overlap.names == ("RigidSurface", "body 1")
+        assert overlap.depth == pytest.approx(min(depth, 0.375), abs=1e-12)
+        assert overlap.nodes == 1

@@ -4,7 +4,7 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints, same_numbers
-from dolfinx_nts.contact.friction.mortar_slip import MortarSlip, NodalFrames
+from dolfinx_nts.contact.friction.mortar_slip import NodalFrames, mean_slip
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.mortar.eliminated import EliminatedDofs
 from dolfinx_nts.contact.implicit.pair_blocks import PairBlocks
@@ -85,7 +85,7 @@ class MortarPairing(Pairing):
         slip = self._candidates.slip_between(*self._ends(points, x), points.segment)
         if self._frames is None:
             self._frames = NodalFrames.of(points, slip)
-        return MortarSlip(points, slip, self._frames)
+        return mean_slip(points, slip, self._frames)
 
     def _ends(self, points: MortarPoints, x: Floats) -> tuple[Floats, Floats]:
         """Positions of points and facets at t_n and at x, shapes ``(p, 1+n, 3)`` [m]."""

@@ -171,8 +171,9 @@ class VertexMultipliers(_Vertices, MultiplierContact):
 class VertexSprings(_Vertices, PenaltyContact):
     """Springs at vertices that are deeper below a face than the springs of the given pair.
 
-    A spring begins without energy, at the depth from which on its vertex needs it or, if it is
-    deeper already, at its gap at t_n. See `add_vertices` and `PenaltyContact`.
+    With inertia a spring begins without energy, at the depth from which on its vertex needs it or,
+    if it is deeper already, at its gap at t_n. In statics it begins as deep as the other springs
+    are compressed. See `add_vertices` and `PenaltyContact`.
 
     Args:
         compression: Returns how far the active springs of a given pair are compressed at present,
@@ -183,6 +184,7 @@ class VertexSprings(_Vertices, PenaltyContact):
         self,
         state: PairState | JointState,
         law: Penalty,
+        is_static: bool,
         search: LocalSearch,
         share: float,
         dt: float,
@@ -192,7 +194,7 @@ class VertexSprings(_Vertices, PenaltyContact):
         self._compression = compression
         # Gaps at which springs begin in this step.
         self._begin_at: Floats = np.zeros(len(self._tolerance))
-        super().__init__(state, law, False, search, share, dt)
+        super().__init__(state, law, is_static, search, share, dt)
 
     def _stay(self, node: Ints) -> Flags:
         return np.ones(len(node), dtype=bool)
@@ -204,17 +206,19 @@ class VertexSprings(_Vertices, PenaltyContact):
             depth[each.given.nodes.nodes, 0] = self._compression(each.given)
         own = depth[self._state.nodes.nodes[node], 0]
         depth = candidates.scatter.forward(np.repeat(depth, 3, axis=1))[:, 0]
-        allowed = np.fmax(own, depth[self._facets[segment]].max(axis=1, initial=0.0))
-        allowed += np.fmin(self._tolerance[node], _kernels.HYSTERESIS * candidates.size[segment])
-        self._begin_at[node] = -allowed
-        flags: Flags = (gap < -allowed) & self._sink(node, segment, gap)
-        return flags
+        compressed = np.fmax(own, depth[self._facets[segment]].max(axis=1, initial=0.0))
+        tolerance = np.fmin(self._tolerance[node], _kernels.HYSTERESIS * candidates.size[segment])
+        allowed = compressed + tolerance
+        self._begin_at[node] = -(compressed if self._is_static else allowed)
+        flags: Flags = gap < -allowed
+        return flags if self._is_static else flags & self._sink(node, segment, gap)
 
     @property
     def _is_loaded(self) -> Flags:
         return self._state.history.active & super()._is_loaded
 
     def _offset(self, pairs: PairKinematics) -> Floats:
-        node = pairs.node
-        begins = np.fmin(pairs.contact.gap_n, self._begin_at[node])
+        node, begins = pairs.node, self._begin_at[pairs.node]
+        if not self._is_static:
+            begins = np.fmin(pairs.contact.gap_n, begins)
         return np.where(self._state.history.active[node], super()._offset(pairs), begins)

@@ -1,0 +1,47 @@
+"""Springs at vertices on edges and corners, for explicit steps."""
+
+import numpy as np
+
+from dolfinx_nts import _kernels
+from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.contact.explicit.penalty import ContactSprings
+from dolfinx_nts.contact.vertices import VertexState
+
+__all__ = ["VertexSprings"]
+
+
+class VertexSprings(ContactSprings):
+    """Springs at vertices that are deeper below a face than the springs of the given pair.
+
+    A spring begins without energy, at the depth from which on its vertex needs it or, if it is
+    deeper already, at its gap at t_n. See `add_vertices`.
+
+    Args:
+        state: State of the vertices.
+        mass: See `ContactSprings`.
+        modulus: See `ContactSprings`.
+        given: Springs of the given pair, which are evaluated first.
+    """
+
+    def __init__(
+        self, state: VertexState, mass: Floats, modulus: Floats, given: ContactSprings
+    ) -> None:
+        super().__init__(state, mass, modulus)
+        self._vertices, self._given = state, given
+
+    def _begin_at(self, x: Floats) -> Floats:
+        state, seen = self._vertices, self._neighbours
+        history, candidates = state.history, seen.candidates
+        depth = np.zeros((candidates.scatter.index_map.size_local, 3))
+        depth[state.given.nodes.nodes] = self._given.compression[:, None]
+        of_nodes = candidates.scatter.forward(depth)[:, 0]
+        near = seen.current >= 0
+        node, segment = seen.number[near], seen.current[near]
+        least = np.fmin(state.tolerance[node], _kernels.HYSTERESIS * candidates.size[segment])
+        allowed = state.tolerance.copy()
+        allowed[node] = of_nodes[candidates.segments[segment]].max(axis=1, initial=0.0) + least
+        return np.where(history.active, history.offset, np.fmin(-allowed, history.gap))
+
+    def _count_lost(self, x: Floats, before: Ints, after: Ints) -> int:
+        # A vertex that was pushed through a facet is not held any more.
+        return 0
