@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import partial
 from typing import Any
 
@@ -135,6 +135,15 @@ class PairState(Tractions, NodesOfPairs):
     def accept(self, history: ContactHistory | Callable[[], ContactHistory]) -> None:
         """Accept the contact of a step, or a function that computes it on demand. Local."""
         self.accepted = history
+
+    def begin_apart(self) -> None:
+        """Let no spring be loaded initially, as the two surfaces do not overlap. Local.
+
+        Mean gaps may be negative beside corners that are apart.
+        """
+        history = self.history
+        if np.any(history.key == NEVER):
+            self.accept(replace(history, key=np.where(history.key == NEVER, -1, history.key)))
 
     def derive_penalty(
         self,

@@ -260,3 +260,35 @@ def test_a_first_step_that_fails_is_not_tried_twice_from_the_same_state():
         stepper.advance()
     assert "from the last state" in str(error.value)
     assert "extrapolated" not in str(error.value)
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("dt", [0.5, once(0.25)])
+def test_a_rigid_roller_bends_a_thin_strip_with_few_iterations(comm, dt):
+    """Line contact of a few nodes on a strip that is far softer than they are, by a guided tool."""
+    length, width, thickness, at, E = 20.0, 4.0, 0.8, 15.0, 1000.0  # mm, MPa
+
+    def fill(model):
+        occ = model.occ
+        strip = occ.addBox(0, 0, -thickness, length, width, thickness)
+        roll = occ.addCylinder(at, -1, 1.5, 0, width + 2, 0, 1.5)
+        occ.synchronize()
+        for name, volume, size in (("strip", strip, 0.9), ("roll", roll, 0.6)):
+            model.addPhysicalGroup(3, [volume], name=name)
+            model.mesh.setSize(model.getBoundary([(3, volume)], recursive=True), size)
+        model.mesh.generate(3)
+        model.mesh.setOrder(2)
+
+    mesh, cells, _, tag = nts.read_mesh(fill, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 2, (3,)))
+    strip = nts.Body(V, cells, tag["strip"], nts.SaintVenantKirchhoff(E=E, nu=0, rho=1e-9))
+    down = nts.Guide(motion=nts.Motion(translation=lambda t: (0, 0, -t)))
+    roll = nts.RigidBody(V, cells, tag["roll"], rho=1e-9, guide=down)
+    clamp = fem.locate_dofs_geometrical(V, lambda x: np.isclose(x[0], 0))
+    bcs = [fem.dirichletbc(np.zeros(3), clamp, V)]
+    stepper = nts.QuasiStatic([strip, roll], nts.all_pairs([strip, roll]), dt=dt, bcs=bcs)
+    steps = list(stepper.run(until=1.0))
+    assert len(steps) == round(1 / dt)
+    assert max(step.newton_iterations for step in steps) <= 18
+    of_beam = 3 * E * width * thickness**3 / 12 / at**3  # N, for a deflection of 1 mm
+    assert steps[-1].reactions[0].force[2] == pytest.approx(of_beam, rel=0.02)

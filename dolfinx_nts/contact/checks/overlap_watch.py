@@ -134,9 +134,13 @@ class OverlapWatch:
             ValueError: Bodies are so deep in each other, or in a `RigidSurface`, that no force
                 would act.
         """
-        new = self._new(x, t, _AT_START)
-        for contact, bodies, _ in self._roles:
-            check_rigid_facets(contact, self.search, bodies, t, x)
+        found = self.search.find(x, 0.0, t)
+        new = self._new(x, t, _AT_START, found)
+        for contact, nodes, segments in self._roles:
+            check_rigid_facets(contact, self.search, nodes, t, x)
+            both = (frozenset(overlap.names) for overlap in found[0])
+            if not any(two & nodes and two & segments for two in both):
+                contact.begin_apart()
         self._moved = False
         self._known |= {names: (overlap.depth, overlap.cells) for overlap, names in new}
         self._sink(new, x)
@@ -244,7 +248,8 @@ class OverlapWatch:
             selves: Names of the boundaries to be checked for self-overlap; None for all.
         """
         if self._moved:
-            new = self._new(x, t, _IN_RUN, selves)
+            least = _IN_RUN * self.search.smallest_cell
+            new = self._new(x, t, _IN_RUN, self.search.find(x, least, t, selves))
             self._moved = selves is not None
             self._known |= {names: (2 * overlap.depth, overlap.cells) for overlap, names in new}
             kinds = _by_kind({overlap: self._in_run(overlap) for overlap, _ in new})
@@ -275,12 +280,15 @@ class OverlapWatch:
         return deepest if deepest.names == overlap.names else overlap
 
     def _new(
-        self, x: Floats, t: float, part: float, selves: Collection[str] | None = None
+        self, x: Floats, t: float, part: float, found: tuple[list[Overlap], Floats]
     ) -> list[tuple[Overlap, frozenset[str]]]:
-        """Overlaps that have deepened by a fraction of the facets, or reach further cells."""
-        new = []
+        """Overlaps that have deepened by a fraction of the facets, or reach further cells.
+
+        ``found`` is the result of `OverlapSearch.find`, up to this fraction of the smallest cell.
+        """
+        new, (overlaps, apart) = [], found
         least = part * self.search.smallest_cell
-        overlaps, apart = self.search.find(x, least, t, selves)
+        overlaps = [each for each in overlaps if each.depth > least]
         self._allowed = apart + self._unseen
         self._seen, self._clearance = (x, t), float(self._allowed.min())
         if not self._has_parts and not any(self._between_bodies(each) for each in overlaps):

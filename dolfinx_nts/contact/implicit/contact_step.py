@@ -70,7 +70,7 @@ class ContactStep:
         share: Share of the end of the step in the forces of springs, see `Scheme` [-].
         begins_sticking: Whether all nodes with friction stick at first, see `StickSlip`.
         dt: Length of the step [s], for the speed of slip.
-        others: Attempts at the same step of other pairs, on which vertices of segments depend.
+        others: Attempts at the same step of other pairs, on which vertices depend.
 
     Attributes:
         state: The argument.
@@ -114,6 +114,7 @@ class ContactStep:
         self.normal = make_normal_contact(
             *(state, is_static, search, nodal_stiffness, intermediate or {}, share, dt),
             partial(_compression, others),
+            partial(_replace, others),
         )
         self.friction = make_friction(
             state, is_static, search, nodal_stiffness, scheme == "static", begins_sticking, dt
@@ -227,6 +228,15 @@ def _compression(steps: Sequence[ContactStep], pair: PairState) -> Floats:
             node = start + step.normal.active[start:end].nonzero()[0].astype(np.int32)
             compression[node - start] = np.fmax(-step.normal.gaps(step.x, node), 0.0)
     return compression
+
+
+def _replace(steps: Sequence[ContactStep], pair: PairState, nodes: Flags) -> int:
+    """Exclude nodes of a pair in one of the attempts, see `NormalContact.replace`. Collective."""
+    for step in steps:
+        if pair in (pairs := members(step.state)):
+            start, end = step.state.ends[(number := pairs.index(pair)) : number + 2]
+            return step.normal.replace(nodes, slice(start, end))
+    return 0
 
 
 def _unknowns(search: LocalSearch, free: Floats) -> Floats | None:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 
-from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.common.arrays import Flags, Floats
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Tied
 from dolfinx_nts.contact.implicit.crossing_edges import CrossingEdges
 from dolfinx_nts.contact.implicit.friction.interface import Friction
@@ -54,6 +54,7 @@ def make_normal_contact(
     share: float,
     dt: float,
     compression: Callable[[PairState], Floats],
+    replace: Callable[[PairState, Flags], int],
 ) -> NormalContact:
     """Normal contact of a pair by its enforcement. Collective.
 
@@ -66,14 +67,18 @@ def make_normal_contact(
         share: Weight of the end of the step in the forces of springs [-].
         dt: Length of the step [s].
         compression: Present compression of springs of other pairs, see `VertexSprings`.
+        replace: Excludes nodes of other pairs, see `VertexMultipliers`.
     """
     law = state.pair.enforcement
     exchanged = isinstance(members(state)[0], VertexState)
     if isinstance(law, Tied):
         return TiedContact(state, law, is_static, search, stiffness, intermediate)
     if isinstance(law, LagrangeMultiplier):
-        kind = VertexMultipliers if exchanged else MultiplierContact
-        return kind(state, law, is_static, search, stiffness, intermediate)
+        if exchanged:
+            return VertexMultipliers(
+                state, law, is_static, search, stiffness, intermediate, replace
+            )
+        return MultiplierContact(state, law, is_static, search, stiffness, intermediate)
     if exchanged:
         return VertexSprings(state, law, is_static, search, share, dt, compression)
     return PenaltyContact(state, law, is_static, search, share, dt)

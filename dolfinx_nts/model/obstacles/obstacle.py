@@ -90,7 +90,7 @@ class Obstacle(Declaration):
         return np.empty((0, 3))
 
     def nearest(self, x: Floats) -> Floats:
-        """Points of a convex round surface nearest to others, ``(m, 3)`` [m]; none if it is flat."""
+        """Points of a round surface nearest to others, ``(m, 3)`` [m]; none if it is flat."""
         return np.empty((0, 3))
 
     @property

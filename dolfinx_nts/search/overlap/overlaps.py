@@ -358,7 +358,8 @@ def _on_facets(obstacle: Obstacle, x: Floats, boundary: ClosedBoundary) -> Float
     k = corners.shape[1]
     steps = np.stack(np.meshgrid(*[np.arange(_PARTS + 1)] * k), axis=-1).reshape(-1, k)
     parts = steps[steps.sum(axis=1) == _PARTS] / _PARTS
-    return np.einsum("pk,fki->fpi", parts, near).reshape(-1, 3)
+    points: Floats = np.einsum("pk,fki->fpi", parts, near).reshape(-1, 3)
+    return points
 
 
 def _names(obstacles: Sequence[Obstacle]) -> list[str]:

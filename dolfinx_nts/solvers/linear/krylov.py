@@ -8,16 +8,17 @@ the complete system is factorised.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arrays import Flags, Floats
+from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.parallel.communication import joined
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.linear.active_sets import ActiveSets
 from dolfinx_nts.solvers.linear.cone_problem import (
@@ -308,14 +309,23 @@ class LinearSolver:
         """
         bulk = self._operator.bulk
         if not inertia:
-            condense = partial(self._contacts.condensed, relief=relief)
-            return None if bulk.rigid.exists else condense
+            condense = partial(self._contacts.condensed, relief=relief, held=self._rigid_nodes)
+            return None if bulk.rigid.has_unknowns else condense
         if not self._saddle.may_be_small:
             return None
         pairs = active_pairs(steps, states, bulk.rigid.dim)
         self._active_sets.number(pairs)
         is_whole = pairs and self._active_sets.are_coupled(pairs)
         return self._saddle.condensed if is_whole else None
+
+    @cached_property
+    def _rigid_nodes(self) -> GlobalInts:
+        """Global numbers of the nodes of rigid bodies of all ranks. Collective at the first use."""
+        rows, rigid = self.tangent.rows, self._operator.bulk.rigid
+        if not rigid.exists:
+            return np.empty(0, dtype=np.int64)
+        numbers = rows.index_map.local_to_global(rigid.nodes.astype(np.int32))
+        return joined(self.tangent.comm, numbers)
 
     @property
     def statistics(self) -> SolverStatistics:

@@ -32,6 +32,7 @@ from dolfinx_nts.solvers.precond.tangent import Tangent
 
 __all__ = ["ContactComplement"]
 
+_NONE: GlobalInts = np.empty(0, dtype=np.int64)
 _MOST_NODES = 400  # number of nodes whose columns are kept, also of former contacts
 
 
@@ -75,10 +76,12 @@ class ContactComplement:
         is_point: Flags,
         present: Floats,
         mobility: Mobility | None = None,
+        held: GlobalInts = _NONE,
     ) -> tuple[Floats, Floats] | None:
         """Condense the system to the contact points, see `CondensedSystem`. Collective.
 
-        ``mobility`` is the additional compliance of free bodies, if there are any.
+        ``mobility`` is the additional compliance of free bodies, if there are any, and ``held`` are
+        nodes of rigid bodies without free motion, the same on all ranks.
         """
         # Without the geometric stiffness of contact: the factors lack the bodies' part, which
         # would balance it.
@@ -93,6 +96,9 @@ class ContactComplement:
         gaps = np.concatenate([values for part in parts for values in part])
         alone = self._bulk.responses(-np.asfortranarray(R[:, None]))
         S, s = self._among_reached, self._at_known(alone)[self._reached]
+        if len(held):
+            moves = np.repeat(~np.isin(nodes, held), self._dim)
+            S, s = S * np.outer(moves, moves), s * moves
         if mobility is not None:
             motions = np.array([self._at_known(m)[self._reached] for m in mobility.motions])
             S = S + motions.T @ mobility.compliance @ motions

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arrays import Flags, Floats
+from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts
 from dolfinx_nts.solvers.linear.elimination import ActivePairs, Elimination
 from dolfinx_nts.solvers.precond.contact_complement import ContactComplement
 from dolfinx_nts.solvers.precond.contact_schwarz import ContactSchwarz
@@ -99,12 +99,14 @@ class ContactCorrections:
         present: Floats,
         *,
         relief: InertiaRelief,
+        held: GlobalInts,
     ) -> tuple[Floats, Floats] | None:
         """Condense the system to the contact points, see `CondensedSystem`.
 
-        ``relief`` provides the motions of free bodies. The result is None for many points, without
-        accurate factors of the bulk, if free bodies have no active contact, and with factors of the
-        exact derivative, in which contact forces make free bodies rotate.
+        ``relief`` provides the motions of free bodies; ``held`` is as for `ContactComplement`. The
+        result is None for many points, without accurate factors of the bulk, if free bodies have no
+        active contact, and with factors of the exact derivative, in which contact forces make free
+        bodies rotate.
         """
         point, tangent = self._bulk.point, self._tangent
         if point is None or not self._bulk.has_responses or len(present) > _MOST_FORCES:
@@ -113,7 +115,7 @@ class ContactCorrections:
         if relief.is_loose or (relief.bodies and turns):
             return None
         mobility = relief.mobility(tangent.in_addition, tangent.drag)
-        return self._complement.condensed(R, pairs, is_point, present, mobility)
+        return self._complement.condensed(R, pairs, is_point, present, mobility, held)
 
     def serialize(self, archive: Archive, active_version: int) -> None:
         """Serialize the state that later steps depend on, after the factors of the bulk.

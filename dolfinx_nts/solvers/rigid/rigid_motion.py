@@ -150,13 +150,14 @@ class RigidMotion(RigidStates):
         self._starts: Floats = self._fields.reference
 
     @property
+    def has_unknowns(self) -> bool:
+        """Whether guides leave a rigid body any free motion. Local."""
+        return self.exists and bool(self._fields.freedom.free.any())
+
+    @property
     def has_no_inertia(self) -> bool:
         """Whether only contact and loads resist free motions of rigid bodies. Local."""
-        return (
-            self.exists
-            and bool(self._fields.freedom.free.any())
-            and not self._share(self._masses).any()
-        )
+        return self.has_unknowns and not self._share(self._masses).any()
 
     def begin(self, u_n: Floats) -> None:
         """Begin a step from displacements u_n [m]."""

@@ -49,11 +49,13 @@ class NormalContact(ABC):
         # Excluded nodes that penetrated, and remaining number of renewals.
         self._sunk: Flags = np.zeros_like(self._barred)
         self._choices = _MOST_CHOICES
+        # Nodes whose constraints others replace.
+        self._replaced: Flags = np.zeros_like(self._barred)
         self._begin(history.active, history.lambda_N)
 
     def _begin(self, active: Flags, lambda_N: Floats) -> None:
         """Choose the eligible nodes; active nodes stay active if eligible. Collective."""
-        self._eligible = self.choose()
+        self._eligible = self.choose() & ~self._replaced
         self.nodes: Ints = self._eligible.nonzero()[0].astype(np.int32)
         self.active: Flags = active & self._eligible
         self.lambda_N: Floats = np.where(self.active, lambda_N, 0.0)
@@ -105,6 +107,22 @@ class NormalContact(ABC):
     def held(self, pairs: PairKinematics) -> Floats:
         """Largest gaps at which pairs may transmit force, shape ``(m,)`` [m]. Local."""
         return np.zeros(len(pairs.node))
+
+    def replace(self, nodes: Flags, part: slice) -> int:
+        """Exclude the nodes whose constraints others replace. Collective.
+
+        Args:
+            nodes: Flags of these among the nodes of a pair, shape ``(n,)``.
+            part: Nodes of this pair.
+
+        Returns:
+            Number of nodes of this rank for which this changes.
+        """
+        changed = self._replaced[part] != nodes
+        if reductions.anywhere(self._comm, bool(changed.any())):
+            self._replaced[part] = nodes
+            self._begin(self.active, self.lambda_N)
+        return int(np.count_nonzero(changed))
 
     def admit(self, nodes: Flags) -> None:
         """Make nodes eligible that were eligible in an earlier solution of the step. Collective.

@@ -15,6 +15,7 @@ from dolfinx_nts.contact.implicit.normal.interface import NormalContact
 from dolfinx_nts.contact.implicit.normal.multiplier import MultiplierContact
 from dolfinx_nts.contact.implicit.normal.penalty import PenaltyContact
 from dolfinx_nts.contact.joint_state import JointState, members
+from dolfinx_nts.contact.method import MORTAR
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.contact.vertices import VertexState, released
 from dolfinx_nts.model.surfaces import Surface
@@ -116,7 +117,12 @@ class _Vertices(NormalContact):
 class VertexMultipliers(_Vertices, MultiplierContact):
     """Multipliers of vertices.
 
-    See `add_vertices` and, for the arguments, `MultiplierContact`.
+    A vertex of the nodes replaces their mean gap: above one facet both constraints are nearly the
+    same, and no active set may have an equilibrium. The mean gap counts again once no force acts on
+    the vertex. See `add_vertices` and, for the other arguments, `MultiplierContact`.
+
+    Args:
+        replace: Excludes nodes of a given pair, and returns how many of this rank changed.
     """
 
     def __init__(
@@ -127,8 +133,10 @@ class VertexMultipliers(_Vertices, MultiplierContact):
         search: LocalSearch,
         stiffness: Floats,
         intermediate: Mapping[float, Floats],
+        replace: Callable[[PairState, Flags], int],
     ) -> None:
         self._prepare(state, search)
+        self._replace = replace
         self._is_static = is_static
         normal = np.zeros((self._candidates.scatter.index_map.size_local, 3))
         for each in self._states:
@@ -136,6 +144,27 @@ class VertexMultipliers(_Vertices, MultiplierContact):
             normal[each.given.nodes.nodes] += np.where(history.active[:, None], history.normal, 0.0)
         self._held_along = self._candidates.scatter.forward(normal)
         super().__init__(state, law, is_static, search, stiffness, intermediate)
+
+    def _begin(self, active: Flags, lambda_N: Floats) -> None:
+        super()._begin(active, lambda_N)
+        self._replace_means(self._eligible)
+
+    def renew(self, x: Floats, *, moved: bool) -> int:
+        number = super().renew(x, moved=moved)
+        return number + self._replace_means(self.active | self._sunk)
+
+    def _replace_means(self, holding: Flags) -> int:
+        """Replace the mean gaps of vertices by others, flags of shape ``(n,)``. Collective.
+
+        Returns the number of nodes of this rank that changed.
+        """
+        number, ends = 0, self._state.ends
+        for each, start, end in zip(self._states, ends[:-1], ends[1:], strict=True):
+            given = each.given
+            if not each.is_reverse and given.pair.method == MORTAR:
+                nodes = each.nodes.nodes[holding[start:end]]
+                number += self._replace(given, np.isin(given.nodes.nodes, nodes))
+        return number
 
     def _stay(self, node: Ints) -> Flags:
         search = self._search
