@@ -7,7 +7,7 @@ it are too steep to face the other surface. In statics a node above another node
 facets, and is held by one of them. `add_vertices` adds contact of these vertices with the faces.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from typing import cast
 
@@ -17,6 +17,7 @@ from dolfinx_nts._kernels import HYSTERESIS
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.contact.enforcement import Penalty, Tied
+from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.joint_state import JointState, members
 from dolfinx_nts.contact.massless import is_resolved
 from dolfinx_nts.contact.method import EDGES, MORTAR, NODES, may_be_smooth
@@ -48,7 +49,6 @@ class VertexState(PairState):
 
     Attributes:
         given, tolerance: The arguments.
-        is_released: Whether no vertex is held any more, as a step had no solution with them.
     """
 
     def __init__(
@@ -62,7 +62,8 @@ class VertexState(PairState):
     ) -> None:
         self.given, self.tolerance = given, tolerance
         self.is_reverse = faces is given.nodes
-        self.is_released = False
+        # Numbers of steps for which vertices are released now and the next time.
+        self._pause, self._next_pause = 0, 1
         laws = given.pair.enforcement, given.pair.friction, NODES
         pair = ContactPair(vertices, faces, *laws, exchange=False)
         # A vertex above a node touches several facets. Patches have one normal there.
@@ -70,8 +71,26 @@ class VertexState(PairState):
             pair = ContactPair(vertices, faces.smoothed(), *laws, exchange=False)
         super().__init__(pair, given.passes)
 
+    @property
+    def is_released(self) -> bool:
+        """Whether no vertex is held at present, as a step had no solution with them. Local."""
+        return self._pause > 0
+
+    def release(self) -> int:
+        """Release the vertices for one step, later for twice as many as the last time. Local.
+
+        Returns the number of steps.
+        """
+        self._pause, self._next_pause = self._next_pause, 2 * self._next_pause
+        return self._pause
+
+    def accept(self, history: ContactHistory | Callable[[], ContactHistory]) -> None:
+        super().accept(history)
+        self._pause = max(self._pause - 1, 0)
+
     def serialize(self, archive: Archive, name: str) -> None:
-        self.is_released = archive.same(f"{name}/is_released", self.is_released)
+        pauses = archive.same(f"{name}/pauses", np.array([self._pause, self._next_pause]))
+        self._pause, self._next_pause = map(int, pauses)
         super().serialize(archive, name)
 
 
@@ -91,13 +110,13 @@ def released(state: PairState | JointState) -> Flags:
 
 
 def release_vertices(steps: Iterable[tuple[PairState | JointState, Flags]]) -> list[str]:
-    """Release all vertices of pairs with active vertices in a failed step. Collective.
+    """Release the vertices of pairs with active vertices in a failed step. Collective.
 
     Args:
         steps: States of the pairs in the step, and which of their nodes are active.
 
     Returns:
-        Between what these pairs are.
+        Between what these pairs are, and for how many steps.
     """
     found: list[str] = []
     for state, active in steps:
@@ -106,8 +125,9 @@ def release_vertices(steps: Iterable[tuple[PairState | JointState, Flags]]) -> l
                 continue
             holds = bool(active[start:end].any() or each.history.active.any())
             if reductions.anywhere(each.nodes.V.mesh.comm, holds):
-                each.is_released = True
-                found.append(each.given.pair.between)
+                number = each.release()
+                when = "in this step" if number == 1 else f"in {number} steps from this one on"
+                found.append(f"{each.given.pair.between} {when}")
     return found
 
 

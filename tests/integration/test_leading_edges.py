@@ -82,7 +82,10 @@ def test_friction_of_a_dragged_block_in_space_agrees_with_coulomb(comm, angle):
 
 
 def throw(comm, angle, dim, friction, contact, until):
-    """Throw the block along the floor at 1 m/s; its velocity [m/s] and the error of energy [-]."""
+    """Throw the block along the floor at 1 m/s.
+
+    Returns its velocity [m/s], the error of energy, and the number of rejected attempts [-].
+    """
     V, bodies, pairs, bottom, _ = scene(comm, angle, dim, friction, contact)
     fall = np.zeros(dim)
     fall[dim - 1] = -2.0
@@ -92,15 +95,16 @@ def throw(comm, angle, dim, friction, contact, until):
     stepper.set_velocity(bodies[1], np.eye(dim)[0])
     diagnostics = nts.Diagnostics(stepper)
     start = diagnostics.balance().total_energy
-    work = sum(report.load_work for report in stepper.run(until=until))
+    reports = list(stepper.run(until=until))
+    work = sum(report.load_work for report in reports)
     error = (diagnostics.balance().total_energy - work) / start - 1
-    return diagnostics.body_velocity(bodies[1]), error
+    return diagnostics.body_velocity(bodies[1]), error, sum(each.rejected for each in reports)
 
 
 @pytest.mark.parametrize(("angle", "dim"), [*((angle, 2) for angle in ANGLES), (105, 3), (150, 3)])
 def test_block_thrown_along_a_floor_keeps_its_velocity_without_friction(comm, angle, dim):
     # The surface of the floor is wavy, with slopes of about a hundredth.
-    velocity, _ = throw(comm, angle, dim, 0.0, NODES, until=0.2)
+    velocity, *_ = throw(comm, angle, dim, 0.0, NODES, until=0.2)
     assert abs(velocity[0] - 1) < 0.02
 
 
@@ -112,7 +116,8 @@ def test_block_thrown_along_a_floor_keeps_its_velocity_without_friction(comm, an
 def test_facets_below_the_edge_of_a_thrown_block_agree_with_coulomb(
     comm, angle, dim, friction, contact
 ):
-    velocity, error = throw(comm, angle, dim, friction, contact, until=0.3)
+    velocity, error, rejected = throw(comm, angle, dim, friction, contact, until=0.3)
+    assert rejected == 0
     # Gravity of 2 m/s^2 acts for 0.3 s.
     of_friction, of_contact = 1 - velocity[0], velocity[dim - 1] + 0.6
     # Impulses of released springs press without friction.

@@ -5,6 +5,7 @@ from mpi4py import MPI
 import numpy as np
 import pytest
 from dolfinx import fem
+from dolfinx.mesh import locate_entities_boundary
 from numpy.polynomial.polynomial import polyvander2d
 from scipy.interpolate import CubicHermiteSpline
 
@@ -519,3 +520,41 @@ def test_thrown_wedge_bounces_off_whichever_body_gives_the_nodes(comm, flank, la
         lowest.append(comm.allreduce(height, MPI.MIN))
     assert lowest[0] > -0.1
     assert lowest[1] == pytest.approx(lowest[0], rel=0.1)
+
+
+@pytest.mark.serial
+def test_vertices_are_held_again_after_a_step_without_a_solution(comm):
+    """A square cam turns below a guided follower: its sides lie flat on it once in 90 degrees."""
+    half, turn = 5.0, 8.0  # mm, rad per second
+
+    def fill(model):
+        occ = model.occ
+        cam = occ.addRectangle(-half, -half, 0, 2 * half, 2 * half)
+        follower = occ.addRectangle(-9, half, 0, 18, 4)
+        occ.synchronize()
+        for name, face, size in (("cam", cam, 2.5), ("follower", follower, 0.7)):
+            model.addPhysicalGroup(2, [face], name=name)
+            model.mesh.setSize(model.getBoundary([(2, face)], recursive=True), size)
+        model.mesh.generate(2)
+
+    mesh, cells, _, tag = nts.read_mesh(fill, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+    guide = nts.Guide(motion=nts.Motion(rotation=lambda t: turn * t))
+    cam = nts.RigidBody(V, cells, tag["cam"], rho=7.8e-9, guide=guide)
+    follower = nts.Body(V, cells, tag["follower"], nts.NeoHookean(E=1000.0, nu=0.3, rho=7.8e-9))
+    ends = locate_entities_boundary(mesh, 1, lambda x: np.isclose(np.abs(x[0]), 9))
+    ends = fem.locate_dofs_topological(V.sub(0), 1, ends)
+    sides = nts.boundary_of(follower), nts.boundary_of(cam)
+    stepper = nts.QuasiStatic(
+        [cam, follower],
+        [nts.ContactPair(*sides)],
+        dt=5e-3,
+        bcs=[fem.dirichletbc(np.float64(0), ends, V.sub(0))],
+        loads=[nts.Gravity([follower], (0, -9810))],
+    )
+    diagnostics = nts.Diagnostics(stepper)
+    start = diagnostics.centre_of_mass(follower)[1]
+    for step in stepper.run(until=0.24):
+        c, s = abs(np.cos(turn * step.t)), abs(np.sin(turn * step.t))
+        lift = diagnostics.centre_of_mass(follower)[1] - start
+        assert lift == pytest.approx(half * (c + s - 1), abs=1e-3)

@@ -48,9 +48,12 @@ class OverlapWatch:
             the least approach from there by which bodies of a pair pass through each other [m].
 
     Attributes:
+        is_static: Whether there is no inertia, for the remedies.
         deepest: The deepest overlap of any two bodies so far, by their names.
         deepest_at: Times at which these were found, by the same names [s].
     """
+
+    is_static = False
 
     def __init__(
         self,
@@ -354,6 +357,8 @@ class OverlapWatch:
                 "facets of round surfaces that fit, as in a shrink fit; otherwise move the bodies "
                 "apart before the first step, as no force acts on the deeper parts"
             )
+        if self.is_static:
+            return "harmless if it is meant: the first step makes a press fit, and closes the gaps"
         return (
             "harmless if it is meant: a step of QuasiStatic makes a press fit, from which "
             "load_state continues with inertia; without it, elastic impact keeps this depth, "
@@ -390,6 +395,12 @@ class OverlapWatch:
             return (
                 "the springs of their contact pair are compressed that much; stiffer ones "
                 "(eps_N), LagrangeMultiplier or a smaller dt reduce it"
+            )
+        if self.is_static:
+            return (
+                "their contact pair closes gaps of nodes; between them, and where a node touches "
+                "another segment, as in concave edges, surfaces overlap: use finer facets there, "
+                "and a pair for each side of a concave edge"
             )
         return (
             "multipliers keep nodes at the depth that they reached in the step in which they "

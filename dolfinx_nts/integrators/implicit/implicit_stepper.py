@@ -123,6 +123,7 @@ class ImplicitStepper(Stepper):
         super().__init__(bodies, pairs, dt=dt, loads=loads, update=update)
         check_stress(self.scheme, self.bodies)
         self._rates = make_rates(self.scheme, self, self._dt, bodies)
+        self.watch.overlaps.is_static = self._is_static
         if self._is_static:
             check_statics(self.bodies, Supports(self.u.function_space, bcs).fixed)
         elif self.scheme.contact == "static":
@@ -321,13 +322,13 @@ class ImplicitStepper(Stepper):
         raise self._failure(reports, steps, solution.end.states, advice)
 
     def _warn_of_released(self, between: Sequence[str]) -> None:
-        """Warn of pairs whose vertices are free from this step on."""
+        """Warn of pairs whose vertices are free in the accepted step."""
         if self._comm.rank == 0:
             _logger.warning(
                 "step %d to t = %g has no solution with contact of the vertices on edges and "
-                "corners (%s): from now on they are free and sink in between nodes; use smaller "
-                "facets there",
-                *(self.step, self.t, ", ".join(between)),
+                "corners: those between %s are free and may sink in between nodes, then they are "
+                "held again; smaller facets there help",
+                *(self.step + 1, self.t + self._dt, ", ".join(between)),
             )
 
     def _has_last_resort(self) -> bool:

@@ -59,6 +59,31 @@ class AdjacentFacets:
         pairs = _kernels.with_vertices(points, x, self._facets, facet)
         return _outside(_kernels.project(pairs, self._orientation[facet])[0], pairs.shape[1] - 1)
 
+    def are_beyond_edges(self, points: Floats, x: Floats, facet: Ints) -> Flags:
+        """Whether points are below their facets only beyond a convex edge, ``(m,)``.
+
+        At the edge, of 30 degrees or more, the surface turns away to another facet, above which the
+        points are: they are not inside.
+        """
+        flags: Flags = np.zeros(len(facet), dtype=bool)
+        k = self._facets.shape[1]
+        pairs = _kernels.with_vertices(points, x, self._facets, facet)
+        _, gap, normal, _ = _kernels.project(pairs, self._orientation[facet])
+        (below,) = (gap < 0).nonzero()
+        if not len(below):
+            return flags
+        place, other = self._around(facet[below])
+        own, theirs = self._facets[facet[below[place]]], self._facets[other]
+        at_edge = (own[:, :, None] == theirs[:, None]).sum(axis=(1, 2)) == min(k - 1, 2)
+        row, other, own = below[place[at_edge]], other[at_edge], own[at_edge]
+        pairs = _kernels.with_vertices(points[row], x, self._facets, other)
+        _, above, of_other, _ = _kernels.project(pairs, self._orientation[other])
+        behind = pairs[:, 1:].mean(axis=1) - x[own].mean(axis=1)
+        turns = np.einsum("ei,ei->e", of_other, normal[row]) < SHARP
+        turns &= np.einsum("ei,ei->e", behind, normal[row]) < 0
+        flags[row[turns & (above > 0)]] = True
+        return flags
+
     def have_common_vertices(self, facet: Ints, other: Ints) -> Flags:
         """Whether facets share vertices with the facets ``other``, shape ``(m,)``."""
         own, theirs = self._facets[facet], self._facets[other]

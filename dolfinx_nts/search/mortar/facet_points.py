@@ -33,6 +33,11 @@ _SMOOTH, _KINKED = 0.001, 0.004
 _COUNTED = 4.0
 
 
+# Part of its own displacement in its mean gap [-] that a node needs. Smaller: only parts of facets
+# far from the node are covered, as below a trailing edge, and its force may be 1e4 times too large
+# (at 0.001 Newton's method fails below a block that slides); larger: nodes at rims sink in.
+_LEAST_OWN = 0.02
+
 # Distance from its segment, in coordinates of the reference segment [-], from which on a point is
 # left out. Only facets at right angles to segments have such points. Larger: projections of warped
 # segments have no solution (at 1.5 in a pile of balls), and near it forces are arbitrary; smaller:
@@ -203,6 +208,29 @@ class FacetPoints:
                 part = np.fmin(part, (there + room) / taken)
         return part
 
+    def _without_distant_nodes(self, inner: Ints, psi: Floats) -> Floats:
+        """Give the functions of nodes that hardly move their mean gap to others of the facet.
+
+        The sum of the functions at each point stays the same. ``psi`` are the functions at the
+        points ``inner``, shape ``(p, k)``. Collective.
+        """
+        facets, scatter, k = self.facets, self.candidates.scatter, psi.shape[1]
+        linear, vertices = self.linear[inner], facets.vertices[self.facet[inner], :k]
+        values = self.weight[inner, None] * psi
+        area, own = (
+            np.bincount(vertices.ravel(), each.ravel(), len(facets.X))[facets.nodes]
+            for each in (values, values * linear)
+        )
+        lacks = np.zeros((scatter.index_map.size_local, 3))
+        lacks[facets.nodes, 0] = (area > 0) & (own < _LEAST_OWN * area)
+        lacking = scatter.forward(lacks)[vertices, 0] > 0
+        left = np.where(lacking, 0.0, linear)
+        whole = left.sum(axis=1, keepdims=True)
+        gives = lacking.any(axis=1, keepdims=True) & (whole > 0)
+        taken = np.where(lacking, psi, 0.0).sum(axis=1, keepdims=True)
+        others = left * (taken / np.where(whole > 0, whole, 1.0))
+        return np.where(gives, np.where(lacking, 0.0, psi) + others, psi)
+
     def _gaps(self, x: Floats) -> tuple[Floats, Floats]:
         """Gaps of points and corners, and the least gap around each node of the map, ``(l,)``."""
         gap = self.candidates.gap(self.places, x, self.places.segment) + self.places.offset
@@ -215,18 +243,23 @@ class FacetPoints:
     ) -> MortarPoints:
         """Create contact points with the weights of the nodes. Collective.
 
-        Nothing presses where surfaces are open. So above kinks linear functions are multiplied by
-        a weight there, which is 1 up to a multiple of the least gap, by size, on the facets next
-        to that of the point.
+        Nothing presses where surfaces are open. Points beyond a convex edge of the segments, which
+        are not inside, are left out, see `AdjacentFacets.are_beyond_edges`. Above kinks linear
+        functions are multiplied by a weight there, which is 1 up to a multiple of the least gap, by
+        size, on the facets next to that of the point.
 
         Args:
             part: Largest part of the dual functions around each node, shape ``(n,)``; None: 1,
                 and the method is local.
             x: Positions whose gaps give the weights, in equilibrium or at t_n, shape ``(l, 3)``
-                [m]; None: all weights are 1.
+                [m]; None: all weights are 1, and no points are left out.
             slack: Difference of gaps that is round-off [m].
         """
-        facets, inner = self.facets, np.flatnonzero(self.weight > 0).astype(np.int32)
+        facets, has_weight = self.facets, self.weight > 0
+        if x is not None and (around := self.candidates.adjacent(x)) is not None:
+            adjacent, vertices = around
+            has_weight &= ~adjacent.are_beyond_edges(self.places.of(x), vertices, self.of_segment)
+        inner = np.flatnonzero(has_weight).astype(np.int32)
         facet, psi = self.facet[inner], self.dual[inner]
         if part is not None:
             scatter, k = self.candidates.scatter, psi.shape[1]
@@ -243,6 +276,7 @@ class FacetPoints:
             weight = (counted / np.fmax(gap, counted)) ** 2 if x is not None else np.ones(len(gap))
             smooth = linear + c[:, None] * (psi - linear)
             psi = ((1 - kink) * smooth.T + kink * weight * linear.T).T
+            psi = self._without_distant_nodes(inner, psi)
         key = self.candidates.key[self.of_segment[inner]]
         shares = facets.shares(facet, self.weight[inner], psi, key)
         return self.places.only(inner, shares)

@@ -259,8 +259,8 @@ class InertiaRelief:
                 )
                 remedy = "add bcs, or a load that closes the contact"
             _logger.warning(
-                "%s; %.1e of the forces is not balanced, which is harmless if that is small "
-                "enough; otherwise %s",
+                "%s; %.1e of the forces is not balanced, the relative error of the result: if that "
+                "is too much, %s",
                 holds,
                 self._relief.share,
                 remedy,

@@ -159,6 +159,8 @@ class VertexMultipliers(_Vertices, MultiplierContact):
         Returns the number of nodes of this rank that changed.
         """
         number, ends = 0, self._state.ends
+        if not self._is_static:
+            return 0
         for each, start, end in zip(self._states, ends[:-1], ends[1:], strict=True):
             given = each.given
             if not each.is_reverse and given.pair.method == MORTAR:
