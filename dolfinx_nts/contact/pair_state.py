@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import fields
 from functools import partial
 from typing import Any
 
@@ -66,12 +66,15 @@ class PairState(Tractions, NodesOfPairs):
         eps_T: Stiffness of the tangential springs, shape ``(n,)`` [N/m], or None.
         vertices: States of vertices on convex edges and corners, see `VertexState`, whose forces
             belong to this pair.
+        starts_apart: Whether bodies of both sides did not overlap when displacements were set last,
+            so that no spring is loaded initially. Mean gaps may be negative beside corners.
         is_reverse: Whether this is contact of vertices of the segments of another pair, whose
             nodes have the reactions to its forces.
     """
 
     vertices: "tuple[PairState, ...]" = ()
     is_reverse = False
+    starts_apart = False
 
     def __init__(self, pair: ContactPair, passes: Passes | None = None) -> None:
         NodesOfPairs.__init__(self, [pair])
@@ -135,15 +138,6 @@ class PairState(Tractions, NodesOfPairs):
     def accept(self, history: ContactHistory | Callable[[], ContactHistory]) -> None:
         """Accept the contact of a step, or a function that computes it on demand. Local."""
         self.accepted = history
-
-    def begin_apart(self) -> None:
-        """Let no spring be loaded initially, as the two surfaces do not overlap. Local.
-
-        Mean gaps may be negative beside corners that are apart.
-        """
-        history = self.history
-        if np.any(history.key == NEVER):
-            self.accept(replace(history, key=np.where(history.key == NEVER, -1, history.key)))
 
     def derive_penalty(
         self,
@@ -320,6 +314,7 @@ class PairState(Tractions, NodesOfPairs):
         }
         self.accept(ContactHistory(**stored))
         self.sink(archive.same(f"{name}/sunk", self.search.sunk))
+        self.starts_apart = archive.same(f"{name}/starts_apart", self.starts_apart)
         for spring in ("eps_N", "depth_per_speed", "eps_T"):
             value = getattr(self, spring)
             if archive.same(f"{name}/has_{spring}", value is not None):

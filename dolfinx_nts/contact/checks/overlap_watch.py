@@ -142,8 +142,7 @@ class OverlapWatch:
         for contact, nodes, segments in self._roles:
             check_rigid_facets(contact, self.search, nodes, t, x)
             both = (frozenset(overlap.names) for overlap in found[0])
-            if not any(two & nodes and two & segments for two in both):
-                contact.begin_apart()
+            contact.starts_apart = not any(two & nodes and two & segments for two in both)
         self._moved = False
         self._known |= {names: (overlap.depth, overlap.cells) for overlap, names in new}
         self._sink(new, x)
