@@ -10,17 +10,21 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 
 __all__ = [
+    "APART",
     "NEVER",
     "ContactHistory",
     "ContactWork",
     "contact_sums",
     "reloaded",
+    "unloaded",
     "without_friction",
 ]
 
 # Key of a node without a segment after its displacement was set, as at the start: its spring may be
 # loaded initially.
 NEVER = -2
+# The same if the bodies of both sides do not overlap then: no spring is loaded initially.
+APART = -3
 
 
 @dataclass(frozen=True)
@@ -28,7 +32,7 @@ class ContactHistory:
     """Accepted contact of the owned nodes of a pair at t_n.
 
     Attributes:
-        key: Key of the segment of each node, -1 without one, or `NEVER`, shape ``(n,)``.
+        key: Key of the segment of each node, -1 without one, `NEVER` or `APART`, ``(n,)``.
         shared: Sum of the keys of the segments of a node that is equally near to several, which
             distinguishes sets of segments; 0 with one segment or none, shape ``(n,)``.
         active: Whether the node transmits force, shape ``(n,)``.
@@ -148,6 +152,14 @@ def without_friction(history: ContactHistory) -> ContactHistory:
     none = ContactHistory.none(len(history.key))
     names = ("sliding", "traction", "slip", "dissipation")
     return replace(history, **{name: getattr(none, name) for name in names})
+
+
+def unloaded(history: ContactHistory) -> ContactHistory:
+    """Copy in which no spring is loaded initially, as both sides do not overlap. Local.
+
+    Mean gaps may be negative beside corners that are apart.
+    """
+    return replace(history, key=np.where(history.key == NEVER, APART, history.key))
 
 
 def reloaded(history: ContactHistory) -> ContactHistory:

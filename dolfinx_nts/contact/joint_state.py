@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.common.arrays import Array, Flags, Floats, GlobalInts, Ints
+from dolfinx_nts.common.arrays import Array, Floats, GlobalInts, Ints
 from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.contact.enforcement import Tied
 from dolfinx_nts.contact.history import ContactHistory
@@ -26,7 +26,7 @@ from dolfinx_nts.search.global_search import GlobalSearch
 from dolfinx_nts.search.joint_facets import JointFacets
 from dolfinx_nts.search.joint_search import JointSearch
 
-__all__ = ["JointNodes", "JointState", "joint_states", "members", "starts_apart"]
+__all__ = ["JointNodes", "JointState", "joint_states", "members"]
 
 
 class JointNodes(NamedTuple):
@@ -124,13 +124,6 @@ def joint_states(states: Sequence[PairState]) -> list[PairState | JointState]:
     for number, state in enumerate(states):
         groups.setdefault(_kind(state) or number, []).append(state)
     return [group[0] if len(group) == 1 else JointState(group) for group in groups.values()]
-
-
-def starts_apart(state: PairState | JointState) -> Flags:
-    """Flags of nodes of pairs that started apart, see `PairState`, shape ``(n,)``. Local."""
-    return np.concatenate(
-        [np.full(len(each.nodes.nodes), each.starts_apart) for each in members(state)]
-    )
 
 
 def members(state: PairState | JointState) -> tuple[PairState, ...]:

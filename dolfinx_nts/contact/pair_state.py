@@ -66,15 +66,12 @@ class PairState(Tractions, NodesOfPairs):
         eps_T: Stiffness of the tangential springs, shape ``(n,)`` [N/m], or None.
         vertices: States of vertices on convex edges and corners, see `VertexState`, whose forces
             belong to this pair.
-        starts_apart: Whether bodies of both sides did not overlap when displacements were set last,
-            so that no spring is loaded initially. Mean gaps may be negative beside corners.
         is_reverse: Whether this is contact of vertices of the segments of another pair, whose
             nodes have the reactions to its forces.
     """
 
     vertices: "tuple[PairState, ...]" = ()
     is_reverse = False
-    starts_apart = False
 
     def __init__(self, pair: ContactPair, passes: Passes | None = None) -> None:
         NodesOfPairs.__init__(self, [pair])
@@ -128,7 +125,7 @@ class PairState(Tractions, NodesOfPairs):
         if not self.search.sunk:
             return
         comm: MPI.Comm = self.pair.nodes.V.mesh.comm
-        if not reductions.anywhere(comm, bool(np.any(self.history.key != NEVER))):
+        if not reductions.anywhere(comm, bool(np.any(self.history.key > NEVER))):
             return  # before the first step
         held = -float(np.nan_to_num(self.history.gap).min(initial=0.0))
         held = reductions.largest(comm, held)
@@ -314,7 +311,6 @@ class PairState(Tractions, NodesOfPairs):
         }
         self.accept(ContactHistory(**stored))
         self.sink(archive.same(f"{name}/sunk", self.search.sunk))
-        self.starts_apart = archive.same(f"{name}/starts_apart", self.starts_apart)
         for spring in ("eps_N", "depth_per_speed", "eps_T"):
             value = getattr(self, spring)
             if archive.same(f"{name}/has_{spring}", value is not None):

@@ -63,7 +63,7 @@ class VertexState(PairState):
         self.given, self.tolerance = given, tolerance
         self.is_reverse = faces is given.nodes
         # Numbers of steps for which vertices are released now and the next time.
-        self._pause, self._next_pause = 0, 1
+        self._pauses = 0, 1
         laws = given.pair.enforcement, given.pair.friction, NODES
         pair = ContactPair(vertices, faces, *laws, exchange=False)
         # A vertex above a node touches several facets. Patches have one normal there.
@@ -74,23 +74,25 @@ class VertexState(PairState):
     @property
     def is_released(self) -> bool:
         """Whether no vertex is held at present, as a step had no solution with them. Local."""
-        return self._pause > 0
+        return self._pauses[0] > 0
 
     def release(self) -> int:
         """Release the vertices for one step, later for twice as many as the last time. Local.
 
         Returns the number of steps.
         """
-        self._pause, self._next_pause = self._next_pause, 2 * self._next_pause
-        return self._pause
+        _, number = self._pauses
+        self._pauses = number, 2 * number
+        return number
 
     def accept(self, history: ContactHistory | Callable[[], ContactHistory]) -> None:
         super().accept(history)
-        self._pause = max(self._pause - 1, 0)
+        now, later = self._pauses
+        self._pauses = max(now - 1, 0), later
 
     def serialize(self, archive: Archive, name: str) -> None:
-        pauses = archive.same(f"{name}/pauses", np.array([self._pause, self._next_pause]))
-        self._pause, self._next_pause = map(int, pauses)
+        now, later = archive.same(f"{name}/pauses", np.array(self._pauses))
+        self._pauses = int(now), int(later)
         super().serialize(archive, name)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.checks.start import check_rigid_facets, sink_nodes_inside
 from dolfinx_nts.contact.enforcement import Penalty
+from dolfinx_nts.contact.history import unloaded
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.obstacles.obstacle import Obstacle
@@ -142,7 +143,8 @@ class OverlapWatch:
         for contact, nodes, segments in self._roles:
             check_rigid_facets(contact, self.search, nodes, t, x)
             both = (frozenset(overlap.names) for overlap in found[0])
-            contact.starts_apart = not any(two & nodes and two & segments for two in both)
+            if not any(two & nodes and two & segments for two in both):
+                contact.accept(unloaded(contact.history))
         self._moved = False
         self._known |= {names: (overlap.depth, overlap.cells) for overlap, names in new}
         self._sink(new, x)

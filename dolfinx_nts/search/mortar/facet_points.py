@@ -239,7 +239,12 @@ class FacetPoints:
         return gap, least
 
     def points(
-        self, part: Floats | None = None, x: Floats | None = None, slack: float = 0.0
+        self,
+        part: Floats | None = None,
+        x: Floats | None = None,
+        slack: float = 0.0,
+        *,
+        is_stiff: bool = False,
     ) -> MortarPoints:
         """Create contact points with the weights of the nodes. Collective.
 
@@ -254,6 +259,8 @@ class FacetPoints:
             x: Positions whose gaps give the weights, in equilibrium or at t_n, shape ``(l, 3)``
                 [m]; None: all weights are 1, and no points are left out.
             slack: Difference of gaps that is round-off [m].
+            is_stiff: Whether multipliers enforce contact, whose forces have no limit: nodes that
+                hardly move their mean gap give their functions to others.
         """
         facets, has_weight = self.facets, self.weight > 0
         if x is not None and (around := self.candidates.adjacent(x)) is not None:
@@ -276,7 +283,8 @@ class FacetPoints:
             weight = (counted / np.fmax(gap, counted)) ** 2 if x is not None else np.ones(len(gap))
             smooth = linear + c[:, None] * (psi - linear)
             psi = ((1 - kink) * smooth.T + kink * weight * linear.T).T
-            psi = self._without_distant_nodes(inner, psi)
+            if is_stiff:
+                psi = self._without_distant_nodes(inner, psi)
         key = self.candidates.key[self.of_segment[inner]]
         shares = facets.shares(facet, self.weight[inner], psi, key)
         return self.places.only(inner, shares)

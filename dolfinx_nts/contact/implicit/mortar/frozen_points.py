@@ -61,7 +61,7 @@ class FrozenPoints(LocalSearch):
         # Largest fraction of dual functions around each node [-].
         self._part: Floats = np.ones(len(self._every))
         self._slack = TOUCHES * state.pair.nodes.size
-        self._is_resolved = is_resolved(state.pair)
+        self._is_resolved, self._is_stiff = is_resolved(state.pair), state.eps_N is None
         self._choose(self.approach.x)
 
     @staticmethod
@@ -109,7 +109,7 @@ class FrozenPoints(LocalSearch):
         Above kinks they have the weights of their gaps at t_n: those without contact, at x, say
         nothing of what presses in the step.
         """
-        return found.points(part, self.x_n, self._slack)
+        return found.points(part, self.x_n, self._slack, is_stiff=self._is_stiff)
 
     def _has_fallen(self, part: Floats) -> Flags:
         """Whether the fractions of dual functions have to be reduced, shape ``(n,)``."""
@@ -171,7 +171,7 @@ class SettlingPoints(FrozenPoints):
 
     def _points(self, found: FacetPoints, part: Floats, x: Floats) -> MortarPoints:
         """Points with weights computed in equilibrium."""
-        return found.points(part, x, self._slack)
+        return found.points(part, x, self._slack, is_stiff=self._is_stiff)
 
     def _is_due(self, x: Floats, near: Ints, converged: bool) -> bool:
         moved = self.pairing.places(x, near) - self.pairing.places(self.pairing.x_chosen, near)

@@ -12,7 +12,7 @@ from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.implicit.normal.active_set import ROUNDING
 from dolfinx_nts.contact.implicit.normal.interface import NormalContact
 from dolfinx_nts.contact.implicit.normal.linear_values import LinearValues
-from dolfinx_nts.contact.joint_state import JointState, starts_apart
+from dolfinx_nts.contact.joint_state import JointState
 from dolfinx_nts.contact.pair_state import PairState
 
 __all__ = ["PenaltyContact"]
@@ -43,8 +43,6 @@ class PenaltyContact(NormalContact):
         super().__init__(state, search)
         self._law, self._eps_N, self._is_static = law, state.eps_N, is_static
         self._share = share
-        # Nodes whose springs may be loaded by displacements that the user set.
-        self._is_new: Flags = (state.history.key == NEVER) & ~starts_apart(state)
         if state.depth_per_speed is not None and not is_static and not state.pair.is_convective:
             self.soft_depth = self._soft_depth(state.depth_per_speed, dt)
         self._slope: Floats = np.empty(0)  # derivative of lambda_N w.r.t. the gap [N/m]
@@ -182,7 +180,7 @@ class PenaltyContact(NormalContact):
         speed = np.fmax(approach.gap_n - approach.gap, 0.0) / dt  # without a segment 0
         deforms = np.isfinite(depth_per_speed)
         # Springs loaded by a displacement that the user set had no impact: they stay soft.
-        overlaps = self._is_new & (approach.gap_n < 0) & ~self._search.touches
+        overlaps = (old.key == NEVER) & (approach.gap_n < 0) & ~self._search.touches
         deforms &= ~overlaps
         arriving = np.where(deforms, speed * np.where(deforms, depth_per_speed, 0.0), np.inf)
         depth: Floats = np.where(self._is_loaded, old.soft_depth, arriving)
@@ -206,7 +204,7 @@ class PenaltyContact(NormalContact):
         offset = self._offset_of_compression(pairs)
         if self._is_static:
             return offset
-        changes = ~self._is_new[pairs.node]
+        changes = self._state.history.key[pairs.node] != NEVER
         limit = np.fmax(-pairs.contact.gap_n, 0.0)
         return np.where(changes, np.minimum(offset, limit), offset)
 
@@ -220,7 +218,7 @@ class PenaltyContact(NormalContact):
         old, node, gap_n = self._state.history, pairs.node, pairs.contact.gap_n
         pairing = self._search.pairing
         changes_points = ~pairing.is_same(pairs) if pairing.follows else not self._is_static
-        moved = ~self._is_new[node] & changes_points
+        moved = (old.key[node] != NEVER) & changes_points
         before = np.where(old.active[node], old.gap[node], np.maximum(gap_n, 0.0))
         offset: Floats = old.offset[node] + np.where(moved, gap_n - before, 0.0)
         return offset
