@@ -7,17 +7,19 @@ from itertools import product
 import numpy as np
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.common.arrays import Floats, GlobalInts
+from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts
 from dolfinx_nts.contact.method import NODES
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.node_numbering import input_ids, listed, reference_positions
 from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.closed_boundaries import outward_triangles
 from dolfinx_nts.model.connected_bodies import connected
 from dolfinx_nts.model.obstacles.distance_check import check_distance
 from dolfinx_nts.model.obstacles.obstacle import Obstacle
 from dolfinx_nts.model.obstacles.rigid_shapes import ExactObstacle
 from dolfinx_nts.model.obstacles.rigid_surface import RigidSurface
+from dolfinx_nts.model.obstacles.rims import FACET_EDGES
 from dolfinx_nts.model.segments import area_vectors, diameters
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
@@ -157,7 +159,7 @@ def check_rigid_facets(
         return
     place = obstacle.motion.frame(t, t, obstacle.dim).at_end
     numbers, some = inside.one_node_each(surface)
-    within = joined(comm, numbers[obstacle.encloses(place(x[some]))])
+    within = joined(comm, numbers[_are_enclosed(obstacle, place(x[some]))])
     if len(within):
         raise ValueError(
             f"expected bodies outside of obstacles, given {inside.names[within[0]]} inside the "
@@ -190,6 +192,19 @@ def check_rigid_facets(
         if deep.any():
             more = ", more than half of a facet, where no force acts"
             raise _inside(state.pair, ids[deep], depth[deep], ends[deep], more)
+
+
+def _are_enclosed(obstacle: RigidSurface, x: Floats) -> Flags:
+    """Whether points ``(m, 3)`` [m] are within a closed surface; never in an open one. Local."""
+    points, facets, orientation = obstacle.facets
+    edges = np.sort(facets[:, FACET_EDGES[facets.shape[1]]].reshape(-1, 2))
+    if np.any(np.unique(edges, axis=0, return_counts=True)[1] != 2):
+        return np.zeros(len(x), dtype=bool)
+    nodes = np.arange(len(points), dtype=np.int32)
+    boundary = _kernels.Boundaries([nodes], [outward_triangles(facets, orientation)])
+    boundary.move(points)
+    flags: Flags = boundary.winding(x, np.zeros(len(x), dtype=np.int32)) > 0.5
+    return flags
 
 
 def warn_of_bodies_without_pair(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> None:

@@ -108,34 +108,6 @@ class RigidSurface(Obstacle):
     def extent(self) -> float:
         return float(np.linalg.norm(np.ptp(self.vertices, axis=0)))
 
-    def encloses(self, x: Floats) -> Flags:
-        """Whether points are inside a closed surface; never in an open one.
-
-        ``x`` are the points, shape ``(m, 3)`` [m]; returns shape ``(m,)``.
-        """
-        loops = self._facets[:, [0, 1, 3, 2]] if self._facets.shape[1] == 4 else self._facets
-        sides = np.stack([loops, np.roll(loops, -1, axis=1)], axis=2).reshape(-1, 2)
-        _, counts = np.unique(np.sort(sides, axis=1), axis=0, return_counts=True)
-        if np.any(counts != 2):
-            return np.zeros(len(x), dtype=bool)
-        triangles = np.concatenate([loops[:, [0, k, k + 1]] for k in range(1, loops.shape[1] - 1)])
-        # Kernels have the corners of quadrilaterals in the order of Basix.
-        outward = np.tile(self._orientation, loops.shape[1] - 2)
-        turns = np.empty(len(x))
-        for i, point in enumerate(x):
-            # Solid angles of triangles (van Oosterom and Strackee 1983).
-            a, b, c = np.moveaxis(self._points[triangles] - point, 1, 0)
-            la, lb, lc = (np.linalg.norm(each, axis=1) for each in (a, b, c))
-            products = (
-                np.einsum("si,si->s", one, other) * length
-                for one, other, length in ((a, b, lc), (b, c, la), (c, a, lb))
-            )
-            volume = np.einsum("si,si->s", a, np.cross(b, c))
-            angle = 2 * np.arctan2(volume, la * lb * lc + sum(products))
-            turns[i] = (outward * angle).sum() / (4 * np.pi)
-        inside: Flags = turns > 0.5
-        return inside
-
     def _shortest_passage(self) -> float:
         """Displacement below which no node passes through the surface [m].
 

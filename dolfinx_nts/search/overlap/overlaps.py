@@ -332,15 +332,15 @@ class OverlapSearch:
             for j, boundary in enumerate(self._boundaries):
                 least, greatest = self._insides.box(j)
                 round_ = in_space(obstacle.nearest(_on_facets(obstacle, seen[i], boundary)))
-                points, of_round = (
+                corners, of_round = (
                     some[((some > least) & (some < greatest)).all(axis=1)]
                     for some in (vertices, round_)
                 )
-                points = np.vstack([points, joined(self._comm, of_round)])
+                points = np.vstack([corners, joined(self._comm, of_round)])
                 where = np.full(len(points), j, dtype=np.int32)
                 depth = self._insides.depth(points, where, np.full(len(points), touching[j]))
                 deepest[i, j] = depth.max(initial=0.0)
-                number[i, j] = np.count_nonzero(depth[: len(vertices)])
+                number[i, j] = np.count_nonzero(depth[: len(corners)])
         return deepest, number
 
 
