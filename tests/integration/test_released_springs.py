@@ -145,3 +145,20 @@ def test_warning_names_the_energy_of_springs_between_bodies_that_cannot_move(com
     assert stepper.t == pytest.approx(0.006)
     assert report.contact_work.facet_change == pytest.approx(-0.5 * 1e5 * 0.003**2, rel=1e-9)
     assert losses(caplog) == [pytest.approx(0.45, rel=5e-3)]
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize(("fall", "is_reported"), [(6.0, True), (1.0, False)])
+def test_explicit_steps_warn_of_energy_that_springs_lose_at_a_rim(comm, caplog, fall, is_reported):
+    """Beyond a twentieth of the energy: 8 % and 0.4 % are lost."""
+    stepper = slide_over_a_rim(comm, 2, "node-to-segment", scheme=nts.CentralDifference)
+    stepper.set_velocity(stepper.bodies[0], (6.0, -fall))
+    diagnostics = nts.Diagnostics(stepper)
+    start = diagnostics.balance().total_energy
+    list(stepper.run(until=0.1))
+    lost = start - diagnostics.balance().total_energy
+    assert (lost > 0.05 * start) == is_reported
+    reported = losses(caplog)
+    assert len(reported) == is_reported
+    if is_reported:
+        assert 0.05 * start < reported[0] < 1.1 * lost

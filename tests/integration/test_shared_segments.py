@@ -63,6 +63,15 @@ def impact(V, bodies, pair, scheme=nts.EnergyMomentum, velocity=(0.0, 0.0, -1.0)
     return v[order], mirrored, shared, change
 
 
+def ridge(fall, order=slice(None)):
+    """Rigid surface of 3 on 3 facets with an edge at x = 1/3, from which it falls by a slope."""
+    y, x = np.indices((4, 4)).reshape(2, 16) / 3
+    points = np.stack([x, y, 0.4 - fall * np.abs(x - 1 / 3)], axis=1)
+    number = np.arange(16).reshape(4, 4)
+    facets = [number[j : j + 2, i : i + 2].ravel() for j in range(3) for i in range(3)]
+    return nts.RigidSurface(points, np.array(facets)[order], outside=(0.5, 0.5, 9.0))
+
+
 def in_space(X):
     """Order of points by their coordinates, independent of round-off."""
     return np.lexsort(np.round(X, 6).T)
@@ -134,11 +143,7 @@ def test_energy_is_conserved_where_nodes_slide_off_vertices(law):
 def test_nodes_above_vertices_of_a_rigid_surface_do_not_depend_on_its_numbers(friction):
     def velocities(order):
         V, bodies, (nodes, _) = blocks(MPI.COMM_SELF)
-        y, x = np.indices((4, 4)).reshape(2, 16) / 3
-        points = np.stack([x, y, 0.4 - 0.02 * np.abs(x - 1 / 3)], axis=1)
-        number = np.arange(16).reshape(4, 4)
-        facets = [number[j : j + 2, i : i + 2].ravel() for j in range(3) for i in range(3)]
-        obstacle = nts.RigidSurface(points, np.array(facets)[order], outside=(0.5, 0.5, 9.0))
+        obstacle = ridge(0.02, order)
         return impact(
             V, bodies, nts.ContactPair(nodes, obstacle, None, friction, method="node-to-segment")
         )
@@ -177,11 +182,7 @@ def test_nodes_share_segments_of_several_ranks(comm, friction, scheme):
 def test_explicit_steps_between_facets_of_a_rigid_surface_do_not_depend_on_its_numbers():
     def velocities(order):
         V, bodies, (nodes, _) = blocks(MPI.COMM_SELF)
-        y, x = np.indices((4, 4)).reshape(2, 16) / 3
-        points = np.stack([x, y, 0.4 - 0.02 * np.abs(x - 1 / 3)], axis=1)
-        number = np.arange(16).reshape(4, 4)
-        facets = [number[j : j + 2, i : i + 2].ravel() for j in range(3) for i in range(3)]
-        obstacle = nts.RigidSurface(points, np.array(facets)[order], outside=(0.5, 0.5, 9.0))
+        obstacle = ridge(0.02, order)
         pair = nts.ContactPair(nodes, obstacle, nts.Penalty(), method="node-to-segment")
         return impact(V, bodies, pair, nts.CentralDifference, steps=60)
 
@@ -260,14 +261,10 @@ def test_a_ridge_that_moves_below_nodes_has_the_forces_of_one_at_rest(law, frict
 
     def reactions(moves):
         V, bodies, (nodes, _) = blocks(MPI.COMM_SELF)
-        y, x = np.indices((4, 4)).reshape(2, 16) / 3
-        points = np.stack([x, y, 0.4 - 0.05 * np.abs(x - 1 / 3)], axis=1)
-        number = np.arange(16).reshape(4, 4)
-        facets = [number[j : j + 2, i : i + 2].ravel() for j in range(3) for i in range(3)]
-        ridge = nts.RigidSurface(points, facets, outside=(0.5, 0.5, 9.0))
+        tool = ridge(0.05)
         if moves:
             centre = (1 / 3, 1 / 3, 0.4)
-            ridge = ridge.moving(nts.Motion(shift, lambda t: (0, 0, 0.05 * t), centre))
+            tool = tool.moving(nts.Motion(shift, lambda t: (0, 0, 0.05 * t), centre))
         X, displacement = V.tabulate_dof_coordinates(), fem.Function(V)
 
         def update(t):
@@ -276,7 +273,7 @@ def test_a_ridge_that_moves_below_nodes_has_the_forces_of_one_at_rest(law, frict
             displacement.x.array[:] = (to - X).ravel()
 
         held = np.concatenate([bodies[0].nodes, bodies[1].nodes[X[bodies[1].nodes, 2] > 0.79]])
-        pair = nts.ContactPair(nodes, ridge, law, friction, method="node-to-segment")
+        pair = nts.ContactPair(nodes, tool, law, friction, method="node-to-segment")
         bcs = [fem.dirichletbc(displacement, held.astype(np.int32))]
         stepper = nts.QuasiStatic(bodies, [pair], dt=0.25, bcs=bcs, update=update)
         steps, shared = [], 0
