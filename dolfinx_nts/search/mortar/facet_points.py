@@ -32,11 +32,12 @@ _SMOOTH, _KINKED = 0.001, 0.004
 # sole, 9 % with 4); smaller: points that are open by the waviness of pressed meshes count less.
 _COUNTED = 4.0
 
-
-# Part of its own displacement in its mean gap [-] that a node needs. Smaller: only parts of facets
-# far from the node are covered, as below a trailing edge, and its force may be 1e4 times too large
-# (at 0.001 Newton's method fails below a block that slides); larger: nodes at rims sink in.
-_LEAST_OWN = 0.02
+# Part of its own displacement in its mean gap [-] that a node needs, with multipliers and with
+# springs. Smaller: only parts of facets far from the node are covered, as below a trailing edge,
+# and its force may be 1e4 times too large (with multipliers, 3 of 28 blocks that slide are refused
+# at 0.005; with springs one is without any); larger: nodes at rims sink in, and springs of nodes
+# that leave a surface lose their energy earlier (at 0.01).
+_LEAST_OWN, _LEAST_OWN_OF_SPRINGS = 0.02, 0.005
 
 # Distance from its segment, in coordinates of the reference segment [-], from which on a point is
 # left out. Only facets at right angles to segments have such points. Larger: projections of warped
@@ -208,11 +209,12 @@ class FacetPoints:
                 part = np.fmin(part, (there + room) / taken)
         return part
 
-    def _without_distant_nodes(self, inner: Ints, psi: Floats) -> Floats:
+    def _without_distant_nodes(self, inner: Ints, psi: Floats, least: float) -> Floats:
         """Give the functions of nodes that hardly move their mean gap to others of the facet.
 
         The sum of the functions at each point stays the same. ``psi`` are the functions at the
-        points ``inner``, shape ``(p, k)``. Collective.
+        points ``inner``, shape ``(p, k)``, ``least`` the part of its own displacement that a
+        node needs [-]. Collective.
         """
         facets, scatter, k = self.facets, self.candidates.scatter, psi.shape[1]
         linear, vertices = self.linear[inner], facets.vertices[self.facet[inner], :k]
@@ -222,7 +224,7 @@ class FacetPoints:
             for each in (values, values * linear)
         )
         lacks = np.zeros((scatter.index_map.size_local, 3))
-        lacks[facets.nodes, 0] = (area > 0) & (own < _LEAST_OWN * area)
+        lacks[facets.nodes, 0] = (area > 0) & (own < least * area)
         lacking = scatter.forward(lacks)[vertices, 0] > 0
         left = np.where(lacking, 0.0, linear)
         whole = left.sum(axis=1, keepdims=True)
@@ -259,8 +261,8 @@ class FacetPoints:
             x: Positions whose gaps give the weights, in equilibrium or at t_n, shape ``(l, 3)``
                 [m]; None: all weights are 1, and no points are left out.
             slack: Difference of gaps that is round-off [m].
-            is_stiff: Whether multipliers enforce contact, whose forces have no limit: nodes that
-                hardly move their mean gap give their functions to others.
+            is_stiff: Whether multipliers enforce contact, not springs. Nodes that hardly move
+                their mean gap give their functions to others, with multipliers earlier.
         """
         facets, has_weight = self.facets, self.weight > 0
         if x is not None and (around := self.candidates.adjacent(x)) is not None:
@@ -275,16 +277,16 @@ class FacetPoints:
             gap: Floats = np.zeros(len(inner))
             linear, kink = self.linear[inner], self.kink[inner]
             if x is not None:
-                gaps, least = self._gaps(x)
-                gap, values[facets.nodes, 1] = gaps[inner], least[facets.nodes]
+                gaps, least_gap = self._gaps(x)
+                gap, values[facets.nodes, 1] = gaps[inner], least_gap[facets.nodes]
             of_facets = scatter.forward(values)[facets.vertices[:, :k]].min(axis=1)
             c, level = of_facets[facet, :2].T
             counted = np.fmax(_COUNTED * np.abs(level), slack)
             weight = (counted / np.fmax(gap, counted)) ** 2 if x is not None else np.ones(len(gap))
             smooth = linear + c[:, None] * (psi - linear)
             psi = ((1 - kink) * smooth.T + kink * weight * linear.T).T
-            if is_stiff:
-                psi = self._without_distant_nodes(inner, psi)
+            least = _LEAST_OWN if is_stiff else _LEAST_OWN_OF_SPRINGS
+            psi = self._without_distant_nodes(inner, psi, least)
         key = self.candidates.key[self.of_segment[inner]]
         shares = facets.shares(facet, self.weight[inner], psi, key)
         return self.places.only(inner, shares)
