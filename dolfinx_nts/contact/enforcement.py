@@ -1,6 +1,7 @@
 """Enforcement of normal contact: Lagrange multipliers and penalty springs.
 
-Methods of the laws are pure functions of arrays over nodes. The gap is positive when open, and
+Methods of the laws are pure functions of arrays over nodes, forces and energies of springs are in
+`springs`. The gap is positive when open, and
 the multiplier lambda_N is negative in contact, as in Wriggers' book; Laursen uses the opposite
 signs.
 """
@@ -18,11 +19,6 @@ __all__ = ["TOUCHES", "LagrangeMultiplier", "Penalty", "Tied"]
 # Gap relative to the longest segment [-] below which an active node stays eligible: elastic impact
 # keeps it at the gap at which it became active.
 _NEAR = 1e-2
-# Stiffness of default springs beyond their soft part, relative to it [-]. Larger: more iterations;
-# smaller: more compliance. With 1, 5, 10 and 20 the peak force of a ball on a block of 6 cells is
-# 7.2, 2.5, 1.9 and 1.5 % too small, and that of two balls of revolution 11.0, 2.6, 0.7 and 0.1 %,
-# after 3.4, 3.8, 4.0 and 4.3 Newton iterations a step.
-_STIFFER = 10.0
 # Gap relative to the size of segments [-] that counts as zero, so that round-off does not decide
 # whether a node on a segment may become active.
 TOUCHES = 1e-9
@@ -200,6 +196,7 @@ class Penalty(Declaration):
             `halved`.
 
     Raises:
+        TypeError: A subclass is defined: the stiffness is all that can be chosen.
         ValueError: ``eps_N`` is not positive.
 
     Example:
@@ -207,6 +204,12 @@ class Penalty(Declaration):
         >>> print(nts.ContactPair(bottom, top, enforcement=springs))
         surface-to-surface contact by Penalty
     """
+
+    def __init_subclass__(cls) -> None:
+        raise TypeError(
+            f"expected no subclass of Penalty, given {cls.__name__}: the force of a spring cannot "
+            "be extended, choose its stiffness by Penalty(eps_N)"
+        )
 
     def __init__(self, eps_N: float | None = None) -> None:
         if eps_N is not None:
@@ -224,72 +227,3 @@ class Penalty(Declaration):
         half = Penalty(self.eps_N)
         vars(half)["share"] = self.share / 2  # allowed before the declaration is in use
         return half
-
-    def energy(self, gap: Floats, eps_N: Floats, soft_depth: Floats | float = np.inf) -> Floats:
-        """Energy of springs. Local.
-
-        Args:
-            gap: Gap, shape ``(m,)`` [m].
-            eps_N: Stiffness, shape ``(m,)`` [N/m].
-            soft_depth: Compression beyond which springs are stiffer, shape ``(m,)`` [m].
-
-        Returns:
-            Energy, shape ``(m,)`` [J].
-        """
-        beyond = np.minimum(gap + soft_depth, 0.0)
-        energy: Floats = 0.5 * eps_N * (np.minimum(gap, 0.0) ** 2 + (_STIFFER - 1) * beyond**2)
-        return energy
-
-    def force(
-        self,
-        gap_n: Floats,
-        gap: Floats,
-        eps_N: Floats,
-        share: float = 0.5,
-        soft_depth: Floats | float = np.inf,
-    ) -> tuple[Floats, Floats]:
-        """Multiplier of a step and its derivative with respect to the gap at the end. Local.
-
-        A weight s > 1/2 of the end adds (s - 1/2) times the change of the force, which dissipates
-        energy as does the stress of a scheme with this weight.
-
-        Args:
-            gap_n: Gap at t_n, shape ``(m,)`` [m].
-            gap: Gap at t_{n+1}, shape ``(m,)`` [m].
-            eps_N: Stiffness, shape ``(m,)`` [N/m].
-            share: Weight of the end of the step in the force of a loaded spring [-].
-            soft_depth: Compression beyond which springs are stiffer, shape ``(m,)`` [m].
-
-        Returns:
-            lambda_N [N, <= 0] and d lambda_N / d gap [N/m], both of shape ``(m,)``.
-        """
-        lambda_N, slope = _quotient(gap_n, gap, eps_N, share)
-        ends = np.isfinite(soft_depth)
-        if np.any(ends):
-            # A second spring in parallel begins at that compression.
-            start, stiffness = np.where(ends, soft_depth, 0.0), (_STIFFER - 1) * eps_N * ends
-            more = _quotient(gap_n + start, gap + start, stiffness, share)
-            lambda_N, slope = lambda_N + more[0], slope + more[1]
-        if share == 0.5:
-            return lambda_N, slope
-        # No tension, as for nodes that separate fast.
-        pushes = lambda_N < 0
-        return np.where(pushes, lambda_N, 0.0), np.where(pushes, slope, 0.0)
-
-
-def _quotient(gap_n: Floats, gap: Floats, eps_N: Floats, share: float) -> tuple[Floats, Floats]:
-    """Multipliers and slopes of springs of one stiffness, as of `Penalty.force`. Local."""
-    below_n, below = np.minimum(gap_n, 0.0), np.minimum(gap, 0.0)
-    both = (gap_n < 0) & (gap < 0)
-    # If the spring is loaded at both ends, the quotient is its mean force. It is evaluated only
-    # if one end is open, so that it is never 0/0.
-    rise = np.where(both | (gap == gap_n), 1.0, gap - gap_n)
-    quotient = 0.5 * eps_N * (below**2 - below_n**2) / rise
-    slope = (eps_N * below - quotient) / rise
-    mean = 0.5 * eps_N * (below + below_n)
-    lambda_N = np.where(both, mean, quotient)
-    slope = np.where(both, 0.5 * eps_N, slope)
-    if share != 0.5:
-        lambda_N += (share - 0.5) * eps_N * (below - below_n)
-        slope += (share - 0.5) * np.where(gap < 0, eps_N, 0.0)
-    return lambda_N, slope

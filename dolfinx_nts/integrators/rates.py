@@ -102,9 +102,12 @@ class Rates(ABC):
             inertia.
         is_unchanged: Whether the state at the start also solves the step.
         trial: Name of the starting guess from which candidate segments are searched.
+        force_time: Time of stress and loads for second order, from 0 at the start of a step to 1 at
+            its end [-]; None if the scheme chooses it.
     """
 
     acceleration: Any | None
+    force_time: float | None = None
     trial: ClassVar[str] = "ballistic"
     is_unchanged = False
 

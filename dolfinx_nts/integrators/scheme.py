@@ -33,13 +33,15 @@ class Scheme:
         rates: Factory of the relation between velocities and displacements, called by the stepper:
             ``partial(NewmarkRates, Newmark(...))`` for relatives of Newmark's method, or the one of
             another scheme, such as ``Midpoint.scheme.rates``.
-        stress_share: Weight of the end of the step in the stress and in the forces of springs [-]:
-            1/2 for midpoint-type schemes, 1 for implicit Euler.
+        stress_share: Weight of the end of the step in ``stress`` [-], which springs and tangents
+            use, too: 1/2 for midpoint-type schemes, 1 for implicit Euler.
         load_point: Time of the loads and of the constraint forces of rigid bodies, from 0 at the
-            start of a step to 1 at its end [-].
+            start of a step to 1 at its end [-]. It is the time of the stress; with another one a
+            scheme is of first order.
         loads_at: Displacement at which loads act: interpolated at their time (``"mean"``), or at
             the end of the step (``"end"``).
-        resolves_impact: Whether nodes may be massless, see ``ResolvedImpact``.
+        resolves_impact: Whether ``LagrangeMultiplier("resolved")`` is allowed; for schemes of the
+            package.
 
     Raises:
         TypeError: ``stress`` or ``rates`` is no function, or a share no number.

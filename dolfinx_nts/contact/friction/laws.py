@@ -20,11 +20,14 @@ from dolfinx_nts.fem.node_numbering import reference_positions
 
 __all__ = [
     *("Coefficient", "Coulomb", "FrictionLaw", "FrictionNodes"),
-    *("SlipWeakening", "Stribeck", "Tresca", "friction_law"),
+    *("SLIP_MEASURES", "SlipWeakening", "Stribeck", "Tresca", "friction_law"),
 ]
 
 # A coefficient of friction: a number, or a scalar Function of the mesh, read at the nodes.
 Coefficient: TypeAlias = float | fem.Function
+
+# Measures of slip, see `Coulomb`.
+SLIP_MEASURES = ("objective", "convective")
 
 # A cell of each local node of a space, by its id.
 _CELLS: dict[int, Ints] = {}
@@ -49,7 +52,11 @@ class FrictionNodes:
 
     @property
     def area(self) -> Floats:
-        """Reference area on which each node transmits force, shape ``(m,)`` [m^2]."""
+        """Reference area on which each node transmits force, shape ``(m,)`` [m^2].
+
+        The pressure is the normal force divided by it. In the plane it is per metre of thickness
+        [m]. With mortar contact it is the covered part, which changes from step to step.
+        """
         return self._area[self._node]
 
     @property
@@ -61,11 +68,17 @@ class FrictionNodes:
         """Value of a coefficient at each node: the number itself, or shape ``(m,)``.
 
         A Function is read once in each attempt at a step, at the reference positions of the nodes.
+        One that jumps between cells, as of degree 0, has the value of one of the cells there.
+
+        Raises:
+            TypeError: The Function is not scalar.
+            ValueError: It belongs to another mesh.
         """
         if isinstance(coefficient, Real):
             return coefficient
         if coefficient not in self._known:
             nodes = self._of_surface
+            _coefficient("the coefficient of a friction law", coefficient)
             self._known[coefficient] = _nodal_values(coefficient, nodes.V, nodes.nodes)
         return self._known[coefficient][self._node]
 
@@ -77,9 +90,11 @@ class FrictionLaw(Declaration):
     of this size, opposite to its slip. A law is one method, `limit`.
 
     Attributes:
-        eps_T: Stiffness of the tangential spring of a node [N/m], see `Coulomb`.
-        law: How slip is measured, see `Coulomb`.
-        depends_on_slip: Whether the limit depends on the slip of the step. False saves evaluations.
+        eps_T: Stiffness of the tangential spring of a node [N/m], positive; None, the default, as
+            in `Coulomb`.
+        law: Measure of slip, ``"objective"`` or ``"convective"``, see `Coulomb`.
+        depends_on_slip: Whether the limit depends on the slip of the step. True, the default, is
+            always right. False saves evaluations where the derivative by slip is zero everywhere.
 
     Example:
         >>> class Viscous(nts.FrictionLaw):
@@ -108,7 +123,8 @@ class FrictionLaw(Declaration):
             nodes: Areas, accumulated slip and values of Functions at the nodes.
 
         Returns:
-            Limit, shape ``(m,)`` [N, >= 0], its derivative by p [-], and by slip [N/m].
+            Limit, shape ``(m,)`` [N, >= 0], its derivative by p [-], and by slip [N/m]. The
+            derivatives may be numbers; the limit is an array.
         """
 
     @property
@@ -163,7 +179,7 @@ class Coulomb(FrictionLaw):
     ) -> None:
         """Check the coefficient, the stiffness and the name of the law."""
         self.mu = _coefficient("a coefficient of friction mu", mu)
-        if law not in ("objective", "convective"):
+        if law not in SLIP_MEASURES:
             raise ValueError(f"expected law 'objective' or 'convective', given {law!r}")
         self.eps_T, self.law = _stiffness(eps_T), law
 

@@ -5,9 +5,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dolfinx_nts.common.arguments import called
+from dolfinx_nts.common.arguments import called, positive
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
-from dolfinx_nts.contact.friction.laws import FrictionLaw, FrictionNodes
+from dolfinx_nts.contact.friction.laws import SLIP_MEASURES, FrictionLaw, FrictionNodes
 
 __all__ = ["Limits", "NodalLimit", "check_law"]
 
@@ -134,10 +134,18 @@ def check_law(law: FrictionLaw, nodes: Any) -> None:
     Collective, as is the area of the nodes at its first use.
 
     Raises:
-        TypeError: The method `FrictionLaw.limit` takes other arguments.
-        ValueError: Limits or their derivatives are not finite, of another shape or negative, or a
+        TypeError: The method `FrictionLaw.limit` takes other arguments, or ``eps_T`` is no number.
+        ValueError: ``eps_T`` is not positive, there is no such ``law``, limits depend on the slip
+            although ``depends_on_slip`` is False, or limits or their derivatives are not finite, of another shape or negative, or a
             derivative is not the derivative of the limit.
     """
+    if law.eps_T is not None:
+        positive(f"the tangential stiffness eps_T of {law!r}", law.eps_T)
+    if law.law not in SLIP_MEASURES:
+        raise ValueError(
+            f"expected the attribute law of {law!r}, the measure of slip, to be "
+            f"{' or '.join(map(repr, SLIP_MEASURES))}, given {law.law!r}"
+        )
     n, area = len(nodes.nodes), nodes.area
     if n == 0:
         return
@@ -162,6 +170,11 @@ def _check_derivatives(law: FrictionLaw, nodes: Any, dt: float) -> None:
     node, p, slip = grid
     limits = Limits(law, nodes, dt, lambda: nodes.area, np.zeros(len(nodes.nodes)))
     at = limits.at(node, p, slip)
+    if not law.depends_on_slip and np.any(at.force != limits.at(node, p).force):
+        raise ValueError(
+            f"expected limits of {law!r} that do not depend on the slip, as its depends_on_slip "
+            "is False, given limits that do: leave out that attribute"
+        )
     moved = {"p": (_PART * p, 0 * slip), "slip": (0 * p, _PART * slip)}
     for (name, (dp, ds)), given in zip(moved.items(), at[1:], strict=True):
         h = dp + ds

@@ -31,20 +31,26 @@ from dolfinx_nts.solvers.rigid.rigid_motion import RigidMotion
 
 __all__ = ["GeneralizedAlpha", "Newmark", "NewmarkRates"]
 
+# Difference of parameters that is round-off [-].
+_ROUNDING = 1e-12
+
 
 @dataclass(frozen=True)
 class Newmark:
     """Parameters of the generalised-alpha method and its relatives, as HHT.
 
     Attributes:
-        alpha_m: Share of the start of a step in the inertia [-].
-        alpha_f: Share of the start of a step in the forces [-].
+        alpha_m: Weight of the start of a step in the inertia [-]; 0 in HHT.
+        alpha_f: Weight of the start of a step in stress and loads [-]. A `Scheme` of your own has
+            1 - alpha_f as ``stress_share`` and ``load_point``, and uses it in ``stress``.
         beta: Newmark's parameter of the displacement [-].
-        gamma: Newmark's parameter of the velocity [-].
+        gamma: Newmark's parameter of the velocity [-]: 1/2 - alpha_m + alpha_f for second order;
+            larger values dissipate, smaller ones gain energy.
 
     Raises:
         TypeError: A parameter is no number.
-        ValueError: A parameter is not finite, or ``beta`` is not positive.
+        ValueError: A parameter is not finite, ``beta`` is not positive, or ``gamma`` is so small
+            that the energy grows.
 
     Example:
         >>> average_acceleration = nts.Newmark(alpha_m=0.0, alpha_f=0.0, beta=0.25, gamma=0.5)
@@ -59,6 +65,12 @@ class Newmark:
         for name, value in vars(self).items():
             finite(name, value)
         positive("beta of Newmark", self.beta)
+        least = 0.5 - self.alpha_m + self.alpha_f
+        if self.gamma < least - _ROUNDING:
+            raise ValueError(
+                f"expected gamma of Newmark >= 1/2 - alpha_m + alpha_f = {least:g}, below which "
+                f"the energy grows, given {self.gamma:g}"
+            )
 
     @classmethod
     def of(cls, rho_inf: float) -> "Newmark":
@@ -72,8 +84,9 @@ class GeneralizedAlpha(ImplicitStepper):
     """Advances bodies by the generalised-alpha method, which damps high frequencies.
 
     It is of second order in the step and conserves the linear momentum, but neither the energy
-    nor the angular momentum. Contact is closed at the end of a step, g = 0, so that nodes lose
-    their impact energy. Further attributes: see `EnergyMomentum`. Collective, as are all its
+    nor the angular momentum. Contact acts at the end of a step: by springs, the default, or closed
+    exactly, g = 0, by ``LagrangeMultiplier("plastic")``, where nodes lose their impact energy.
+    Further attributes: see `EnergyMomentum`. Collective, as are all its
     methods.
 
     Args:
@@ -150,6 +163,7 @@ class NewmarkRates(Rates):
 
     Attributes:
         a: Acceleration at t [m/s^2].
+        force_time: See `Rates`: 1 - alpha_f.
 
     Example:
         >>> from functools import partial
@@ -165,6 +179,7 @@ class NewmarkRates(Rates):
                 f"given {kind_of(parameters)} as parameters"
             )
         self._parameters = p = parameters
+        self.force_time = 1 - p.alpha_f
         u_n, u, v = state.u_n, state.u, state.v
         self.a = fem.Function(u.function_space, name="acceleration")
         self._mass_times_a, self._mass_times_v = (ConsistentMass(bodies, f) for f in (self.a, v))

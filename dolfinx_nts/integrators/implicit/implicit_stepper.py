@@ -92,14 +92,15 @@ _MOST_LONG = 12
 class ImplicitStepper(Stepper):
     """Base class of steppers that solve for the displacement at the end of a step.
 
-    Arguments, attributes and errors as for `EnergyMomentum`. Collective, as are all its
-    methods.
+    A subclass has a `Scheme` as the attribute ``scheme``, of the class, or of the stepper and set
+    before ``super().__init__()``. Arguments, attributes and errors as for `EnergyMomentum`.
+    Collective, as are all its methods.
 
     Example:
-        >>> class Trapezoidal(nts.ImplicitStepper):
+        >>> class MyMidpoint(nts.ImplicitStepper):
         ...     scheme = nts.Midpoint.scheme
-        >>> issubclass(nts.EnergyMomentum, nts.ImplicitStepper)
-        True
+        >>> MyMidpoint(bodies, dt=0.01).step
+        0
     """
 
     @geometry_unchanged()

@@ -21,6 +21,9 @@ __all__ = ["check_stress", "make_rates"]
 _SAMPLE = [[1.05, 0.20, 0.0], [-0.15, 0.95, 0.05], [0.0, 0.1, 1.02]]
 # Relative error of a stress [-] that round-off does not explain.
 _INCONSISTENT = 1e-6
+# Relative change of the deformation by which the weight of the end of the step is measured [-], and
+# error of the weight that the change does not explain [-].
+_CHANGE, _WRONG_SHARE = 1e-4, 1e-2
 
 
 def make_rates(scheme: Scheme, state: State, dt: fem.Constant, bodies: Sequence[Body]) -> Rates:
@@ -28,6 +31,7 @@ def make_rates(scheme: Scheme, state: State, dt: fem.Constant, bodies: Sequence[
 
     Raises:
         TypeError: ``scheme.rates`` takes other arguments, or returns no `Rates`.
+        ValueError: Newmark's parameters have another time of stress and loads than the scheme.
     """
     call = f"rates(state, dt, bodies) of the Scheme ({HINT})"
     found = called(scheme.rates, call, state, dt, bodies)
@@ -35,6 +39,14 @@ def make_rates(scheme: Scheme, state: State, dt: fem.Constant, bodies: Sequence[
         raise TypeError(
             f"expected rates of the Scheme that return Rates, given {kind_of(found)}: {HINT}"
         )
+    if (time := found.force_time) is not None:
+        given = {"stress_share": scheme.stress_share, "load_point": scheme.load_point}
+        for name, value in given.items():
+            if not np.isclose(value, time, rtol=0, atol=_INCONSISTENT):
+                raise ValueError(
+                    f"expected {name} of the Scheme to be {time:g}, which is 1 - alpha_f of Newmark, "
+                    f"given {value:g}: with another value the scheme is of first order"
+                )
     return found
 
 
@@ -42,12 +54,14 @@ def check_stress(scheme: Scheme, bodies: Sequence[Body]) -> None:
     """Check that the stress of a step without deformation is the stress of the material. Local.
 
     Any consistent scheme has the stress P = F S(F^T F) if F is the same at both ends. It is
-    evaluated for the first deformable body whose stress depends on the deformation alone. Schemes
+    evaluated for the first deformable body whose stress depends on the deformation alone. The
+    weight of the end of the step is compared with the difference for a small change of F. Schemes
     of the package are tested and not checked here, as this takes up to half a second.
 
     Raises:
         TypeError: ``scheme.stress`` takes other arguments.
-        ValueError: It returns no tensor, or another stress.
+        ValueError: It returns no tensor, or another stress, or its weight of the end of the step
+            is not ``scheme.stress_share``.
     """
     if is_of_package(scheme.stress):
         return
@@ -57,7 +71,8 @@ def check_stress(scheme: Scheme, bodies: Sequence[Body]) -> None:
             continue
         F = ufl.as_matrix(_SAMPLE)
         call = "stress(material, parameters, F_n, F) of the Scheme"
-        P = called(scheme.stress, call, material, dict(material.parameters), F, F)
+        parameters = dict(material.parameters)
+        P = called(scheme.stress, call, material, parameters, F, F)
         shape = getattr(P, "ufl_shape", None)
         if shape != (3, 3):
             raise ValueError(
@@ -75,6 +90,16 @@ def check_stress(scheme: Scheme, bodies: Sequence[Body]) -> None:
                 f"F_n = F, given another tensor: for {material!r} and F = {_SAMPLE} its entries 11 "
                 f"and 12 are {values[0, 0]:.4g} and {values[0, 1]:.4g} Pa instead of "
                 f"{exact[0, 0]:.4g} and {exact[0, 1]:.4g} Pa"
+            )
+        near = ufl.as_matrix(np.array(_SAMPLE) + _CHANGE * np.array(_SAMPLE).T)
+        at_end, at_both = (
+            _numbers(scheme.stress(material, parameters, F_n, near)) - values for F_n in (F, near)
+        )
+        share = float(np.vdot(at_end, at_both) / np.vdot(at_both, at_both))
+        if abs(share - scheme.stress_share) > _WRONG_SHARE:
+            raise ValueError(
+                "expected stress_share of the Scheme to be the weight of the end of the step in "
+                f"its stress, which is {share:.3f}, given {scheme.stress_share:g}"
             )
         return
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
+from dolfinx_nts.contact.springs import spring_energy, spring_force
 from reference.bulk import taylor_order
 
 pytestmark = pytest.mark.serial
@@ -88,10 +89,10 @@ EPS_N = 7.0
 @pytest.mark.parametrize("gaps", GAPS, ids=str)
 def test_spring_works_with_the_change_of_its_energy(gaps):
     # lambda (g_{n+1} - g_n) = U_{n+1} - U_n with U = eps min(g, 0)^2 / 2
-    spring, stiffness = Penalty(EPS_N), np.array([EPS_N])
+    stiffness = np.array([EPS_N])
     gap_n, gap = (np.array([g]) for g in gaps)
-    lambda_N, _ = spring.force(gap_n, gap, stiffness)
-    energies = [spring.energy(g, stiffness) for g in (gap_n, gap)]
+    lambda_N, _ = spring_force(gap_n, gap, stiffness)
+    energies = [spring_energy(g, stiffness) for g in (gap_n, gap)]
     assert energies[0] == EPS_N * min(gaps[0], 0) ** 2 / 2
     rounding = 1e2 * np.finfo(float).eps * EPS_N * 0.1
     np.testing.assert_allclose(lambda_N * (gap - gap_n), energies[1] - energies[0], atol=rounding)
@@ -102,10 +103,10 @@ def test_spring_works_with_the_change_of_its_energy(gaps):
 @pytest.mark.parametrize("gaps", GAPS, ids=str)
 @pytest.mark.parametrize("share", [0.6, 1.0])
 def test_spring_with_a_larger_weight_of_the_end_dissipates_and_never_pulls(gaps, share):
-    spring, stiffness = Penalty(EPS_N), np.array([EPS_N])
+    stiffness = np.array([EPS_N])
     gap_n, gap = (np.array([g]) for g in gaps)
-    lambda_N, _ = spring.force(gap_n, gap, stiffness, share)
-    stored = spring.energy(gap, stiffness) - spring.energy(gap_n, stiffness)
+    lambda_N, _ = spring_force(gap_n, gap, stiffness, share)
+    stored = spring_energy(gap, stiffness) - spring_energy(gap_n, stiffness)
     assert lambda_N * (gap - gap_n) >= stored - 1e-12
     assert lambda_N <= 0
     if max(gaps) < 0:
@@ -116,13 +117,13 @@ def test_spring_with_a_larger_weight_of_the_end_dissipates_and_never_pulls(gaps,
 @pytest.mark.parametrize("gaps", GAPS[:3] + GAPS[7:9], ids=str)
 @pytest.mark.parametrize("share", [0.5, 0.6])
 def test_slope_of_the_spring_has_a_second_order_remainder(gaps, share):
-    spring, stiffness = Penalty(EPS_N), np.array([EPS_N])
+    stiffness = np.array([EPS_N])
     gap_n, gap = (np.array([g]) for g in gaps)
 
     def force(at):
-        return spring.force(gap_n, at, stiffness, share)[0]
+        return spring_force(gap_n, at, stiffness, share)[0]
 
-    _, slope = spring.force(gap_n, gap, stiffness, share)
+    _, slope = spring_force(gap_n, gap, stiffness, share)
     if gaps[0] < 0 and gaps[1] < 0:  # linear: no remainder at all
         np.testing.assert_allclose(force(gap + 0.01) - force(gap), 0.01 * slope, rtol=1e-10)
     else:
@@ -133,3 +134,8 @@ def test_slope_of_the_spring_has_a_second_order_remainder(gaps, share):
 def test_impossible_springs_are_refused(eps_N):
     with pytest.raises(ValueError, match=f"penalty eps_N > 0, given {eps_N}"):
         Penalty(eps_N)
+
+
+def test_a_subclass_of_springs_is_refused_as_its_force_would_have_no_effect():
+    with pytest.raises(TypeError, match="given Softer: the force of a spring cannot be extended"):
+        type("Softer", (Penalty,), {})

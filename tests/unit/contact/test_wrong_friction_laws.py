@@ -4,9 +4,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from dolfinx import fem, mesh
 
 import dolfinx_nts as nts
 from dolfinx_nts.contact.friction.limits import check_law
+from dolfinx_nts.contact.friction.laws import FrictionNodes
 
 pytestmark = pytest.mark.serial
 
@@ -94,3 +96,26 @@ def test_missing_method_and_wrong_arguments_are_named():
     message = r"expected limit\(p, slip, dt, nodes\) of Short, given \(p, slip, dt\)"
     with pytest.raises(TypeError, match=message):
         check_law(Short(), NODES)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "error", "message"),
+    [
+        ("eps_T", -1.0, ValueError, r"eps_T of Viscous.* > 0.*given -1"),
+        ("eps_T", "stiff", TypeError, "eps_T of Viscous.*given"),
+        ("law", "paper", ValueError, "'objective' or 'convective', given 'paper'"),
+        ("depends_on_slip", False, ValueError, "depends_on_slip is False, given limits that do"),
+    ],
+)
+def test_wrong_attribute_is_named(name, value, error, message):
+    law = type("Viscous", (Viscous,), {name: value})()
+    with pytest.raises(error, match=message):
+        check_law(law, NODES)
+
+
+@pytest.mark.serial
+def test_value_of_a_vector_is_refused(comm):
+    V = fem.functionspace(mesh.create_unit_square(comm, 1, 1), ("Lagrange", 1, (2,)))
+    nodes = FrictionNodes(NODES, np.arange(9, dtype=np.int32), np.ones(9), np.zeros(9), {})
+    with pytest.raises(TypeError, match=r"as a scalar Function, given shape \(2,\)"):
+        nodes.value(fem.Function(V))

@@ -18,6 +18,7 @@ def stress(material, parameters, F_n, F):
 
 RATES = partial(nts.NewmarkRates, nts.Newmark(0.0, 0.0, 0.25, 0.5))
 ARGUMENTS = {"contact": "static", "stress": stress, "rates": RATES}
+ARGUMENTS |= {"stress_share": 1.0, "load_point": 1.0}
 
 
 @pytest.fixture
@@ -60,6 +61,12 @@ def test_right_scheme_is_accepted(box):
             {"stress": lambda *arguments: -stress(*arguments)},
             r"expected the first Piola-Kirchhoff stress F S\(F\^T F\)",
         ),
+        ({"load_point": 0.5}, "expected load_point of the Scheme to be 1.*given 0.5.*first order"),
+        ({"stress_share": 0.5}, "weight of the end of the step in its stress, .* given 0.5"),
+        (
+            {"stress_share": 0.8, "rates": nts.Midpoint.scheme.rates},
+            r"weight of the end of the step in its stress, which is 1\.000, given 0\.8",
+        ),
     ],
 )
 def test_wrong_argument_is_named(box, option, message):
@@ -72,6 +79,8 @@ def test_parameters_of_newmark_are_checked():
         nts.Newmark(0.0, 0.0, -0.25, 0.5)
     with pytest.raises(TypeError, match="expected a number for gamma, given 'half'"):
         nts.Newmark(0.0, 0.0, 0.25, "half")
+    with pytest.raises(ValueError, match="gamma of Newmark >= .* = 0.6, .* grows, given 0.5"):
+        nts.Newmark(0.0, 0.1, 0.25, 0.5)
 
 
 def test_missing_scheme_and_missing_call_of_the_base_class_are_named(box):

@@ -14,6 +14,7 @@ from dolfinx_nts.contact.implicit.normal.interface import NormalContact
 from dolfinx_nts.contact.implicit.normal.linear_values import LinearValues
 from dolfinx_nts.contact.joint_state import JointState
 from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.contact.springs import spring_energy, spring_force
 
 __all__ = ["PenaltyContact"]
 
@@ -164,12 +165,12 @@ class PenaltyContact(NormalContact):
 
     def _energy(self, node: Ints, gap: Floats) -> Floats:
         """Energy of springs, shape ``(m,)`` [J], for gaps less their offsets, ``(m,)`` [m]."""
-        return self._law.energy(gap, self._eps_N[node], self.soft_depth[node])
+        return spring_energy(gap, self._eps_N[node], self.soft_depth[node])
 
     def _force(self, node: Ints, gap_n: Floats, gap: Floats) -> tuple[Floats, Floats]:
-        """Multipliers and slopes, see `Penalty.force`, for gaps less their offsets [m]."""
+        """Multipliers and slopes, see `spring_force`, for gaps less their offsets [m]."""
         soft_depth = self.soft_depth[node]
-        return self._law.force(gap_n, gap, self._eps_N[node], self._share, soft_depth)
+        return spring_force(gap_n, gap, self._eps_N[node], self._share, soft_depth)
 
     def _soft_depth(self, depth_per_speed: Floats, dt: float) -> Floats:
         """Compression up to which each spring is soft, shape ``(n,)`` [m].
