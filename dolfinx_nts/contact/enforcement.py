@@ -8,8 +8,6 @@ signs.
 
 from typing import Literal
 
-import numpy as np
-
 from dolfinx_nts.common.arguments import as_call, finite, positive
 from dolfinx_nts.common.arrays import Flags, Floats
 from dolfinx_nts.common.declaration import Declaration

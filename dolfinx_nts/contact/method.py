@@ -29,6 +29,11 @@ KINDS = {
     MORTAR: "surface-to-surface contact",
     EDGES: "edge-to-edge contact",
 }
+# How the dimension of an obstacle is chosen.
+_DIMENSIONS = (
+    "points and directions have as many numbers, an ExactObstacle of your own the class attribute "
+    "dim"
+)
 # Supported laws of impact of edges; "" for springs.
 _OF_EDGES = ("", "elastic", "plastic", "restitution")
 
@@ -151,8 +156,8 @@ def check_dimension(pair: Any) -> None:
     dim, segments = dimension(pair.nodes.V), pair.segments
     if not isinstance(segments, Surface) and segments.dim != dim:
         raise ValueError(
-            f"expected an obstacle given by points of {dim} coordinates, as those of the mesh, "
-            f"given {segments!r}"
+            f"expected an obstacle in {dim} dimensions, as the mesh, given {segments!r} in "
+            f"{segments.dim}: {_DIMENSIONS}"
         )
     if dim == 3:
         return
@@ -176,5 +181,6 @@ def _check_axisymmetric(pair: Any) -> None:
     if isinstance(segments, Obstacle) and not segments.is_of_revolution:
         raise ValueError(
             "expected, in an axisymmetric mesh, a RigidPlane normal to the axis y, a RigidSphere "
-            f"with its centre on it or a RigidCone, given {segments!r}"
+            "with its centre on it, a RigidCone, or an ExactObstacle of your own with the class "
+            f"attributes dim = 2 and is_of_revolution = True, given {segments!r}"
         )

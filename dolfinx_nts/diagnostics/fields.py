@@ -86,13 +86,16 @@ class Fields:
         """Contact force per reference area, with friction, at the nodes of all pairs [Pa].
 
         It is 0 elsewhere, also on the side of the segments, unless that side has contact nodes of
-        its own. Its integral is the force; at degree 2 with linear interpolation on halves of
-        edges.
+        its own. Its integral over the surface is the force; at degree 2, interpolate it linearly on
+        halves of edges to integrate.
         """
         return self._contact("contact_traction")
 
     def cauchy_stress(self) -> fem.Function:
-        """Cauchy stress in the cells, shape (3, 3), also in the plane [Pa]."""
+        """Cauchy stress in the cells, shape (3, 3), also in the plane [Pa].
+
+        At degree 1 it is the value at the centre of each cell, at degree 2 linear in each.
+        """
         return self._of_cells("cauchy_stress", self._state().cauchy)
 
     def von_mises_stress(self) -> fem.Function:

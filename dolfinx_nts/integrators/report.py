@@ -46,7 +46,7 @@ class StepReport(_Numbers):
         num_sleeping: Number of inactive bodies that the step skipped.
         contact_work: Work of contact, by cause [J].
         load_work: Work of the loads [J].
-        support_work: Work of the reactions at moving supports [J].
+        support_work: Work of the reactions at moving supports and guides [J].
         damping_work: Work of damping and of viscous branches, never positive [J].
         solver_work: Work of the remaining residual of Newton's method [J].
         load_works: Work of each load [J], in the order of the loads of the stepper.
@@ -70,5 +70,5 @@ class StepReport(_Numbers):
 
     @property
     def support_work(self) -> float:
-        """Work of the reactions at all moving supports [J]."""
+        """Sum of the works of all reactions, of supports and of guides [J]."""
         return float(sum(reaction.work for reaction in self.reactions))

@@ -89,6 +89,9 @@ class StepControl(Declaration):
             t: Time at the start of the step [s].
             dt: Largest length of the step [s].
             until: Time at the end of the run [s].
+
+        Returns:
+            Length of the step, and time at its end [s].
         """
         next_time = bisect.bisect_right(self.times, t + ROUND_OFF * dt)
         target = min([until, *self.times[next_time : next_time + 1]])

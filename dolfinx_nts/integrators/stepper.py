@@ -319,7 +319,7 @@ class Stepper(TimeLoop):
                 self.watch.overlaps.follow(self.x, self.t)
         if self._comm.rank == 0:
             numbers = report.step, report.t, report.newton_iterations, report.num_active
-            _logger.info("step %d, t = %g: %d iterations, %d active", *numbers)
+            _logger.info("step %d, t = %g s: %d Newton iterations, %d nodes in contact", *numbers)
         return report
 
     def known_gaps(self) -> list[Floats] | None:

@@ -222,7 +222,7 @@ class TimeLoop(State):
                         final = ConvergenceError(text, error.reports)
                         if hopeless or far is None or not self._has_last_resort():
                             raise final from None
-                        # The last resort needs no short step.
+                        # The last resort starts from the length before the cuts.
                         self._length.uncut(rejected)
                         rejected += 1
                         continue

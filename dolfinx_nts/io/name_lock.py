@@ -89,7 +89,7 @@ class NameLock:
             raise OSError(
                 f"expected files that no other run writes to, given "
                 f"{self._path.with_suffix('')}, which belong to {holder}; choose another "
-                "name, or end that process"
+                "name, or end that process on its host"
             ) from None
         except OSError as error:
             _logger.warning(

@@ -18,9 +18,10 @@ __all__ = ["MooneyRivlin", "NeoHookean", "SaintVenantKirchhoff", "Yeoh"]
 class SaintVenantKirchhoff(Hyperelastic):
     r"""Saint Venant-Kirchhoff material, for large rotations and small strains. Local.
 
-    :math:`\psi = \lambda/2\, (\mathrm{tr}\, E)^2 + \mu\, E : E`, so that
-    :math:`S = \lambda\, \mathrm{tr}(E)\, 1 + 2 \mu E`, with the Green-Lagrange strain E. The
-    energy stays finite where the volume vanishes.
+    :math:`\psi = \lambda/2\, (\mathrm{tr}\, \varepsilon)^2 + \mu\, \varepsilon : \varepsilon`,
+    so that :math:`S = \lambda\, \mathrm{tr}(\varepsilon)\, 1 + 2 \mu\, \varepsilon`, with the
+    Green-Lagrange strain :math:`\varepsilon = (C - 1)/2`. The energy stays finite where the volume
+    vanishes.
 
     Args:
         E: Young's modulus [Pa].

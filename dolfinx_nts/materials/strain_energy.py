@@ -69,7 +69,7 @@ class StrainEnergy(Declaration):
 
     @cached_property
     def has_fields(self) -> bool:
-        """Whether the energy depends on fields, so that its properties cannot be evaluated."""
+        """Whether it contains Functions or coordinates, so that it has no single value at C = 1."""
         return bool(extract_domains(ufl.as_ufl(self.psi(ufl.Identity(3)))))
 
     def check(self) -> None:

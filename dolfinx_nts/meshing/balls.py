@@ -173,7 +173,9 @@ def add_bowl(
     check_radii(inner_radius, outer_radius)
     check_cells(cells_per_edge, layers)
     if cells_per_edge % 2:
-        raise ValueError(f"expected an even number of cells per edge, given {cells_per_edge}")
+        raise ValueError(
+            f"expected an even number of cells per edge of a bowl, given {cells_per_edge}"
+        )
     t = np.tan(np.pi / 4 * np.linspace(-1, 1, cells_per_edge + 1))
     a, b = np.meshgrid(t, t, indexing="ij")
     one = np.ones_like(a)

@@ -164,7 +164,7 @@ def read_mesh(source: Any, comm: MPI.Comm, *, rank: int = 0) -> MeshData:
         if given != expected:
             raise ValueError(
                 f"physical {ENTITIES[dim - 1]} {tag}: expected {expected} facets of cells, "
-                f"given {given}"
+                f"given {given}: the others are on no cell of a physical {ENTITIES[dim]}"
             )
     named = {name: NamedTag(tag, name) for name, tag in bodies.tags.items()}
     return MeshData(mesh, cells, facets, MappingProxyType(_Tags(named)))

@@ -74,7 +74,9 @@ class _Text:
     def take(self, kind: str, count: int) -> Array:
         found = self._all[self._next : self._next + count]
         if len(found) < count:
-            raise ValueError(f"expected {count} more numbers, given {len(found)}")
+            raise ValueError(
+                f"expected {count} more numbers in a section, as its heading says, given {len(found)}"
+            )
         self._next += count
         return found if kind == "real" else found.astype(np.int64)
 

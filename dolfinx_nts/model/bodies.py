@@ -33,7 +33,8 @@ class Body(Declaration):
     """A body: all cells with one tag, made of one material. Collective.
 
     Args:
-        V: Vector space of the displacement, ``("Lagrange", 1, (3,))`` or of degree 2.
+        V: Vector space of the displacement, ``("Lagrange", 1, (3,))`` or of degree 2; in the plane
+            of shape ``(2,)``.
         cells: Cell tags of the mesh.
         tag: Value of the tag.
         material: Strain energy and density.

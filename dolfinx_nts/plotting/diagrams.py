@@ -116,6 +116,11 @@ def energy_error(
     Returns:
         The picture, which a notebook displays.
 
+    Raises:
+        OSError: The file cannot be read.
+        TypeError: The table is no path.
+        ValueError: It is not the table of a `Recorder`, or has no rows.
+
     Example:
         >>> picture = plotting.energy_error("run.csv", "error.png")
         >>> runs = {"energy-momentum scheme": "run.csv"}
@@ -181,6 +186,11 @@ def ledger(table: str | Path, filename: str | Path | None = None) -> Picture:
 
     Returns:
         The picture, which a notebook displays.
+
+    Raises:
+        OSError: The file cannot be read.
+        TypeError: The table is no path.
+        ValueError: It is not the table of a `Recorder`, or has no rows.
 
     Example:
         >>> picture = plotting.ledger("run.csv", "ledger.png")

@@ -123,7 +123,8 @@ class OverlapWatch:
         # Less than the approach to pass through each other, even for bodies of one cell.
         cells = self.search.cells
         unseen = _UNSEEN * (cells[:, None] + cells)
-        # On the diagonal for obstacles, of which one may be smaller than a cell.
+        # The diagonal holds for a boundary against itself and against obstacles, which may be
+        # thinner than a cell.
         np.fill_diagonal(unseen, np.fmin(unseen.diagonal(), self.search.extent / 2))
         return unseen
 

@@ -136,8 +136,8 @@ def check_law(law: FrictionLaw, nodes: Any) -> None:
     Raises:
         TypeError: The method `FrictionLaw.limit` takes other arguments, or ``eps_T`` is no number.
         ValueError: ``eps_T`` is not positive, there is no such ``law``, limits depend on the slip
-            although ``depends_on_slip`` is False, or limits or their derivatives are not finite, of another shape or negative, or a
-            derivative is not the derivative of the limit.
+            although ``depends_on_slip`` is False, limits or their derivatives are not finite, of
+            another shape or negative, or a derivative is not the derivative of the limit.
     """
     if law.eps_T is not None:
         positive(f"the tangential stiffness eps_T of {law!r}", law.eps_T)

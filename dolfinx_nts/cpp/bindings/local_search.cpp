@@ -145,7 +145,8 @@ public:
     {
       const SegmentSurface<S> segments = surface<S>(x_n, group);
       const NormalBounds<S> without(segments, nullptr);
-      // At the point of entry a node is not below a segment.
+      // Thickness limits how deep a node may be behind a segment; where it enters,
+      // its depth is zero.
       const std::vector<double> thickness(segments.orientation.size(), 0.);
       const MovingSurface surface{view(x_n), view(x),
                                   part(_vertices, group, S::vertices),

@@ -44,8 +44,8 @@ def make_rates(scheme: Scheme, state: State, dt: fem.Constant, bodies: Sequence[
         for name, value in given.items():
             if not np.isclose(value, time, rtol=0, atol=_INCONSISTENT):
                 raise ValueError(
-                    f"expected {name} of the Scheme to be {time:g}, which is 1 - alpha_f of Newmark, "
-                    f"given {value:g}: with another value the scheme is of first order"
+                    f"expected {name} of the Scheme to be {time:g}, which is 1 - alpha_f of "
+                    f"Newmark, given {value:g}: with another value the scheme is of first order"
                 )
     return found
 

@@ -64,9 +64,11 @@ class EnergyMomentum(ImplicitStepper):
         update: Called before each step with the time at its end [s], to set the functions and
             constants in ``bcs`` and ``loads``. If ``loads`` contain any, it is also called with
             the time of the loads, the middle of the step. It should depend on the time alone.
-        petsc_options: Options of the linear solver. Options ``ksp_...`` are for the Krylov
-            method. All others, such as ``pc_type``, select a PETSc preconditioner of the bodies.
-            Tolerances are set by Newton's method.
+        petsc_options: Options of the linear solver by name, without a dash. Options ``ksp_...``
+            are for the Krylov method, a flexible GMRES; another ``ksp_type`` needs preconditioning
+            from the right, so that ``cg`` is refused. Newton's method sets tolerances and the
+            largest number of iterations. All others, such as ``pc_type``, select a PETSc
+            preconditioner of the bodies.
 
     Attributes:
         bodies, pairs, loads: The arguments.

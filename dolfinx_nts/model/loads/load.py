@@ -59,8 +59,9 @@ class Load(ABC):
         """Virtual work in a step, linear in the test function [N m].
 
         Args:
-            u_n: Displacement at the start of the step [m]. In `GeneralizedAlpha` both arguments
-                are UFL expressions whose mean is the displacement at the time of the load.
+            u_n: Displacement at the start of the step [m]. With a ``load_point`` of the `Scheme`
+                other than 1/2, both arguments are UFL expressions whose mean is the displacement at
+                the time of the load.
             u: Displacement at the end of the step [m].
 
         Returns:
@@ -77,9 +78,10 @@ class Load(ABC):
         return [value for value in found if isinstance(value, fem.Constant | fem.Function)]
 
     def acts_on(self, body: Body) -> bool:
-        """Whether the load may act on a body, which then never sleeps. Collective.
+        """Whether the load may act on a body. Collective.
 
-        By default a load may act on all bodies.
+        Bodies at rest without contact and loads are left out of a step; a body on which a load may
+        act is not. By default a load may act on all bodies.
 
         Args:
             body: A body in the space of the load.

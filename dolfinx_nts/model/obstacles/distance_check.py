@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_nts.common.arguments import called, is_of_package, kind_of
+from dolfinx_nts.common.arguments import called, is_of_package, kind_of, positive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.model.obstacles.rigid_shapes import ExactObstacle
 
@@ -40,10 +40,15 @@ def check_distance(obstacle: ExactObstacle, x: Floats, size: float) -> None:
         size: Size of a facet [m].
 
     Raises:
-        TypeError: The method `ExactObstacle.distance` takes other arguments.
+        TypeError: The method `ExactObstacle.distance` takes other arguments, or
+            ``shortest_passage`` is no number.
         ValueError: It returns arrays of other shapes, normals that are not unit vectors, or that
-            are not the gradient of the distance at the surface.
+            are not the gradient of the distance at the surface; or ``shortest_passage`` is not
+            positive.
     """
+    passage = obstacle.shortest_passage
+    if passage != np.inf:
+        positive(f"shortest_passage of {obstacle!r}, a quarter of its least thickness [m]", passage)
     if len(x) == 0 or is_of_package(type(obstacle).distance):
         return
     dim = obstacle.dim

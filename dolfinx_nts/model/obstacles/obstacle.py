@@ -7,7 +7,7 @@ spheres and cylinders are in `rigid_shapes`, obstacles made of facets in `rigid_
 
 from abc import abstractmethod
 from copy import copy
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -24,6 +24,9 @@ __all__ = ["Obstacle"]
 
 Self = TypeVar("Self", bound="Obstacle")
 
+# Attributes that an obstacle may set.
+_SETTABLE = {"dim", "key", "shortest_passage"}
+
 
 class Obstacle(Declaration):
     """Base class of obstacles, which replace segments in a contact pair. Local.
@@ -36,7 +39,7 @@ class Obstacle(Declaration):
         motion: Prescribed motion.
         key: Number of each facet, shape ``(f,)``; exact surfaces have one facet.
         shortest_passage: Displacement in a step below which no node passes through the obstacle
-            [m].
+            [m]: a quarter of its least thickness, infinite if it has no far side.
 
     Example:
         >>> floor = nts.RigidPlane(point=(0, 0, 0), normal=(0, 0, 1))
@@ -49,6 +52,19 @@ class Obstacle(Declaration):
     shortest_passage = np.inf
     dim = 3
     _label = ""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Set an attribute of an obstacle that is being made.
+
+        Raises:
+            AttributeError: The obstacle is complete, or obstacles have such a method or property.
+        """
+        if name in _RESERVED and not getattr(self, "_is_complete", False):
+            raise AttributeError(
+                f"expected another name for the attribute {name} of {type(self).__name__}, as all "
+                f"obstacles have {', '.join(sorted(_RESERVED))}"
+            )
+        super().__setattr__(name, value)
 
     def moving(self: Self, motion: Motion) -> Self:
         """Copy of the obstacle with a prescribed motion. Local.
@@ -95,12 +111,16 @@ class Obstacle(Declaration):
 
     @property
     def least_radius(self) -> float:
-        """Least radius of convex curvature [m], infinite for planes."""
+        """Least radius of convex curvature [m], infinite for planes.
+
+        Half of the thickness; an obstacle of your own overrides it where its surface has a smaller
+        one, such as c^2/a at the tip of an ellipsoid with semi-axes a > c.
+        """
         return 2 * self.shortest_passage
 
     @property
     def extent(self) -> float:
-        """Length over which the obstacle is in a body that passes it [m], infinite for planes."""
+        """Least thickness of the obstacle [m], infinite if it has no far side."""
         return 4 * self.shortest_passage
 
     @property
@@ -230,6 +250,10 @@ class Obstacle(Declaration):
             segment: Facet of each node, shape ``(m,)``.
 
         Returns:
-            Flags, shape ``(m,)``; an exact surface has no rim.
+            Flags, shape ``(m,)``, False of exact surfaces.
         """
         return np.zeros(len(x), dtype=bool)
+
+
+# Names of methods and properties, which attributes of obstacles of users would hide.
+_RESERVED = frozenset(name for name in vars(Obstacle) if name[0] != "_") - _SETTABLE

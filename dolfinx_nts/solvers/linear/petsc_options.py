@@ -23,6 +23,8 @@ _number = itertools.count()  # makes the prefixes of these objects unique
 _SERIAL = {"icc", "ilu"}
 # Preconditioners with options for levels; a small mesh may have a single level.
 _MULTIGRID = {"gamg", "hmg", "mg", "ml"}
+# Options that Newton's method sets in each iteration.
+_OF_NEWTON = ("ksp_rtol", "ksp_atol", "ksp_max_it")
 # petsc4py up to 3.22 has no access to the used options; its library has.
 _library = ctypes.CDLL(PETSc.__file__)
 
@@ -43,13 +45,21 @@ class PetscOptions:
 
     Raises:
         TypeError: The options are no mapping.
-        ValueError: The preconditioner does not exist on several ranks, or a name has a dash.
+        ValueError: The preconditioner does not exist on several ranks, a name is no text or has
+            a dash, or Newton's method sets the option.
     """
 
     def __init__(self, comm: MPI.Comm, options: Mapping[str, Any] | None) -> None:
         if not (options is None or isinstance(options, Mapping)):
             raise TypeError(f"expected petsc_options by name in a dict, given {options!r}")
         self._comm, options = comm, dict(options or {})
+        if strange := [key for key in options if not isinstance(key, str)]:
+            raise ValueError(f"expected petsc_options with names as str, given {strange}")
+        if set_here := [key for key in options if key in _OF_NEWTON]:
+            raise ValueError(
+                f"expected petsc_options without {', '.join(_OF_NEWTON)}, which Newton's method "
+                f"sets, given {set_here}"
+            )
         if dashed := [key for key in options if key.startswith("-")]:
             raise ValueError(f"expected petsc_options without a leading -, given {dashed}")
         self._given = options
@@ -83,7 +93,8 @@ class PetscOptions:
             database = PETSc.Options()
             for name in self._names:
                 database.delValue(name)
-            reason = str(error).splitlines()[-1].partition("] ")[2]
+            lines = str(error).splitlines()
+            reason = lines[-1].partition("] ")[2] or lines[0]
             raise ValueError(
                 f"expected petsc_options that PETSc understands, given {self._given}: {reason}"
             ) from None

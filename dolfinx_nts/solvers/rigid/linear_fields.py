@@ -24,7 +24,8 @@ __all__ = [
     "turned",
 ]
 
-# Matrices of the rotations about x, y and z in space, about z in the plane.
+# Skew matrices W of infinitesimal rotations, W x = e x x, about x, y and z in space, about z in the
+# plane.
 TURNS = {
     2: np.array([[[0.0, -1.0], [1.0, 0.0]]]),
     3: np.cross(np.eye(3)[:, None], np.eye(3)).transpose(0, 2, 1),

@@ -7,8 +7,8 @@ import pytest
 from dolfinx import fem, mesh
 
 import dolfinx_nts as nts
-from dolfinx_nts.contact.friction.limits import check_law
 from dolfinx_nts.contact.friction.laws import FrictionNodes
+from dolfinx_nts.contact.friction.limits import check_law
 
 pytestmark = pytest.mark.serial
 

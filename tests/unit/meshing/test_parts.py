@@ -199,7 +199,12 @@ def test_cells_are_right_handed_and_surfaces_anticlockwise_from_outside(cell):
         (parts.add_hollow_ball, WALL, {"layers": 0}, r"at least 1 cells, given \(4, 0\)"),
         (parts.add_hollow_ball, WALL, {"cell": "wedge"}, "given 'wedge'"),
         (parts.add_solid_ball, BALL, {"radius": 0}, "radius > 0, given 0"),
-        (parts.add_bowl, WALL, {"cells_per_edge": 3}, "even number of cells per edge, given 3"),
+        (
+            parts.add_bowl,
+            WALL,
+            {"cells_per_edge": 3},
+            "even number of cells per edge of a bowl, given 3",
+        ),
         (parts.add_ring, RING, {"width": 0}, "width > 0, given 0"),
         (parts.add_ring, RING, {"cells": (2, 1, 1)}, r"at least 3 cells, given \(2,\)"),
         (parts.add_ring, RING, {"axis": (0, 0, 0)}, r"axis of length > 0, given \(0, 0, 0\)"),

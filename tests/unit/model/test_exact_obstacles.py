@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from dolfinx import fem, mesh
 
 import dolfinx_nts as nts
 from dolfinx_nts.model.obstacles.distance_check import check_distance
@@ -168,3 +169,31 @@ def test_wrong_distance_is_refused_by_a_stepper(comm):
     stepper = nts.EnergyMomentum([box.body], [pair], dt=1e-3)
     with pytest.raises(ValueError, match="expected normals that are the gradient of the distance"):
         stepper.advance()
+
+
+@pytest.mark.parametrize("name", ["name", "motion", "extent", "depth", "nearest", "vertices"])
+def test_attribute_that_hides_one_of_all_obstacles_is_refused(name):
+    class Named(Ball):
+        def __init__(self):
+            setattr(self, name, 1.0)
+
+    with pytest.raises(AttributeError, match=f"expected another name for the attribute {name} of"):
+        Named()
+
+
+@pytest.mark.parametrize(
+    ("passage", "error"), [(-0.5, ValueError), (0.0, ValueError), ("half", TypeError)]
+)
+def test_wrong_shortest_passage_is_refused(rng, passage, error):
+    obstacle = type("Thin", (Ball,), {"shortest_passage": passage})()
+    with pytest.raises(error, match="shortest_passage of Thin"):
+        check_distance(obstacle, rng.normal(size=(9, 3)), 0.1)
+
+
+def test_dimension_of_an_obstacle_in_the_plane_is_named(comm):
+    square = mesh.create_unit_square(comm, 2, 2)
+    facets = mesh.locate_entities_boundary(square, 1, lambda x: np.isclose(x[1], 0.0))
+    tags = mesh.meshtags(square, 1, facets, np.full(len(facets), 1, dtype=np.int32))
+    bottom = nts.Surface(fem.functionspace(square, ("Lagrange", 1, (2,))), tags, 1)
+    with pytest.raises(ValueError, match=r"2 dimensions, .* Ball\(\) in 3: .* class attribute dim"):
+        nts.ContactPair(bottom, Ball())

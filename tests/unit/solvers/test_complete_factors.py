@@ -158,7 +158,7 @@ def test_wrong_arguments_are_refused(rng):
     with pytest.raises(ValueError, match="expected a symmetric pattern, ascending"):
         make(start, wrong, X)
     factors = make(start, column, X)
-    with pytest.raises(ValueError, match="expected the pattern of the object"):
+    with pytest.raises(ValueError, match="expected the sparsity pattern with which"):
         factors.factorise(start[:-1], column[: start[-2]], value[: 9 * start[-2]])
     assert factors.factorise(start, column, value)
     b = np.zeros((len(X), 3))

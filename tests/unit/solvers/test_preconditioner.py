@@ -133,7 +133,10 @@ def test_options_that_nothing_asks_for_are_refused_by_name(comm, refused, option
     ("options", "reason"),
     [
         ({"ksp_type": "nosuch"}, "given .*ksp_type.*: Unable to find requested KSP type nosuch"),
-        ({"ksp_max_it": "many"}, "given .*: Input string many has no integer value"),
+        ({"ksp_rtol": 1e-3}, r"without ksp_rtol, .* sets, given \['ksp_rtol'\]"),
+        ({1: 2}, r"with names as str, given \[1\]"),
+        ({"ksp_type": "cg"}, "given .*'cg'.*RIGHT"),
+        ({"ksp_gmres_restart": "many"}, "given .*: Input string many has no integer value"),
         ({"pc_type": "nosuch"}, "given .*pc_type.*: Unable to find requested PC type nosuch"),
         ({"-pc_type": "lu"}, r"without a leading -, given \['-pc_type'\]"),
     ],
