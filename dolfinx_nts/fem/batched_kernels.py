@@ -71,8 +71,8 @@ class _Library(NamedTuple):
         name = module.name.split(".")[0]
         text = module.with_name(f"{name}.c").read_text()
         compiler = os.environ.get("CXX") or sysconfig.get_config_var("CXX") or "c++"
-        # SOON compiles faster to slower code: for matrices, which are assembled rarely, and for long
-        # forms, whose full optimisation takes minutes.
+        # SOON compiles faster to slower code: for matrices, which are assembled rarely, and for
+        # long forms, whose full optimisation takes minutes.
         is_long = text.count(" = ") > _MOST_VALUES
         soon = [] if columns is None and not is_long else SOON
         flags = [*OPTIMISED, *soon, *(_SINGLE if is_single else [])]

@@ -75,7 +75,8 @@ class _Text:
         found = self._all[self._next : self._next + count]
         if len(found) < count:
             raise ValueError(
-                f"expected {count} more numbers in a section, as its heading says, given {len(found)}"
+                f"expected {count} more numbers in a section, as its heading says, "
+                f"given {len(found)}"
             )
         self._next += count
         return found if kind == "real" else found.astype(np.int64)

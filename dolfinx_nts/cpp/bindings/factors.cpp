@@ -170,7 +170,8 @@ bool factorise_whole(CompleteFactors& factors, const In<std::int64_t>& start,
       {
         const auto A = block_matrix<B>(start, column, value);
         if (!factors.fits(A.start, A.column))
-          throw nb::value_error("column: expected the sparsity pattern with which the factors were made");
+          throw nb::value_error("column: expected the sparsity pattern with "
+                                "which the factors were made");
         return factors.factorise(A);
       });
 }

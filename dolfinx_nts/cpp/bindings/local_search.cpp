@@ -145,8 +145,8 @@ public:
     {
       const SegmentSurface<S> segments = surface<S>(x_n, group);
       const NormalBounds<S> without(segments, nullptr);
-      // Thickness limits how deep a node may be behind a segment; where it enters,
-      // its depth is zero.
+      // Thickness limits how deep a node may be behind a segment; where it
+      // enters, its depth is zero.
       const std::vector<double> thickness(segments.orientation.size(), 0.);
       const MovingSurface surface{view(x_n), view(x),
                                   part(_vertices, group, S::vertices),

@@ -79,7 +79,7 @@ def test_parameters_of_newmark_are_checked():
         nts.Newmark(0.0, 0.0, -0.25, 0.5)
     with pytest.raises(TypeError, match="expected a number for gamma, given 'half'"):
         nts.Newmark(0.0, 0.0, 0.25, "half")
-    with pytest.raises(ValueError, match="gamma of Newmark >= .* = 0.6, .* grows, given 0.5"):
+    with pytest.raises(ValueError, match=r"gamma of Newmark >= .* = 0\.6, .* grows, given 0\.5"):
         nts.Newmark(0.0, 0.1, 0.25, 0.5)
 
 

@@ -23,7 +23,8 @@
 /// Weights are reference areas, of rings around their whole circles.
 /// Multipliers belong to the vertices. Their shape functions are dual to the
 /// linear ones of the facet on the part of it that is covered (Cichosz and
-/// Bischoff 2011). For vertices outside of that part, see multiplier_functions.h.
+/// Bischoff 2011). For vertices outside of that part, see
+/// multiplier_functions.h.
 namespace nts
 {
 /// @brief Tolerances for the choice of contact points.
