@@ -90,7 +90,9 @@ class StepFailure:
             advice: Remedy if no better one is known.
         """
         attempts = self._attempts.items()
-        reasons = "; ".join(f"from {_STARTS.get(name, name)}: {each}" for name, each in attempts)
+        reasons = "; ".join(
+            f"starting from {_STARTS.get(name, name)}: {each}" for name, each in attempts
+        )
         weak = {type(b.material).__name__ for b in bodies if not b.material.resists_collapse}
         if "is inverted" in reasons and weak:
             reasons += (

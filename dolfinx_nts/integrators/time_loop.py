@@ -189,10 +189,8 @@ class TimeLoop(State):
                 before = Snapshot() if halves else None
                 if before is not None:
                     self.serialize(before)
-                # With equal steps statics relaxes immediately.
-                far = None if statics and given is None else final is not None
                 try:
-                    report = self._advance_to(end, dt, far=far)
+                    report = self._advance_to(end, dt, far=final is not None)
                     if apart is not None and gap_tol is not None:
                         apart = self._checked(apart, gap_tol)
                 except ConvergenceError as error:
@@ -220,7 +218,7 @@ class TimeLoop(State):
                         text += f"; {first}" if rejected else ""
                     if text:
                         final = ConvergenceError(text, error.reports)
-                        if hopeless or far is None or not self._has_last_resort():
+                        if hopeless or not self._has_last_resort():
                             raise final from None
                         # The last resort starts from the length before the cuts.
                         self._length.uncut(rejected)
@@ -265,15 +263,14 @@ class TimeLoop(State):
             return StepControl().next_step(self.t, dt, end)
         return self.dt if end == even.target else end - self.t, end
 
-    def _advance_to(self, end: float, dt: float, *, far: bool | None) -> StepReport:
+    def _advance_to(self, end: float, dt: float, *, far: bool) -> StepReport:
         """Advance by one step of length dt [s], and set the time to its end [s] exactly.
 
-        ``far`` is false for Newton's method only; true for the last resort only, which is
-        relaxation in statics, and no held vertices with inertia; None for relaxation after Newton's
-        method has failed.
+        ``far`` is true for the last resort only, which is relaxation in statics, and no held
+        vertices with inertia; false for Newton's method only.
         """
         statics = self._static_increment() is not None
-        self._tries, self._relaxes = not (far and statics), far is None or far
+        self._tries, self._relaxes = not (far and statics), far
         try:
             with self._steps_of(dt):
                 report = self.advance()
