@@ -45,14 +45,14 @@ def massless_nodes(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> Ints
         sides = [pair.segments] if is_resolved(pair) else [pair.nodes, pair.segments]
         for surface in sides:
             shared = 0
+            role = "segments" if surface is pair.segments else "nodes"
             if isinstance(surface, Surface):
                 shared = len(np.intersect1d(surface.nodes, nodes))
             if shared := reductions.total(pair.nodes.V.mesh.comm, shared):
                 raise ValueError(
-                    "expected nodes with impact 'resolved' in no pair with another kind of "
-                    f"impact, given {shared} nodes of {surface.name} also in contact between "
-                    f"{pair.between}: use other surfaces, or impact 'elastic' in all of these "
-                    "pairs"
+                    f"expected nodes with impact 'resolved' in no other contact, given {shared} "
+                    f"nodes of {surface.name} also {role} of contact between {pair.between}: use "
+                    "other surfaces, or impact 'elastic' in all of these pairs"
                 )
     return nodes
 

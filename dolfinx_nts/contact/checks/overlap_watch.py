@@ -149,6 +149,8 @@ class OverlapWatch:
         self._moved = False
         self._known |= {names: (overlap.depth, overlap.cells) for overlap, names in new}
         self._sink(new, x)
+        # Contact that a checkpoint holds is no surprise.
+        new = [each for each in new if not self._is_loaded(each[0])]
         kinds = _by_kind({overlap: self._at_start(overlap, x) for overlap, _ in new})
         for kind, overlaps in kinds.items():
             self._warn("", "starts", kind, overlaps)
@@ -336,6 +338,17 @@ class OverlapWatch:
         others = f", and {number} more by less" * (number > 0)
         text = f"{inner} {verb} {_described(deepest)}{others}"
         _logger.warning("%s%s: %s", when, text, kind.format(inner=inner, outer=outer))
+
+    def _is_loaded(self, overlap: Overlap) -> bool:
+        """Whether active contact holds two bodies at half of the depth of their overlap or more."""
+        both = set(overlap.names)
+        of_both = [pair for pair, nodes, segments in self._roles if both <= nodes | segments]
+        active = (each for pair in of_both for each in (pair, *pair.vertices))
+        return any(
+            _deepest(each, np.where(each.history.active, each.history.gap, np.nan))
+            > overlap.depth / 2
+            for each in active
+        )
 
     def _at_start(self, overlap: Overlap, x: Floats) -> str:
         if verdict := self._forgotten(overlap):

@@ -489,6 +489,28 @@ def test_a_resumed_run_does_not_report_gaps_of_elastic_impact_as_initial_overlap
     assert reported_overlaps() == []
 
 
+@pytest.mark.parametrize("moved", [None, -0.2])
+def test_a_loaded_state_is_reported_if_it_is_deeper_than_its_contact_holds(
+    comm, reported_overlaps, tmp_path, moved
+):
+    scene = Scene(comm, height=0.01)
+    pair = nts.ContactPair(scene.bottom, scene.top, nts.Penalty(200.0))
+    stepper = scene.stepper(pair, dt=0.01)
+    with nts.Recorder(tmp_path / "run", stepper, checkpoint_every=1) as recorder:
+        for step in stepper.run(until=0.1):
+            recorder.write(step)
+    (overlap,) = nts.Diagnostics(stepper).overlaps()
+    assert 0.02 < overlap.depth / overlap.size and overlap.depth < 0.08
+    before = len(reported_overlaps())
+    other = scene.stepper(pair, dt=0.01)
+    nts.load_state(tmp_path / "run.checkpoint.h5", other)
+    if moved:
+        other.set_displacement(scene.cube, (0.0, 0.0, moved))
+    other.advance()
+    starts = [text for text in reported_overlaps()[before:] if "starts" in text]
+    assert len(starts) == (1 if moved else 0)
+
+
 def test_the_end_of_a_run_reports_the_largest_depth_of_an_overlap(comm, reported_overlaps):
     stepper = watched_fall(plate_and_cubes(comm, [0.015, 0.035]), num_steps=5)
     stepper.check_overlaps()
