@@ -17,6 +17,7 @@ from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty, Tied
 from dolfinx_nts.contact.friction.laws import (
     Coulomb,
     FrictionLaw,
+    FrictionNodes,
     SlipWeakening,
     Stribeck,
     Tresca,
@@ -100,6 +101,7 @@ __all__ = [
     "Force",
     "FormLoad",
     "FrictionLaw",
+    "FrictionNodes",
     "GeneralizedAlpha",
     "Gravity",
     "Guide",

@@ -25,7 +25,8 @@ PARTS = {
     ],
     "Contact": [
         *("ContactPair", "all_pairs", "two_half_passes", "LagrangeMultiplier", "Penalty"),
-        *("Tied", "Coulomb", "Stribeck", "SlipWeakening", "Tresca", "FrictionLaw", "close_gaps"),
+        *("Tied", "Coulomb", "Stribeck", "SlipWeakening", "Tresca", "FrictionLaw", "FrictionNodes"),
+        "close_gaps",
     ],
     "Loads": [
         *("Load", "BodyForce", "Gravity", "Force", "Moment", "Traction", "Pressure", "FormLoad"),

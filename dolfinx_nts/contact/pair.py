@@ -301,7 +301,10 @@ class ContactPair(Declaration):
 
     def describe(self) -> str:
         """Laws of contact and friction in words. Local."""
-        text = f"{KINDS[self.method]} by {type(self.enforcement).__name__}"
+        law = type(self.enforcement).__name__
+        if self.method == EDGES and self._law_is_open and self._declared is None:
+            law = "the default of the stepper"
+        text = f"{KINDS[self.method]} by {law}"
         if self.friction is not None:
             text += f", {self.friction.describe()}"
         return text

@@ -19,8 +19,8 @@ from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.fem.node_numbering import reference_positions
 
 __all__ = [
-    *("Coefficient", "Coulomb", "FrictionLaw", "FrictionNodes"),
-    *("SLIP_MEASURES", "SlipWeakening", "Stribeck", "Tresca", "friction_law"),
+    *("SLIP_MEASURES", "Coefficient", "Coulomb", "FrictionLaw", "FrictionNodes"),
+    *("SlipWeakening", "Stribeck", "Tresca", "friction_law"),
 ]
 
 # A coefficient of friction: a number, or a scalar Function of the mesh, read at the nodes.
@@ -36,12 +36,21 @@ _CELLS: dict[int, Ints] = {}
 class FrictionNodes:
     """Nodes at which a law of friction is evaluated, ``m`` in number. Local.
 
+    The argument ``nodes`` of `FrictionLaw.limit`, made by the package.
+
     Args:
         of_surface: Nodes of the contact pair, ``n`` in number.
         node: Positions of the nodes among these, shape ``(m,)``.
         area: Reference areas of the nodes of the pair, shape ``(n,)`` [m^2].
         slipped: Accumulated slip of these at the start of the step, shape ``(n,)`` [m].
         known: Values of Functions at the nodes of the pair, by Function.
+
+    Example:
+        >>> class Adhesive(nts.FrictionLaw):
+        ...     def limit(self, p, slip, dt, nodes):
+        ...         return 0.3 * p + 1.0e3 * nodes.area, 0.3, 0.0  # 1 kPa without pressure
+        >>> Adhesive().describe()
+        'friction by Adhesive()'
     """
 
     def __init__(

@@ -43,7 +43,7 @@ class Gravity(LoadWithValue):
     """Weight of bodies. Collective.
 
     Args:
-        bodies: The bodies, of one space.
+        bodies: A body, or several of one space.
         g: Acceleration, shape ``(3,)`` [m/s^2], a function of the time [s] that returns it, or
             a UFL expression, also of the reference position.
 
@@ -57,8 +57,8 @@ class Gravity(LoadWithValue):
         Gravity(num_bodies=2, g=(0, 0, -9.81))
     """
 
-    def __init__(self, bodies: Sequence[Body], g: Any) -> None:
-        self._bodies = instances(Body, bodies)
+    def __init__(self, bodies: Body | Sequence[Body], g: Any) -> None:
+        self._bodies = instances(Body, [bodies] if isinstance(bodies, Body) else bodies)
         if not self._bodies:
             raise ValueError("expected at least one Body, given none")
         super().__init__(self._bodies[0].V, g)

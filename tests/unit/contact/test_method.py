@@ -141,6 +141,8 @@ def test_edges_are_allowed_once_in_addition_to_nodes(boundaries):
     )
     assert [pair.method for pair in pairs] == ["node-to-segment", "edge-to-edge"]
     assert str(pairs[1]) == "edge-to-edge contact by LagrangeMultiplier"
+    open_edges = nts.all_pairs(bodies, edges=True)[1]
+    assert str(open_edges) == "edge-to-edge contact by the default of the stepper"
     nts.EnergyMomentum(bodies, pairs, dt=0.01)
     with pytest.raises(ValueError, match="expected each pair once"):
         nts.EnergyMomentum(bodies, [*pairs, pairs[1]], dt=0.01)

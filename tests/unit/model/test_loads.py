@@ -226,6 +226,7 @@ def test_printed_load_and_body_have_their_arguments_in_one_line(comm):
         BodyForce(body, (0, -0.5, 2e9)): f"BodyForce(body={body!r}, value=(0, -0.5, 2000000000))",
         BodyForce(body, rising): f"BodyForce(body={body!r}, value=rising)",
         BodyForce(body, X): f"BodyForce(body={body!r}, value=SpatialCoordinate)",
+        Gravity(body, (0, 0, -9.81)): "Gravity(num_bodies=1, g=(0, 0, -9.81))",
         Gravity([body], [0, 0, -9.81]): "Gravity(num_bodies=1, g=(0, 0, -9.81))",
         Traction(top, fem.Constant(box.mesh, np.ones(3))): (
             f"Traction(surface={surface}, value=(1, 1, 1))"
