@@ -166,6 +166,11 @@ def _kind_of_cells(mesh: Elements, dim: int) -> int:
             "; of second order those without prisms, of one kind and with all their nodes "
             "(Mesh.SecondOrderIncomplete = 0), or call gmsh.model.mesh.setOrder(1)"
         )
+        if dim == 2 and len(kinds) > 1:
+            hint += (
+                "; Mesh.SubdivisionAlgorithm = 1 with Mesh.RecombineAll = 1 leaves no triangles "
+                "between quadrilaterals"
+            )
     if _PYRAMIDS.intersection(kinds):
         hint = (
             "; pyramids lie between hexahedra and tetrahedra: mesh all volumes with tetrahedra "

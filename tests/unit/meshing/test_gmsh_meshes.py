@@ -373,6 +373,20 @@ def test_mesh_without_physical_volumes_is_refused(comm, model):
     refuse(comm, model, ValueError, r"expected physical volumes, .*given 1 volume in no")
 
 
+def test_quadrilaterals_and_triangles_of_second_order_are_refused_with_a_remedy(comm, model):
+    if model:
+        occ = model.occ
+        left, right = occ.addRectangle(0, 0, 0, 1, 1), occ.addRectangle(1, 0, 0, 1, 1)
+        occ.fragment([(2, left)], [(2, right)])
+        occ.synchronize()
+        model.addPhysicalGroup(2, [left, right], name="both")
+        model.mesh.setRecombine(2, left)
+        model.mesh.setTransfiniteSurface(left)
+        model.mesh.generate(2)
+        model.mesh.setOrder(2)
+    refuse(comm, model, ValueError, r"Mesh.SubdivisionAlgorithm = 1 with Mesh.RecombineAll = 1")
+
+
 @pytest.mark.parametrize("order, incomplete", [(2, 1), (3, 0)])
 def test_cells_of_third_or_incomplete_second_order_are_refused(comm, model, order, incomplete):
     if model:
