@@ -29,11 +29,6 @@ KINDS = {
     MORTAR: "surface-to-surface contact",
     EDGES: "edge-to-edge contact",
 }
-# How the dimension of an obstacle is chosen.
-_DIMENSIONS = (
-    "points and directions have as many numbers, an ExactObstacle of your own the class attribute "
-    "dim"
-)
 # Supported laws of impact of edges; "" for springs.
 _OF_EDGES = ("", "elastic", "plastic", "restitution")
 
@@ -157,7 +152,8 @@ def check_dimension(pair: Any) -> None:
     if not isinstance(segments, Surface) and segments.dim != dim:
         raise ValueError(
             f"expected an obstacle in {dim} dimensions, as the mesh, given {segments!r} in "
-            f"{segments.dim}: {_DIMENSIONS}"
+            f"{segments.dim}: give it points of {dim} coordinates or, as an ExactObstacle of your "
+            f"own, the class attribute dim = {dim}"
         )
     if dim == 3:
         return
