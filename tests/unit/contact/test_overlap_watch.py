@@ -491,19 +491,19 @@ def test_a_resumed_run_does_not_report_gaps_of_elastic_impact_as_initial_overlap
 
 @pytest.mark.parametrize("moved", [None, -0.2])
 def test_a_loaded_state_is_reported_if_it_is_deeper_than_its_contact_holds(
-    comm, reported_overlaps, tmp_path, moved
+    comm, reported_overlaps, folder, moved
 ):
     scene = Scene(comm, height=0.01)
     pair = nts.ContactPair(scene.bottom, scene.top, nts.Penalty(200.0))
     stepper = scene.stepper(pair, dt=0.01)
-    with nts.Recorder(tmp_path / "run", stepper, checkpoint_every=1) as recorder:
+    with nts.Recorder(folder / "run", stepper, checkpoint_every=1) as recorder:
         for step in stepper.run(until=0.1):
             recorder.write(step)
     (overlap,) = nts.Diagnostics(stepper).overlaps()
     assert 0.02 < overlap.depth / overlap.size and overlap.depth < 0.08
     before = len(reported_overlaps())
     other = scene.stepper(pair, dt=0.01)
-    nts.load_state(tmp_path / "run.checkpoint.h5", other)
+    nts.load_state(folder / "run.checkpoint.h5", other)
     if moved:
         other.set_displacement(scene.cube, (0.0, 0.0, moved))
     other.advance()
