@@ -163,7 +163,7 @@ class NewmarkRates(Rates):
 
     Attributes:
         a: Acceleration at t [m/s^2].
-        force_time: See `Rates`: 1 - alpha_f.
+        force_time: Time of stress and loads, 1 - alpha_f [-].
 
     Example:
         >>> from functools import partial
