@@ -33,6 +33,12 @@ def test_edge_that_sank_between_nodes_catches_none_of_them(angle, mu):
     assert run(case, SEED).message == ""
 
 
+def test_springs_of_nodes_that_hardly_move_their_gap_do_not_stop_a_block():
+    """One was 1e5 times too stiff: the step was refused."""
+    (case,) = (c for c in leading_edges.CASES if c.name == "edge-dynamics-3d-default-105-mu0.0")
+    assert run(case, SEED).message == ""
+
+
 @pytest.mark.parametrize("kind", ["statics", "dynamics"])
 @pytest.mark.parametrize("side", ["block", "tool"])
 @pytest.mark.parametrize("flank", [45, 75])

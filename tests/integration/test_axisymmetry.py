@@ -430,6 +430,27 @@ def test_obstacles_that_are_not_of_revolution_are_refused(obstacle, message):
         )
 
 
+def test_an_obstacle_of_a_user_acts_as_the_sphere_that_it_is():
+    class Ball(nts.ExactObstacle):
+        dim, is_of_revolution, shortest_passage = 2, True, 0.2
+
+        def distance(self, x):
+            away = x - [0.0, 1.41, 0.0]
+            r = np.linalg.norm(away, axis=1)
+            return r - 0.4, away / r[:, None]
+
+    ends = []
+    for obstacle in (Ball(), nts.RigidSphere((0.0, 1.41), 0.4)):
+        data, V = round_block()
+        block = nts.Body(V, data.cells, data.tag["block"], nts.NeoHookean(**RUBBER))
+        top = nts.Surface(V, data.facets, data.tag["block_top"])
+        stepper = nts.EnergyMomentum([block], [nts.ContactPair(top, obstacle)], dt=0.002)
+        stepper.set_velocity(block, (0.0, SPEED))
+        assert max(step.num_active for step in stepper.run(until=0.04)) > 1
+        ends.append(stepper.x)
+    np.testing.assert_allclose(*ends, rtol=0, atol=1e-7)
+
+
 def test_unsupported_axisymmetric_features_are_refused():
     scene = ball_on_plate(size=0.15)
     stepper = nts.EnergyMomentum(scene.bodies, dt=0.01)

@@ -1,5 +1,6 @@
 """Statics without an equilibrium near the last one: snap-through of arches, rolling discs."""
 
+import logging
 from typing import Any, NamedTuple
 
 from mpi4py import MPI
@@ -258,3 +259,41 @@ def test_a_block_that_is_sheared_rolls_over_its_edge():
     assert (np.abs(force[:, 0]) <= mu * np.abs(force[:, 1]) * (1 + 1e-6) + 1e-6).all()
     total = np.abs(force.sum(axis=0))
     assert total == pytest.approx(np.abs(last.reactions[0].force[:2]), rel=1e-7)
+
+
+@pytest.mark.serial
+def test_equal_steps_are_halved_before_they_are_relaxed(caplog):
+    """A disc that nearly fits into its cup: the whole step fails, and both halves succeed."""
+
+    def build(model):
+        occ = model.occ
+        disc, block = occ.addDisk(0, 0, 0, 5, 5), occ.addRectangle(-8, -8, 0, 16, 8)
+        (cup,), _ = occ.cut([(2, block)], [(2, occ.addDisk(0, 0, 0, 5.05, 5.05))])
+        occ.synchronize()
+        for body, name, size in (((2, disc), "disc", 1.4), (cup, "cup", 1.9)):
+            model.addPhysicalGroup(2, [body[1]], name=name)
+            model.mesh.setSize(model.getBoundary([body], recursive=True), size)
+        model.mesh.generate(2)
+
+    mesh, cells, _, tag = nts.read_mesh(build, MPI.COMM_WORLD)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+    rubber = nts.NeoHookean(E=100.0, nu=0.3, rho=1.0)
+    disc, cup = (nts.Body(V, cells, tag[name], rubber) for name in ("disc", "cup"))
+    core = fem.locate_dofs_geometrical(V, lambda x: np.hypot(x[0], x[1]) < 2.2)
+    bottom = fem.locate_dofs_geometrical(V, lambda x: np.isclose(x[1], -8))
+    push = fem.Constant(mesh, np.zeros(2))
+
+    def update(t):
+        push.value[1] = -t
+
+    stepper = nts.QuasiStatic(
+        [disc, cup],
+        [nts.ContactPair(nts.boundary_of(disc), nts.boundary_of(cup))],
+        dt=1.0,
+        bcs=[fem.dirichletbc(push, core, V), fem.dirichletbc(np.zeros(2), bottom, V)],
+        update=update,
+    )
+    with caplog.at_level(logging.DEBUG, logger="dolfinx_nts"):
+        assert [step.t for step in stepper.run(until=1.0)] == [0.5, 1.0]
+    assert any("is cut" in text for text in caplog.messages)
+    assert not any("pseudo-step" in text for text in caplog.messages)
