@@ -1,9 +1,8 @@
 """Enforcement of normal contact: Lagrange multipliers and penalty springs.
 
-Methods of the laws are pure functions of arrays over nodes, forces and energies of springs are in
-`springs`. The gap is positive when open, and
-the multiplier lambda_N is negative in contact, as in Wriggers' book; Laursen uses the opposite
-signs.
+Methods of the laws are pure functions of arrays over nodes; forces and energies of springs are in
+`springs`. The gap is positive when open, and the multiplier lambda_N is negative in contact, as in
+Wriggers' book; Laursen uses the opposite signs.
 """
 
 from typing import Literal

@@ -30,12 +30,14 @@ __all__ = ["SHORTER_STEP_HELPS", "StepFailure"]
 # Advice if nothing but the length of the step can be changed.
 SHORTER_STEP_HELPS = "a smaller dt may help, which StepControl() uses after a failed step"
 
-# Starting guesses of Newton's method by name, see `Rates.starts`.
+# Attempts by name: the starting guesses of `Rates.starts`, and those of statics.
 _STARTS = {
     "coasting": "the mean velocity of the last step",
     "ballistic": "the velocity at its start",
     "extrapolated": "the increment of the last step",
     "last": "the last state",
+    "sticking": "the last state with all nodes sticking",
+    "relaxed": "the last state against a viscous resistance",
 }
 # Phrases in reasons that suggest springs that are too soft.
 _SUNK = "through a surface", "into a surface"
@@ -90,9 +92,7 @@ class StepFailure:
             advice: Remedy if no better one is known.
         """
         attempts = self._attempts.items()
-        reasons = "; ".join(
-            f"starting from {_STARTS.get(name, name)}: {each}" for name, each in attempts
-        )
+        reasons = "; ".join(f"starting from {_STARTS[name]}: {each}" for name, each in attempts)
         weak = {type(b.material).__name__ for b in bodies if not b.material.resists_collapse}
         if "is inverted" in reasons and weak:
             reasons += (

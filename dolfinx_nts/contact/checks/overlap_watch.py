@@ -343,12 +343,8 @@ class OverlapWatch:
         """Whether active contact holds two bodies at half of the depth of their overlap or more."""
         both = set(overlap.names)
         of_both = [pair for pair, nodes, segments in self._roles if both <= nodes | segments]
-        active = (each for pair in of_both for each in (pair, *pair.vertices))
-        return any(
-            _deepest(each, np.where(each.history.active, each.history.gap, np.nan))
-            > overlap.depth / 2
-            for each in active
-        )
+        loaded = (each for pair in of_both for each in (pair, *pair.vertices))
+        return any(_deepest_loaded(each) > overlap.depth / 2 for each in loaded)
 
     def _at_start(self, overlap: Overlap, x: Floats) -> str:
         if verdict := self._forgotten(overlap):
@@ -467,11 +463,12 @@ def _described(overlap: Overlap) -> str:
 
 def _held(contact: PairState) -> float:
     """Largest penetration of a node or a loaded vertex [m]. Collective."""
-    depth = _deepest(contact, contact.history.gap)
-    for each in contact.vertices:
-        gap = np.where(each.history.active, each.history.gap, np.nan)
-        depth = max(depth, _deepest(each, gap))
-    return depth
+    return max([_deepest(contact, contact.history.gap), *map(_deepest_loaded, contact.vertices)])
+
+
+def _deepest_loaded(contact: PairState) -> float:
+    """Largest penetration of a node of a pair that transmits force [m]. Collective."""
+    return _deepest(contact, np.where(contact.history.active, contact.history.gap, np.nan))
 
 
 def _deepest(contact: PairState, gap: Floats) -> float:

@@ -80,8 +80,8 @@ def make_normal_contact(
             )
         return MultiplierContact(state, law, is_static, search, stiffness, intermediate)
     if exchanged:
-        return VertexSprings(state, law, is_static, search, share, dt, compression)
-    return PenaltyContact(state, law, is_static, search, share, dt)
+        return VertexSprings(state, is_static, search, share, dt, compression)
+    return PenaltyContact(state, is_static, search, share, dt)
 
 
 def make_friction(

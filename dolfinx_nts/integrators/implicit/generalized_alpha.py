@@ -86,8 +86,7 @@ class GeneralizedAlpha(ImplicitStepper):
     It is of second order in the step and conserves the linear momentum, but neither the energy
     nor the angular momentum. Contact acts at the end of a step: by springs, the default, or closed
     exactly, g = 0, by ``LagrangeMultiplier("plastic")``, where nodes lose their impact energy.
-    Further attributes: see `EnergyMomentum`. Collective, as are all its
-    methods.
+    Further attributes: see `EnergyMomentum`. Collective, as are all its methods.
 
     Args:
         bodies: Bodies of one space, which fill the mesh.

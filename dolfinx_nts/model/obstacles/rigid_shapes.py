@@ -106,9 +106,9 @@ class ExactObstacle(Obstacle):
     An obstacle of your own is one method, `distance`. Gap, force, slip and trajectories follow from
     it. The contact force of the energy-momentum scheme is the discrete gradient of Gonzalez (J.
     Nonlinear Sci. 6, 1996). Set the attribute ``shortest_passage`` to a quarter of the thickness
-    of the obstacle. In the plane, set ``dim`` to 2; positions and normals keep three components,
-    with z = 0. For axisymmetric meshes, set ``is_of_revolution`` to True, too. Other attributes are
-    arguments in messages and checkpoints.
+    of the obstacle. In the plane, the class attribute ``dim`` is 2; positions and normals keep
+    three components, with z = 0. For axisymmetric meshes, the class attribute ``is_of_revolution``
+    is True, too. Other attributes are arguments in messages and checkpoints.
 
     Example:
         >>> class Drop(nts.ExactObstacle):

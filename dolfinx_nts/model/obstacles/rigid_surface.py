@@ -106,6 +106,7 @@ class RigidSurface(Obstacle):
 
     @property
     def extent(self) -> float:
+        """Diagonal of the bounding box [m]."""
         return float(np.linalg.norm(np.ptp(self.vertices, axis=0)))
 
     def _shortest_passage(self) -> float:

@@ -24,7 +24,7 @@ _SERIAL = {"icc", "ilu"}
 # Preconditioners with options for levels; a small mesh may have a single level.
 _MULTIGRID = {"gamg", "hmg", "mg", "ml"}
 # Options that Newton's method sets in each iteration.
-_OF_NEWTON = ("ksp_rtol", "ksp_atol", "ksp_max_it")
+_OF_NEWTON = ("ksp_rtol", "ksp_atol", "ksp_divtol", "ksp_max_it")
 # petsc4py up to 3.22 has no access to the used options; its library has.
 _library = ctypes.CDLL(PETSc.__file__)
 

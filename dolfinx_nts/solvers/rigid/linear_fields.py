@@ -24,8 +24,8 @@ __all__ = [
     "turned",
 ]
 
-# Skew matrices W of infinitesimal rotations, W x = e x x, about x, y and z in space, about z in the
-# plane.
+# Skew matrices of infinitesimal rotations about the axes x, y and z in space, and z in the plane:
+# their product with a vector is the cross product of the axis and the vector.
 TURNS = {
     2: np.array([[[0.0, -1.0], [1.0, 0.0]]]),
     3: np.cross(np.eye(3)[:, None], np.eye(3)).transpose(0, 2, 1),

@@ -3,7 +3,6 @@
 import numpy as np
 
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
-from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.friction.traction import slip_energy
 from dolfinx_nts.contact.history import NEVER
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
@@ -24,7 +23,6 @@ class PenaltyContact(NormalContact):
 
     Args:
         state: State of the contact pair, with springs.
-        law: Enforcement of the pair.
         is_static: Whether there is no inertia.
         search: Segments of the nodes.
         share: Weight of the end of the step in forces, see `Scheme`.
@@ -34,7 +32,6 @@ class PenaltyContact(NormalContact):
     def __init__(
         self,
         state: PairState | JointState,
-        law: Penalty,
         is_static: bool,
         search: LocalSearch,
         share: float,
@@ -42,7 +39,7 @@ class PenaltyContact(NormalContact):
     ) -> None:
         assert state.eps_N is not None
         super().__init__(state, search)
-        self._law, self._eps_N, self._is_static = law, state.eps_N, is_static
+        self._eps_N, self._is_static = state.eps_N, is_static
         self._share = share
         if state.depth_per_speed is not None and not is_static and not state.pair.is_convective:
             self.soft_depth = self._soft_depth(state.depth_per_speed, dt)

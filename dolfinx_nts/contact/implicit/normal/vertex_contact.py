@@ -8,7 +8,7 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
-from dolfinx_nts.contact.enforcement import TOUCHES, LagrangeMultiplier, Penalty
+from dolfinx_nts.contact.enforcement import TOUCHES, LagrangeMultiplier
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.implicit.normal.interface import NormalContact
@@ -214,7 +214,6 @@ class VertexSprings(_Vertices, PenaltyContact):
     def __init__(
         self,
         state: PairState | JointState,
-        law: Penalty,
         is_static: bool,
         search: LocalSearch,
         share: float,
@@ -225,7 +224,7 @@ class VertexSprings(_Vertices, PenaltyContact):
         self._compression = compression
         # Gaps at which springs begin in this step.
         self._begin_at: Floats = np.zeros(len(self._tolerance))
-        super().__init__(state, law, is_static, search, share, dt)
+        super().__init__(state, is_static, search, share, dt)
 
     def _stay(self, node: Ints) -> Flags:
         return np.ones(len(node), dtype=bool)
