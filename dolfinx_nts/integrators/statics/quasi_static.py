@@ -106,8 +106,9 @@ class QuasiStatic(ImplicitStepper):
 
     Where Newton's method finds no equilibrium near the last one, as at a limit load or where
     faceted bodies roll, pseudo-transient continuation with a vanishing viscous resistance finds
-    another one. It is as exact as any other, and the log reports it. Arguments, attributes and
-    errors as for `EnergyMomentum`. Collective, as are all its methods.
+    another one. It is as exact as any other, and the log reports it. `run` halves a step that fails
+    before it tries this, `advance` does not. Arguments, attributes and errors as for
+    `EnergyMomentum`. Collective, as are all its methods.
 
     Example:
         >>> ends = fem.locate_dofs_geometrical(V, lambda x: (x[2] < 0.01) | (x[2] > 1.0))
