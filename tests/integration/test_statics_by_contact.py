@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
+from dolfinx.mesh import locate_entities_boundary, meshtags
 
 import dolfinx_nts as nts
 from benchmarks.scenes import sliding_block
@@ -149,6 +150,36 @@ def test_pressure_is_weight_over_area_on_a_matching_mesh(mu):
     assert stepper.contacts[0].pressure == pytest.approx(WEIGHT / 0.01, rel=ROUND_OFF)
     sideways = np.abs(stepper.u.x.array.reshape(-1, 3)[:, :2]).max(initial=0.0)
     assert sideways <= 1e-9 * 0.1
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("force", [1e2, 1e3])
+def test_a_free_rotation_may_move_a_support_that_has_deformed(force):
+    """The flat side of a half disc is held sideways, and bends: its rotation is nearly free."""
+
+    def fill(model):
+        occ = model.occ
+        half, _ = occ.cut([(2, occ.addDisk(0, 1, 0, 1, 1))], [(2, occ.addRectangle(-2, 1, 0, 4, 2))])
+        occ.synchronize()
+        model.addPhysicalGroup(2, [half[0][1]], name="half")
+        model.mesh.setSize(model.getEntities(0), 0.2)
+        model.mesh.generate(2)
+
+    mesh, cells, _, tag = nts.read_mesh(fill, MPI.COMM_WORLD)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+    half = nts.Body(V, cells, tag["half"], nts.NeoHookean(1e6, 0.3, 1e3))
+    flat = np.sort(locate_entities_boundary(mesh, 1, lambda x: np.isclose(x[1], 1)))
+    sideways = fem.locate_dofs_topological(V.sub(0), 1, flat)
+    top = nts.Surface(V, meshtags(mesh, 1, flat, np.full(len(flat), 1, np.int32)), 1)
+    round_side = nts.boundary_of(half, where=lambda x: x[1] < 0.9)
+    stepper = nts.QuasiStatic(
+        [half], [nts.ContactPair(round_side, nts.RigidPlane((0, 0), (0, 1)))], dt=0.5,
+        bcs=[fem.dirichletbc(0.0, sideways, V.sub(0))],
+        loads=[nts.Traction(top, lambda t: (0, -force * t))],
+    )  # fmt: skip
+    assert [step.newton_iterations <= FEW for step in stepper.run(until=1.0)] == [True, True]
+    pressed = nts.Diagnostics(stepper).contact_force()
+    np.testing.assert_allclose(pressed, (0, 2 * force), rtol=FACETS, atol=FACETS * force)
 
 
 @pytest.mark.serial

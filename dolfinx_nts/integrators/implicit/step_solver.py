@@ -87,7 +87,7 @@ class StepSolver:
         free: Sequence[FreeBody] = ()
         if self._is_static:
             free = find_free_bodies(bodies, bulk, tangent, X)
-        self.relief = InertiaRelief(free, tangent, self.mass, dim)
+        self.relief = InertiaRelief(free, tangent, self.mass, bulk.given.reshape(n, dim))
         if free:
             bulk.stabilisation = self.relief.resistance
             tangent.shift = self.relief.shift

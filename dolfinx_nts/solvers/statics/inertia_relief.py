@@ -20,7 +20,7 @@ from mpi4py import MPI
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.common.arrays import Flags, Floats
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.fem.components import in_space
@@ -92,7 +92,7 @@ class InertiaRelief:
         bodies: The free bodies.
         tangent: Matrix of the bulk.
         mass: Lumped masses of the owned nodes, shape ``(n,)`` [kg].
-        dim: Components of the displacement at a node.
+        given: Flags of the displacements that boundary conditions prescribe, shape ``(n, d)``.
 
     Attributes:
         bodies: The argument.
@@ -102,12 +102,13 @@ class InertiaRelief:
     """
 
     def __init__(
-        self, bodies: Sequence[FreeBody], tangent: Tangent, mass: Floats, dim: int
+        self, bodies: Sequence[FreeBody], tangent: Tangent, mass: Floats, given: Flags
     ) -> None:
         self.bodies, self._mass = tuple(bodies), mass[:, None]
+        self._given = given
         self._comm: MPI.Comm = tangent.comm
         self.shift = np.zeros_like(self._mass)
-        self._label = np.zeros((len(mass), dim))  # number of the body, from 1
+        self._label = np.zeros(given.shape)  # number of the body, from 1
         for number, body in enumerate(bodies, start=1):
             self.shift[body.nodes, 0] = _SHIFT * tangent.nodal_stiffness()[body.nodes]
             self._label[body.nodes] = number
@@ -160,6 +161,8 @@ class InertiaRelief:
         free = np.zeros((self.num_motions, *total.shape))
         for body, columns in zip(self.bodies, self._columns, strict=True):
             free[columns, body.nodes] = body.at(x[body.nodes])[..., : total.shape[1]]
+        # A free rotation of the first positions may move a support that is deformed.
+        free[:, self._given] = 0
         pressing = sum(float(np.abs(step.normal.lambda_N).sum()) for step in steps)
         pressing = reductions.total(self._comm, pressing)
         presses = bool(pressing > _NEGLIGIBLE * scale)
