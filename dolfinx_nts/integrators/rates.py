@@ -17,6 +17,7 @@ from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.jit import assembled, compile_form
 from dolfinx_nts.integrators.state import State, serialize_nodal
 from dolfinx_nts.model.bodies import Body, bulk_form
+from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers.rigid.rigid_motion import RigidMotion
 
@@ -37,7 +38,7 @@ class ConsistentMass:
     """
 
     def __init__(self, bodies: Sequence[Body], rate: fem.Function) -> None:
-        self._V, self._rate = rate.function_space, rate
+        self._V, self._rate, self._bodies = rate.function_space, rate, tuple(bodies)
         self._comm: MPI.Comm = self._V.mesh.comm
         eta = ufl.TestFunction(self._V)
         self._momentum = bulk_form(
@@ -48,6 +49,12 @@ class ConsistentMass:
     def _form(self) -> fem.Form:
         # Collective at the first use.
         return compile_form(self._momentum)
+
+    @cached_property
+    def _inverse_lumped(self) -> Floats:
+        """Inverse lumped mass of the owned dofs, 1 where there is none, ``(d n,)`` [1/kg]."""
+        mass = np.repeat(lumped_mass(self._bodies), dimension(self._V))
+        return np.divide(1.0, mass, out=np.ones_like(mass), where=mass > 0)
 
     def momentum(self) -> Floats:
         """Mass times the current rate at the owned nodes, shape ``(n, d)``."""
@@ -62,6 +69,8 @@ class ConsistentMass:
     def solve(self, force: Floats, projected: Callable[[Floats], Floats]) -> Floats:
         """Admissible rate whose product with the mass is a force, by conjugate gradients.
 
+        They are preconditioned by the lumped mass.
+
         Args:
             force: Force or impulse at the owned dofs, shape ``(d n,)``.
             projected: Orthogonal projection of values of the owned dofs on admissible rates.
@@ -70,17 +79,19 @@ class ConsistentMass:
             The rate, shape ``(d n,)``. That of the Function is another one afterwards.
         """
         rate, r = np.zeros(len(force)), projected(force)
-        first = square = float(reductions.total(self._comm, r @ r))
-        p = r.copy()
+        z = projected(self._inverse_lumped * r)
+        p = z.copy()
+        first = square = float(reductions.total(self._comm, r @ z))
         for _ in range(_MAX_ITERATIONS):
-            if np.sqrt(square) <= _REDUCTION * np.sqrt(first):
+            if square <= _REDUCTION**2 * first:
                 break
             product = projected(self.times(p))
             step = square / float(reductions.total(self._comm, p @ product))
             rate += step * p
             r -= step * product
-            before, square = square, float(reductions.total(self._comm, r @ r))
-            p = r + square / before * p
+            z = projected(self._inverse_lumped * r)
+            before, square = square, float(reductions.total(self._comm, r @ z))
+            p = z + square / before * p
         return rate
 
 

@@ -159,7 +159,8 @@ def test_a_free_rotation_may_move_a_support_that_has_deformed(force):
 
     def fill(model):
         occ = model.occ
-        half, _ = occ.cut([(2, occ.addDisk(0, 1, 0, 1, 1))], [(2, occ.addRectangle(-2, 1, 0, 4, 2))])
+        disc, upper = occ.addDisk(0, 1, 0, 1, 1), occ.addRectangle(-2, 1, 0, 4, 2)
+        half, _ = occ.cut([(2, disc)], [(2, upper)])
         occ.synchronize()
         model.addPhysicalGroup(2, [half[0][1]], name="half")
         model.mesh.setSize(model.getEntities(0), 0.2)

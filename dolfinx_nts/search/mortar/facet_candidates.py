@@ -14,7 +14,7 @@ from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidat
 from dolfinx_nts.search.smooth.smooth_candidates import weights_of_pairs
 from dolfinx_nts.search.smooth.smooth_patches import flat_patch
 
-__all__ = ["FacetCandidates", "outside", "rises"]
+__all__ = ["FacetCandidates", "distances", "outside", "rises"]
 
 # Distance outside a curved facet in reference coordinates [-] within which it is extrapolated.
 # Larger values extrapolate strongly curved facets; smaller ones use flat facets more often.
@@ -99,11 +99,11 @@ class FacetCandidates(SegmentCandidates):
         return np.where(outside_facet, segment + len(self.segments), segment).astype(np.int32)
 
     def gap(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
-        return self._projections(points, x, segment)[1]
+        return self.projections(points, x, segment)[1]
 
     def places(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
         """Coordinates of points on the facets of segments, shape ``(m, 2)``."""
-        return self._projections(points, x, segment)[0]
+        return self.projections(points, x, segment)[0]
 
     def shortened(self, points: ContactPoints, x: Floats, segment: Ints, rise: Floats) -> Floats:
         """Correction of the gaps of points for the shift of patches, shape ``(m,)`` [m].
@@ -152,7 +152,8 @@ class FacetCandidates(SegmentCandidates):
         weights = self._weights(segment)
         return pairs if weights is None else weights @ pairs
 
-    def _projections(self, points: ContactPoints, x: Floats, segment: Ints) -> tuple[Floats, ...]:
+    def projections(self, points: ContactPoints, x: Floats, segment: Ints) -> tuple[Floats, ...]:
+        """Kernel results of points: `places`, and gaps, shape ``(m,)`` [m]."""
         pairs = self.pairs(points, x, segment)
         found: tuple[Floats, ...] = self._kernels["project"](pairs, self._sense(segment))
         return found
@@ -179,8 +180,12 @@ class FacetCandidates(SegmentCandidates):
 def outside(candidates: FacetCandidates, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
     """Distances of points from their reference facets, NaN without projection, ``(m,)`` [-]."""
     xi = candidates.places(points, x, segment)
+    return distances(xi, is_triangle=candidates.segments.shape[1] == 3)
+
+
+def distances(xi: Floats, *, is_triangle: bool) -> Floats:
+    """Distances of coordinates ``(m, 2)`` from the reference facet, NaN without, ``(m,)`` [-]."""
     distance: Floats = np.maximum(-xi.min(axis=1), xi.max(axis=1) - 1)
-    is_triangle = candidates.segments.shape[1] == 3
     return np.maximum(distance, xi.sum(axis=1) - 1) if is_triangle else distance
 
 

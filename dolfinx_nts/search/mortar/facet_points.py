@@ -15,7 +15,7 @@ import numpy as np
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Array, Floats, Ints
 from dolfinx_nts.search.edges.sharp_edges import unit_normals
-from dolfinx_nts.search.mortar.facet_candidates import FacetCandidates, outside
+from dolfinx_nts.search.mortar.facet_candidates import FacetCandidates, distances
 from dolfinx_nts.search.mortar.mortar_points import MortarFacets, MortarPoints, Shares
 from dolfinx_nts.search.mortar.whole_facets import linear_functions
 
@@ -59,6 +59,7 @@ class FacetPoints:
         linear: Linear functions of the vertices of facets there, shape ``(p, k)``.
         dual: Functions dual to them, shape ``(p, k)``.
         kink: 1 on facets above kinks, 0 above smooth segments, continuous between, ``(p,)`` [-].
+        known: Positions of nodes [m], and the gaps there without offset, ``(p,)`` [m].
     """
 
     facets: MortarFacets
@@ -70,6 +71,7 @@ class FacetPoints:
     linear: Floats
     dual: Floats
     kink: Floats
+    known: tuple[tuple[Floats, Floats], ...]
 
     @classmethod
     def choose(
@@ -126,18 +128,25 @@ class FacetPoints:
         )
         segment = candidates.of_points(places, of_segment, (x_n, x))
         places = replace(places, segment=segment)
+        is_triangle, known = candidates.segments.shape[1] == 3, list[tuple[Floats, Floats]]()
         faces = np.ones(len(facet), dtype=bool)
         for y in (x_n, x):
-            faces &= outside(candidates, places, y, segment) <= _BEYOND
+            xi, gap, *_ = candidates.projections(places, y, segment)
+            faces &= distances(xi, is_triangle=is_triangle) <= _BEYOND
+            known.append((y, gap))
         if not faces.all():
             kept = np.flatnonzero(faces).astype(np.int32)
             places = places.only(kept, places.shares)
             facet, of_segment, segment = facet[kept], of_segment[kept], segment[kept]
             weight, linear, dual = weight[kept], linear[kept], dual[kept]
+            known = [(y, gap[kept]) for y, gap in known]
         if is_smooth:
             offset = candidates.shortened(places, x, segment, facets.rise(facet, x))
             places = replace(places, offset=offset)
-        found = cls(facets, candidates, places, facet, of_segment, weight, linear, dual, 0 * weight)
+        found = cls(
+            *(facets, candidates, places, facet, of_segment),
+            *(weight, linear, dual, 0 * weight, tuple(known)),
+        )
         # Facets of smooth segments turn, their patches do not.
         has_kinks = kinks and candidates.rise is None
         return replace(found, kink=found._kinks()) if has_kinks else found
@@ -235,7 +244,10 @@ class FacetPoints:
 
     def _gaps(self, x: Floats) -> tuple[Floats, Floats]:
         """Gaps of points and corners, and the least gap around each node of the map, ``(l,)``."""
-        gap = self.candidates.gap(self.places, x, self.places.segment) + self.places.offset
+        gap = next((gap for y, gap in self.known if y is x), None)
+        if gap is None:
+            gap = self.candidates.gap(self.places, x, self.places.segment)
+        gap = gap + self.places.offset
         least = np.full(len(self.facets.X), np.inf)
         np.fmin.at(least, self.facets.vertices[self.facet, : self.linear.shape[1]], gap[:, None])
         return gap, least

@@ -3,7 +3,7 @@
 import numpy as np
 
 from dolfinx_nts import _kernels
-from dolfinx_nts.common.arrays import Flags, Floats, Ints, same_numbers
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.friction.mortar_slip import NodalFrames, mean_slip
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.mortar.eliminated import EliminatedDofs
@@ -18,6 +18,9 @@ __all__ = ["MortarPairing", "PointBlocks"]
 
 # Largest distance of a point from its segment, in coordinates of the reference segment [-].
 _BEYOND = _kernels.OVERHANG
+# Number of subsets of the points that are kept. More: memory; fewer (1): each iteration selects the
+# points of the same nodes twice, which takes a tenth of the step of a ball on a plate.
+_MOST_SUBSETS = 4
 
 
 class MortarPairing(Pairing):
@@ -46,8 +49,8 @@ class MortarPairing(Pairing):
         self.area = points.shares.area
         self.reached = np.concatenate([candidates.facets.wholes.ravel(), candidates.wholes.ravel()])
         self._candidates, self._points, self._x_n = candidates, points, x_n
-        # Nodes of the last call, and their points: most calls have the same nodes.
-        self._last: tuple[Ints, MortarPoints] | None = None
+        # Points of the nodes of the last calls: gaps of all that may touch, kinematics of the rest.
+        self._subsets: dict[bytes, MortarPoints] = {}
         # Points and positions of the last evaluation, and the positions of the points and their
         # facets at t_n and in that state.
         self._evaluated: MortarPoints | None = None
@@ -60,9 +63,12 @@ class MortarPairing(Pairing):
         """Contact points of nodes."""
         if len(node) == len(self.area):
             return self._points
-        if self._last is None or not same_numbers(node, self._last[0]):
-            self._last = node.copy(), self._points.take(node)
-        return self._last[1]
+        key = node.tobytes()
+        if key not in self._subsets:
+            if len(self._subsets) == _MOST_SUBSETS:
+                del self._subsets[next(iter(self._subsets))]
+            self._subsets[key] = self._points.take(node)
+        return self._subsets[key]
 
     def gaps(self, x: Floats, node: Ints, segment: Ints) -> Floats:
         points = self._of(node)
