@@ -8,6 +8,7 @@ import numpy as np
 from dolfinx_nts import compat
 from dolfinx_nts.common.arrays import Floats, GlobalInts
 from dolfinx_nts.meshing.elements import ENTITIES, KINDS, Block, Elements, names
+from dolfinx_nts.meshing.repeated import check_repeated_cells, warn_of_double_nodes
 
 __all__ = ["Bodies", "bodies_of", "find_dimension"]
 
@@ -139,6 +140,11 @@ def bodies_of(mesh: Elements, dim: int) -> Bodies:
     )
     degree = KINDS[kind].order
     _check_cells(_NAMES[kind], degree, x[:, :dim], cells, numbers)
+    check_repeated_cells(cells, numbers)
+    warn_of_double_nodes(
+        *(x, cells, cell_tags),
+        {tag: _name(mesh, dim, tag) for tag in mesh.physical(dim)},
+    )
     return Bodies(
         _NAMES[kind], degree, x, cells, cell_tags, facets, facet_tags[near], tags, num_facets
     )
@@ -149,10 +155,15 @@ def _tags_by_name(mesh: Elements, dim: int) -> dict[str, int]:
     tags: dict[str, int] = {}
     for of in (dim, dim - 1):
         for tag in mesh.physical(of):
-            name = mesh.names.get((of, tag)) or f"{ENTITIES[of]} {tag}"
+            name = _name(mesh, of, tag)
             if tags.setdefault(name, tag) != tag:
                 raise ValueError(f"expected one tag for {name!r}, given {tags[name]} and {tag}")
     return tags
+
+
+def _name(mesh: Elements, dim: int, tag: int) -> str:
+    """Name of a physical group."""
+    return mesh.names.get((dim, tag)) or f"{ENTITIES[dim]} {tag}"
 
 
 def _kind_of_cells(mesh: Elements, dim: int) -> int:

@@ -29,10 +29,10 @@ from dolfinx_nts.model.facet_segments import facet_segments
 from dolfinx_nts.model.obstacles.rigid_shapes import RigidSphere
 from dolfinx_nts.model.segments import NEIGHBOURS, diameters
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.parallel.communication import places_among_all
+from dolfinx_nts.parallel.communication import joined, places_among_all
 from dolfinx_nts.parallel.errors import agreed
 
-__all__ = ["Smooth", "Surface", "boundary_facets", "sharpest_corner"]
+__all__ = ["Smooth", "Surface", "boundary_facets", "fine_facet_size", "sharpest_corner"]
 
 # Length of an edge relative to the largest segment [-] that counts as zero.
 _NO_LENGTH = 1e-12
@@ -349,6 +349,15 @@ def sharpest_corner(surface: Surface) -> float:
     good = np.minimum(length_a, length_b) > _NO_LENGTH * surface.size
     sine = np.divide(area, length_a * length_b, out=np.zeros_like(area), where=good)
     return float(reductions.least(surface.V.mesh.comm, sine.min(initial=1.0)))
+
+
+def fine_facet_size(surface: Surface) -> float:
+    """Diameter that a quarter of the facets of a surface do not exceed [m]. Collective.
+
+    Surfaces are refined where contact is expected: large facets elsewhere do not count.
+    """
+    lengths = diameters(reference_positions(surface.V)[surface.segments])
+    return float(np.quantile(joined(surface.V.mesh.comm, lengths), 0.25))
 
 
 def boundary_facets(V: fem.FunctionSpace, predicate: Callable[[Any], Any]) -> Ints:

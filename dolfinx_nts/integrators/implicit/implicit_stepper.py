@@ -24,6 +24,7 @@ from dolfinx import fem
 from dolfinx_nts import _kernels, compat
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.checks.stiff_nodes import warn_of_stiff_nodes
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier
 from dolfinx_nts.contact.implicit.accepted_contact import contact_history, contact_work
 from dolfinx_nts.contact.implicit.certificate import (
@@ -127,6 +128,7 @@ class ImplicitStepper(Stepper):
         self.watch.overlaps.is_static = self._is_static
         if self._is_static:
             check_statics(self.bodies, Supports(self.u.function_space, bcs).fixed)
+            warn_of_stiff_nodes(self.bodies, self.pairs)
         elif self.scheme.contact == "static":
             check_closed_contact(self.bodies, self.pairs, type(self).__name__)
         ends = self.scheme.ends_for_loads(self.u_n, self.u)

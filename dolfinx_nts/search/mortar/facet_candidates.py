@@ -101,10 +101,6 @@ class FacetCandidates(SegmentCandidates):
     def gap(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
         return self.projections(points, x, segment)[1]
 
-    def places(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
-        """Coordinates of points on the facets of segments, shape ``(m, 2)``."""
-        return self.projections(points, x, segment)[0]
-
     def shortened(self, points: ContactPoints, x: Floats, segment: Ints, rise: Floats) -> Floats:
         """Correction of the gaps of points for the shift of patches, shape ``(m,)`` [m].
 
@@ -153,7 +149,11 @@ class FacetCandidates(SegmentCandidates):
         return pairs if weights is None else weights @ pairs
 
     def projections(self, points: ContactPoints, x: Floats, segment: Ints) -> tuple[Floats, ...]:
-        """Kernel results of points: `places`, and gaps, shape ``(m,)`` [m]."""
+        """Project points on the facets of segments. Local.
+
+        Returns coordinates on the facets, shape ``(m, 2)`` [-], gaps, ``(m,)`` [m], and the
+        further results of the kernel.
+        """
         pairs = self.pairs(points, x, segment)
         found: tuple[Floats, ...] = self._kernels["project"](pairs, self._sense(segment))
         return found
@@ -179,7 +179,7 @@ class FacetCandidates(SegmentCandidates):
 
 def outside(candidates: FacetCandidates, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
     """Distances of points from their reference facets, NaN without projection, ``(m,)`` [-]."""
-    xi = candidates.places(points, x, segment)
+    xi, *_ = candidates.projections(points, x, segment)
     return distances(xi, is_triangle=candidates.segments.shape[1] == 3)
 
 

@@ -134,7 +134,8 @@ class MortarPairing(Pairing):
     def places(self, x: Floats, node: Ints) -> Floats:
         """Convective coordinates of the points of nodes on their segments, ``(p, 2)`` [-]."""
         points = self._of(node)
-        return self._candidates.places(points, x, points.segment)
+        xi, *_ = self._candidates.projections(points, x, points.segment)
+        return xi
 
 
 class PointBlocks(PairBlocks):

@@ -1,0 +1,78 @@
+"""Cells that a model has twice, and nodes of a body at the same place. Local."""
+
+import logging
+from collections.abc import Mapping
+
+import numpy as np
+
+from dolfinx_nts.common.arrays import Array, Floats, GlobalInts
+
+__all__ = ["check_repeated_cells", "warn_of_double_nodes"]
+
+_logger = logging.getLogger("dolfinx_nts")
+
+# Distance relative to the size of a mesh [-] below which two nodes are at the same place. Larger:
+# nodes of tiny cells count as one place; smaller: coordinates in files have fewer digits.
+_SAME_PLACE = 1e-8
+# Odd factors of a 64-bit hash.
+_FIRST, _SECOND = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xC2B2AE3D27D4EB4F)
+# Part of the grid of places by which its origin is moved, so that round numbers are not between.
+_SHIFT = 0.38196601125
+
+
+def check_repeated_cells(cells: GlobalInts, numbers: GlobalInts) -> None:
+    """Check that no two cells have the same nodes.
+
+    Args:
+        cells: Nodes of each cell, shape ``(c, k)``.
+        numbers: Number of each cell in the model, shape ``(c,)``.
+
+    Raises:
+        ValueError: Cells are given twice.
+    """
+    keys = _hash(np.sort(cells, axis=1))
+    order = np.argsort(keys, kind="stable")
+    again = np.flatnonzero(keys[order[1:]] == keys[order[:-1]])
+    if len(again):
+        first, second = numbers[order[again[0]]], numbers[order[again[0] + 1]]
+        raise ValueError(
+            f"expected each cell once, given {len(again)} with the nodes of another one, first "
+            f"the gmsh elements {first} and {second}: remove one of them, in gmsh by "
+            "gmsh.model.mesh.removeDuplicateElements()"
+        )
+
+
+def warn_of_double_nodes(
+    x: Floats, cells: GlobalInts, tags: GlobalInts, names: Mapping[int, str]
+) -> None:
+    """Warn of bodies that have several nodes at the same place, where they are not connected.
+
+    Args:
+        x: Positions of the nodes, shape ``(n, 3)`` [m].
+        cells: Rows of x of each cell, shape ``(c, k)``.
+        tags: Physical group of each cell, shape ``(c,)``.
+        names: Names of the groups.
+    """
+    size = _SAME_PLACE * float(np.ptp(x, axis=0).max(initial=0.0))
+    place = _hash(np.floor((x - x.min(axis=0)) / size + _SHIFT).astype(np.int64))
+    for tag in np.unique(tags):
+        nodes = np.unique(cells[tags == tag])
+        _, first, count = np.unique(place[nodes], return_index=True, return_counts=True)
+        if (double := count > 1).any():
+            _logger.warning(
+                "body %s has %d nodes at the place of another one, for instance at %s: its cells "
+                "are not connected there, and pass through each other; merge the nodes "
+                "(gmsh.model.mesh.removeDuplicateNodes(), or occ.fragment before meshing), or for "
+                "a crack add self contact",
+                *(names[tag], int((count[double] - 1).sum())),
+                x[nodes[first[double][0]]].round(6).tolist(),
+            )
+
+
+def _hash(rows: GlobalInts) -> Array:
+    """64-bit number of each row of integers, shape ``(n,)``."""
+    key: Array = np.zeros(len(rows), dtype=np.uint64)
+    for column in rows.T.astype(np.uint64):
+        key = (key ^ column) * _FIRST
+        key = (key ^ (key >> np.uint64(32))) * _SECOND
+    return key
