@@ -1,5 +1,6 @@
 """Cells and facets of the bodies in a gmsh model, checked and in the format of DOLFINx. Local."""
 
+import logging
 from typing import NamedTuple
 
 import basix
@@ -10,7 +11,9 @@ from dolfinx_nts.common.arrays import Floats, GlobalInts
 from dolfinx_nts.meshing.elements import ENTITIES, KINDS, Block, Elements, names
 from dolfinx_nts.meshing.repeated import check_repeated_cells, warn_of_double_nodes
 
-__all__ = ["Bodies", "bodies_of", "find_dimension"]
+__all__ = ["Bodies", "bodies_of", "find_dimension", "with_default_groups"]
+
+_logger = logging.getLogger("dolfinx_nts")
 
 # Names in DOLFINx of gmsh's element types of cells and facets.
 _NAMES = {
@@ -61,6 +64,24 @@ class Bodies(NamedTuple):
         return self._replace(**{name: getattr(self, name)[:0] for name in rows})
 
 
+def with_default_groups(mesh: Elements) -> Elements:
+    """Make each entity with cells a body of its own, where no cells are in physical groups.
+
+    Programs that know no physical groups write such files.
+    """
+    dim = next((dim for dim in (3, 2) if mesh.kinds(dim)), 0)
+    if not dim or mesh.physical(dim):
+        return mesh
+    with_cells = {block.entity for block in mesh.blocks if block.dim == dim and len(block.numbers)}
+    groups = {(dim, entity): (entity,) for entity in sorted(with_cells)}
+    _logger.info(
+        "no %s is in a physical group: each is a body, %s",
+        ENTITIES[dim],
+        ", ".join(_name(mesh, dim, entity) for _, entity in groups),
+    )
+    return mesh._replace(groups={**mesh.groups, **groups})
+
+
 def find_dimension(mesh: Elements) -> int:
     """Find the dimension of the cells of a model, and check that there are bodies.
 
@@ -77,8 +98,8 @@ def find_dimension(mesh: Elements) -> int:
         return 3
     if mesh.entities(3) or not mesh.physical(2):
         raise ValueError(
-            "expected physical volumes, or in a model without volumes physical surfaces, as "
-            f"bodies, given {_without_bodies(mesh)}"
+            "expected volumes, or in a model without volumes surfaces in the plane, as bodies, "
+            f"given {_without_bodies(mesh)}"
         )
     x = mesh.x
     if np.abs(x[:, 2]).max(initial=0) > _FLAT * np.ptp(x[:, :2], axis=0).max(initial=0):
@@ -96,8 +117,8 @@ def _without_bodies(mesh: Elements) -> str:
     for dim in (3, 2):
         if count := len(mesh.entities(dim)):
             return (
-                f"{count} {ENTITIES[dim]}{'s' * (count > 1)} in no physical group: call "
-                f"model.addPhysicalGroup({dim}, [number, ...], name=...) for each body"
+                f"{count} {ENTITIES[dim]}{'s' * (count > 1)} without cells: call "
+                f"gmsh.model.mesh.generate({dim}) before read_mesh reads the model"
             )
     return (
         "a model without either: call synchronize() of model.occ or model.geo after adding "

@@ -21,7 +21,7 @@ from dolfinx.mesh import Mesh, MeshTags
 from dolfinx_nts import compat
 from dolfinx_nts.common.arguments import did_you_mean, kind_of
 from dolfinx_nts.common.named_tag import NamedTag
-from dolfinx_nts.meshing.bodies import Bodies, bodies_of, find_dimension
+from dolfinx_nts.meshing.bodies import Bodies, bodies_of, find_dimension, with_default_groups
 from dolfinx_nts.meshing.elements import ENTITIES, Block, Elements
 from dolfinx_nts.meshing.mixed_cells import only_one_kind
 from dolfinx_nts.meshing.msh_file import read_msh
@@ -98,7 +98,9 @@ def read_mesh(source: Any, comm: MPI.Comm, *, rank: int = 0) -> MeshData:
     cells of one kind only, and not on prisms: meshes of prisms, or of several kinds, are cut into
     hexahedra, four of a tetrahedron, six of a prism and eight of a hexahedron, and a warning is
     logged. A model without volumes is a mesh of the plane z = 0, whose cells are on physical
-    surfaces; triangles next to quadrilaterals are cut into three and four quadrilaterals.
+    surfaces; triangles next to quadrilaterals are cut into three and four quadrilaterals. Where no
+    cells are in physical groups, each volume, in the plane each surface, is a body, such as
+    ``"volume 1"``.
 
     Args:
         source: Path of a ``.msh`` file, format 4.1 or 2.2, text or binary, which is read
@@ -137,7 +139,7 @@ def read_mesh(source: Any, comm: MPI.Comm, *, rank: int = 0) -> MeshData:
     with agreed(comm, "read a mesh"):
         if comm.rank == rank:
             try:
-                elements = _elements(source)
+                elements = with_default_groups(_elements(source))
             except Exception as error:
                 if type(error) is not Exception:  # the type of all errors of gmsh
                     raise

@@ -366,11 +366,27 @@ def test_missing_gmsh_is_refused_where_something_is_meshed(comm, monkeypatch):
     refuse(comm, unit_box, ImportError, r"expected the Python module gmsh .*read a \.msh file")
 
 
-def test_mesh_without_physical_volumes_is_refused(comm, model):
+def test_volumes_without_physical_groups_are_bodies(comm, model):
     if model:
         unit_box(model)
-        model.removePhysicalGroups([(3, 1)])
-    refuse(comm, model, ValueError, r"expected physical volumes, .*given 1 volume in no")
+        add_box(model, "other", **BOX | {"corner": (5, 0, 0)})
+        model.removePhysicalGroups(model.getPhysicalGroups(3))
+    data = read_mesh(model, comm)
+    volumes = [name for name in data.tag if name.startswith("volume ")]
+    assert [count(data, data.cells, name) for name in volumes] == [8, 8]
+
+
+@pytest.mark.serial
+def test_surfaces_without_physical_groups_are_bodies_of_the_plane():
+    def build(model):
+        model.occ.addRectangle(0, 0, 0, 1, 1)
+        model.occ.addDisk(5, 0, 0, 1, 1)
+        model.occ.synchronize()
+        model.mesh.generate(2)
+
+    mesh, cells, _, tag = read_mesh(build, MPI.COMM_SELF)
+    assert list(tag) == ["surface 1", "surface 2"] and mesh.topology.dim == 2
+    assert set(cells.values.tolist()) == set(tag.values())
 
 
 def test_quadrilaterals_and_triangles_of_second_order_are_refused_with_a_remedy(comm, model):
@@ -490,8 +506,8 @@ def test_parts_and_shapes_of_the_cad_kernel_go_together_in_space():
     ("synchronize", "dims", "meshed", "match"),
     [
         (False, (), 0, r"given a model without either: .*synchronize\(\)"),
-        (True, (), 3, r"given 1 volume in no physical group: .*addPhysicalGroup\(3"),
-        (True, (2,), 3, r"given 1 volume in no physical group"),
+        (True, (), 0, r"given 1 volume without cells: call gmsh\.model\.mesh\.generate\(3\)"),
+        (True, (2,), 2, r"given 1 volume without cells"),
         (True, (3,), 2, r"given no elements: call gmsh\.model\.mesh\.generate\(3\)"),
     ],
 )
