@@ -172,3 +172,9 @@ def test_signatures_of_classes_for_users_show_their_arguments():
         for parameter in inspect.signature(cls).parameters.values()
         if parameter.kind is inspect.Parameter.VAR_POSITIONAL
     )
+
+
+def test_classes_for_users_can_be_inspected():
+    """By editors, and by mocks with the attributes of a class."""
+    for cls in filter(inspect.isclass, FOR_USERS.values()):
+        assert inspect.getmembers(cls)

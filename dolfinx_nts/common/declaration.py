@@ -61,6 +61,10 @@ class SetOnce(Generic[T]):
         self._name = name
 
     def __get__(self, item: object, owner: type) -> T:
+        if item is None:  # of the class, for tools that inspect it
+            return cast(T, self)
+        if self._name not in vars(item):
+            raise AttributeError(f"{owner.__name__} has no {self._name} before its creation")
         return cast(T, vars(item)[self._name])
 
     def __set__(self, item: object, value: T) -> None:

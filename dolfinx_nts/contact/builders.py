@@ -22,7 +22,7 @@ from dolfinx_nts.fem.node_numbering import geometry_unchanged
 from dolfinx_nts.model.bodies import Body, common_space
 from dolfinx_nts.model.connected_bodies import connected, log_shared_nodes
 from dolfinx_nts.model.obstacles.obstacle import Obstacle
-from dolfinx_nts.model.surfaces import Smooth, Surface, boundary_facets, fine_facet_size
+from dolfinx_nts.model.surfaces import Smooth, Surface, boundary_facets, facet_size_towards
 from dolfinx_nts.search.edges.rigid_edge_search import num_sharp_edges
 
 __all__ = ["all_pairs", "boundary_of", "two_half_passes"]
@@ -87,14 +87,14 @@ def all_pairs(
 ) -> list[ContactPair]:
     """Contact pairs between all bodies, and with obstacles. Collective.
 
-    n bodies need n - 1 pairs. Bodies are sorted by the size of their facets, the diameter that a
-    quarter of the facets do not exceed, since meshes are refined where contact is expected. The
-    first pair has the nodes of the finer half and the segments of the coarser half; further pairs
-    divide each half again. Of two meshes whose facets differ by less than half, the mesh of a body
-    fifteen times as stiff counts as coarser: its nodes would have alternating pressures, and its
-    vertices would penetrate between the nodes of the softer body. Bodies that share nodes count as
-    one; a warning names bodies that share nodes but no facet. There is one pair for each obstacle,
-    and one for each self contact.
+    n bodies need n - 1 pairs. Bodies are sorted by the size of their facets next to other bodies,
+    the diameter that a quarter of them do not exceed, since meshes are refined where contact is
+    expected. The first pair has the nodes of the finer half and the segments of the coarser half;
+    further pairs divide each half again. Of two meshes whose facets differ by less than half, the
+    mesh of a body fifteen times as stiff counts as coarser: its nodes would have alternating
+    pressures, and its vertices would penetrate between the nodes of the softer body. Bodies that
+    share nodes count as one; a warning names bodies that share nodes but no facet. There is one
+    pair for each obstacle, and one for each self contact.
     The pair of two bodies has their names, pairs of more bodies have numbers: names depend neither
     on stiffness nor on sizes of facets. The pairs are logged, and `Diagnostics.between` has the
     forces between each two bodies.
@@ -150,9 +150,11 @@ def all_pairs(
         ratio = max(stiffness[body] for body in group) / softest if softest > 0 else 1.0
         weight = min(ratio**power, _SIMILAR)
         # Rounded, so that equal bodies keep their order.
-        return float(f"{fine_facet_size(surface(*group)) * weight:.6g}")
+        others = [surface(*other) for other in separate if other is not group]
+        return float(f"{facet_size_towards(surface(*group), *others) * weight:.6g}")
 
-    groups = sorted(connected(bodies), key=coarseness)
+    separate = connected(bodies)
+    groups = sorted(separate, key=coarseness)
     pairs: list[ContactPair] = []
 
     def add(

@@ -10,6 +10,8 @@ from copy import copy
 from functools import cached_property
 from typing import Any
 
+from mpi4py import MPI
+
 import numpy as np
 import ufl
 from dolfinx import fem, la
@@ -32,7 +34,7 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined, places_among_all
 from dolfinx_nts.parallel.errors import agreed
 
-__all__ = ["Smooth", "Surface", "boundary_facets", "fine_facet_size", "sharpest_corner"]
+__all__ = ["Smooth", "Surface", "boundary_facets", "facet_size_towards", "sharpest_corner"]
 
 # Length of an edge relative to the largest segment [-] that counts as zero.
 _NO_LENGTH = 1e-12
@@ -307,6 +309,14 @@ class Surface(Declaration):
         return _ratios(spread[self.nodes]).reshape(force.shape)
 
     @cached_property
+    def _box(self) -> Floats:
+        """Least and largest coordinates in the reference configuration, ``(2, 3)`` [m]."""
+        x, comm = reference_positions(self.V)[self.segments].reshape(-1, 3), self.V.mesh.comm
+        least = reductions.least(comm, x.min(axis=0, initial=np.inf))
+        largest = reductions.largest(comm, x.max(axis=0, initial=-np.inf))
+        return np.array([least, largest])
+
+    @cached_property
     def _degree(self) -> int:
         return Element.of(self.V).degree
 
@@ -351,13 +361,29 @@ def sharpest_corner(surface: Surface) -> float:
     return float(reductions.least(surface.V.mesh.comm, sine.min(initial=1.0)))
 
 
-def fine_facet_size(surface: Surface) -> float:
-    """Diameter that a quarter of the facets of a surface do not exceed [m]. Collective.
+def facet_size_towards(surface: Surface, *others: Surface) -> float:
+    """Size of the facets of a surface that are nearest to other ones [m]. Collective.
 
-    Surfaces are refined where contact is expected: large facets elsewhere do not count.
+    It is the diameter that a quarter of these facets do not exceed, since surfaces are refined
+    where contact is expected. They are those in the bounding boxes of the nearest others, enlarged
+    by their distance and by two facets; without any, they are all.
     """
-    lengths = diameters(reference_positions(surface.V)[surface.segments])
-    return float(np.quantile(joined(surface.V.mesh.comm, lengths), 0.25))
+    x = reference_positions(surface.V)[surface.segments]
+    comm: MPI.Comm = surface.V.mesh.comm
+    lengths = joined(comm, diameters(x))
+    size = float(np.quantile(lengths, 0.25))
+    if not others:
+        return size
+    centre = joined(comm, x.mean(axis=1))
+    low, high = surface._box
+    lows, highs = np.moveaxis(np.array([other._box for other in others]), 1, 0)
+    distance = np.fmax(np.fmax(lows - high, low - highs), 0.0).max(axis=1)
+    near = np.zeros(len(lengths), dtype=bool)
+    for nearest in np.flatnonzero(distance <= distance.min() + 2 * size):
+        reach = distance[nearest] + 2 * size
+        inside = (centre >= lows[nearest] - reach) & (centre <= highs[nearest] + reach)
+        near |= inside.all(axis=1)
+    return float(np.quantile(lengths[near], 0.25)) if near.any() else size
 
 
 def boundary_facets(V: fem.FunctionSpace, predicate: Callable[[Any], Any]) -> Ints:

@@ -8,7 +8,7 @@ import numpy as np
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.model.bodies import Body
-from dolfinx_nts.model.surfaces import Surface, fine_facet_size
+from dolfinx_nts.model.surfaces import Surface, facet_size_towards
 from dolfinx_nts.parallel import reductions
 
 __all__ = ["warn_of_stiff_nodes"]
@@ -47,7 +47,8 @@ def warn_of_stiff_nodes(bodies: Sequence[Body], pairs: Sequence[ContactPair]) ->
         stiffest = reductions.largest(comm, float(of_segments.max(initial=0.0)))
         if not (softest >= _STIFFER * stiffest and np.isfinite(stiffest)):
             continue
-        sizes = fine_facet_size(pair.nodes), fine_facet_size(pair.segments)
+        two = pair.nodes, pair.segments
+        sizes = facet_size_towards(*two), facet_size_towards(*two[::-1])
         if sizes[1] < _FINER * sizes[0] or comm.rank:
             continue
         _logger.warning(

@@ -54,6 +54,15 @@ def test_arguments_of_a_stepper_are_immutable(comm, name):
 
 
 @pytest.mark.serial
+def test_a_stepper_has_no_arguments_before_it_is_made():
+    class Eager(nts.EnergyMomentum):
+        def __init__(self):
+            self.found = hasattr(self, "pairs")
+
+    assert not Eager().found
+
+
+@pytest.mark.serial
 def test_a_class_derived_from_a_declaration_sets_its_own_attributes():
     class Wall(nts.RigidPlane):
         def __init__(self, height):
