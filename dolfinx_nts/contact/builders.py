@@ -87,7 +87,7 @@ def all_pairs(
 ) -> list[ContactPair]:
     """Contact pairs between all bodies, and with obstacles. Collective.
 
-    n bodies need n - 1 pairs. Bodies are sorted by the size of their facets next to other bodies,
+    n bodies need n - 1 pairs. Bodies are sorted by the size of their facets that face other ones,
     the diameter that a quarter of them do not exceed, since meshes are refined where contact is
     expected. The first pair has the nodes of the finer half and the segments of the coarser half;
     further pairs divide each half again. Of two meshes whose facets differ by less than half, the

@@ -17,6 +17,7 @@ import ufl
 from dolfinx import fem, la
 from dolfinx.mesh import MeshTags, locate_entities_boundary, meshtags
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.arguments import as_call, label
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.common.declaration import Declaration
@@ -29,7 +30,7 @@ from dolfinx_nts.fem.jit import assembled, compile_quickly
 from dolfinx_nts.fem.node_numbering import input_ids, reference_positions
 from dolfinx_nts.model.facet_segments import facet_segments
 from dolfinx_nts.model.obstacles.rigid_shapes import RigidSphere
-from dolfinx_nts.model.segments import NEIGHBOURS, diameters
+from dolfinx_nts.model.segments import NEIGHBOURS, area_vectors, diameters
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined, places_among_all
 from dolfinx_nts.parallel.errors import agreed
@@ -41,6 +42,8 @@ _NO_LENGTH = 1e-12
 # Part [-] of the force and area of a mid-node that is moved to each adjacent vertex: a uniform
 # pressure has no force at the vertices of triangles of degree 2.
 _TO_END = 1 / 8
+# Least cosine between the normal of a facet and the direction to a body that it faces [-].
+_FACING = 0.5
 # Largest distance of vertices from the sphere of a surface, relative to the radius [-].
 _ON_SPHERE = 1e-3
 
@@ -362,11 +365,11 @@ def sharpest_corner(surface: Surface) -> float:
 
 
 def facet_size_towards(surface: Surface, *others: Surface) -> float:
-    """Size of the facets of a surface that are nearest to other ones [m]. Collective.
+    """Size of the facets of a surface that face others [m]. Collective.
 
     It is the diameter that a quarter of these facets do not exceed, since surfaces are refined
-    where contact is expected. They are those in the bounding boxes of the nearest others, enlarged
-    by their distance and by two facets; without any, they are all.
+    where contact is expected. They face the bounding boxes of the nearest others, at most two
+    facets farther from them than the surface; without any, they are all.
     """
     x = reference_positions(surface.V)[surface.segments]
     comm: MPI.Comm = surface.V.mesh.comm
@@ -375,15 +378,17 @@ def facet_size_towards(surface: Surface, *others: Surface) -> float:
     if not others:
         return size
     centre = joined(comm, x.mean(axis=1))
+    normal = _kernels.unit_vectors(joined(comm, area_vectors(x, surface.orientation)))
     low, high = surface._box
     lows, highs = np.moveaxis(np.array([other._box for other in others]), 1, 0)
-    distance = np.fmax(np.fmax(lows - high, low - highs), 0.0).max(axis=1)
-    near = np.zeros(len(lengths), dtype=bool)
-    for nearest in np.flatnonzero(distance <= distance.min() + 2 * size):
-        reach = distance[nearest] + 2 * size
-        inside = (centre >= lows[nearest] - reach) & (centre <= highs[nearest] + reach)
-        near |= inside.all(axis=1)
-    return float(np.quantile(lengths[near], 0.25)) if near.any() else size
+    apart = np.linalg.norm(np.fmax(np.fmax(lows - high, low - highs), 0.0), axis=1)
+    faces = np.zeros(len(lengths), dtype=bool)
+    for nearest in np.flatnonzero(apart <= apart.min() + 2 * size):
+        to_box = np.clip(centre, lows[nearest], highs[nearest]) - centre
+        distance = np.linalg.norm(to_box, axis=1)
+        is_turned = np.einsum("si,si->s", normal, to_box) >= _FACING * distance
+        faces |= is_turned & (distance <= apart[nearest] + 2 * size)
+    return float(np.quantile(lengths[faces], 0.25)) if faces.any() else size
 
 
 def boundary_facets(V: fem.FunctionSpace, predicate: Callable[[Any], Any]) -> Ints:
