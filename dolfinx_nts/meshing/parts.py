@@ -1,4 +1,4 @@
-"""Simple bodies for a gmsh model: boxes, balls, bowls, rings, tori and rectangles.
+"""Bodies for a gmsh model: boxes, balls, bowls, rings, tori, rectangles, and those of mesh files.
 
 Their cells are hexahedra or tetrahedra, in the plane quadrilaterals or triangles. Each function
 adds one body with named surfaces to a gmsh model in memory, and `read_mesh` creates the mesh of all
@@ -8,12 +8,14 @@ model.
 
 from dolfinx_nts.meshing.balls import add_bowl, add_hollow_ball, add_solid_ball
 from dolfinx_nts.meshing.boxes import add_box, add_rectangle
+from dolfinx_nts.meshing.files import add_mesh
 from dolfinx_nts.meshing.rings import add_ring, add_torus
 
 __all__ = [
     "add_bowl",
     "add_box",
     "add_hollow_ball",
+    "add_mesh",
     "add_rectangle",
     "add_ring",
     "add_solid_ball",
