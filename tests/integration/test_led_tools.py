@@ -84,7 +84,7 @@ def pressed(stepper):
     ("tool", "method"),
     [
         once("guide", "node-to-segment"),
-        ("obstacle", "node-to-segment"),
+        once("obstacle", "node-to-segment"),
         once("supports", "node-to-segment"),
         ("guide", "mortar"),
     ],
