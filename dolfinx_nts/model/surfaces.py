@@ -42,8 +42,13 @@ _NO_LENGTH = 1e-12
 # Part [-] of the force and area of a mid-node that is moved to each adjacent vertex: a uniform
 # pressure has no force at the vertices of triangles of degree 2.
 _TO_END = 1 / 8
-# Least cosine between the normal of a facet and the direction to a body that it faces [-].
+# Least cosine between the normal of a facet and the direction to a body that it faces [-]. Larger:
+# few facets of round bodies count; smaller: the sides of a plate do.
 _FACING = 0.5
+# Part of these facets that are no larger than the size of the surface [-], and how many of them
+# farther away facets count [-]. Larger: coarse facets beside the contact hide its refinement;
+# smaller: single small facets decide.
+_FINE, _BESIDE = 0.25, 2
 # Largest distance of vertices from the sphere of a surface, relative to the radius [-].
 _ON_SPHERE = 1e-3
 
@@ -374,7 +379,7 @@ def facet_size_towards(surface: Surface, *others: Surface) -> float:
     x = reference_positions(surface.V)[surface.segments]
     comm: MPI.Comm = surface.V.mesh.comm
     lengths = joined(comm, diameters(x))
-    size = float(np.quantile(lengths, 0.25))
+    size = float(np.quantile(lengths, _FINE))
     if not others:
         return size
     centre = joined(comm, x.mean(axis=1))
@@ -383,12 +388,12 @@ def facet_size_towards(surface: Surface, *others: Surface) -> float:
     lows, highs = np.moveaxis(np.array([other._box for other in others]), 1, 0)
     apart = np.linalg.norm(np.fmax(np.fmax(lows - high, low - highs), 0.0), axis=1)
     faces = np.zeros(len(lengths), dtype=bool)
-    for nearest in np.flatnonzero(apart <= apart.min() + 2 * size):
+    for nearest in np.flatnonzero(apart <= apart.min() + _BESIDE * size):
         to_box = np.clip(centre, lows[nearest], highs[nearest]) - centre
         distance = np.linalg.norm(to_box, axis=1)
         is_turned = np.einsum("si,si->s", normal, to_box) >= _FACING * distance
-        faces |= is_turned & (distance <= apart[nearest] + 2 * size)
-    return float(np.quantile(lengths[faces], 0.25)) if faces.any() else size
+        faces |= is_turned & (distance <= apart[nearest] + _BESIDE * size)
+    return float(np.quantile(lengths[faces], _FINE)) if faces.any() else size
 
 
 def boundary_facets(V: fem.FunctionSpace, predicate: Callable[[Any], Any]) -> Ints:
