@@ -9,7 +9,11 @@ import numpy as np
 from dolfinx_nts import compat
 from dolfinx_nts.common.arrays import Floats, GlobalInts
 from dolfinx_nts.meshing.elements import ENTITIES, KINDS, Block, Elements, names
-from dolfinx_nts.meshing.repeated import check_repeated_cells, warn_of_double_nodes
+from dolfinx_nts.meshing.repeated import (
+    check_repeated_cells,
+    warn_of_double_nodes,
+    warn_of_overlapping_cells,
+)
 
 __all__ = ["Bodies", "bodies_of", "find_dimension", "with_default_groups"]
 
@@ -162,6 +166,8 @@ def bodies_of(mesh: Elements, dim: int) -> Bodies:
     degree = KINDS[kind].order
     _check_cells(_NAMES[kind], degree, x[:, :dim], cells, numbers)
     check_repeated_cells(cells, numbers)
+    if _NAMES[kind] in ("triangle", "tetrahedron"):
+        warn_of_overlapping_cells(x[:, :dim], cells[:, : dim + 1], numbers)
     warn_of_double_nodes(
         *(x, cells, cell_tags),
         {tag: _name(mesh, dim, tag) for tag in mesh.physical(dim)},

@@ -1,4 +1,4 @@
-"""Cells that a model has twice, and nodes of a body at the same place. Local."""
+"""Cells given twice or on one side of their facet, and nodes at the same place. Local."""
 
 import logging
 from collections.abc import Mapping
@@ -7,7 +7,7 @@ import numpy as np
 
 from dolfinx_nts.common.arrays import Array, Floats, GlobalInts
 
-__all__ = ["check_repeated_cells", "warn_of_double_nodes"]
+__all__ = ["check_repeated_cells", "warn_of_double_nodes", "warn_of_overlapping_cells"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
@@ -16,6 +16,8 @@ _logger = logging.getLogger("dolfinx_nts")
 _SAME_PLACE = 1e-8
 # Odd factors of a 64-bit hash.
 _FIRST, _SECOND = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xC2B2AE3D27D4EB4F)
+# Pairs of the vertices of facets in the plane and in space.
+_PAIRS = {2: [(0, 1)], 3: [(0, 1), (0, 2), (1, 2)]}
 # Part of the grid of places by which its origin is moved, so that round numbers are not between.
 _SHIFT = 0.38196601125
 
@@ -67,6 +69,38 @@ def warn_of_double_nodes(
                 *(names[tag], int((count[double] - 1).sum())),
                 x[nodes[first[double][0]]].round(6).tolist(),
             )
+
+
+def warn_of_overlapping_cells(x: Floats, cells: GlobalInts, numbers: GlobalInts) -> None:
+    """Warn of triangles or tetrahedra that are on one side of their common facet.
+
+    Args:
+        x: Positions of the nodes, shape ``(n, d)`` [m].
+        cells: Vertices of each cell, shape ``(c, d + 1)``.
+        numbers: Number of each cell in the model, shape ``(c,)``.
+    """
+    dim = x.shape[1]
+    turn = np.sign(np.linalg.det(x[cells[:, 1:]] - x[cells[:, :1]])).astype(np.int8)
+    keys, sides = [], []
+    for vertex in range(dim + 1):
+        facet = np.delete(cells, vertex, axis=1)
+        # Sign of the permutation that sorts the vertices of the facet.
+        order = np.prod([np.sign(facet[:, j] - facet[:, i]) for i, j in _PAIRS[dim]], axis=0)
+        keys.append(_hash(np.sort(facet, axis=1)))
+        sides.append((1 - 2 * (vertex % 2)) * turn * order)
+    key, side = np.concatenate(keys), np.concatenate(sides)
+    sorting = np.argsort(key, kind="stable")
+    first, second = sorting[:-1], sorting[1:]
+    bad = np.flatnonzero((key[first] == key[second]) & (side[first] == side[second]))
+    if len(bad):
+        two = np.sort(np.array([first[bad[0]], second[bad[0]]]) % len(cells))
+        _logger.warning(
+            "%d facets have both of their cells on one side, first that of the gmsh elements %d "
+            "and %d near %s: a node has passed through a facet, so that the cells overlap and "
+            "their common volume counts twice; mesh the part again, or move its nodes back",
+            *(len(bad), *numbers[two]),
+            x[cells[two[0]]].mean(axis=0).round(6).tolist(),
+        )
 
 
 def _hash(rows: GlobalInts) -> Array:

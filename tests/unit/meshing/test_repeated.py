@@ -5,6 +5,7 @@ from mpi4py import MPI
 import pytest
 
 import dolfinx_nts as nts
+from dolfinx_nts import parts
 
 pytestmark = pytest.mark.at_most_two_ranks
 
@@ -52,3 +53,39 @@ def test_nodes_of_two_bodies_may_be_at_the_same_place(folder, caplog):
     path = write(folder / "bodies.msh", points, [CELLS[0], (5, 6, 4)], [1, 2])
     nts.read_mesh(path, MPI.COMM_WORLD)
     assert "at the place of" not in caplog.text
+
+
+ONE_SIDE = "facets have both of their cells on one side"
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_node_that_has_passed_through_a_facet_is_reported(folder, caplog, mirrored):
+    """Node 4 lies below the diagonal, where the other triangle is; the order does not matter."""
+    cells = [CELLS[0], CELLS[1][::-1] if mirrored else CELLS[1]]
+    path = write(folder / "tangled.msh", SQUARE | {4: (0.9, 0.2)}, cells, [1, 1])
+    nts.read_mesh(path, MPI.COMM_WORLD)
+    reported = f"1 {ONE_SIDE}, first that of the gmsh elements 11 and 12 near [0.6"
+    assert (reported in caplog.text) == (MPI.COMM_WORLD.rank == 0)
+
+
+@pytest.mark.parametrize("second", [(1, 3, 4), (4, 3, 1), (3, 1, 4)])
+def test_mirrored_cells_are_on_their_own_side(folder, caplog, second):
+    path = write(folder / "mirrored.msh", SQUARE, [CELLS[0], second], [1, 1])
+    assert nts.read_mesh(path, MPI.COMM_WORLD).mesh.topology.dim == 2
+    assert ONE_SIDE not in caplog.text
+
+
+@pytest.mark.parametrize("moved", [0.7, 1.2])
+def test_tetrahedra_are_checked_too(caplog, moved):
+    """Of a cube of 48 tetrahedra the inner node moves, or leaves through a face of its cells."""
+
+    def build(model):
+        box = {"corner": (0, 0, 0), "size": (1, 1, 1), "cells": (2, 2, 2)}
+        parts.add_box(model, "box", **box, cell="tetrahedron")
+        tags, x, _ = model.mesh.getNodes()
+        inner = int(tags[abs(x.reshape(-1, 3) - 0.5).max(axis=1).argmin()])
+        model.mesh.setNode(inner, [moved, 0.5, 0.5], [])
+
+    mesh = nts.read_mesh(build, MPI.COMM_WORLD).mesh
+    assert mesh.topology.index_map(3).size_global == 48
+    assert (ONE_SIDE in caplog.text) == (moved > 1 and MPI.COMM_WORLD.rank == 0)
