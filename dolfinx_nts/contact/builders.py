@@ -142,6 +142,7 @@ def all_pairs(
 
     softest = min(stiffness.values())
     rigid = {body for body in bodies if body.is_rigid}
+    separate = connected(bodies)
 
     def coarseness(group: Sequence[Body]) -> float:
         # Rigid bodies provide segments, as their nodes resolve the contact area less well.
@@ -149,11 +150,10 @@ def all_pairs(
             return math.inf
         ratio = max(stiffness[body] for body in group) / softest if softest > 0 else 1.0
         weight = min(ratio**power, _SIMILAR)
-        # Rounded, so that equal bodies keep their order.
         others = [surface(*other) for other in separate if other is not group]
+        # Rounded, so that equal bodies keep their order.
         return float(f"{facet_size_towards(surface(*group), *others) * weight:.6g}")
 
-    separate = connected(bodies)
     groups = sorted(separate, key=coarseness)
     pairs: list[ContactPair] = []
 

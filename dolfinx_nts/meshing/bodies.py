@@ -81,7 +81,7 @@ def with_default_groups(mesh: Elements) -> Elements:
     _logger.info(
         "no %s is in a physical group: each is a body, %s",
         ENTITIES[dim],
-        ", ".join(_name(mesh, dim, entity) for _, entity in groups),
+        ", ".join(mesh.name(dim, entity) for _, entity in groups),
     )
     return mesh._replace(groups={**mesh.groups, **groups})
 
@@ -170,7 +170,7 @@ def bodies_of(mesh: Elements, dim: int) -> Bodies:
         warn_of_overlapping_cells(x[:, :dim], cells[:, : dim + 1], numbers)
     warn_of_double_nodes(
         *(x, cells, cell_tags),
-        {tag: _name(mesh, dim, tag) for tag in mesh.physical(dim)},
+        {tag: mesh.name(dim, tag) for tag in mesh.physical(dim)},
     )
     return Bodies(
         _NAMES[kind], degree, x, cells, cell_tags, facets, facet_tags[near], tags, num_facets
@@ -182,15 +182,10 @@ def _tags_by_name(mesh: Elements, dim: int) -> dict[str, int]:
     tags: dict[str, int] = {}
     for of in (dim, dim - 1):
         for tag in mesh.physical(of):
-            name = _name(mesh, of, tag)
+            name = mesh.name(of, tag)
             if tags.setdefault(name, tag) != tag:
                 raise ValueError(f"expected one tag for {name!r}, given {tags[name]} and {tag}")
     return tags
-
-
-def _name(mesh: Elements, dim: int, tag: int) -> str:
-    """Name of a physical group."""
-    return mesh.names.get((dim, tag)) or f"{ENTITIES[dim]} {tag}"
 
 
 def _kind_of_cells(mesh: Elements, dim: int) -> int:

@@ -111,6 +111,10 @@ class Elements(NamedTuple):
         x: Floats = self.x[order[np.searchsorted(self.numbers, nodes, sorter=order)]]
         return x
 
+    def name(self, dim: int, tag: int) -> str:
+        """Name of a physical group; without one what it is, and its tag."""
+        return self.names.get((dim, tag)) or f"{ENTITIES[dim]} {tag}"
+
     def physical(self, dim: int) -> dict[int, list[Block]]:
         """Elements of the physical groups of one dimension, by tag in ascending order."""
         found: dict[int, list[Block]] = {}

@@ -10,7 +10,7 @@ from dolfinx_nts.common.arguments import real_array
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.meshing.bodies import find_dimension, with_default_groups
 from dolfinx_nts.meshing.discrete_entities import add_discrete_entity
-from dolfinx_nts.meshing.elements import ENTITIES
+from dolfinx_nts.meshing.elements import Block
 from dolfinx_nts.meshing.msh_file import read_msh
 
 __all__ = ["add_mesh"]
@@ -65,7 +65,7 @@ def add_mesh(
     body = add_discrete_entity(model, dim)
     model.mesh.addNodes(dim, body, first + np.arange(len(used)), x.ravel())
 
-    def add(entity: int, block: Any) -> None:
+    def add(entity: int, block: Block) -> None:
         nodes = first + np.searchsorted(used, block.nodes)
         model.mesh.addElementsByType(entity, block.kind, [], nodes.ravel())
 
@@ -76,5 +76,4 @@ def add_mesh(
         side = add_discrete_entity(model, dim - 1)
         for block in blocks:
             add(side, block)
-        group = mesh.names.get((dim - 1, tag)) or f"{ENTITIES[dim - 1]} {tag}"
-        model.addPhysicalGroup(dim - 1, [side], name=f"{name}_{group}")
+        model.addPhysicalGroup(dim - 1, [side], name=f"{name}_{mesh.name(dim - 1, tag)}")

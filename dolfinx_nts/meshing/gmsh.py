@@ -9,7 +9,6 @@ import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple, NoReturn
 
@@ -51,9 +50,6 @@ __all__ = [
     "add_torus",
     "read_mesh",
 ]
-
-# Suffixes of files of other programs that hold meshes, which meshio reads.
-_MESHES = {".inp", ".vtk", ".vtu", ".med", ".bdf", ".nas", ".fem", ".e", ".exo", ".mesh", ".cgns"}
 
 
 class MeshData(NamedTuple):
@@ -102,7 +98,8 @@ def read_mesh(source: Any, comm: MPI.Comm, *, rank: int = 0) -> MeshData:
     logged. A model without volumes is a mesh of the plane z = 0, whose cells are on physical
     surfaces; triangles next to quadrilaterals are cut into three and four quadrilaterals. Where no
     cells are in physical groups, each volume, in the plane each surface, is a body, such as
-    ``"volume 1"``.
+    ``"volume 1"``. A warning names bodies with several nodes at one place, where their cells are
+    not connected, and triangles or tetrahedra that overlap.
 
     Args:
         source: Path of a ``.msh`` file, format 4.1 or 2.2, text or binary, which is read
@@ -120,10 +117,10 @@ def read_mesh(source: Any, comm: MPI.Comm, *, rank: int = 0) -> MeshData:
         ImportError: ``source`` is a model or function, and gmsh is not installed on ``rank``.
         TypeError: ``source`` is no path, gmsh model or function.
         ValueError: The file is no mesh, of another format or damaged; cells are pyramids, of
-            third or incomplete second order, or not in exactly one physical volume; ``det J``
-            vanishes or changes sign within a cell; a name stands for two tags; a physical
-            surface has facets that belong to no cell, or shares some with another; a mesh of
-            surfaces leaves the plane z = 0; ``rank`` does not exist.
+            third or incomplete second order, given twice, in several physical volumes, or in none
+            while others are in one; ``det J`` vanishes or changes sign within a cell; a name
+            stands for two tags; a physical surface has facets that belong to no cell, or shares
+            some with another; a mesh of surfaces leaves the plane z = 0; ``rank`` does not exist.
 
     Example:
         >>> def build(model):
@@ -187,9 +184,6 @@ def _elements(source: Any) -> Elements:
             return _elements_of(model)
     if not isinstance(source, str | os.PathLike):
         raise TypeError(f"expected a path, a gmsh model or a function, given {source!r}")
-    with Path(source).open("rb") as file:
-        if not file.read(16).startswith((b"$MeshFormat", b"$Comments")):
-            raise ValueError(f"expected a gmsh mesh (.msh), given {source}: {_remedy(source)}")
     return read_msh(source)
 
 
@@ -243,19 +237,4 @@ def _elements_of(model: Any) -> Elements:
     names = {group: model.getPhysicalName(*group) for group in model.getPhysicalGroups()}
     return Elements(
         numbers[order].astype(np.int64), x.reshape(-1, 3)[order], groups, names, tuple(blocks)
-    )
-
-
-def _remedy(source: str | os.PathLike[str]) -> str:
-    """Instructions to convert a file that is not a gmsh mesh, by its suffix."""
-    suffix = Path(source).suffix.lower()
-    if suffix in _MESHES:
-        return (
-            f"convert the {suffix[1:].upper()} file by meshio, with the number of the body of each "
-            'cell as cell_data "gmsh:physical" and "gmsh:geometrical", and write it as "gmsh22" '
-            "(the page on geometry has the script)"
-        )
-    return (
-        "mesh a geometry first (gmsh -3 part.geo, or part.step); a mesh and tags that DOLFINx "
-        "reads by itself (XDMFFile) can be used without read_mesh"
     )

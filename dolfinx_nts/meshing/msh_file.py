@@ -17,6 +17,8 @@ from dolfinx_nts.meshing.elements import KINDS, Block, Elements
 __all__ = ["read_msh"]
 
 _NAME = re.compile(rb'^\s*(\d+)\s+(-?\d+)\s+"(.*)"\s*$', re.MULTILINE)
+# Suffixes of files of other programs that hold meshes, which meshio reads.
+_MESHES = {".inp", ".vtk", ".vtu", ".med", ".bdf", ".nas", ".fem", ".e", ".exo", ".mesh", ".cgns"}
 _VERSION_4, _VERSION_2 = b"4.1", (b"2.2", b"2.1", b"2", b"2.0")
 
 
@@ -35,6 +37,8 @@ def read_msh(path: str | os.PathLike[str]) -> Elements:
         ValueError: The file is of another format, damaged or partitioned.
     """
     data = Path(path).read_bytes()
+    if not data.startswith((b"$MeshFormat", b"$Comments")):
+        raise ValueError(f"expected a gmsh mesh (.msh), given {os.fspath(path)}: {_remedy(path)}")
     try:
         return _parsed(data)
     except ValueError as error:
@@ -301,3 +305,18 @@ def _num_nodes(kind: int) -> int:
             "(1) and write the file again"
         )
     return KINDS[kind].num_nodes
+
+
+def _remedy(source: str | os.PathLike[str]) -> str:
+    """Instructions to convert a file that is not a gmsh mesh, by its suffix."""
+    suffix = Path(source).suffix.lower()
+    if suffix in _MESHES:
+        return (
+            f"convert the {suffix[1:].upper()} file by meshio, with the number of the body of each "
+            'cell as cell_data "gmsh:physical" and "gmsh:geometrical", and write it as "gmsh22" '
+            "(the page on geometry has the script)"
+        )
+    return (
+        "mesh a geometry first (gmsh -3 part.geo, or part.step); a mesh and tags that DOLFINx "
+        "reads by itself (XDMFFile) can be used without read_mesh"
+    )

@@ -18,7 +18,7 @@ _SAME_PLACE = 1e-8
 _FIRST, _SECOND = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xC2B2AE3D27D4EB4F)
 # Pairs of the vertices of facets in the plane and in space.
 _PAIRS = {2: [(0, 1)], 3: [(0, 1), (0, 2), (1, 2)]}
-# Part of the grid of places by which its origin is moved, so that round numbers are not between.
+# Shift of the grid of places relative to its spacing [-]: round numbers are not between two places.
 _SHIFT = 0.38196601125
 
 
@@ -104,7 +104,7 @@ def warn_of_overlapping_cells(x: Floats, cells: GlobalInts, numbers: GlobalInts)
 
 
 def _hash(rows: GlobalInts) -> Array:
-    """64-bit number of each row of integers, shape ``(n,)``."""
+    """Hash of each row of integers, shape ``(n,)``; two rows have the same one by 1 in 2^64."""
     key: Array = np.zeros(len(rows), dtype=np.uint64)
     for column in rows.T.astype(np.uint64):
         key = (key ^ column) * _FIRST

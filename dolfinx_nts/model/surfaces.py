@@ -46,8 +46,9 @@ _TO_END = 1 / 8
 # few facets of round bodies count; smaller: the sides of a plate do.
 _FACING = 0.5
 # Part of these facets that are no larger than the size of the surface [-], and how many of them
-# farther away facets count [-]. Larger: coarse facets beside the contact hide its refinement;
-# smaller: single small facets decide.
+# farther away facets count [-]. Larger: coarse facets next to the contact hide its refinement (at
+# 0.5 a graded block below a punch of the same facets counts as 1.7 times coarser); smaller: single
+# small facets decide.
 _FINE, _BESIDE = 0.25, 2
 # Largest distance of vertices from the sphere of a surface, relative to the radius [-].
 _ON_SPHERE = 1e-3

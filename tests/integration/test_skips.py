@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts import parts
@@ -9,6 +10,7 @@ from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.friction.interface import Friction
 from dolfinx_nts.contact.implicit.normal.multiplier import MultiplierContact
 from dolfinx_nts.integrators.implicit import sleeping
+from dolfinx_nts.search.mortar.mortar_points import MortarPoints
 from dolfinx_nts.solvers.linear import krylov
 from helpers import box_meshes, scenes
 from helpers.once import once, once_except
@@ -257,6 +259,28 @@ def test_without_active_nodes_nothing_is_eliminated(comm):
         assert scene.stepper.advance().num_active == 0
     assert solver._operator.elimination.empty
     assert solver._contacts.num_builds == 0
+
+
+@pytest.mark.serial
+def test_points_of_the_same_nodes_are_selected_once(comm, monkeypatch):
+    """97 times in 126 evaluations, and 314 times if only the points of one set are kept."""
+    mesh, cells, facets, tag = nts.read_mesh(nts.examples.ball_plate(), comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    rubber = nts.SaintVenantKirchhoff(1e5, 0.4, 1e3)
+    bodies = [nts.Body(V, cells, tag[name], rubber) for name in ("ball", "plate")]
+    sides = (nts.Surface(V, facets, tag[name]) for name in ("ball_outer", "plate_top"))
+    stepper = nts.EnergyMomentum(bodies, [nts.ContactPair(*sides)], dt=0.01)
+    stepper.set_velocity(bodies[0], (0.0, 1.0, -1.0))
+    selections, take = 0, MortarPoints.take
+
+    def counted(points, nodes):
+        nonlocal selections
+        selections += 1
+        return take(points, nodes)
+
+    monkeypatch.setattr(MortarPoints, "take", counted)
+    evaluations = sum(step.newton_iterations + 1 for step in stepper.run(until=0.3))
+    assert 0 < selections <= evaluations
 
 
 @pytest.mark.serial

@@ -15,19 +15,19 @@ __all__ = ["warn_of_stiff_nodes"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Ratio of the moduli, and least ratio of the facets of the softer to those of the stiffer body [-],
-# from which on a warning is issued. At equal moduli pressures of a Hertz contact are right within
-# 4 % whichever body gives the nodes. Those of nodes that are ten times as stiff scatter by 4, 6, 23
-# and 33 % on facets that are 1, 1/1.5, 1/2 and 1/3 as long, those of nodes 1e4 times as stiff by
-# 96 % from 1/1.5 on, and those of a flat punch by 100 % at equal lengths.
+# Ratio of the moduli, and size of the soft facets relative to the stiff ones, from which on nodes
+# on the stiff body are reported [-]. Smaller: reports of pressures that are right within 4 %, as in
+# a Hertz contact of equal moduli with any sizes; larger: pressures scatter without a word. At ten
+# times the modulus they scatter by 4, 6, 23 and 33 % for soft facets that are 1, 1.5, 2 and 3 times
+# as long; at 1e4 times by 96 % from 1.5 on, and below a flat punch by 100 % at equal lengths.
 _STIFFER, _FINER = 5.0, 0.9
 
 
 def warn_of_stiff_nodes(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> None:
     """Warn of nodes on a stiffer body whose facets are no longer than the segments. Collective.
 
-    The softer body then has fewer degrees of freedom than there are multipliers: patterns of
-    pressures that alternate from node to node deform it hardly, and remain undetermined.
+    The softer body then has fewer degrees of freedom than there are multipliers: pressures
+    that alternate from node to node hardly deform it, and remain undetermined.
 
     Args:
         bodies: All bodies of a stepper.
@@ -36,7 +36,7 @@ def warn_of_stiff_nodes(bodies: Sequence[Body], pairs: Sequence[ContactPair]) ->
     V = bodies[0].V
     comm, modulus = V.mesh.comm, np.full(len(reference_positions(V)), np.inf)
     for body in bodies:
-        # At nodes of several bodies that of the softest one; no check of energies with fields.
+        # Shared nodes have the least modulus. NaN, of energies with fields, is not reported.
         own = np.inf if body.is_rigid else body.material.least_modulus
         modulus[body.nodes] = np.minimum(modulus[body.nodes], own)
     for pair in pairs:

@@ -161,7 +161,7 @@ class InertiaRelief:
         free = np.zeros((self.num_motions, *total.shape))
         for body, columns in zip(self.bodies, self._columns, strict=True):
             free[columns, body.nodes] = body.at(x[body.nodes])[..., : total.shape[1]]
-        # A free rotation of the first positions may move a support that is deformed.
+        # A rotation that is free at first would move the supports of a deformed body.
         free[:, self._given] = 0
         pressing = sum(float(np.abs(step.normal.lambda_N).sum()) for step in steps)
         pressing = reductions.total(self._comm, pressing)

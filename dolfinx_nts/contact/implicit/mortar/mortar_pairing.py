@@ -18,8 +18,8 @@ __all__ = ["MortarPairing", "PointBlocks"]
 
 # Largest distance of a point from its segment, in coordinates of the reference segment [-].
 _BEYOND = _kernels.OVERHANG
-# Number of subsets of the points that are kept. More: memory; fewer (1): each iteration selects the
-# points of the same nodes twice, which takes a tenth of the step of a ball on a plate.
+# Number of subsets of the points that are kept [-]. More: memory; fewer (1): each iteration selects
+# points of the same nodes twice, which takes 15 % of a step of a ball on a plate.
 _MOST_SUBSETS = 4
 
 
