@@ -307,9 +307,9 @@ def test_failure_is_explained_and_leaves_nothing(host: Host, failure: str) -> No
 
 def test_sanitized_tests_exist():
     script = (PROJECT / "environment" / "sanitize").read_text()
-    named = re.findall(r"tests/unit/(\w+)/test_(?:(\w+)|\{(.*?)\})\.py", script)
+    named = re.findall(r"tests/unit/([\w/]+)/(test_\w*)(?:\{(.*?)\})?\.py", script)
     files = [
-        f"{wing}/test_{name}.py" for wing, one, many in named for name in (one or many).split(",")
+        f"{folder}/{begin}{end}.py" for folder, begin, ends in named for end in ends.split(",")
     ]
     assert len(files) > 10
     assert not [file for file in files if not (PROJECT / "tests" / "unit" / file).is_file()]

@@ -20,7 +20,7 @@ __all__ = ["SOFT", "depth_per_speed", "layers_in_series", "softer_layer"]
 # (5/3), 3 % (2) of its mean for ever in explicit steps, and by 8 % (1.1), 5 % (4/3), 3 % (5/3) in
 # implicit ones. A softer spring closes by more, which lowers the peaks of impact forces unless it
 # becomes stiffer: that of a ball on a block of 6 cells by 5 % (1.1), 6 % (4/3), 7 % (5/3). Measured
-# on the rods of tests/verification/test_rods.py with 40 cells and in benchmarks.defaults.
+# on the rods of tests/verification/impact/test_rods.py with 40 cells and in benchmarks.defaults.
 SOFT = 5 / 3
 # Compression up to which springs are soft, relative to that by the pressure of wave theory [-].
 # Larger: with 2.4 instead of 1.5 the peak force of the ball is 4.5 instead of 1.9 % too small;

@@ -16,7 +16,7 @@ from dolfinx.mesh import (
 
 import dolfinx_nts as nts
 from dolfinx_nts import compat, parts
-from helpers.box_meshes import Input, boxes, distribute
+from helpers.models.box_meshes import Input, boxes, distribute
 from helpers.scene import Motion, Scene, input_ids
 from reference.bulk import rotation
 

@@ -3,7 +3,7 @@
 Bodies of ``bulk.py``, contact of single pairs of ``nts.py``, and an own
 search, active set and Newton's method, written from ``docs/method.md``. It
 reads the mesh file itself and shares no code with the package. The table with
-which ``tests/verification/test_ball_plate.py`` compares is printed by
+which ``tests/verification/impact/test_ball_plate.py`` compares is printed by
 
     cd tests && python3 -m reference.ball_plate          (20 minutes)
     cd tests && python3 -m reference.ball_plate --one    (one segment a node)

@@ -5,7 +5,7 @@ import pytest
 
 import dolfinx_nts as nts
 from dolfinx_nts.contact.implicit.normal.active_set import ActiveSet
-from helpers.plane import blocks
+from helpers.models.plane import blocks
 
 pytestmark = pytest.mark.serial
 

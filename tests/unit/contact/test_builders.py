@@ -11,7 +11,8 @@ from dolfinx.mesh import GhostMode
 import dolfinx_nts as nts
 from dolfinx_nts import parts
 from dolfinx_nts.meshing.gmsh import read_mesh
-from helpers import box_meshes, scenes
+from helpers import scenes
+from helpers.models import box_meshes
 from helpers.once import once
 
 RUBBER = nts.SaintVenantKirchhoff(E=1e5, nu=0.3, rho=1e3)

@@ -9,7 +9,7 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from helpers import box_meshes, plane, rings
+from helpers.models import box_meshes, plane, rings
 from helpers.once import once
 
 EPS = np.finfo(float).eps

@@ -5,7 +5,8 @@ from mpi4py import MPI
 import pytest
 
 import dolfinx_nts as nts
-from helpers import plane, scenes
+from helpers import scenes
+from helpers.models import plane
 
 pytestmark = pytest.mark.serial
 

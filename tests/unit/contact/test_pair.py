@@ -15,7 +15,8 @@ from dolfinx_nts.contact.history import ContactHistory
 from dolfinx_nts.contact.implicit.accepted_contact import contact_history, contact_work
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.pair_state import PairState
-from helpers import box_meshes, scenes
+from helpers import scenes
+from helpers.models import box_meshes
 from helpers.once import once
 from helpers.scenes import BLOCK_STEP
 from reference import nts as reference

@@ -5,7 +5,7 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from helpers.box_meshes import boxes, distribute
+from helpers.models.box_meshes import boxes, distribute
 from helpers.once import once
 
 E, STRAIN = 1e6, 1e-3

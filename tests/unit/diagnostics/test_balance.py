@@ -13,7 +13,7 @@ from dolfinx_nts import _kernels, parts
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.diagnostics.balance import Diagnostics
 from dolfinx_nts.parallel import reductions
-from helpers.box_meshes import boxes, distribute
+from helpers.models.box_meshes import boxes, distribute
 from helpers.once import once
 from helpers.scene import gathered, input_ids
 from helpers.scenes import BLOCK_RUBBER, blocks

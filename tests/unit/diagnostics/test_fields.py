@@ -10,7 +10,7 @@ from dolfinx_nts.diagnostics.functions import nodal_values
 from dolfinx_nts.diagnostics.nodal_fields import NodalFields
 from dolfinx_nts.diagnostics.present import Present
 from dolfinx_nts.fem.components import nodal
-from helpers import plane
+from helpers.models import plane
 from helpers.scenes import BLOCK_RUBBER, blocks
 
 pytestmark = pytest.mark.at_most_two_ranks

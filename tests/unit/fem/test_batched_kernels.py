@@ -21,7 +21,7 @@ from dolfinx_nts.fem.components import deformation_gradient, gradient
 from dolfinx_nts.fem.jit import compile_form, compile_quickly
 from dolfinx_nts.fem.linear_forms import CellForm
 from dolfinx_nts.model.bodies import bulk_form
-from helpers import box_meshes, plane
+from helpers.models import box_meshes, plane
 
 pytestmark = pytest.mark.at_most_two_ranks
 

@@ -10,7 +10,7 @@ import dolfinx_nts as nts
 from dolfinx_nts.fem.bilinear_forms import CellMatrix
 from dolfinx_nts.fem.jit import compile_bilinear_form
 from dolfinx_nts.model.bodies import bulk_form
-from helpers import box_meshes
+from helpers.models import box_meshes
 
 pytestmark = pytest.mark.at_most_two_ranks
 

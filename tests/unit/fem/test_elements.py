@@ -7,7 +7,7 @@ from dolfinx import fem
 
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.fem.node_numbering import input_ids, listed
-from helpers import box_meshes
+from helpers.models import box_meshes
 
 pytestmark = pytest.mark.at_most_two_ranks
 

@@ -30,7 +30,7 @@ from dolfinx_nts.fem.jit import (
 )
 from dolfinx_nts.fem.linear_forms import CellForm
 from dolfinx_nts.model.bodies import bulk_form
-from helpers import box_meshes
+from helpers.models import box_meshes
 
 pytestmark = pytest.mark.at_most_two_ranks
 

@@ -14,7 +14,7 @@ from dolfinx_nts.fem.jit import compile_form
 from dolfinx_nts.fem.linear_forms import CellForm, PackedForm
 from dolfinx_nts.materials.hyperelastic import right_cauchy_green
 from dolfinx_nts.model.bodies import bulk_form
-from helpers import box_meshes
+from helpers.models import box_meshes
 
 ROUNDING = 1e-14
 SPACES = [("hexahedron", 1), ("tetrahedron", 1), ("hexahedron", 2), ("tetrahedron", 2)]

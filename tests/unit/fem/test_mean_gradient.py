@@ -10,7 +10,7 @@ from dolfinx import fem
 from dolfinx.mesh import CellType, create_unit_square
 
 from dolfinx_nts.fem.mean_gradient import with_mean_gradients
-from helpers import box_meshes
+from helpers.models import box_meshes
 
 pytestmark = pytest.mark.at_most_two_ranks
 

@@ -8,8 +8,8 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts.common.archive import Snapshot
-from helpers.boxed import CLOSED, RHO, VOLUME, Box, Ledger, check_dissipation, swirl
 from helpers.interrupted import SCHEMES, scene
+from helpers.models.boxed import CLOSED, RHO, VOLUME, Box, Ledger, check_dissipation, swirl
 from helpers.once import once
 
 pytestmark = pytest.mark.at_most_two_ranks

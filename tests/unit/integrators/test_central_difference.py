@@ -14,7 +14,7 @@ from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.fem.linear_forms import CellForm
 from dolfinx_nts.integrators.explicit import central_difference, stability
 from helpers import scenes
-from helpers.boxed import CLOSED, RHO, VOLUME, Box, Ledger, swirl
+from helpers.models.boxed import CLOSED, RHO, VOLUME, Box, Ledger, swirl
 from helpers.once import once, once_except
 from helpers.scene import Scene, input_ids
 

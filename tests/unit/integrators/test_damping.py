@@ -5,8 +5,8 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from helpers import box_meshes
-from helpers.boxed import CLOSED, RHO, SOLVED, VOLUME, Box, Ledger, check_loss, swirl
+from helpers.models import box_meshes
+from helpers.models.boxed import CLOSED, RHO, SOLVED, VOLUME, Box, Ledger, check_loss, swirl
 from helpers.once import once
 
 pytestmark = pytest.mark.at_most_two_ranks

@@ -8,8 +8,9 @@ import pytest
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from helpers import box_meshes, scenes
-from helpers.boxed import CLOSED, SOLVED, Box, Ledger, swirl
+from helpers import scenes
+from helpers.models import box_meshes
+from helpers.models.boxed import CLOSED, SOLVED, Box, Ledger, swirl
 from helpers.once import once
 from helpers.scene import gathered
 

@@ -16,8 +16,8 @@ from scipy.optimize import brentq
 
 import dolfinx_nts as nts
 from dolfinx_nts.common.archive import Snapshot
-from helpers.boxed import RHO, VOLUME, Box, Ledger, check_dissipation, swirl
 from helpers.interrupted import SCHEMES, scene
+from helpers.models.boxed import RHO, VOLUME, Box, Ledger, check_dissipation, swirl
 from helpers.once import once
 from helpers.readers import read_grids
 

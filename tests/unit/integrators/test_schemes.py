@@ -11,7 +11,8 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts.solvers import newton
-from helpers import box_meshes, scenes
+from helpers import scenes
+from helpers.models import box_meshes
 from helpers.once import once
 from helpers.scene import Scene, Totals
 

@@ -12,7 +12,8 @@ from dolfinx_nts.fem.jit import compile_quickly
 from dolfinx_nts.integrators.explicit import stability
 from dolfinx_nts.model.bodies import bulk_form
 from dolfinx_nts.model.lumped_mass import lumped_mass
-from helpers import box_meshes, scenes
+from helpers import scenes
+from helpers.models import box_meshes
 from helpers.scene import Motion
 
 pytestmark = pytest.mark.at_most_two_ranks

@@ -6,7 +6,7 @@ import pytest
 import ufl
 
 import dolfinx_nts as nts
-from helpers.boxed import Box
+from helpers.models.boxed import Box
 
 pytestmark = pytest.mark.serial
 

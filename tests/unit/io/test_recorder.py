@@ -13,7 +13,7 @@ from dolfinx import fem
 import dolfinx_nts as nts
 from dolfinx_nts.io.recorder import Recorder
 from dolfinx_nts.solvers import newton
-from helpers import box_meshes
+from helpers.models import box_meshes
 from helpers.once import once
 from helpers.readers import read_grids
 from helpers.scenes import BLOCK_RUBBER, BLOCK_STEP, blocks

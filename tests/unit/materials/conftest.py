@@ -5,7 +5,7 @@ import pytest
 from dolfinx import fem
 
 from dolfinx_nts.fem.jit import compile_expression
-from helpers.boxed import Box
+from helpers.models.boxed import Box
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts.fem.jit import compile_expression
-from helpers.boxed import CLOSED, RHO, Box, Ledger, swirl
+from helpers.models.boxed import CLOSED, RHO, Box, Ledger, swirl
 from helpers.once import once
 from reference.bulk import rotation
 

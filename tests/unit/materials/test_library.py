@@ -7,7 +7,7 @@ import ufl
 import dolfinx_nts as nts
 from dolfinx_nts.materials.evaluation import Evaluation
 from dolfinx_nts.materials.library import MooneyRivlin, NeoHookean, Yeoh
-from helpers.boxed import Box, Ledger, swirl
+from helpers.models.boxed import Box, Ledger, swirl
 from reference.bulk import rotation
 
 pytestmark = pytest.mark.at_most_two_ranks

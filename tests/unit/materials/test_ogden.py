@@ -9,8 +9,8 @@ from scipy.optimize import brentq
 
 import dolfinx_nts as nts
 from dolfinx_nts.fem.jit import compile_expression
-from helpers import plane, rings
-from helpers.boxed import CLOSED, RHO, Box, Ledger, swirl
+from helpers.models import plane, rings
+from helpers.models.boxed import CLOSED, RHO, Box, Ledger, swirl
 from helpers.once import once
 from reference.bulk import rotation
 

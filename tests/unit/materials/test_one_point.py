@@ -24,7 +24,8 @@ from dolfinx_nts.fem.jit import compile_quickly
 from dolfinx_nts.model.bodies import bulk_form
 from dolfinx_nts.solvers.bulk import Bulk
 from dolfinx_nts.solvers.precond.tangent import Tangent
-from helpers import box_meshes, scenes
+from helpers import scenes
+from helpers.models import box_meshes
 from helpers.once import once
 from helpers.scene import Motion, gathered
 from helpers.step_parts import step_forms

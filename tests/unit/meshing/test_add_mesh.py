@@ -8,7 +8,7 @@ import pytest
 
 import dolfinx_nts as nts
 from dolfinx_nts import parts
-from helpers.gmsh_models import BOX, ROUNDING, count, measure
+from helpers.models.gmsh_models import BOX, ROUNDING, count, measure
 
 pytestmark = pytest.mark.serial
 

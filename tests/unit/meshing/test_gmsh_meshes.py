@@ -16,7 +16,7 @@ from dolfinx.mesh import MeshTags, entities_to_geometry
 from dolfinx_nts.meshing import examples
 from dolfinx_nts.meshing.gmsh import MeshData, read_mesh
 from dolfinx_nts.meshing.parts import add_box, add_hollow_ball, add_rectangle
-from helpers.gmsh_models import BOX, ROUNDING, count, measure
+from helpers.models.gmsh_models import BOX, ROUNDING, count, measure
 
 pytestmark = pytest.mark.at_most_two_ranks
 

@@ -10,7 +10,7 @@ from dolfinx.mesh import CellType
 
 from dolfinx_nts.meshing.gmsh import read_mesh
 from dolfinx_nts.meshing.parts import add_box
-from helpers.gmsh_models import BOX, ROUNDING, count, measure
+from helpers.models.gmsh_models import BOX, ROUNDING, count, measure
 
 KINDS = {"hexahedra": 5, "tetrahedra": 4}  # gmsh element types
 

@@ -19,7 +19,7 @@ from dolfinx_nts.meshing.gmsh import MeshData, read_mesh
 from dolfinx_nts.meshing.mixed_cells import only_one_kind
 from dolfinx_nts.meshing.msh_file import read_msh
 from dolfinx_nts.meshing.parts import add_box, add_rectangle, add_solid_ball
-from helpers.gmsh_models import BOX, ROUNDING, measure
+from helpers.models.gmsh_models import BOX, ROUNDING, measure
 
 FORMATS = [(4.1, 0), (4.1, 1), (2.2, 0), (2.2, 1)]
 BALL = {"centre": (0, 0, 3), "radius": 1.0, "cells_per_edge": 1, "layers": 1}

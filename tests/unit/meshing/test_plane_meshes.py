@@ -10,7 +10,7 @@ from dolfinx.mesh import CellType
 
 from dolfinx_nts.meshing.gmsh import read_mesh
 from dolfinx_nts.meshing.parts import add_rectangle
-from helpers.gmsh_models import ROUNDING, measure
+from helpers.models.gmsh_models import ROUNDING, measure
 
 pytestmark = pytest.mark.at_most_two_ranks
 

@@ -16,7 +16,8 @@ from dolfinx_nts.fem.components import deformation_gradient
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.model.bodies import bulk_form, check_bodies
 from dolfinx_nts.model.checks.inverted_cells import VolumeRatio
-from helpers import box_meshes, scenes
+from helpers import scenes
+from helpers.models import box_meshes
 from helpers.scene import input_ids
 
 pytestmark = pytest.mark.at_most_two_ranks

@@ -7,8 +7,8 @@ from dolfinx import fem
 import dolfinx_nts as nts
 from dolfinx_nts.model.loads.body_loads import Gravity
 from dolfinx_nts.model.loads.surface_loads import Pressure, Traction
-from helpers import box_meshes
-from helpers.boxed import CLOSED, RHO, RUBBER, SIZE, SOLVED, VOLUME, Box, Ledger, swirl
+from helpers.models import box_meshes
+from helpers.models.boxed import CLOSED, RHO, RUBBER, SIZE, SOLVED, VOLUME, Box, Ledger, swirl
 from helpers.once import once
 
 pytestmark = pytest.mark.at_most_two_ranks

@@ -6,7 +6,7 @@ from dolfinx import fem, mesh
 
 import dolfinx_nts as nts
 from dolfinx_nts.model.obstacles.distance_check import check_distance
-from helpers.boxed import Box
+from helpers.models.boxed import Box
 from reference.bulk import taylor_order
 
 pytestmark = pytest.mark.serial

@@ -6,7 +6,7 @@ import ufl
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from helpers.boxed import CLOSED, RHO, SIZE, SOLVED, VOLUME, Box, Ledger, swirl
+from helpers.models.boxed import CLOSED, RHO, SIZE, SOLVED, VOLUME, Box, Ledger, swirl
 from helpers.once import once
 
 pytestmark = pytest.mark.at_most_two_ranks

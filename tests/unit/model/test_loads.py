@@ -9,8 +9,9 @@ from dolfinx.mesh import GhostMode
 import dolfinx_nts as nts
 from dolfinx_nts.model.loads.body_loads import BodyForce, Gravity
 from dolfinx_nts.model.loads.surface_loads import Pressure, Traction
-from helpers import box_meshes, scenes
-from helpers.boxed import CLOSED, RHO, RUBBER, SIZE, SOLVED, VOLUME, Box, Ledger, swirl
+from helpers import scenes
+from helpers.models import box_meshes
+from helpers.models.boxed import CLOSED, RHO, RUBBER, SIZE, SOLVED, VOLUME, Box, Ledger, swirl
 from helpers.once import once
 from helpers.scene import input_ids
 

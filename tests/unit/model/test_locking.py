@@ -7,7 +7,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts.model.checks.locking import warn_of_locking
-from helpers import box_meshes
+from helpers.models import box_meshes
 
 pytestmark = pytest.mark.at_most_two_ranks
 

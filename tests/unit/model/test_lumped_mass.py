@@ -8,7 +8,7 @@ from dolfinx import fem, la
 import dolfinx_nts as nts
 from dolfinx_nts.model.bodies import bulk_form
 from dolfinx_nts.model.lumped_mass import lumped_mass
-from helpers import box_meshes
+from helpers.models import box_meshes
 
 ROUNDING = 1e-12
 

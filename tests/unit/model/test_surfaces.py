@@ -12,7 +12,8 @@ from dolfinx_nts.meshing.gmsh import read_mesh
 from dolfinx_nts.model import surfaces
 from dolfinx_nts.model.segments import area_vectors
 from dolfinx_nts.model.surfaces import sharpest_corner
-from helpers import box_meshes, scenes
+from helpers import scenes
+from helpers.models import box_meshes
 from helpers.scene import input_ids
 
 # Round-off of sums over some hundred facets of lengths of about one.

@@ -9,7 +9,7 @@ import dolfinx_nts as nts
 from dolfinx_nts import plotting
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.plotting.scene import surface_near
-from helpers.plane import blocks, throw
+from helpers.models.plane import blocks, throw
 
 pytestmark = pytest.mark.at_most_two_ranks
 

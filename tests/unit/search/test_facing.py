@@ -10,7 +10,7 @@ import dolfinx_nts as nts
 from dolfinx_nts import _kernels
 from dolfinx_nts.search.global_search import GlobalSearch
 from dolfinx_nts.search.nodal_facets import NodalFacets
-from helpers import box_meshes
+from helpers.models import box_meshes
 
 cells = pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 GAP = 0.01

@@ -8,7 +8,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts.search.edges.sharp_edges import SharpEdges
-from helpers.box_meshes import boxes, distribute
+from helpers.models.box_meshes import boxes, distribute
 
 
 def body(comm, data, degree=1):

@@ -7,8 +7,8 @@ from dolfinx import fem, mesh
 import dolfinx_nts as nts
 from dolfinx_nts.search.smooth.near_facets import NearFacets
 from dolfinx_nts.search.smooth.smooth_patches import SmoothPatches
-from helpers.box_meshes import boxes, distribute
-from helpers.round import ring_mesh
+from helpers.models.box_meshes import boxes, distribute
+from helpers.models.round import ring_mesh
 
 EDGE = np.linspace(0, 1, 21)
 

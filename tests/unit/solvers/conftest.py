@@ -7,7 +7,7 @@ from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 
 from dolfinx_nts.solvers.linear.block_csr import BlockCSR
-from helpers import box_meshes
+from helpers.models import box_meshes
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ import pytest
 from dolfinx import fem
 
 from dolfinx_nts.solvers.cell_sizes import cell_sizes
-from helpers import box_meshes
+from helpers.models import box_meshes
 
 pytestmark = pytest.mark.at_most_two_ranks
 

@@ -6,7 +6,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts.solvers.statics.drag import Drag
-from helpers.plane import blocks
+from helpers.models.plane import blocks
 
 PART = 0.25
 

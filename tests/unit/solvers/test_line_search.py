@@ -7,7 +7,7 @@ import dolfinx_nts as nts
 from dolfinx_nts.parallel import reductions
 from dolfinx_nts.solvers import newton
 from dolfinx_nts.solvers.line_search import LineSearch
-from helpers.boxed import Box
+from helpers.models.boxed import Box
 
 pytestmark = pytest.mark.at_most_two_ranks
 
