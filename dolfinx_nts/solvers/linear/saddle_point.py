@@ -32,8 +32,8 @@ from dolfinx_nts.solvers.statics.negative_curvature import lowest_ritz_vector
 __all__ = ["SaddlePointSystem"]
 
 
-# Compliance of the constraints, relative to the stiffest node [-]. It keeps constraints
-# solvable that prescribed displacements make dependent.
+# Compliance of the constraints, relative to the largest entry of the matrix [-]. It keeps
+# constraints solvable that prescribed displacements make dependent.
 _COMPLIANCE = 1e-10
 # Number of unknowns up to which dense factors are faster than MUMPS.
 _DENSE = 200
@@ -210,9 +210,6 @@ class SaddlePointSystem:
         """Matrix, owned right-hand side, and number of constraints of each pair. Collective."""
         self._tangent.assemble_exact()
         rows, comm = self._tangent.rows, self._tangent.comm
-        # The compliance does not affect the converged multipliers.
-        stiffest = float(self._tangent.nodal_stiffness().max(initial=_NO_STIFFNESS))
-        compliance = reductions.least(comm, _COMPLIANCE / stiffest)
         first, last = (rows.dim * end for end in rows.index_map.local_range)
         counts = [int(p.blocks.rank.sum()) for p in pairs]
         num_local = np.array(comm.allgather((last - first, sum(counts))))
@@ -230,6 +227,10 @@ class SaddlePointSystem:
         A.setType("aij")
         A.setUp()
         start, columns, values = rows.scalars()
+        # The compliance does not affect the converged multipliers. Entries include the inertia of
+        # rigid bodies, which nodal stiffnesses do not.
+        stiffest = float(np.abs(values).max(initial=_NO_STIFFNESS))
+        compliance = reductions.least(comm, _COMPLIANCE / stiffest)
         here = (np.arange(first, last) + shift[comm.rank]).astype(np.int32)
         A.setValuesIJV(start.astype(np.int32), saddle(columns), values, addv=True, rowmap=here)
         multipliers = (last + shift[comm.rank] + np.arange(sum(counts))).astype(np.int32)

@@ -169,6 +169,33 @@ def test_rigid_body_bounces_on_a_floor_with_exact_energy(comm, tilt, friction):
 
 
 @pytest.mark.serial
+@pytest.mark.parametrize("rho", [1e-6, 1e3, 1e9])
+def test_elastic_impact_of_a_corner_in_short_steps_agrees_with_rigid_body_mechanics(rho):
+    # Normal impulse per mass at a frictionless point: 2 v / (1 + (r x n) J (r x n)), with the
+    # inverse J of the inertia per mass. Inertia per step squared is 1e9 times as large as in the
+    # first impact of the documentation, for any unit of mass.
+    sizes, dt = np.array([0.3, 0.2, 0.1]), 1e-6
+    turn = rotation([0.6, 0.4, 0.2], 0.75)
+    data = boxes([(2, 2, 2)], [tuple(sizes)])
+    data.X[:] = (data.X - sizes / 2) @ turn.T
+    corner = data.X[np.argmin(data.X[:, 2])]
+    mesh, cells, _, tag = distribute(MPI.COMM_SELF, data)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    brick = nts.RigidBody(V, cells, tag["body 0"], rho)
+    floor = nts.RigidPlane((0, 0, corner[2] - 2.5 * dt), (0, 0, 1))
+    stepper = nts.EnergyMomentum([brick], [nts.ContactPair(nts.boundary_of(brick), floor)], dt=dt)
+    stepper.set_velocity(brick, (0.0, 0.0, -1.0))
+    for _ in range(6):
+        report = stepper.advance()
+        assert report.newton_iterations < 10
+    arm = turn.T @ np.cross(corner, (0, 0, 1))
+    inertia = ((sizes**2).sum() - sizes**2) / 12
+    expected = 2 / (1 + arm @ (arm / inertia)) - 1
+    velocity = nts.Diagnostics(stepper).linear_momentum()[2] / (rho * sizes.prod())
+    assert velocity == pytest.approx(expected, abs=2e-5)
+
+
+@pytest.mark.serial
 @pytest.mark.parametrize(
     # Rigid bodies stick to each other unless friction is small.
     ("lower", "friction"),
