@@ -42,6 +42,8 @@ class ContactHistory:
         gap: Gap to the segment, NaN without one, shape ``(n,)`` [m].
         offset: Gap at which a penalty spring begins, shape ``(n,)`` [m].
         soft_depth: Compression beyond which a penalty spring is stiffer, shape ``(n,)`` [m].
+        part: Part of the stiffness with which a penalty spring of a node at an edge acts, shape
+            ``(n,)`` [-].
         normal: Unit normal of the segment of nodes that touch or may touch, otherwise 0, shape
             ``(n, 3)``.
         traction: Cartesian traction of friction, against the motion, shape ``(n, 3)`` [N].
@@ -61,6 +63,7 @@ class ContactHistory:
     gap: Floats
     offset: Floats
     soft_depth: Floats
+    part: Floats
     normal: Floats
     traction: Floats
     slip: Floats
@@ -93,6 +96,7 @@ class ContactHistory:
             gap=np.full(n, np.nan),
             offset=np.zeros(n),
             soft_depth=np.full(n, np.inf),
+            part=np.ones(n),
             normal=np.zeros((n, 3)),
             traction=np.zeros((n, 3)),
             slip=np.zeros(n),

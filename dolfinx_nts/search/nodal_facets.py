@@ -1,6 +1,9 @@
 """Facets around the nodes of a surface, including facets of other ranks."""
 
+from functools import cached_property
 from typing import NamedTuple
+
+from mpi4py import MPI
 
 import numpy as np
 
@@ -11,6 +14,7 @@ from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.model.obstacles.facing import Facing
 from dolfinx_nts.model.segments import NEIGHBOURS, area_vectors
 from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.global_search import GlobalSearch
 from dolfinx_nts.search.points import NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter
@@ -75,7 +79,10 @@ class NodalFacets:
         at_rest = near.scatter.forward(X)[near.segments]
         angle = _angles(at_rest).ravel()[order]
         # Contribution of each facet to the area of its nodes, in the order of `facets`.
-        size = np.linalg.norm(area_vectors(at_rest, near.orientation), axis=1)
+        vectors = area_vectors(at_rest, near.orientation)
+        size = np.linalg.norm(vectors, axis=1)
+        self._comm: MPI.Comm = surface.V.mesh.comm
+        self._normals: Floats = _kernels.unit_vectors(vectors)
         if is_axisymmetric(surface.V.mesh):
             size *= at_rest[:, :, 0].mean(axis=1)
         of_node = np.bincount(node[order], size[facet], len(surface.nodes))
@@ -113,6 +120,17 @@ class NodalFacets:
         corners = self.around.scatter.forward(x).take(self._vertices, axis=0)
         facing = Facing(self._kernel, corners, self._numbers)
         return NodalPoints(self.around.nodes, facing)
+
+    @cached_property
+    def has_edges(self) -> bool:
+        """Whether facets around a node differ so much that not all face one plane. Collective."""
+        around, node = self.around, np.repeat(self._numbers, self.around.counts)
+        outward = self._normals[around.facets]
+        found = False
+        for apart in range(1, int(around.counts.max(initial=0))):
+            cosine = np.einsum("ei,ei->e", outward[apart:], outward[:-apart])
+            found |= bool(np.any((node[apart:] == node[:-apart]) & (cosine < _OPPOSED)))
+        return reductions.anywhere(self._comm, found)
 
     def facing_parts(self, x: Floats, normal: Floats, presses: Flags) -> Floats:
         """Fractions of the nodal areas on facets in contact, shape ``(n,)`` [-]. Collective.

@@ -1,5 +1,6 @@
 """Local search: the candidate segment of each contact point, in one attempt at a step."""
 
+from itertools import pairwise
 from typing import NamedTuple
 
 from mpi4py import MPI
@@ -119,6 +120,7 @@ class LocalSearch:
         self.candidates, _ = candidates, _ = state.search.update(x_n, reach)
         self.points = points = state.facets.points(x_n)
         self.x_n = candidates.scatter.forward(x_n)
+        self._x_of_space, self._members, self._ends = x_n, members(state), state.ends
         trial = candidates.scatter.forward(x_trial)
 
         last = state.history.key
@@ -236,6 +238,24 @@ class LocalSearch:
         size = size.take(self.approach.segment, mode="wrap") if len(size) else np.ones(1)
         flags: Flags = np.abs(self.approach.gap_n) <= TOUCHES * size
         return flags
+
+    def facing_parts(self) -> Floats:
+        """Fractions of the nodal areas on facets opposed to the segments, ``(n,)``. Collective.
+
+        They differ from 1 at edges: the sides of a block that falls flat do not touch.
+        """
+        segment, parts = self.approach.segment, list[Floats]()
+        if not any(state.facets.has_edges for state in self._members):
+            return np.ones(len(segment))
+        normal = np.zeros((len(segment), 3))
+        (node,) = (segment >= 0).nonzero()
+        points = self.points.take(node.astype(np.int32))
+        contact = self.candidates.contact("static", points, self.x_n, self.x_n, segment[node])
+        normal[node] = np.nan_to_num(contact.gradient[:, :3])
+        for state, (first, last) in zip(self._members, pairwise(self._ends), strict=True):
+            every = np.ones(last - first, dtype=bool)
+            parts.append(state.facets.facing_parts(self._x_of_space, normal[first:last], every))
+        return np.concatenate(parts)
 
     def find(self, x: Floats, node: Ints, iteration: int) -> tuple[Ints, Flags]:
         """Find the segments of nodes in an iterate.

@@ -91,7 +91,8 @@ class ReleasedSprings:
         if not reductions.anywhere(self._bulk.comm, len(node) > 0 or bool(surplus.any())):
             return
         pairs, scatter = last.pairs, candidates.scatter
-        size = np.sqrt(2 * surplus * state.eps_N[pairs.node])
+        stiffness = history.part * state.eps_N
+        size = np.sqrt(2 * surplus * stiffness[pairs.node])
         forces = size[:, None] * pairs.contact.gradient
         scatter.add(self._force, pairs.dofs, forces.reshape(*pairs.dofs.shape, 3))
         # Candidates of several pairs know the pair of a key by its place among all nodes.
@@ -100,7 +101,7 @@ class ReleasedSprings:
         points = step.search.points.take(node)
         gradient = candidates.contact("static", points, step.x, step.x, segment).gradient
         # Springs push along the gradients of their gaps, with the force that has their energy.
-        size = np.sqrt(2 * energy[node] * state.eps_N[node])
+        size = np.sqrt(2 * energy[node] * stiffness[node])
         size[~np.isfinite(gradient).all(axis=1)] = 0.0
         gradient = np.nan_to_num(gradient)
         nodes = candidates.segments

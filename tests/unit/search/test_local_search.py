@@ -185,6 +185,24 @@ def test_node_next_to_a_sharp_edge_is_in_front_of_it(key, side):
     assert segment == side and inside == -gap
 
 
+@pytest.mark.parametrize("key", [(0, 1), (1, 0)])
+@pytest.mark.parametrize("x, depth", [(-0.02, 0.5), (-0.2, 0.6)])
+def test_node_below_a_dent_gets_the_segment_that_it_is_least_outside_of(key, x, depth):
+    # The nearest point of both segments is their common edge. The first one rises by 40 degrees
+    # there: the projection on it is farther outside than nodes beyond a rim may be, and from the
+    # second node on the other one as well.
+    angle = np.deg2rad(40)
+    flat = two_squares()[0][0]
+    risen = flat * [-np.cos(angle), 1, 1] + flat[:, :1] * [0, 0, np.sin(angle)]
+    segment, xi, gap, _ = find((x, 0.4, -depth), np.array([risen, flat]), [-1, 1], key=key)
+    assert segment == 1
+    assert xi[0] == pytest.approx([x, 0.4])
+    assert gap == pytest.approx(-depth)
+    # With one segment alone, the same place is beyond a rim.
+    segment, *_ = find((x, 0.4, -depth), flat[None], [1])
+    assert (segment >= 0) == (-x < OVERHANG)
+
+
 def test_node_beyond_the_rim_has_no_segment():
     segments, orientation = two_squares()
     for part, has in ((0.9, True), (1.1, False)):

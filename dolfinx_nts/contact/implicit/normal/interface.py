@@ -36,6 +36,7 @@ class NormalContact(ABC):
         lambda_N: Normal multipliers, shape ``(n,)`` [N, <= 0].
         flips: Number of changes of the active state of each node, shape ``(n,)``.
         soft_depth: Compression beyond which springs are stiffer, shape ``(n,)`` [m].
+        part: Part of the stiffness of springs that acts, shape ``(n,)`` [-].
     """
 
     def __init__(self, state: PairState | JointState, search: LocalSearch) -> None:
@@ -43,6 +44,7 @@ class NormalContact(ABC):
         self._comm: MPI.Comm = state.nodes.V.mesh.comm
         self.flips: Ints = np.zeros(len(history.active), dtype=np.int32)
         self.soft_depth: Floats = np.full(len(history.active), np.inf)
+        self.part: Floats = np.ones(len(history.active))
         # Nodes excluded because of eligible neighbours.
         self._barred: Flags = np.zeros(len(history.active), dtype=bool)
         self._admitted: Flags = np.zeros_like(self._barred)

@@ -287,8 +287,12 @@ public:
 
   bool keeps(std::int32_t, const Projection<S>&) const noexcept { return true; }
 
-  /// @brief Store the normal of the node's current segment.
-  void comes_from(const Vec3& normal) noexcept { _before = normal; }
+  /// @brief Store normal and depth of the projection on the current segment.
+  void comes_from(const Projection<S>& current) noexcept
+  {
+    _before = current.normal;
+    _is_inside = current.gap < 0;
+  }
 
   /// @brief Whether a node in front of its segment keeps it.
   bool stays(const Vec3& node, std::int32_t i, const Projection<S>& p,
@@ -344,13 +348,15 @@ public:
   bool touches(const Vec3& node, std::int32_t i, const Projection<S>& p,
                const Tree& tree)
   {
-    // A deeper node is nearer to the other side of the wall. Contact continues
-    // across edges that are not sharp.
+    // A deeper node is nearer to the other side of the wall, unless it comes
+    // from the next cell, which is thicker. Contact continues across edges that
+    // are not sharp.
+    const bool goes_on = dot(_before, p.normal) >= LocalSearchRule::sharp;
+    const double depth = std::max(_thickness[i], _surface.sunk);
     if (directions().are_all()
-        || (p.gap >= -std::max(_thickness[i], _surface.sunk)
+        || ((p.gap >= -depth || (goes_on && _is_inside))
             && directions().faces(p.normal)
-            && (dot(_before, p.normal) >= LocalSearchRule::sharp
-                || stays(node, i, p, tree))))
+            && (goes_on || stays(node, i, p, tree))))
       return true;
     if (p.gap > 0 && p.gap < _in_front_by && S::outside(p.xi) <= 0)
     {
@@ -443,7 +449,7 @@ private:
     const bool is_better
         = std::acos(std::min(best, 1.)) + std::acos(FacingRule::turn)
           < std::acos(cosine);
-    return is_better ? found : -1;
+    return is_better && _surface.is_behind(found, i, p.normal) ? found : -1;
   }
 
   const Directions& directions()
@@ -463,6 +469,7 @@ private:
   // which it does not count, relative to the smaller segment [-].
   double _in_front_by = INFINITY, _size = 0, _hides_from = 0;
   Vec3 _normal = {};
-  Vec3 _before = {}; // normal of the current segment
+  Vec3 _before = {};       // normal of the current segment
+  bool _is_inside = false; // whether the node is behind it
 };
 } // namespace nts

@@ -81,6 +81,19 @@ struct SegmentSurface
   /// @brief Diameter of a segment [m].
   double size(std::size_t i) const noexcept { return diameter<S>(segment(i)); }
 
+  /// @brief Whether a segment is behind the plane of another one with this
+  /// normal, as beyond a convex edge, and not at the other side of a dent.
+  bool is_behind(std::size_t other, std::size_t i,
+                 const Vec3& normal) const noexcept
+  {
+    double height = 0;
+    for (std::size_t K = 0; K < S::vertices; ++K)
+      height += dot(vector(x, vertices_of(other)[K])
+                        - vector(x, vertices_of(i)[K]),
+                    normal);
+    return height < 0;
+  }
+
   /// @brief Whether a node with this gap is so deep below a segment that it
   /// belongs to another side of the body [m].
   bool is_too_deep(std::size_t i, double gap) const noexcept
@@ -99,8 +112,11 @@ struct Anything
     return true;
   }
 
-  /// @brief Store the normal of the node's current segment.
-  void comes_from(const Vec3&) noexcept {}
+  /// @brief Store the projection on the node's current segment.
+  template <class S>
+  void comes_from(const Projection<S>&) noexcept
+  {
+  }
 
   /// @brief Whether the node may touch a segment, given the projection.
   template <class S>
@@ -140,9 +156,11 @@ struct Anything
 template <class S>
 struct NearestOnSide
 {
-  std::int32_t segment = -1; ///< the one with the lowest key
+  std::int32_t segment = -1; ///< the one that the node gets
   Projection<S> projection;  ///< on it
+  double outside = INFINITY; ///< how far the projection is outside it [-]
   double height = 0;         ///< largest distance from the plane of one [m]
+  int number = 0;            ///< of nearest segments
 };
 
 /// @brief Whether a node is beyond a sharp convex edge of a segment.
@@ -172,7 +190,8 @@ bool is_beyond_sharp_edge(const Vec3& node, std::int32_t i,
                  const double sense = surface.orientation[other];
                  const Projection<S> edge = project(at, sense);
                  if (other != i && edge.converged && distance(at, edge) < margin
-                     && dot(edge.normal, p.normal) < LocalSearchRule::sharp)
+                     && dot(edge.normal, p.normal) < LocalSearchRule::sharp
+                     && surface.is_behind(other, i, p.normal))
                    is_beyond
                        = is_beyond || dot(node - there, edge.normal) > margin;
                  return margin;
@@ -220,13 +239,16 @@ bool may_have_entered(const Vec3& node, const Found& own,
 /// A node keeps its current segment while it is over it. The exception is a
 /// node in front of it that has entered another part of the surface: it is
 /// behind its nearest segment, which does not continue the current one.
-/// Otherwise the node gets the nearest segment. The lowest key wins a tie, as
-/// at edges and vertices. At an edge sharper than a right angle a node may be
-/// in front of one segment and behind another, both equally near; the side
-/// with the larger distance from the planes counts. A node too far outside or
-/// below the nearest segment (`overhang`, `depth`) has none. Nor has a node
-/// behind it and beyond a sharp convex edge, unless its current segment is on
-/// the same side of that edge: it did not pass the plane of the segment.
+/// Otherwise the node gets the nearest segment. Of equally near ones, as at
+/// edges and vertices, it gets the one that it is least outside of, beyond
+/// `overhang`, then that with the lowest key. At an edge sharper than a right
+/// angle a node may be in front of one segment and behind another, both equally
+/// near; the side with the larger distance from the planes counts. A node too
+/// far outside or below the nearest segment (`overhang`, `depth`) has none,
+/// unless it is behind their common edge: in a dent it may be over neither. Nor
+/// has a node behind it and beyond a sharp convex edge, unless its current
+/// segment is on the same side of that edge: it did not pass the plane of the
+/// segment.
 /// @param[in] node Position [m].
 /// @param[in] current Segment of the previous choice, or -1.
 /// @param[in] slack By how much xi may be outside the current segment [-]; if
@@ -258,7 +280,7 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
   {
     const Projection<S> p = project_on(current);
     if (p.converged)
-      may.comes_from(p.normal);
+      may.comes_from(p);
     if (over(p, current, slack) && p.gap <= reach && may.keeps(current, p))
     {
       kept = {current, p.xi, p.gap, p.normal};
@@ -271,6 +293,8 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
     }
   }
   const bool stays = kept.segment >= 0;
+  const double overhang
+      = stays ? LocalSearchRule::hysteresis : LocalSearchRule::overhang;
 
   const Tree& segments = tree();
   if (stays && !may_have_entered(node, kept, surface, segments))
@@ -302,10 +326,19 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
     else if (is_only || away > nearest + margin)
       return nearest + margin;
     NearestOnSide<S>& side = p.gap < -margin ? behind : front;
-    if (side.segment < 0 || surface.key[i] < surface.key[side.segment])
+    ++side.number;
+    // Below a dent the node may be over one of the nearest segments only.
+    const double kept_by = i == current ? LocalSearchRule::hysteresis : 0;
+    const double outside = surface.is_too_deep(i, p.gap)
+                               ? INFINITY
+                               : std::max(S::outside(p.xi) - kept_by, overhang);
+    if (side.segment < 0 || outside < side.outside
+        || (outside == side.outside
+            && surface.key[i] < surface.key[side.segment]))
     {
       side.segment = i;
       side.projection = p;
+      side.outside = outside;
     }
     side.height = std::max(side.height, std::abs(p.gap));
     return nearest + margin; // ties must be seen
@@ -313,10 +346,12 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
   const auto chosen = [&]() noexcept -> const NearestOnSide<S>*
   {
     const auto& found = behind.height > front.height ? behind : front;
+    // Behind an edge, where nearest segments meet, is no rim.
+    const bool is_at_rim
+        = &found == &front || front.number + behind.number == 1;
     return found.segment >= 0
                    && over(found.projection, found.segment,
-                           stays ? LocalSearchRule::hysteresis
-                                 : LocalSearchRule::overhang)
+                           is_at_rim ? overhang : INFINITY)
                ? &found
                : nullptr;
   };

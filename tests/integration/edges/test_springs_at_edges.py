@@ -1,0 +1,84 @@
+"""Springs at edges of a body act with the area of the facets that face the other surface."""
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from dolfinx import fem
+
+import dolfinx_nts as nts
+from dolfinx_nts import parts
+from helpers.once import once
+
+pytestmark = pytest.mark.at_most_two_ranks
+
+E, RHO, SPEED, GAP = 1e6, 1e3, 0.3, 1e-3  # Pa, kg/m^3, m/s, m
+
+
+@pytest.mark.parametrize("dim", [once(2), 3])
+def test_a_bar_that_falls_flat_stays_flat(comm, dim):
+    """A bar without lateral contraction: one wave travels along it, at any place of its base."""
+
+    def build(model):
+        if dim == 2:
+            parts.add_rectangle(model, "bar", corner=(0, GAP), size=(0.2, 1), cells=(4, 20))
+        else:
+            corner, size = (0, 0, GAP), (0.2, 0.2, 1)
+            parts.add_box(model, "bar", corner=corner, size=size, cells=(4, 4, 20))
+
+    mesh, cells, _, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (dim,)))
+    bar = nts.Body(V, cells, tag["bar"], nts.SaintVenantKirchhoff(E, 0.0, RHO))
+    up = np.eye(dim)[-1]
+    floor = nts.RigidPlane(0 * up, up)
+    pair = nts.ContactPair(nts.boundary_of(bar), floor)
+    stepper = nts.EnergyMomentum([bar], [pair], dt=1e-3)
+    stepper.set_velocity(bar, -SPEED * up)
+    owned = V.dofmap.index_map.size_local
+    base = np.abs(V.tabulate_dof_coordinates()[:owned, dim - 1] - GAP) < 1e-9
+    forces = []
+    for report in stepper.run(until=0.05):
+        heights = comm.allgather(stepper.x[:owned][base, dim - 1])
+        assert np.ptp(np.concatenate(heights)) < 1e-13
+        if report.t > 0.015:
+            forces.append(nts.Diagnostics(stepper).contact_force()[dim - 1])
+    expected = np.sqrt(E * RHO) * SPEED * 0.2 ** (dim - 1)
+    assert np.mean(forces) == pytest.approx(expected, rel=0.02)
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize(("method", "tolerance"), [("node-to-segment", 1e-10), (None, 2e-3)])
+def test_half_of_a_symmetric_scene_has_half_of_the_force(method, tolerance):
+    """A block falls on a plate; a plane of symmetry cuts both."""
+
+    def forces(halves):
+        begin = 0 if halves == 1 else -1
+
+        def build(model):
+            for name, size, z, n in (("plate", (1, 0.4), 0, 5), ("block", (0.3, 0.4), 0.42, 3)):
+                corner, size = (begin * size[0], z), (halves * size[0], size[1])
+                rows = 2 if name == "plate" else 4
+                parts.add_rectangle(model, name, corner=corner, size=size, cells=(halves * n, rows))
+
+        mesh, cells, facets, tag = nts.read_mesh(build, MPI.COMM_SELF)
+        V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+        plate = nts.Body(V, cells, tag["plate"], nts.NeoHookean(1e5, 0.3, RHO))
+        block = nts.Body(V, cells, tag["block"], nts.NeoHookean(5e4, 0.3, RHO))
+        held = fem.locate_dofs_topological(V, 1, facets.find(tag["plate_bottom"]))
+        bcs = [fem.dirichletbc(np.zeros(2), held, V)]
+        if halves == 1:
+            middle = fem.locate_dofs_geometrical(
+                (V.sub(0), V.sub(0).collapse()[0]), lambda x: np.isclose(x[0], 0)
+            )
+            zero = fem.Function(V.sub(0).collapse()[0])
+            bcs.append(fem.dirichletbc(zero, middle, V.sub(0)))
+        sides = nts.boundary_of(block), nts.boundary_of(plate)
+        pair = nts.ContactPair(*sides, method=method)
+        stepper = nts.EnergyMomentum([plate, block], [pair], dt=2e-3, bcs=bcs)
+        stepper.set_velocity(block, (0.0, -1.0))
+        diagnostics = nts.Diagnostics(stepper)
+        return np.array([diagnostics.contact_force()[1] for _ in stepper.run(until=0.06)])
+
+    whole, half = forces(2), forces(1)
+    assert whole.max() > 0
+    assert np.abs(2 * half - whole).max() < tolerance * whole.max()
