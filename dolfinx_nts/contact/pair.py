@@ -12,7 +12,7 @@ from weakref import WeakSet
 import numpy as np
 
 from dolfinx_nts.common.arguments import as_call, kind_of, label
-from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.contact.friction.laws import FrictionLaw, friction_law
@@ -45,6 +45,10 @@ _SHARP = 1e-8
 
 class AcceptedContact(Protocol):
     """Results of a stepper that are accessible through the pair, see `PairState`."""
+
+    @property
+    def nodes(self) -> Surface:
+        """Surface of the nodes, without facets on seams. Local."""
 
     @property
     def history(self) -> ContactHistory:
@@ -219,7 +223,11 @@ class ContactPair(Declaration):
         Raises:
             ValueError: No stepper uses the pair, or several do; also for `pressure` and `gap`.
         """
-        return self._only().history
+        state = self._only()
+        history, place = state.history, self._places(state)
+        if place is None:
+            return history
+        return history.at(len(self.nodes.nodes), place, **vars(history))
 
     @property
     def pressure(self) -> Floats:
@@ -228,7 +236,8 @@ class ContactPair(Declaration):
         If the stepper has the opposite pair too, as with `two_half_passes`, it is the sum of
         both. Collective, see `history` and `Surface.per_area`.
         """
-        return self._only().pressure
+        state = self._only()
+        return self._at_nodes(state, state.pressure, 0.0)
 
     def gap(self, x: Floats, reach: float = np.inf) -> Floats:
         """Gap of every node, NaN without a segment. Collective.
@@ -243,7 +252,21 @@ class ContactPair(Declaration):
         Raises:
             ValueError: See `history`.
         """
-        return self._only().gap(x, reach)
+        state = self._only()
+        return self._at_nodes(state, state.gap(x, reach), np.nan)
+
+    def _places(self, state: AcceptedContact) -> Ints | None:
+        """Places of the nodes of a state among those of this pair; None if it has all. Local."""
+        own, nodes = self.nodes.nodes, state.nodes.nodes
+        return None if len(own) == len(nodes) else np.searchsorted(own, nodes).astype(np.int32)
+
+    def _at_nodes(self, state: AcceptedContact, values: Floats, otherwise: float) -> Floats:
+        """Values of a state at the nodes of this pair, ``(n,)``, with another one on seams."""
+        if (place := self._places(state)) is None:
+            return values
+        of_all = np.full(len(self.nodes.nodes), otherwise)
+        of_all[place] = values
+        return of_all
 
     def _only(self) -> AcceptedContact:
         """State of the only stepper that uses the pair."""

@@ -28,6 +28,7 @@ from dolfinx_nts.contact.massless import is_resolved
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.contact.passes import Passes
+from dolfinx_nts.contact.seams import without_seams
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.rigid import check_rigid_bodies
@@ -168,11 +169,13 @@ class Stepper(TimeLoop):
         warn_of_locking(bodies)
         check_volumes(bodies)
         self.bodies = tuple(bodies)
-        self.pairs = tuple(map(self._with_defaults, instances(ContactPair, pairs)))
-        self.loads = instances(Load, loads)
-        for pair in self.pairs:
+        given = tuple(map(self._with_defaults, instances(ContactPair, pairs)))
+        for pair in given:
             if pair.nodes.V != V:
                 raise ValueError("expected bodies and pairs in one function space, given two")
+        self.pairs = without_seams(self.bodies, given)
+        self.loads = instances(Load, loads)
+        for pair in self.pairs:
             if pair.is_convective and self.scheme.contact != "midpoint":
                 raise ValueError(
                     f"expected Midpoint with convective friction, given {type(self).__name__}"

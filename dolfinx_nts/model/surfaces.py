@@ -231,6 +231,14 @@ class Surface(Declaration):
         """
         return input_ids(self.V)[self.nodes]
 
+    @property
+    def owned_facets(self) -> Ints:
+        """Facets that this rank owns, local indices, shape ``(f,)``. Local."""
+        mesh = self.V.mesh
+        facets: Ints = self._facets.find(self._tag)
+        num_owned: int = mesh.topology.index_map(mesh.topology.dim - 1).size_local
+        return facets[facets < num_owned]
+
     def with_nodes(self, flags: Flags) -> "Surface":
         """Copy of the surface with some of its nodes only. Local.
 

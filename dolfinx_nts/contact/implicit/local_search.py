@@ -1,5 +1,6 @@
 """Local search: the candidate segment of each contact point, in one attempt at a step."""
 
+from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -239,8 +240,11 @@ class LocalSearch:
         flags: Flags = np.abs(self.approach.gap_n) <= TOUCHES * size
         return flags
 
+    @cached_property
     def facing_parts(self) -> Floats:
-        """Fractions of the nodal areas on facets opposed to the segments, ``(n,)``. Collective.
+        """Fractions of the nodal areas on facets opposed to the segments, ``(n,)``.
+
+        Collective at the first use.
 
         They differ from 1 at edges: the sides of a block that falls flat do not touch.
         """

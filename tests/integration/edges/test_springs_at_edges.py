@@ -82,3 +82,31 @@ def test_half_of_a_symmetric_scene_has_half_of_the_force(method, tolerance):
     whole, half = forces(2), forces(1)
     assert whole.max() > 0
     assert np.abs(2 * half - whole).max() < tolerance * whole.max()
+
+
+def test_a_cap_of_shear_stress_acts_on_the_base_alone(comm):
+    """A block of low cells is pressed on a floor and dragged: force = stress x base."""
+    width, stress = 0.2, 100.0  # m, Pa
+
+    def build(model):
+        parts.add_rectangle(model, "block", corner=(0, 0), size=(width, 0.1), cells=(4, 1))
+
+    mesh, cells, facets, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+    block = nts.Body(V, cells, tag["block"], nts.NeoHookean(1e5, 0.3, RHO))
+    drag = fem.Constant(mesh, np.zeros(2))
+    top = fem.locate_dofs_topological(V, 1, facets.find(tag["block_top"]))
+
+    def update(t):
+        drag.value[:] = 0.02 * max(t - 1, 0), -2e-3 * min(t, 1)
+
+    pair = nts.ContactPair(
+        nts.boundary_of(block),
+        nts.RigidPlane((0, 0), (0, 1)),
+        friction=nts.Tresca(nts.Coulomb(0.5), stress),
+    )
+    bcs = [fem.dirichletbc(drag, top, V)]
+    stepper = nts.QuasiStatic([block], [pair], dt=0.5, bcs=bcs, update=update)
+    for report in stepper.run(until=3.0):
+        pull = report.reactions[0].force[0]
+    assert pull == pytest.approx(stress * width, rel=1e-9)

@@ -66,8 +66,10 @@ class StickSlip(Friction):
         history, n = state.history, len(stiffness)
         self._search, self._stiffness, self._measure = search, stiffness, law.law
         # The contact points of the search, and so the areas, may change within a step.
-        area = lambda: self._search.pairing.area  # noqa: E731
-        self._limits = Limits(law, state.nodes, dt, area, history.slip)
+        parts = search.facing_parts if search.pairing.follows else 1.0
+        self._limits = Limits(
+            law, state.nodes, dt, lambda: parts * self._search.pairing.area, history.slip
+        )
         self._acts_at_end = acts_at_end
         self._has_spring = state.pair.has_slip_spring
         nodes = state.nodes

@@ -43,7 +43,7 @@ class PenaltyContact(NormalContact):
         self._share = share
         if state.depth_per_speed is not None and not is_static and not state.pair.is_convective:
             self.soft_depth = self._soft_depth(state.depth_per_speed, dt)
-            self.part = np.where(self._is_loaded, state.history.part, search.facing_parts())
+            self.part = np.where(self._is_loaded, state.history.part, search.facing_parts)
             self._eps_N = self.part * state.eps_N
         self._slope: Floats = np.empty(0)  # derivative of lambda_N w.r.t. the gap [N/m]
         # In statics, linearly extrapolated gaps and forces.
