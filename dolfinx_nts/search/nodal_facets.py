@@ -146,8 +146,6 @@ class NodalFacets:
             presses: Nodes with a force, whose part is 1 also where no facet is opposed, ``(n,)``.
         """
         around, node = self.around, np.repeat(self._numbers, self.around.counts)
-        vectors = area_vectors(around.scatter.forward(x)[around.vertices], around.orientation)
-        outward = _kernels.unit_vectors(vectors)[around.facets]
         of_all = np.zeros((around.scatter.index_map.size_local, 3))
         of_all[around.nodes] = normal
         of_facets = around.scatter.forward(of_all)[around.vertices].sum(axis=1)[around.facets]
@@ -156,9 +154,31 @@ class NodalFacets:
         normal = np.where(knows[:, None], normal, np.column_stack(near))
         normal = np.nan_to_num(_kernels.unit_vectors(normal))
         knows = np.abs(normal).max(axis=1) > 0
-        pressed = -np.einsum("ei,ei->e", outward, normal[node]) > _OPPOSED
-        parts = np.bincount(node, self._parts * pressed, len(normal))
+        parts = np.bincount(node, self._parts * (self._opposed(x, normal) > _OPPOSED), len(normal))
         return np.where((parts == 0) & (presses | ~knows), 1.0, parts)
+
+    def pressed_parts(self, x: Floats, normal: Floats) -> Floats:
+        """Fractions of the nodal areas that contact may press, shape ``(n,)`` [-]. Collective.
+
+        Unlike those of `facing_parts` they are continuous in the normal: facets count less from 60
+        degrees on, and not at right angles.
+
+        Args:
+            x: As of `facing_parts`.
+            normal: Unit contact normals of the nodes, or 0, for which the part is 1, ``(n, 3)``.
+        """
+        weight = np.clip(self._opposed(x, normal) / _OPPOSED, 0.0, 1.0)
+        node = np.repeat(self._numbers, self.around.counts)
+        parts = np.bincount(node, self._parts * weight, len(normal))
+        return np.where(parts == 0, 1.0, parts)
+
+    def _opposed(self, x: Floats, normal: Floats) -> Floats:
+        """Cosine between the normal of a node and the inward ones of its facets, ``(e,)`` [-]."""
+        around, node = self.around, np.repeat(self._numbers, self.around.counts)
+        vectors = area_vectors(around.scatter.forward(x)[around.vertices], around.orientation)
+        outward = _kernels.unit_vectors(vectors)[around.facets]
+        cosine: Floats = -np.einsum("ei,ei->e", outward, normal[node])
+        return cosine
 
 
 def _angles(x: Floats) -> Floats:

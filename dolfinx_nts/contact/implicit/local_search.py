@@ -241,8 +241,8 @@ class LocalSearch:
         return flags
 
     @cached_property
-    def facing_parts(self) -> Floats:
-        """Fractions of the nodal areas on facets opposed to the segments, ``(n,)``.
+    def pressed_parts(self) -> Floats:
+        """Fractions of the nodal areas that the segments may press, ``(n,)``.
 
         Collective at the first use.
 
@@ -257,8 +257,7 @@ class LocalSearch:
         contact = self.candidates.contact("static", points, self.x_n, self.x_n, segment[node])
         normal[node] = np.nan_to_num(contact.gradient[:, :3])
         for state, (first, last) in zip(self._members, pairwise(self._ends), strict=True):
-            every = np.ones(last - first, dtype=bool)
-            parts.append(state.facets.facing_parts(self._x_of_space, normal[first:last], every))
+            parts.append(state.facets.pressed_parts(self._x_of_space, normal[first:last]))
         return np.concatenate(parts)
 
     def find(self, x: Floats, node: Ints, iteration: int) -> tuple[Ints, Flags]:

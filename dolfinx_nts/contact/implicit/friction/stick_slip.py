@@ -66,7 +66,7 @@ class StickSlip(Friction):
         history, n = state.history, len(stiffness)
         self._search, self._stiffness, self._measure = search, stiffness, law.law
         # The contact points of the search, and so the areas, may change within a step.
-        parts = search.facing_parts if search.pairing.follows else 1.0
+        parts = search.pressed_parts if search.pairing.follows else 1.0
         self._limits = Limits(
             law, state.nodes, dt, lambda: parts * self._search.pairing.area, history.slip
         )

@@ -43,7 +43,7 @@ class PenaltyContact(NormalContact):
         self._share = share
         if state.depth_per_speed is not None and not is_static and not state.pair.is_convective:
             self.soft_depth = self._soft_depth(state.depth_per_speed, dt)
-            self.part = np.where(self._is_loaded, state.history.part, search.facing_parts)
+            self.part = self._part(np.isfinite(state.depth_per_speed))
             self._eps_N = self.part * state.eps_N
         self._slope: Floats = np.empty(0)  # derivative of lambda_N w.r.t. the gap [N/m]
         # In statics, linearly extrapolated gaps and forces.
@@ -185,6 +185,15 @@ class PenaltyContact(NormalContact):
         arriving = np.where(deforms, speed * np.where(deforms, depth_per_speed, 0.0), np.inf)
         depth: Floats = np.where(self._is_loaded, old.soft_depth, arriving)
         return depth
+
+    def _part(self, deforms: Flags) -> Floats:
+        """Part of the stiffness of each spring that acts, ``(n,)`` [-]. Collective.
+
+        It is constant while the spring is loaded. The stiffness of bodies that do not deform, flags
+        ``deforms`` of shape ``(n,)``, is none of areas.
+        """
+        arriving = np.where(deforms, self._search.pressed_parts, 1.0)
+        return np.where(self._is_loaded, self._state.history.part, arriving)
 
     @property
     def _is_loaded(self) -> Flags:

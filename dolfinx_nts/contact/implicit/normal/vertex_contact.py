@@ -226,6 +226,10 @@ class VertexSprings(_Vertices, PenaltyContact):
         self._begin_at: Floats = np.zeros(len(self._tolerance))
         super().__init__(state, is_static, search, share, dt)
 
+    def _part(self, deforms: Flags) -> Floats:
+        # A vertex presses alone: all facets around it are behind it.
+        return np.ones(len(deforms))
+
     def _stay(self, node: Ints) -> Flags:
         return np.ones(len(node), dtype=bool)
 

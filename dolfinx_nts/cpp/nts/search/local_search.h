@@ -346,9 +346,11 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
   const auto chosen = [&]() noexcept -> const NearestOnSide<S>*
   {
     const auto& found = behind.height > front.height ? behind : front;
-    // Behind an edge, where nearest segments meet, is no rim.
-    const bool is_at_rim
-        = &found == &front || front.number + behind.number == 1;
+    // Behind an edge, where nearest segments meet, is no rim. The depth of a
+    // node over neither is its distance from the edge.
+    const bool is_at_rim = &found == &front || front.number + behind.number == 1
+                           || (found.segment >= 0
+                               && surface.is_too_deep(found.segment, -nearest));
     return found.segment >= 0
                    && over(found.projection, found.segment,
                            is_at_rim ? overhang : INFINITY)
