@@ -74,6 +74,9 @@ class SegmentCandidates(Candidates):
         self._sunk = depth
         self._kernel.sink(depth)
 
+    def hold_in_dents(self, held: bool) -> None:
+        self._kernel.hold_in_dents(held)
+
     @property
     def of_segments(self) -> tuple[Floats, GlobalInts, Floats, Floats]:
         """Orientation, key, size and thickness of the segments, as in `FoundSegments`."""

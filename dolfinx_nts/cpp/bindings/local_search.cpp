@@ -244,6 +244,9 @@ public:
     std::ranges::copy(view(depth), _sunk.begin());
   }
 
+  /// @brief Set whether nodes below dents keep a segment.
+  void hold_in_dents(bool held) noexcept { _in_dents = held; }
+
   std::size_t num_trees() const noexcept
   {
     std::size_t total = 0;
@@ -301,8 +304,12 @@ private:
   template <class S>
   SegmentSurface<S> surface(const Doubles& x, std::size_t group) const noexcept
   {
-    return {view(x), part(_vertices, group, S::vertices),
-            part(_orientation, group), part(_key, group), _sunk[group]};
+    return {view(x),
+            part(_vertices, group, S::vertices),
+            part(_orientation, group),
+            part(_key, group),
+            _sunk[group],
+            _in_dents};
   }
 
   void check_positions(const char* name, const Doubles& x) const
@@ -419,6 +426,7 @@ private:
   std::vector<std::int32_t> _first; // segment of each group, and their number
   std::vector<CachedTree> _trees;
   std::vector<double> _sunk;        // depth of nodes that started inside [m]
+  bool _in_dents = false;           // whether nodes below dents keep a segment
   std::vector<std::int32_t> _faced; // of nodes by their numbers, or -1
   std::size_t _num_rows = 0;
 };
@@ -504,6 +512,8 @@ void local_search(nb::module_& m)
            nb::arg("x"),
            "(n, 3), -, (l, 3) -> numbers of the nodes within reach of the box "
            "of a segment (m,)")
+      .def("hold_in_dents", &SegmentsAndTrees::hold_in_dents, nb::arg("held"),
+           "Set whether nodes below dents keep a segment.")
       .def("sink", &SegmentsAndTrees::sink, nb::arg("depth"),
            "(g,) depth of nodes that started inside each group")
       .def_prop_ro("num_trees", &SegmentsAndTrees::num_trees,

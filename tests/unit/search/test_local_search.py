@@ -42,13 +42,24 @@ def bumpy_surface(k, n=6, height=0.08):
     return np.concatenate([quads[:, [0, 1, 2]], quads[:, [3, 1, 2]]]), np.repeat([1.0, -1.0], n * n)
 
 
-def find(nodes, segments, orientation, *, current=None, reach=np.inf, key=None, slack=HYSTERESIS):
+def find(
+    nodes,
+    segments,
+    orientation,
+    *,
+    current=None,
+    reach=np.inf,
+    key=None,
+    slack=HYSTERESIS,
+    dents=False,
+):
     nodes = np.atleast_2d(np.asarray(nodes, dtype=np.float64))
     current = np.full(len(nodes), -1) if current is None else np.atleast_1d(current)
     key = np.arange(len(segments)) if key is None else np.asarray(key)
     vertices = np.arange(segments[..., 0].size, dtype=np.int32).reshape(segments.shape[:2])
     orientation = np.asarray(orientation, dtype=np.float64)
     kernel = _kernels.Segments(vertices, orientation, key.astype(np.int64))
+    kernel.hold_in_dents(dents)
     where = current.astype(np.int32), slack, reach, segments.reshape(-1, 3)
     return kernel.pair(nodes, *where, *anything(nodes, segments))
 
@@ -194,12 +205,16 @@ def test_node_below_a_dent_gets_the_segment_that_it_is_least_outside_of(key, x, 
     angle = np.deg2rad(40)
     flat = two_squares()[0][0]
     risen = flat * [-np.cos(angle), 1, 1] + flat[:, :1] * [0, 0, np.sin(angle)]
-    segment, xi, gap, _ = find((x, 0.4, -depth), np.array([risen, flat]), [-1, 1], key=key)
+    both, sense = np.array([risen, flat]), [-1, 1]
+    segment, xi, gap, _ = find((x, 0.4, -depth), both, sense, key=key, dents=True)
     assert segment == 1
     assert xi[0] == pytest.approx([x, 0.4])
     assert gap == pytest.approx(-depth)
-    # With one segment alone, the same place is beyond a rim.
-    segment, *_ = find((x, 0.4, -depth), flat[None], [1])
+    # With one segment alone, the second place is beyond a rim.
+    segment, *_ = find((x, 0.4, -depth), flat[None], [1], dents=True)
+    assert (segment >= 0) == (-x < OVERHANG)
+    # Without this option it is for both.
+    segment, *_ = find((x, 0.4, -depth), both, sense, key=(1, 0))
     assert (segment >= 0) == (-x < OVERHANG)
 
 

@@ -47,7 +47,8 @@ struct SegmentSurface
   std::span<const std::int32_t> vertices; ///< rows of x, (s, k)
   std::span<const double> orientation;    ///< +1 or -1, (s,)
   std::span<const std::int64_t> key;      ///< the lowest wins a tie, (s,)
-  double sunk = 0; ///< depth of nodes that started inside [m], 0 without
+  double sunk = 0;       ///< depth of nodes that started inside [m], 0 without
+  bool in_dents = false; ///< whether nodes below dents keep a segment
 
   /// @brief Positions of the vertices of a segment.
   std::array<Vec3, S::vertices> segment(std::size_t i) const noexcept
@@ -239,16 +240,16 @@ bool may_have_entered(const Vec3& node, const Found& own,
 /// A node keeps its current segment while it is over it. The exception is a
 /// node in front of it that has entered another part of the surface: it is
 /// behind its nearest segment, which does not continue the current one.
-/// Otherwise the node gets the nearest segment. Of equally near ones, as at
-/// edges and vertices, it gets the one that it is least outside of, beyond
-/// `overhang`, then that with the lowest key. At an edge sharper than a right
-/// angle a node may be in front of one segment and behind another, both equally
-/// near; the side with the larger distance from the planes counts. A node too
-/// far outside or below the nearest segment (`overhang`, `depth`) has none,
-/// unless it is behind their common edge: in a dent it may be over neither. Nor
-/// has a node behind it and beyond a sharp convex edge, unless its current
-/// segment is on the same side of that edge: it did not pass the plane of the
-/// segment.
+/// Otherwise the node gets the nearest segment. The lowest key wins a tie, as
+/// at edges and vertices. At an edge sharper than a right angle a node may be
+/// in front of one segment and behind another, both equally near; the side
+/// with the larger distance from the planes counts. A node too far outside or
+/// below the nearest segment (`overhang`, `depth`) has none. Nor has a node
+/// behind it and beyond a sharp convex edge, unless its current segment is on
+/// the same side of that edge: it did not pass the plane of the segment.
+///
+/// In dents (`in_dents`) a node may be over one of the nearest segments only,
+/// or over none: it gets the one that it is least outside of.
 /// @param[in] node Position [m].
 /// @param[in] current Segment of the previous choice, or -1.
 /// @param[in] slack By how much xi may be outside the current segment [-]; if
@@ -327,9 +328,9 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
       return nearest + margin;
     NearestOnSide<S>& side = p.gap < -margin ? behind : front;
     ++side.number;
-    // Below a dent the node may be over one of the nearest segments only.
     const double kept_by = i == current ? LocalSearchRule::hysteresis : 0;
-    const double outside = surface.is_too_deep(i, p.gap)
+    const double outside = !surface.in_dents ? overhang
+                           : surface.is_too_deep(i, p.gap)
                                ? INFINITY
                                : std::max(S::outside(p.xi) - kept_by, overhang);
     if (side.segment < 0 || outside < side.outside
@@ -348,7 +349,8 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
     const auto& found = behind.height > front.height ? behind : front;
     // Behind an edge, where nearest segments meet, is no rim. The depth of a
     // node over neither is its distance from the edge.
-    const bool is_at_rim = &found == &front || front.number + behind.number == 1
+    const bool is_at_rim = !surface.in_dents || &found == &front
+                           || front.number + behind.number == 1
                            || (found.segment >= 0
                                && surface.is_too_deep(found.segment, -nearest));
     return found.segment >= 0

@@ -80,8 +80,8 @@ def step_of(facets, before, after, held):
     [
         ((0.4, -0.3), (0.4, -0.9), (True, False), NO_SEGMENT),  # half a segment deep
         ((0.4, -0.3), (0.4, -0.5), (True, True), ""),
-        ((0.9, -0.3), (1.3, -0.3), (True, False), ""),  # below the edge of a pit, behind both
-        ((0.9, -0.3), (1.3, -0.3), (False, True), ""),
+        ((0.9, -0.3), (1.3, -0.3), (True, False), NO_SEGMENT),  # below the edge of a pit
+        ((0.9, -0.3), (1.3, -0.3), (False, True), NO_SEGMENT),
         (
             (0.9, -0.3),
             (1.3, -0.3),
