@@ -78,6 +78,8 @@ class PairState(Tractions, NodesOfPairs):
         at_rest = Passes(partial(reference_positions, pair.nodes.V), lambda: 0.0)
         Tractions.__init__(self, pair, _search(pair), at_rest if passes is None else passes)
         self.passes.join(pair, self._forces_on_segments)
+        if isinstance(self.search, GlobalSearch):
+            self.search.in_dents = isinstance(pair.enforcement, Penalty)
         # A separate search for gaps at any distance, which must not change the candidates of steps.
         self._far_search = _search(pair)
         self.eps_N: Floats | None = None

@@ -63,14 +63,6 @@ class Candidates(ABC):
         """Depth of points that started inside each group of candidates, shape ``(g,)`` [m]."""
         return np.zeros(1)
 
-    def hold_in_dents(self, held: bool) -> None:  # noqa: B027
-        """Set whether points below dents keep a candidate. Local.
-
-        A multiplier keeps the gap to one segment. In a dent, where gaps to several segments differ
-        and none is the depth, a node would sink deeper with each change of its segment. Obstacles
-        have no dents.
-        """
-
     @abstractmethod
     def find(self, key: GlobalInts) -> Ints:
         """Find the candidate of each key, or -1, of the same shape."""

@@ -5,6 +5,8 @@ send each other the segments near the bounding boxes of their nodes. The vertice
 segments become ghosts of an index map, which scatters positions and gathers forces.
 """
 
+from typing import Any
+
 import numpy as np
 from dolfinx import common
 
@@ -34,6 +36,10 @@ class GlobalSearch(Search):
     """
 
     candidates: SegmentCandidates
+    # Whether points below dents keep a segment. A multiplier keeps the gap to one segment: where
+    # gaps to several segments differ and none is the depth, a node would sink deeper with each
+    # change of its segment.
+    in_dents = False
     # Search radius relative to the requested one [-]. Larger margins save exchanges between ranks
     # and give more candidates.
     _margin = 3.0
@@ -130,7 +136,9 @@ class GlobalSearch(Search):
         scatter = NodalScatter(space)
         values = (orientation, key, size, thickness, *weights)
         vertices, others = np.split(local.astype(np.int32), [len(local) - num_others])
-        found = FoundSegments(scatter, vertices.reshape(shape), *(each[order] for each in values))
+        arrays: list[Any] = [each[order] for each in values]
+        found = FoundSegments(scatter, vertices.reshape(shape), *arrays)
+        found = found._replace(in_dents=self.in_dents)
         return self._make(found, others, x, reach)
 
     def _offered(self, x: Floats) -> Floats:

@@ -64,7 +64,8 @@ class JointSearch:
         if is_new:
             parts = [search.candidates for search in self._searches]
             num_nodes = [len(search.rows[0]) for search in self._searches]
-            self.candidates = JointCandidates(parts, num_nodes, self._shorter)
+            in_dents = any(search.in_dents for search in self._searches)
+            self.candidates = JointCandidates(parts, num_nodes, self._shorter, in_dents)
         return self.candidates, is_new
 
     def _recall(self) -> bool:
@@ -98,10 +99,15 @@ class JointCandidates(SegmentCandidates):
         parts: Candidates of each of ``c`` searches.
         num_nodes: Number of nodes of each search.
         shorter: Reduction of the reach of each search, shape ``(c,)`` [m].
+        in_dents: As of `FoundSegments`.
     """
 
     def __init__(
-        self, parts: Sequence[SegmentCandidates], num_nodes: Sequence[int], shorter: Floats
+        self,
+        parts: Sequence[SegmentCandidates],
+        num_nodes: Sequence[int],
+        shorter: Floats,
+        in_dents: bool,
     ) -> None:
         scatter, rows = joint_scatter([part.scatter for part in parts])
         vertices = [
@@ -112,6 +118,7 @@ class JointCandidates(SegmentCandidates):
             np.concatenate(some) for some in zip(*(p.of_segments for p in parts), strict=True)
         )
         found = FoundSegments(scatter, np.concatenate(vertices), orientation, key, size, thickness)
+        found = found._replace(in_dents=in_dents)
         self._first: Ints = np.cumsum([0, *(len(part.key) for part in parts)]).astype(np.int32)
         super().__init__(found, self._first)
         self._group: Ints = np.repeat(np.arange(len(parts), dtype=np.int32), num_nodes)

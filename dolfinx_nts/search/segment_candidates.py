@@ -32,6 +32,7 @@ class FoundSegments(NamedTuple):
             shape ``(s, c, k)`` [-]; None for flat segments.
         rise: Weights of the same nodes in the vector from the mean of each facet to the mean of
             its patch, shape ``(s, k)`` [-]; None where it is not needed.
+        in_dents: Whether points below dents keep a segment, see `GlobalSearch`.
     """
 
     scatter: NodalScatter
@@ -42,6 +43,7 @@ class FoundSegments(NamedTuple):
     thickness: Floats
     weights: Floats | None = None
     rise: Floats | None = None
+    in_dents: bool = False
 
 
 class SegmentCandidates(Candidates):
@@ -63,6 +65,7 @@ class SegmentCandidates(Candidates):
         self._sunk: Floats = np.zeros(1 if first is None else len(first) - 1)
         self._adjacent = AdjacentFacets(self.segments, self.orientation, first)
         self._kernel = _kernels.Segments(self.segments, self.orientation, self.key, first)
+        self._kernel.hold_in_dents(found.in_dents)
 
     @property
     def sunk(self) -> Floats:
@@ -73,9 +76,6 @@ class SegmentCandidates(Candidates):
     def sunk(self, depth: Floats) -> None:
         self._sunk = depth
         self._kernel.sink(depth)
-
-    def hold_in_dents(self, held: bool) -> None:
-        self._kernel.hold_in_dents(held)
 
     @property
     def of_segments(self) -> tuple[Floats, GlobalInts, Floats, Floats]:

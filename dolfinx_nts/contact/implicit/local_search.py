@@ -10,7 +10,7 @@ import numpy as np
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
-from dolfinx_nts.contact.enforcement import TOUCHES, Penalty, Tied
+from dolfinx_nts.contact.enforcement import TOUCHES, Tied
 from dolfinx_nts.contact.implicit.pairing import NodePairing, Pairing
 from dolfinx_nts.contact.joint_state import JointState, members
 from dolfinx_nts.contact.massless import is_resolved
@@ -119,7 +119,6 @@ class LocalSearch:
         self.reach = _REACH * self._increment + deepest
         reach = self.reach + self._beyond(state.pair)
         self.candidates, _ = candidates, _ = state.search.update(x_n, reach)
-        candidates.hold_in_dents(isinstance(state.pair.enforcement, Penalty))
         self.points = points = state.facets.points(x_n)
         self.x_n = candidates.scatter.forward(x_n)
         self._x_of_space, self._members, self._ends = x_n, members(state), state.ends
