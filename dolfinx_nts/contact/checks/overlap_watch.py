@@ -11,11 +11,14 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.checks.start import check_rigid_facets, sink_nodes_inside
 from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.history import unloaded
+from dolfinx_nts.contact.method import EDGES
 from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.obstacles.obstacle import Obstacle
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.search.edges.rigid_edge_search import num_sharp_edges
 from dolfinx_nts.search.overlap.overlaps import Overlap, OverlapSearch
 from dolfinx_nts.search.smooth.smooth_search import depth_beneath_facets
 
@@ -382,6 +385,12 @@ class OverlapWatch:
         if verdict := self._forgotten(overlap):
             return verdict
         inner, outer = overlap.names
+        if overlap.nodes == 0 and self._lacks_edges(overlap):
+            return (
+                "edges of both cross between nodes, which no contact pair of theirs holds; add "
+                "contact of edges: all_pairs(..., edges=True), or a further pair of the same "
+                "surfaces with method='edge-to-edge'"
+            )
         held = [
             contact
             for contact, nodes, segments in self._roles
@@ -419,6 +428,15 @@ class OverlapWatch:
             "StepControl(gap_tol=...); if it grows, the pair lacks surfaces that touch "
             "(all_pairs has all of them)"
         )
+
+    def _lacks_edges(self, overlap: Overlap) -> bool:
+        """Whether two bodies in space have sharp edges, and no pair that holds them."""
+        if dimension(self._bodies[0].V) < 3 or not self._between_bodies(overlap):
+            return False
+        both = set(overlap.names)
+        pairs = [c.pair for c, nodes, segments in self._roles if both <= nodes | segments]
+        sides = [side for pair in pairs for side in (pair.nodes, pair.segments)]
+        return all(pair.method != EDGES for pair in pairs) and all(map(num_sharp_edges, sides))
 
     def _forgotten(self, overlap: Overlap) -> str:
         """Remedy for bodies without a common pair, or ""."""

@@ -11,6 +11,8 @@ from dolfinx_nts import parts
 from dolfinx_nts.common.archive import Snapshot
 from dolfinx_nts.contact.checks import reverse_passage
 from dolfinx_nts.contact.checks.overlap_watch import OverlapWatch
+from helpers.models.crossing import crossed
+from helpers.once import once
 
 pytestmark = pytest.mark.at_most_two_ranks
 
@@ -386,6 +388,16 @@ def test_obstacles_smaller_than_the_facets_that_they_enter_are_reported(
     texts = reported_overlaps()
     assert texts
     assert all(" inside block" in text and "sinks in between them" in text for text in texts)
+
+
+@pytest.mark.parametrize("is_rigid", [False, once(True)])
+def test_edges_that_cross_without_a_pair_of_theirs_are_reported_with_the_remedy(
+    comm, reported_overlaps, is_rigid
+):
+    scene = crossed(comm, is_rigid=is_rigid, edges=False)
+    run(scene.stepper, 0.2)
+    (text, *_) = reported_overlaps()
+    assert "edges of both cross between nodes" in text and "edges=True" in text
 
 
 def test_initial_overlaps_that_contact_does_not_detect_are_reported(comm, reported_overlaps):
