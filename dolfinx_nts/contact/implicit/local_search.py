@@ -110,6 +110,7 @@ class LocalSearch:
         comm: MPI.Comm = state.nodes.V.mesh.comm
         for member in members(state):
             member.rise()
+        self._x_in_space, self._members, self._ends = x_n, members(state), state.ends
         frame = state.search.frame
         x_n, x_trial = frame.at_start(x_n), frame.at_end(x_trial)
         # Largest ballistic displacement increment of a node [m].
@@ -121,7 +122,6 @@ class LocalSearch:
         self.candidates, _ = candidates, _ = state.search.update(x_n, reach)
         self.points = points = state.facets.points(x_n)
         self.x_n = candidates.scatter.forward(x_n)
-        self._x_of_space, self._members, self._ends = x_n, members(state), state.ends
         trial = candidates.scatter.forward(x_trial)
 
         last = state.history.key
@@ -257,7 +257,7 @@ class LocalSearch:
         contact = self.candidates.contact("static", points, self.x_n, self.x_n, segment[node])
         normal[node] = np.nan_to_num(contact.gradient[:, :3])
         for state, (first, last) in zip(self._members, pairwise(self._ends), strict=True):
-            parts.append(state.facets.pressed_parts(self._x_of_space, normal[first:last]))
+            parts.append(state.facets.pressed_parts(self._x_in_space, normal[first:last]))
         return np.concatenate(parts)
 
     def find(self, x: Floats, node: Ints, iteration: int) -> tuple[Ints, Flags]:

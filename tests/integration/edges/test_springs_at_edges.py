@@ -15,8 +15,8 @@ pytestmark = pytest.mark.at_most_two_ranks
 E, RHO, SPEED, GAP = 1e6, 1e3, 0.3, 1e-3  # Pa, kg/m^3, m/s, m
 
 
-@pytest.mark.parametrize("dim", [once(2), 3])
-def test_a_bar_that_falls_flat_stays_flat(comm, dim):
+@pytest.mark.parametrize(("dim", "is_turned"), [once(2, False), (3, False), once(2, True)])
+def test_a_bar_that_falls_flat_stays_flat(comm, dim, is_turned):
     """A bar without lateral contraction: one wave travels along it, at any place of its base."""
 
     def build(model):
@@ -31,6 +31,9 @@ def test_a_bar_that_falls_flat_stays_flat(comm, dim):
     bar = nts.Body(V, cells, tag["bar"], nts.SaintVenantKirchhoff(E, 0.0, RHO))
     up = np.eye(dim)[-1]
     floor = nts.RigidPlane(0 * up, up)
+    if is_turned:  # a wall that its motion has laid down
+        motion = nts.Motion(rotation=lambda t: -np.pi / 2)
+        floor = nts.RigidPlane((0, 0), (-1, 0)).moving(motion)
     pair = nts.ContactPair(nts.boundary_of(bar), floor)
     stepper = nts.EnergyMomentum([bar], [pair], dt=1e-3)
     stepper.set_velocity(bar, -SPEED * up)
