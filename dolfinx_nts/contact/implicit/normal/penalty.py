@@ -12,6 +12,7 @@ from dolfinx_nts.contact.implicit.normal.active_set import ROUNDING
 from dolfinx_nts.contact.implicit.normal.interface import NormalContact
 from dolfinx_nts.contact.implicit.normal.linear_values import LinearValues
 from dolfinx_nts.contact.joint_state import JointState
+from dolfinx_nts.contact.method import EDGES
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.contact.springs import spring_energy, spring_force
 
@@ -189,9 +190,11 @@ class PenaltyContact(NormalContact):
     def _part(self, deforms: Flags) -> Floats:
         """Part of the stiffness of each spring that acts, ``(n,)`` [-]. Collective.
 
-        It is constant while the spring is loaded. The stiffness of bodies that do not deform, flags
-        ``deforms`` of shape ``(n,)``, is none of areas.
+        It is constant while the spring is loaded. Edges press at points, and the stiffness of
+        bodies that do not deform, flags ``deforms`` of shape ``(n,)``, is none of areas.
         """
+        if self._state.pair.method == EDGES:
+            return np.ones(len(deforms))
         arriving = np.where(deforms, self._search.pressed_parts, 1.0)
         return np.where(self._is_loaded, self._state.history.part, arriving)
 
