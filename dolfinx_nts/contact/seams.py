@@ -72,12 +72,16 @@ def without_seams(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> tuple
             return surface
         return Surface.of(V, facets[~covered], surface.name, smooth=surface.smooth)
 
-    return tuple(_between(pair, rest) if _may_cross(pair) else pair for pair in pairs)
+    def may_cross(pair: ContactPair) -> bool:
+        """Whether a third body may slide over seams: not in contact of fastened ones."""
+        if isinstance(pair.enforcement, Tied) or pair.touches_itself:
+            return False
+        if not isinstance(pair.segments, Surface):
+            return True
+        first, second = (_bodies_of(bodies, side) for side in (pair.nodes, pair.segments))
+        return not fastened[np.ix_(first, second)].any()
 
-
-def _may_cross(pair: ContactPair) -> bool:
-    """Whether nodes of a pair may slide over a seam. Local."""
-    return not (isinstance(pair.enforcement, Tied) or pair.touches_itself)
+    return tuple(_between(pair, rest) if may_cross(pair) else pair for pair in pairs)
 
 
 def _between(pair: ContactPair, rest: Callable[[Surface], Surface]) -> ContactPair:
@@ -131,7 +135,8 @@ def _in_front(surface: Surface) -> tuple[Ints, Ints, Floats]:
     facets = surface.owned_facets
     mesh.topology.create_connectivity(dim - 1, dim)
     to_cells = mesh.topology.connectivity(dim - 1, dim)
-    cells = np.array([to_cells.links(facet)[0] for facet in facets], dtype=np.int32)
+    # A facet of the boundary has one cell.
+    cells: Ints = to_cells.array[to_cells.offsets[facets]]
     middles = compute_midpoints(mesh, dim - 1, facets)
     outward = middles - compute_midpoints(mesh, dim, cells)
     return facets, cells, middles + _IN_FRONT * outward

@@ -104,3 +104,14 @@ def test_results_of_a_pair_belong_to_the_nodes_of_its_surface(comm):
     assert np.all(pressure[on_top] > 0)
     in_seam = np.isclose(x, 0.65) & (y < 0.9 * FLOOR)
     assert in_seam.any() and not pressure[in_seam].any() and np.isnan(gap[in_seam]).all()
+
+
+@pytest.mark.serial
+def test_contact_of_the_fastened_bodies_themselves_keeps_its_facets(comm):
+    # As of a crack beside the tied part of an interface.
+    _, bodies, (_, tie) = scene(comm, "tied")
+    left, right = (nts.boundary_of(body) for body in bodies[1:])
+    crack = nts.ContactPair(right, left)
+    stepper = nts.EnergyMomentum(bodies, [crack, tie], dt=4e-3)
+    for pair, given in zip(stepper.pairs, (crack, tie), strict=True):
+        assert pair.nodes is given.nodes and pair.segments is given.segments

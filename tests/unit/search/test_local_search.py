@@ -218,6 +218,18 @@ def test_node_below_a_dent_gets_the_segment_that_it_is_least_outside_of(key, x, 
     assert (segment >= 0) == (-x < OVERHANG)
 
 
+@pytest.mark.parametrize("dents", [False, True])
+def test_node_below_a_sharp_fold_keeps_its_segment(dents):
+    # The second segment leans over the first one. The node is in front of its plane, but the body
+    # is there: only a segment behind the plane of the first one is beyond a convex edge.
+    angle = np.deg2rad(120)
+    flat = two_squares()[0][0]
+    risen = flat * [-np.cos(angle), 1, 1] + flat[:, :1] * [0, 0, np.sin(angle)]
+    both, sense = np.array([flat, risen]), [1, -1]
+    segment, _, gap, _ = find((-0.05, 0.4, -0.3), both, sense, dents=dents)
+    assert segment == 0 and gap == pytest.approx(-0.3)
+
+
 def test_node_beyond_the_rim_has_no_segment():
     segments, orientation = two_squares()
     for part, has in ((0.9, True), (1.1, False)):

@@ -348,9 +348,9 @@ public:
   bool touches(const Vec3& node, std::int32_t i, const Projection<S>& p,
                const Tree& tree)
   {
-    // A deeper node is nearer to the other side of the wall, unless it comes
-    // from the next cell, which is thicker. Contact continues across edges that
-    // are not sharp.
+    // A deeper node is nearer to the other side of the wall, unless it was
+    // behind the segment next to it. Contact continues across edges that are
+    // not sharp.
     const bool goes_on = dot(_before, p.normal) >= LocalSearchRule::sharp;
     const double depth = std::max(_thickness[i], _surface.sunk);
     if (directions().are_all()
