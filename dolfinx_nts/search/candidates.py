@@ -25,7 +25,7 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.points import ContactPoints, NodalPoints
 from dolfinx_nts.search.scatter import NodalScatter
 
-__all__ = ["Candidates", "Search", "mean_gaps", "sunk_from", "too_deep"]
+__all__ = ["Candidates", "Search", "contact_normals", "mean_gaps", "sunk_from", "too_deep"]
 
 # Depth relative to the size of a candidate [-] up to which points may leave it.
 _DEEP = 0.1
@@ -199,6 +199,15 @@ class Candidates(ABC):
             Flags, shape ``(n,)``: all eligible nodes, except in self contact.
         """
         return eligible
+
+
+def contact_normals(
+    candidates: Candidates, points: ContactPoints, x: Floats, segment: Ints
+) -> Floats:
+    """Unit normals of given candidates at points, 0 without projection, ``(m, 3)``. Local."""
+    contact = candidates.contact("static", points, x, x, segment)
+    normals: Floats = np.nan_to_num(contact.gradient[:, :3])
+    return normals
 
 
 def mean_gaps(gap: Floats, start: Array) -> Floats:

@@ -30,6 +30,7 @@ class Friction:
         segment: Ints,
         lambda_N: Floats,
         dt: float,
+        part: Floats,
     ) -> dict[str, Any]:
         """Add friction to force and energy of normal springs; return history entries.
 
@@ -42,6 +43,8 @@ class Friction:
             lambda_N: Stiffness times gap of these, below zero at the nodes that have springs,
                 in their order, shape ``(c,)`` [N].
             dt: Length of the step [s].
+            part: Part of the area of each node of the surface that the segments may press,
+                shape ``(n,)`` [-].
         """
         return {}
 
@@ -71,6 +74,7 @@ class SpringFriction(Friction):
         segment: Ints,
         lambda_N: Floats,
         dt: float,
+        part: Floats,
     ) -> dict[str, Any]:
         state, law, old = self._state, self._law, self._state.history
         assert state.eps_T is not None
@@ -91,7 +95,7 @@ class SpringFriction(Friction):
         eps_T = state.eps_T[node]
         t_n = transport(old.traction[node], old.normal[node], slip.frame_n, slip.normal_n)
         trial = t_n + eps_T[:, None] * slip.value
-        limits = Limits(law, state.nodes, dt, lambda: state.nodes.area, old.slip)
+        limits = Limits(law, state.nodes, dt, lambda: part * state.nodes.area, old.slip)
         size = np.linalg.norm(trial, axis=1)
         judged, limit = limits.of_springs(node, p, size, eps_T, old.sliding[node])
         slides = _kernels.slides(judged.force, trial, trial, trial, np.zeros(len(node), dtype=bool))

@@ -15,7 +15,7 @@ from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Array, Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.parallel import reductions
-from dolfinx_nts.search.candidates import Candidates
+from dolfinx_nts.search.candidates import Candidates, contact_normals
 from dolfinx_nts.search.points import NodalPoints
 from dolfinx_nts.search.shared_segments import SharedSegments
 
@@ -41,9 +41,13 @@ class NeighbourList:
 
     Args:
         state: State of the contact pair, whose springs have been chosen at the first update.
+        of_cells: Upper limit of the stiffness of springs by the cells at them, infinite where there
+            is none, shape ``(n,)`` [N/m]; None if springs act at points, not on areas.
 
     Attributes:
         candidates: Candidates within the search radius.
+        part: Part of the area of each node of the surface that the segments may press, constant
+            while its spring is loaded, shape ``(n,)`` [-]. At edges it is less than 1.
         number: Indices of listed nodes among the nodes of the surface, ascending, shape ``(c,)``.
         points: Their contact points, with the normals of the last search.
         stiffness: Stiffness of their springs, shape ``(c,)`` [N/m].
@@ -54,6 +58,7 @@ class NeighbourList:
     """
 
     candidates: Candidates
+    part: Floats
     number: Ints
     points: NodalPoints
     stiffness: Floats
@@ -61,8 +66,9 @@ class NeighbourList:
     start: Array | None
     is_idle = False
 
-    def __init__(self, state: PairState) -> None:
-        self._state = state
+    def __init__(self, state: PairState, of_cells: Floats | None) -> None:
+        self._state, self._of_cells = state, of_cells
+        self.part = np.ones(len(state.nodes.nodes))
         self._comm: MPI.Comm = state.nodes.V.mesh.comm
         # Positions of nodes and vertices at the last search.
         self._positions: tuple[Floats, Floats]
@@ -87,7 +93,7 @@ class NeighbourList:
         """Rebuild the list if nodes that are not listed may touch.
 
         Args:
-            x: Positions of the local nodes in the frame of the search, shape ``(l, 3)`` [m].
+            x: Positions of the local nodes of the space, shape ``(l, 3)`` [m].
             step: Half the bound on the approach of nodes and segments since the last update [m].
         """
         self._travelled += 2 * step
@@ -96,7 +102,8 @@ class NeighbourList:
             return
         # The sum of steps is a crude bound, since most nodes move in the same direction.
         if np.isfinite(self._travelled):
-            self._travelled = self._state.search.approach(x, self._positions)
+            search = self._state.search
+            self._travelled = search.approach(search.frame.at_end(x), self._positions)
         if self._travelled > _USED * margin:
             self._rebuild(x)
 
@@ -151,16 +158,19 @@ class NeighbourList:
         number, start = self._listed, None
         eps_N = self._state.eps_N
         assert eps_N is not None
+        self.stiffness = eps_N[number]
+        if self._of_cells is not None:
+            of_cells = self.part[number] * self._of_cells[number]
+            self.stiffness = np.minimum(self.stiffness, of_cells)
         if self.shared.many.any():
             row, segment, start = self.shared.entries(number, segment)
-            self.stiffness = (eps_N[number] / np.diff(start))[row]
+            self.stiffness = (self.stiffness / np.diff(start))[row]
             number = number[row]
-        else:
-            self.stiffness = eps_N[number]
         self.number, self.current, self.start = number, segment, start
         self.points = self._of_all.take(number)
 
     def serialize(self, archive: Archive, name: str, x: Floats) -> None:
+        """Serialize the list, by positions as of `update`. Collective."""
         keys = self._serialized_shared(archive, f"{name}/shared")
         arrays: Sequence[Any] | None = None
         if not archive.giving and np.isfinite(self._travelled):
@@ -174,8 +184,8 @@ class NeighbourList:
         listed, (travelled, is_idle), nodes, vertices = arrays
         self._travelled, self.is_idle = float(travelled), bool(is_idle)
         self._positions = nodes, vertices
-        candidates = self._state.search.candidates
-        points = self._state.facets.points(x)
+        candidates, self.part = self._state.search.candidates, self._state.history.part
+        points = self._state.facets.points(self._state.search.frame.at_end(x))
         current = candidates.find(self._state.history.key)
         self._choose(candidates, points, listed, current, keys)
         self._press(self._state.history.active)
@@ -205,18 +215,27 @@ class NeighbourList:
         state, margin = self._state, _MARGIN * self._state.pair.segment_size
         if keys is None:
             keys = self._shared_keys()
+        x_in_space, x = x, state.search.frame.at_end(x)
         candidates, _ = state.search.update(x, self.reach + margin)
         if np.isinf(self._travelled):
             current = candidates.find(state.history.key)
-            pressed = state.history.active
+            pressed, self.part = state.history.active, state.history.part
         else:
             current = np.full(len(state.nodes.nodes), -1, dtype=np.int32)
             current[self.number] = self._current_in(candidates)
             pressed = np.zeros(len(current), dtype=bool)
             pressed[self.number[self._pressed >= 0]] = True
         self._travelled, self._positions = 0.0, state.search.positions(x)
-        points = state.facets.points(x)
-        near = candidates.near(points, candidates.scatter.forward(x), margin + state.search.sunk)
+        points, x = state.facets.points(x), candidates.scatter.forward(x)
+        near = candidates.near(points, x, margin + state.search.sunk)
+        if self._of_cells is not None and state.facets.has_edges:
+            none = np.full(len(near), -1, dtype=np.int32)
+            segment, _ = candidates.pair(points.take(near), x, none, self.reach + margin)
+            node, segment = near[segment >= 0], segment[segment >= 0]
+            normal = np.zeros((len(current), 3))
+            normal[node] = contact_normals(candidates, points.take(node), x, segment)
+            arriving = state.facets.pressed_parts(x_in_space, normal)
+            self.part = np.where(pressed, self.part, arriving)
         self._choose(candidates, points, near, current, keys)
         self._press(pressed)
         self.is_idle = not reductions.total(self._comm, len(near))

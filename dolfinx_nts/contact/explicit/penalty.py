@@ -95,6 +95,8 @@ class ContactSprings:
         ValueError: The pair is enforced by multipliers.
     """
 
+    _acts_on_areas = True
+
     def __init__(self, state: PairState, mass: Floats, modulus: Floats) -> None:
         pair = state.pair
         if not isinstance(pair.enforcement, Penalty):
@@ -115,7 +117,8 @@ class ContactSprings:
         if given is None and pair.method != EDGES:
             self._cells[:] = layers_in_series(pair, modulus) / sides
         self._no_contact = ContactHistory.none(len(self._reduced_mass))
-        self._neighbours = NeighbourList(state)
+        of_areas = self._acts_on_areas and pair.method != EDGES
+        self._neighbours = NeighbourList(state, self._cells / SOFT if of_areas else None)
         self.shortest_passage = shortest_passage_of(pair)
         self._deep = deep_from(pair)
         self.num_lost = self.num_deep = 0
@@ -149,7 +152,7 @@ class ContactSprings:
         the evaluation.
         """
         state, neighbours = self._state, self._neighbours
-        neighbours.serialize(archive, f"{name}/neighbours", state.search.frame.at_end(x))
+        neighbours.serialize(archive, f"{name}/neighbours", x)
         candidates, n = neighbours.candidates, len(state.nodes.nodes)
         counts = np.bincount(neighbours.number, minlength=n)
         width = int(reductions.largest(self._comm, float(counts.max(initial=1))))
@@ -254,8 +257,8 @@ class ContactSprings:
         # Local copies, so that the history does not keep the springs alive.
         seen, nothing, num_own = self._neighbours, self._no_contact, self._num_own
         frame = self._state.search.frame
-        x_n, x = frame.at_start(x_n), frame.at_end(x)
         seen.update(x, step)
+        x_n, x = frame.at_start(x_n), frame.at_end(x)
         self.num_lost = self.num_deep = 0
         self._pressed = np.empty(0, dtype=np.int32), np.empty(0)
         if seen.is_idle:
@@ -278,10 +281,10 @@ class ContactSprings:
         number, stiffness, shared = seen.number, seen.stiffness, nothing.shared
         if seen.start is not None:
             shared = seen.shared.sums(candidates.key)
-        self.num_deep = int(np.count_nonzero(gap < -self._deep))
+        part, self.num_deep = seen.part, int(np.count_nonzero(gap < -self._deep))
         self._pressed = number[gap < 0], gap[gap < 0]
         lambda_N = stiffness * gap
-        slip = self._friction.add_to(springs, candidates, x_n, x, segment, lambda_N, dt)
+        slip = self._friction.add_to(springs, candidates, x_n, x, segment, lambda_N, dt, part)
         on_nodes = self._on_own_side(springs, candidates)
 
         def history() -> ContactHistory:
@@ -297,6 +300,7 @@ class ContactSprings:
                 "force": force if on_nodes is None else on_nodes,
                 "gap": gaps if begin_at is None else gaps + begin_at,
                 "offset": nothing.offset if begin_at is None else np.where(active, begin_at, 0.0),
+                "part": part,
                 "normal": normal,
                 "energy": energy,
             }

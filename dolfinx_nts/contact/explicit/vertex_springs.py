@@ -23,6 +23,8 @@ class VertexSprings(ContactSprings):
         given: Springs of the given pair, which are evaluated first.
     """
 
+    _acts_on_areas = False
+
     def __init__(
         self, state: VertexState, mass: Floats, modulus: Floats, given: ContactSprings
     ) -> None:

@@ -19,6 +19,7 @@ from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.model.obstacles.adjacent_facets import AdjacentFacets
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.search.candidates import contact_normals
 from dolfinx_nts.search.shared_segments import SharedSegments
 
 __all__ = [
@@ -254,8 +255,7 @@ class LocalSearch:
         normal = np.zeros((len(segment), 3))
         (node,) = (segment >= 0).nonzero()
         points = self.points.take(node.astype(np.int32))
-        contact = self.candidates.contact("static", points, self.x_n, self.x_n, segment[node])
-        normal[node] = np.nan_to_num(contact.gradient[:, :3])
+        normal[node] = contact_normals(self.candidates, points, self.x_n, segment[node])
         for state, (first, last) in zip(self._members, pairwise(self._ends), strict=True):
             parts.append(state.facets.pressed_parts(self._x_in_space, normal[first:last]))
         return np.concatenate(parts)
