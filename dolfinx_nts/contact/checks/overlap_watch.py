@@ -26,14 +26,15 @@ __all__ = ["OverlapWatch"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Reporting thresholds of overlap depth relative to the longest facet [-]: initial depth (meshes of
-# curved surfaces overlap by less), and increase of the depth in a run.
+# Reporting thresholds for the overlap depth, relative to the longest facet [-]: initially (meshes
+# of curved surfaces overlap by less), and for its increase in a run.
 _AT_START, _IN_RUN = 0.02, 0.1
-# Allowed approach of two touching bodies between checks, relative to a cell of each [-], and
-# fraction of it after which a check is due. With fractions close to 1, all motions have to be
-# measured in many steps.
+# Allowed approach of two touching bodies between checks, relative to the sum of a cell of each [-],
+# and fraction of it after which a check is due [-]. Closer to 1: the motion of all nodes is
+# measured in more steps.
 _UNSEEN, _USED = 0.7, 0.85
-# Depth of active nodes relative to an initial overlap [-] above which contact acts there.
+# Penetration of contact nodes relative to the initial overlap [-] below which the pair does not
+# detect the overlap.
 _SEEN = 0.1
 
 
@@ -53,8 +54,8 @@ class OverlapWatch:
 
     Attributes:
         is_static: Whether there is no inertia, for the remedies.
-        deepest: The deepest overlap of any two bodies so far, by their names.
-        deepest_at: Times at which these were found, by the same names [s].
+        deepest: The deepest overlap so far of each two bodies, by their names.
+        deepest_at: Times of the deepest overlaps, by the same names [s].
     """
 
     is_static = False
@@ -68,13 +69,14 @@ class OverlapWatch:
         self._bodies, self._contacts, self._clear = tuple(bodies), tuple(contacts), clear
         self.deepest: dict[frozenset[str], Overlap] = {}
         self.deepest_at: dict[frozenset[str], float] = {}
-        # Known depth (doubled if reported) and number of cells of two bodies.
+        # Depth (doubled once reported) and number of cell centres of known overlaps, by names of
+        # bodies.
         self._known: dict[frozenset[str], tuple[float, float]] = {}
         # The deepest reported overlap of each cause, and overlaps that are not reported yet.
         self._reported: dict[str, Overlap] = {}
         self._waiting: dict[str, list[Overlap]] = {}
-        # Positions and time of the last check, allowed approach of each two bodies until the next
-        # one, see `OverlapSearch.approach`, and whether anything has moved since.
+        # Positions and time of the last check, whether anything has moved since, and the allowed
+        # approach of each two bodies until the next check, see `OverlapSearch.approach`.
         self._seen: tuple[Floats, float] | None = None
         self._moved = False
         self._allowed: Floats = np.zeros((1, 1))
@@ -89,13 +91,13 @@ class OverlapWatch:
 
     @cached_property
     def _roles(self) -> list[tuple[PairState, frozenset[str], frozenset[str]]]:
-        """Contacts with the names of the bodies of their nodes and segments."""
+        """Contact pairs, with the names of the bodies of nodes and of segments."""
         names = self.search.names_of
         return [(each, names(each.nodes), names(each.segments)) for each in self._contacts]
 
     @cached_property
     def _passing_approach(self) -> Floats:
-        """Approach by which two boundaries pass through each other, shape ``(g, g)`` [m].
+        """Approach at which two boundaries could pass through each other, shape ``(g, g)`` [m].
 
         It is infinite for boundaries without a common pair.
         """
@@ -112,7 +114,7 @@ class OverlapWatch:
 
     @cached_property
     def _has_parts(self) -> bool:
-        """Whether a pair is within one body, so that checks see a self-overlap."""
+        """Whether two surfaces of a pair belong to one body, whose overlap is a self-overlap."""
         return any(a & b for pair, a, b in self._roles if pair.nodes != pair.segments)
 
     @cached_property
@@ -123,11 +125,10 @@ class OverlapWatch:
     @cached_property
     def _unseen(self) -> Floats:
         """Allowed approach of two touching boundaries until a check, ``(g, g)`` [m]."""
-        # Less than the approach to pass through each other, even for bodies of one cell.
+        # It is too short for bodies to pass through each other, even for bodies of one cell.
         cells = self.search.cells
         unseen = _UNSEEN * (cells[:, None] + cells)
-        # The diagonal holds for a boundary against itself and against obstacles, which may be
-        # thinner than a cell.
+        # The diagonal applies to self-overlaps and to obstacles, which may be thinner than a cell.
         np.fill_diagonal(unseen, np.fmin(unseen.diagonal(), self.search.extent / 2))
         return unseen
 
@@ -139,8 +140,8 @@ class OverlapWatch:
             t: Time [s].
 
         Raises:
-            ValueError: Bodies are so deep in each other, or in a `RigidSurface`, that no force
-                would act.
+            ValueError: Bodies penetrate each other, or a `RigidSurface`, so deep that no contact
+                force would act.
         """
         found = self.search.find(x, 0.0, t)
         new = self._new(x, t, _AT_START, found)
@@ -152,7 +153,7 @@ class OverlapWatch:
         self._moved = False
         self._known |= {names: (overlap.depth, overlap.cells) for overlap, names in new}
         self._sink(new, x)
-        # Contact that a checkpoint holds is no surprise.
+        # Overlaps of loaded contact that was read from a checkpoint are not reported.
         new = [each for each in new if not self._is_loaded(each[0])]
         kinds = _by_kind({overlap: self._at_start(overlap, x) for overlap, _ in new})
         for kind, overlaps in kinds.items():
@@ -197,9 +198,8 @@ class OverlapWatch:
     ) -> Overlap | None:
         """Find bodies of a pair that overlap on the straight paths of a step. Collective.
 
-        Checked are only steps longer than the last check allows for: at their end, and at so many
-        intermediate positions that no body passes through a cell of another one between two of
-        them.
+        Only steps longer than the last check allows are checked: at their end, and at intermediate
+        positions close enough that no body passes through a cell of another one in between.
 
         Args:
             ends: Positions of the local nodes at both ends of the step, ``(l, 3)`` [m].
@@ -208,8 +208,8 @@ class OverlapWatch:
                 all ranks [m].
 
         Returns:
-            The deepest overlap that reaches the centres of cells and was not there before, at the
-            first such position; None without.
+            The deepest new overlap that reaches the centres of cells, at the first position with
+            one; None without.
         """
         if self._seen is None or 2 * displacement <= self._clearance:
             return None
@@ -234,7 +234,7 @@ class OverlapWatch:
         return is_new and self._between_bodies(overlap) and not self._forgotten(overlap)
 
     def is_pressed(self, overlap: Overlap, pressing: Collection[PairState]) -> bool:
-        """Whether one of the pairs that transmit force is between the two bodies. Local."""
+        """Whether one of the ``pressing`` pairs, with force, is between the two bodies. Local."""
         both = set(overlap.names)
         return any(c in pressing and both <= nodes | segments for c, nodes, segments in self._roles)
 
@@ -244,7 +244,7 @@ class OverlapWatch:
         # run has no earlier check.
         nearer = self._allowed if self._seen is None else self.search.approach(x, t, *self._seen)
         if np.any(nearer + self._step > _USED * self._allowed):
-            # Within a run, self-overlaps are checked for bodies with self contact only.
+            # During a run, self-overlaps are checked only for bodies with self contact.
             self.check(x, t, self._selves)
         else:
             self._clearance = float((self._allowed - nearer).min())
@@ -285,16 +285,16 @@ class OverlapWatch:
             self._warn(f"at t = {t:g} s, ", "is", kind, self._waiting.pop(kind))
 
     def _grown(self, overlap: Overlap) -> Overlap:
-        """Maximum of an overlap so far, with the same inner body."""
+        """Deepest overlap so far with the same inner and outer body, or else the given one."""
         deepest = self.deepest[frozenset(overlap.names)]
         return deepest if deepest.names == overlap.names else overlap
 
     def _new(
         self, x: Floats, t: float, part: float, found: tuple[list[Overlap], Floats]
     ) -> list[tuple[Overlap, frozenset[str]]]:
-        """Overlaps that have deepened by a fraction of the facets, or reach further cells.
+        """Overlaps that are deeper by a fraction of the facets, or newly reach centres of cells.
 
-        ``found`` is the result of `OverlapSearch.find`, up to this fraction of the smallest cell.
+        ``found`` is the result of `OverlapSearch.find` for this fraction of the smallest cell.
         """
         new, (overlaps, apart) = [], found
         least = part * self.search.smallest_cell
@@ -314,7 +314,7 @@ class OverlapWatch:
         return new
 
     def _beneath(self, overlap: Overlap, x: Floats) -> float:
-        """Largest depth of contact on smooth segments below their facets [m]."""
+        """Largest depth of smooth segments below their facets, where no contact is missing [m]."""
         inner, outer = overlap.names
         depths = [
             depth_beneath_facets(each.nodes, each.segments, x, overlap.depth)
@@ -330,7 +330,7 @@ class OverlapWatch:
         return one != other and not self.search.obstacles.intersection(overlap.names)
 
     def _warn(self, when: str, verb: str, kind: str, overlaps: Sequence[Overlap]) -> None:
-        """Warn of the deepest overlap of one cause, with the number of the others.
+        """Warn of the deepest overlap of one cause, and give the number of further overlaps.
 
         The text of a cause may contain ``{inner}`` and ``{outer}`` for both names.
         """
@@ -343,7 +343,7 @@ class OverlapWatch:
         _logger.warning("%s%s: %s", when, text, kind.format(inner=inner, outer=outer))
 
     def _is_loaded(self, overlap: Overlap) -> bool:
-        """Whether active contact holds two bodies at half of the depth of their overlap or more."""
+        """Whether an active node of two bodies is at least half as deep as their overlap."""
         both = set(overlap.names)
         of_both = [pair for pair, nodes, segments in self._roles if both <= nodes | segments]
         loaded = (each for pair in of_both for each in (pair, *pair.vertices))
@@ -361,8 +361,8 @@ class OverlapWatch:
         depth = max(seen)
         if depth < _SEEN * overlap.depth:
             return (
-                "their contact pair does not see that, as it checks its nodes only, to a depth of "
-                "half a facet; no force acts there, and the bodies may pass through each other; "
+                "their contact pair does not detect this, as it checks its nodes only, to a depth "
+                "of half a facet; no force acts there, and the bodies may pass through each other; "
                 "move them apart before the first step"
             )
         if depth < overlap.depth / 2:
@@ -381,13 +381,13 @@ class OverlapWatch:
         )
 
     def _in_run(self, overlap: Overlap) -> str:
-        """Cause and remedy."""
+        """Cause of an overlap in a run, and remedy."""
         if verdict := self._forgotten(overlap):
             return verdict
         inner, outer = overlap.names
         if overlap.nodes == 0 and self._lacks_edges(overlap):
             return (
-                "edges of both cross between nodes, which no contact pair of theirs holds; add "
+                "edges of both cross between nodes, which their contact pairs do not detect; add "
                 "contact of edges: all_pairs(..., edges=True), or a further pair of the same "
                 "surfaces with method='edge-to-edge'"
             )
@@ -395,18 +395,19 @@ class OverlapWatch:
             contact
             for contact, nodes, segments in self._roles
             if (inner in nodes and outer in segments)
-            # The deepest point is no contact node, but contact nodes may be equally deep.
+            # The deepest point is a node of the segments, but nodes of the pair may be almost as
+            # deep.
             or (outer in nodes and inner in segments and _held(contact) > overlap.depth / 2)
         ]
         if not held and inner in self.search.obstacles:
             return (
-                "their contact pair holds the nodes of {outer} only, and a part of {inner} sinks "
-                "in between them, with too small a force or none; use finer facets there, or, for "
-                "a sharp obstacle, a meshed RigidBody, whose edges and corners are held"
+                "their contact pair constrains only the nodes of {outer}; {inner} penetrates "
+                "between them with too little contact force; use finer facets there, or, for "
+                "a sharp obstacle, a meshed RigidBody, whose edges and corners have contact"
             )
         if not held:
             return (
-                "their contact pair holds the nodes of {outer} only, and {inner} sinks in "
+                "their contact pair constrains only the nodes of {outer}; {inner} penetrates "
                 "between them; use the finer or softer surface as nodes, or both surfaces where "
                 "corners or edges strike (two_half_passes, or one surface of both bodies that "
                 "touches itself)"
@@ -430,7 +431,7 @@ class OverlapWatch:
         )
 
     def _lacks_edges(self, overlap: Overlap) -> bool:
-        """Whether two bodies in space have sharp edges, and no pair that holds them."""
+        """Whether two bodies in space have sharp edges, but no edge-to-edge contact."""
         if dimension(self._bodies[0].V) < 3 or not self._between_bodies(overlap):
             return False
         both = set(overlap.names)
@@ -439,15 +440,15 @@ class OverlapWatch:
         return all(pair.method != EDGES for pair in pairs) and all(map(num_sharp_edges, sides))
 
     def _forgotten(self, overlap: Overlap) -> str:
-        """Remedy for bodies without a common pair, or ""."""
+        """Cause and remedy if the bodies of an overlap have no common pair, otherwise ""."""
         one, other = overlap.names
         sides = [side for _, a, b in self._roles for side in ((a, b), (b, a))]
         if any(one in nodes and other in segments for nodes, segments in sides):
             return ""
         if one == other:
             return (
-                "no contact pair lets it touch itself, and its walls pass through each other; "
-                "all_pairs(self_contact=[...]) makes one"
+                "it has no self contact, and parts of it pass through each other; "
+                "all_pairs(self_contact=[...]) adds it"
             )
         return (
             "no contact pair contains both, so that no contact force acts between them; add one, "
@@ -456,7 +457,7 @@ class OverlapWatch:
 
 
 def _by_kind(verdicts: Mapping[Overlap, str]) -> dict[str, list[Overlap]]:
-    """Sort overlaps by cause."""
+    """Overlaps by cause, from causes by overlap."""
     kinds: dict[str, list[Overlap]] = {}
     for overlap, kind in verdicts.items():
         kinds.setdefault(kind, []).append(overlap)
@@ -469,7 +470,7 @@ def _part(overlap: Overlap) -> float:
 
 
 def _described(overlap: Overlap) -> str:
-    """Description of an overlap."""
+    """Depth of an overlap in words, with the outer body."""
     inner, outer = overlap.names
     outer = "itself" if outer == inner else outer
     return (
@@ -480,16 +481,16 @@ def _described(overlap: Overlap) -> str:
 
 
 def _held(contact: PairState) -> float:
-    """Largest penetration of a node or a loaded vertex [m]. Collective."""
+    """Largest penetration of a contact node or a loaded vertex of a pair [m]. Collective."""
     return max([_deepest(contact, contact.history.gap), *map(_deepest_loaded, contact.vertices)])
 
 
 def _deepest_loaded(contact: PairState) -> float:
-    """Largest penetration of a node of a pair that transmits force [m]. Collective."""
+    """Largest penetration of an active node of a pair [m]. Collective."""
     return _deepest(contact, np.where(contact.history.active, contact.history.gap, np.nan))
 
 
 def _deepest(contact: PairState, gap: Floats) -> float:
-    """Largest penetration of a node of a pair [m]. Collective."""
+    """Largest penetration by the gaps of the nodes of a pair, shape ``(n,)`` [m]. Collective."""
     depth = -np.nan_to_num(gap).min(initial=0.0)
     return reductions.largest(contact.nodes.V.mesh.comm, float(depth))

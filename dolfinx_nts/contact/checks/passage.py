@@ -33,8 +33,8 @@ __all__ = [
     "through_to_another_side",
 ]
 
-# Displacements relative to a segment [-]: depth below the surface at which a point must be found
-# again, and displacement beyond a position at which another segment is found.
+# Lengths of paths relative to a segment [-]: length above which a point that ends deep below a
+# surface without a segment is lost, and above which a point that ends outside is lost.
 _DEEP, _PAST = 0.1, 0.25
 
 
@@ -43,7 +43,8 @@ class Passage(NamedTuple):
 
     Attributes:
         points: Their indices, shape ``(m,)``.
-        part: Largest fraction of the step after which all points could still be caught [-].
+        part: Largest fraction of the step after which all passing points would still be detected
+            [-].
     """
 
     points: Ints
@@ -64,15 +65,15 @@ class Passage(NamedTuple):
         reach: float,
         free: Flags | None = None,
     ) -> "Passage":
-        """Find the points that pass, or are too deep at the end to be found again.
+        """Find the points that pass through, or end too deep for the search of the next step.
 
         Args:
             candidates: Candidates of the points.
             points: The ``p`` points.
             ends: Positions at both ends of the step, see `Candidates`.
-            start: Candidate of each point at t_n or -1, and gap to it, ``(p,)`` [m].
+            start: Candidate of each point at t_n, -1 for none, and gap to it, ``(p,)`` [m].
             reach: Search radius [m].
-            free: Flags of inactive points, shape ``(p,)``; None for all.
+            free: Flags of inactive points, shape ``(p,)``; None if all are inactive.
         """
         shortest = candidates.passage.min(initial=np.inf)
         # No displacement relative to the mean vertex exceeds twice the largest displacement.
@@ -96,7 +97,7 @@ class Passage(NamedTuple):
 def through_to_another_side(
     candidates: Candidates, points: ContactPoints, ends: tuple[Floats, Floats], reach: float
 ) -> tuple[Ints, bool]:
-    """Find the points that leave on another side of a body. Local.
+    """Find the points that pass through a body and leave on another side. Local.
 
     Args:
         candidates: Candidates of the points.
@@ -105,8 +106,8 @@ def through_to_another_side(
         reach: Bound on the approach of any point and candidate [m].
 
     Returns:
-        Their indices, shape ``(m,)``, and whether any other point ends so deep inside that it
-        would not be found without its path.
+        Their indices, shape ``(m,)``, and whether any other point ends too deep for a search
+        without its path.
     """
     number = candidates.near(points, ends[0], reach)
     if not len(number):
@@ -122,9 +123,9 @@ def through_to_another_side(
 
 
 def shortest_passage_of(pair: ContactPair) -> float:
-    """Relative displacement below which no node of a pair passes [m]. Collective."""
+    """Relative displacement below which no node of a pair can pass through [m]. Collective."""
     segments = pair.segments
-    if pair.method == EDGES:  # without a pass-through check
+    if pair.method == EDGES:  # edge contact has no pass-through check
         return np.inf
     if isinstance(segments, Obstacle):
         return segments.shortest_passage
@@ -134,11 +135,11 @@ def shortest_passage_of(pair: ContactPair) -> float:
 
 
 def passing_message(comm: MPI.Comm, what: str, ids: GlobalInts, advice: str) -> str:
-    """Message naming points that pass on any rank, with advice. Collective.
+    """Message naming points of all ranks that pass through a surface, with advice. Collective.
 
     Args:
         comm: Communicator.
-        what: Kind of the points, in plural.
+        what: Kind of the points in the plural, such as "nodes".
         ids: Their numbers on this rank, shape ``(m,)``.
         advice: Remedy.
 
@@ -153,7 +154,7 @@ def passing_message(comm: MPI.Comm, what: str, ids: GlobalInts, advice: str) -> 
 
 
 def passing_nodes_message(nodes: Surface | JointNodes, passage: Passage, dt: float) -> str:
-    """Message naming nodes that pass on any rank, with a step that avoids it. Collective.
+    """Message naming nodes of all ranks that pass through, and a shorter step. Collective.
 
     Args:
         nodes: Their surface.
@@ -178,7 +179,7 @@ def _numbers(flags: Flags) -> Ints:
 def _relative_displacements(
     candidates: Candidates, points: ContactPoints, x_n: Floats, x: Floats
 ) -> tuple[Floats, float]:
-    """Displacements of points, ``(p,)``, and largest one of a vertex, about the mean vertex [m]."""
+    """Displacements of points, ``(p,)``, and largest one of vertices, less their mean [m]."""
     moved = x - x_n
     vertices = moved[candidates.segments.ravel()]
     mean = vertices.mean(axis=0) if len(vertices) else np.zeros(3)
@@ -189,7 +190,7 @@ def _relative_displacements(
 def _is_lost(
     candidates: Candidates, points: ContactPoints, x: Floats, paths: Trajectories, reach: float
 ) -> Flags:
-    """Flags of points that end below a surface, beyond the reach of the next search."""
+    """Flags of points that end below a surface where the next search would not find them."""
     entered, size = paths.entered, candidates.size[paths.entered]
     after, gap = candidates.pair(points, x, paths.entered, reach)
     came = paths.begin >= 0

@@ -37,7 +37,7 @@ def check_repeated(pairs: Sequence[ContactPair]) -> None:
 
 
 def _same(first: Surface | Obstacle, second: Surface | Obstacle) -> bool:
-    """Whether two sides of pairs are the same. Collective."""
+    """Whether two surfaces or obstacles are the same. Collective."""
     if isinstance(first, Obstacle) or isinstance(second, Obstacle):
         return first is second
     same = first is second or np.array_equal(first.nodes, second.nodes)

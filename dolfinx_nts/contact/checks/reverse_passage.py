@@ -1,6 +1,6 @@
 """Pass-through check of the vertices of segments.
 
-Contact of a pair constrains its nodes only. Vertices may penetrate between the nodes, but must not
+Contact of a pair constrains only its nodes. Vertices may penetrate between the nodes, but must not
 leave the other body on another side.
 """
 
@@ -32,12 +32,12 @@ _ADVICE = (
     "(two_half_passes, or one surface of both bodies that touches itself)"
 )
 
-# Part of the shortest passage [-] after which vertices are checked: closer to 1, the motion of all
-# nodes has to be measured in many steps. It exceeds the value of `OverlapWatch`, whose check may
-# come first.
+# Fraction of the allowed motion [-] after which vertices are checked. Closer to 1: the motion of
+# all nodes is measured in more steps. It exceeds the fraction of `OverlapWatch`, whose check may
+# make this one unnecessary.
 _USED = 0.95
-# Largest motion between two checks relative to the thickness of a body [-], so that paths are
-# nearly straight, and largest number of such parts in a path that is followed [-].
+# Largest motion between two checks relative to the thickness of a body [-], for nearly straight
+# paths; largest length of a path that is followed, relative to the shortest passage [-].
 _STRAIGHT, _WHOLE = 0.5, 2.0
 
 
@@ -60,7 +60,7 @@ class ReversePassages:
     """
 
     def __init__(self, pairs: Sequence[ContactPair]) -> None:
-        pairs = [pair for pair in pairs if pair.method != EDGES]  # pairs with nodes and vertices
+        pairs = [pair for pair in pairs if pair.method != EDGES]  # edges have no vertices
         both = {(pair.nodes, pair.segments) for pair in pairs}
         self._sweeps = [
             _Sweep(pair.segments, pair.nodes)
@@ -72,7 +72,7 @@ class ReversePassages:
 
     def forget(self) -> None:
         """Discard earlier motion, after the state was set. Local."""
-        # Data of the last check, and data after acceptance of the checked step.
+        # Data of the last check, and data that replace them once the checked step is accepted.
         self._last = self._checked = _SinceCheck(None, 0.0, self._shortest)
 
     def clear(self, x: Floats, limit: float) -> None:
@@ -85,7 +85,7 @@ class ReversePassages:
         self._last = _SinceCheck(x, 0.0, max(limit, self._shortest))
 
     def check(self, x_n: Floats, x: Floats, moved: float) -> str:
-        """Message naming vertices that leave on another side in a step, or "".
+        """Message naming vertices that pass through a body in a step, or "".
 
         Args:
             x_n: Positions of the local nodes of the space at its start, ``(l, 3)`` [m].
@@ -107,7 +107,7 @@ class ReversePassages:
             sweep.passing(before, x, each)
             for sweep, each in zip(self._sweeps, approaches, strict=True)
         ]
-        # Deep vertices are followed on their whole path, up to the other side.
+        # The paths of deep vertices are continued, until they are outside again.
         stays = any(is_deep for _, is_deep in found) and farthest <= _WHOLE * self._shortest
         self._checked = _SinceCheck(before if stays else x.copy(), 0.0, self._shortest)
         return next(filter(None, (text for text, _ in found)), "")
@@ -145,7 +145,8 @@ class _Sweep:
         self._vertices = vertices
         self._comm: MPI.Comm = vertices.V.mesh.comm
         self._search, self._facets = GlobalSearch(vertices, facets), NodalFacets(vertices)
-        # A vertex is followed on its path between two checks, and has to pass through the body.
+        # The path between two checks is followed: only a path through the whole body could be
+        # missed.
         X = reference_positions(facets.V)
         length = diameters(X[facets.segments])
         shortest = min(length.min(initial=np.inf), facets.thickness.min(initial=np.inf))
@@ -159,7 +160,7 @@ class _Sweep:
         return self._search.approach(x, self._search.positions(x_n))
 
     def passing(self, x_n: Floats, x: Floats, reach: float) -> tuple[str, bool]:
-        """Message naming vertices that pass, or "", and whether others are deep inside."""
+        """Message naming vertices that pass through, or "", and whether others are deep inside."""
         candidates, _ = self._search.update(x_n, reach)
         points, forward = self._facets.points(x_n), candidates.scatter.forward
         ends = forward(x_n), forward(x)

@@ -17,13 +17,13 @@ __all__ = ["SoftSprings", "deep_from"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Depth relative to the longest segment [-] that is reported: half the depth at which a node loses
-# its segment. The same relative to the depth at which a node is lost in an obstacle [-].
+# Depths that are reported: relative to the longest segment [-], half the depth at which a node
+# loses its segment; with obstacles, relative to the depth at which a node is lost [-].
 _DEEP, _HALF = 0.25, 0.5
 
 
 def deep_from(pair: ContactPair) -> float:
-    """Penetration of nodes of a pair that is reported [m]. Local."""
+    """Penetration of the nodes of a pair above which it is reported [m]. Local."""
     limit, segments = _DEEP * pair.segment_size, pair.segments
     if isinstance(segments, Obstacle):
         return min(limit, _HALF * segments.shortest_passage)
@@ -46,7 +46,7 @@ class SoftSprings:
         self._watched = self._contacts
 
     def yielding(self) -> list[PairState]:
-        """States of the pairs with deep nodes."""
+        """States of the pairs whose nodes are deep at present."""
         return [contact for contact, _ in _deep(self._contacts)]
 
     def watches(self, contact: PairState) -> bool:
@@ -54,7 +54,7 @@ class SoftSprings:
         return contact in self._watched
 
     def sunk(self, x: Floats) -> str:
-        """Message with the names of bodies that were pushed through an obstacle, or "".
+        """Message naming bodies that were pushed through an obstacle, or "".
 
         ``x`` are positions of the local nodes, shape ``(l, 3)`` [m]. Unlike other obstacles, a
         plane has no depth at which nodes are lost.

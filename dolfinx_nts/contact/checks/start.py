@@ -35,8 +35,8 @@ _logger = logging.getLogger("dolfinx_nts")
 
 # Depth relative to the size of a facet [-] that exceeds round-off.
 _DEEP = 1e-6
-# Distance of test points from a node relative to its facets [-]: above round-off of boundaries, far
-# below any detail of the shape.
+# Distance of test points from a node relative to its facets [-]: larger than round-off, and far
+# smaller than any detail of the shape.
 _NEAR = 1e-3
 
 
@@ -49,7 +49,7 @@ def check_start(state: PairState, t: float, x: Floats, x_before: Floats | None =
         state: State of the contact pair.
         t: Time, for the positions of moving obstacles [s].
         x: Positions of the local nodes of the space, shape ``(l, 3)`` [m].
-        x_before: Positions before the user displaced bodies; nodes that were as deep before are
+        x_before: Positions before the user displaced bodies: nodes that were as deep before are
             allowed. None at the first step.
 
     Raises:
@@ -77,7 +77,7 @@ def check_start(state: PairState, t: float, x: Floats, x_before: Floats | None =
 
 
 def _inside(pair: ContactPair, ids: GlobalInts, depth: Floats, x: Floats, more: str) -> ValueError:
-    """Error for nodes inside an obstacle, of all ranks: numbers, depths [m] and positions [m]."""
+    """Error for nodes of all ranks inside an obstacle, with their depths [m] and positions [m]."""
     deepest, found = depth.argmax(), np.unique(ids)
     place = ", ".join(f"{coordinate:.3g}" for coordinate in x[deepest] + 0.0)
     return ValueError(
@@ -89,11 +89,12 @@ def _inside(pair: ContactPair, ids: GlobalInts, depth: Floats, x: Floats, more: 
 
 
 def sink_nodes_inside(state: PairState, inside: OverlapSearch, body: str, x: Floats) -> None:
-    """Let initially penetrating nodes find their segments. Collective.
+    """Increase the search depth of initially penetrating nodes. Collective.
 
-    In a run a node more than half a facet below a segment belongs to another side of the body. At
-    the start a node inside the closed boundary of the body belongs to the segment above it if this
-    is nearer than the other side of the body straight below the node.
+    In a run a node more than half a facet below a segment is not paired with it, as it may belong
+    to another side of the body. Initially a node inside the closed boundary of the body is paired
+    with the segment above it if this is nearer than the opposite side of the body, in the direction
+    of the normal.
 
     Args:
         state: State of a contact pair whose segments belong to the body.
@@ -111,7 +112,8 @@ def sink_nodes_inside(state: PairState, inside: OverlapSearch, body: str, x: Flo
     deep, depth, normal, ids = (joined(comm, part) for part in own)
     if not len(deep):
         return
-    # Both bodies may end in one plane: a node is inside if points around it on its facets are.
+    # Lateral faces of both bodies may lie in one plane, so that nodes are on the boundary: a node
+    # is inside if points around it on its facets are inside.
     corners = x[surface.segments]
     near = corners + _NEAR * (corners.mean(axis=1, keepdims=True) - corners)
     at, points = number(surface.segments.ravel()), near.reshape(-1, 3)
@@ -140,9 +142,9 @@ def check_rigid_facets(
 ) -> None:
     """Check that no body starts so deep in a `RigidSurface` that no force acts. Collective.
 
-    A body may be within a closed surface as a whole. Nodes more than half a facet behind the facets
-    face none of them. Facets of an open surface alone do not define an interior: a body is inside
-    if its inward rays enter the facets.
+    A body may be completely within a closed surface. Nodes more than half a facet behind the facets
+    have no segment. An open surface does not define an interior: a body is inside if the inward
+    rays of its nodes enter the facets.
 
     Args:
         state: State of a contact pair.
@@ -152,7 +154,8 @@ def check_rigid_facets(
         x: Positions of the local nodes of the space, shape ``(l, 3)`` [m].
 
     Raises:
-        ValueError: A body is within a closed surface, or the surface of the nodes is that deep.
+        ValueError: A body is within a closed surface, or the surface of the nodes is too deep
+            inside.
     """
     surface, obstacle, comm = state.pair.nodes, state.pair.segments, state.nodes.V.mesh.comm
     if not isinstance(obstacle, RigidSurface) or state.pair.method != NODES:
@@ -169,7 +172,7 @@ def check_rigid_facets(
     corners = x[surface.segments]
     normal = area_vectors(corners, surface.orientation)
     normal /= np.linalg.norm(normal, axis=1)[:, None]
-    # One point close to each node on each rank, just within the body.
+    # A test point for each node of each rank, just inside its body.
     near = corners + _NEAR * (corners.mean(axis=1, keepdims=True) - corners)
     near -= _NEAR * (diameters(corners)[:, None] * normal)[:, None]
     nodes, first = np.unique(surface.segments, return_index=True)
@@ -229,7 +232,7 @@ def warn_of_bodies_without_pair(bodies: Sequence[Body], pairs: Sequence[ContactP
         for flag, surface in zip(flags, surfaces, strict=True):
             flag[group_of[surface.segments]] = True
     found = reductions.anywhere(comm, found)
-    # Other groups on the other side of each pair.
+    # Number of other groups of connected bodies on the opposite side of each pair.
     others = found.sum(axis=2, keepdims=True)[:, ::-1] - found[:, ::-1]
     has_pair = (found & (others > 0)).any(axis=(0, 1))
     alone = [group for group, has in zip(groups, has_pair, strict=True) if not has]

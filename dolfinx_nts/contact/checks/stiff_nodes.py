@@ -15,11 +15,11 @@ __all__ = ["warn_of_stiff_nodes"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Ratio of the moduli, and size of the soft facets relative to the stiff ones, from which on nodes
-# on the stiff body are reported [-]. Smaller: reports of pressures that are right within 4 %, as in
-# a Hertz contact of equal moduli with any sizes; larger: pressures scatter without a word. At ten
-# times the modulus they scatter by 4, 6, 23 and 33 % for soft facets that are 1, 1.5, 2 and 3 times
-# as long; at 1e4 times by 96 % from 1.5 on, and below a flat punch by 100 % at equal lengths.
+# Ratio of the moduli, and size of the soft facets relative to the stiff ones, above which nodes on
+# the stiff body are reported [-]. Smaller: warnings although pressures are right within 4 %, as in
+# a Hertz contact of equal moduli with any sizes; larger: no warning although pressures scatter. At
+# a ratio of moduli of 10 they scatter by 4, 6, 23 and 33 % for soft facets that are 1, 1.5, 2 and 3
+# times as long; at 1e4 by 96 % from 1.5 on, and below a flat punch by 100 % at equal lengths.
 _STIFFER, _FINER = 5.0, 0.9
 
 
@@ -36,7 +36,7 @@ def warn_of_stiff_nodes(bodies: Sequence[Body], pairs: Sequence[ContactPair]) ->
     V = bodies[0].V
     comm, modulus = V.mesh.comm, np.full(len(reference_positions(V)), np.inf)
     for body in bodies:
-        # Shared nodes have the least modulus. NaN, of energies with fields, is not reported.
+        # Shared nodes have the smallest modulus. NaN, from energies with fields, is not reported.
         own = np.inf if body.is_rigid else body.material.least_modulus
         modulus[body.nodes] = np.minimum(modulus[body.nodes], own)
     for pair in pairs:

@@ -26,14 +26,14 @@ __all__ = ["ContactWatch", "EnergyGain"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Gain relative to the kinetic energy after a step [-] that is reported.
+# Spurious gain relative to the kinetic energy after a step [-] above which it is reported.
 _PART = 0.25
 # Kinetic energy relative to the largest one so far [-] below which bodies count as at rest.
 _REST = 1e-6
 
 
 class EnergyGain:
-    """Check of the work of constraints, as when penetrating nodes are pushed out. Local.
+    """Check for spurious work of constraints, as when they push out penetrating nodes. Local.
 
     A warning is repeated only if a step gains twice as much. Arguments are the same on all ranks.
 
@@ -57,7 +57,8 @@ class EnergyGain:
             works: Energy that contact gave to the bodies in the step.
             kinetic: Kinetic energy of all bodies before and after the step [J].
             t: Time at its end [s].
-            negligible: Work of constraints within the tolerance of gaps [J], for bodies at rest.
+            negligible: Work of constraints within the tolerance of gaps [J], negligible for bodies
+                at rest.
         """
         before, after = kinetic
         self._largest = max(self._largest, before)
@@ -106,13 +107,13 @@ class ContactWatch:
         self._comm = bodies[0].V.mesh.comm
         self.gains = EnergyGain(self._comm)
         self.velocity: Floats = np.zeros(dimension(bodies[0].V))
-        # Allowed approach of any two nodes until the next check, and its value when vertices and
-        # overlaps were updated last [m].
+        # Allowed approach of any two nodes until the next check, and its value at the last update
+        # of vertices and overlaps [m].
         self._clearance = self._settled = 0.0
 
     @cached_property
     def _passage(self) -> float:
-        """Approach by which a node may pass through a surface, 0 if obstacles move [m]."""
+        """Least approach at which a node may pass through a surface, 0 if obstacles move [m]."""
         if any(contact.search.may_move for contact in self._contacts):
             return 0.0
         return min((shortest_passage_of(each.pair) for each in self._contacts), default=math.inf)
@@ -129,7 +130,8 @@ class ContactWatch:
     def free(self, moved: float) -> bool:
         """Register a step if no check is due. Collective.
 
-        Vertices and overlaps are not updated in each step, which would take longer than the checks.
+        Vertices and overlaps are updated later by `settle`, as updates in each step would take
+        longer than the checks.
 
         Args:
             moved: Half the bound on the approach of any two nodes, or of a node and a fixed point,
@@ -142,7 +144,7 @@ class ContactWatch:
         if approach >= self._passage:
             return False
         left = self._clearance - approach
-        # The next step may be as long.
+        # A check is due if a next step of the same length could need it.
         if left < approach:
             self.settle()
             clearance = min(self.vertices.clearance, self.overlaps.clearance)
@@ -154,7 +156,7 @@ class ContactWatch:
         return True
 
     def settle(self) -> None:
-        """Update vertices and overlaps for the motion of steps without checks. Local."""
+        """Update vertices and overlaps by the motion of all steps since the last update. Local."""
         approach = self._settled - self._clearance if math.isfinite(self._settled) else 0.0
         if approach > 0:
             self.vertices.travel(approach)
@@ -162,7 +164,7 @@ class ContactWatch:
         self._clearance = self._settled = 0.0
 
     def check_overlaps(self, x: Floats, t: float) -> None:
-        """Check for overlaps now."""
+        """Check for overlaps, whether or not a check is due."""
         self.settle()
         self.overlaps.check(x, t)
 

@@ -67,7 +67,7 @@ def contact_work(step: ContactStep, last: ContactContribution, new: ContactHisto
         carried = frame.carried(*(x.take(step.state.nodes.nodes, axis=0) for x in ends))
         of_obstacle = float(np.vdot(new.force, carried))
     work = _scheme_work(step, pairs, dx.reshape(pairs.contact.force.shape))
-    # Pairs that were active, that were not, and that were on another segment.
+    # Pairs that were active on the same segment, inactive, and active on another segment.
     same = step.search.pairing.is_same(pairs)
     kind = np.where(old.active[pairs.node], np.where(same, 0, 2), 1)
     stays, arrives, moves = np.bincount(kind, work, minlength=3)

@@ -1,10 +1,10 @@
-"""Certificate of a converged step: contact is consistent with the computed motion, or refused.
+"""Check that the contact of a converged step is consistent with the computed motion.
 
 The search of an attempt covers a multiple of the trial motion, which the solution may exceed.
 `missed_contact` repeats the search with the motion from x_n to the solution x, and compares.
-`check_penetration` refuses nodes that passed through a surface or sank into one: nodes and
-segments are paired down to a depth of half a segment, as a deeper node may belong to another
-side of the body. See `passage` for nodes that pass through within one step.
+`check_penetration` refuses nodes that passed through a surface or sank into one: a node has a
+segment only down to a depth of half a segment, as a deeper node may belong to another side of the
+body. See `passage` for nodes that pass through within one step.
 """
 
 from collections.abc import Callable, Sequence
@@ -39,29 +39,29 @@ __all__ = [
     "passing_without_contact",
 ]
 
-# Depth that another segment may give to a pressing node, and by how much it may make it deeper,
-# relative to the size of a segment [-].
+# Largest depth of an active node below an adjacent segment, and by how much this may exceed the
+# depth below its own one, relative to the size of a segment [-].
 _DEEP, _DEEPER = 0.1, 0.05
-# Depth beyond what the law allows from which a node is missed where the search was exhaustive,
+# Penetration in excess of that at t_n above which an inactive node counts as missed contact,
 # relative to the longest segment [-]. Smaller: ordinary impacts are solved twice, as nodes next to
-# held ones end deeper than their ballistic motion said (at 0.02 the first impact of two blocks
-# takes 8 iterations instead of 4). Larger: impacts from rest end deeper (0.31 segments at 0.4,
-# where half of the approach is 0.2).
+# active ones end deeper than in the ballistic motion (at 0.02 the first impact of two blocks takes
+# 8 iterations instead of 4). Larger: impacts from rest end deeper (0.31 segments at 0.4, where half
+# of the approach is 0.2).
 _LATE = 0.05
-# Part of the motion made between node and segment up to which their trial motion says nothing [-],
-# as from rest. Larger: steps of vibrating bodies are solved twice, and may have no second solution.
-# Smaller: a body that begins to move is deeper inside than the law of impact allows.
+# Ratio of trial to computed relative motion of node and segment [-] below which a node moves from
+# rest, so that the trial motion does not predict contact. Larger: steps of vibrating bodies are
+# solved twice, and may have no second solution. Smaller: a body that begins to move penetrates
+# deeper than the law of impact allows.
 _STILL = 0.5
-# Opening beyond which a multiplier may not press, relative to the longest segment [-]. Smaller: the
+# Gap above which a multiplier must be 0, relative to the longest segment [-]. Smaller: the
 # tolerance of constraints in Newton's method counts. Larger: forces without contact are accepted.
 _OPEN = 1e-3
-# Error of the length of tractions, relative to the largest pressing force [-], and of the direction
-# of sliding [rad]. Smaller: the tolerance of the residual in Newton's method counts.
+# Admissible error of the length of tractions, relative to the largest normal force [-], and of the
+# direction of sliding [rad]. Smaller: the residual tolerance of Newton's method counts.
 _CONE, _PARALLEL = 1e-3, 0.05
-# Error of a multiplier relative to the residual norm [-], as some nodes share it.
+# Admissible error of a multiplier relative to the residual norm [-].
 _NOISE = 10
-# Slip below which there is no direction, relative to the longest segment [-], as differences of
-# positions have too few digits.
+# Slip relative to the longest segment [-] below which round-off determines its direction.
 _SLIPS = 1e-6
 
 
@@ -74,15 +74,15 @@ def missed_contact(
 ) -> str:
     """Message naming nodes that penetrate beyond the searched range, or "". Collective.
 
-    The candidates are exhaustive while the largest displacement increment is within the reach of
-    the search. Then only the law has to decide by the motion made instead of the trial motion.
+    As long as the largest displacement increment is within the search radius, no candidate is
+    missing, and only the eligibility of nodes is checked with the computed motion.
 
     Args:
-        steps: The solved step of each state that takes part in it.
+        steps: The solved step of each state that has contact in it.
         states: States of all pairs.
         ends: Positions of the local nodes of the space at both ends of the step, ``(l, 3)`` [m].
         displacement: Largest displacement increment of any node, the same on all ranks [m].
-        repeat: Starts the contact of a state again with the end of the step as trial state.
+        repeat: Creates the `ContactStep` of a state with the end of the step as trial state.
     """
     solved = {step.state: step for step in steps}
     messages = []
@@ -101,7 +101,7 @@ def missed_contact(
 
 
 def _late_nodes(step: ContactStep) -> tuple[Ints, Floats]:
-    """Nodes eligible for contact by the computed motion, but not by the trial motion. Local.
+    """Nodes that are eligible by the computed motion, but not by the trial motion. Local.
 
     Returns:
         Positions among the surface's nodes, and the gaps at the end of the step [m].
@@ -131,7 +131,7 @@ def _late_nodes(step: ContactStep) -> tuple[Ints, Floats]:
     late = gap < np.fmin(before, 0.0) - _LATE * size
     late &= normal.may_hold(node, before, gap)
     node, gap = node[late], gap[late]
-    # Otherwise the law has decided from almost the same motion.
+    # Otherwise trial and computed motion are similar, and the law has excluded the node.
     own, facing = step.state.nodes.nodes[node], search.candidates.segments[segment[late]]
     number = max(facing.shape[1], 1)  # obstacles have no vertices, and rest in the frame
     trial, made = (
@@ -166,7 +166,8 @@ def _missed_nodes(step: ContactStep, known: Flags | None, x: Floats) -> str:
 
     Args:
         step: Contact with the end of the step as trial state.
-        known: Whether the solved step knew each node, shape ``(n,)``; None: it knew none.
+        known: Whether each node was eligible or excluded in the solved step, shape ``(n,)``; None
+            if there was no contact in it.
         x: Positions of the local nodes of the space at the end of the step, ``(l, 3)`` [m].
     """
     approach, node = step.search.approach, step.normal.nodes
@@ -245,8 +246,8 @@ def check_boundaries(
 ) -> str:
     """Message naming bodies that overlap without contact force after a step, or "". Collective.
 
-    It sees whole boundaries, also edges that cross between nodes, and the path of the step. Free
-    of charge while steps are shorter than what the last overlap check allows for.
+    It checks whole boundaries, including edges that cross between nodes, on the path of the step.
+    It returns at once while steps are shorter than the last overlap check allows.
 
     Args:
         watch: Overlap checks of the run.
@@ -278,7 +279,7 @@ def _numbers(flags: Flags) -> Ints:
 
 
 def _passage(step: ContactStep, free: Flags) -> Passage:
-    """Nodes, of flags of shape ``(n,)``, that pass through their candidates. Local."""
+    """Nodes that pass through their candidates, among those flagged by `free`, ``(n,)``. Local."""
     search = step.search
     ends, start = (search.x_n, step.x), search.start
     return Passage.through(search.candidates, search.points, ends, start, search.reach, free)
@@ -287,8 +288,8 @@ def _passage(step: ContactStep, free: Flags) -> Passage:
 def _without_segment(step: ContactStep) -> int:
     """Number of penetrating nodes that transmit force and have no segment at the end.
 
-    It includes those that stayed with their segment because they had changed it again and
-    again: the next step could not begin, however short.
+    Nodes that keep their segment after too many changes are included: they would have no segment in
+    the next step, however short it is.
     """
     old, search, candidates = step.state.history, step.search, step.search.candidates
     before, now = search.last, search.segment
@@ -315,9 +316,9 @@ def _outside_candidate(step: ContactStep, points: ContactPoints, segment: Ints) 
 
 
 def _between_segments(step: ContactStep) -> int:
-    """Number of nodes with force that are much deeper below the adjacent segment.
+    """Number of active nodes that are much deeper below an adjacent segment than below their own.
 
-    At the bottom of a dent the projection of a node is on neither of two segments.
+    At a concave edge the projection of a node may be outside both segments.
     """
     node = _numbers(step.normal.active)
     if not len(node):
@@ -333,14 +334,14 @@ def _between_segments(step: ContactStep) -> int:
 def check_forces(step: ContactStep, last: ContactContribution, residual: float) -> str:
     """Message naming nodes whose force violates the contact laws after a step, or "". Collective.
 
-    Multipliers push; they act at the gap that they hold, which elastic impact takes from the
-    start of the step, and springs where the gap is below their begin at one end of the step.
-    Tractions of friction are within the cone, and parallel to the slip where a node slides.
+    Multipliers are compressive, and their gap is the reference gap, with elastic impact the one at
+    the start of the step. Springs act only if they are compressed at one end of the step. Friction
+    is within the cone, and parallel to the slip where a node slides.
 
     Args:
         step: The solved step.
         last: Its last evaluation.
-        residual: Norm of the residual of the solution, to which forces are known [N].
+        residual: Norm of the residual of the solution, the accuracy of forces [N].
     """
     pairs, state, normal = last.pairs, step.state, step.normal
     loaded = _numbers(last.active & (normal.lambda_N[pairs.node] != 0))
@@ -360,7 +361,8 @@ def check_forces(step: ContactStep, last: ContactContribution, residual: float) 
         t, slip = step.friction.traction[node], pairs.slip.value[loaded]
         length, slid = np.linalg.norm(t, axis=1), np.linalg.norm(slip, axis=1)
         slips = slid > _SLIPS * size
-        # A law may decrease from a static limit, which also holds for slips of round-off.
+        # The limit may decrease with the slip: nodes with a slip of round-off size have the static
+        # limit.
         limit = step.friction.largest(node, pressure, np.where(slips, slid, 0.0))
         excess = length - limit
         errors.append(("exceed the limit of friction, by {:.3g} N", excess, _CONE * limit + floor))

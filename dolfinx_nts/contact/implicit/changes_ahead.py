@@ -17,7 +17,7 @@ def changes_ahead(
     """Changes of gap, slip and force by prescribed increments, to first order. Collective.
 
     Args:
-        step: Contact of the step, with the remaining motion of its obstacle.
+        step: Contact of the step, including the remaining motion of its obstacle.
         pairs: Pairs of its last evaluation.
         increment: Prescribed increments of the owned nodes, shape ``(n, d)`` [m].
 

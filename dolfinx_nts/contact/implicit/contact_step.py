@@ -38,9 +38,10 @@ class _Unknown(NamedTuple):
 
     Attributes:
         dim: Components of a displacement.
-        free: 1 where they are unknown, otherwise 0, of the nodes that the candidates know, shape
-            ``(l, 3)``; None if all are.
-        is_rigid: Whether a node of the surface is one of a rigid body, ``(n,)``; None if none is.
+        free: 1 where a displacement is unknown, otherwise 0, at the nodes of the candidates, shape
+            ``(l, 3)``; None if all are unknown.
+        is_rigid: Whether a node of the surface belongs to a rigid body, ``(n,)``; None if none
+            does.
     """
 
     dim: int
@@ -61,16 +62,17 @@ class ContactStep:
         x_trial: The same for the ballistic state x_n + h v_n.
         stiffness: Stiffness of each owned node of the space, shape ``(n,)`` [N/m]: the weight
             in the tests for contact and stick.
-        free: 1 where the displacement of an owned node is unknown, 0 where it is given, shape
+        free: 1 where the displacement of an owned node is unknown, 0 where it is prescribed, shape
             ``(n, d)``; None if all are unknown.
         is_static: Whether there is no inertia.
         rigid: Owned nodes of rigid bodies, whose displacements cannot be eliminated.
-        intermediate: Positions like ``x_trial`` after fractions of the ballistic motion, by the
-            fraction from 0 to 1, in which rigid bodies have not stretched; None: of no part.
-        share: Share of the end of the step in the forces of springs, see `Scheme` [-].
+        intermediate: Positions after fractions of the ballistic motion, without stretch of rigid
+            bodies, by the fraction from 0 to 1; None for no fraction.
+        share: Weight of the end of the step in the forces of springs, see `Scheme` [-].
         begins_sticking: Whether all nodes with friction stick at first, see `StickSlip`.
         dt: Length of the step [s], for the speed of slip.
-        others: Attempts at the same step of other pairs, on which vertices depend.
+        others: Attempts of other pairs at the same step, on whose contact the one of vertices
+            depends.
 
     Attributes:
         state: The argument.
@@ -79,9 +81,9 @@ class ContactStep:
         friction: Friction of the nodes.
         num_active: Active pairs on all ranks.
         may_touch: Whether a node can become active, on any rank.
-        touched: Whether one of each pair was active in any iteration, shape ``(c,)``.
-        x: Positions of the nodes that the candidates know in the last evaluation, in the frame
-            of the search, ``(l, 3)`` [m].
+        touched: Whether any node of each pair was active in any iteration, shape ``(c,)``.
+        x: Positions of the nodes of the candidates in the last evaluation, in the frame of the
+            search, ``(l, 3)`` [m].
     """
 
     def __init__(
@@ -135,7 +137,7 @@ class ContactStep:
         Args:
             x: Positions of the owned nodes, shape ``(n, 3)`` [m].
             R_bulk: Residual without contact at the owned nodes, shape ``(n, d)`` [N], which the
-                multipliers balance; None: they stay as they are.
+                multipliers balance; None keeps the multipliers.
             iteration: Number of the Newton iteration, from 0.
 
         Returns:
@@ -157,7 +159,7 @@ class ContactStep:
         return contribution
 
     def count_active(self, node: Ints) -> None:
-        """Count the active pairs of all ranks; ``node`` are the ones of this rank. Collective."""
+        """Count active pairs of all ranks, given active nodes of this rank. Collective."""
         own = _kernels.counts_of_parts(self.normal.active[node], node, self.state.ends)
         counts = reductions.total(self._comm, own)
         self.num_active = int(counts.sum())
@@ -166,8 +168,8 @@ class ContactStep:
     def reproject(self, converged: bool) -> int:
         """Update the segments in equilibrium; return the number of changes on this rank.
 
-        After any change, equilibrium has to be solved for again. ``converged`` is whether this is
-        equilibrium, and not a state near it.
+        After any change, equilibrium has to be solved for again. ``converged`` is whether Newton's
+        method has converged, or is only near an equilibrium.
         """
         node, active = self.normal.nodes, self.normal.active
         moved, is_renewed = self.search.reproject(self.x, node, active[node], converged)
@@ -198,7 +200,7 @@ class ContactStep:
         return nodes
 
     def _kinematics(self, x: Floats, iteration: int) -> tuple[PairKinematics, int]:
-        """Kinematics of nodes that may transmit force; how many changed or left their segment."""
+        """Kinematics of eligible nodes, and number of nodes that changed or left their segment."""
         search, node, released = self.search, self.normal.nodes, 0
         segment, moved = search.find(x, node, iteration)
         near = segment >= 0
@@ -220,7 +222,7 @@ class ContactStep:
 
 
 def _compression(steps: Sequence[ContactStep], pair: PairState) -> Floats:
-    """Compression of the active springs of a pair in one of the attempts, ``(n,)`` [m]. Local."""
+    """Compression of the active springs of one pair of the attempts, ``(n,)`` [m]. Local."""
     compression = np.zeros(len(pair.nodes.nodes))
     for step in steps:
         if pair in (pairs := members(step.state)):
@@ -231,7 +233,7 @@ def _compression(steps: Sequence[ContactStep], pair: PairState) -> Floats:
 
 
 def _replace(steps: Sequence[ContactStep], pair: PairState, nodes: Flags) -> int:
-    """Exclude nodes of a pair in one of the attempts, see `NormalContact.replace`. Collective."""
+    """Exclude nodes of one pair of the attempts, see `NormalContact.replace`. Collective."""
     for step in steps:
         if pair in (pairs := members(step.state)):
             start, end = step.state.ends[(number := pairs.index(pair)) : number + 2]
@@ -243,8 +245,8 @@ def _unknowns(search: LocalSearch, free: Floats) -> Floats | None:
     """Flags of unknown displacements at the nodes of the candidates. Collective.
 
     ``free`` is 1 where the displacement of an owned node is unknown, otherwise 0, ``(n, d)``.
-    Returns the same with ghosts, shape ``(l, 3)``; or None if all displacements of the points
-    and of the candidates on this rank are unknown.
+    Returns these flags at owned and ghost nodes, shape ``(l, 3)``; or None if all displacements of
+    the points and of the candidates on this rank are unknown.
     """
     known = np.ones((len(free), 3))
     known[:, : free.shape[1]] = free
@@ -259,8 +261,8 @@ def contact_residual(
 ) -> Floats:
     """Sum of the contact forces on the owned dofs, shape ``(n d,)`` [N]. Collective.
 
-    ``contributions`` are the last evaluations of the attempts, one for each pair; ``shape`` is
-    that of the owned nodes, ``(n, d)``.
+    ``contributions`` are the last evaluations of the attempts, one for each pair; ``shape`` is the
+    shape of values at the owned nodes, ``(n, d)``.
     """
     total: Floats = np.zeros((shape[0], 3))
     for step, contribution in zip(steps, contributions, strict=True):

@@ -70,11 +70,11 @@ class PairKinematics:
             self.normal = _kernels.unit_vectors(self.normal)
 
     def add_slip(self, slip: Slip, never_sticks: Flags, still: Floats | None) -> None:
-        """Fill the tangential parts.
+        """Add the slip to forces, gradients and constraint residuals.
 
         Args:
             slip: Slips of the pairs. In prescribed directions, round-off is set to 0.
-            never_sticks: Flags of pairs without friction, shape ``(m,)``.
+            never_sticks: Flags of pairs on an axis of symmetry, without friction, shape ``(m,)``.
             still: Lengths of slip that count as zero under constraints, shape ``(m,)`` [m]; None
                 for springs.
         """
@@ -93,8 +93,8 @@ class PairKinematics:
     def _leave_out_given(self, free: Floats, still: Floats) -> None:
         """Remove slip directions without unknown displacements, or of zero length.
 
-        Across a plane of symmetry multipliers would be determined by round-off. Arguments are those
-        of the class and of `add_slip`.
+        Round-off would determine multipliers of directions normal to a plane of symmetry. Arguments
+        are those of the class and of `add_slip`.
         """
         m, slip = len(self.node), self.slip.value
         size = np.abs(self.force).reshape(m, 3, -1, 3).max(axis=(1, 3))
@@ -117,7 +117,7 @@ class PairKinematics:
 
     @property
     def is_given(self) -> Flags:
-        """Whether the gap depends on prescribed displacements only, shape ``(m,)``."""
+        """Whether the gap depends only on prescribed displacements, shape ``(m,)``."""
         if self._free is None:
             return np.zeros(len(self.node), dtype=bool)
         free, whole = (
@@ -148,11 +148,11 @@ class ContactContribution(NamedTuple):
         columns: Force per multiplier, shape ``(m, 3, d)``; the normal one includes the friction
             proportional to it.
         slopes: Derivative of multipliers and tractions with respect to gap and slip, for springs
-            and sliding nodes, shape ``(m, 3, 3)`` [N/m]. columns^T slopes gradients is a part of
+            and sliding nodes, shape ``(m, 3, 3)`` [N/m]. columns^T slopes gradients is one term of
             the derivative of the forces.
         residual: Contact forces of the pair, shape ``(m, d)`` [N].
-        tangent: The other part, at fixed multipliers and tractions, by `PairBlocks`, shape
-            ``(p, 3 k, 3 k)`` [N/m].
+        tangent: The other term of the derivative, at fixed multipliers and tractions, in the blocks
+            of `PairBlocks`, shape ``(p, 3 k, 3 k)`` [N/m].
         force: The forces including prescribed displacements, shape ``(m, d)`` [N].
         changed: Number of pairs that changed segment or state, or violate a condition.
         failed: Number of degenerate pairs, and of active ones rotated by more than 90 degrees.

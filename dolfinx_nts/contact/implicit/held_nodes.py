@@ -15,7 +15,7 @@ class HeldNodes(NamedTuple):
 
     Attributes:
         node: Indices among the nodes of the surface, shape ``(m,)``.
-        dofs: Nodes on which gaps depend, in the map of the scatter, shape ``(m, k)``.
+        dofs: Nodes on which gaps depend, numbered as in the map of the scatter, shape ``(m, k)``.
         gradients: Gradients of gap and slip with respect to these nodes, shape ``(m, 3, 3 k)``.
         gap: Gap, shape ``(m,)`` [m].
         force: Normal force in the step, shape ``(m,)`` [N, >= 0].

@@ -1,4 +1,4 @@
-"""Search, normal contact and friction of a step, by the declaration of a pair."""
+"""Choice of local search, normal contact and friction of a step by the laws of a pair."""
 
 from collections.abc import Callable, Mapping
 
@@ -24,7 +24,7 @@ from dolfinx_nts.contact.vertices import VertexState
 
 __all__ = ["make_friction", "make_normal_contact", "make_search"]
 
-# Local search by the method of the pair and absence of inertia.
+# Class of the local search, by the method of the pair and whether there is no inertia.
 _SEARCHES = {
     ("node-to-segment", False): LocalSearch,
     ("node-to-segment", True): StaticSearch,
@@ -63,10 +63,10 @@ def make_normal_contact(
         is_static: Whether there is no inertia.
         search: Segments of the nodes.
         stiffness: Stiffness of the nodes of the surface, shape ``(n,)`` [N/m].
-        intermediate: Positions by fractions of the ballistic motion, see `ContactStep` [m].
+        intermediate: Positions after fractions of the ballistic motion, see `ContactStep` [m].
         share: Weight of the end of the step in the forces of springs [-].
         dt: Length of the step [s].
-        compression: Present compression of springs of other pairs, see `VertexSprings`.
+        compression: Current compression of springs of other pairs, see `VertexSprings`.
         replace: Excludes nodes of other pairs, see `VertexMultipliers`.
     """
     law = state.pair.enforcement

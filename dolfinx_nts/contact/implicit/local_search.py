@@ -31,7 +31,7 @@ __all__ = [
     "sunk",
 ]
 
-# Number of changes of the segment of a node in a step, after which it keeps the last one.
+# Number of segment changes of a node in a step after which it keeps the last segment.
 _MOST_MOVES = 2
 # Largest distance of a node without inertia from its segment in equilibrium, tangential and
 # relative to the size of the segment [-]. At a concave edge such a node is below the next segment.
@@ -44,7 +44,7 @@ _REACH = 3
 def may_face(state: PairState | JointState, x_n: Floats, increment: float) -> bool:
     """Whether nodes of a pair may get a segment in a step, or had one in the last step. Collective.
 
-    Other pairs have no contact in a step with inertia, and need no attempt.
+    In a step with inertia, a pair without such nodes has no contact and is skipped.
 
     Args:
         state: State of the contact pair, or of several.
@@ -63,9 +63,10 @@ class Approach(NamedTuple):
     """Segments and gaps of the nodes in the ballistic state, without contact forces.
 
     Attributes:
-        segment: Segment in the ballistic state, or else at t_n; -1 without, shape ``(n,)``.
-        gap_n: Gap to it at t_n, NaN without, shape ``(n,)`` [m].
-        gap: Gap to it in the ballistic state, shape ``(n,)`` [m].
+        segment: Segment in the ballistic state, or the one at t_n if there is none, or -1, shape
+            ``(n,)``.
+        gap_n: Gap to that segment at t_n, NaN without one, shape ``(n,)`` [m].
+        gap: Gap to that segment in the ballistic state, shape ``(n,)`` [m].
         x: Ballistic positions of the nodes of the candidates' map, shape ``(l, 3)`` [m].
     """
 
@@ -92,19 +93,20 @@ class LocalSearch:
         reach: Search radius [m].
         x_n: Positions at t_n of the nodes of the candidates' map.
         last: Segment of each node in the last step or -1, shape ``(n,)``.
-        start: Segment of each node at t_n or -1, ``(n,)``, and gap to it, NaN without, ``(n,)``
+        start: Segment of each node at t_n or -1, ``(n,)``, and gap to it, NaN without one, ``(n,)``
             [m].
-        segment: Segment of each node now or -1, shape ``(n,)``.
-        gap: Gap to the segment now, NaN without, shape ``(n,)`` [m].
+        segment: Current segment of each node or -1, shape ``(n,)``.
+        gap: Gap to the current segment, NaN without one, shape ``(n,)`` [m].
         approach: Segments and gaps in the ballistic state.
-        caught: Nodes that would pass through a segment in the trial motion, shape ``(n,)``.
+        caught: Flags of nodes that would pass through a segment in the trial motion, shape
+            ``(n,)``.
         pairing: Evaluation of nodes and their segments.
         shared: Segments of the nodes that are equally near to several.
     """
 
     _overhang: float = _kernels.OVERHANG
-    # Largest distance from one of its segments at which a node in equilibrium keeps all of them,
-    # relative to their size [-]. A step is short, and the next one starts with the nearest segment.
+    # Largest tangential distance from one of several equally near segments at which a node in
+    # equilibrium keeps all of them, relative to their size [-].
     _sharing: float = _kernels.OVERHANG
 
     def __init__(self, state: PairState | JointState, x_n: Floats, x_trial: Floats) -> None:
@@ -116,7 +118,7 @@ class LocalSearch:
         x_n, x_trial = frame.at_start(x_n), frame.at_end(x_trial)
         # Largest ballistic displacement increment of a node [m].
         self._increment: float = reductions.largest(comm, _kernels.farthest(x_trial, x_n))
-        # Nodes down to this depth keep their segments.
+        # Depth [m] down to which nodes keep their segments.
         deepest = _kernels.DEEPEST * state.longest_segment + state.search.sunk
         self.reach = _REACH * self._increment + deepest
         reach = self.reach + self._beyond(state.pair)
@@ -144,7 +146,7 @@ class LocalSearch:
         several = (self.shared.many & (met >= 0)).nonzero()[0].astype(np.int32)
         gap_trial[several] = pairing.gaps(trial, several, met[several])
         met[several] = segment_n[several]
-        # Nodes that would be too deep to be found are assigned to the segment that they enter.
+        # A node that would be too deep for the search gets the segment through which it enters.
         self.caught: Flags = np.zeros(len(met), dtype=bool)
         self._catch(trial, met, gap_trial)
         # The gap at t_n is the gap to the segment in the ballistic state.
@@ -158,7 +160,7 @@ class LocalSearch:
         self._moves: Ints = np.zeros(len(self.segment), dtype=np.int32)
 
     def _catch(self, trial: Floats, met: Ints, gap_trial: Floats) -> None:
-        """Assign nodes that would pass through a segment to it: set ``met`` and ``gap_trial``."""
+        """Set segment ``met`` and ``gap_trial`` of nodes that would pass through a segment."""
         if self._increment <= self.candidates.passage.min(initial=np.inf) / 2:
             return
         node = (~(self.start[1] > 2 * self._increment)).nonzero()[0].astype(np.int32)
@@ -204,7 +206,7 @@ class LocalSearch:
         gap[several] = self.pairing.gaps(x, node[several], found[several])
 
     def _slid(self, x: Floats, node: Ints, slack: float) -> Ints:
-        """Flags of the ``m`` nodes outside one of their segments by more than the slack."""
+        """Flags of nodes, ``(m,)``, outside one of their segments by more than a tolerance."""
         if np.isinf(slack) or not self.shared.many[node].any():
             return node[:0]
         slack = min(slack, self._sharing)
@@ -223,18 +225,18 @@ class LocalSearch:
 
     @staticmethod
     def _beyond(pair: ContactPair) -> float:
-        """Additional reach of the candidates [m]."""
+        """Length added to the search radius [m]."""
         return 0.0
 
     @property
     def may_close(self) -> Flags:
-        """Nodes whose gap may close within the step, shape ``(n,)``."""
+        """Flags of nodes whose gap may close within the step, shape ``(n,)``."""
         flags: Flags = np.fmin(self.approach.gap_n, self.approach.gap) < self._increment
         return flags
 
     @property
     def touches(self) -> Flags:
-        """Nodes on their segments at t_n, up to round-off, shape ``(n,)``."""
+        """Flags of nodes on their segments at t_n, up to round-off, shape ``(n,)``."""
         size = self.candidates.size
         # Without candidates no node has a segment.
         size = size.take(self.approach.segment, mode="wrap") if len(size) else np.ones(1)
@@ -247,7 +249,8 @@ class LocalSearch:
 
         Collective at the first use.
 
-        They differ from 1 at edges: the sides of a block that falls flat do not touch.
+        They differ from 1 at edges: of a block that lies on a plane, the lateral facets do not
+            touch.
         """
         segment, parts = self.approach.segment, list[Floats]()
         if not any(state.facets.has_edges for state in self._members):
@@ -263,9 +266,9 @@ class LocalSearch:
     def find(self, x: Floats, node: Ints, iteration: int) -> tuple[Ints, Flags]:
         """Find the segments of nodes in an iterate.
 
-        Nodes keep the segments of the start, extended beyond their edges, until equilibrium
-        (`reproject`). A choice by iterates would depend on the accuracy of the linear solutions,
-        and so on the partition.
+        Nodes keep their initial segments, extended beyond their edges, until equilibrium
+        (`reproject`). A choice at each iterate would depend on the accuracy of the linear
+        solutions, and thus on the partition.
 
         Args:
             x: Positions with ghosts, shape ``(l, 3)`` [m].
@@ -273,7 +276,7 @@ class LocalSearch:
             iteration: Number of the Newton iteration, from 0.
 
         Returns:
-            The segments, -1 without, and flags of the nodes whose segment has changed.
+            The segments, -1 for none, and flags of the nodes whose segment has changed.
         """
         segment, moved = self._find(x, node, np.inf if iteration else _kernels.HYSTERESIS)
         if iteration:
@@ -287,7 +290,8 @@ class LocalSearch:
             x: Positions with ghosts, shape ``(l, 3)`` [m].
             node: Indices of nodes of the surface, shape ``(m,)``.
             held: Flags of the nodes that transmit force, shape ``(m,)``.
-            converged: Whether this is an equilibrium, and not a state near one.
+            converged: Whether Newton's method has converged; otherwise x is only near an
+                equilibrium.
 
         Returns:
             The number of changed segments on this rank, and whether the contact points changed.
@@ -300,7 +304,7 @@ class LocalSearch:
     def _left_inside(self, x: Floats, node: Ints) -> Ints:
         """Select nodes with a fixed segment that penetrate another one. Local.
 
-        A node that has changed its segment too often keeps one of them, or none. That is wrong if
+        A node that has changed its segment too often keeps its last one, or none. This is wrong if
         it transmits no force and has penetrated another segment deeper than at t_n.
         """
         node = node[self._moves[node] >= _MOST_MOVES]
@@ -313,8 +317,8 @@ class LocalSearch:
     def go_on_from(self, other: "LocalSearch") -> None:
         """Start with the segments at the end of another attempt at the same step.
 
-        Segments that are not in reach any more are replaced by the ones of this attempt. Contact
-        points that do not follow their nodes are chosen at the positions without contact.
+        Segments outside the search radius are replaced by those of this attempt. Mortar points are
+        chosen at the trial positions.
         """
         if not self.pairing.follows:
             return
@@ -333,7 +337,7 @@ class LocalSearch:
         self.shared.replace(nodes.astype(np.int32), row, segment)
 
     def _find(self, x: Floats, node: Ints, slack: float) -> tuple[Ints, Flags]:
-        """Find segments of nodes, and flags of those that have changed."""
+        """Find segments of nodes; also return flags of nodes whose segment has changed."""
         before = self.segment[node]
         free, current = node, before
         if self._moves.max(initial=0) >= _MOST_MOVES:
@@ -359,7 +363,7 @@ class LocalSearch:
                 segment = self.segment[node]
                 moved |= np.isin(node, renewed)
             self._share(x, free, current, found, gap)
-            # Including nodes that keep their segments.
+            # Also count changes of nodes that keep their segments.
             several = node[self.shared.many[node]]
             self.gap[several] = self.pairing.gaps(x, several, self.segment[several])
         return segment, moved
@@ -371,7 +375,7 @@ class LocalSearch:
 
     @property
     def restless(self) -> Flags:
-        """Nodes that have changed their segment too often and keep it, shape ``(n,)``."""
+        """Flags of nodes that keep their segment after too many changes, shape ``(n,)``."""
         flags: Flags = self._moves >= _MOST_MOVES
         return flags
 
@@ -380,8 +384,8 @@ class StaticSearch(LocalSearch):
     """Local search without inertia: nodes change their segment at its edges."""
 
     _overhang = STATIC_OVERHANG
-    # A static step is long: a node that has left the edge between its segments no longer shares
-    # them, with the tolerance of the start of a step.
+    # Static steps are long: a node that has left the edge between its segments gets only one of
+    # them, with the same tolerance as at the start of a step.
     _sharing = _kernels.HYSTERESIS
 
 
@@ -395,7 +399,7 @@ def sunk(search: LocalSearch, x: Floats, node: Ints, least: float) -> tuple[Ints
         least: Least increase of the depth since t_n, relative to the segment's size [-].
 
     Returns:
-        The nodes, their segments there, and the gaps to these [m].
+        The nodes, their segments at the end of the step, and the gaps to these [m].
     """
     candidates, points, current = search.candidates, search.points, search.segment[node]
     overhang = search._overhang

@@ -15,7 +15,7 @@ _DEEPEST = 0.15
 
 
 def until_met(step: ContactStep, increment: Floats, size: Floats) -> float:
-    """Fraction of an increment, from 0 to 1, after which a separated node first penetrates deeply.
+    """Fraction of an increment, from 0 to 1, at which a separated node first penetrates too deep.
 
     The remaining motion of an obstacle is part of the increment, to first order. Collective; the
     result is for this rank.

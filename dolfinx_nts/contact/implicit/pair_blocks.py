@@ -17,7 +17,7 @@ class PairBlocks(ABC):
     Attributes:
         dofs: Nodes of the pairs, the one with the multiplier first, shape ``(m, d)``.
         nodes: Nodes of the blocks, shape ``(p, k)``.
-        may_overlap: Whether a constraint may contain constrained nodes of other pairs.
+        may_overlap: Whether a constraint may depend on constrained nodes of other pairs.
     """
 
     dofs: Ints
@@ -30,13 +30,13 @@ class PairBlocks(ABC):
 
     @abstractmethod
     def of(self, active: Flags) -> Ints:
-        """Indices of the blocks of ``active`` pairs, shape ``(m,)``. Local."""
+        """Indices of the blocks of the pairs flagged in ``active``, ``(m,)``. Local."""
 
     @abstractmethod
     def restrict(self, force: Floats, tangent: Floats) -> Floats:
-        """Clear prescribed displacements in forces ``(m, 3 d)`` [N], which are returned. Local.
+        """Set entries of prescribed displacements to 0; returns the forces ``(m, 3 d)`` [N]. Local.
 
-        Rows and columns of the tangent, ``(p, 3 k, 3 k)`` [N/m], are cleared in place.
+        Rows and columns of the tangent, ``(p, 3 k, 3 k)`` [N/m], are set to 0 in place.
         """
 
     @abstractmethod
@@ -67,7 +67,7 @@ class PairBlocks(ABC):
             force: Forces to be balanced at the nodes, shape ``(m, 3)`` [N].
             columns: Force per multiplier, shape ``(m, 3, 3 d)``.
             rank: Number of multipliers, 0, 1 or all components of the space, ``(m,)``.
-            friction: Tractions to be balanced, shape ``(m, 2)`` [N], and tractions per normal
+            friction: Tractions to be balanced, shape ``(m, 2)`` [N], and tractions per unit normal
                 force; None without friction.
 
         Returns:
@@ -91,7 +91,8 @@ class PairBlocks(ABC):
             gradients: Gradients, gaps first, shape ``(m, c, 3 d)``.
             gap: Gaps, shape ``(m,)`` [m].
             held: Flags of pairs whose nodes move, shape ``(m,)``.
-            farthest: Largest displacements, ``(m,)`` [m]; nodes beyond are not moved.
+            farthest: Largest displacements, ``(m,)`` [m]; nodes that would move farther are not
+                moved.
             u: Displacements of the owned nodes, shape ``(n, d)`` [m], changed in place.
         """
 

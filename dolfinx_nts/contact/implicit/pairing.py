@@ -24,8 +24,8 @@ __all__ = ["NodePairing", "Pairing"]
 class Pairing(ABC):
     """Evaluates pairs of nodes of a surface and their segments. Local.
 
-    In the methods ``x`` are positions of the nodes that the candidates know, ``(l, 3)`` [m],
-    ``node`` positions among the surface's nodes, shape ``(m,)``, and ``segment`` their candidate
+    In the methods ``x`` are positions of the nodes of the candidates, ``(l, 3)`` [m], ``node``
+    indices among the nodes of the surface, shape ``(m,)``, and ``segment`` their candidate
     segments, shape ``(m,)``.
 
     Attributes:
@@ -49,7 +49,7 @@ class Pairing(ABC):
         """Evaluate nodes in a step to x.
 
         ``scheme`` is the kernel, see `Candidates.contact`, and ``free`` is 1 where the
-        displacement of a node is unknown, otherwise 0, ``(l, 3)``, or None if all are.
+        displacement of a node is unknown, otherwise 0, ``(l, 3)``, or None if all are unknown.
         """
 
     @abstractmethod
@@ -150,7 +150,7 @@ class NodePairing(Pairing):
         return PairKinematics(node, segment, of_rows, mean, blocks)
 
     def _shared(self, node: Ints, segment: Ints) -> tuple[NodalPoints, MortarPoints]:
-        """Contact points of nodes, one for each of their segments, in two forms."""
+        """Contact points of nodes, one for each segment of a node, in two formats."""
         row, segment, start = self.shared.entries(node, segment)
         nodal = self._points.take(node[row])
         dofs = nodal.dofs(self._candidates.segments.take(segment, axis=0))
@@ -162,7 +162,7 @@ class NodePairing(Pairing):
         return total
 
     def is_same(self, pairs: PairKinematics) -> Flags:
-        """Compare the keys of all segments of a node."""
+        """Whether the sets of segments of nodes are those of the last step, by their keys."""
         last, key = self._history, self._candidates.key
         same: Flags = last.key[pairs.node] == key[pairs.segment]
         if self.shared.many.any() or last.shared.any():

@@ -1,8 +1,7 @@
 """Evaluation of nodes that are equally near to several segments, see `SharedSegments`.
 
-Each gap is invariant and has its own discrete gradient, so a mean of gaps conserves energy and
-momenta exactly, too. The segments of a node change only between steps, or with its candidate
-segment.
+Each gap is invariant and has a discrete gradient, so a mean of gaps also conserves energy and
+momenta exactly. The segments of a node change only between steps, or with its candidate segment.
 """
 
 from dolfinx_nts.common.arrays import Flags, Floats, Ints
@@ -18,8 +17,8 @@ class SharedBlocks(OwnBlocks):
     Args:
         points: Points of the nodes on their segments, see `search/shared_segments.py`.
         dofs: Nodes of the rows, shape ``(m, d)``.
-        unknown: 1 where the displacement is unknown, otherwise 0, of the rows, ``(m, 3 d)``, and
-            of the points, ``(i, 3 (1 + k))``; None if all are unknown.
+        unknown: 1 where the displacement is unknown, otherwise 0, for the rows, ``(m, 3 d)``, and
+            for the points, ``(i, 3 (1 + k))``; None if all are unknown.
         tangent: Derivative of the forces of the points, ``(i, 3 (1 + k), 3 (1 + k))`` [1/m].
     """
 
@@ -30,7 +29,7 @@ class SharedBlocks(OwnBlocks):
         unknown: tuple[Floats, Floats] | None,
         tangent: Floats,
     ) -> None:
-        """Take the segments of a node as blocks."""
+        """Create one block for each segment of a node."""
         super().__init__(dofs, None if unknown is None else unknown[0], tangent)
         self.nodes, self._points = points.reached, points
         self._of_points = None if unknown is None else unknown[1]

@@ -17,9 +17,9 @@ __all__ = ["Friction"]
 class Friction:
     """Tangential forces of the nodes of a pair. This base class has none.
 
-    Methods are local, but for `update`. In them ``pairs`` are ``m`` pairs, a part of the ``n``
-    nodes of the surface, ``node`` their positions among these, shape ``(m,)``, and ``active``
-    flags the pairs that transmit force, shape ``(m,)``.
+    Methods are local, but for `update`. In them ``pairs`` are the pairs of ``m`` of the ``n`` nodes
+    of the surface, ``node`` the indices of these nodes, shape ``(m,)``, and ``active`` flags the
+    pairs that transmit force, shape ``(m,)``.
 
     Args:
         state: State of the contact pair.
@@ -28,7 +28,7 @@ class Friction:
         sliding: Nodes that slide where they are active, shape ``(n,)``.
         traction: Traction in the frames of the segments at t_n, shape ``(n, 2)`` [N].
         flips: How often a node has changed between stick and slip, shape ``(n,)``.
-        decided: Applies the coupled solution for all pairs; None where springs decide.
+        decided: Applies the coupled solution for all pairs; None with tangential springs.
     """
 
     decided: DecidedFriction | None
@@ -57,7 +57,7 @@ class Friction:
         self.traction[node] = 0.0
 
     def follow_contact(self, pairs: PairKinematics, before: Flags, active: Flags) -> None:
-        """Release nodes active only ``before``, shape ``(m,)``; set stick or slip of new ones."""
+        """Release nodes that became inactive; set stick or slip of newly active ones."""
 
     def sticks(self, node: Ints, active: Flags) -> Flags:
         """Active nodes that stick by tangential multipliers, shape ``(m,)``."""
@@ -78,19 +78,20 @@ class Friction:
         iteration: int,
         linear: Floats | None = None,
     ) -> int:
-        """Decide on stick and slip, and model the traction. Collective.
+        """Decide on stick and slip, and linearise the traction. Collective.
 
-        ``p`` is the pressing force, shape ``(m,)`` [N], and ``iteration`` counts the Newton
-        iterations of the step from 0; ``linear`` is the pressing force by the linear system, None
-        where that is p. Returns how many pairs of this rank contradict their state.
+        ``p`` is the normal force, shape ``(m,)`` [N], and ``iteration`` counts the Newton
+        iterations of the step from 0; ``linear`` is the normal force of the linear system; None if
+        it equals p. Returns the number of pairs of this rank that violate the conditions of their
+        state.
         """
         return 0
 
     def balance(self, pairs: PairKinematics, R: Floats, active: Flags) -> Floats:
         """Normal multipliers of active pairs that balance the residual. Collective.
 
-        Sets the tractions that go with them. ``R`` is the residual at the nodes of the pairs,
-        shape ``(m, 3)`` [N]; the result, ``(m,)`` [N], means nothing for other pairs.
+        Also sets the tractions of these pairs. ``R`` is the residual at the nodes of the pairs,
+        shape ``(m, 3)`` [N]; the result, ``(m,)`` [N], is undefined for inactive pairs.
         """
         rank = (active & ~pairs.fixed).astype(np.int32)
         return pairs.blocks.balance(pairs.normal, R, pairs.columns, rank, None)[:, 0]
@@ -103,7 +104,7 @@ class Friction:
     ) -> tuple[Floats, Floats]:
         """Add tractions to forces, ``(m, d)`` [N], and tangents of `PairBlocks`.
 
-        Returns columns and slopes of the `ContactContribution`, without the ones of normal springs.
+        Returns columns and slopes of the `ContactContribution` without those of normal springs.
         """
         return pairs.columns, np.zeros((len(pairs.node), 3, 3))
 

@@ -20,9 +20,9 @@ class LaggedLimit:
         num_nodes: Number ``n`` of nodes.
 
     Attributes:
-        heading: Direction of the traction times the derivative of its limit by the pressing
-            force, also where the limit lags, shape ``(n, 2)``.
-        last: Forces that limited friction last, shape ``(n,)`` [N, >= 0].
+        heading: Direction of the traction times the derivative of its limit with respect to the
+            normal force, including nodes with a lagged limit, shape ``(n, 2)``.
+        last: Normal forces of the last friction limits, shape ``(n,)`` [N, >= 0].
     """
 
     def __init__(self, num_nodes: int) -> None:
@@ -35,8 +35,8 @@ class LaggedLimit:
         Args:
             node: Indices of ``m`` nodes among all.
             p: Current normal forces, shape ``(m,)`` [N].
-            lags: Flags of lagged limits, shape ``(m,)``, or None. A lagged limit uses the last
-                iteration without lag, or the first one with a normal force.
+            lags: Flags of nodes with a lagged limit, shape ``(m,)``, or None. It uses the normal
+                force of the last iteration without lag, or the first normal force that is not zero.
         """
         if lags is None:
             self.last[node] = np.maximum(p, 0.0)

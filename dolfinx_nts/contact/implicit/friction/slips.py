@@ -1,8 +1,7 @@
 """Slips of the nodes of a pair in one attempt at a step, more accurate than positions.
 
-The friction of a node that hardly slips turns with the last digits of positions: with a slip of
-1e-10 m and forces of 10 N by 1e-5 N. Increments of slips from linear systems do not have this
-round-off.
+Round-off of positions changes the direction of small slips: with a slip of 1e-10 m and forces of 10
+N, friction changes by 1e-5 N. Slip increments of linear systems do not have this round-off.
 """
 
 import numpy as np
@@ -15,9 +14,9 @@ from dolfinx_nts.model.frames import Frame
 
 __all__ = ["Slips", "length_of", "with_length"]
 
-# Slip relative to the size of a segment [-] that counts as none at nodes that cannot be eliminated:
-# if more points of a rigid body stick than hold it, not all slips can be zero to round-off. It is
-# as small as admissible violations of constraints.
+# Slip relative to the size of a segment [-] that counts as zero at nodes that cannot be eliminated:
+# if a rigid body sticks at redundant points, not all slips can be zero to round-off. It is as small
+# as admissible violations of constraints.
 _STILL = 1e-11
 
 
@@ -26,14 +25,14 @@ class Slips:
 
     Args:
         size: Size of the segments of each node, shape ``(n,)`` [m].
-        frame: Frame of the segments, where slips of the linear system differ from measured ones,
-            as for springs in statics (`LinearValues`); otherwise None.
+        frame: Frame of the segments, for springs in statics, whose slips are linearly extrapolated
+            (`LinearValues`); otherwise None.
 
     Attributes:
-        present: Slips in the last evaluation, 0 where they are none, shape ``(n, 2)`` [m].
-        modelled: Slips at which tractions were modelled last, shape ``(n, 2)`` [m].
-        linear: Slips of the last evaluation by the linear system, the same shape [m].
-        turning: Tractions of springs that go with them, the same shape [N].
+        present: Slips in the last evaluation, 0 in place of round-off, shape ``(n, 2)`` [m].
+        modelled: Slips at which tractions were linearised last, shape ``(n, 2)`` [m].
+        linear: Linearly extrapolated slips of the last evaluation, shape ``(n, 2)`` [m].
+        turning: Tractions of springs at the slips `linear`, shape ``(n, 2)`` [N].
     """
 
     def __init__(self, size: Floats, frame: Frame | None = None) -> None:
@@ -55,7 +54,7 @@ class Slips:
         self.linear[node] = value
         if self._values is not None:
             self.linear[node] = self._values.of(pairs, x, value, pairs.slip.gradient)
-        if not pairs.fixed.any():  # then constraints use all slips
+        if not pairs.fixed.any():  # no slip counts as zero
             self._all[node] = self.present[node] = value
             return
         predicted = self._predicted[node]
@@ -68,11 +67,11 @@ class Slips:
         pairs.excess[:, 1:] = with_length(self._all[node], left)
 
     def show(self, pairs: PairKinematics) -> None:
-        """Use all slips of the last evaluation in constraints."""
+        """Set the constraint residuals to the slips of the last evaluation, without a threshold."""
         pairs.excess[:, 1:] = self._all[pairs.node]
 
     def predict(self, pairs: PairKinematics, change: Floats) -> None:
-        """Predict the slips of the next evaluation by their changes, shape ``(m, 2)`` [m]."""
+        """Predict the slips of the next evaluation from their changes, shape ``(m, 2)`` [m]."""
         self._predicted[pairs.node] = self._all[pairs.node] + change
 
     def without_none(self, pairs: PairKinematics, slip: Floats) -> Floats:

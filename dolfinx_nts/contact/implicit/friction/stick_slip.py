@@ -32,8 +32,8 @@ __all__ = ["StickSlip"]
 # Weight of slip in the test for stick, relative to the stiffness of a node [-]: it changes the
 # path of Newton's method, not the solution.
 _SLIP_WEIGHT = 0.1
-# The same in the direction of sliding for nodes that cannot be eliminated [-]: their small slips
-# may be determined by other nodes.
+# Weight in the direction of sliding for nodes that cannot be eliminated [-]: their small slips may
+# be determined by other nodes.
 _DIRECTION_WEIGHT = 1e7
 
 
@@ -46,7 +46,7 @@ class StickSlip(Friction):
         is_static: Whether there is no inertia.
         search: Segments of the nodes.
         stiffness: Stiffness of the nodes, shape ``(n,)`` [N/m].
-        acts_at_end: Whether the scheme has its contact forces at the end of a step.
+        acts_at_end: Whether contact forces of the scheme act at the end of a step.
         begins_sticking: Whether all nodes stick at first, and slide only near an equilibrium.
         dt: Length of the step [s].
     """
@@ -65,7 +65,7 @@ class StickSlip(Friction):
         super().__init__(state)
         history, n = state.history, len(stiffness)
         self._search, self._stiffness, self._measure = search, stiffness, law.law
-        # The contact points of the search, and so the areas, may change within a step.
+        # Contact points, and thus areas, may change within a step.
         parts = search.pressed_parts if search.pairing.follows else 1.0
         self._limits = Limits(
             law, state.nodes, dt, lambda: parts * self._search.pairing.area, history.slip
@@ -83,15 +83,14 @@ class StickSlip(Friction):
         self.decided = None if self._has_spring else self._Decided(self)
         follows = is_static and self._has_spring
         self._slips = Slips(state.segment_sizes, state.search.frame if follows else None)
-        # Without motion nodes stick until they are found to slide, as friction may be the only
-        # support.
+        # In statics new active nodes stick at first, as friction may be the only support.
         self.sliding = history.sliding | (~history.active & (not is_static))
         if begins_sticking:
             self.sliding[:] = False
         # By symmetry nodes on the axis have no tangential traction: they slide without friction.
         self._on_axis = np.isin(state.nodes.nodes, axis_nodes(state.nodes.V))
         self.sliding |= self._on_axis
-        # Model of the traction of the last iteration.
+        # Linearised traction of the last iteration.
         self._model = TractionModel(np.zeros((n, 2)), np.zeros((n, 2)), np.zeros((n, 2, 2)))
         self._lagged = LaggedLimit(n)
         self._nodal = _kernels.NodalFriction(
@@ -126,7 +125,7 @@ class StickSlip(Friction):
         self.release(pairs.node[changes & before])
         arrived = pairs.node[arrives]
         slip = np.linalg.norm(pairs.slip.value[arrives], axis=1)
-        # Their normal forces are not known yet.
+        # The normal forces of new active nodes are unknown.
         mu = self._limits.at(arrived, np.zeros(len(arrived))).by_p
         slides = slip > mu * np.abs(pairs.excess[arrives, 0])
         self.sliding[arrived] = slides | self._on_axis[arrived]
@@ -158,7 +157,7 @@ class StickSlip(Friction):
             motion, trial = value, t + (_SLIP_WEIGHT * c)[:, None] * value
         lags = None if self._has_spring else self._pivoting.changes_singly(node)
         limiting = self._lagged.pressing(node, p, lags)
-        known = float(iteration > 0)  # multipliers of the first guess are meaningless
+        known = float(iteration > 0)  # multipliers at the initial guess are meaningless
         if eps_T is not None:
             judged, limit = limits.of_springs(node, p, length_of(trial), c, before)
         else:
@@ -209,7 +208,7 @@ class StickSlip(Friction):
         heading: Floats,
         sliding: Flags,
     ) -> TractionModel:
-        """Model stick and slip without springs, see `exact_model`.
+        """Linearise stick and slip without springs, see `exact_model`.
 
         At sliding nodes that cannot be eliminated, the traction has the length of the limit, and
         keeps its direction if there is no slip.
@@ -280,13 +279,13 @@ class StickSlip(Friction):
         return energy, parts
 
     class _Decided(NoFriction):
-        """Applies the coupled solution to the pairs."""
+        """Application of the coupled solution to the friction of the pairs."""
 
         def __init__(self, friction: "StickSlip") -> None:
             self._of = friction
 
         def coefficients(self, node: Ints) -> Floats:
-            """Limits per normal force of the last iteration, 0 on an axis of symmetry."""
+            """Friction limits per normal force in the last iteration, 0 on an axis of symmetry."""
             of, p = self._of, self._of._lagged.last[node]
             limit = of._limits.at(node, p, of.sliding[node] * length_of(of._slips.of(node)))
             is_cone = (limit.force == limit.by_p * p) | (p == 0)
@@ -294,7 +293,7 @@ class StickSlip(Friction):
             return np.where(of._on_axis[node], 0.0, secant)
 
         def show_slips(self, pairs: PairKinematics) -> None:
-            """Show all slips."""
+            """Use all slips in constraints."""
             self._of._slips.show(pairs)
 
         def decide(

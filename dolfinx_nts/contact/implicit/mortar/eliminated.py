@@ -22,11 +22,11 @@ class EliminatedDofs:
 
     def __init__(self, candidates: MortarCandidates, free: Floats | None, dofs: Ints) -> None:
         self._candidates, self._free, self._dofs = candidates, free, dofs
-        # Cache of the last system and its transpose, with ranks and rows.
+        # Cache of the last system and of its transpose, with their ranks and rows.
         self._last: dict[bool, tuple[Ints, Floats, NodalSystem]] = {}
 
     def take(self, dofs: Ints) -> "EliminatedDofs":
-        """Eliminated displacements of other pairs, shape ``(m, d)``."""
+        """Eliminated displacements of other pairs, with nodes of shape ``(m, d)``."""
         return self if dofs is self._dofs else EliminatedDofs(self._candidates, self._free, dofs)
 
     def system(

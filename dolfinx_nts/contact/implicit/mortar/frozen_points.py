@@ -25,12 +25,11 @@ from dolfinx_nts.search.mortar.mortar_search import MortarCandidates
 
 __all__ = ["FrozenPoints", "SettlingPoints", "TiedPoints"]
 
-# Displacement of points between choice and equilibrium in coordinates of the reference segment [-]
-# that counts as zero in statics.
+# Displacement of points between their choice and equilibrium, in coordinates of the reference
+# segment [-], that counts as zero in statics.
 _SETTLED = 1e-6
 # Change of the fraction of dual functions [-] between two choices of points that counts as zero.
-# Larger: mean gaps of loaded nodes may differ from gaps on their facets by this fraction of the
-# effect of dual functions; smaller: statics takes more iterations.
+# Larger: inaccurate mean gaps of loaded nodes; smaller: statics takes more iterations.
 _SETTLED_PART = 0.05
 
 
@@ -43,10 +42,10 @@ class FrozenPoints(LocalSearch):
 
     candidates: MortarCandidates
     pairing: MortarPairing
-    # Largest number of renewals of the points in a step [-]. More: steps that find no points cost
-    # more; fewer (2): points have slid off their segments in some impacts on corners.
+    # Largest number of renewals of the points in a step [-]. More: steps that fail take longer;
+    # fewer (2): points have slid off their segments in some impacts on corners.
     _most_renewals = 6
-    # Whether facets above kinks have linear functions.
+    # Whether facets opposite kinks of the segments have linear instead of dual functions.
     _has_kinks = True
     # Gap relative to the size of a segment [-] above which the position of points is irrelevant
     # at nodes without force.
@@ -70,7 +69,7 @@ class FrozenPoints(LocalSearch):
         return 2 * pair.nodes.size
 
     def _choose(self, x: Floats) -> None:
-        """Choose points by positions with ghosts, shape ``(l, 3)`` [m]."""
+        """Choose points at positions with ghosts, shape ``(l, 3)`` [m]."""
         self._take(self.x_n, x)
 
     def _take(self, x_n: Floats, x: Floats) -> None:
@@ -98,16 +97,16 @@ class FrozenPoints(LocalSearch):
     def _largest_parts(self, found: FacetPoints, x_n: Floats, x: Floats) -> Floats:
         """Largest fractions of dual functions in the shape functions around nodes, shape ``(n,)``.
 
-        In resolved impact neither they nor weights above kinks depend on gaps: fractions that
-        change between steps reduce the order of convergence in time from 2.7 to 0.6.
+        In resolved impact they do not depend on gaps: fractions that change between steps reduce
+        the order of convergence in time from 2.7 to 0.6.
         """
         return found.largest_parts(() if self._is_resolved else (x_n, x), self._slack)
 
     def _points(self, found: FacetPoints, part: Floats, x: Floats) -> MortarPoints:
         """Points with shares of the nodes, chosen at x.
 
-        Above kinks they have the weights of their gaps at t_n: those without contact, at x, say
-        nothing of what presses in the step.
+        At kinks their weights depend on gaps at t_n, since gaps at x, without contact forces, do
+        not indicate which facet presses.
         """
         return found.points(part, self.x_n, self._slack, is_stiff=self._is_stiff)
 
@@ -129,7 +128,7 @@ class FrozenPoints(LocalSearch):
         return len(node), True
 
     def _is_due(self, x: Floats, near: Ints, converged: bool) -> bool:
-        """Whether points of the nodes from `_near` are outdated. Local."""
+        """Whether the points of the nodes of `_near` have moved too far. Local."""
         may_move = self._renewals < self._most_renewals
         return may_move and self.pairing.num_beyond(x, near) > 0
 
@@ -156,12 +155,12 @@ class TiedPoints(FrozenPoints):
         self._take(X, X)
 
     def _points(self, found: FacetPoints, part: Floats, x: Floats) -> MortarPoints:
-        """Points with dual functions alone, as tied nodes have gaps of either sign."""
+        """Points with dual functions only, as tied nodes have gaps of either sign."""
         return found.points()
 
 
 class SettlingPoints(FrozenPoints):
-    """Quadrature points of statics, renewed until they belong to the equilibrium."""
+    """Quadrature points of statics, renewed until they are consistent with the equilibrium."""
 
     _nearby = 0.1
 
@@ -178,6 +177,6 @@ class SettlingPoints(FrozenPoints):
         may_move = self._renewals < self._most_renewals
         if may_move and np.abs(moved).max(initial=0.0) > _SETTLED:
             return True
-        # Before equilibrium, gaps are not equal although they will be.
+        # Before equilibrium the gaps of the points still differ.
         part = self._largest_parts(self._found, x, x) if converged else self._part
         return bool(self._has_fallen(part)[near].any())

@@ -18,8 +18,8 @@ __all__ = ["MortarPairing", "PointBlocks"]
 
 # Largest distance of a point from its segment, in coordinates of the reference segment [-].
 _BEYOND = _kernels.OVERHANG
-# Number of subsets of the points that are kept [-]. More: memory; fewer (1): each iteration selects
-# points of the same nodes twice, which takes 15 % of a step of a ball on a plate.
+# Number of cached subsets of the points [-]. More: memory; fewer (1): each iteration selects points
+# of the same nodes twice, which takes 15 % of a step of a ball on a plate.
 _MOST_SUBSETS = 4
 
 
@@ -49,10 +49,10 @@ class MortarPairing(Pairing):
         self.area = points.shares.area
         self.reached = np.concatenate([candidates.facets.wholes.ravel(), candidates.wholes.ravel()])
         self._candidates, self._points, self._x_n = candidates, points, x_n
-        # Points of the nodes of the last calls: gaps of all that may touch, kinematics of the rest.
+        # Cached points of the nodes of the last calls of `gaps` and `kinematics`.
         self._subsets: dict[bytes, MortarPoints] = {}
-        # Points and positions of the last evaluation, and the positions of the points and their
-        # facets at t_n and in that state.
+        # Points and positions of the last evaluation, with positions of the points and their facets
+        # at t_n and in that state.
         self._evaluated: MortarPoints | None = None
         nowhere: Floats = np.empty((0, 3))
         self._x, self._pairs_n, self._pairs = nowhere, nowhere, nowhere
@@ -122,7 +122,7 @@ class MortarPairing(Pairing):
         now = self._outside(x, node)
         if not (now > _BEYOND).any():
             return 0
-        # Where facet and segment are not parallel, a point may be outside from the start.
+        # If facet and segment are not parallel, a point may initially be outside its segment.
         before = np.fmax(self._outside(self.x_chosen, node), 0.0)
         return int(np.count_nonzero(now > before + _BEYOND))
 
@@ -132,7 +132,7 @@ class MortarPairing(Pairing):
         return outside(self._candidates, points, x, points.segment)
 
     def places(self, x: Floats, node: Ints) -> Floats:
-        """Convective coordinates of the points of nodes on their segments, ``(p, 2)`` [-]."""
+        """Convective coordinates on their segments of the points of nodes, ``(p, 2)`` [-]."""
         points = self._of(node)
         xi, *_ = self._candidates.projections(points, x, points.segment)
         return xi
@@ -144,8 +144,8 @@ class PointBlocks(PairBlocks):
     Args:
         points: Contact points of the pairs' nodes.
         candidates: Facets of the points, and segments.
-        free: 1 where the displacement of a node is unknown, otherwise 0, shape ``(l, 3)``; None
-            if all are.
+        free: 1 where the displacement of a node is unknown, otherwise 0, shape ``(l, 3)``; None if
+            all are unknown.
         tangent: Derivative of the forces of the points, shape ``(p, 3 (1+k), 3 (1+k))`` [1/m].
 
     Attributes:
@@ -202,7 +202,7 @@ class PointBlocks(PairBlocks):
         system = self.eliminated.system(rank, columns, normal, transposed=True)
         solution = system.solve(-np.einsum("mi,mci->mc", force, system.directions))
         multipliers = np.zeros((len(rank), 3))
-        # Without a solution here, the whole linear system determines the multipliers.
+        # If this system is singular, the global linear system determines the multipliers.
         multipliers[:, : solution.shape[1]] = np.where(np.isfinite(solution), solution, 0.0)
         return multipliers
 
@@ -225,6 +225,6 @@ class PointBlocks(PairBlocks):
 
 
 def _of_nodes(points: MortarPoints, contact: ContactKinematics) -> ContactKinematics:
-    """Kinematics of nodes as sums over their points; tangents remain per point."""
+    """Kinematics of nodes as sums over their points; tangents stay separate for each point."""
     gap_n, gap, force, gradient, turn = at_nodes(points, contact)
     return ContactKinematics(gap_n, gap, force, gradient, contact.tangent, turn)

@@ -17,9 +17,9 @@ __all__ = ["NodalSystem"]
 class NodalSystem:
     """Matrix of constraints restricted to the eliminated displacements of the same nodes.
 
-    With rows G, one for each constraint, and eliminated directions E it is G^T E, or its transpose.
-    On facets of degree 2 mid-nodes move with vertices, see `Hats`. The matrix is nearly diagonal,
-    and so small that each rank solves all of it. Collective, as is `solve`.
+    It is G^T E, or its transpose, with rows G, one for each constraint, and eliminated directions
+    E. On facets of degree 2 mid-nodes move with vertices, see `Hats`. The matrix is nearly
+    diagonal, and so small that each rank solves all of it. Collective, as is `solve`.
 
     Args:
         scatter: Scatter of nodal values.

@@ -30,10 +30,11 @@ class BlockPivoting:
     """Block pivoting within Newton's method, after Judice and Pires (1994).
 
     All violated conditions change as long as their number decreases. Murty's rule, by which only
-    the one with the lowest number changes, ends cycles. It holds for linear problems, so that
-    iterations without changes lie in between. The smallest count is reset periodically, and
-    starting guesses are not counted: few conditions are violated while nodes hardly move. Otherwise
-    single changes would exhaust the iterations where contact or slip spreads along a surface.
+    the one with the lowest number changes, ends cycles. It is proven for linear problems;
+    iterations without changes therefore lie between single changes. The smallest count is reset
+    periodically, and starting guesses are not counted: few conditions are violated while nodes
+    hardly move. Otherwise single changes would exhaust the iterations where contact or slip spreads
+    along a surface.
 
     Several contact pairs are treated together but independently.
 
@@ -41,9 +42,9 @@ class BlockPivoting:
         comm: Communicator.
         ids: Partition-independent numbers of the nodes, pair by pair, shape ``(n,)``.
         ends: Offsets of the nodes of each of ``c`` pairs, shape ``(c + 1,)``.
-        waits: Number of violated conditions of a pair up to which a node that has just changed
-            keeps its state if their number has not decreased. It prevents oscillation between
-            nodes that changed together, such as stick and slip.
+        waits: Number of violated conditions of a pair up to which nodes that have just changed keep
+            their state if that number has not decreased. This prevents cycles of nodes that change
+            together between stick and slip.
         is_patient: Whether changes wait until Newton's method has approached equilibrium, also
             simultaneous ones.
 
@@ -65,7 +66,7 @@ class BlockPivoting:
         self._fewest, self._last = np.full((2, num_pairs), np.inf)
         self._patience = np.full(num_pairs, _PATIENCE)
         self._changed: Flags = np.zeros(len(ids), dtype=bool)
-        self._is_quiet = False  # no condition was violated at last
+        self._is_quiet = False  # no condition was violated at the last count
         self.num_violators = 0
 
     def select(self, violates: Flags, node: Ints, iteration: int) -> tuple[Flags, int]:

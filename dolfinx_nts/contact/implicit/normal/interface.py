@@ -36,7 +36,7 @@ class NormalContact(ABC):
         lambda_N: Normal multipliers, shape ``(n,)`` [N, <= 0].
         flips: Number of changes of the active state of each node, shape ``(n,)``.
         soft_depth: Compression beyond which springs are stiffer, shape ``(n,)`` [m].
-        part: Part of the stiffness of springs that acts, shape ``(n,)`` [-].
+        part: Fraction of the spring stiffness that acts at nodes on edges, shape ``(n,)`` [-].
     """
 
     def __init__(self, state: PairState | JointState, search: LocalSearch) -> None:
@@ -51,12 +51,12 @@ class NormalContact(ABC):
         # Excluded nodes that penetrated, and remaining number of renewals.
         self._sunk: Flags = np.zeros_like(self._barred)
         self._choices = _MOST_CHOICES
-        # Nodes whose constraints others replace.
+        # Nodes whose constraints are replaced by those of vertices.
         self._replaced: Flags = np.zeros_like(self._barred)
         self._begin(history.active, history.lambda_N)
 
     def _begin(self, active: Flags, lambda_N: Floats) -> None:
-        """Choose the eligible nodes; active nodes stay active if eligible. Collective."""
+        """Choose the eligible nodes, and deactivate all others. Collective."""
         self._eligible = self.choose() & ~self._replaced
         self.nodes: Ints = self._eligible.nonzero()[0].astype(np.int32)
         self.active: Flags = active & self._eligible
@@ -73,15 +73,15 @@ class NormalContact(ABC):
         return 0
 
     def choose(self) -> Flags:
-        """Choose the nodes that may transmit force, shape ``(n,)``. Collective."""
+        """Flags of nodes that may transmit force, shape ``(n,)``. Collective."""
         return self._faces_by_law()
 
     def _faces_by_law(self) -> Flags:
-        """Eligible nodes by the law, among nodes with a segment, shape ``(n,)``. Local."""
+        """Flags of nodes that have a segment and are eligible by the law, shape ``(n,)``. Local."""
         return self._search.approach.segment >= 0
 
     def _hold(self, node: Ints, segment: Ints, gap: Floats) -> int:
-        """Activate nodes on the segments that they have penetrated. Collective.
+        """Make nodes eligible on the segments that they have penetrated. Collective.
 
         Arguments have the shape ``(m,)``. Returns the number of nodes of this rank.
         """
@@ -111,14 +111,14 @@ class NormalContact(ABC):
         return np.zeros(len(pairs.node))
 
     def replace(self, nodes: Flags, part: slice) -> int:
-        """Exclude the nodes whose constraints others replace. Collective.
+        """Exclude nodes whose constraints are replaced by constraints of vertices. Collective.
 
         Args:
-            nodes: Flags of these among the nodes of a pair, shape ``(n,)``.
-            part: Nodes of this pair.
+            nodes: Flags of all excluded nodes of a pair, shape ``(n,)``.
+            part: Range of the nodes of this pair.
 
         Returns:
-            Number of nodes of this rank for which this changes.
+            Number of nodes of this rank that become excluded or eligible.
         """
         changed = self._replaced[part] != nodes
         if reductions.anywhere(self._comm, bool(changed.any())):
@@ -151,9 +151,7 @@ class NormalContact(ABC):
     def gaps(self, x: Floats, node: Ints) -> Floats:
         """Gaps of nodes to their segments at x, shape ``(m,)`` [m]. Local."""
         search = self._search
-        if (
-            not search.pairing.follows
-        ):  # points that keep their segment need no projection to be found
+        if not search.pairing.follows:  # points that keep their segment need no projection
             search.gap[node] = search.pairing.gaps(x, node, search.segment[node])
         return search.gap[node]
 
@@ -182,14 +180,14 @@ class NormalContact(ABC):
         """Number of normal constraints of each pair, shape ``(m,)``. Local."""
 
     def tangent(self, node: Ints) -> tuple[Floats, Floats | float]:
-        """Multipliers of the last pairs in the geometric tangent, ``(m,)`` [N], and slopes. Local.
+        """Multipliers in the geometric tangent of the last pairs, ``(m,)`` [N], and slopes. Local.
 
-        The slopes are their derivatives with respect to the gaps, ``(m,)`` [N/m].
+        The slopes are the derivatives of multipliers with respect to gaps, ``(m,)`` [N/m].
         """
         return self.lambda_N[node], 0.0
 
     def energy(self, pairs: PairKinematics) -> tuple[Floats, Floats]:
-        """Energy of springs [J] and their initial gap [m], both ``(m,)``. Local."""
+        """Energy of springs [J] and the gap at which they begin [m], both ``(m,)``. Local."""
         zero = np.zeros(len(pairs.node))
         return zero, zero
 
@@ -198,14 +196,14 @@ class NormalContact(ABC):
         return 0.0
 
     def surplus_energy(self, pairs: PairKinematics) -> Floats:
-        """Energy of springs at t_n beyond that of the gaps at their new points, ``(m,)`` [J].
+        """Energy of springs at t_n minus their energy with new contact points, ``(m,)`` [J].
 
         Local.
         """
         return np.zeros(len(pairs.node))
 
     def released_energy(self, node: Ints) -> Floats:
-        """Energy at t_n of the normal springs of all but the given nodes, ``(n,)`` [J]. Local."""
+        """Energy at t_n of the normal springs of all other nodes, ``(n,)`` [J]. Local."""
         return np.zeros(len(self.active))
 
 

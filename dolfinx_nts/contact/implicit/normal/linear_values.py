@@ -1,6 +1,6 @@
 r"""Gaps and slips of springs extrapolated by the linear system.
 
-With rotations and curved surfaces, gaps and slips of an iterate differ from the ones of the linear
+With rotations and curved surfaces, gaps and slips of an iterate differ from those of the linear
 system by terms of second order in the increment. Times the stiffness of a spring these may far
 exceed its force: a node that moves by s along the tangent of a circle of radius R is
 :math:`s^2/(2R)` away from it. The linear forces are the unknowns of a mixed formulation. Using them
@@ -24,7 +24,7 @@ class LinearValues:
     Args:
         frame: Frame of the segments, which may move between iterates.
         num_nodes: Number of nodes.
-        shape: Shape of the value of a node: none, or ``2``.
+        shape: Shape of the value of a node: empty for gaps, ``2`` for slips.
     """
 
     def __init__(self, frame: Frame, num_nodes: int, *shape: int) -> None:
@@ -41,7 +41,7 @@ class LinearValues:
             x: Positions with ghosts in the frame, shape ``(l, 3)`` [m].
             measured: Measured values, shape ``(m,)`` or ``(m, 2)``, used for pairs that did not
                 exist in the last iterate.
-            gradients: Their gradients in space, shape ``(m, d)`` or ``(m, 2, d)``.
+            gradients: Gradients of these values in space, shape ``(m, d)`` or ``(m, 2, d)``.
         """
         values, x = measured, self._frame.in_space(x)
         if self._last is not None:

@@ -19,10 +19,10 @@ __all__ = ["MultiplierContact"]
 # Gap relative to the size of a segment [-] up to which nodes are moved along their normals between
 # Newton iterations.
 _CLOSE = 0.01
-# Gap relative to the size of a segment [-] up to which nodes may close it in an iteration.
+# Gap relative to the size of a segment [-] that nodes may close in one iteration.
 _NEAR = 0.1
-# Additional penetration of an excluded node in a step relative to the size of a segment [-] from
-# which on it is activated.
+# Additional penetration of an excluded node in a step, relative to the size of a segment [-], above
+# which it becomes eligible.
 _SUNK = 0.05
 
 
@@ -35,7 +35,7 @@ class MultiplierContact(NormalContact):
         is_static: Whether there is no inertia.
         search: Segments of the nodes.
         stiffness: Stiffness of the nodes, shape ``(n,)`` [N/m].
-        intermediate: Positions of the local nodes by fractions of the ballistic motion, see
+        intermediate: Positions of the local nodes after fractions of the ballistic motion, see
             `ContactStep`.
     """
 
@@ -51,8 +51,8 @@ class MultiplierContact(NormalContact):
         # With inertia, elastic impact keeps gaps; in statics gaps close.
         self._reach = _NEAR if is_static else 0.0
         self._holds, self._law = law.holds_gaps and not is_static, law
-        # Quadrature points change in each step: closing the changed mean gap of an active node
-        # would do work.
+        # Mortar quadrature points change in each step: to close the changed mean gap of an active
+        # node would do work.
         stays = not (search.pairing.follows or is_static)
         self._stays: Flags = state.history.active & stays
         super().__init__(state, search)
@@ -81,7 +81,7 @@ class MultiplierContact(NormalContact):
     def _faces_by_law(self) -> Flags:
         approach, eligible = self._search.approach, super()._faces_by_law()
         if self._holds:
-            # Kept gaps are compared with a constant length, lest loaded nodes are released on
+            # Gaps are compared with a constant length, so that loaded nodes are not released on
             # shorter segments.
             size, active = self._state.segment_sizes, self._state.history.active
             passes = self._law.eligible(approach.gap_n, approach.gap, size, active)
@@ -110,8 +110,8 @@ class MultiplierContact(NormalContact):
         return self._eligible if self._holds else super().may_touch
 
     def needs(self, x: Floats, node: Ints) -> Flags | None:
-        # All other nodes are open and inactive. In statics nodes that may close in the next
-        # increment are needed by the coupled contact problem.
+        # In statics the coupled contact problem also needs nodes that may close in the next
+        # increment.
         if self._holds:
             return super().needs(x, node)
         near = self.gaps(x, node) < self._reach * self._state.segment_sizes[node]
@@ -129,7 +129,7 @@ class MultiplierContact(NormalContact):
         gap = self._search.pairing.gaps(self._intermediate, pairs.node, pairs.segment)
         if self._search.candidates.may_curve:
             flat = gap_n + self._approach(self._intermediate, pairs)
-            # Nodes without own displacements can keep such gaps only.
+            # Nodes without unknown displacements can satisfy no other constraint.
             gap = np.where(pairs.fixed, gap, np.maximum(gap, flat))
         return np.asarray(np.minimum(gap_n, gap))
 
@@ -148,7 +148,7 @@ class MultiplierContact(NormalContact):
     def update(
         self, pairs: PairKinematics, x: Floats, R: Floats | None, friction: Friction, iteration: int
     ) -> int:
-        # The multipliers follow from the balance at the nodes.
+        # Multipliers are computed from the balance at the nodes.
         gap = pairs.contact.gap
         pairs.excess[:, 0] = gap - self._target(pairs)
         R = None if R is None else pairs.blocks.gathered(R)
@@ -162,7 +162,7 @@ class MultiplierContact(NormalContact):
         friction.follow_contact(pairs, before, active)
         changes += friction.update(pairs, -lambda_N, active, iteration)
         self.active[node] = active
-        # Only then the balance changes.
+        # Without changes the balance is the same.
         has_friction = self._state.pair.friction is not None
         if has_friction or self._set.num_violators:
             lambda_N = self._balance(pairs, R, lambda_N, active, friction)
@@ -177,7 +177,7 @@ class MultiplierContact(NormalContact):
         active: Flags,
         friction: Friction,
     ) -> Floats:
-        """Multipliers that balance the residual at the nodes, if given; tractions with them."""
+        """Multipliers and tractions that balance the residual at the nodes, if it is given."""
         if R is None:
             friction.follow_multipliers(pairs, lambda_N, active)
             return lambda_N

@@ -112,7 +112,7 @@ class PenaltyContact(NormalContact):
         return changes + int(np.count_nonzero(pulls))
 
     def renew(self, x: Floats, *, moved: bool) -> int:
-        # Gaps of changed contact points are unknown.
+        # The gaps of new contact points at t_n are unknown.
         if moved:
             self._linear_gaps.forget()
         return super().renew(x, moved=moved)
@@ -180,7 +180,7 @@ class PenaltyContact(NormalContact):
         old, approach = self._state.history, self._search.approach
         speed = np.fmax(approach.gap_n - approach.gap, 0.0) / dt  # without a segment 0
         deforms = np.isfinite(depth_per_speed)
-        # Springs loaded by a displacement that the user set had no impact: they stay soft.
+        # Springs that are loaded by a displacement set by the user had no impact: they stay soft.
         overlaps = (old.key == NEVER) & (approach.gap_n < 0) & ~self._search.touches
         deforms &= ~overlaps
         arriving = np.where(deforms, speed * np.where(deforms, depth_per_speed, 0.0), np.inf)
@@ -188,10 +188,10 @@ class PenaltyContact(NormalContact):
         return depth
 
     def _part(self, deforms: Flags) -> Floats:
-        """Part of the stiffness of each spring that acts, ``(n,)`` [-]. Collective.
+        """Fraction of the stiffness of each spring that acts, ``(n,)`` [-]. Collective.
 
-        It is constant while the spring is loaded. Edges press at points, and the stiffness of
-        bodies that do not deform, flags ``deforms`` of shape ``(n,)``, is none of areas.
+        It is constant while the spring is loaded. It is 1 with edge contact and between bodies that
+        do not deform (flags ``deforms``, ``(n,)``), whose stiffness is not per area.
         """
         if self._state.pair.method == EDGES:
             return np.ones(len(deforms))
@@ -208,10 +208,10 @@ class PenaltyContact(NormalContact):
     def _offset(self, pairs: PairKinematics) -> Floats:
         """Gap at which springs begin on the current segments, shape ``(m,)`` [m].
 
-        With inertia a spring that has changed its contact points begins at most as far above them
-        as its node is below: further above, it would press where the gap is open. Newton's method
-        takes 3 % more iterations in impacts on corners with this, and 9 % where springs never begin
-        above their points. The energy that a spring gives up is its `surplus_energy`.
+        With inertia, the offset of a spring with new contact points is limited to the penetration
+        at t_n; otherwise it would press where the gap is open. The limit costs 3 % more Newton
+        iterations in impacts on corners, no positive offsets at all 9 %. The energy that a spring
+        loses is its `surplus_energy`.
         """
         offset = self._offset_of_compression(pairs)
         if self._is_static:
@@ -221,11 +221,10 @@ class PenaltyContact(NormalContact):
         return np.where(changes, np.minimum(offset, limit), offset)
 
     def _offset_of_compression(self, pairs: PairKinematics) -> Floats:
-        """Gap at which springs of the same compression begin, shape ``(m,)`` [m].
+        """Gap at which springs begin if they keep their compression, shape ``(m,)`` [m].
 
-        On a new segment it changes by the difference of the gaps at t_n, so that the energy is
-        continuous. For nodes that were open, had no segment, or (with inertia) have new contact
-        points, springs start at the current gap.
+        At new contact points it changes by the difference of the gaps at t_n, so that the energy is
+        continuous. If an inactive node penetrates there, its spring begins at the current gap.
         """
         old, node, gap_n = self._state.history, pairs.node, pairs.contact.gap_n
         pairing = self._search.pairing

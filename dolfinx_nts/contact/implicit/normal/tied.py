@@ -38,7 +38,7 @@ class TiedContact(MultiplierContact):
         return tied
 
     def needs(self, x: Floats, node: Ints) -> Flags | None:
-        """Nodes whose kinematics are needed: all tied nodes."""
+        """Flags of tied nodes, all of whose kinematics are needed."""
         return None
 
     @property
@@ -53,7 +53,7 @@ class TiedContact(MultiplierContact):
     def update(
         self, pairs: PairKinematics, x: Floats, R: Floats | None, friction: Friction, iteration: int
     ) -> int:
-        """Compute multipliers from the balance at the nodes; none is released."""
+        """Compute multipliers from the balance at the nodes; all nodes stay active."""
         pairs.excess[:, 0] = pairs.contact.gap - self._target(pairs)
         R = None if R is None else R[pairs.dofs[:, 0]]
         active = np.ones(len(pairs.node), dtype=bool)
@@ -73,7 +73,7 @@ class Bond(StickSlip):
         is_static: Whether there is no inertia.
         search: Segments of the nodes.
         stiffness: Stiffness of the nodes, shape ``(n,)`` [N/m].
-        acts_at_end: Whether the scheme has its contact forces at the end of a step.
+        acts_at_end: Whether contact forces of the scheme act at the end of a step.
     """
 
     def __init__(

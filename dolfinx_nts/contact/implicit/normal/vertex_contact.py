@@ -23,34 +23,35 @@ from dolfinx_nts.search.segment_candidates import SegmentCandidates
 
 __all__ = ["VertexMultipliers", "VertexSprings"]
 
-# Cosine of the angle between two constraints at one place [-], 8 degrees, up to which they are one.
-# Larger: their system is nearly singular. Smaller: a corner above a node sinks until its sides hold
-# the node (30 degrees: by 0.6 of a facet, in statics with a corner of 90 degrees).
+# Cosine of the angle between two constraints at one place [-], 8 degrees, below which they count as
+# the same constraint. Larger: their system is nearly singular. Smaller: a corner above a node sinks
+# until its sides hold the node (30 degrees: by 0.6 of a facet, in statics with a corner of 90
+# degrees).
 _ONE = 0.99
 
 
 class _Vertices(NormalContact):
-    """Vertices that were active in the last step, or have penetrated a face within the step.
+    """Contact of vertices that were active in the last step, or penetrate a face within the step.
 
     See `add_vertices`.
     """
 
     def _prepare(self, state: PairState | JointState, search: LocalSearch) -> None:
-        """Set the data for the choice of vertices; arguments as for `NormalContact`."""
+        """Store the arguments of `NormalContact` for the choice of vertices."""
         self._candidates = cast(SegmentCandidates, search.candidates)
         self._states = cast(tuple[VertexState, ...], members(state))
         self._tolerance = np.concatenate([each.tolerance for each in self._states])
-        # Smooth segments have the nodes around a facet, after its vertices.
+        # Smooth segments list the vertices of the facet first, then the nodes around it.
         k = cast(Surface, self._states[0].segments).segments.shape[1]
         self._facets: Ints = np.ascontiguousarray(self._candidates.segments[:, :k])
 
     @abstractmethod
     def _stay(self, node: Ints) -> Flags:
-        """Whether vertices that were active may stay so, shape ``(m,)``. Local."""
+        """Whether active vertices may stay active, shape ``(m,)``. Local."""
 
     @abstractmethod
     def _lack_force(self, node: Ints, segment: Ints, gap: Floats, x: Floats) -> Flags:
-        """Whether vertices that are too deep need their own force, shape ``(m,)``. Collective.
+        """Whether vertices that are too deep lack support by other contact, ``(m,)``. Collective.
 
         ``segment`` are their segments, ``gap`` their gaps [m], both ``(m,)``, ``x`` positions with
         ghosts, shape ``(l, 3)`` [m].
@@ -69,7 +70,7 @@ class _Vertices(NormalContact):
         return self._eligible
 
     def renew(self, x: Floats, *, moved: bool) -> int:
-        """Activate vertices that have penetrated faces within the step."""
+        """Make vertices eligible that have penetrated faces within the step."""
         search, candidates = self._search, self._candidates
         node = self._barred.nonzero()[0].astype(np.int32)
         points, current = search.points.take(node), search.segment[node]
@@ -83,15 +84,15 @@ class _Vertices(NormalContact):
         node, segment, gap = node[some], segment[some], gap[some]
         size = candidates.size[segment]
         deep, _, depth = self._above(node, segment, x)
-        # On round surfaces patches lie above their facets, which is no depth.
+        # On round surfaces smooth patches lie above their facets; this distance is no penetration.
         deep &= depth > np.fmin(self._tolerance[node], _kernels.HYSTERESIS * size)
         deep &= self._lack_force(node, segment, gap, x)
         return self._hold(node[deep], segment[deep], gap[deep])
 
     def _above(self, node: Ints, segment: Ints, x: Floats) -> tuple[Flags, Ints, Floats]:
-        """Flags of vertices above their facets, the nearest nodes of these, and depths. Local.
+        """Vertices whose projections are on their facets, nearest facet nodes, and depths. Local.
 
-        Arguments as for `_lack_force`. Returns flags, nodes of the map, -1 between nodes, and
+        Arguments as for `_lack_force`. Returns flags, nodes of the map or -1 between nodes, and
         depths below the facets [m], all of shape ``(m,)``.
         """
         points, vertices = self._search.points.take(node), self._facets[segment]
@@ -117,9 +118,10 @@ class _Vertices(NormalContact):
 class VertexMultipliers(_Vertices, MultiplierContact):
     """Multipliers of vertices.
 
-    A vertex of the nodes replaces their mean gap: above one facet both constraints are nearly the
-    same, and no active set may have an equilibrium. The mean gap counts again once no force acts on
-    the vertex. See `add_vertices` and, for the other arguments, `MultiplierContact`.
+    The constraint of a vertex of the nodes replaces the mean gap of this node: opposite one facet
+    both constraints are nearly the same, and no active set may have an equilibrium. The mean gap is
+    constrained again once no force acts on the vertex. See `add_vertices` and, for the other
+    arguments, `MultiplierContact`.
 
     Args:
         replace: Excludes nodes of a given pair, and returns how many of this rank changed.
@@ -154,7 +156,7 @@ class VertexMultipliers(_Vertices, MultiplierContact):
         return number + self._replace_means(self.active | self._sunk)
 
     def _replace_means(self, holding: Flags) -> int:
-        """Replace the mean gaps of vertices by others, flags of shape ``(n,)``. Collective.
+        """Replace the mean gaps of flagged vertices, ``(n,)``, by their own gaps. Collective.
 
         Returns the number of nodes of this rank that changed.
         """
@@ -186,7 +188,7 @@ class VertexMultipliers(_Vertices, MultiplierContact):
         return target if self._is_static else np.fmin(target, pairs.contact.gap_n)
 
     def _is_held_by_node(self, node: Ints, segment: Ints, x: Floats) -> Flags:
-        """Whether vertices are above active nodes of the given pair, shape ``(m,)``. Local.
+        """Whether vertices are opposite active nodes of the given pair, shape ``(m,)``. Local.
 
         Both constraints would be the same. ``segment`` are the segments of the vertices, ``(m,)``,
         ``x`` positions with ghosts, shape ``(l, 3)`` [m].
@@ -202,13 +204,13 @@ class VertexMultipliers(_Vertices, MultiplierContact):
 class VertexSprings(_Vertices, PenaltyContact):
     """Springs at vertices that are deeper below a face than the springs of the given pair.
 
-    With inertia a spring begins without energy, at the depth from which on its vertex needs it or,
-    if it is deeper already, at its gap at t_n. In statics it begins as deep as the other springs
-    are compressed. See `add_vertices` and `PenaltyContact`.
+    With inertia a spring begins without energy at the activation depth of the vertex or, if the
+    vertex is deeper, at its gap at t_n. In statics it begins at the compression of the other
+    springs. See `add_vertices` and `PenaltyContact`.
 
     Args:
-        compression: Returns how far the active springs of a given pair are compressed at present,
-            shape ``(n,)`` [m]. Local.
+        compression: Returns the current compression of the active springs of a given pair, shape
+            ``(n,)`` [m]. Local.
     """
 
     def __init__(
@@ -227,7 +229,7 @@ class VertexSprings(_Vertices, PenaltyContact):
         super().__init__(state, is_static, search, share, dt)
 
     def _part(self, deforms: Flags) -> Floats:
-        # A vertex presses alone: all facets around it are behind it.
+        # The whole stiffness acts at a vertex: all facets around it are behind it.
         return np.ones(len(deforms))
 
     def _stay(self, node: Ints) -> Flags:
