@@ -29,8 +29,8 @@ __all__ = ["all_pairs", "boundary_of", "two_half_passes"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Power of the stiffness in the coarseness of bodies [-], and largest such factor. Size has
-# priority, since small segments pass between the nodes of larger facets.
+# Exponent of the stiffness in the coarseness of bodies [-], and largest factor by stiffness. Size
+# has priority, since small segments pass between the nodes of larger facets.
 _BY_STIFFNESS, _SIMILAR = 0.15, 1.5
 
 
@@ -87,17 +87,16 @@ def all_pairs(
 ) -> list[ContactPair]:
     """Contact pairs between all bodies, and with obstacles. Collective.
 
-    n bodies need n - 1 pairs. Bodies are sorted by the size of their facets that face other ones,
-    the diameter that a quarter of them do not exceed, since meshes are refined where contact is
-    expected. The first pair has the nodes of the finer half and the segments of the coarser half;
-    further pairs divide each half again. Of two meshes whose facets differ by less than half, the
-    mesh of a body fifteen times as stiff counts as coarser: its nodes would have alternating
-    pressures, and its vertices would penetrate between the nodes of the softer body. Bodies that
-    share nodes count as one; a warning names bodies that share nodes but no facet. There is one
-    pair for each obstacle, and one for each self contact.
-    The pair of two bodies has their names, pairs of more bodies have numbers: names depend neither
-    on stiffness nor on sizes of facets. The pairs are logged, and `Diagnostics.between` has the
-    forces between each two bodies.
+    n bodies need n - 1 pairs. Bodies are sorted by the lower quartile of the diameters of their
+    facets that face other bodies, since meshes are refined where contact is expected. The first
+    pair has the nodes of the finer half and the segments of the coarser half; further pairs divide
+    each half again. Of two meshes whose facets differ by less than half, the mesh of a body fifteen
+    times as stiff counts as coarser: its nodes would have alternating pressures, and its vertices
+    would penetrate between the nodes of the softer body. Bodies that share nodes count as one; a
+    warning names bodies that share nodes but no facet. There is one pair for each obstacle, and one
+    for each self contact. The name of a pair of two bodies contains their names; pairs of more
+    bodies are numbered. Names depend neither on stiffness nor on facet sizes. The pairs are logged,
+    and `Diagnostics.between` has the forces between each two bodies.
 
     Args:
         bodies: Bodies of one space.
@@ -111,7 +110,7 @@ def all_pairs(
             edges, and for each `RigidSurface` with sharp edges.
         smooth: Whether segments between bodies are smooth, as in `Surface`; with method "mortar"
             both surfaces are smooth. Self contact and edges always use facets.
-        exchange: Whether vertices on edges and corners are held, as in `ContactPair`.
+        exchange: Whether vertices on edges and corners have contact, as in `ContactPair`.
 
     Returns:
         The pairs.
@@ -151,7 +150,7 @@ def all_pairs(
         ratio = max(stiffness[body] for body in group) / softest if softest > 0 else 1.0
         weight = min(ratio**power, _SIMILAR)
         others = [surface(*other) for other in separate if other is not group]
-        # Rounded, so that equal bodies keep their order.
+        # Rounded, so that equal bodies keep their order in the list.
         return float(f"{facet_size_towards(surface(*group), *others) * weight:.6g}")
 
     groups = sorted(separate, key=coarseness)
@@ -170,12 +169,12 @@ def all_pairs(
             is_smooth = smooth and by != EDGES
             target = surface(*segments, smooth=True) if is_smooth else surface(*segments)
             text = f"the {'smooth ' * is_smooth}{what} of {names(segments)}"
-        # Both surfaces of surface-to-surface contact may be smooth.
+        # In surface-to-surface contact both surfaces may be smooth.
         are_both = smooth and by == MORTAR and isinstance(segments, Sequence)
         from_nodes = surface(*nodes, smooth=True) if are_both else surface(*nodes)
         name = ""
         if not isinstance(segments, Obstacle) and segments is not nodes:
-            # Which of more than two bodies are in a pair depends on their stiffness and size.
+            # With more than two bodies, the bodies of a pair depend on stiffness and facet size.
             two = len(bodies) == 2
             name = " and ".join(b.name for b in bodies) if two else f"{len(pairs) + 1}"
             name += " edges" if by == EDGES else ""
@@ -250,7 +249,7 @@ def two_half_passes(
 def _exterior_facets(V: fem.FunctionSpace, cells: Ints) -> Ints:
     """Owned facets of cells on the boundary of the mesh, sorted, ``(s,)``. Collective.
 
-    Unlike `dolfinx.mesh.exterior_facet_indices` it does not look at the rest of the mesh.
+    Unlike `dolfinx.mesh.exterior_facet_indices` it only checks facets of the given cells.
     """
     topology, tdim = V.mesh.topology, V.mesh.topology.dim
     both = (tdim - 1, tdim), (tdim, tdim - 1)

@@ -13,18 +13,19 @@ from dolfinx_nts.parallel import reductions
 
 __all__ = ["SOFT", "depth_per_speed", "layers_in_series", "softer_layer"]
 
-# Compliance of a default spring with inertia relative to that of the cells [-]: of both sides in
-# explicit steps, which see forces at one end only, of the softer side in implicit ones. Nodes on a
-# stiffer spring vibrate above all frequencies of the cells, so that cells cannot carry the
-# vibration away: the contact force of colliding rods then scatters by 15 % (1), 9 % (1.25), 4 %
-# (5/3), 3 % (2) of its mean for ever in explicit steps, and by 8 % (1.1), 5 % (4/3), 3 % (5/3) in
-# implicit ones. A softer spring closes by more, which lowers the peaks of impact forces unless it
-# becomes stiffer: that of a ball on a block of 6 cells by 5 % (1.1), 6 % (4/3), 7 % (5/3). Measured
-# on the rods of tests/verification/impact/test_rods.py with 40 cells and in benchmarks.defaults.
+# Compliance of a default spring with inertia relative to that of the cells [-]: of the cells of
+# both sides in explicit steps, whose forces are those at one end, of the softer side in implicit
+# steps. Smaller: nodes vibrate at frequencies above those of the cells, which waves cannot carry
+# away. The contact force of colliding rods then scatters permanently by 15 % (1), 9 % (1.25), 4 %
+# (5/3), 3 % (2) of its mean in explicit steps, and by 8 % (1.1), 5 % (4/3), 3 % (5/3) in implicit
+# steps. Larger: more penetration, and lower peaks of impact forces unless the spring becomes
+# stiffer: for a ball on a block of 6 cells by 5 % (1.1), 6 % (4/3), 7 % (5/3). Measured on the rods
+# of tests/verification/impact/test_rods.py with 40 cells and in benchmarks.defaults.
 SOFT = 5 / 3
-# Compression up to which springs are soft, relative to that by the pressure of wave theory [-].
-# Larger: with 2.4 instead of 1.5 the peak force of the ball is 4.5 instead of 1.9 % too small;
-# smaller (1.2: 1.4 %): vibration exceeds that pressure, and would persist where springs are stiff.
+# Compression up to which springs are soft, relative to the compression by the pressure of plane
+# waves [-]. Larger: with 2.4 instead of 1.5 the peak force of the ball is 4.5 instead of 1.9 % too
+# small; smaller (1.2: 1.4 %): vibration exceeds that pressure, and would persist where springs are
+# stiff.
 _BEYOND_WAVES = 1.5
 
 
@@ -34,7 +35,8 @@ def layers_in_series(pair: ContactPair, modulus: Floats) -> Floats:
     Args:
         pair: The pair.
         modulus: P-wave modulus at the owned nodes, shape ``(n,)`` [Pa]; infinite in bodies that do
-            not deform, and where it vanishes, so that cells say nothing of the springs.
+            not deform, and where the modulus vanishes, so that cells do not limit the spring
+            stiffness.
 
     Returns:
         At each node of the surface of nodes, shape ``(m,)`` [N/m]; infinite where nothing deforms.
@@ -44,7 +46,7 @@ def layers_in_series(pair: ContactPair, modulus: Floats) -> Floats:
 
 
 def softer_layer(pair: ContactPair, modulus: Floats) -> Floats:
-    """Stiffness of the softer layer of both sides, as `layers_in_series` gives it. Collective."""
+    """Stiffness of the softer layer of both sides, see `layers_in_series`. Collective."""
     area, own, other = _compressions(pair, modulus)
     return _stiffness(area, np.maximum(own, other))
 
@@ -58,7 +60,7 @@ def depth_per_speed(pair: ContactPair, modulus: Floats, density: Floats) -> Floa
 
     Args:
         pair: The pair.
-        modulus: As of `softer_layer`.
+        modulus: As in `softer_layer`.
         density: Density at the owned nodes, shape ``(n,)`` [kg/m^3].
 
     Returns:

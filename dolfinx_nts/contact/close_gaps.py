@@ -34,7 +34,7 @@ _logger = logging.getLogger("dolfinx_nts")
 # Largest adjustment relative to the least height of the cells behind the nodes [-]. Larger values
 # would change the shape of bodies.
 _SHARE = 0.25
-# Part of a cell [-] that counts as round-off.
+# Distance relative to a cell [-] that counts as round-off.
 _ROUND_OFF = 1e-14
 
 
@@ -139,7 +139,7 @@ def _shifts(pair: ContactPair, X: Floats, reach: float) -> tuple[Ints, Floats]:
     """
     nodes, segments = pair.nodes, pair.segments
     assert isinstance(segments, Surface)
-    # Flat facets, since patches would change with the mesh.
+    # Flat facets are used, since smooth patches would change with the mesh.
     search = (
         SmoothSearch(nodes, segments, SmoothPatches(segments))
         if segments.smooth
@@ -168,7 +168,7 @@ def _check_cells(pair: ContactPair, x: Floats) -> None:
         np.linalg.det(np.einsum("jqv,cvi->cqij", slopes, at[cells][:, :, : len(slopes)]))
         for at in (mesh.geometry.x, x)
     )
-    # Cells without volume before are refused elsewhere.
+    # Cells with zero initial volume are refused elsewhere.
     turned = np.flatnonzero(np.any((after * before <= 0) & (before != 0), axis=1))
     if len(turned):
         number = mesh.topology.original_cell_index[turned[0]]

@@ -93,7 +93,7 @@ class LagrangeMultiplier(Declaration):
 
     @property
     def part(self) -> float:
-        """Fraction of its approach in the step that an active node makes, (1 - e)/2 [-]. Local."""
+        """Fraction of its ballistic approach that an active node makes, (1 - e)/2 [-]. Local."""
         return (1 - self.e) / 2
 
     def eligible(self, gap_n: Floats, gap_trial: Floats, size: Floats, active: Flags) -> Flags:
@@ -108,12 +108,12 @@ class LagrangeMultiplier(Declaration):
         Returns:
             Flags, shape ``(n,)``.
         """
-        # Each node is caught in the step that brings it closest to the surface: for e = 1, if its
-        # gap is smaller before the step than after it. The tolerance keeps round-off from
-        # separating simultaneous contacts.
+        # Each node becomes active in the step that brings it closest to the surface: for e = 1, if
+        # its gap is smaller before the step than the ballistic penetration after it. The tolerance
+        # keeps round-off from separating simultaneous contacts.
         near = (2 * gap_n - (2 - self.e) * (gap_n - gap_trial)) < TOUCHES * size
         passes = (gap_n > 0) & (gap_trial < gap_n) & near
-        # Massless nodes have no velocity that would indicate a release.
+        # Massless nodes have no velocity that would indicate separation.
         stays = active if self.impact == "resolved" else active & (gap_n < _NEAR * size)
         flags: Flags = (gap_n <= TOUCHES * size) | passes | stays
         return flags
@@ -178,14 +178,14 @@ class Penalty(Declaration):
             the static stiffness of the softer node. It does not depend on the length of the steps,
             so that steps that resolve a cell are of second order in time. Under the pressure of
             plane waves, rho c v/2 where equal bodies meet at a speed v, springs are compressed by
-            5/3 of the compression of a cell. Beyond one and a half times that they are ten times
-            as stiff, and stiff from the start where nodes arrive slowly: the soft part stops the
-            arriving node, the stiff part carries other loads. Between bodies that do not deform,
-            None means half the mass of the lighter one divided by the square of the first step, so
-            that a body striking at one point penetrates by about its motion in one or two steps; in
-            statics, ten times the stiffness of the stiffest deformable node. A surface with all
-            displacements prescribed counts as rigid. `CentralDifference` has linear springs, chosen
-            by the stiffness of the cells at the surfaces.
+            5/3 of the compression of a cell. Beyond one and a half times this compression they are
+            ten times as stiff, and where nodes arrive slowly they are stiff from the start: the
+            soft part stops the arriving node, the stiff part carries other loads. Between bodies
+            that do not deform, None means half the mass of the lighter one divided by the square of
+            the first step, so that a body striking at one point penetrates by about its motion in
+            one or two steps; in statics, ten times the stiffness of the stiffest deformable node. A
+            surface with all displacements prescribed counts as rigid. `CentralDifference` has
+            linear springs, chosen by the stiffness of the cells at the surfaces.
 
     Attributes:
         eps_N: The argument.

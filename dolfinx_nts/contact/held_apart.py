@@ -22,7 +22,7 @@ def held_apart(state: PairState, x: Floats, gap_tol: float) -> Flags:
     if not (isinstance(law, LagrangeMultiplier) and law.holds_gaps):
         return np.zeros(len(state.nodes.nodes), dtype=bool)
     gap, history = state.gap(x), state.history
-    if state.pair.method == "mortar":  # multipliers hold mean gaps
+    if state.pair.method == "mortar":  # mortar multipliers constrain mean gaps
         gap = np.where(history.active, history.gap, gap)
     # Deeper nodes belong to another side of the body.
     deepest = max(_kernels.DEEPEST * state.pair.segment_size, state.search.sunk)

@@ -20,10 +20,10 @@ __all__ = [
     "without_friction",
 ]
 
-# Key of a node without a segment after its displacement was set, as at the start: its spring may be
+# Key of a node without a segment at the start, or after displacements were set: its spring may be
 # loaded initially.
 NEVER = -2
-# The same if the bodies of both sides do not overlap then: no spring is loaded initially.
+# Key of such a node if the bodies of both sides do not overlap: its spring is not loaded initially.
 APART = -3
 
 
@@ -42,16 +42,16 @@ class ContactHistory:
         gap: Gap to the segment, NaN without one, shape ``(n,)`` [m].
         offset: Gap at which a penalty spring begins, shape ``(n,)`` [m].
         soft_depth: Compression beyond which a penalty spring is stiffer, shape ``(n,)`` [m].
-        part: Part of the stiffness with which a penalty spring of a node at an edge acts, shape
+        part: Fraction of the stiffness of the penalty spring that acts at a node on an edge, shape
             ``(n,)`` [-].
-        normal: Unit normal of the segment of nodes that touch or may touch, otherwise 0, shape
+        normal: Unit normal of the segment at nodes that touch or may touch, otherwise 0, shape
             ``(n, 3)``.
         traction: Cartesian traction of friction, against the motion, shape ``(n, 3)`` [N].
         slip: Accumulated length of slip, shape ``(n,)`` [m].
         energy: Energy of the node's springs, shape ``(n,)`` [J].
         dissipation: Energy dissipated by friction in the last step, shape ``(n,)`` [J].
-        area: Area on which the multiplier acts, shape ``(n,)`` [m^2]: all facets around
-            the node, see `Tractions.area`, or that covered by segments in mortar contact.
+        area: Area on which the multiplier acts, shape ``(n,)`` [m^2]: of all facets around the
+            node, see `Tractions.area`, or in mortar contact the area covered by segments.
     """
 
     key: GlobalInts
@@ -73,10 +73,10 @@ class ContactHistory:
 
     @classmethod
     def at(cls, n: int, node: Ints, **values: Floats) -> "ContactHistory":
-        """Make the contact of some of n nodes, with no contact at the others. Local.
+        """Create the history of n nodes, of which some have contact. Local.
 
-        ``node`` are positions among the nodes, shape ``(m,)``, and ``values`` attributes of
-        these by name, shape ``(m, ...)``.
+        ``node`` are the indices of nodes with contact, shape ``(m,)``, and ``values`` their
+        attributes by name, shape ``(m, ...)``.
         """
         history = cls.none(n)
         for name, value in values.items():
@@ -85,7 +85,7 @@ class ContactHistory:
 
     @classmethod
     def none(cls, n: int) -> "ContactHistory":
-        """Make the history of n nodes without contact. Local."""
+        """Create the history of n nodes without contact. Local."""
         return cls(
             key=np.full(n, -1, dtype=np.int64),
             shared=np.zeros(n, dtype=np.int64),
@@ -110,14 +110,14 @@ class ContactWork(NamedTuple):
     """Energy that contact gave to the bodies in a step, by cause [J].
 
     Attributes:
-        persistent: By nodes that were active on the same segment before.
-        activation: By nodes that were not active before.
-        facet_change: By nodes that were active on another segment.
-        springs: Taken from penalty and friction springs.
+        persistent: By nodes that were active on the same segment in the last step.
+        activation: By nodes that were inactive in the last step.
+        facet_change: By nodes that were active on another segment in the last step.
+        springs: Released by penalty and friction springs.
         friction: Minus the dissipation by friction.
         obstacles: Work of moving obstacles.
-        equilibrium: Strain energy that nodes without mass took to find their equilibrium.
-        refund: Kinetic energy that vibration got for it.
+        equilibrium: Strain energy added by the static solve of massless nodes.
+        refund: Kinetic energy returned to vibration to correct for `equilibrium`.
     """
 
     persistent: float = 0.0
@@ -135,13 +135,13 @@ class ContactWork(NamedTuple):
 
 
 def contact_sums(history: ContactHistory, x: Floats, nodes: Ints, area: Floats) -> Floats:
-    """Sums over the nodes of a pair on this rank. Local.
+    """Contact sums over the nodes of a pair on this rank. Local.
 
     Args:
         history: Their contact.
-        x: Positions at which it has its forces, of at least these nodes, shape ``(l, 3)`` [m].
-        nodes: Rows of x that are theirs, shape ``(n,)``.
-        area: Reference areas on which they act, shape ``(n,)`` [m^2].
+        x: Positions at which the forces act, including these nodes, shape ``(l, 3)`` [m].
+        nodes: Rows of the nodes in x, shape ``(n,)``.
+        area: Reference areas on which the nodes transmit force, shape ``(n,)`` [m^2].
 
     Returns:
         Energy of springs [J], number and reference area [m^2] of nodes that transmit force, force
@@ -161,7 +161,7 @@ def without_friction(history: ContactHistory) -> ContactHistory:
 def unloaded(history: ContactHistory) -> ContactHistory:
     """Copy in which no spring is loaded initially, as both sides do not overlap. Local.
 
-    Mean gaps may be negative beside corners that are apart.
+    Mean gaps may be negative next to corners even if the bodies are apart.
     """
     return replace(history, key=np.where(history.key == NEVER, APART, history.key))
 

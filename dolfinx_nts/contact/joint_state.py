@@ -83,7 +83,7 @@ class JointState(NodesOfPairs):
 
     @property
     def depth_per_speed(self) -> Floats | None:
-        """Compression up to which normal springs are soft, per speed of impact [s]. Local."""
+        """Compression up to which normal springs are soft, per impact speed [s]. Local."""
         return _joint_springs([state.depth_per_speed for state in self.members])
 
     @property

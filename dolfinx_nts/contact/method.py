@@ -23,7 +23,7 @@ NODES: Method = "node-to-segment"
 MORTAR: Method = "mortar"
 EDGES: Method = "edge-to-edge"
 
-# Name of each method in texts.
+# Name of each method in messages.
 KINDS = {
     NODES: "contact",
     MORTAR: "surface-to-surface contact",
@@ -34,10 +34,10 @@ _OF_EDGES = ("", "elastic", "plastic", "restitution")
 
 
 def default_method(pair: Any) -> Method:
-    """Method of a pair for which none was given: mortar contact where it is possible. Local.
+    """Default method of a pair: mortar contact where it is supported. Local.
 
     ``pair`` is as for `check_method`, without the method. Smooth segments, ties and convective
-    friction act at nodes, where they are exact.
+    friction are exact at nodes, and have node-to-segment contact.
     """
     between_surfaces = isinstance(pair.segments, Surface) and not pair.touches_itself
     at_nodes = pair.is_convective or isinstance(pair.enforcement, Tied)
@@ -120,7 +120,7 @@ def check_smooth(pair: Any) -> None:
 
 
 def _wrong_with_smooth(pair: Any) -> str:
-    """Unmet requirement of a pair with smooth segments, or "". Local."""
+    """Requirement that a pair with smooth segments does not meet, or "". Local."""
     wrong = ""
     if pair.method == EDGES:
         wrong = f"method {NODES!r} or {MORTAR!r}, given {pair.method!r}"
@@ -138,7 +138,7 @@ def _wrong_with_smooth(pair: Any) -> str:
 
 
 def _spheres(pair: Any) -> list[RigidSphere]:
-    """Spheres of the surfaces of a pair. Local."""
+    """Given spheres (``smooth=RigidSphere``) of the surfaces of a pair. Local."""
     kinds = (pair.segments.smooth, pair.nodes.smooth)
     return [kind for kind in kinds if isinstance(kind, RigidSphere)]
 

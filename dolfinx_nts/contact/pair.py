@@ -67,9 +67,9 @@ class ContactPair(Declaration):
 
     For self contact, give the same surface twice; in a surface of several bodies, nodes of each of
     them touch the others, too. A node then touches neither its neighbours on the mesh nor the
-    other side of its own wall (``cpp/nts/search/self_contact.h``), and it must not move by more
-    than one cell of the wall in a step. Springs act from both sides. Multipliers act at a subset
-    of the nodes such that none is a vertex of a segment that another one touches.
+    opposite face of a thin wall (``cpp/nts/search/self_contact.h``), and it must not move by more
+    than one cell of the wall in a step. Springs act at the nodes of both sides. Multipliers act at
+    a subset of the nodes: none of them is a vertex of a segment that another one touches.
 
     Several steppers may use the same pair independently: each of them keeps its state of the pair
     in ``stepper.contacts``. While only one stepper uses the pair, `history`, `pressure`, `gap` and
@@ -79,8 +79,8 @@ class ContactPair(Declaration):
     Args:
         nodes: Surface whose nodes may touch.
         segments: Surface whose segments they may touch, or a rigid obstacle.
-        enforcement: Law of normal contact. None for springs (`Penalty`) with inertia, in explicit
-            steps too. In statics, and in `EnergyMomentum` and `Midpoint` at nodes of rigid bodies
+        enforcement: Law of normal contact. None for springs (`Penalty`) in implicit and explicit
+            dynamics. In statics, and in `EnergyMomentum` and `Midpoint` at nodes of rigid bodies
             and at crossing edges, None means Lagrange multipliers with elastic impact.
         friction: Law of friction, such as `Coulomb`, `Stribeck`, `SlipWeakening` or `Tresca`, or a
             `FrictionLaw` of your own; a number is the coefficient of Coulomb's law. None for
@@ -97,11 +97,11 @@ class ContactPair(Declaration):
             at nodes of rigid bodies by default, and in explicit steps, None means node-to-segment
             contact.
         name: Name in columns and legends; empty for the names of the two sides.
-        exchange: Whether contact also holds vertices on convex edges and corners: those of the
-            segments, and with mortar contact or in statics those of the nodes. Where one sinks
-            deeper than a hundredth of a facet into a face, and deeper than the springs there are
-            compressed, it becomes a node and the face a segment, with the same laws. False is the
-            method of the paper.
+        exchange: Whether vertices on convex edges and corners also have contact: vertices of the
+            segments, and with mortar contact or in statics those of the nodes. A vertex that
+            penetrates a face by more than a hundredth of a facet, and by more than the compression
+            of the springs there, becomes a node and the face a segment, with the same laws. False
+            is the method of the paper.
 
     Attributes:
         nodes, segments, name, exchange: The arguments.
@@ -184,21 +184,21 @@ class ContactPair(Declaration):
     def with_defaults(
         self, enforcement: LagrangeMultiplier | Penalty, *, nodal: bool = False
     ) -> "ContactPair":
-        """Pair of a stepper, with its laws where none were given. Local.
+        """Copy of the pair with the defaults of a stepper for laws that were not given. Local.
 
         Args:
             enforcement: Law of normal contact.
-            nodal: Whether nodes are followed instead of surfaces.
+            nodal: Whether the default method is node-to-segment contact.
 
         Returns:
-            A pair that shares the states of this one; this one if nothing is left open.
+            A pair that shares the states of this pair; the pair itself if all laws were given.
         """
         method = NODES if nodal and self._method_is_open else self.method
         enforcement = enforcement if self._law_is_open else self.enforcement
         if method == self.method and enforcement is self.enforcement:
             return self
         pair = copy(self)
-        # A copy is complete; its states remain those of the declaration.
+        # The copy shares the list of states with the declaration.
         vars(pair).update(enforcement=enforcement, method=method, _declared=self.declared)
         return pair
 
@@ -209,7 +209,7 @@ class ContactPair(Declaration):
 
     @property
     def declared(self) -> "ContactPair":
-        """Pair that was given to the stepper: this one, unless its laws were left open. Local."""
+        """Pair that was given to the stepper: the one of which this is a copy, or itself. Local."""
         return self._declared or self
 
     def attach(self, state: AcceptedContact) -> None:
@@ -233,8 +233,8 @@ class ContactPair(Declaration):
     def pressure(self) -> Floats:
         """Contact pressure of the last step at the nodes, shape ``(n,)`` [Pa, >= 0].
 
-        If the stepper has the opposite pair too, as with `two_half_passes`, it is the sum of
-        both. Collective, see `history` and `Surface.per_area`.
+        If the stepper also has the opposite pair, as with `two_half_passes`, it is the sum over
+        both pairs. Collective, see `history` and `Surface.per_area`.
         """
         state = self._only()
         return self._at_nodes(state, state.pressure, 0.0)
@@ -256,12 +256,12 @@ class ContactPair(Declaration):
         return self._at_nodes(state, state.gap(x, reach), np.nan)
 
     def _places(self, state: AcceptedContact) -> Ints | None:
-        """Places of the nodes of a state among those of this pair; None if it has all. Local."""
+        """Indices in this pair of the nodes of a state; None if the state has all nodes. Local."""
         own, nodes = self.nodes.nodes, state.nodes.nodes
         return None if len(own) == len(nodes) else np.searchsorted(own, nodes).astype(np.int32)
 
     def _at_nodes(self, state: AcceptedContact, values: Floats, otherwise: float) -> Floats:
-        """Values of a state at the nodes of this pair, ``(n,)``, with another one on seams."""
+        """Values of a state at the nodes of this pair, ``(n,)``, with a given value on seams."""
         if (place := self._places(state)) is None:
             return values
         of_all = np.full(len(self.nodes.nodes), otherwise)
@@ -269,7 +269,7 @@ class ContactPair(Declaration):
         return of_all
 
     def _only(self) -> AcceptedContact:
-        """State of the only stepper that uses the pair."""
+        """State of the pair in the only stepper that uses it."""
         if len(self._states) != 1:
             raise ValueError(
                 f"expected a contact pair of one stepper, given one of {len(self._states)}: use "
@@ -294,7 +294,7 @@ class ContactPair(Declaration):
 
     @property
     def has_slip_spring(self) -> bool:
-        """Whether friction stores elastic slip. Local."""
+        """Whether friction has tangential springs. Local."""
         return self.friction is not None and (
             self.friction.eps_T is not None or isinstance(self.enforcement, Penalty)
         )

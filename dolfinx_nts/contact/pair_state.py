@@ -52,22 +52,22 @@ class PairState(Tractions, NodesOfPairs):
 
     Args:
         pair: The pair.
-        passes: Passes of the stepper, which this pair joins; None for a single pair.
+        passes: Passes of the stepper, to which this pair is added; None for a single pair.
 
     Attributes:
         pair: The argument.
         search: Global search of the candidates.
         accepted: Last accepted contact, see `accept`.
-        eps_N: Stiffness of the penalty springs from the first step on, shape ``(n,)`` [N/m], or
-            None.
+        eps_N: Stiffness of the penalty springs, shape ``(n,)`` [N/m]; None before the first step,
+            or without springs.
         depth_per_speed: Compression up to which springs of the default stiffness are soft, per
-            speed of impact, in steps with inertia, shape ``(n,)`` [s]; None for springs of one
+            impact speed, in steps with inertia, shape ``(n,)`` [s]; None for springs of constant
             stiffness.
         eps_T: Stiffness of the tangential springs, shape ``(n,)`` [N/m], or None.
         vertices: States of vertices on convex edges and corners, see `VertexState`, whose forces
             belong to this pair.
-        is_reverse: Whether this is contact of vertices of the segments of another pair, whose
-            nodes have the reactions to its forces.
+        is_reverse: Whether this is contact of vertices of the segments of another pair, so that the
+            reactions to its forces act on the nodes of that pair.
     """
 
     vertices: "tuple[PairState, ...]" = ()
@@ -80,17 +80,17 @@ class PairState(Tractions, NodesOfPairs):
         self.passes.join(pair, self._forces_on_segments)
         if isinstance(self.search, GlobalSearch):
             self.search.in_dents = isinstance(pair.enforcement, Penalty)
-        # A separate search for gaps at any distance, which must not change the candidates of steps.
+        # A separate search for `gap`, which must not change the candidates of steps.
         self._far_search = _search(pair)
         self.eps_N: Floats | None = None
         self.depth_per_speed: Floats | None = None
         self.eps_T: Floats | None = None
-        # Least and greatest stiffness by name, after the choice.
+        # Smallest and largest stiffness by name, once the stiffness is chosen.
         self._ranges: dict[str, tuple[float, float]] | None = None
         self._logged = ""
         self.accepted: ContactHistory | Callable[[], ContactHistory]
         self.accepted = reloaded(ContactHistory.none(len(pair.nodes.nodes)))
-        # Cache of the contact computed by an accepted function, with the function.
+        # Last accepted function, and the contact that it has computed.
         self._made: tuple[Any, ContactHistory] | None = None
         pair.attach(self)
 
@@ -111,13 +111,13 @@ class PairState(Tractions, NodesOfPairs):
 
     @property
     def may_sink(self) -> bool:
-        """Whether nodes may initially be deep inside: only between meshed bodies. Local."""
+        """Whether nodes may initially penetrate deeply: only between meshed bodies. Local."""
         pair = self.pair
         others = pair.touches_itself or pair.method == EDGES or isinstance(pair.enforcement, Tied)
         return isinstance(self.search, GlobalSearch) and not others
 
     def sink(self, depth: float) -> None:
-        """Set the depth up to which initially penetrating nodes find segments [m]. Local."""
+        """Set the depth up to which initially penetrating nodes get segments [m]. Local."""
         for search in (self.search, self._far_search):
             if self.may_sink and isinstance(search, GlobalSearch):
                 search.sink(depth)
@@ -154,8 +154,8 @@ class PairState(Tractions, NodesOfPairs):
             stiffer: Stiffness of normal springs relative to their nodes [-].
             cells: Returns the P-wave modulus of the owned nodes of the space, infinite at
                 prescribed displacements and in rigid bodies, shape ``(n,)`` [Pa], and the density,
-                ``(n,)`` [kg/m^3]. With them cells decide on normal springs where they deform,
-                without them nodes.
+                ``(n,)`` [kg/m^3]. With both, the default stiffness of normal springs follows from
+                the cells where they deform; without, from the nodes.
         """
         if self._ranges is not None:
             return
@@ -179,7 +179,8 @@ class PairState(Tractions, NodesOfPairs):
         """Smaller stiffness of each node and of the stiffest vertex, ``(m,)`` [N/m]. Collective.
 
         ``of_all`` has the stiffness of all owned nodes of the space, shape ``(n,)`` [N/m]. A
-        prescribed node (NaN) gets the largest stiffness of its surface, or is rigid.
+        prescribed node (NaN) has the largest stiffness of its surface, or is rigid if all nodes are
+        prescribed.
         """
         sides = (self.pair.nodes, self.pair.segments)
         values = [of_all[side.nodes] for side in sides if isinstance(side, Surface)]
@@ -207,7 +208,7 @@ class PairState(Tractions, NodesOfPairs):
             given = pair.friction.eps_T
             self.eps_T = share * (tangential if given is None else np.full_like(normal, given))
             self._ranges["eps_T"] = self._range(self.eps_T)
-        # A first step that is cut chooses again.
+        # A repeated first step, of another length, chooses the stiffness again.
         if pair.nodes.V.mesh.comm.rank == 0 and (text := str(self)) != self._logged:
             self._logged = text
             _logger.info("%s", text)
@@ -275,9 +276,9 @@ class PairState(Tractions, NodesOfPairs):
     def _shares(
         self, points: NodalPoints, x: Floats, node: Ints, segment: Ints, candidates: Candidates
     ) -> tuple[Ints, Ints, Floats]:
-        """Segments among which some nodes share their forces, node by node. Local.
+        """Segments that share the force of a node, node by node. Local.
 
-        Returns places among the nodes, segments and parts of the force [-], all ``(i,)``.
+        Returns indices of the nodes, segments and fractions of the force [-], all ``(i,)``.
         """
         shared = SharedSegments(len(node))
         several = self.history.shared[node].nonzero()[0].astype(np.int32)
@@ -330,7 +331,7 @@ class PairState(Tractions, NodesOfPairs):
             vertices.serialize(archive, f"{name}/vertices_{i}")
 
     def _range(self, stiffness: Floats) -> tuple[float, float]:
-        """Least and greatest value on all ranks. Collective."""
+        """Smallest and largest value on all ranks. Collective."""
         comm = self.pair.nodes.V.mesh.comm
         least = reductions.least(comm, float(stiffness.min(initial=np.inf)))
         return least, reductions.largest(comm, float(stiffness.max(initial=0.0)))

@@ -31,7 +31,7 @@ class Passes:
 
     def __init__(self, positions: Callable[[], Floats], time: Callable[[], float]) -> None:
         self.positions, self.time = positions, time
-        # Weak references: cycles would be collected at different times on each rank.
+        # Weak references avoid cycles, which would be collected at different times on each rank.
         self._all: list[tuple[ContactPair, weakref.WeakMethod[_ForcesOnSegments]]] = []
 
     def join(self, pair: ContactPair, forces_on_segments: _ForcesOnSegments) -> None:
@@ -39,8 +39,8 @@ class Passes:
 
         Args:
             pair: The pair.
-            forces_on_segments: Returns the reactions on the vertices of its segments to forces on
-                its nodes, as values at the owned nodes of the space, shape ``(n, 3)`` [N].
+            forces_on_segments: Returns the reactions of forces on its nodes on the vertices of its
+                segments, as values at the owned nodes of the space, shape ``(n, 3)`` [N].
                 Collective.
         """
         self._all.append((pair, weakref.WeakMethod(forces_on_segments)))

@@ -1,7 +1,7 @@
-"""Seams: facets of a surface that lie on a body to which theirs is fastened.
+"""Seams: facets of a surface that lie on another body fastened to theirs.
 
-Nothing can touch such facets. A node that slides over the seam, a little below the surface, would
-be caught by them.
+Nothing can touch such facets. A node that slides over the seam with a small penetration would get
+them as segments.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,14 +26,14 @@ from dolfinx_nts.search.overlap.inside import Insides
 
 __all__ = ["without_seams"]
 
-# Distance in front of a facet at which another body covers it, relative to the distance of its
-# middle from that of its cell [-]. Larger: gaps between fastened bodies, which nodes may fall into,
-# count as seams; smaller: meshes of round seams that do not match leave gaps.
+# Distance in front of a facet within which another body covers it, relative to the distance between
+# the midpoints of facet and cell [-]. Larger: gaps between fastened bodies, which nodes may enter,
+# count as seams; smaller: facets of curved seams with meshes that do not match are missed.
 _IN_FRONT = 0.1
 
 
 def without_seams(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> tuple[ContactPair, ...]:
-    """Leave out facets on seams of bodies that are tied, or rigid and guided alike. Collective.
+    """Leave out facets on seams of bodies that are tied, or rigid with equal guides. Collective.
 
     Args:
         bodies: The bodies.
@@ -58,7 +58,7 @@ def without_seams(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> tuple
         together[number[bodies[i]], number[bodies[j]]] = True
 
     def rest(surface: Surface) -> Surface:
-        """The surface without its seams; itself if it has none, or nothing else."""
+        """The surface without its seams; unchanged if no facet or every facet is on a seam."""
         facets, cells, points = _in_front(surface)
         covered: Flags = np.zeros(len(facets), dtype=bool)
         for group in range(len(groups)):
@@ -73,7 +73,7 @@ def without_seams(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> tuple
         return Surface.of(V, facets[~covered], surface.name, smooth=surface.smooth)
 
     def may_cross(pair: ContactPair) -> bool:
-        """Whether a third body may slide over seams: not in contact of fastened ones."""
+        """Whether a third body may slide over seams: not in contact between fastened bodies."""
         if isinstance(pair.enforcement, Tied) or pair.touches_itself:
             return False
         if not isinstance(pair.segments, Surface):
@@ -85,7 +85,7 @@ def without_seams(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> tuple
 
 
 def _between(pair: ContactPair, rest: Callable[[Surface], Surface]) -> ContactPair:
-    """Copy of a pair between the rests of its surfaces; the pair itself if nothing is left out."""
+    """Copy of a pair without the seams of its surfaces; the pair itself if it has none."""
     sides = {
         name: rest(side)
         for name in ("nodes", "segments")
@@ -113,7 +113,7 @@ def _fastened(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> Flags:
 
 
 def _are_guided_alike(first: RigidBody, second: RigidBody) -> bool:
-    """Whether two rigid bodies have no free motion, and the same prescribed one. Local."""
+    """Whether two rigid bodies have no free motion and the same prescribed motion. Local."""
     if first.guide is None or second.guide is None:
         return False
     if first.free().size or second.free().size:
@@ -129,7 +129,7 @@ def _bodies_of(bodies: Sequence[Body], surface: Surface) -> Flags:
 
 
 def _in_front(surface: Surface) -> tuple[Ints, Ints, Floats]:
-    """Owned facets of a surface, their cells, and points in front, ``(f, 3)`` [m]. Collective."""
+    """Owned facets of a surface, their cells, and test points, ``(f, 3)`` [m]. Collective."""
     mesh = surface.V.mesh
     dim = mesh.topology.dim
     facets = surface.owned_facets

@@ -6,10 +6,10 @@ from dolfinx_nts.common.arrays import Floats
 
 __all__ = ["STIFFER", "spring_energy", "spring_force"]
 
-# Stiffness of default springs beyond their soft part, relative to it [-]. Larger: more iterations;
-# smaller: more compliance. With 1, 5, 10 and 20 the peak force of a ball on a block of 6 cells is
-# 7.2, 2.5, 1.9 and 1.5 % too small, and that of two balls of revolution 11.0, 2.6, 0.7 and 0.1 %,
-# after 3.4, 3.8, 4.0 and 4.3 Newton iterations a step.
+# Stiffness of default springs beyond their soft part, relative to that of the soft part [-].
+# Larger: more iterations; smaller: more penetration. With 1, 5, 10 and 20 the peak force of a ball
+# on a block of 6 cells is 7.2, 2.5, 1.9 and 1.5 % too small, and that of two balls of revolution
+# 11.0, 2.6, 0.7 and 0.1 %, after 3.4, 3.8, 4.0 and 4.3 Newton iterations a step.
 STIFFER = 10.0
 
 
@@ -36,8 +36,8 @@ def spring_force(
     """Multiplier of a step and its derivative with respect to the gap at the end. Local.
 
     The multiplier is the quotient of the changes of energy and gap. A weight s > 1/2 of the end
-    adds (s - 1/2) times the change of the force, which dissipates energy as does the stress of a
-    scheme with this weight.
+    adds (s - 1/2) times the change of the force. This dissipates energy, as the stress of a scheme
+    with this weight does.
 
     Args:
         gap_n: Gap at t_n, shape ``(m,)`` [m].

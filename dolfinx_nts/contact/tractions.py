@@ -18,7 +18,7 @@ __all__ = ["Tractions"]
 
 
 class Tractions(ABC):
-    """Forces per area of accepted contact, including opposite passes.
+    """Forces per area in the accepted contact, including opposite passes.
 
     Args:
         pair: The pair.
@@ -88,7 +88,7 @@ class Tractions(ABC):
         return area
 
     def _on_facets(self, force: Floats, area: Floats) -> Floats:
-        """Divide forces on the nodes by areas, in mortar contact of all facets. Collective.
+        """Forces on the nodes per area, in mortar contact the area of all facets. Collective.
 
         Arguments as for `Surface.per_area`.
         """

@@ -1,10 +1,11 @@
-"""Contact of vertices on convex edges and corners, which the other constraints of a pair miss.
+"""Contact of vertices on convex edges and corners, in addition to the constraints of a pair.
 
 Contact constrains gaps of the nodes of one surface, node by node or as means over facets. An edge
-or a corner of the other one penetrates faces between these nodes. In mortar contact an edge of the
-nodes penetrates too, until the mean gap beside it is closed, and without end if the facets beside
-it are too steep to face the other surface. In statics a node above another node touches several
-facets, and is held by one of them. `add_vertices` adds contact of these vertices with the faces.
+or a corner of the other surface may penetrate faces between these nodes. In mortar contact an edge
+of the nodes also penetrates, until the mean gap next to it is closed, and without limit if the
+facets next to it are too steep to face the other surface. In statics a node opposite another node
+touches several facets, but only one of them constrains it. `add_vertices` adds contact of these
+vertices with the faces.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -33,7 +34,7 @@ __all__ = [
     *("VertexState", "add_vertices", "release_vertices", "released", "vertex_tolerance"),
 ]
 
-# Number above those of all nodes [-].
+# Number larger than all node numbers [-].
 _NO_NODE = 2**31
 
 
@@ -41,10 +42,10 @@ class VertexState(PairState):
     """Contact of vertices of one side of a pair with faces of the other, see `add_vertices`.
 
     Args:
-        given: State of the pair of the user.
+        given: State of the pair given by the user.
         vertices: Surface of its nodes or segments, with the nodes on convex edges and corners only.
         faces: The other surface.
-        tolerance: Depth from which on each vertex is held, shape ``(n,)`` [m].
+        tolerance: Depth at which each vertex is activated, shape ``(n,)`` [m].
         is_static: Whether there is no inertia.
 
     Attributes:
@@ -62,18 +63,18 @@ class VertexState(PairState):
     ) -> None:
         self.given, self.tolerance = given, tolerance
         self.is_reverse = faces is given.nodes
-        # Numbers of steps for which vertices are released now and the next time.
+        # Remaining number of steps without the vertices, and number at the next release.
         self._pauses = 0, 1
         laws = given.pair.enforcement, given.pair.friction, NODES
         pair = ContactPair(vertices, faces, *laws, exchange=False)
-        # A vertex above a node touches several facets. Patches have one normal there.
+        # A vertex opposite a node touches several facets; smooth patches have one normal there.
         if is_static and may_be_smooth(pair):
             pair = ContactPair(vertices, faces.smoothed(), *laws, exchange=False)
         super().__init__(pair, given.passes)
 
     @property
     def is_released(self) -> bool:
-        """Whether no vertex is held at present, as a step had no solution with them. Local."""
+        """Whether the vertices are released, as a step had no solution with them. Local."""
         return self._pauses[0] > 0
 
     def release(self) -> int:
@@ -97,7 +98,7 @@ class VertexState(PairState):
 
 
 def vertex_tolerance(state: PairState | JointState) -> Floats | None:
-    """Depths from which on vertices are held, ``(n,)`` [m]; None for other contact. Local."""
+    """Depths at which vertices are activated, ``(n,)`` [m]; None for other contact. Local."""
     found = [each.tolerance for each in members(state) if isinstance(each, VertexState)]
     return np.concatenate(found) if found else None
 
@@ -118,7 +119,7 @@ def release_vertices(steps: Iterable[tuple[PairState | JointState, Flags]]) -> l
         steps: States of the pairs in the step, and which of their nodes are active.
 
     Returns:
-        Between what these pairs are, and for how many steps.
+        Names of the sides of these pairs, and number of steps without the vertices.
     """
     found: list[str] = []
     for state, active in steps:
@@ -138,23 +139,24 @@ def add_vertices(
 ) -> list[VertexState]:
     """Add contact of vertices on convex edges and corners to each pair. Collective.
 
-    These are vertices of the segments, whose faces are the facets of the nodes, and with mortar
-    contact or in statics also vertices of the nodes, whose faces are the segments. The laws are
-    those of the pair. A vertex becomes active once a solution has it deeper below a face than a
-    hundredth of the smallest facet at the vertex, and stays active as long as a force acts on it.
-    Scenes in which no vertex penetrates so deep are solved as without vertices.
+    Vertices of the segments touch the facets of the nodes. With mortar contact or in statics,
+    vertices of the nodes also touch the segments. The laws are those of the pair. A vertex becomes
+    active if in a solution it is deeper below a face than a hundredth of the smallest facet at the
+    vertex. It stays active as long as a force acts on it. Without such penetration, the solution is
+    the same as without vertices.
 
-    Multipliers keep its gap with inertia, as pushing it out would do work. A vertex of the segments
-    above an active node stays inactive. Springs with inertia begin without energy, at a depth that
-    exceeds the compression of the springs of the pair there; in statics they begin at the latter.
+    In dynamics multipliers keep the gap of the vertex, as pushing it out would do work. A vertex of
+    the segments opposite an active node stays inactive. In dynamics springs begin without energy,
+    at a depth larger than the compression of the springs of the pair there; in statics they begin
+    at that compression.
 
-    There are no vertices for edge contact, obstacles, self contact, ties, massless nodes,
-    convective friction and ``exchange=False``, and none of the segments if another pair has them
-    as nodes.
+    Vertices are not used in edge contact, with obstacles, self contact, ties, massless nodes,
+    convective friction and ``exchange=False``. Vertices of the segments are not used if another
+    pair has the segments as nodes.
 
     Args:
         contacts: States of all pairs of a stepper. The new states are added to their `vertices`.
-        excluded: Bodies; vertices must not belong to a rigid one of them.
+        excluded: Rigid bodies whose vertices are not used; deformable ones among them are ignored.
         is_static: Whether there is no inertia.
 
     Returns:
@@ -199,15 +201,16 @@ class _Roles:
             for pair in pairs
             if pair.method != EDGES and isinstance(pair.segments, Surface)
         ]
-        # Least and largest node of each side, by which most pairs are excluded.
+        # Range of node numbers of each side, by which most pairs are excluded.
         self._ends: GlobalInts = np.array(
             [[_ends(side.nodes) for side in sides] for _, *sides in self._pairs], dtype=np.int64
         ).reshape(-1, 2, 2)
 
     def are_exchanged(self, pair: ContactPair, segments: Surface) -> bool:
-        """Whether another pair has the nodes of these segments as nodes, and in turn. Collective.
+        """Whether another pair has nodes and segments in exchanged roles. Collective.
 
-        Its nodes include those of the segments, and its segments the nodes of the pair.
+        The nodes of that pair include the nodes of ``segments``, and its segments the nodes of
+        ``pair``.
         """
         own = segments.nodes, pair.nodes.nodes
         has_both: Flags = np.ones(len(self._pairs), dtype=bool)
@@ -226,7 +229,7 @@ class _Roles:
 
 
 def _ends(nodes: Ints) -> tuple[int, int]:
-    """Least and largest of sorted nodes; without any an empty range within all others."""
+    """Smallest and largest of sorted nodes; an empty range without nodes."""
     return (int(nodes[0]), int(nodes[-1])) if len(nodes) else (_NO_NODE, -1)
 
 

@@ -14,8 +14,7 @@ from dolfinx_nts.parallel import reductions
 
 __all__ = ["AllSprings"]
 
-# Numbers of lost and of deep nodes, of segments and of active nodes, and the parts of a
-# `ContactWork`.
+# Numbers of lost nodes, deep nodes, segments and active nodes, and the terms of a `ContactWork`.
 _NUM_COUNTED = 10
 
 
@@ -24,7 +23,7 @@ class AllSprings:
 
     Args:
         contacts: State of each contact pair.
-        vertices: States of vertices on edges and corners of these.
+        vertices: States of vertices on edges and corners of the pairs.
         mass: See `ContactSprings`.
         modulus: See `ContactSprings`.
 
@@ -110,15 +109,15 @@ class AllSprings:
             force.add_to(total)
 
     def counted(self, x: Floats, du: Floats, watches: Callable[[PairState], bool]) -> list[float]:
-        """Counts and works between the last two evaluations, to be summed over ranks.
+        """Counts and work terms between the last two evaluations, to be summed over ranks.
 
         Args:
             x: See `ContactSprings.work`.
             du: See `ContactSprings.work`.
-            watches: Returns whether deep nodes of a pair count.
+            watches: Returns whether deep nodes of a pair are counted.
 
         Returns:
-            Numbers of lost and of deep nodes, of segments and of active nodes, and the parts of a
+            Numbers of lost nodes, deep nodes, segments and active nodes, and the terms of a
             `ContactWork` on this rank.
         """
         sums = [0.0] * _NUM_COUNTED

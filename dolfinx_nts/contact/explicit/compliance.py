@@ -15,7 +15,7 @@ _EDGES_PER_NODE = 2.0
 
 
 def compliance(pair: ContactPair, mass: Floats) -> Floats:
-    """Inverse effective masses of the springs of a pair, of both sides. Collective.
+    """Inverse reduced masses of the springs of a pair. Collective.
 
     The force of an edge spring acts on both ends of an edge.
 

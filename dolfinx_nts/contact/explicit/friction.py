@@ -39,9 +39,9 @@ class Friction:
             candidates: Candidates within the search radius.
             x_n: Positions of the owned nodes at t_n, shape ``(n, 3)`` [m].
             x: Positions with ghosts at the end of the step, shape ``(l, 3)`` [m].
-            segment: Candidates of the nodes that were looked at, or -1, shape ``(c,)``.
-            lambda_N: Stiffness times gap of these, below zero at the nodes that have springs,
-                in their order, shape ``(c,)`` [N].
+            segment: Candidates of the evaluated nodes, or -1, shape ``(c,)``.
+            lambda_N: Stiffness times gap of the evaluated nodes; the ``m`` nodes with a negative
+                value have springs, in the same order, shape ``(c,)`` [N].
             dt: Length of the step [s].
             part: Part of the area of each node of the surface that the segments may press,
                 shape ``(n,)`` [-].
@@ -49,7 +49,7 @@ class Friction:
         return {}
 
     def without_contact(self) -> dict[str, Any]:
-        """Entries of `ContactHistory` if no node touches, by name."""
+        """Entries of `ContactHistory` without contact, by name."""
         return {}
 
 
@@ -86,7 +86,7 @@ class SpringFriction(Friction):
         slip = of_rows = candidates.slip(law.law, points, x_n, x, segment)
         shares = None
         if springs.num_nodes < len(node):
-            # Nodes with several segments have the mean slip.
+            # Nodes with several segments slip by the mean of their slips.
             node, start = np.unique(node, return_index=True)
             start, p = np.append(start, len(springs.node)), np.add.reduceat(p, start)
             shared = shared_points(springs.dofs[start[:-1], 0], springs.dofs, segment, start)

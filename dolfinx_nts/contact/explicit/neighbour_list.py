@@ -35,12 +35,13 @@ _USED = 0.75
 class NeighbourList:
     """Nodes that may touch before the list is rebuilt. Collective, as are its methods.
 
-    A node that is equally near to several segments has a row for each, with equal parts of its
-    stiffness, and the mean of their gaps, so that neither round-off nor the numbering chooses
+    A node that is equally near to several segments has a row for each of them, with equal fractions
+    of its stiffness, and the mean of their gaps. Otherwise round-off or the numbering would choose
     one of them. Other nodes have one row.
 
     Args:
-        state: State of the contact pair, whose springs have been chosen at the first update.
+        state: State of the contact pair; the stiffness of springs must be chosen before the first
+            update.
         of_cells: Upper limit of the stiffness of springs by the cells at them, infinite where there
             is none, shape ``(n,)`` [N/m]; None if springs act at points, not on areas.
 
@@ -52,8 +53,8 @@ class NeighbourList:
         points: Their contact points, with the normals of the last search.
         stiffness: Stiffness of their springs, shape ``(c,)`` [N/m].
         current: Their current segments or -1, shape ``(c,)``; see `keep`.
-        start: First row of each node, and the end, shape ``(m + 1,)``; None with one row each.
-        shared: Segments of the nodes with several.
+        start: Offsets of the rows of each node, shape ``(m + 1,)``; None if each node has one row.
+        shared: Segments of the nodes with several segments.
         is_idle: Whether no node is listed on any rank.
     """
 
@@ -72,7 +73,8 @@ class NeighbourList:
         self._comm: MPI.Comm = state.nodes.V.mesh.comm
         # Positions of nodes and vertices at the last search.
         self._positions: tuple[Floats, Floats]
-        # Points of all nodes at the last search, and the listed nodes, shape ``(m,)``.
+        # Contact points of all nodes at the last search, and indices of the listed nodes, shape
+        # ``(m,)``.
         self._of_all: NodalPoints
         self._listed: Ints
         # Segments of rows with contact force in the last state, otherwise -1, shape ``(c,)``.
@@ -90,7 +92,7 @@ class NeighbourList:
         return _REACH * self._state.pair.segment_size + self._state.search.sunk
 
     def update(self, x: Floats, step: float) -> None:
-        """Rebuild the list if nodes that are not listed may touch.
+        """Rebuild the list if other nodes than the listed ones may touch.
 
         Args:
             x: Positions of the local nodes of the space, shape ``(l, 3)`` [m].
@@ -108,15 +110,15 @@ class NeighbourList:
             self._rebuild(x)
 
     def keep(self, segment: Ints, gap: Floats) -> None:
-        """Keep segments or -1 and gaps of all rows, shape ``(c,)``, for the next state. Local."""
+        """Store segments or -1 of all rows, and which have contact, both ``(c,)``. Local."""
         self.current = segment
         self._pressed = np.where(gap < 0, segment, -1)
 
     def change(self, x: Floats, segment: Ints, gap: Floats) -> bool:
         """Update the segments of rows; new contacts get all equally near segments. Local.
 
-        These are nodes that begin to transmit force, or do so on another segment than before. They
-        get the nearest one of the adjacent segments, and all that are equally near.
+        New contacts are nodes that begin to transmit force, or change their segment. They get the
+        nearest one of the adjacent segments, and all that are equally near.
 
         Args:
             x: Positions with ghosts, shape ``(l, 3)`` [m].
@@ -206,7 +208,7 @@ class NeighbourList:
         return number.astype(np.int32), keys[number, column]
 
     def _shared_keys(self) -> tuple[Ints, GlobalInts]:
-        """Nodes with several segments and the keys of these, both ``(i,)``."""
+        """Nodes with several segments, and keys of these segments, both ``(i,)``."""
         shared = self.shared
         key = self.candidates.key[shared.segment] if len(shared.node) else np.empty(0, np.int64)
         return shared.node, key
@@ -245,7 +247,7 @@ class NeighbourList:
         self._pressed = np.where(pressed[self.number], self.current, -1)
 
     def _current_in(self, candidates: Candidates) -> Ints:
-        """Last segments of the listed nodes among candidates, or -1, shape ``(c,)``."""
+        """Last segments of all rows as candidate numbers, or -1, shape ``(c,)``."""
         if candidates is self.candidates:
             return self.current
         found = self.current >= 0

@@ -86,7 +86,8 @@ class ContactSprings:
         modulus: See `layers_in_series`.
 
     Attributes:
-        num_lost: Number of nodes of this rank that the last evaluation lost, too deep inside.
+        num_lost: Number of nodes of this rank that lost their segment in the last evaluation, too
+            deep inside.
         num_deep: Number of nodes of this rank that were deep inside, see `SoftSprings`.
         shortest_passage: Relative displacement in a step below which no node passes through a
             surface [m].
@@ -109,11 +110,12 @@ class ContactSprings:
         self._share, given = float(pair.enforcement.share), pair.enforcement.eps_N
         self._penalty = None if given is None else self._share * given
         self._comm: MPI.Comm = pair.nodes.V.mesh.comm
-        # If nodes of both sides have springs, each spring moves half of the mass.
+        # If nodes of both sides have springs, each spring acts on half of the mass.
         sides = (2 if pair.touches_itself else 1) / self._share
         self._reduced_mass: Floats = 1 / (sides * compliance(pair, mass))
         self._cells = np.full(len(self._reduced_mass), np.inf)
-        # Edges press at points, where their springs carry whole bodies.
+        # Edges touch at points; their springs have no area by which cells could limit their
+        # stiffness.
         if given is None and pair.method != EDGES:
             self._cells[:] = layers_in_series(pair, modulus) / sides
         self._no_contact = ContactHistory.none(len(self._reduced_mass))
@@ -182,7 +184,7 @@ class ContactSprings:
 
     @property
     def squared_frequency(self) -> float:
-        """Highest squared frequency of the springs known so far [1/s^2], 0 if none. Collective."""
+        """Highest squared angular frequency of the springs chosen so far [1/s^2]. Collective."""
         state, friction = self._state, self._state.pair.friction
         normal = self._penalty if state.eps_N is None else state.eps_N
         given = None if friction is None else friction.eps_T
@@ -196,14 +198,15 @@ class ContactSprings:
     def choose_penalty(self, squared_frequency: float) -> None:
         """Choose the default stiffness of springs. Collective.
 
-        ``squared_frequency`` is the largest of normal springs with the reduced mass of a node and
-        a vertex of a segment [1/s^2]: springs are as stiff as cells, or as the step allows.
+        ``squared_frequency`` is the largest squared angular frequency of normal springs with the
+        reduced mass of a node and a vertex of a segment [1/s^2]. Springs are as stiff as cells, or
+        as this frequency allows.
         """
         penalty: Floats = squared_frequency * self._reduced_mass
         penalty = np.minimum(penalty, self._cells / SOFT)
         if self._penalty is not None:
             penalty = np.full_like(penalty, self._penalty)
-        penalty /= self._share  # the state multiplies by it
+        penalty /= self._share  # `PairState.choose_penalty` multiplies by the share
         self._state.choose_penalty(penalty, _SOFTER * penalty)
 
     @property
@@ -231,7 +234,7 @@ class ContactSprings:
         return passing_nodes_message(state.nodes, passage, dt)
 
     def _count_lost(self, x: Floats, before: Ints, after: Ints) -> int:
-        """Number of listed nodes that are too deep below their last segments. Local."""
+        """Number of listed nodes that lost their segments as they are too deep. Local."""
         lost = _kernels.lost(before, after)
         if not len(lost):
             return 0

@@ -13,8 +13,8 @@ __all__ = ["VertexSprings"]
 class VertexSprings(ContactSprings):
     """Springs at vertices that are deeper below a face than the springs of the given pair.
 
-    A spring begins without energy, at the depth from which on its vertex needs it or, if it is
-    deeper already, at its gap at t_n. See `add_vertices`.
+    A spring begins without energy at the activation depth of the vertex or, if the vertex is
+    deeper, at its gap at t_n. See `add_vertices`.
 
     Args:
         state: State of the vertices.
@@ -45,5 +45,5 @@ class VertexSprings(ContactSprings):
         return np.where(history.active, history.offset, np.fmin(-allowed, history.gap))
 
     def _count_lost(self, x: Floats, before: Ints, after: Ints) -> int:
-        # A vertex that was pushed through a facet is not held any more.
+        # A vertex that was pushed through a facet is released.
         return 0

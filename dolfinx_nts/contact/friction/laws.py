@@ -1,8 +1,9 @@
 """Laws of friction: the largest tangential force of a node, and its derivatives.
 
-All methods of contact are node by node: a law sees the normal force p of a node [N], and limits the
-tangential force of that node [N]. Mortar contact has multipliers at nodes too, which are forces.
-So Coulomb's law is the same everywhere; a law with a stress multiplies it by the area of the node.
+In all methods of contact a law gets the normal force p of a node [N], and limits the tangential
+force of this node [N]. In mortar contact these are nodal multipliers, which are forces too.
+Coulomb's law is therefore the same in all methods; a law with a stress multiplies it by the area of
+the node.
 """
 
 import weakref
@@ -29,20 +30,21 @@ Coefficient: TypeAlias = float | fem.Function
 # Measures of slip, see `Coulomb`.
 SLIP_MEASURES = ("objective", "convective")
 
-# A cell of each local node of a space, by its id.
+# A cell at each local node of a space, by the id of the space.
 _CELLS: dict[int, Ints] = {}
 
 
 class FrictionNodes:
     """Nodes at which a law of friction is evaluated, ``m`` in number. Local.
 
-    The argument ``nodes`` of `FrictionLaw.limit`, made by the package.
+    The argument ``nodes`` of `FrictionLaw.limit`, created by the package.
 
     Args:
         of_surface: Nodes of the contact pair, ``n`` in number.
         node: Positions of the nodes among these, shape ``(m,)``.
         area: Reference areas of the nodes of the pair, shape ``(n,)`` [m^2].
-        slipped: Accumulated slip of these at the start of the step, shape ``(n,)`` [m].
+        slipped: Accumulated slip of the nodes of the pair at the start of the step, shape ``(n,)``
+            [m].
         known: Values of Functions at the nodes of the pair, by Function.
 
     Example:
@@ -77,7 +79,8 @@ class FrictionNodes:
         """Value of a coefficient at each node: the number itself, or shape ``(m,)``.
 
         A Function is read once in each attempt at a step, at the reference positions of the nodes.
-        One that jumps between cells, as of degree 0, has the value of one of the cells there.
+        A discontinuous Function, such as one of degree 0, has the value of one of the adjacent
+        cells.
 
         Raises:
             TypeError: The Function is not scalar.
@@ -103,7 +106,8 @@ class FrictionLaw(Declaration):
             in `Coulomb`.
         law: Measure of slip, ``"objective"`` or ``"convective"``, see `Coulomb`.
         depends_on_slip: Whether the limit depends on the slip of the step. True, the default, is
-            always right. False saves evaluations where the derivative by slip is zero everywhere.
+            always valid. False saves evaluations if the derivative with respect to the slip is zero
+            everywhere.
 
     Example:
         >>> class Viscous(nts.FrictionLaw):
@@ -127,18 +131,18 @@ class FrictionLaw(Declaration):
 
         Args:
             p: Normal force of each node, shape ``(m,)`` [N, >= 0], in all methods of contact.
-            slip: Length of the slip in the step, 0 of a node that sticks, shape ``(m,)`` [m].
+            slip: Length of the slip in the step, 0 at sticking nodes, shape ``(m,)`` [m].
             dt: Length of the step [s]. The mean speed of slip is ``slip / dt``.
             nodes: Areas, accumulated slip and values of Functions at the nodes.
 
         Returns:
-            Limit, shape ``(m,)`` [N, >= 0], its derivative by p [-], and by slip [N/m]. The
-            derivatives may be numbers; the limit is an array.
+            Limit, shape ``(m,)`` [N, >= 0], and its derivatives with respect to p [-] and to slip
+            [N/m]. The derivatives may be numbers; the limit is an array.
         """
 
     @property
     def acts(self) -> bool:
-        """Whether there is friction at all."""
+        """Whether there is friction: False if the coefficient is 0."""
         return True
 
     def describe(self) -> str:
@@ -154,17 +158,16 @@ class Coulomb(FrictionLaw):
     """Coulomb's law of friction: a node sticks up to mu times the normal force.
 
     Args:
-        mu: Coefficient of friction [-]: a number, or a scalar Function of the mesh, whose values at
-            the nodes count at the beginning of each step.
-        eps_T: Stiffness of the tangential spring at a node [N/m], whose elastic slip is stored
-            and given back. None: no spring, so that a sticking node does not move at all
-            (multipliers); but normal contact by springs needs a tangential one, too. None then
-            means the smaller one of the static stiffnesses that `Penalty` compares.
-        law: How slip is measured. ``"objective"``: by an increment that is quadratic in the
-            positions, so that dissipation is exact (``cpp/nts/contact/slip.h``).
-            ``"convective"``: by the convective coordinates on the segment (Franke, Hesch,
-            Betsch 2011, eqs. 60-64); for comparison, with `Midpoint`, `Penalty` and a
-            deformable counterpart only.
+        mu: Coefficient of friction [-]: a number, or a scalar Function of the mesh, evaluated at
+            the nodes at the beginning of each step.
+        eps_T: Stiffness of the tangential spring at a node [N/m], whose elastic slip is
+            recoverable. None: no spring, so that a sticking node does not slip at all
+            (multipliers). With normal contact by springs, None means a tangential spring with the
+            smaller one of the static stiffnesses that `Penalty` compares.
+        law: Measure of slip. ``"objective"``: an increment that is quadratic in the positions, so
+            that dissipation is exact (``cpp/nts/contact/slip.h``). ``"convective"``: the increment
+            of the convective coordinates on the segment (Franke, Hesch, Betsch 2011, eqs. 60-64);
+            for comparison, only with `Midpoint`, `Penalty` and a deformable counterpart.
 
     Attributes:
         mu, eps_T, law: The arguments.
@@ -218,12 +221,12 @@ class Stribeck(FrictionLaw):
 
     Args:
         static: Static coefficient mu_s [-], a number or a Function, as for `Coulomb`.
-        kinetic: Kinetic coefficient mu_k [-], the same.
+        kinetic: Kinetic coefficient mu_k [-], a number or a Function, as for `Coulomb`.
         speed: Speed v_s over which the coefficient falls from one to the other [m/s]; 0: static
             where a node sticks, kinetic where it slides.
         viscous: Slope c of the coefficient at high speeds [s/m].
         power: Exponent delta [-], at least 1.
-        eps_T: As of `Coulomb`.
+        eps_T: See `Coulomb`.
 
     Attributes:
         static, kinetic, speed, viscous, power, eps_T: The arguments.
@@ -282,9 +285,9 @@ class SlipWeakening(FrictionLaw):
 
     Args:
         static: Static coefficient mu_s [-], a number or a Function, as for `Coulomb`.
-        kinetic: Kinetic coefficient mu_k [-], the same.
+        kinetic: Kinetic coefficient mu_k [-], a number or a Function, as for `Coulomb`.
         length: Decay length L [m].
-        eps_T: As of `Coulomb`.
+        eps_T: See `Coulomb`.
 
     Attributes:
         static, kinetic, length, eps_T: The arguments.

@@ -13,20 +13,21 @@ __all__ = ["Limits", "NodalLimit", "check_law"]
 
 # Largest number of iterations for the slip of springs [-]; bisection alone needs 52.
 _MOST_ITERATIONS = 60
-# Force, relative to the trial traction [-], by which the slip of a spring may miss its limit: a few
-# digits above round-off. A larger one does not affect the energy ledger, but slows Newton's method.
+# Admissible residual of the equation for the slip of a spring, relative to the trial traction [-]:
+# a few digits above round-off. Larger: the energy ledger is not affected, but Newton's method is
+# slower.
 _ROUNDING = 1e-14
-# Least slope of spring and limit together, relative to the spring [-]: it bounds the derivative of
-# a traction if the limit decreases as steeply as the spring is stiff.
+# Least slope of the sum of spring force and limit, relative to the spring stiffness [-]: it bounds
+# the derivative of the traction if the slope of the limit is close to -eps_T.
 _LEAST_SLOPE = 1e-3
 # Check of derivatives: steps [s], normal forces [N] and slips [m] at which they are compared with
-# differences, at so many nodes. No law has a kink at such numbers by intention.
+# differences, and number of nodes. At these odd numbers a law hardly has a kink.
 _STEPS = (1.37e-3, 0.413)
 _FORCES = 1.37 * 10.0 ** np.arange(-2, 7, 2)
 _SLIPS = 1.37 * 10.0 ** np.arange(-8, 1)
 _NUM_NODES = 4
-# Relative distance of the two points of a difference [-], and its relative error: of second order
-# where one-sided differences enclose the derivative, and by round-off of the limit.
+# Relative step of the differences [-], and their admissible relative errors: of second order if
+# one-sided differences enclose the derivative, and by round-off of the limit [-].
 _PART, _DEVIATION, _ROUND_OFF = 1e-4, 1e-5, 1e-14
 
 
@@ -35,8 +36,9 @@ class NodalLimit(NamedTuple):
 
     Attributes:
         force: Limit, shape ``(m,)`` [N]; where a node is pulled, its linear continuation.
-        by_p: Derivative by the normal force, shape ``(m,)`` [-].
-        by_slip: Derivative by the slip [N/m], or by the trial traction of a spring [-], ``(m,)``.
+        by_p: Derivative with respect to the normal force, shape ``(m,)`` [-].
+        by_slip: Derivative with respect to the slip [N/m], or to the trial traction of a spring
+            [-], shape ``(m,)``.
     """
 
     force: Floats
@@ -72,7 +74,7 @@ class Limits:
         self.depends_on_slip = law.depends_on_slip
 
     def at(self, node: Ints, p: Floats, slip: Floats | None = None) -> NodalLimit:
-        """Limits of nodes, ``(m,)``, that are pressed by p [N] and slip, None: stick [m]."""
+        """Limits of nodes, ``(m,)``, for normal forces p [N] and slips [m], None if they stick."""
         pressed = np.maximum(p, 0.0)
         slip = np.zeros(len(p)) if slip is None else slip
         nodes = FrictionNodes(self._nodes, node, self._area(), self._slipped, self._known)
@@ -86,19 +88,19 @@ class Limits:
     def of_springs(
         self, node: Ints, p: Floats, trial: Floats, eps_T: Floats, slid: Flags
     ) -> tuple[NodalLimit, NodalLimit]:
-        """Limits of nodes with tangential springs, and whether the nodes slide. Local.
+        """Limits of nodes with tangential springs, for the stick test and for sliding nodes. Local.
 
         The law is evaluated at the plastic slip s, with eps_T s + limit(p, s) = trial. Newton's
-        method comes from above, to the largest solution. If the limit decreases with the slip, a
-        sticking node may have such a solution, too. Only nodes that slid before take it, and
-        continue to slide.
+        method converges from above to the largest solution. If the limit decreases with the slip, a
+        node that could stick may have such a solution, too. It continues to slide if it slid
+        before, and sticks otherwise.
 
         Args:
             node: Positions of the nodes, shape ``(m,)``.
             p: Normal forces, shape ``(m,)`` [N].
-            trial: Length of the traction if they stuck, shape ``(m,)`` [N].
+            trial: Length of the trial traction, for sticking nodes, shape ``(m,)`` [N].
             eps_T: Stiffness of the springs, shape ``(m,)`` [N/m].
-            slid: Whether a node slid last, shape ``(m,)``.
+            slid: Whether a node slid before, shape ``(m,)``.
 
         Returns:
             Limits that decide on stick and slip, and limits of sliding nodes.
@@ -109,7 +111,7 @@ class Limits:
         low: Floats = np.zeros(len(p))
         high: Floats = trial / eps_T
         slip, exists = high, np.ones(len(p), dtype=bool)
-        is_below = np.maximum(sticks.force, 0.0) < trial  # so that there is a solution
+        is_below = np.maximum(sticks.force, 0.0) < trial  # then a solution exists
         for _ in range(_MOST_ITERATIONS):
             limit = self.at(node, p, slip)
             error = np.where(exists, eps_T * slip + limit.force - trial, 0.0)
@@ -163,7 +165,7 @@ def check_law(law: FrictionLaw, nodes: Any) -> None:
 def _check_derivatives(law: FrictionLaw, nodes: Any, dt: float) -> None:
     """Compare derivatives of a law in a step dt [s] with one-sided differences of the limit. Local.
 
-    At a kink, as of a cap, a derivative may have any value between the two differences.
+    At a kink, such as that of a cap, a derivative may have any value between both differences.
     """
     some = np.unique(np.linspace(0, len(nodes.nodes) - 1, _NUM_NODES, dtype=np.int32))
     grid = (each.ravel() for each in np.meshgrid(some, _FORCES, _SLIPS, indexing="ij"))
@@ -211,7 +213,7 @@ def _arrays(law: FrictionLaw, shape: tuple[int, ...], *arguments: Any) -> list[F
 
 
 def _described(found: Any) -> str:
-    """Number and shapes of returned values, or a value that is none."""
+    """Number and shapes of returned values, or the values themselves if they are not numeric."""
     if found is None:
         return "None"
     if not isinstance(found, tuple | list):

@@ -14,12 +14,12 @@ __all__ = ["NodalFrames", "mean_slip"]
 
 
 class NodalFrames(NamedTuple):
-    """Nodal frames at t_n, and the rotations of the frames of the contact points to them.
+    """Nodal frames at t_n, and rotations from the frames of the contact points to these.
 
     Attributes:
         at_nodes: Orthonormal tangents at the nodes, shape ``(m, 2, 3)``.
-        parts: Part of component b of the slip of each point in component a of the slip of each
-            node, by shares, shape ``(i, 2, 2)``.
+        parts: Weights of component b of the slip of a point in component a of the slip of a node,
+            for each share, shape ``(i, 2, 2)``.
     """
 
     at_nodes: Floats
@@ -37,9 +37,8 @@ class NodalFrames(NamedTuple):
 class MortarSlip(Slip):
     """Mean slip of the points of each node.
 
-    Rotations of frames, and shares of nodes in points, are constant in a step. The mean slip
-    therefore has the properties of the slip of each point: the work of tractions is exact, and
-    momenta are conserved.
+    Rotations of frames, and shares of nodes in points, are constant in a step. As for the slip of
+    each point, the work of tractions is therefore exact, and momenta are conserved.
 
     Args:
         points: Points of the nodes.
@@ -79,8 +78,8 @@ def mean_slip(points: MortarPoints, slip: Slip, frames: NodalFrames) -> Slip:
 def _tangents(normal: Floats) -> Floats:
     """Orthonormal tangents, ``(m, 2, 3)``, to planes with normals of any length, ``(m, 3)``."""
     normal = normal / np.linalg.norm(normal, axis=1)[:, None]
-    # The second tangent is near the coordinate axis farthest from the normal, the last one if
-    # several are. In two dimensions this is the z axis.
+    # The second tangent is close to the coordinate axis with the largest angle to the normal, or
+    # the last such axis. In two dimensions this is the z axis.
     axis = np.eye(3)[2 - np.abs(normal[:, ::-1]).argmin(axis=1)]
     second = axis - np.einsum("mi,mi->m", axis, normal)[:, None] * normal
     second /= np.linalg.norm(second, axis=1)[:, None]

@@ -28,9 +28,9 @@ class TractionModel(NamedTuple):
     """Linear model of the traction for Newton's method, t = explicit + p direction + stiffness dg.
 
     Attributes:
-        explicit: Part that does not scale with the pressing force p, shape ``(m, 2)`` [N].
+        explicit: Part that does not depend on the normal force p, shape ``(m, 2)`` [N].
         direction: Factor of p, shape ``(m, 2)`` [-].
-        stiffness: Derivative by the slip at fixed p, shape ``(m, 2, 2)`` [N/m].
+        stiffness: Derivative with respect to the slip at fixed p, shape ``(m, 2, 2)`` [N/m].
     """
 
     explicit: Floats
@@ -41,14 +41,14 @@ class TractionModel(NamedTuple):
 def spring_model(
     limit: NodalLimit, trial: Floats, p: Floats, eps_T: Floats, heading: Floats, sliding: Flags
 ) -> TractionModel:
-    """Map trial tractions of tangential springs back to their limits. Local.
+    """Return mapping of the trial tractions of tangential springs, linearised. Local.
 
     A sliding node whose trial traction opposes the sliding keeps the direction of the last
     iteration, which is not a solution yet.
 
     Args:
         limit: Limits of the nodes, see `Limits.of_springs`.
-        trial: Traction if the node stuck, t_n + eps_T g, shape ``(m, 2)`` [N].
+        trial: Trial traction of a sticking node, t_n + eps_T g, shape ``(m, 2)`` [N].
         p: Normal force, shape ``(m,)`` [N].
         eps_T: Stiffness of the springs, shape ``(m,)`` [N/m].
         heading: Direction of the traction, of any length, shape ``(m, 2)``.
@@ -79,13 +79,13 @@ def exact_model(
     heading: Floats,
     sliding: Flags,
 ) -> TractionModel:
-    """Model stick and slip without a spring, for one semismooth Newton iteration. Local.
+    """Linearise stick and slip without a spring, for one semismooth Newton iteration. Local.
 
     The condition ``t - min(1, L/|t + c g|) (t + c g) = 0`` with the limit L has the solutions
     ``g = 0`` with ``|t| <= L`` (stick) and ``t = L g/|g|`` (slip); the weight c changes the
-    path, not the solution. For a sliding node it is linearised and solved for t, so that a
-    slip in another direction than the traction turns the traction. The direction stays where
-    there is no such slip, because it points backwards or nothing presses the node.
+    path, not the solution. For a sliding node it is linearised and solved for t: the traction turns
+    towards the direction of the slip. The direction is kept if the slip opposes it or no normal
+    force acts.
 
     Args:
         limit: Limits of the nodes at this slip.
