@@ -156,7 +156,7 @@ class NeighbourList:
         return True
 
     def _set_rows(self, segment: Ints) -> None:
-        """Set the rows of the listed nodes, given ``(m,)`` segments of nodes with only one."""
+        """Set the rows of listed nodes; ``segment``, ``(m,)``, applies to nodes with one row."""
         number, start = self._listed, None
         eps_N = self._state.eps_N
         assert eps_N is not None

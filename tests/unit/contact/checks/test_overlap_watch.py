@@ -75,7 +75,7 @@ def test_a_pair_with_wrong_roles_is_reported_once_with_names_and_advice(comm, re
     run(stepper, 0.2)
     (text,) = reported_overlaps()
     assert "cube is up to 0." in text and "inside plate" in text
-    assert "holds the nodes of plate only" in text and "two_half_passes" in text
+    assert "constrains only the nodes of plate" in text and "two_half_passes" in text
     (deepest,) = stepper.watch.overlaps.deepest.values()
     assert deepest.names == ("cube", "plate") and deepest.reverse_depth < deepest.depth
 
@@ -335,7 +335,7 @@ def test_a_rigid_tip_that_sinks_between_nodes_is_reported_with_a_remedy(
     texts = reported_overlaps()
     assert texts
     assert all("tip is up to" in text and "inside block" in text for text in texts)
-    assert all("part of tip sinks in" in text and "RigidBody" in text for text in texts)
+    assert all("tip penetrates between them" in text and "RigidBody" in text for text in texts)
 
 
 class Ring(nts.ExactObstacle):
@@ -387,7 +387,7 @@ def test_obstacles_smaller_than_the_facets_that_they_enter_are_reported(
     list(stepper.run(until=0.01 if scheme is nts.QuasiStatic else 0.15))
     texts = reported_overlaps()
     assert texts
-    assert all(" inside block" in text and "sinks in between them" in text for text in texts)
+    assert all(" inside block" in text and "penetrates between them" in text for text in texts)
 
 
 @pytest.mark.parametrize("is_rigid", [False, once(True)])
@@ -409,7 +409,7 @@ def test_initial_overlaps_that_contact_does_not_detect_are_reported(comm, report
     assert scene.stepper(pair, dt=0.001).advance().num_active == 0
     (text,) = reported_overlaps()
     assert text.startswith("cube starts up to 0.") and "inside plate" in text
-    assert "does not see that" in text and "harmless" not in text
+    assert "does not detect this" in text and "harmless" not in text
 
 
 def test_a_shrink_fit_found_by_contact_is_not_reported_as_undetected(comm, reported_overlaps):
@@ -463,7 +463,7 @@ def test_penetration_between_active_nodes_is_reported_as_the_cause(comm, reporte
     assert comm.allreduce(np.nansum(np.abs(pair.history.gap))) < 1e-12
     (overlap,) = nts.Diagnostics(stepper).overlaps()
     assert overlap.reverse_depth > overlap.depth / 2
-    assert "holds the nodes of plate only" in text and "two_half_passes" in text
+    assert "constrains only the nodes of plate" in text and "two_half_passes" in text
 
 
 def test_a_body_placed_into_another_between_steps_is_reported(comm, reported_overlaps):
