@@ -1,1 +1,1 @@
-"""Time integration: schemes, and the steppers that advance bodies and their contact by them."""
+"""Time integration: schemes, and steppers that advance bodies and their contact."""

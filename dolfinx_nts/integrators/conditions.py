@@ -70,7 +70,7 @@ Until = float | Condition | Sequence[float | Condition]
 
 
 class Conditions:
-    """Conditions of a run, apart from its time. Collective.
+    """Conditions that end a run, in addition to a time. Collective.
 
     Args:
         conditions: The conditions.
@@ -83,7 +83,7 @@ class Conditions:
     def hold(self, step: StepReport, contacts: Sequence[PairState]) -> bool:
         """Whether one of the conditions holds, the same on all ranks.
 
-        A function holds where it is true on any rank.
+        A function need only be true on one rank.
         """
         if not self._all:
             return False
@@ -99,10 +99,10 @@ class Conditions:
 
 
 def split(until: Until, comm: MPI.Comm) -> tuple[float, Conditions]:
-    """Divide the end of a run into a time [s], infinite without one, and conditions. Local.
+    """Split ``until`` into a time [s], infinite if none is given, and conditions. Local.
 
     Raises:
-        TypeError: It is neither a number, nor a condition, nor a list of these.
+        TypeError: ``until`` is neither a number, nor a condition, nor a list of these.
         ValueError: A time is negative or not finite, or a list is empty.
     """
     items = list(until) if isinstance(until, Sequence) and not isinstance(until, str) else [until]

@@ -24,8 +24,8 @@ from dolfinx_nts.solvers.rigid.rigid_motion import RigidMotion
 __all__ = ["ConsistentMass", "MidpointRates", "NoRates", "Rates"]
 
 
-# Limit on the iterations of conjugate gradients with the mass matrix [-], far above any need,
-# and reduction of the residual at which they stop [-], of the order of round-off.
+# Conjugate gradients with the mass matrix: limit on the iterations [-], never reached in practice,
+# and relative residual at which they stop [-], of the order of round-off.
 _MAX_ITERATIONS, _REDUCTION = 1000, 1e-15
 
 
@@ -52,7 +52,7 @@ class ConsistentMass:
 
     @cached_property
     def _inverse_lumped(self) -> Floats:
-        """Inverse lumped mass of the owned dofs, 1 where there is none, ``(d n,)`` [1/kg]."""
+        """Inverse lumped mass of the owned dofs, 1 at massless ones, ``(d n,)`` [1/kg]."""
         mass = np.repeat(lumped_mass(self._bodies), dimension(self._V))
         return np.divide(1.0, mass, out=np.ones_like(mass), where=mass > 0)
 
@@ -61,13 +61,13 @@ class ConsistentMass:
         return assembled(self._form).reshape(-1, dimension(self._V))
 
     def times(self, values: Floats) -> Floats:
-        """Mass times values of the owned dofs, both ``(d n,)``, which become the rate."""
+        """Mass times a rate at the owned dofs, both ``(d n,)``, which is stored."""
         self._rate.x.array[: len(values)] = values
         self._rate.x.scatter_forward()
         return self.momentum().ravel()
 
     def solve(self, force: Floats, projected: Callable[[Floats], Floats]) -> Floats:
-        """Admissible rate whose product with the mass is a force, by conjugate gradients.
+        """Admissible rate for a force, by conjugate gradients with the mass matrix.
 
         They are preconditioned by the lumped mass.
 
@@ -76,7 +76,7 @@ class ConsistentMass:
             projected: Orthogonal projection of values of the owned dofs on admissible rates.
 
         Returns:
-            The rate, shape ``(d n,)``. That of the Function is another one afterwards.
+            The rate, shape ``(d n,)``. The values of the Function are overwritten by other ones.
         """
         rate, r = np.zeros(len(force)), projected(force)
         z = projected(self._inverse_lumped * r)
@@ -112,7 +112,8 @@ class Rates(ABC):
         acceleration: Mean acceleration of a step as a function of ``u``, UFL (3,); None without
             inertia.
         is_unchanged: Whether the state at the start also solves the step.
-        trial: Name of the starting guess from which candidate segments are searched.
+        trial: Name of the starting guess that is the trial motion in the search for candidate
+            segments.
         force_time: Time of stress and loads for second order, from 0 at the start of a step to 1 at
             its end [-]; None if the scheme chooses it.
     """
@@ -124,7 +125,8 @@ class Rates(ABC):
 
     def __init__(self, state: State, dt: fem.Constant, bodies: Sequence[Body]) -> None:
         self.u_n, self.u, self.v, self.dt = state.u_n, state.u, state.v, dt
-        # With contact the velocity alternates from step to step, its mean over a step does not.
+        # In contact the nodal velocity may alternate from step to step; its mean over a step does
+        # not.
         self.mean_velocity = fem.Function(self.u.function_space)
         # Cached, since access to the array of a Function is slow.
         functions = self.u_n, self.u, self.v, self.mean_velocity
@@ -139,7 +141,7 @@ class Rates(ABC):
     def starts(self) -> dict[str, Floats]:
         """Starting guesses of Newton's method by name, in the order of attempts. Local.
 
-        If the first one fails, as at the first contact of a fast body, another may succeed.
+        If one fails, for instance at the first contact of a fast body, the next one is tried.
         """
         (u_n, _, v, mean), dt = self._values, float(self.dt.value)
         return {
@@ -178,7 +180,7 @@ class Rates(ABC):
         """Set the velocity at the end of the step that was solved.
 
         Returns:
-            Change of kinetic energy on this rank that is no work of the step [J].
+            Change of kinetic energy on this rank minus the work in the step [J].
         """
         u_n, u, _, mean = self._values
         mean[:] = (u - u_n) / float(self.dt.value)
@@ -186,7 +188,7 @@ class Rates(ABC):
 
     @abstractmethod
     def _set_velocity(self) -> float:
-        """Set the velocity from the mean one, see `accept`."""
+        """Set the velocity at the end of the step from the mean velocity, see `accept`."""
 
     def serialize(self, archive: Archive, ids: GlobalInts) -> None:
         """Serialize the state of the rates, by the input numbers of the owned nodes."""
@@ -215,9 +217,9 @@ class MidpointRates(Rates):
 class NoRates(Rates):
     """No inertia: the velocity stays zero, and time is a load parameter.
 
-    The first starting guess extrapolates the last step as long as supports and guides move on
-    similarly. If they start, stop or turn, extrapolation would distort adjacent cells, and the
-    last state is the better guess.
+    The first starting guess extrapolates the last step as long as supports and guides continue to
+    move similarly. If they start, stop or turn, extrapolation would distort adjacent cells, and the
+    last state is the first guess.
     """
 
     acceleration = None
@@ -247,7 +249,7 @@ class NoRates(Rates):
         last, motion = (f.x.array[: len(now)] for f in (self._last, self.mean_velocity))
         squares = [float(v @ v) for v in (now, last, now - last, motion)]
         *lengths, change, moved = map(float, reductions.total(self._comm, squares))
-        # For equal lengths this means an angle below 60 degrees.
+        # For velocities of equal length the angle between them is below 60 degrees.
         is_near = change == 0 or change < max(lengths)
         self.is_unchanged = is_unchanged()
         self._extrapolates = moved > 0 and is_near and not self.is_unchanged

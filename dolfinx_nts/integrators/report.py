@@ -9,7 +9,7 @@ __all__ = ["StepReport"]
 
 
 class _Numbers(NamedTuple):
-    """Fields of `StepReport`."""
+    """Stored fields of `StepReport`, from which its properties are computed."""
 
     step: int
     t: float
@@ -35,7 +35,7 @@ class StepReport(_Numbers):
     to the change of kinetic and strain energy.
 
     Attributes:
-        step: Number of the step, from 1.
+        step: Number of the step, starting from 1.
         t: Time at its end [s].
         dt: Its length [s].
         newton_iterations: Linear systems solved in all attempts.

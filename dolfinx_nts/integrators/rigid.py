@@ -122,8 +122,8 @@ def check_closed_contact(
 ) -> None:
     """Check pairs of a scheme with inertia that closes gaps at the end of a step. Collective.
 
-    Elastic impact is a condition on the work of a step, which such schemes do not have. Multipliers
-    at nodes of a rigid body would stop the whole body.
+    Elastic impact requires contact forces whose work in a step is defined by the gaps, which such
+    schemes do not have. Multipliers at nodes of a rigid body would stop the whole body.
 
     Args:
         bodies: All bodies.
@@ -274,9 +274,9 @@ def spring_stiffness(
     Returns:
         The static stiffness, infinite at nodes of rigid bodies, NaN at other nodes with all
         displacements prescribed; and the stiffness of springs between nodes that do not deform,
-        infinite at all other nodes. The latter is the inertia of a body in a step, so that a body
-        striking at a point penetrates by about its motion in a step. In statics it is the largest
-        static stiffness. Both ``(n,)`` [N/m].
+        infinite at all other nodes. With inertia the latter is the effective mass of a body divided
+        by the square of the step, so that a body striking at a point penetrates by about its motion
+        in a step. In statics it is the largest static stiffness. Both ``(n,)`` [N/m].
 
     Raises:
         ValueError: No node deforms, in statics.
@@ -299,7 +299,7 @@ def spring_stiffness(
             )
         in_place[~deforms] = greatest
     else:
-        # Prescribed nodes count as a guided body: the mass of all other bodies limits the force.
+        # Prescribed nodes are treated as a guided body: the mass of all bodies limits the force.
         whole = np.array([_AT_A_POINT * float(reductions.total(comm, mass.sum()))])
         in_place[prescribed] = rates.inertia_share(whole)[0]
     return of_cells, in_place
@@ -308,7 +308,7 @@ def spring_stiffness(
 def _inertia(bodies: Sequence[Body], mass: Floats, rates: Rates) -> list[tuple[Ints, float]]:
     """Owned nodes of each rigid body, and its effective inertia in a step [N/m]. Collective.
 
-    A body that its guide constrains in all directions counts as all rigid bodies together.
+    A body without free motions has the mass of all rigid bodies together.
     """
     rigid = [body for body in bodies if isinstance(body, RigidBody)]
     if not rigid:
@@ -322,7 +322,7 @@ def _inertia(bodies: Sequence[Body], mass: Floats, rates: Rates) -> list[tuple[I
 
 
 def _owned(body: Body, n: int) -> Ints:
-    """Owned nodes of a body, among n owned ones."""
+    """Owned nodes of a body, given the number n of all owned nodes."""
     return body.nodes[body.nodes < n]
 
 
@@ -352,7 +352,7 @@ def _given_point(body: RigidBody) -> Floats | None:
 
 def _mass(fields: LinearFields) -> Floats:
     """Mass products of the linear fields over a body, ``(d + 1, d + 1)`` [kg]."""
-    # With the consistent mass, as in the balance of momentum.
+    # Consistent mass, as in the balance of momentum.
     body = fields.body
     field = fem.Function(body.V)
     mass, values = ConsistentMass([body], field), nodal(field)

@@ -31,12 +31,12 @@ class Scheme:
             Piola-Kirchhoff stress of a step [Pa], UFL (3, 3), from the material parameters as
             constants and the deformation gradients at both ends of the step, UFL (3, 3).
         rates: Factory of the relation between velocities and displacements, called by the stepper:
-            ``partial(NewmarkRates, Newmark(...))`` for relatives of Newmark's method, or the one of
-            another scheme, such as ``Midpoint.scheme.rates``.
+            ``partial(NewmarkRates, Newmark(...))`` for methods of Newmark's family, or the
+            ``rates`` of another scheme, such as ``Midpoint.scheme.rates``.
         stress_share: Weight of the end of the step in ``stress`` [-], which springs and tangents
             use, too: 1/2 for midpoint-type schemes, 1 for implicit Euler.
         load_point: Time of the loads and of the constraint forces of rigid bodies, from 0 at the
-            start of a step to 1 at its end [-]. It is the time of the stress; with another one a
+            start of a step to 1 at its end [-]. It must be the time of the stress, otherwise the
             scheme is of first order.
         loads_at: Displacement at which loads act: interpolated at their time (``"mean"``), or at
             the end of the step (``"end"``).
@@ -79,7 +79,7 @@ class Scheme:
                 raise ValueError(f"expected {name} of a Scheme from 0 to 1, given {number}")
 
     def ends_for_loads(self, u_n: Any, u: Any) -> tuple[Any, Any]:
-        """Displacements whose mean a load uses, Functions or UFL. Local.
+        """Two displacements whose mean is that of a load, Functions or UFL. Local.
 
         Loads must act at the positions of the bodies at the time of the load, or the scheme would
         be of first order.

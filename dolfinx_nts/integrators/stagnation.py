@@ -6,27 +6,27 @@ from dolfinx_nts.solvers.newton_report import NewtonReport
 
 __all__ = ["IneffectiveCuts", "LimitPoint", "ShortSteps"]
 
-# Least growth [-] of the displacement rate per cut that counts. With the time s left to a limit
-# point displacements vary as sqrt(s), and a cut halves s at least, so rates grow by about sqrt(2),
-# and by less where loads far from the limit contribute to them.
+# Growth of the displacement rate per cut [-] above which a cut indicates a limit point. Near a
+# limit point displacements vary as sqrt(s) with the remaining time s, and a cut at least halves s.
+# Rates therefore grow by about sqrt(2), or less if other loads contribute to them.
 _GROWTH = 1.2
-# Numbers of such cuts [-], and of steps with such cuts [-], from which on a limit point is
-# diagnosed. Steps then have less than 1/32 of the usual length. A single step may be fast because
-# surfaces meet in it.
+# Numbers of such cuts [-], and of steps with such cuts [-], at which a limit point is diagnosed.
+# Steps are then shorter than 1/32 of the usual length. One step is not enough: rates may grow
+# because surfaces meet.
 _LIMIT_CUTS, _STEPS = 5, 2
 
 # Consecutive cuts without effect [-] after which a step is infeasible: 1/32 of the usual length.
 _INEFFECTIVE_CUTS = 5
-# Part of the first residual of a step [-] that remains after a cut without effect. Without inertia
-# a change of the loads over the step halves with its length.
+# Ratio of the first residuals after and before a cut [-] above which the cut has no effect. In
+# statics continuous loads halve the residual.
 _LEFT = 0.9
-# Relative difference of the least residuals [-] up to which two failures have the same reason; and
+# Relative difference of the least residuals [-] below which two failures have the same reason; and
 # fraction of the first residual [-] below which an equilibrium was found, but rejected.
 _SAME, _BALANCED = 0.1, 1e-6
-# Number of last iterations [-] among which the least residual counts, as states may alternate.
+# Number of last iterations [-] over which the least residual is taken, as states may alternate.
 _LAST = 6
 
-# Halvings [-] from which on a step is short, and number of consecutive short steps [-] that is
+# Number of halvings [-] of a short step, and number of consecutive short steps [-] that is
 # reported: together they cover less than two usual steps. An impact needs fewer.
 _SHORT, _MANY = 4, 30
 
@@ -34,8 +34,8 @@ _SHORT, _MANY = 4, 30
 class LimitPoint:
     """Detects in statics that steps approach a limit load. Local.
 
-    Towards a limit point displacements grow ever faster, and no step across it succeeds, however
-    short. A step that is merely too long succeeds when it is cut, without growth of the rates.
+    Near a limit point displacement rates grow, and no step across it succeeds, however short. A
+    step that is only too long succeeds after cuts, without growth of the rates.
     """
 
     def __init__(self) -> None:
@@ -90,8 +90,8 @@ class IneffectiveCuts:
     If loads and prescribed displacements vary continuously, the residual at the start of a step
     decreases with its length. After a jump it does not, and Newton's method stops at the same
     residual. With inertia the residual of a jump grows as the inverse square of the length, faster
-    than any impact. Nodes that prescribed displacements alone move into a surface fail at
-    any length, too.
+    than any impact. If prescribed displacements alone move nodes into a surface, a step also fails
+    at any length.
 
     Args:
         inertia: Whether the bodies have inertia.
@@ -112,7 +112,7 @@ class IneffectiveCuts:
         Args:
             reports: Report of Newton's method from each starting guess.
             dt: Length of the step [s].
-            cuts: Number of halvings of the usual length in it.
+            cuts: Number of halvings of the usual length.
         """
         norms = [each.residual_norms for each in reports]
         found = [(each[0] * dt**self._power, self._stuck(each)) for each in norms]
@@ -138,13 +138,13 @@ class IneffectiveCuts:
         return f"the step fails however short it is: {why}; {remedy}"
 
     def _is_same(self, last: tuple[float, float], now: tuple[float, float]) -> bool:
-        """Whether a cut has left an attempt unchanged."""
+        """Whether an attempt failed in the same way as before the cut."""
         is_left = now[0] >= _LEFT * last[0] > 0
         return is_left and (self._power > 0 or abs(now[1] - last[1]) <= _SAME * last[1])
 
     @staticmethod
     def _stuck(norms: Sequence[float]) -> float:
-        """Least of the last residuals [N]; 0 at an equilibrium."""
+        """Least of the last residual norms [N]; 0 if an equilibrium was found."""
         least = min(norms[-_LAST:])
         return least if least > _BALANCED * norms[0] else 0.0
 
@@ -163,7 +163,7 @@ class ShortSteps:
         """Register an accepted step with the number of its halvings.
 
         Returns:
-            Warning for the user, "" if there is nothing new.
+            Warning for the user, or "".
         """
         self._number = self._number + 1 if cuts >= _SHORT else 0
         if self._number != _MANY:

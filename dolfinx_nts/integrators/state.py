@@ -49,7 +49,7 @@ class State(ABC):
     """
 
     def __init__(self, V: fem.FunctionSpace, dt: float) -> None:
-        # An array, so that other objects can read the time without a reference to the state.
+        # An array, so that other objects can read the time without a reference to this state.
         self._now: Floats = np.zeros(())
         self.t_n, self.step, self.inertia_defect = 0.0, 0, 0.0
         self.u, self.v, self.u_n = (fem.Function(V) for _ in range(3))
@@ -58,13 +58,13 @@ class State(ABC):
         self._comm: MPI.Comm = V.mesh.comm
         self._X: Floats = reference_positions(V)
         self.dt = dt
-        # Length of the current step, or of the last one for diagnostics.
+        # Length of the current step, or between steps of the last one.
         self._dt = fem.Constant(V.mesh, self.dt)
 
     if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Any:
-            """Refuse use of a state whose class has not called this ``__init__``."""
+            """Raise an error with advice if a subclass has not called ``super().__init__``."""
             kind = type(self).__name__
             if "_comm" not in vars(self) and name != "scheme":
                 raise AttributeError(
@@ -97,7 +97,7 @@ class State(ABC):
 
     @contextmanager
     def _steps_of(self, dt: float) -> Iterator[None]:
-        """Context with steps of length dt [s] instead of the usual one."""
+        """Context with another length dt of steps [s] than the usual one."""
         usual = self._usual_dt
         try:
             self.dt = dt
@@ -125,7 +125,7 @@ class State(ABC):
     def serialize(self, archive: Archive) -> None:
         """Serialize all data on which the next step depends.
 
-        Internal state of ``update`` and of the functions of loads is not part of it.
+        Internal variables of ``update`` and of functions in loads are not included.
         """
         self._usual_dt = archive.same("dt", self.dt)
         self.inertia_defect = archive.same("inertia_defect", self.inertia_defect)

@@ -10,8 +10,8 @@ from dolfinx_nts.common.declaration import Declaration
 
 __all__ = ["ROUND_OFF", "EvenSteps", "StepControl", "StepLength"]
 
-# Part of a step [-] that counts as round-off of its times: far above the round-off of any run, and
-# far below any relevant part.
+# Time relative to the length of a step [-] that counts as round-off: far above the round-off of any
+# run, and far below any relevant fraction of a step.
 ROUND_OFF = 1e-6
 # Default smallest step relative to the usual one [-]: 20 halvings, so that a run that cannot
 # proceed ends after about 20 attempts.
@@ -37,11 +37,11 @@ class StepControl(Declaration):
     run ends with an error.
 
     Args:
-        smallest: Smallest length of a step [s], also near a limit load; None for 2**-20 of the
-            ``dt`` of the stepper, or more at limit loads and where cuts have no effect.
-        gap_tol: Largest distance from the surface at which contact with elastic impact may catch
-            a node or hold it inside [m]; None for no limit. A node that was deeper before is
-            allowed.
+        smallest: Smallest length of a step [s], also near a limit load. None for 2**-20 of the
+            ``dt`` of the stepper; cuts then stop earlier at limit loads, or if they have no effect.
+        gap_tol: Largest distance from the surface, on either side, at which a node may become or
+            stay active in elastic impact [m]; None for no limit. Nodes that were farther away
+            before are allowed.
         times: Times at which a step must end [s], for instance for output.
 
     Attributes:
@@ -72,7 +72,7 @@ class StepControl(Declaration):
         self.smallest, self.gap_tol = smallest, gap_tol
 
     def __repr__(self) -> str:
-        """Call that creates an equal control. Local."""
+        """Constructor call of an equal control. Local."""
         return as_call(self, smallest=self.smallest, gap_tol=self.gap_tol, times=self.times)
 
     def shortest(self, dt: float) -> float:
@@ -82,7 +82,7 @@ class StepControl(Declaration):
     def next_step(self, t: float, dt: float, until: float) -> tuple[float, float]:
         """Length and end of the next step, both [s].
 
-        The last two steps before a given time have equal lengths, so that none is much shorter
+        The last two steps before a given time have equal lengths, so that no step is much shorter
         than the others.
 
         Args:
@@ -108,7 +108,7 @@ class EvenSteps:
     Local, except where a method says otherwise.
 
     Attributes:
-        target: End of the current step [s]; of a halved step, the end of its last part.
+        target: End of the current full step [s], also while it is taken in halves.
     """
 
     def __init__(self) -> None:
@@ -116,7 +116,7 @@ class EvenSteps:
         self.target = -math.inf
 
     def goes_on(self, t: float, dt: float) -> bool:
-        """Whether a step to the target was halved, so that the remainder is due.
+        """Whether the next step is the remainder of a halved step to the target.
 
         Args:
             t: Current time [s].
@@ -164,16 +164,16 @@ class StepLength:
         self.cuts, self._accepted = self.cuts + 1, 0
 
     def uncut(self, cuts: int) -> None:
-        """Undo the last cuts, which had no effect."""
+        """Undo a number of cuts."""
         self.cuts, self._accepted = max(self.cuts - cuts, 0), 0
 
     def accept(self) -> None:
-        """Count an accepted step, and double the length after some of them."""
+        """Register an accepted step, and double the length after three steps of the same length."""
         self._accepted += 1
         if self._accepted >= _PATIENCE and self.cuts:
             self.cuts, self._accepted = self.cuts - 1, 0
 
     def serialize(self, archive: Archive) -> None:
-        """Serialize both counts. Collective."""
+        """Serialize the numbers of halvings and of accepted steps. Collective."""
         self.cuts = archive.same("cuts", self.cuts)
         self._accepted = archive.same("accepted", self._accepted)

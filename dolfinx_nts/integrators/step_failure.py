@@ -27,7 +27,7 @@ from dolfinx_nts.solvers.newton_report import ConvergenceError, NewtonReport
 
 __all__ = ["SHORTER_STEP_HELPS", "StepFailure"]
 
-# Advice if nothing but the length of the step can be changed.
+# Advice if no specific cause is known.
 SHORTER_STEP_HELPS = "a smaller dt may help, which StepControl() uses after a failed step"
 
 # Attempts by name: the starting guesses of `Rates.starts`, and those of statics.
@@ -39,23 +39,23 @@ _STARTS = {
     "sticking": "the last state with all nodes sticking",
     "relaxed": "the last state against a viscous resistance",
 }
-# Phrases in reasons that suggest springs that are too soft.
+# Phrases in the reasons of failure that indicate springs that are too soft.
 _SUNK = "through a surface", "into a surface"
 # Largest number of surface names in a message [-].
 _MOST_NAMES = 3
-# Ratio of the moduli of nodes and segments [-] from which on the message mentions it.
+# Ratio of the moduli of nodes and segments [-] above which the message mentions it.
 _STIFFER = 10.0
-# Ratio of the facets of nodes and segments where they touch [-] from which on the message mentions
-# it. A ball on a block, 6 facets in a quarter of it: 1.0 runs at all speeds tried, 1.39 fails.
+# Ratio of the facet sizes of nodes and segments in contact [-] above which the message mentions it.
+# With a ball of 6 facets per quarter circle on a block, 1.0 runs at all tested speeds, 1.39 fails.
 _COARSER = 1.2
-# Phrases in reasons that suggest single nodes that press facets in.
+# Phrases in the reasons of failure that indicate single nodes that indent facets.
 _PRESSED_IN = "into a surface", "do not project", "increments were longer"
-# Phrase in reasons that suggests nodes caught between facets of a curved surface.
+# Phrase in the reasons of failure that indicates nodes in concave edges between facets.
 _BETWEEN = "between two segments"
 
 
 class StepFailure:
-    """Diagnosis of a step none of whose attempts was accepted.
+    """Diagnosis of a step that failed in all attempts.
 
     Args:
         attempts: Report of Newton's method from each starting guess, by its name.
@@ -89,7 +89,7 @@ class StepFailure:
             bodies: All bodies.
             contacts: States of all pairs.
             yielding: States of pairs whose springs are too soft at any step length.
-            advice: Remedy if no better one is known.
+            advice: Remedy if no specific cause is found.
         """
         attempts = self._attempts.items()
         reasons = "; ".join(f"starting from {_STARTS[name]}: {each}" for name, each in attempts)
@@ -119,7 +119,7 @@ class StepFailure:
             f"stiffer springs between {contact.pair.between} may help ({contact})"
             for contact in springs
         ]
-        if yielding:  # nodes penetrate for any length of steps
+        if yielding:  # nodes penetrate at any length of the step
             advice = "; ".join(stiffer)
         else:
             reasons = "; ".join([reasons, *stiffer])
@@ -130,7 +130,7 @@ class StepFailure:
         )
 
     def _pairs(self) -> Iterator[tuple[ContactPair, bool]]:
-        """Pairs, and whether they have nodes that keep changing state. Collective."""
+        """Pairs, and whether they have nodes that changed state repeatedly. Collective."""
         for step, _ in self._steps:
             ends, node = step.state.ends, step.restless
             counts = reductions.total(self._comm, np.diff(np.searchsorted(node, ends)))
@@ -141,8 +141,8 @@ class StepFailure:
     def _softer(self, bodies: Sequence[Body]) -> str:
         """Advice for pairs whose unsettled nodes belong to the stiffer side, or "". Collective.
 
-        Only few nodes of a stiff body can touch soft facets together, and small details of the
-        facets decide which.
+        Only few nodes of a stiff body can touch soft facets at the same time, and which ones
+        depends on small details of the facets.
         """
         found = []
         for pair, is_restless in self._pairs():
@@ -156,14 +156,14 @@ class StepFailure:
             return ""
         ratio, pair = max(found, key=lambda each: each[0])
         return (
-            f"; {pair.nodes.name} gives the nodes and is {float(f'{ratio:.2g}'):g} times stiffer "
-            f"than {pair.segments.name}: let the softer one give them"
+            f"; {pair.nodes.name} provides the contact nodes and is {float(f'{ratio:.2g}'):g} "
+            f"times stiffer than {pair.segments.name}: let the softer one provide them"
         )
 
     def _coarser(self) -> str:
-        """Advice for pairs with nodes farther apart than the vertices of segments, or "".
+        """Advice for pairs with larger facets of nodes than of segments, or "". Collective.
 
-        Single nodes then indent facets, and vertices penetrate between the nodes. Collective.
+        Single nodes then indent facets, and vertices penetrate between the nodes.
         """
         found = []
         for step, _ in self._steps:
@@ -189,13 +189,13 @@ class StepFailure:
             return ""
         ratio, pair = max(found, key=lambda each: each[0])
         return (
-            f"; {pair.nodes.name} gives the nodes, and its facets are {ratio:.2g} times as large "
-            f"as those of {pair.segments.name} where they touch: exchange both in the ContactPair, "
-            'so that the finer one gives the nodes, or take method="mortar"'
+            f"; {pair.nodes.name} provides the contact nodes, and its facets are {ratio:.2g} times "
+            f"as large as those of {pair.segments.name} where they touch: exchange both in the "
+            'ContactPair, so that the finer one provides the nodes, or use method="mortar"'
         )
 
     def _modulus(self, bodies: Sequence[Body], surface: Surface) -> float:
-        """Least modulus of the bodies of a surface [Pa]; infinite if rigid. Collective."""
+        """Smallest modulus of the bodies of a surface [Pa], infinite if rigid. Collective."""
         of_bodies = [
             body.material.least_modulus
             for body in bodies
@@ -204,9 +204,9 @@ class StepFailure:
         return float(reductions.least(self._comm, min(of_bodies, default=np.inf)))
 
     def _smoother(self) -> str:
-        """Advice to smooth surfaces whose facet edges catch nodes, or "". Collective.
+        """Advice to use smooth segments where nodes do not settle, or "". Collective.
 
-        These are the surfaces with unsettled nodes, or all if there are none.
+        It concerns pairs with unsettled nodes, or all pairs if there are none.
         """
         names: list[dict[str, None]] = [{}, {}]
         for pair, is_restless in self._pairs():
@@ -218,7 +218,7 @@ class StepFailure:
         more = len(found) - _MOST_NAMES
         chosen = " or ".join(found[:_MOST_NAMES]) + (f" or one of {more} more" if more > 0 else "")
         return (
-            f"; if {chosen} is curved, smooth=True of the surface may help: nodes are caught at "
+            f"; if {chosen} is curved, smooth=True of the surface may help: nodes do not settle at "
             "edges between flat facets"
         )
 

@@ -1,7 +1,7 @@
-"""Base class of steppers, which own the state of bodies and their contact and advance it in time.
+"""Base class of steppers: state of bodies and their contact, and its advance in time.
 
-It has the checks, the order of operations in a step, and the public interface. `ImplicitStepper`
-and `CentralDifference` implement the solution of a step.
+The base class defines the checks, the order of operations in a step, and the public interface.
+`ImplicitStepper` and `CentralDifference` implement the solution of a step.
 """
 
 import logging
@@ -53,19 +53,20 @@ __all__ = ["ScriptValues", "Stepper"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Largest rotation of an obstacle in a step [rad], as of a normal, see `ContactKinematics.turn`.
+# Largest rotation of an obstacle in a step [rad], the same as of a normal, see
+# `ContactKinematics.turn`.
 _MOST_TURN = np.pi / 2
 
 
 class ScriptValues:
     """Values set by ``update`` that loads use, evaluated at the time of the loads. Local.
 
-    Dirichlet conditions need values at the end of a step, loads mostly in its middle, and both may
+    Dirichlet conditions need values at the end of a step, loads usually in the middle, and both may
     share a Constant. The forms of loads therefore contain copies.
 
     Args:
         loads: Loads of the stepper.
-        state: Displacements at both ends of a step, which the user does not set.
+        state: Displacements at both ends of a step, which are not copied.
         update: Function of the user that sets values for a time [s], or None.
     """
 
@@ -97,12 +98,12 @@ class ScriptValues:
         return ufl.replace(form, {value: self._copies[value] for value in given})
 
     def update(self, end: float) -> None:
-        """Call ``update`` for the end of the step [s], unless `take` does that."""
+        """Call ``update`` for the end of the step [s], unless `take` calls it."""
         if self._update is not None and not self._copies:
             self._update(end)
 
     def take(self, t: float, end: float) -> None:
-        """Copy the values in loads at time t, then restore those for the end of the step [s]."""
+        """Copy the values for loads at time t, then set the values for the end of the step [s]."""
         if not self._copies:
             return
         if self._update is not None:
@@ -145,7 +146,7 @@ class Stepper(TimeLoop):
     pairs = SetOnce[tuple[ContactPair, ...]]()
 
     def _with_defaults(self, pair: ContactPair) -> ContactPair:
-        """Pair with the laws of this stepper where none were given. Collective."""
+        """Pair with the defaults of this stepper for laws that were not given. Collective."""
         return pair.with_defaults(Penalty())
 
     def __new__(cls, *arguments: Any, **options: Any) -> Any:
@@ -203,7 +204,8 @@ class Stepper(TimeLoop):
         self._was_displaced, self._increment = True, 0.0
         self.timings = Timings()
         self._script = ScriptValues(self.loads, (self.u_n, self.u), update)
-        # Positions before the user displaced bodies since the last step.
+        # Positions before the user displaced bodies; None if they were not displaced since the last
+        # step.
         self._x_before: Floats | None = None
         # Cached, since access to the array of a Function is slow.
         self._u, self._u_n = self.u.x.array, self.u_n.x.array
@@ -259,7 +261,7 @@ class Stepper(TimeLoop):
         same_scheme: bool,
         same_bodies: bool,
     ) -> None:
-        """Take over time, motion, internal variables and contact of another scene on the mesh.
+        """Copy time, motion, internal variables and contact of another scene on the same mesh.
 
         Args:
             archive: Archive stored by `serialize` of the other stepper.
@@ -295,7 +297,7 @@ class Stepper(TimeLoop):
                 steps; or ranks have different ``dt``. The state is as before the call.
         """
         self._check_state()
-        self._dt.value[...] = self.dt  # faster than assignment of the value
+        self._dt.value[...] = self.dt  # faster than assignment to `.value`
         if self._was_displaced:
             self._check_start()
         moving = [contact for contact in self.contacts if contact.search.may_move]
@@ -326,9 +328,9 @@ class Stepper(TimeLoop):
         return report
 
     def known_gaps(self) -> list[Floats] | None:
-        """Gaps of the nodes of each pair at the current state, if the last step computed them.
+        """Gaps of the nodes of each pair at the current state, or None if not computed. Local.
 
-        Local. Nodes without penetration may have NaN.
+        They may be NaN at nodes that do not penetrate.
 
         Returns:
             Arrays of shape ``(n,)`` [m], or None.
@@ -336,9 +338,9 @@ class Stepper(TimeLoop):
         return None
 
     def check_overlaps(self) -> None:
-        """Report overlaps of bodies in the log that have not been reported before.
+        """Log overlaps of bodies that have not been reported before.
 
-        Runs do so whenever bodies could have passed through each other, and at their end.
+        A run checks this whenever bodies could have passed through each other, and at its end.
         """
         with self.timings.phase("overlap"):
             self.watch.check_overlaps(self.x, self.t)
@@ -363,7 +365,7 @@ class Stepper(TimeLoop):
         self._x_before = self._x_before if before is None else before
 
     def _load_at(self, point: float) -> None:
-        """Set the time of the loads to a fraction of the next step, from 0 to 1. Local."""
+        """Set the time of the loads, as a fraction of the next step from 0 to 1. Local."""
         t = self.t + point * self.dt
         self._script.take(t, self.t + self.dt)
         for load in self.loads:

@@ -42,7 +42,7 @@ _BAR = "{l_bar}{bar}| {n:.4g}/{total:.4g} s [{elapsed}<{remaining}]"
 
 
 class StepLoop(Iterator[StepReport]):
-    """Iterator over step reports that warns if no step was taken. Collective except on deletion.
+    """Iterator over step reports, which warns if no step was taken. Collective, except on deletion.
 
     Args:
         steps: Generator that takes a step for each report.
@@ -83,9 +83,9 @@ class TimeLoop(State):
 
     contacts: tuple[PairState, ...]
     loads = SetOnce[tuple[Load, ...]]()
-    # Whether a step tries Newton's method, and whether statics falls back to relaxation.
+    # Whether a step tries Newton's method, and then the last resort (`_has_last_resort`).
     _tries, _relaxes = True, True
-    # Whether equal steps that fail are halved, which takes a copy of the state in each step.
+    # Whether equal steps that fail are halved, which requires a copy of the state in each step.
     _halves_equal_steps: ClassVar[bool] = True
 
     def __init__(
@@ -101,7 +101,7 @@ class TimeLoop(State):
 
     @abstractmethod
     def check_overlaps(self) -> None:
-        """Report overlaps that have not been reported before."""
+        """Log overlaps that have not been reported before."""
 
     def _static_increment(self) -> float | None:
         """Largest displacement increment of a node in the last step [m]; None with inertia."""
@@ -127,12 +127,12 @@ class TimeLoop(State):
 
         Args:
             until: Time at the end [s]; a `ContactForce`; or a function of the `StepReport` that
-                returns whether the run ends. The run ends with the first step for which a
-                condition holds. Of several in a list, the first one ends the run: give a time,
-                too, where a condition may never hold.
+                returns whether the run ends. The run ends with the first step for which a condition
+                holds. A list of conditions ends it as soon as one of them holds: include a time if
+                a condition may never hold.
             control: Lengths of steps. With None every step has the length ``dt``, except the last
-                one and implicit steps that fail: they are halved, and a warning says so once.
-                ``StepControl(smallest=dt)`` halves none.
+                one. Implicit steps that fail are halved, with one warning;
+                ``StepControl(smallest=dt)`` prevents this.
 
         Returns:
             Iterator over the reports of the steps. Each iteration takes one step, so that ``dt``
@@ -170,19 +170,19 @@ class TimeLoop(State):
                 if ends:
                     break
         except ConvergenceError:
-            self.check_overlaps()  # a possible cause
+            self.check_overlaps()  # overlaps may have caused the failure
             raise
         self.check_overlaps()
 
     def _run(self, until: float, given: StepControl | None) -> Iterator[StepReport]:
-        """Advance in equal steps, or as long as the control and the scheme permit."""
+        """Advance in equal steps, or in steps as long as the control and the scheme permit."""
         control, statics = given or StepControl(), self._static_increment() is not None
         halves = given is not None or self._halves_equal_steps
         smallest, gap_tol = control.shortest(self.dt), control.gap_tol
         apart = None if gap_tol is None else self._held_apart(gap_tol)
         rejected, first, limit, short = 0, "", LimitPoint(), ShortSteps()
         ineffective, is_reported = IneffectiveCuts(inertia=not statics), given is not None
-        final: ConvergenceError | None = None  # ends the run unless the last resort succeeds
+        final: ConvergenceError | None = None  # raised if the last resort fails as well
         with self._progress(until, initial=self.t, bar_format=_BAR) as bar:
             while until - self.t > ROUND_OFF * (smallest if given else self.dt):
                 dt, end = self._next_step(until, given)
@@ -235,7 +235,7 @@ class TimeLoop(State):
                     rejected += 1
                     continue
                 if final is not None:
-                    # The new state is unrelated to the cause of the cuts.
+                    # After a jump to another state, the history of cuts is irrelevant.
                     limit, short, self._length = LimitPoint(), ShortSteps(), StepLength()
                 warning = short.accept(self._length.cuts)
                 if warning and self._comm.rank == 0:
@@ -255,7 +255,7 @@ class TimeLoop(State):
             return control.next_step(self.t, min(dt, self._longest_step()), until)
         even, is_last = self._even, (until - self.t) / self.dt <= 1 + ROUND_OFF
         if even.goes_on(self.t, self.dt):
-            # The rest of a step that was halved.
+            # The remainder of a halved step.
             return StepControl().next_step(self.t, dt, min(even.target, until))
         end = even.next(self.t, self.step, self.dt)
         end = until if is_last else end
@@ -266,8 +266,8 @@ class TimeLoop(State):
     def _advance_to(self, end: float, dt: float, *, far: bool) -> StepReport:
         """Advance by one step of length dt [s], and set the time to its end [s] exactly.
 
-        ``far`` is true for the last resort only, which is relaxation in statics, and no held
-        vertices with inertia; false for Newton's method only.
+        ``far`` selects the last resort: relaxation in statics; with inertia, Newton's method and
+        then a step without contact of vertices. If it is false, only Newton's method is tried.
         """
         statics = self._static_increment() is not None
         self._tries, self._relaxes = not (far and statics), far
@@ -280,12 +280,12 @@ class TimeLoop(State):
         return report._replace(t=end)
 
     def _held_apart(self, gap_tol: float) -> list[Flags]:
-        """Active nodes of each pair whose gap exceeds gap_tol in magnitude."""
+        """Flags of active nodes of each pair whose gap exceeds gap_tol in magnitude."""
         x = self.x
         return [held_apart(pair, x, gap_tol) for pair in self.contacts]
 
     def _checked(self, before: list[Flags], gap_tol: float) -> list[Flags]:
-        """Active nodes with a large gap after the step; raises if there are new ones."""
+        """Flags of active nodes with a large gap after the step; raises if there are new ones."""
         after = self._held_apart(gap_tol)
         new = [
             pair.nodes.node_ids[now & ~then]
@@ -305,7 +305,7 @@ class TimeLoop(State):
     def _progress(self, total: float, **options: Any) -> Any:
         """Progress bar on rank 0, if a terminal exists and the run lasts over a second."""
         silent = None if self._comm.rank == 0 else True  # None: silent without a terminal
-        # Without a time for the end, the bar only counts.
+        # Without an end time the bar only counts.
         end = total if math.isfinite(total) else None
         if end is None:
             options.pop("bar_format", None)

@@ -55,11 +55,11 @@ __all__ = ["CentralDifference", "check_scope"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Interval between checks of energy and cell sizes [steps]. With twice as many steps cells can
-# collapse in between; with fewer the checks cost time.
+# Number of steps between checks of energy and cell sizes [-]. Larger (twice): cells can collapse
+# between checks; smaller: checks take more time.
 _CHECK_INTERVAL = 50
-# Relative distance to the stable step in controlled runs [-], because they lengthen steps by up
-# to `ROUND_OFF` to meet a time.
+# Relative margin to the stable step in controlled runs [-], as they lengthen steps by up to
+# `ROUND_OFF` to end at a given time.
 _MARGIN = 1e-5
 
 
@@ -99,18 +99,18 @@ class CentralDifference(Stepper):
     It conserves linear and angular momentum to round-off. The energy error is bounded and of
     second order in the step. A step has one assembly of the internal forces and no linear
     system, but must be shorter than ``stable_step``, about the time in which a wave crosses the
-    smallest cell. Contact is enforced by `Penalty`, friction by tangential springs. Damping lags
-    half a step behind and is accurate to first order. Rigid bodies have their exact mass and
-    inertia and conserve both momenta to round-off (Hairer, Lubich and Wanner 2006, section
-    VII.1.4). If all bodies are rigid, only springs limit the step. Further attributes: see
+    smallest cell. Contact is enforced by `Penalty`, friction by tangential springs. Damping forces
+    use the velocity half a step earlier, and are accurate to first order. Rigid bodies have their
+    exact mass and inertia and conserve both momenta to round-off (Hairer, Lubich and Wanner 2006,
+    section VII.1.4). If all bodies are rigid, only springs limit the step. Further attributes: see
     `EnergyMomentum`. Collective, as are all its methods.
 
     Args:
         bodies: Bodies of one space, which fill the mesh.
         pairs: Contact pairs of these bodies, all with `Penalty`, which is the default, and
-            node-to-segment or edge-to-edge contact. Springs without a number are 3/5 as stiff as
-            the cells on both sides in series, or softer where ``dt`` is close to the stable step.
-            Between rigid bodies they are as stiff as ``dt`` allows.
+            node-to-segment or edge-to-edge contact. Springs without a given stiffness are 3/5 as
+            stiff as the cells on both sides in series, or softer where ``dt`` is close to the
+            stable step. Between rigid bodies they are as stiff as ``dt`` allows.
         dt: Length of a step [s]; None for 0.7 of the estimate.
         bcs: See `EnergyMomentum`.
         loads: Loads on the bodies.
@@ -118,9 +118,9 @@ class CentralDifference(Stepper):
 
     Attributes:
         stable_step: Estimate of the largest stable step [s], from the sizes of the cells, the
-            materials at C = 1, damping and penalties with a number. It does not depend on ``dt``,
-            and is updated every 50 steps. Default penalties that the first ``dt`` limits leave
-            hardly any room for longer steps later.
+            materials at C = 1, damping and given penalties. It does not depend on ``dt``, and is
+            updated every 50 steps. Default penalties that are limited by the first ``dt`` hardly
+            allow longer steps later.
         mass: Lumped mass of the owned nodes, shape ``(n,)`` [kg].
 
     Raises:
@@ -137,16 +137,16 @@ class CentralDifference(Stepper):
         0
     """
 
-    # With lumped mass the velocity needs no forms.
+    # With lumped mass the velocity update needs no forms.
     scheme = Scheme(
         contact="static", stress=_mean_stress, rates=NoRates, load_point=1.0, loads_at="end"
     )
-    # A copy of the state takes half the time of a step.
+    # A copy of the state would take half the time of a step.
     _halves_equal_steps = False
     stable_step: float = math.inf
 
     @geometry_unchanged()
-    @compat.quicker_ffcx()  # Derivatives ask for cells as often as FFCx does.
+    @compat.quicker_ffcx()  # UFL derivatives query cells as often as FFCx does.
     def __init__(
         self,
         bodies: Sequence[Body],
@@ -207,7 +207,7 @@ class CentralDifference(Stepper):
             self._state_was_set()
 
     def nodal_momentum(self) -> Floats:
-        """Momentum of the owned nodes by the lumped mass, shape ``(n, 3)`` [kg m/s]."""
+        """Momentum of the owned nodes, with lumped mass, shape ``(n, 3)`` [kg m/s]."""
         momentum: Floats = self.mass[:, None] * self._drift.arrays[2]
         return momentum + self._rigid.more_momentum() if self._rigid.exists else momentum
 
@@ -223,7 +223,7 @@ class CentralDifference(Stepper):
 
     def _check_dt(self, dt: float) -> None:
         super()._check_dt(dt)
-        # The constructor sets the first step before the estimate is known.
+        # In the constructor the first step is set before the estimate is known.
         longest = self._stability.limit if hasattr(self, "_stability") else math.inf
         if dt > longest:
             softer = "; a new stepper with this dt has softer default penalties"
@@ -293,7 +293,7 @@ class CentralDifference(Stepper):
         if self._springs.obstacles_move:
             bounds = self._springs.bounds(self.x, moved)
         free = self.watch.free(bound)
-        # `Stepper.advance` uses it for the overlap check.
+        # `Stepper.advance` needs it for the overlap check.
         self._increment = 0.0 if free else moved
         if not free:
             with self.timings.phase("passage"):
@@ -378,7 +378,7 @@ class CentralDifference(Stepper):
 
         Args:
             moved: Half the bound on the approach of any two nodes [m].
-            bounds: The same for each pair [m].
+            bounds: Half the bound on the approach of both sides of each pair [m].
         """
         fast = self._springs.fast(bounds)
         if not fast and 2 * moved <= self.watch.vertices.clearance:

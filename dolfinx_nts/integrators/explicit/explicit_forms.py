@@ -75,8 +75,8 @@ class ExplicitBulk:
     def __init__(self, bodies: Sequence[Body], u: fem.Function, loads: Sequence[Load]) -> None:
         V = u.function_space
         self._F, self._eta = deformation_gradient(u), ufl.TestFunction(V)
-        # One kernel returns the nodal forces of a cell, then its strain energy: the strain is
-        # computed once for both.
+        # One kernel returns the nodal forces of a cell and then its strain energy, so that strains
+        # are computed once.
         cell = V.mesh.basix_cell()
         number = basix.ufl.element("DG", cell, 0, dtype=V.mesh.geometry.x.dtype)
         W = fem.functionspace(V.mesh, basix.ufl.mixed_element([V.ufl_element(), number]))
@@ -139,7 +139,7 @@ class ExplicitBulk:
 
 
 class PresentForces:
-    """Accelerations, power and strain energy of the last evaluated forces. Collective.
+    """Accelerations, power and strain energy of the last force evaluation. Collective.
 
     Args:
         bulk: Forces on the bodies, with contact in their total.
@@ -170,7 +170,7 @@ class PresentForces:
         self.strain_energy = reductions.total(comm, self._bulk.strain_energy)
 
     def kick(self, dt: float, rate: Floats) -> float:
-        """Complete the velocities of a step of length dt [s] by the last evaluation. Local.
+        """Complete the velocities of a step with the accelerations at its end. Local.
 
         Args:
             dt: Length of the step [s].
@@ -197,7 +197,7 @@ class PresentForces:
             return
         for number, force in enumerate((self.acceleration, *self._bulk.forces)):
             force[:] = archive.nodal(f"force/{number}", node_ids, force)
-        # Stored, since the order of summation differs in a step: equal to the last digit.
+        # The sum is stored, as another order of summation would change its last digit.
         self.strain_energy = archive.same("strain_energy", self.strain_energy)
         stored = archive.local("power", None if archive.giving else [np.array(self.power)])
         computed = np.vdot(self._bulk.total, self.acceleration)

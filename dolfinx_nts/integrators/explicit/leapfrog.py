@@ -43,8 +43,8 @@ from dolfinx_nts.solvers.rigid.rigid_states import RigidStates
 
 __all__ = ["Drift", "RigidLeapfrog"]
 
-# Limit on the Newton iterations for the rotation of a step [-], and correction after which the
-# rotation is exact to round-off, since convergence is quadratic [rad].
+# Newton's method for the rotation of a step: limit on the iterations [-], and correction below
+# which the rotation is exact to round-off, as convergence is quadratic [rad].
 _MAX_ITERATIONS, _SMALL = 30, 1e-9
 
 
@@ -55,7 +55,7 @@ class _Leap:
         fields: Linear fields over the bodies.
         mass: Their mass products, shape ``(b, d + 1, d + 1)`` [kg].
         q, v: Coefficients of positions [m] and velocities [m/s] at the start, ``(b, d + 1, d)``.
-        f: Sums of the nodal forces there, ``(b, d + 1, d)`` [N, N m].
+        f: Products of the fields and the nodal forces at the start, ``(b, d + 1, d)`` [N, N m].
         prescribed: Motion prescribed by guides in the step, ``(b, k)``.
         dt: Length of the step [s].
 
@@ -101,7 +101,7 @@ class _Leap:
         start, mass, q = (part[some] for part in (self._start, self._mass, self._q))
         change, dim = turned(q, amounts), q.shape[2]
         rest: Floats = amounts_of(start, mass @ change) / self._dt - impulse
-        # Derivative of a rotation about the mean state.
+        # Derivative of the rotation with respect to the Cayley vector, about the mean state.
         slopes = rigid_motions(q + change / 2)
         turn = np.linalg.inv(np.eye(dim) - spins(amounts) / 2)
         slopes[:, dim:] = slopes[:, dim:] @ turn.transpose(0, 2, 1)[:, None]
@@ -109,7 +109,7 @@ class _Leap:
         return self._freedom.at(some).solved(slope, rest)
 
     def kick(self, f: Floats) -> Floats:
-        """Complete the velocities with the sums f of the forces at the end [N, N m].
+        """Complete the velocities with the force products f at the end of the step [N, N m].
 
         Returns:
             Change of kinetic energy minus the work of forces and guides, shape ``(b,)`` [J].
@@ -139,7 +139,7 @@ class _Leap:
 class RigidLeapfrog(RigidStates):
     """Motion of all rigid bodies in explicit steps. Collective, as are all methods.
 
-    Vectors are nodal, see `RigidStates`.
+    Arguments are nodal vectors, see `RigidStates`.
 
     Args:
         V: Space of the displacement.
@@ -201,12 +201,12 @@ class RigidLeapfrog(RigidStates):
         return float(gained.sum())
 
     def more_momentum(self) -> Floats:
-        """Difference of momentum between consistent and lumped mass of rigid bodies [kg m/s]."""
+        """Momentum of rigid bodies with consistent minus lumped mass [kg m/s]."""
         momentum: Floats = self._mass.momentum()
         return momentum - self._lumped[:, None] * nodal(self._v)[: len(momentum)]
 
     def more_energy(self, mass: Floats, v: Floats) -> float:
-        """Difference of kinetic energy between exact and lumped mass on this rank [J].
+        """Kinetic energy of rigid bodies with exact minus lumped mass on this rank [J].
 
         Args:
             mass: Lumped mass of the owned nodes, shape ``(n,)`` [kg].
@@ -225,7 +225,7 @@ class RigidLeapfrog(RigidStates):
             return ()
         guided = [body.body.guide is not None for body in self._bodies]
         rows = self._leap.reactions[guided]
-        # Axisymmetric: axial force and work.
+        # Axisymmetric bodies have an axial force and work.
         return (
             reactions_of(rows[:, 1::2], 1)
             if self._is_axisymmetric
@@ -308,7 +308,7 @@ def _sums_of_products(left: Floats, right: Floats) -> Floats:
 
 
 def _about_origin(wrenches: Floats, points: Floats) -> Floats:
-    """Forces, and moments about the origin, ``(b, k)``, of wrenches at points ``(b, d)``. Local."""
+    """Move wrenches, ``(b, k)``, from points ``(b, d)`` [m] to the origin. Local."""
     d = points.shape[1]
     forces, moments = wrenches[:, :d], wrenches[:, d:]
     arms = np.cross(in_space(points), in_space(forces))

@@ -42,11 +42,12 @@ __all__ = [
 # Default step, and longest step with default springs, relative to the estimate [-]. The remainder
 # is available for the frequency of springs.
 _DEFAULT, _WITH_SPRINGS = 0.7, 0.9
-# Growth of the energy relative to the energy and the turnover of the run [-] that indicates an
-# instability: far above the bounded error of a stable run.
+# Growth of the energy, relative to the sum of initial energy and magnitudes of works [-], that
+# indicates an instability: far above the bounded error of a stable run.
 _GROWTH = 0.25
-# Energy that springs gave or took without storing it, relative to the same [-], of which there is a
-# warning: far above the error of springs that keep their segments, 0.1 % in impacts of blocks.
+# Energy exchanged with springs that is not stored in them, relative to the same sum [-], above
+# which there is a warning: far above the error of springs that keep their segments, 0.1 % in
+# impacts of blocks.
 _EXCHANGED = 0.05
 # Round-off of the energy at rest, relative to the kinetic energy at one cell per step [-].
 _ROUNDING = 1e-20
@@ -77,13 +78,15 @@ class Stability:
     ) -> None:
         self._cells, self._damping = Cells(bodies), Damping.of(bodies)
         self._springs, self._mass = springs, mass
-        # Squared frequency of springs with a given stiffness [1/s^2]; part of the estimate [-].
+        # Squared angular frequency of springs with a given stiffness [1/s^2]; and longest step
+        # relative to the estimate [-].
         self._given = self._contact()
         self._part = _WITH_SPRINGS if any(each.is_open for each in springs) else 1.0
         self.limit, self.smallest = math.inf, 0.0
         # Initial energy, work since then, and sum of its magnitudes [J].
         self._energy = self._worked = self._turnover = 0.0
-        # Energy that springs gave to the bodies without storing it, and the last reported one [J].
+        # Energy that springs gave to the bodies without having stored it, and its last reported
+        # value [J].
         self._exchanged = self._reported = 0.0
 
     def serialize(self, archive: Archive) -> None:
@@ -107,7 +110,7 @@ class Stability:
         return longest, _DEFAULT * estimate
 
     def choose_penalties(self, x: Floats, dt: float) -> None:
-        """Choose default springs, not stiffer than dt [s] allows, and set `limit`."""
+        """Choose default springs, at most as stiff as dt [s] allows, and set `limit`."""
         bulk, _ = self._cells.limits(x)
         squared = (self._damping.highest(dt) - bulk - self._given) / 2
         for springs in self._springs:
@@ -132,7 +135,7 @@ class Stability:
         self._exchanged += contact.persistent + contact.activation + contact.facet_change
 
     def exchanged(self) -> float:
-        """Energy given by springs that did not store it, and not yet reported, or 0 [J]. Local."""
+        """Energy from springs that had not stored it, if it is to be reported, or 0 [J]. Local."""
         least = max(_EXCHANGED * (self._energy + self._turnover), 2 * self._reported)
         if abs(self._exchanged) <= least:
             return 0.0
@@ -140,7 +143,7 @@ class Stability:
         return self._exchanged
 
     def growth(self, energy: float, dt: float) -> str:
-        """Message if the energy [J] has grown after steps dt [s], otherwise "". Local."""
+        """Message if the energy [J] of a run with steps dt [s] has grown, otherwise "". Local."""
         grown = energy - self._energy - self._worked
         whole = self._mass * (self.smallest / dt) ** 2
         if grown <= _GROWTH * (self._energy + self._turnover) + _ROUNDING * whole:
@@ -148,7 +151,7 @@ class Stability:
         return f"the energy has grown by {grown:.3g} J"
 
     def _contact(self) -> float:
-        """Highest squared frequency of the current springs [1/s^2]."""
+        """Highest squared angular frequency of the current springs [1/s^2]."""
         return max((springs.squared_frequency for springs in self._springs), default=0.0)
 
 
@@ -186,7 +189,7 @@ class Cells:
     def limits(self, x: Floats) -> tuple[float, float]:
         """Highest squared frequency [1/s^2] and least length [m] at positions x. Collective."""
         length = self._lengths(x)
-        # Cells of rigid bodies have the speed 0.
+        # In cells of rigid bodies the wave speed is set to 0.
         times = np.divide(
             length, self._speed, out=np.full_like(length, np.inf), where=self._speed > 0
         )
@@ -219,7 +222,7 @@ class Damping:
         return cls(max(m.mass_damping for m in laws), max(m.stiffness_damping for m in laws))
 
     def highest(self, dt: float) -> float:
-        """Squared frequency without damping for which dt [s] is the critical step [1/s^2]."""
+        """Squared undamped frequency for which dt [s] is the critical step [1/s^2]."""
         return (1 - dt * self.mass / 2) / (dt**2 / 4 + dt * self.stiffness / 2)
 
 
@@ -283,7 +286,7 @@ def highest_frequency(
             strain[..., 0] += basis[:, 2, 2, None] * (values / r[:, :, None])[:, :, None]
             strain[..., 0] *= ~on_axis[block][:, None, None]
         strain *= np.sqrt(volume)[:, :, None, None, None] * scale[:, None, None, :, None]
-        # An explicit shape, since -1 is ambiguous on ranks without such cells.
+        # The shape is explicit, since -1 is ambiguous on ranks without such cells.
         size = strain.shape[3] * strain.shape[4]
         strain = strain.reshape(*volume.shape, 6, size)
         stress = moduli @ strain
@@ -297,7 +300,8 @@ def largest_step(squared: float, damping: Damping) -> float:
     r"""Largest stable step [s] for the highest squared frequency without damping [1/s^2]. Local.
 
     It solves :math:`\omega^2 \Delta t^2/4 + (\alpha + \beta \omega^2) \Delta t/2 = 1`, because
-    damping lags half a step behind. It is 0 for an infinite frequency, and infinite if both vanish.
+    damping uses the velocity half a step earlier. It is 0 for an infinite frequency, and infinite
+    if frequency and damping vanish.
     """
     if math.isinf(squared):
         return 0.0

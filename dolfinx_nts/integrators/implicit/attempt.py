@@ -26,7 +26,7 @@ class AdmissibleMotion:
         self._bulk, self._u, self._u_n = bulk, u, u_n.x.array
 
     def displacements(self, u: Floats, part: float = 1.0) -> Floats:
-        """Project displacements u of the local dofs [m] on admissible ones. Collective.
+        """Project displacements u of the local dofs [m] on admissible displacements. Collective.
 
         ``part`` is the fraction of the increment from the start of the step, from 0 to 1.
         """
@@ -45,13 +45,14 @@ class AdmissibleMotion:
     def prescribed(self, x_n: Floats, contacts: Sequence[PairState]) -> Floats:
         """Prescribed displacement increments of the step at the owned dofs [m]. Collective.
 
-        They include supports and guided bodies, and obstacles at the nodes of their pairs.
+        They include those of supports and guided bodies, and of obstacles at the nodes of their
+        pairs.
 
         Args:
             x_n: Positions of the local nodes at the start of the step, shape ``(l, 3)`` [m].
             contacts: States of all contact pairs.
         """
-        # Guides at rest move rigid bodies by round-off, whose direction is arbitrary.
+        # The increments of fixed guides are round-off with arbitrary directions.
         rigid = self._bulk.rigid
         applied = self.displacements if rigid.guides.are_moving else self._bulk.supports.applied
         u_n = self._u_n
@@ -75,7 +76,7 @@ class Start:
     Attributes:
         name: Name in error messages.
         u: Admissible displacements of the local dofs, shape ``(d l,)`` [m].
-        guess: Displacements before supports and rigid bodies were applied.
+        guess: Displacements before the projection on admissible ones.
         begins_sticking: Whether all nodes with friction stick at first, see `StickSlip`.
         most_long: Number of increments longer than half of the smallest cell after which the
             attempt fails; None if there is no limit.
@@ -100,7 +101,8 @@ class StepProblem:
             `ContactStep`.
         load: Norm of the loads [N].
         force_scale: Norm of all forces, to which the residual is relative [N].
-        admitted: Nodes that earlier solutions of the step let touch, by their state, ``(n,)``.
+        admitted: Flags of nodes that were eligible in earlier solutions of the step, by contact
+            state, ``(n,)``.
     """
 
     x_n: Floats

@@ -31,13 +31,13 @@ from dolfinx_nts.solvers.rigid.rigid_motion import RigidMotion
 
 __all__ = ["GeneralizedAlpha", "Newmark", "NewmarkRates"]
 
-# Difference of parameters that is round-off [-].
+# Difference of parameters that counts as round-off [-].
 _ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
 class Newmark:
-    """Parameters of the generalised-alpha method and its relatives, as HHT.
+    """Parameters of the generalised-alpha method and related methods such as HHT.
 
     Attributes:
         alpha_m: Weight of the start of a step in the inertia [-]; 0 in HHT.
@@ -74,7 +74,7 @@ class Newmark:
 
     @classmethod
     def of(cls, rho_inf: float) -> "Newmark":
-        """Optimal parameters of Chung and Hulbert."""
+        """Optimal parameters of Chung and Hulbert for a spectral radius."""
         alpha_m, alpha_f = (2 * rho_inf - 1) / (rho_inf + 1), rho_inf / (rho_inf + 1)
         beta = (1 - alpha_m + alpha_f) ** 2 / 4
         return cls(alpha_m, alpha_f, beta, 0.5 - alpha_m + alpha_f)
@@ -84,8 +84,8 @@ class GeneralizedAlpha(ImplicitStepper):
     """Advances bodies by the generalised-alpha method, which damps high frequencies.
 
     It is of second order in the step and conserves the linear momentum, but neither the energy
-    nor the angular momentum. Contact acts at the end of a step: by springs, the default, or closed
-    exactly, g = 0, by ``LagrangeMultiplier("plastic")``, where nodes lose their impact energy.
+    nor the angular momentum. Contact acts at the end of a step: by springs, the default, or by
+    ``LagrangeMultiplier("plastic")`` with g = 0, which dissipates the impact energy of nodes.
     Further attributes: see `EnergyMomentum`. Collective, as are all its methods.
 
     Args:
@@ -156,7 +156,7 @@ class NewmarkRates(Rates):
 
     Args:
         parameters: Parameters of the method.
-        state: Given by a stepper, as ``dt`` and ``bodies``.
+        state: State of the stepper; like ``dt`` and ``bodies``, the stepper passes it.
         dt: Length of a step, a constant [s].
         bodies: The bodies.
 
@@ -203,7 +203,7 @@ class NewmarkRates(Rates):
         is_unchanged: Callable[[], bool],
         prescribed: Callable[[], Floats],
     ) -> None:
-        """Compute the acceleration of a state that was set from M a = f, without contact."""
+        """After the state was set, compute its acceleration from M a = f, without contact."""
         if self._known:
             return
         p, mass = self._parameters, self._mass_times_a

@@ -25,8 +25,8 @@ class StepForms:
         rates: Displacements, acceleration, and length of the step.
         scheme: Scheme, which defines the stress of a step.
         memory: Internal variables of materials, or None.
-        inertia: Whether forms include inertia and mass damping. Without them, `dissipation` has
-            the dissipation of materials with internal variables only.
+        inertia: Whether forms include inertia and mass damping. Without them, `dissipation` only
+            contains materials with internal variables.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class StepForms:
     def _balance(
         self, remembered: Callable[..., Any] | None, *, is_damped: bool = False
     ) -> ufl.Form:
-        """Balance of momentum, with the work of internal variables if any."""
+        """Balance of momentum, including materials with internal variables."""
         eta = ufl.TestFunction(self._u.function_space)
 
         def integrand(material: Hyperelastic, parameters: dict[str, Any], rho: Any) -> Any:
@@ -87,7 +87,7 @@ class StepForms:
 
         Args:
             factor: Factor of the coefficient below [-].
-            power: Power p; the coefficient beta/dt is replaced by factor (beta/dt)^p.
+            power: Exponent p; the coefficient beta/dt is replaced by factor (beta/dt)^p.
         """
         eta = ufl.TestFunction(self._u.function_space)
         bodies = [body for body in self._bodies if body.material.stiffness_damping > 0]
@@ -100,8 +100,8 @@ class StepForms:
     def nearby_tangent(self) -> ufl.Form:
         """Tangent at u_n without initial stress, with the moduli at C = 1, for preconditioners.
 
-        It is always positive definite. The exact tangent of compressed or unbalanced cells may be
-        indefinite, which spoils incomplete factorisations.
+        It is always positive definite. The exact tangent of compressed cells, or far from
+        equilibrium, may be indefinite, and incomplete factorisations may then fail.
         """
         V, dt = self._u.function_space, self._dt
         eta, du = ufl.TestFunction(V), ufl.TrialFunction(V)

@@ -82,11 +82,11 @@ __all__ = ["ImplicitStepper"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Largest number of solutions of a step [-]. Each one searches contact along the motion of the one
-# before. Two nearly always suffice; more cost time in steps that are refused in the end.
+# Largest number of solutions of a step [-]. Each one searches for contact along the motion of the
+# previous one. Two nearly always suffice; more take time in steps that are rejected in the end.
 _MOST_SEARCHES = 4
-# Number of increments beyond the trust radius after which an attempt with inertia fails [-]. Its
-# starts are close to the solution, so more iterations hardly ever help.
+# Number of increments longer than the trust radius after which an attempt with inertia fails [-].
+# Its starting guesses are close to the solution, so more iterations rarely help.
 _MOST_LONG = 12
 
 
@@ -105,7 +105,7 @@ class ImplicitStepper(Stepper):
     """
 
     @geometry_unchanged()
-    @compat.quicker_ffcx()  # Derivatives ask for cells as often as FFCx does.
+    @compat.quicker_ffcx()  # UFL derivatives query cells as often as FFCx does.
     def __init__(
         self,
         bodies: Sequence[Body],
@@ -150,7 +150,7 @@ class ImplicitStepper(Stepper):
         self._bulk.rigid = rigid_motion(bodies, self._rates, self.scheme, self._bulk.supports)
         self.supports = self._bulk.supports
         self._motion = AdmissibleMotion(self._bulk, self.u, self.u_n)
-        # For norms of forces, for which lumped masses are accurate enough.
+        # For norms of forces lumped masses are accurate enough.
         self._lumped_mass: Floats = np.repeat(lumped_mass(bodies), self._bulk.rigid.dim)
         # A multiplier at a node of a rigid body stops the whole body, from which GeneralizedAlpha
         # gains energy.
@@ -237,7 +237,7 @@ class ImplicitStepper(Stepper):
         same_scheme: bool,
         same_bodies: bool,
     ) -> None:
-        """Take over the state of another scene, and its rates if the scheme is the same."""
+        """Copy the state of another scene, and its rates if the scheme is the same."""
         super().adopt(archive, contacts, same_scheme=same_scheme, same_bodies=same_bodies)
         if same_scheme:
             self._rates.serialize(archive, self.node_ids)
@@ -311,7 +311,7 @@ class ImplicitStepper(Stepper):
             reports["relaxed"] = solution.report
             if solution.report.converged:
                 report = self._accepted(steps, solution, reports.values(), load)
-                self._rates.forget()  # The solution jumped, so its rate is no predictor.
+                self._rates.forget()  # After a jump the rate is no predictor.
                 return report
             advice += f"; {IF_IT_MOVES}"
         self._u[:] = self._u_n
@@ -325,12 +325,12 @@ class ImplicitStepper(Stepper):
         raise self._failure(reports, steps, solution.end.states, advice)
 
     def _warn_of_released(self, between: Sequence[str]) -> None:
-        """Warn of pairs whose vertices are free in the accepted step."""
+        """Warn of pairs whose vertices have no contact in the accepted step."""
         if self._comm.rank == 0:
             _logger.warning(
                 "step %d to t = %g has no solution with contact of the vertices on edges and "
-                "corners: those between %s are free and may sink in between nodes, then they are "
-                "held again; smaller facets there help",
+                "corners: those between %s are free and may penetrate between nodes, until "
+                "their contact is tried again in a later step; smaller facets there help",
                 *(self.step + 1, self.t + self._dt, ", ".join(between)),
             )
 
@@ -340,9 +340,9 @@ class ImplicitStepper(Stepper):
         )
 
     def _most_long(self, start: str) -> int | None:
-        """Number of long increments after which an attempt from a start fails, see `Start`. Local.
+        """Number of long increments after which an attempt fails, see `Start.most_long`. Local.
 
-        With inertia all starts are close to the solution.
+        With inertia all starting guesses are close to the solution.
         """
         return _MOST_LONG
 
@@ -352,7 +352,7 @@ class ImplicitStepper(Stepper):
         """Solve the step; ``options`` are passed to `StepSolver.solve`.
 
         If the solution has reached contact outside the searched range, the step is solved again
-        from the same start, with this solution as the trial motion of the search.
+        from the same starting guess, with this solution as the trial motion of the search.
         """
         iterations = 0
         for _ in range(_MOST_SEARCHES):
@@ -403,7 +403,7 @@ class ImplicitStepper(Stepper):
         return replace(report, reason=self._rejection(steps, solution, problem.x_n))
 
     def _warn_if_unstable(self, steps: Sequence[ContactStep], solution: newton.Solution) -> None:
-        """Warn of an unstable equilibrium; with inertia nothing is checked."""
+        """Warn of an unstable equilibrium, in statics only."""
 
     def _relaxed(
         self, start: Start, problem: StepProblem
@@ -479,7 +479,7 @@ class ImplicitStepper(Stepper):
         )
 
     def _step_length_advice(self) -> str:
-        """Advice if nothing but the length of the step can be changed. Collective."""
+        """Advice if no specific cause is known. Collective."""
         return SHORTER_STEP_HELPS
 
     def _accepted(
@@ -534,7 +534,7 @@ class ImplicitStepper(Stepper):
         # In statics all forces may be reactions, so that only internal forces give a scale.
         internal = self._bulk.forces() if self._is_static else solution.end.R_bulk
         internal = internal - self._lumped_mass * (v - v_n) / self.dt
-        # Constraint forces of rigidity are left out of the norm.
+        # The norm excludes constraint forces of rigid bodies.
         self._forces.accept(load, self._bulk.rigid.without(self._motion.owned(internal)).ravel())
         return StepReport(
             step=self.step + 1,
@@ -561,6 +561,6 @@ class ImplicitStepper(Stepper):
 
 
 def _release_fractions(pairs: Sequence[ContactPair]) -> list[float]:
-    """Step fractions at which coefficients of restitution release nodes, sorted."""
+    """Step fractions at which nodes separate by their coefficients of restitution, sorted."""
     laws = (pair.enforcement for pair in pairs)
     return sorted({law.part for law in laws if isinstance(law, LagrangeMultiplier) and law.part})

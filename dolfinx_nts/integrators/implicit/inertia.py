@@ -28,8 +28,9 @@ class VelocityUpdate(NamedTuple):
 
     Attributes:
         defect: Return value of `Rates.accept` on this rank [J].
-        work: Energy given to the bodies, the same on all ranks.
-        reactions: Additional reaction of each support, the same on all ranks; may be empty.
+        work: Energy given to the bodies by the update [J], the same on all ranks.
+        reactions: Additional reaction of each support due to the update, the same on all ranks; may
+            be empty.
     """
 
     defect: float
@@ -65,7 +66,7 @@ class Inertia(ABC):
         """
 
     def dissipated(self) -> float:
-        """Energy dissipated by damping and materials in the step on this rank [J]. Local."""
+        """Dissipation by damping and inelastic materials in the step on this rank [J]. Local."""
         return 0.0
 
 

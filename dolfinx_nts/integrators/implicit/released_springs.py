@@ -1,19 +1,19 @@
-r"""Energy of springs that lose their segments or change their points, given back as an impulse.
+r"""Energy of springs that lose their segments or change their points, returned as an impulse.
 
 A node that slides over a rim, or leaves a corner, loses its segment while its spring is still
 compressed. Without a segment the spring cannot do work in the next step, and its energy :math:`E`
 would be lost. In mortar contact the points of a node change with every step, and with them its
 mean gap: where it is larger at the new points, the spring is compressed less, and the difference of
-its energies would be lost. At the end of that step such a spring acts once more, as an impulse
-:math:`J p`, where :math:`p` has the forces of all of them on both sides in the current positions:
+its energies would be lost. At the end of that step all such springs act once more, as an impulse
+:math:`J p`, where :math:`p` contains their forces on both sides at the current positions:
 
 .. math:: v^+ = v + J M^{-1} p, \qquad
    J \, p \cdot v + \tfrac12 J^2 \, p \cdot M^{-1} p = E,
 
-with the solution of smaller size, which changes the motion least.
+with the smaller solution in magnitude, which changes the motion least.
 
-Forces of a spring have no resultant and no moment. So the impulse conserves both momenta, and with
-the consistent mass the energy.
+Forces of a spring have no resultant and no moment. The impulse therefore conserves both momenta
+and, with the consistent mass, the energy.
 """
 
 import logging
@@ -39,24 +39,24 @@ __all__ = ["ReleasedSprings"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Difference of the energies of a spring, relative to its energy, that is round-off [-]. Smaller:
-# rows of equal springs whose points move along a plane give impulses of round-off; larger: that
-# fraction of the energy of a spring may be lost in a step.
+# Relative change of the energy of a spring at new points [-] that counts as round-off. Smaller:
+# springs whose points move along a plane give impulses of round-off; larger: this fraction of the
+# energy of a spring may be lost in a step.
 _ROUNDING = 1e-12
-# Loss relative to the kinetic energy of all bodies up to which there is no warning [-]. Smaller:
-# warnings of losses that no result shows; larger: losses that a ledger shows go unnoticed.
+# Loss relative to the kinetic energy of all bodies [-] above which there is a warning. Smaller:
+# warnings of irrelevant losses; larger: no warning of losses that are visible in the energy ledger.
 _NEGLIGIBLE = 1e-9
 
 
 class ReleasedSprings:
-    """Gives the energy of springs that lost their contact points to the bodies. Collective.
+    """Returns the energy of springs that lost their contact points to the bodies. Collective.
 
     Args:
         bodies: The bodies.
         bulk: Their supports and rigid motions.
         v: Velocity of the bodies [m/s].
-        free: 1 where the displacement of an owned node is unknown, otherwise 0, ``(n, d)``; None
-            if all are.
+        free: 1 where the displacement of an owned node is unknown, otherwise 0, ``(n, d)``; None if
+            all are unknown.
     """
 
     def __init__(
@@ -64,10 +64,10 @@ class ReleasedSprings:
     ) -> None:
         self._bulk, self._v, self._free = bulk, v, free
         self._mass = ConsistentMass(bodies, fem.Function(v.function_space))
-        # Energy of the springs of each pair [J], and the part that nothing takes.
+        # Energy of the springs of each pair that is returned to the bodies, and that is lost [J].
         self._energies: dict[PairState | JointState, float] = {}
         self._lost: dict[PairState | JointState, float] = {}
-        # Greatest loss of a pair in one step of which a warning was written [J].
+        # Largest loss of a pair in one step that was reported [J].
         self._reported = 0.0
         # Forces of the springs on the owned nodes [N].
         self._force: Floats = np.zeros((bulk.num_owned // bulk.rigid.dim, 3))
@@ -75,7 +75,8 @@ class ReleasedSprings:
     def collect(self, step: ContactStep, last: ContactContribution) -> None:
         """Collect the springs of a pair that lost their segments, or energy at new points.
 
-        Springs whose last segment is out of reach lose their energy, of which `give_back` warns.
+        The energy of springs whose last segment is not a candidate any more is lost; `give_back`
+        warns of it.
 
         Args:
             step: The attempt that is accepted, before its pairs accept their histories.
@@ -95,17 +96,17 @@ class ReleasedSprings:
         size = np.sqrt(2 * surplus * stiffness[pairs.node])
         forces = size[:, None] * pairs.contact.gradient
         scatter.add(self._force, pairs.dofs, forces.reshape(*pairs.dofs.shape, 3))
-        # Candidates of several pairs know the pair of a key by its place among all nodes.
+        # Joint candidates identify the pair of a key by its position in the array of all nodes.
         segment = candidates.find(history.key)[node]
         node, segment = node[segment >= 0], segment[segment >= 0]
         points = step.search.points.take(node)
         gradient = candidates.contact("static", points, step.x, step.x, segment).gradient
-        # Springs push along the gradients of their gaps, with the force that has their energy.
+        # Springs push along the gradients of their gaps; their force follows from their energy.
         size = np.sqrt(2 * energy[node] * stiffness[node])
         size[~np.isfinite(gradient).all(axis=1)] = 0.0
         gradient = np.nan_to_num(gradient)
         nodes = candidates.segments
-        if isinstance(candidates, FacetCandidates):  # of degree 2, or with patches
+        if isinstance(candidates, FacetCandidates):  # facets of degree 2, or smooth patches
             nodes = candidates.wholes
         dofs = points.dofs(nodes.take(segment, axis=0))
         forces = (size[:, None] * gradient).reshape(*dofs.shape, 3)
@@ -121,7 +122,7 @@ class ReleasedSprings:
 
         Args:
             u: Displacement at the end of the step, at the owned nodes, shape ``(n, d)`` [m].
-            t: Time at the end of the step [s], for the warning of energy that nothing takes.
+            t: Time at the end of the step [s], for the warning of lost energy.
 
         Returns:
             Energy given to the bodies by the springs of each pair.
@@ -135,7 +136,7 @@ class ReleasedSprings:
         return {state: ContactWork(facet_change=each) for state, each in energies.items()}
 
     def _warn(self, lost: dict[PairState | JointState, float], t: float) -> None:
-        """Warn of the greatest loss of a pair, and again of one twice as large. Collective."""
+        """Warn of the largest loss of a pair, and again if a loss is twice as large. Collective."""
         state = max(lost, key=lost.__getitem__, default=None)
         if state is None or lost[state] <= 2 * self._reported:
             return
@@ -153,10 +154,10 @@ class ReleasedSprings:
             )
 
     def _push(self, u: Floats, energy: float) -> bool:
-        """Change the velocity such that the bodies take an energy [J]. Collective.
+        """Add the impulse that gives the bodies an energy [J] to the velocity. Collective.
 
         Returns:
-            False where neither side can move.
+            False if neither side can move.
         """
         if not energy:
             return True
@@ -170,7 +171,7 @@ class ReleasedSprings:
 
         change = self._mass.solve(force, admissible)
         v, momentum = self._v.x.array, self._mass.times(change)
-        # The velocity of a rigid body that turns is rigid only up to the order of the scheme.
+        # The velocity field of a rotating rigid body is rigid only up to the order of the scheme.
         sums = np.array([momentum @ change, momentum @ v[: len(force)]])
         self._force[:] = 0.0
         square, speed = map(float, reductions.total(comm, sums))

@@ -1,4 +1,4 @@
-"""Checks of a scheme that a user has written, when a stepper uses it."""
+"""Checks of a user-defined scheme."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -19,10 +19,10 @@ __all__ = ["check_stress", "make_rates"]
 
 # Deformation gradient at which the stress of a scheme is checked [-]: a stretch with a rotation.
 _SAMPLE = [[1.05, 0.20, 0.0], [-0.15, 0.95, 0.05], [0.0, 0.1, 1.02]]
-# Relative error of a stress [-] that round-off does not explain.
+# Relative error of a stress [-] above which it is not round-off.
 _INCONSISTENT = 1e-6
-# Relative change of the deformation by which the weight of the end of the step is measured [-], and
-# error of the weight that the change does not explain [-].
+# Relative change of the deformation for the measurement of ``stress_share`` by differences [-], and
+# admissible error of the weight [-].
 _CHANGE, _WRONG_SHARE = 1e-4, 1e-2
 
 
@@ -31,7 +31,8 @@ def make_rates(scheme: Scheme, state: State, dt: fem.Constant, bodies: Sequence[
 
     Raises:
         TypeError: ``scheme.rates`` takes other arguments, or returns no `Rates`.
-        ValueError: Newmark's parameters have another time of stress and loads than the scheme.
+        ValueError: The time of stress and loads differs between Newmark's parameters and the
+            scheme.
     """
     call = f"rates(state, dt, bodies) of the Scheme ({HINT})"
     found = called(scheme.rates, call, state, dt, bodies)
@@ -55,13 +56,13 @@ def check_stress(scheme: Scheme, bodies: Sequence[Body]) -> None:
 
     Any consistent scheme has the stress P = F S(F^T F) if F is the same at both ends. It is
     evaluated for the first deformable body whose stress depends on the deformation alone. The
-    weight of the end of the step is compared with the difference for a small change of F. Schemes
-    of the package are tested and not checked here, as this takes up to half a second.
+    weight of the end of the step is checked by a difference for a small change of F. Schemes of the
+    package are not checked here, as this takes up to half a second.
 
     Raises:
         TypeError: ``scheme.stress`` takes other arguments.
-        ValueError: It returns no tensor, or another stress, or its weight of the end of the step
-            is not ``scheme.stress_share``.
+        ValueError: It does not return a tensor, or returns another stress, or the weight of the end
+            of the step in it is not ``scheme.stress_share``.
     """
     if is_of_package(scheme.stress):
         return

@@ -1,6 +1,6 @@
 """Implicit steppers whose schemes have no parameters.
 
-They differ in the stress and in the contact kernel; `ImplicitStepper` implements all else.
+They differ in the stress and in the contact kernel; `ImplicitStepper` implements the rest.
 """
 
 from typing import Any
@@ -48,10 +48,10 @@ class EnergyMomentum(ImplicitStepper):
     """Advances bodies and their contact by the energy-momentum scheme.
 
     It conserves linear and angular momentum and, with springs or elastic impact, the total energy,
-    to the tolerance of Newton's method. A spring that loses its segments under load gives its
-    energy up, which the ledger shows as ``facet_change``. The stress is a conserving one, and the
-    contact force a discrete gradient of the gap (Franke, Hesch and Betsch 2011, eqs. 53-58).
-    Collective, as are all its methods.
+    to the tolerance of Newton's method. The energy of a loaded spring that loses its segment is
+    returned to the bodies, or else lost; the energy ledger lists it as ``facet_change``. The stress
+    is a conserving one, and the contact force a discrete gradient of the gap (Franke, Hesch and
+    Betsch 2011, eqs. 53-58). Collective, as are all its methods.
 
     Args:
         bodies: Bodies of one space, which fill the mesh.
@@ -62,12 +62,13 @@ class EnergyMomentum(ImplicitStepper):
             from their displacements.
         loads: Loads on the bodies.
         update: Called before each step with the time at its end [s], to set the functions and
-            constants in ``bcs`` and ``loads``. If ``loads`` contain any, it is also called with
-            the time of the loads, the middle of the step. It should depend on the time alone.
+            constants in ``bcs`` and ``loads``. If ``loads`` contain any of these, it is also called
+            with the time of the loads, the middle of the step. Its results should depend on the
+            time only.
         petsc_options: Options of the linear solver by name, without a dash. Options ``ksp_...``
             are for the Krylov method, a flexible GMRES; another ``ksp_type`` needs preconditioning
             from the right, so that ``cg`` is refused. Newton's method sets tolerances and the
-            largest number of iterations. All others, such as ``pc_type``, select a PETSc
+            largest number of iterations. All other options, such as ``pc_type``, select a PETSc
             preconditioner of the bodies.
 
     Attributes:

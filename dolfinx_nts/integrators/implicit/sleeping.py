@@ -30,7 +30,7 @@ __all__ = ["SleepingBodies"]
 # fifty times the machine epsilon.
 _ROUNDING = 1e-14
 
-# Bodies that share nodes.
+# Groups of bodies that share nodes.
 _Group = tuple[Body, ...]
 
 
@@ -61,7 +61,7 @@ class SleepingBodies:
         states: Sequence[PairState | JointState],
         loads: Sequence[Load],
     ) -> None:
-        # Rigid bodies may move by their guides, and relaxing stresses are not in equilibrium.
+        # Guides may move rigid bodies, and bodies with relaxing stresses are not in equilibrium.
         self._bulk = bulk
         self._groups = [
             tuple(group)
@@ -84,7 +84,9 @@ class SleepingBodies:
         self._pairs = self._pairs_of_groups()
         self._asleep: frozenset[_Group] = frozenset()
         self.bodies: frozenset[Body] = frozenset()
-        self._u_n: Floats = np.zeros_like(bulk.u.x.array)  # in the last call of `find`
+        self._u_n: Floats = np.zeros_like(
+            bulk.u.x.array
+        )  # groups that sleep by the last call of `find`
 
     def _pairs_of_groups(self) -> dict[_Group, list[PairState]]:
         """Pairs that can act on each group of bodies."""
@@ -105,7 +107,7 @@ class SleepingBodies:
         return pairs
 
     def find(self, v: Floats, u_n: Floats, steps: Sequence[ContactStep]) -> None:
-        """Find the bodies that sleep in a step; the forms leave them out from now on.
+        """Find the bodies that sleep in a step, and exclude them from the forms.
 
         Args:
             v: Velocity of the local dofs, shape ``(d l,)`` [m/s].
@@ -157,7 +159,8 @@ class SleepingBodies:
         u = bulk.u.x.array
         before = u.copy()
         u[:] = u_n
-        # Including prescribed displacements, so that no reaction is lost.
+        # Reactions at prescribed displacements are included, so that bodies with reactions stay
+        # active.
         R = np.abs(bulk.forces().reshape(-1, bulk.rigid.dim))
         u[:] = before
         limit = _ROUNDING * self._sizes.smallest * self._tangent.nodal_stiffness()[:, None]

@@ -17,11 +17,11 @@ from dolfinx_nts.solvers.precond.tangent import Tangent
 
 __all__ = ["choose_default_stiffness", "long_step", "static_stiffness"]
 
-# Length of a step relative to the usual one [-] for which inertia and damping vanish.
+# Length of a step relative to the usual one [-] at which inertia and damping are negligible.
 _LONG = 1e12
 
 # Default stiffness of normal springs in statics relative to the static stiffness of their nodes
-# [-]. Only Newton's method limits it.
+# [-]. Larger: less penetration; smaller: faster convergence of Newton's method.
 _STIFF = 10.0
 
 
@@ -69,7 +69,7 @@ def choose_default_stiffness(
 
 @contextmanager
 def long_step(dt: fem.Constant) -> Iterator[None]:
-    """Context with a step so long that inertia and damping vanish in forms. Local.
+    """Context with a step so long that inertia and damping are negligible in forms. Local.
 
     Args:
         dt: Length of a step in forms [s].
@@ -85,13 +85,13 @@ def long_step(dt: fem.Constant) -> Iterator[None]:
 def static_stiffness(tangent: Tangent, dt: fem.Constant, share: float) -> Floats:
     """Mean diagonal entry of the static stiffness at each owned node. Collective.
 
-    Inertia terms of a tangent grow as 1/dt^2. Springs proportional to them would become stiffer
-    with shorter steps, so that their motion would never be resolved.
+    Inertia terms of a tangent grow as 1/dt^2. Springs proportional to these would become stiffer
+    with shorter steps, so that no step could resolve their vibration.
 
     Args:
         tangent: Tangent of a step, whose matrix is discarded.
         dt: Length of a step in its forms [s].
-        share: Weight of the stiffness in them [-], see `Scheme.stress_share`.
+        share: Weight of the stiffness in the forms [-], see `Scheme.stress_share`.
 
     Returns:
         Stiffness, shape ``(n,)`` [N/m].

@@ -21,8 +21,8 @@ from dolfinx_nts.solvers.bulk import Bulk
 
 __all__ = ["Reactions", "StepForces", "StepWorks"]
 
-# Part of momentum/dt [-] that counts in the force scale of the residual. A body in free flight has
-# no other force, and the round-off of its momentum limits the residual.
+# Fraction of momentum/dt [-] in the force scale of the residual. A body in free flight has no other
+# force, and the round-off of its momentum limits the residual.
 _INERTIA_PART = 1e-3
 # Relative change of the loads [-] that counts as round-off.
 _SAME_LOAD = 1e-9
@@ -46,7 +46,7 @@ class StepForces:
         self.internal = self.load = 0.0
 
     def forget(self) -> None:
-        """Forget the loads of the last step. Local."""
+        """Discard the norm of the loads of the last step. Local."""
         self.load = np.inf
 
     def serialize(self, archive: Archive) -> None:
@@ -64,7 +64,7 @@ class StepForces:
         return total
 
     def stays(self, load: float) -> bool:
-        """Whether the norm of the loads [N] is the same as in the last step. Local."""
+        """Whether the norm ``load`` of the loads [N] is the same as in the last step. Local."""
         return abs(load - self.load) <= _SAME_LOAD * load
 
     def scale(self, load: float, v: Floats, dt: float) -> float:
@@ -168,7 +168,7 @@ class Reactions:
     ) -> None:
         self._bulk, self._at_mean = bulk, at_mean
         rigid = bulk.rigid
-        # Constraint forces of rigidity in the middle of the step do no work.
+        # Constraint forces of rigid bodies in the middle of the step do no work.
         self._constraints_work = rigid.exists and not is_static and rigid.part != 0.5
         self._exist = bulk.supports.exist or bool(guided(bodies)) or self._constraints_work
 
@@ -190,7 +190,8 @@ class Reactions:
             return (), 0.0
         supports, rigid = self._bulk.supports, self._bulk.rigid
         fixed, (n, d) = supports.fixed, du.shape
-        # The residual of a state has no forces on prescribed displacements; ``force`` has all.
+        # The residual of a contact state excludes forces on prescribed displacements; ``force``
+        # includes them.
         everywhere = [state._replace(residual=state.force) for state in solution.end.states]
         force = solution.end.forces + contact_residual(steps, everywhere, (n, d))
         if self._at_mean:

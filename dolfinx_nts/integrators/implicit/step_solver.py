@@ -59,7 +59,7 @@ class StepSolver:
         mass: Lumped mass of the owned nodes, shape ``(n,)`` [kg].
         free: 1 at unknown displacements of the owned nodes, 0 at prescribed ones, shape
             ``(n, d)``; None if all are unknown.
-        relief: Inertia relief of bodies that only contact supports.
+        relief: Inertia relief of bodies supported only by contact.
         sleeping: Bodies that the step skips.
     """
 
@@ -132,8 +132,8 @@ class StepSolver:
             problem: Data of the step.
             motion_from: Creates the prescribed motion from the starting guess.
             timings: Receives the wall time of the phases.
-            all_awake: Whether no body may sleep.
-            drag: Resistance to all motions, if any.
+            all_awake: Whether all bodies are active.
+            drag: Viscous resistance of pseudo-transient continuation, if any.
             after: Contact of a previous attempt from which to start, if any.
         """
         rates = self._rates
@@ -142,7 +142,7 @@ class StepSolver:
             steps = self._contact_steps(problem, start.begins_sticking)
             if after:
                 go_on_from(steps, after)
-        # Bodies that only contact supports may move far until they touch others.
+        # Bodies supported only by contact may move far until they touch others.
         if not (all_awake or self.relief.bodies):
             self.sleeping.find(rates.v.x.array, rates.u_n.x.array, steps)
         motion = motion_from(start, steps)
@@ -158,7 +158,7 @@ class StepSolver:
         return steps, solution
 
     def missed_contact(self, steps: Sequence[ContactStep], problem: StepProblem, x: Floats) -> str:
-        """Reason if the solution reached contact outside the searched range, or "".
+        """Message if the solution reached contact outside the searched range, or "".
 
         Args:
             steps: Contact of the solved step.

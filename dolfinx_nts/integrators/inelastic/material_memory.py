@@ -1,4 +1,4 @@
-"""Interface of the internal variables of a material."""
+"""Interface of the internal variables of a material, at its quadrature points."""
 
 from abc import ABC, abstractmethod
 from typing import Any
@@ -58,7 +58,7 @@ class MaterialMemory(ABC):
 
     @abstractmethod
     def stress(self, parameters: Any, C: Any) -> tuple[Any, Any]:
-        """Stress and energy at t with one state for each cell.
+        """Stress and energy at t, with one set of internal variables for each cell.
 
         Args:
             parameters: Material parameters.

@@ -111,5 +111,5 @@ class Memory:
         return self._of[material].energy_at_start(parameters)
 
     def stress(self, material: Hyperelastic, parameters: Any, C: Any) -> tuple[Any, Any]:
-        """Second Piola-Kirchhoff stress [Pa] and energy [J/m^3] with one state per cell."""
+        """Second Piola-Kirchhoff stress [Pa] and energy [J/m^3], see `MaterialMemory.stress`."""
         return self._of[material].stress(parameters, C)

@@ -112,7 +112,7 @@ class PlasticFlow(MaterialMemory):
         if step.theta != 0.5:
             alpha = end[_ALPHA]
             return self._hardening.stress(alpha) * (alpha - start[_ALPHA])
-        # Differences vanish exactly at points without flow.
+        # Formulated so that it is exactly 0 at points without flow.
         C_n, C = (ufl.det(each) ** (-1 / 3) * each for each in (step.C_n, step.C))
         before, after = symmetric_tensor(start), symmetric_tensor(end)
         lost = ufl.inner(C, before - after)
@@ -130,7 +130,7 @@ class PlasticFlow(MaterialMemory):
         return self._material.stress(C, **some), self._material.psi(C, **some)
 
     def _describe(self) -> None:
-        """Compute a metric per cell that gives the mean elastic strain at its midpoint."""
+        """Compute a plastic metric per cell, for the mean elastic strain at its midpoint."""
         state, cells = self._state, self._state.cells
         F = self._gradients.eval(self._mesh, cells).reshape(len(cells), len(state.points) + 1, 3, 3)
         F /= np.cbrt(np.linalg.det(F))[..., None, None]

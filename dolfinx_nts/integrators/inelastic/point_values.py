@@ -1,4 +1,4 @@
-"""Values at the quadrature points of the stress, and values of cells."""
+"""Values at the quadrature points of the stress, and cellwise constant values."""
 
 from collections.abc import Sequence
 

@@ -39,7 +39,7 @@ class StepStrains:
         self.C_n, self.C = map(right_cauchy_green, (self.F_n, self.F))
 
     def mean(self, start: Any, end: Any) -> Any:
-        """Interpolate values at both ends to the point of the stress."""
+        """Interpolate values at both ends of the step to the time of the stress."""
         return (1 - self.theta) * start + self.theta * end
 
 

@@ -22,8 +22,8 @@ class BodyGroups:
 
     Attributes:
         comm: Communicator of the mesh.
-        number_of: Number of the group of each node, shape ``(n,)``.
-        nodes: Nodes of each of the g groups.
+        number_of: Group number of each owned node, shape ``(n,)``.
+        nodes: Owned nodes of each of the g groups.
     """
 
     def __init__(self, bodies: Sequence[Body]) -> None:

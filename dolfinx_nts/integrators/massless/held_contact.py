@@ -26,7 +26,7 @@ class HeldContact:
         groups: Groups of connected bodies, ``g`` in number.
 
     Attributes:
-        holds: Constraints of each pair: gaps to be closed and slips to be kept.
+        holds: Constraints of each pair: active gaps, and slips of sticking nodes.
     """
 
     def __init__(self, steps: Sequence[ContactStep], groups: BodyGroups) -> None:
@@ -38,7 +38,8 @@ class HeldContact:
     def impulses(self, dim: int, dt: float) -> tuple[Floats, Floats]:
         """Impulses of normal contact in the step, and their work. Collective.
 
-        They act at the end of the step, where gap gradients have no resultant and no moment.
+        They act at the positions at the end of the step, so that gap gradients have no resultant
+        and no moment.
 
         Args:
             dim: Number of components of a displacement, d.
@@ -95,7 +96,7 @@ class HeldContact:
             step.state.accept(history)
 
     def add_impulses(self, rigid_factors: Floats) -> None:
-        """Add multiples of the normal forces of the step by group, factors ``(g,)``. Local."""
+        """Multiply the normal forces of the step by 1 + factors of the groups, ``(g,)``. Local."""
         for step, some in self._pairs:
             nodes, history = step.state.nodes.nodes, step.state.history
             factor = rigid_factors[self._groups.number_of[nodes]]

@@ -24,7 +24,7 @@ from dolfinx_nts.solvers.massless.surface_work import SurfaceWork
 
 __all__ = ["StepLosses", "SurfaceDamping"]
 
-# Factor of (beta/h)^3 K in the resistance to the equilibrium, see above [-].
+# Factor of (beta/h)^3 K in the resistance of massless nodes [-], see the module docstring.
 _RESISTANCE = 12.0
 
 
@@ -39,7 +39,7 @@ class SurfaceDamping:
         groups: Groups of connected bodies.
 
     Attributes:
-        resistance: Resistance to the equilibrium, used by its derivative at u = u_n.
+        resistance: Forces of the resistance, whose derivative at u = u_n is used.
         taken: Energy dissipated in each group in the step, shape ``(g,)`` [J].
     """
 
@@ -65,7 +65,7 @@ class SurfaceDamping:
         return self._at_nodes
 
     def follow(self, dx: Floats) -> Floats:
-        """Add the dissipation for displacements of the nodes since `begin`, ``(m, d)`` [m].
+        """Update the dissipation by displacements of the nodes since `begin`, ``(m, d)`` [m].
 
         Returns:
             Additional dissipation in each group, shape ``(g,)`` [J]. The total dissipation of a
@@ -116,7 +116,7 @@ class StepLosses:
         return 0.0 if self._damping is None else self._damping.begin()
 
     def follow(self, dx: Floats) -> Floats | float:
-        """Additional energy dissipated by damping in each group for displacements dx [m]."""
+        """Additional dissipation in each group for displacements dx [m], ``(g,)`` [J]."""
         return 0.0 if self._damping is None else self._damping.follow(dx)
 
     def on_this_rank(self) -> float:

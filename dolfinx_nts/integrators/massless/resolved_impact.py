@@ -3,7 +3,7 @@ r"""Impact resolved in time, with massless contact nodes.
 Interior nodes below the surface carry their mass, see `redistributed_mass`. After each step
 
 * the massless nodes move to their static equilibrium, within the available energy, while all other
-  nodes stay. Gaps of active nodes are closed if this costs little energy, and otherwise kept.
+  nodes stay. Gaps of active nodes are closed if this needs little energy, and otherwise kept.
   Sticking nodes keep their positions, sliding nodes follow the friction of the new reactions.
 * an energy correction restores the total energy except for friction and the work of moving
   supports and obstacles. With v = v_rigid + w, where w is orthogonal to rigid motions in the mass
@@ -61,8 +61,8 @@ from dolfinx_nts.solvers.massless.surface_work import SurfaceWork
 
 __all__ = ["ResolvedImpact", "SurfaceWaves"]
 
-# Largest energy taken by the closing of gaps in a step, and by the equilibrium in total, relative
-# to the vibration energy [-].
+# Largest energy used to close gaps in a step, and used by the static solve in total, relative to
+# the vibration energy [-].
 _CLOSING, _MOST_SPENT = 0.05, 0.5
 # Fraction of the displacement to equilibrium [-] below which nodes do not move.
 _LEAST = 1e-3
@@ -190,11 +190,11 @@ class ResolvedImpact(Inertia):
         return velocity
 
     def _per_time(self) -> float:
-        """Derivative of the mean velocity by the displacement [1/s]. Local."""
+        """Derivative of the mean velocity with respect to the displacement [1/s]. Local."""
         return 1 / float(self._rates.dt.value)
 
     def _per_time_squared(self) -> float:
-        """Derivative of the mean acceleration by the displacement [1/s^2]. Local."""
+        """Derivative of the mean acceleration with respect to the displacement [1/s^2]. Local."""
         return 2 / float(self._rates.dt.value) ** 2
 
     def momentum(self) -> Floats:
@@ -213,7 +213,7 @@ class ResolvedImpact(Inertia):
         u, v = (f.x.array[:n].reshape(self._X.shape) for f in (rates.u, rates.v))
         dt, held = float(rates.dt.value), HeldContact(steps, self._groups)
         impulses, of_obstacles = held.impulses(v.shape[1], dt)
-        # Massless nodes do not contribute to these.
+        # Massless nodes do not contribute to momentum and kinetic energy.
         x, mean = self._X + u, self._mean_velocity()[:n].reshape(v.shape)
         vibration, rigid_correction = self._motions.of(x, v, mean, impulses)
         rigid_correction = rigid_correction._replace(linear=rigid_correction.linear - of_obstacles)

@@ -1,4 +1,4 @@
-"""Energy correction after the static equilibrium of massless nodes.
+"""Energy correction after the static solve of massless nodes.
 
 Groups of connected bodies exchange energy through their vibration, the velocity without its rigid
 part, and through rigid motions due to the contact impulses of the step.
@@ -17,16 +17,16 @@ from dolfinx_nts.solvers.massless.redistributed_mass import RedistributedMass
 
 __all__ = ["EnergyCorrection", "GroupMotions", "RigidCorrection", "Vibration", "VibrationAnalysis"]
 
-# Largest part of the vibration energy that a step removes, and largest multiple of it that a step
-# adds [-].
+# Largest fraction of the vibration energy that a step removes, and largest multiple of it that a
+# step adds [-].
 _MOST_TAKEN, _MOST_ADDED = 0.9, 3.0
-# Gradients of the velocity in unit rotations about each axis (in the plane about z), by dimension.
+# Velocity gradients of unit rotations about each axis (in the plane about z), by dimension.
 _TURNS: dict[int, Floats] = {
     2: np.array([[[0.0, 1.0], [-1.0, 0.0]]]),
     3: np.cross(np.eye(3)[:, None], np.eye(3)).astype(np.float64),
 }
 
-# Mean square of a rigid motion at supports relative to the largest one [-], taken as zero.
+# Mean square of a rigid motion at supports, relative to the largest one [-], that counts as zero.
 _NO_MOTION = 1e-12
 
 # Relative error of the exchanged energy [-] that counts as round-off.
@@ -133,13 +133,13 @@ class GroupMotions:
     def by_impulses(self, impulses: Floats) -> Floats:
         """Free motions due to impulses, given by their products with the fields.
 
-        Both have the shape ``(r, 1 + d, d)``.
+        Impulses and motions have the shape ``(r, 1 + d, d)``.
         """
         right = self._free.T @ self._amounts(impulses)
         return self._motions(self._free @ np.linalg.lstsq(self._inertia, right, rcond=None)[0])
 
     def at_supports(self, products: Floats) -> Floats:
-        """Motions whose values at supports have given products with the fields, ``(r, 1 + d, d)``.
+        """Motions given by products with the fields over supported nodes, ``(r, 1 + d, d)``.
 
         For velocities of supports this is the nearest motion in the least-squares sense. For
         impulses it gives the smallest reactions with their resultant and moment.
@@ -152,7 +152,7 @@ class GroupMotions:
         return amounts
 
     def _motions(self, amounts: Floats) -> Floats:
-        """Linear combinations of the basis motions by amounts ``(k, r)``."""
+        """Linear combinations of the basis motions with coefficients ``(k, r)``."""
         return (amounts.T @ self._basis).reshape(-1, *self._shape)
 
 
@@ -274,7 +274,8 @@ class VibrationAnalysis:
             by_supports[:, i] = motions[i].at_supports(missing)
         w -= self._at_nodes(field, rigid[0])
         M_vibration = Mw - self._at_nodes(M_field, rigid[0])
-        # The product with the rigid part is round-off, that with the motion of supports their work.
+        # The product of w with the rigid part is round-off; with the motion of supports it is their
+        # work.
         energies = np.zeros((2, num))
         for i, (g, (nodes, _)) in enumerate(zip(self._groups, self._supports, strict=True)):
             energies[:, i] = np.vdot(w[g], M_vibration[g])
@@ -335,7 +336,7 @@ class VibrationAnalysis:
 
 
 class EnergyCorrection(NamedTuple):
-    """Energy correction of groups, as changes of rigid motion and vibration.
+    """Energy correction of groups, by changes of rigid motion and vibration.
 
     Attributes:
         wanted: Energy that each group should receive, shape ``(g,)`` [J].
@@ -362,7 +363,7 @@ class EnergyCorrection(NamedTuple):
 
     @property
     def is_whole(self) -> Flags:
-        """Whether each group receives all wanted energy, shape ``(g,)``."""
+        """Whether each group receives all of the wanted energy, shape ``(g,)``."""
         whole: Flags = np.abs(self.wanted - self.given) <= _ROUND_OFF * np.abs(self.wanted)
         return whole
 

@@ -33,13 +33,13 @@ __all__ = ["QuasiStatic", "UnstableEquilibrium"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Prescribed increment relative to the smallest cell [-] that adjacent cells can bear undivided.
-# Larger ones are applied in substeps.
+# Prescribed increment relative to the smallest cell [-] above which it is applied in substeps.
+# Larger: adjacent cells may be inverted.
 _SMALL_INCREMENT = 1e-3
 
 
 class UnstableEquilibrium:
-    """Warning when equilibria become unstable, and again after stable ones. Collective.
+    """Warning when an equilibrium is unstable and the last one was stable. Collective.
 
     Args:
         comm: Communicator.
@@ -83,7 +83,7 @@ class UnstableEquilibrium:
 
 
 def _listed(values: Floats) -> str:
-    """Components, rounded to two digits of the largest one. Local."""
+    """Components in words, rounded to two digits of the largest one. Local."""
     digits = 1 - int(np.floor(np.log10(np.abs(values).max() or 1.0)))
     return ", ".join(f"{value:g}" for value in np.round(values, digits) + 0.0)
 
@@ -95,18 +95,18 @@ def _end_stress(material: Hyperelastic, parameters: Any, F_n: Any, F: Any) -> An
 class QuasiStatic(ImplicitStepper):
     """Finds the equilibrium at the end of each step, without inertia.
 
-    Time is a load parameter. Pairs without a law of their own get multipliers. Contact is closed,
-    g = 0, whatever the kind of impact of the multipliers. Friction follows the slip from step to
-    step. Damping has no effect. A step with a velocity other than zero is refused.
+    Time is a load parameter. Pairs without a law of their own get multipliers. Contact is closed, g
+    = 0, for any ``impact`` of the multipliers. Friction depends on the slip increment of each step.
+    Damping has no effect. A step with a velocity other than zero is refused.
 
-    Bodies that only contact supports are named in the log. The tangent gets a small stiffness for
-    them, the balance does not. Motions without any resistance are suppressed. Unbalanced forces in
-    them below 1 % are carried by inertia (inertia relief) and reported. A step in which a body has
-    no support at all is refused with its name.
+    Bodies that are supported only by contact are named in the log. For them the tangent contains a
+    small stiffness, but not the balance of forces. Their motions without any resistance are
+    suppressed. Unbalanced forces below 1 % in these motions are carried by inertia (inertia relief)
+    and reported. A step in which a body has no support at all fails, and the error names the body.
 
     Where Newton's method finds no equilibrium near the last one, as at a limit load or where
     faceted bodies roll, pseudo-transient continuation with a vanishing viscous resistance finds
-    another one. It is as exact as any other, and the log reports it. `run` halves a step that fails
+    another one, with the same tolerance, and the log reports it. `run` halves a step that fails
     before it tries this, `advance` does not. Arguments, attributes and errors as for
     `EnergyMomentum`. Collective, as are all its methods.
 
@@ -154,10 +154,10 @@ class QuasiStatic(ImplicitStepper):
     def _attempts(
         self, starts: Iterable[Start], failed: Mapping[str, NewtonReport]
     ) -> Iterator[Start]:
-        """Starting guesses to try in turn; after an undecided first one, all nodes stick at first.
+        """Starting guesses; if the first one fails by state changes, all nodes then stick at first.
 
-        Nodes that slide in early iterations let bodies move far that only friction supports, such
-        as rolling bodies. A wrong slip state may then be consistent for these nodes.
+        If nodes slide in early iterations, bodies that only friction supports, such as rolling
+        bodies, move far. A wrong slip state may then be consistent for these nodes.
         """
         first, *others = starts
         last = others[-1] if others else first
@@ -168,10 +168,10 @@ class QuasiStatic(ImplicitStepper):
         yield from others
 
     def _most_long(self, start: str) -> int | None:
-        """Return 1 for the extrapolated start, as the last state with substeps is better then.
+        """Return 1 for the extrapolated guess: if it fails, the last state with substeps is better.
 
-        Near incompressibility an extrapolated displacement changes volumes. The resulting pressures
-        move nodes by many cells in the first increment.
+        In nearly incompressible materials extrapolated displacements change volumes. The resulting
+        pressures move nodes by many cells in the first increment.
         """
         return 1 if start == "extrapolated" else None
 
@@ -237,7 +237,7 @@ class QuasiStatic(ImplicitStepper):
         """Prescribed motion from the last state, in substeps if it is large. Collective.
 
         In one increment, cells next to prescribed nodes would be inverted, and sticking nodes would
-        be far from their tool.
+        lose contact with a moving tool.
         """
         guess, u, size = start.guess, self.u.x, self._sizes.smallest
         if reductions.anywhere(self._comm, not np.array_equal(guess, self.u_n.x.array)):

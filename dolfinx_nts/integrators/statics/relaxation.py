@@ -1,7 +1,8 @@
 """Pseudo-transient continuation from a state without a nearby equilibrium to another one.
 
-It is used in statics if Newton's method finds no equilibrium, as when bodies roll to the next
-facet, or snap through. See `Drag` for the method. The final equilibrium is one without resistance.
+It is used in statics if Newton's method finds no equilibrium, for instance when bodies snap
+through, or roll to the next facet. See `Drag` for the method. The final equilibrium has no
+resistance.
 """
 
 import logging
@@ -15,19 +16,20 @@ __all__ = ["IF_IT_MOVES", "PseudoStep", "Relaxation", "Resistance"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Advice where bodies do not come to rest.
+# Advice if no equilibrium is found.
 IF_IT_MOVES = (
     "if there is no equilibrium to snap to, bodies keep moving: use EnergyMomentum, with damping "
     "or plastic impact to come to rest, or prescribe displacements instead of loads"
 )
 
-# Increment of a pseudo-step relative to the last one at no less resistance [-], below which
-# Newton's method is tried without resistance. Far from an equilibrium increments grow.
+# Ratio of increments of successive pseudo-steps, without an increase of the resistance [-], below
+# which Newton's method is tried without resistance. Far from an equilibrium increments grow.
 _SETTLED = 0.1
 # Largest distance of an equilibrium without resistance, relative to the increment of the last
-# pseudo-step and to a cell [-], at which it is accepted: Newton's method alone may go anywhere.
+# pseudo-step and to a cell [-], at which it is accepted: Newton's method may converge to a distant
+# equilibrium.
 _FARTHER, _SAME = 10.0, 1e-3
-# Number of first pseudo-steps that are not compared [-]: they contain the motion of supports.
+# Number of initial pseudo-steps whose increments are not compared [-], as supports move in them.
 _UNCOUNTED = 1
 # Limit on the number of linear systems [-], far above the number for a snap-through.
 _MOST_ITERATIONS = 800
@@ -35,21 +37,21 @@ _MOST_ITERATIONS = 800
 # Resistance relative to the stiffness of nodes [-]: initial value; largest value, at which bodies
 # hardly move; and least value, below which it has no effect.
 _FIRST, _LARGEST, _LEAST = 1e-2, 10.0, 1e-10
-# Factor of the resistance [-] after a pseudo-step that succeeded, after `_PATIENCE` of them along
-# an unstable motion, and after one that failed.
+# Factor of the resistance [-] after a successful pseudo-step, after `_PATIENCE` of them along an
+# unstable motion, and after a failed one.
 _FALL, _SLOW_FALL, _RISE = 0.1, 0.5, 4.0
-# Driving force (increment times resistance) relative to the last pseudo-step [-], below
-# which bodies come to rest.
+# Driving force (increment times resistance) relative to the last pseudo-step [-], below which the
+# motion decays.
 _CALMER = 0.5
-# Number of pseudo-steps [-] along an unstable motion after which the resistance falls; in each of
-# them the increment grows by a factor.
+# Number of pseudo-steps [-] along an unstable motion after which the resistance is reduced. In each
+# of them increments grow by a factor.
 _PATIENCE = 2
 
 
 class Resistance:
     """Resistance of the next pseudo-step: decreases after success, increases after failure. Local.
 
-    It must exceed the driving forces along an unstable motion, but slows down convergence.
+    It must be large enough for unstable motions, but slows down convergence.
 
     Attributes:
         part: Resistance relative to the stiffness of the nodes [-].
@@ -105,7 +107,7 @@ class Relaxation:
         attempt: Solves from the last state with a resistance relative to the stiffness of the
             nodes; 0 for none.
         accept: Makes the solution of the last attempt the last state.
-        farthest: Displacement of a node beyond which bodies are taken to move for ever [m].
+        farthest: Largest nodal displacement [m]; if it is exceeded, there is no equilibrium nearby.
         size: Size of the smallest cell [m].
 
     Attributes:

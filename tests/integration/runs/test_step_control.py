@@ -278,7 +278,7 @@ def test_an_error_names_pairs_with_nodes_on_the_stiffer_side(comm, monkeypatch, 
     monkeypatch.setattr(newton, "_MAX_ITERATIONS", 1)
     with pytest.raises(nts.ConvergenceError) as failed:
         stepper.advance()
-    hint = "the boundary of stiff gives the nodes and is 2000 times stiffer than the boundary of"
+    hint = "the boundary of stiff provides the contact nodes and is 2000 times stiffer than"
     assert (hint in str(failed.value)) == (nodes == "stiff")
     assert ("smooth=True" in str(failed.value)) == (nodes == "soft")
 
@@ -315,7 +315,7 @@ def test_an_error_names_nodes_on_the_coarser_side_and_its_advice_helps(comm):
         stepper.set_velocity(bodies[0], (0.0, 0.0, -1.0))
         return stepper.run(0.2, nts.StepControl(smallest=stepper.dt))
 
-    hint = r"block_top gives the nodes, and its facets are 1\.\d times as large as those of ball"
+    hint = r"block_top provides the contact nodes, and its facets are 1\.\d times as large as those"
     with pytest.raises(nts.ConvergenceError, match=hint):
         list(steps(*sides[::-1]))
     assert len(list(steps(*sides))) == 20

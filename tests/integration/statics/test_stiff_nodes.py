@@ -13,7 +13,7 @@ from dolfinx.mesh import locate_entities_boundary
 import dolfinx_nts as nts
 
 SIDE, DEPTH = 12.0, 0.002  # of the block, whose half is meshed, and of the dent [m]
-WARNING = "let the softer body give the nodes"
+WARNING = "let the softer body provide the nodes"
 
 
 class Punch:
