@@ -15,9 +15,9 @@ __all__ = ["exchanged", "joined", "on_root", "places_among_all", "rows_by_rank"]
 
 T = TypeVar("T")
 
-# Tags of exchanges in turn, numbers that no other message has.
+# Alternating message tags of exchanges, not used by other messages.
 _TAGS = 20112, 20113
-# Attribute of a communicator: its exchanges so far.
+# Attribute of a communicator with its number of exchanges.
 _NUM_EXCHANGES = MPI.Comm.Create_keyval()
 
 

@@ -21,8 +21,8 @@ from dolfinx_nts.parallel.meeting import Meeting, different, leave_with_notes
 
 __all__ = ["agreed", "all_come", "end_together", "portable"]
 
-# Time [s] that a failed rank waits for the others at the end of a context. Shorter times end the
-# program although others were about to arrive, longer ones delay the error.
+# Time [s] that a failed rank waits for the others at the end of a context. Shorter: the program
+# ends although others would have arrived; longer: the error is delayed.
 _PATIENCE = 0.5
 # Time [s] that a rank waits for error messages of others before it ends the program.
 _GRACE = 0.25
@@ -32,7 +32,7 @@ _PAUSE = 1e-3
 _TAG = 20110
 # Longest error message [characters], short enough for an eager send of MPI.
 _LONGEST = 1000
-# Requests of messages that may never be received, whose memory is needed to the end.
+# Requests of messages that may never be received; their memory must exist until the end.
 _pending: list[MPI.Request] = []
 
 
@@ -64,7 +64,7 @@ def agreed(comm: MPI.Comm, call: str) -> Iterator[list[str]]:
         if error is not None:
             raise error
         return
-    # A rank that failed has nothing to compare.
+    # A rank that failed does not compare texts.
     code = zlib.crc32("\n".join(more).encode())
     own = (code, -code) if error is None else (-math.inf, -math.inf)
     meeting = Meeting(comm, call, -float(comm.size if error is None else comm.rank), *own)
@@ -156,7 +156,7 @@ class _Hook:
             sys.stderr.writelines(f"rank {rank} failed with {note}\n" for rank, note in others)
             sys.stderr.flush()
         if alone:
-            # The rank that prints may have failed later than this one.
+            # The rank that prints may fail later than this rank.
             time.sleep(0.0 if speaks else 2 * _GRACE)
             comm.Abort(1)
 

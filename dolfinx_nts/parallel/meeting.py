@@ -38,7 +38,7 @@ _GRACE = 0.5
 _FAREWELL = 0.1
 # Unique tag of the messages.
 _TAG = 20111
-# Requests of messages that may never be received, whose memory is needed to the end.
+# Requests of messages that may never be received; their memory must exist until the end.
 _pending: list[Any] = []
 # Collective methods that this rank is currently in.
 _calls: list[str] = []
@@ -159,7 +159,7 @@ def leave_with_notes() -> None:
 
 
 def _readers(rank: int) -> list[int]:
-    """Ranks notified by an exiting rank: two of them, as one may have exited, too."""
+    """Ranks notified by an exiting rank: two of them, as one may have exited as well."""
     return [r for r in range(min(MPI.COMM_WORLD.size, 3)) if r != rank][:2]
 
 

@@ -19,7 +19,7 @@ from dolfinx_nts.parallel.communication import exchanged, joined, rows_by_rank
 
 __all__ = ["Slab", "Slabs", "Some", "looked_up"]
 
-# Number of samples by which each rank describes the distribution of its numbers [-].
+# Number of samples of the numbers of each rank [-], from which slab bounds are computed.
 _SAMPLES = 64
 
 
@@ -38,7 +38,7 @@ class Slab(NamedTuple):
 
     @classmethod
     def whole(cls, values: Array) -> "Slab":
-        """Slab of an array that exists on one rank only."""
+        """Slab of an array on one rank."""
         return cls(values, 0, len(values) if values.ndim else 1)
 
     @property
@@ -62,7 +62,7 @@ class Some(NamedTuple):
     Attributes:
         rows: Numbers of the rows, shape ``(r,)``.
         values: These rows, shape ``(r, ...)``.
-        elsewhere: Value of the others.
+        elsewhere: Value of all other rows.
     """
 
     rows: Ints | GlobalInts
@@ -194,7 +194,7 @@ def _taken(rows: Array, order: GlobalInts, room: Array | None = None) -> Array:
 
 
 def _bounds(comm: MPI.Comm, ids: GlobalInts) -> GlobalInts:
-    """Least number of each slab except the first, from sorted numbers."""
+    """Smallest number of each slab except the first, from sorted numbers of this rank."""
     step = max(1, reductions.total(comm, len(ids)) // (_SAMPLES * comm.size))
     samples = np.sort(joined(comm, ids[step // 2 :: step]))
     cuts = [len(samples) * rank // comm.size for rank in range(1, comm.size)]

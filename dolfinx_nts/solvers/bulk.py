@@ -78,7 +78,7 @@ class Bulk:
     def leave_out(self, cells: Ints, nodes: Ints) -> tuple[Ints, Ints]:
         """Clamp nodes at their current displacement until the next call.
 
-        Residual and derivative are then assembled on the other cells only. Local.
+        Residual and derivative are then assembled only on the other cells. Local.
 
         Args:
             cells: Owned cells left out.
@@ -103,13 +103,13 @@ class Bulk:
         return [-load for load in self._residual.assembled_each_load()]
 
     def action(self, x: Floats, *, includes_given: bool = False) -> Floats:
-        """Tangent at u times a nodal vector, the identity where u is prescribed.
+        """Tangent at u times a nodal vector, with unit rows where u is prescribed.
 
         Collective.
 
         Args:
             x: Values at the owned nodes, shape ``(n, d)`` [m].
-            includes_given: Whether x also changes prescribed values; the result is zero there.
+            includes_given: Whether products include x at prescribed dofs; the result is zero there.
 
         Returns:
             Values at the owned nodes, shape ``(n, d)`` [N].
@@ -142,7 +142,7 @@ class Bulk:
         return y.reshape(-1, self._dim)
 
     def _given(self, nodes: Ints) -> Flags:
-        """Flags of the owned dofs of given nodes and of the supports, shape ``(d n,)``. Local."""
+        """Flags of the owned dofs of some nodes and of the supports, shape ``(d n,)``. Local."""
         given = np.zeros((self.num_owned // self._dim, self._dim), dtype=bool)
         given[nodes] = True
         flags: Flags = given.ravel()

@@ -22,10 +22,11 @@ _EPS = float(np.finfo(np.float64).eps)
 # Consecutive iterations with constraints violated by prescribed displacements alone, after which
 # the step is infeasible: no unknown changes these gaps.
 _GIVEN_ITERATIONS = 6
-# A failure is blamed on contact and friction if a state violated its condition within this number
-# of iterations before the last one.
+# Number of last iterations [-] in which a change of contact or friction states makes a failed
+# attempt undecided.
 _UNDECIDED = 6
-# Residual of a solution relative to the force scale [-]; and the same if increments are negligible.
+# Residual of a solution relative to the force scale [-]; and its limit if increments are
+# negligible.
 _RESIDUAL_TOLERANCE, _SMALL_RESIDUAL = 1e-12, 1e-8
 # Residual, relative to the force scale [-], below which segments are chosen again.
 _SETTLED = 1e-3
@@ -43,8 +44,8 @@ _LITTLE_REDUCTION = 0.1
 # stick and slip. Far from equilibrium statics solves it in every iteration, if there is no friction
 # (the problem is a minimisation) or if only contact supports bodies.
 _FIRST_DECISIONS, _DECISION_PERIOD = 3, 5
-# Increment relative to the smallest cell [-] below which linearised slips of bodies held by contact
-# alone are accurate enough for the cone problem: errors by rotation grow with its square.
+# Increment relative to the smallest cell [-] below which linearised slips of bodies supported only
+# by contact are accurate enough for the cone problem: errors due to rotation grow with its square.
 _NEAR = 0.1
 # Residual in statics, relative to the force scale [-], below which states change node by node:
 # factors of an earlier state are too inaccurate for nodes close to the limit of sliding.
@@ -56,7 +57,7 @@ class Iterate(NamedTuple):
 
     Attributes:
         x: Positions of the owned nodes, shape ``(n, 3)`` [m].
-        states: Contact of each attempt of a pair.
+        states: Evaluated contact of each pair.
         R: Residual on the owned dofs, with contact, shape ``(d n,)`` [N].
         R_bulk: Residual of the bodies and loads alone, shape ``(d n,)`` [N].
         R_contact: Residual of contact alone, shape ``(d n,)`` [N].
@@ -76,12 +77,12 @@ class Measures(NamedTuple):
 
     Attributes:
         norm: Norm of the residual [N].
-        scale: Norm of the forces at work [N].
+        scale: Norm of the current forces [N].
         target: Norm of the residual of a solution [N].
         changed: Number of states that violated their conditions.
         failed: Number of pairs without a valid projection.
         is_open: Whether a constraint is violated.
-        num_given: Number of constraints that prescribed displacements alone violate.
+        num_given: Number of constraints violated by prescribed displacements alone.
         solves: Whether forces are in balance and all conditions are satisfied.
     """
 
@@ -165,7 +166,7 @@ class Convergence:
         self.norms: list[float] = []
         self._du_norm, self._num_long = np.inf, 0
         self._changes, self._last_change = 0, -np.inf
-        # Consecutive iterates in which prescribed displacements violate constraints.
+        # Number of consecutive iterates in which prescribed displacements violate constraints.
         self._given = 0
         self._is_polished = False
 
@@ -181,8 +182,8 @@ class Convergence:
         is_open = not excess <= scales.gap
         num_given = _num_given(self._steps, states) if is_open and is_complete else 0
         counts = [sum(s.changed for s in states), sum(s.failed for s in states), is_open, num_given]
-        # In statics, forces of the last step do not include reactions to a new prescribed
-        # displacement.
+        # In statics, forces of the last step do not include the reactions to new prescribed
+        # displacements.
         fixed = self._bulk.supports.fixed[: 0 if self._inertia else None]
         reactions, contact = iterate.forces[fixed], iterate.R_contact
         squares = [R @ R, contact @ contact, reactions @ reactions]
@@ -195,7 +196,8 @@ class Convergence:
         self._changes += changed
         self._last_change = self.iteration if changed else self._last_change
         scale = max(scales.forces, reaction) + contact_norm
-        # With inertia the heaviest body dominates the round-off, which is too much for the others.
+        # With inertia the round-off of the heaviest body dominates, which is too large for other
+        # bodies.
         target = max(_RESIDUAL_TOLERANCE * scale, 0.0 if self._inertia else scales.rounding)
         is_small = norm <= max(_SMALL_RESIDUAL * scale, scales.rounding, steep)
         is_balanced = norm <= target or (is_small and self._du_norm <= scales.increment)
@@ -206,7 +208,7 @@ class Convergence:
     def _has_to_be_polished(self, excess: float, x: Floats) -> bool:
         """Whether a solution needs one more linear system, at most once. Collective.
 
-        Multipliers may be large where gaps are tiny, so that remaining gaps do work.
+        Multipliers may be large, so that they do work on tiny remaining gaps.
 
         Args:
             excess: Largest error of a constraint on this rank [m].
@@ -233,11 +235,11 @@ class Convergence:
         self.iteration += 1
 
     def needs_cone_problem(self, seen: Measures, *, is_supported: bool) -> bool:
-        """Whether the states of all contact points should be found together. Local.
+        """Whether the states of all contact points should be set by the cone problem. Local.
 
-        ``is_supported`` is whether all bodies are supported by more than contact. In statics it is
-        not used at the first guess, whose forces are too far from the solution, nor for a single
-        violated state.
+        ``is_supported`` is whether no body is supported only by contact. In statics the cone
+        problem is not used at the initial guess, whose forces are far from the solution, nor for a
+        single violated state.
         """
         later = self.iteration % _DECISION_PERIOD == _DECISION_PERIOD - 1
         is_due = later or self.iteration < _FIRST_DECISIONS
@@ -255,8 +257,8 @@ class Convergence:
     def longest_decided(self, *, is_supported: bool) -> float:
         """Trust radius of increments after a cone problem has set the contact states [m]. Local.
 
-        In statics, slips of bodies that only friction supports are linearised, and wrong ones let
-        the bodies drift away. Otherwise there is no limit. ``is_supported`` is as for
+        In statics, the problem contains linearised slips. If only friction supports a body, wrong
+        slips let it drift away. Otherwise there is no limit. ``is_supported`` is as for
         `needs_cone_problem`.
         """
         has_limit = not (self._inertia or is_supported or self._has_minimum)
@@ -282,7 +284,8 @@ class Convergence:
             seen: Measures of the last iterate.
             most: Largest number of iterations.
             is_solution: Whether the iterate is accepted.
-            most_long: Largest number of increments beyond the trust radius, if there is a limit.
+            most_long: Largest number of increments longer than the trust radius; None without a
+                limit.
         """
         if not np.isfinite(seen.norm):
             return "the residual is not finite"
@@ -302,7 +305,7 @@ class Convergence:
 
     @property
     def _is_hopeless(self) -> bool:
-        """Whether prescribed displacements violate constraints, whatever the starting guess."""
+        """Whether prescribed displacements violate constraints for any starting guess."""
         return self._given == _GIVEN_ITERATIONS
 
     def report(self, reason: str) -> NewtonReport:
@@ -341,9 +344,9 @@ def _num_given(steps: Sequence[ContactStep], states: Sequence[ContactContributio
 def _round_off(bulk: Bulk, stiffness: Floats, sizes: CellSizes) -> float:
     """Norm of the round-off of the residual [N]. Collective.
 
-    A strain has an error of eps, and of eps |u|/h. With the stiffness k of a node and the size h of
-    its cells this is a force of eps k (h + |u|). In rigid bodies k is the inertial stiffness, whose
-    increment has an error of eps |u|.
+    The error of a strain is eps (1 + |u|/h) with the machine epsilon. With the stiffness k of a
+    node and the size h of its cells this is a force of eps k (h + |u|). In rigid bodies k is the
+    inertial stiffness, whose increment has an error of eps |u|.
     """
     u = bulk.u.x.array[: bulk.num_owned].reshape(-1, bulk.rigid.dim)
     length = np.sqrt((u * u) @ np.ones(bulk.rigid.dim))
@@ -354,8 +357,8 @@ def _round_off(bulk: Bulk, stiffness: Floats, sizes: CellSizes) -> float:
 def _round_off_of_contact(states: Sequence[ContactContribution], x: Floats) -> float:
     """Norm of the forces caused by round-off of gaps and slips [N]. Local.
 
-    Their error is eps |x|. The friction of a sliding node that has hardly moved changes direction
-    with the last digits.
+    Their error is eps |x|. Round-off also changes the direction of friction at sliding nodes with
+    small slips.
     """
     slopes = sum(float(np.vdot(state.slopes, state.slopes)) for state in states)
     if slopes == 0:

@@ -17,9 +17,10 @@ from dolfinx_nts.solvers.nodal_sum import NodalSum
 
 __all__ = ["Derivative"]
 
-# Kernels that serve as a reference: "slow" ones compile fast, until "double" ones are available.
+# Kernels of the reference in double precision: "slow" ones, which compile fast, until "double" ones
+# are available.
 _EXACT: tuple[Kernels, ...] = ("double", "slow")
-# Number of cells of each material in the comparison.
+# Number of cells of each material in the measurement of rounding errors.
 _SAMPLE = 512
 
 
@@ -33,13 +34,14 @@ class Derivative:
             precision cannot resolve on which side of a jump a point is.
 
     Attributes:
-        rounded: Kernels of the lowest precision that suffices in most Krylov iterations.
+        rounded: Name of the kernels with the lowest precision that suffices in most Krylov
+            iterations.
     """
 
     def __init__(self, forms: Sequence[ufl.Form], u: fem.Function, *, jumps: bool = False) -> None:
         self.rounded: Kernels = "double" if jumps else "single"
         self._direction = fem.Function(u.function_space)
-        # Each access to the array takes DOLFINx 2 us.
+        # Each access to the array of a DOLFINx Function takes 2 us.
         self._values: Floats = self._direction.x.array
         self._forms, self._u, V = forms, u, u.function_space
         nodes = V.dofmap.index_map
@@ -67,7 +69,8 @@ class Derivative:
 
         Args:
             x: Direction at the owned nodes, shape ``(n, d)`` [m].
-            given: Flags of the owned dofs where it is set to zero, shape ``(d n,)``; None: nowhere.
+            given: Flags of the owned dofs where the direction is set to zero, shape ``(d n,)``;
+                None for no dof.
 
         Returns:
             View of the direction at the owned dofs, shape ``(d n,)`` [m].

@@ -1,8 +1,8 @@
 r"""Line search of Newton's method, for forces whose tangent jumps.
 
 At the onset and the end of plastic flow the tangent of a point may change by a factor of a
-thousand. With the plastic tangent Newton's method overshoots: an unloading point becomes elastic
-after a small part of the increment, and then flows in the opposite direction, so that the iterates
+thousand. With the plastic tangent Newton's method overshoots. An unloading point becomes elastic
+after a small part of the increment, and then flows in the opposite direction. The iterates
 oscillate or diverge. Along an increment :math:`\Delta u` the virtual work of the residual,
 
 .. math:: g(s) = \Delta u \cdot R(u + s \Delta u),
@@ -28,13 +28,13 @@ from dolfinx_nts.solvers.bulk import Bulk
 __all__ = ["LineSearch"]
 
 # Virtual work at the end of an increment, relative to that at its start [-], above which the
-# increment is bisected; and largest number of bisections. Increments that are too short from the
-# start are kept.
+# increment is bisected; and largest number of bisections. Increments that are too short are not
+# lengthened.
 _LEFT, _MOST_CUTS = 0.5, 8
 
 
 class LineSearch:
-    """Shortens increments along which forces of bodies exceed the linear prediction. Collective.
+    """Bisection of increments along which forces exceed the linear prediction. Collective.
 
     Args:
         bulk: Residual of the bodies; its ``u`` moves.
@@ -57,9 +57,9 @@ class LineSearch:
 
         Args:
             du: Increment of Newton's method on the owned dofs, shape ``(d n,)`` [m].
-            part: Fraction of it that is applied [-].
-            R: Residual that it balances, shape ``(d n,)`` [N].
-            R_bulk: Part of the bodies in it, shape ``(d n,)`` [N].
+            part: Fraction of the increment that is applied [-].
+            R: Residual from which the increment was computed, shape ``(d n,)`` [N].
+            R_bulk: Contribution of the bodies to ``R``, shape ``(d n,)`` [N].
         """
         self._du, self._part, self._cuts = du, part, 0
         self._short, self._long = 0.0, part
@@ -73,10 +73,11 @@ class LineSearch:
         self._work, self._resisted = map(float, reductions.total(self._bulk.comm, works))
 
     def cuts(self, R: Floats) -> bool:
-        """Bisect the applied increment if it is too long, or was shortened too much.
+        """Change the applied fraction of the increment by bisection, if necessary.
 
         Args:
-            R: Residual of the bodies after it, with contact by springs, shape ``(d n,)`` [N].
+            R: Residual of the bodies after the increment, including contact if it is by springs,
+                shape ``(d n,)`` [N].
 
         Returns:
             Whether ``u`` was changed.
@@ -84,7 +85,7 @@ class LineSearch:
         if self._du is None or self._resisted <= 0 or self._cuts == _MOST_CUTS:
             return False
         change = float(reductions.total(self._bulk.comm, float(self._du @ (R - self._before))))
-        # Constraints that close gaps do work as well.
+        # Constraints that close gaps also do work.
         work = max(self._work, self._resisted)
         rest = change + self._part * (work - self._resisted) - work
         if not (abs(rest) if self._cuts else rest) > _LEFT * work:

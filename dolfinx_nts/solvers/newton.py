@@ -47,20 +47,20 @@ _LONGEST_FALL = 0.2
 # Residual, relative to the target, below which the line search is off [-], as virtual works of the
 # last increments are round-off.
 _NEARLY_SOLVED = 1e3
-# Reductions asked of the linear solver [-]: the weakest; the first, since changing active sets
-# limit the reduction of the residual to about a tenth.
+# Requested reductions of the linear solver [-]: weakest one; and in the first iteration, as changes
+# of the active set limit the reduction of the residual to about a tenth.
 _LEAST_REDUCTION, _FIRST_REDUCTION = 0.3, 0.03
-# The weakest in statics: errors would move bodies that only contact supports, and cause sliding of
-# nodes that hardly slip.
+# Weakest reduction in statics [-]: larger errors would move bodies supported only by contact, and
+# cause sliding of nodes with small slips.
 _STATIC_REDUCTION = 1e-4
-# The first one at an impact, if one application of the preconditioner achieves it: the nonlinearity
-# of the step is of similar size.
+# Reduction in the first iteration of an impact [-], if one application of the preconditioner
+# achieves it: the nonlinearity of the step is of similar size.
 _ROUGH_REDUCTION = 0.15
-# Forcing terms for quadratic convergence: factor and power of the last reduction (S. C. Eisenstat,
-# H. F. Walker, SIAM J. Sci. Comput. 17 (1996), choice 2).
+# Forcing terms for quadratic convergence: factor and exponent of the last reduction (S. C.
+# Eisenstat, H. F. Walker, SIAM J. Sci. Comput. 17 (1996), choice 2).
 _RATE_FACTOR, _RATE_POWER = 0.9, 1.6
-# Fraction of the target that is aimed at, and factor by which the reduction may exceed the forcing
-# term to save the last iteration [-].
+# Residual of the last iteration relative to the target [-], and largest ratio of the forcing term
+# to the reduction for this residual [-] at which this is the last iteration.
 _AIM, _NEAR = 0.3, 1e3
 
 
@@ -99,7 +99,8 @@ class Attempt:
         motion: Prescribed motion of supports, guides and obstacles.
         force_scale: Norm of the forces known before the step [N].
         timings: Receives the wall time of the phases.
-        is_unchanged: Whether nothing has changed since a solution, which is then accepted.
+        is_unchanged: Whether the starting guess is a previous solution and nothing has changed
+            since; it is then accepted.
         drag: Viscous resistance, if any.
         begins_sticking: Whether nodes with friction stick at first and slide only near an
             equilibrium, which takes more iterations.
@@ -118,7 +119,7 @@ class Attempt:
 
     @property
     def most_iterations(self) -> int:
-        """Largest number of iterations, not counting iterations with a prescribed increment."""
+        """Largest number of iterations without those that apply prescribed increments."""
         if self.begins_sticking:
             return _MAX_STICKING
         return _MAX_RESISTED if self.drag is not None else _MAX_ITERATIONS
@@ -126,7 +127,7 @@ class Attempt:
 
 @dataclass(frozen=True)
 class Solution:
-    """Last iterate of the iteration, and its report.
+    """Last iterate of Newton's method, and its report.
 
     Attributes:
         end: Forces and contact of the last iterate.
@@ -166,13 +167,14 @@ class _Iteration:
         self._system, self._attempt = system, attempt
         bulk, dim = system.bulk, system.bulk.rigid.dim
         self._nodes = bulk.u.x.array[: bulk.num_owned].reshape(-1, dim)
-        self._balanced = True  # whether multipliers follow from the nodal balance
+        self._balanced = True  # whether multipliers are computed from the nodal balance
         self._segments = SegmentChoice(bulk.comm, attempt.steps, not system.inertia)
         self._target = 0.0  # target of the last residual
         system.relief.begin()
         springs = system.inertia and bool(attempt.steps) and all(map(_has_springs, attempt.steps))
         self._search = LineSearch(bulk, springs=springs) if system.jumps or springs else None
-        # In statics the cone problem uses factors of the elastic tangent, wrong in plastic flow.
+        # In statics the cone problem uses factors of the elastic tangent, which are wrong in
+        # plastic flow.
         may_decide = system.inertia or not system.jumps
         self._may_decide = may_decide and not attempt.begins_sticking
         self._num_local = 0  # contact evaluations of the nonlinear elimination
@@ -242,7 +244,7 @@ class _Iteration:
         if self._attempt.steps:
             is_near = iteration > 0 and seen.is_near
             moved = self._segments.renew(seen.norm, is_near=is_near, converged=seen.solves)
-            if moved:  # (nearly) in equilibrium, but on segments that nodes have left
+            if moved:  # near equilibrium, but nodes have left their segments
                 self.convergence.discard_last(moved)
                 return None
         return seen.solves
@@ -295,7 +297,7 @@ class _Iteration:
     def _decide(
         self, iterate: Iterate, states: tuple[ContactContribution, ...], seen: Measures
     ) -> tuple[Floats, tuple[ContactContribution, ...]] | None:
-        """Set contact states by the cone problem, if due and solvable; return the residual."""
+        """Set contact states by the cone problem if due; return residual and states, or None."""
         system, attempt, R = self._system, self._attempt, iterate.R
         steps, relief = attempt.steps, system.relief
         is_supported = not relief.bodies
@@ -333,7 +335,7 @@ class _Iteration:
         return du, du_norm, longest
 
     def _reduction(self, seen: Measures) -> float:
-        """Reduction of the residual asked of the linear solver [-]. Local."""
+        """Requested reduction of the residual by the linear solver [-]. Local."""
         rtol = _forcing(self.convergence.norms, seen.target)
         if self._is_first and seen.changed > 0:
             if self._system.linear.one_application_reduction <= _ROUGH_REDUCTION:
@@ -347,9 +349,9 @@ def _has_springs(step: ContactStep) -> bool:
 
 
 def _forcing(norms: Sequence[float], target: float) -> float:
-    """Reduction asked of the linear solver: the forcing term of an inexact Newton method.
+    """Requested reduction of the linear solver: forcing term of an inexact Newton method.
 
-    If it would almost reach the target, it is chosen to reach it, which saves the last iteration.
+    If it would almost reach the target, it is reduced to reach it, which saves the last iteration.
     """
     if norms[-1] <= _AIM * target:
         return _LEAST_REDUCTION

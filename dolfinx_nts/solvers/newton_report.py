@@ -12,13 +12,13 @@ class NewtonReport:
 
     Attributes:
         iterations: Linear solves.
-        active_set_changes: Pairs that changed, summed over iterations.
+        active_set_changes: Number of pairs that changed their state, summed over iterations.
         residual_norms: Euclidean norm of the residual before each linear solve, and the last one
             [N].
         num_active: Active pairs at the end.
         reason: Why the iteration stopped, empty if it converged.
-        is_hopeless: Whether it would fail from any starting guess.
-        is_undecided: Whether states of contact or friction still changed when it failed.
+        is_hopeless: Whether the iteration would fail from any starting guess.
+        is_undecided: Whether states of contact or friction still changed when the iteration failed.
     """
 
     iterations: int

@@ -14,7 +14,7 @@ __all__ = ["NodalSum"]
 
 
 class NodalSum:
-    """Sum of linear forms at the owned nodes: the first of bodies, the others of loads.
+    """Sum of linear forms at the owned nodes: one form of the bodies, and one of each load.
 
     Args:
         forms: The form of the bodies, then the forms of the loads, with derivatives applied by

@@ -29,11 +29,11 @@ __all__ = ["NonlinearElimination"]
 
 # Number of layers of cells around the contacts in the subdomain.
 _LAYERS = 2
-# Number of local Newton iterations, and reduction asked of the linear solver [-]. More would not
-# help, as the residual at the border remains until all nodes move.
+# Number of local Newton iterations [-], and their requested linear reduction [-]. More would not
+# help, as the residual at the border of the subdomain remains until all nodes move.
 _STEPS, _REDUCTION = 2, 0.1
-# Smallest constraint violation, relative to the size of the node's cells [-], from which on the
-# elimination pays; and the largest fraction of nodes in the subdomain [-] for which it is cheap.
+# Constraint violation, relative to the size of the cells at the node [-], above which the
+# elimination saves time; and largest fraction of nodes in the subdomain [-] for which it is cheap.
 _FAR, _MOST_NODES = 0.015, 0.125
 # Trust radius relative to the smallest cell [-].
 _LONGEST = 0.5
@@ -97,7 +97,7 @@ class NonlinearElimination:
         return not longest <= _LONGEST * self._sizes.smallest
 
     def _move(self, nodes: Flags, steps: Sequence[ContactStep], start: Iterate, X: Floats) -> int:
-        """Iterate with all other nodes clamped; return the number of contact evaluations."""
+        """Iterate with all nodes outside clamped; return the number of contact evaluations."""
         bulk, dim = self._bulk, self._bulk.rigid.dim
         u = bulk.u.x.array[: bulk.num_owned].reshape(-1, dim)
         R, states = start.R.copy(), start.states
@@ -122,7 +122,7 @@ class NonlinearElimination:
 
 @contextmanager
 def _alone(bulk: Bulk, nodes: Flags) -> Iterator[None]:
-    """Context in which all local nodes but the flagged ones, shape ``(l,)``, are clamped. Local."""
+    """Context in which all local nodes except the flagged ones, ``(l,)``, are clamped. Local."""
     dofmap, topology = bulk.u.function_space.dofmap, bulk.u.function_space.mesh.topology
     num_cells = topology.index_map(topology.dim).size_local
     moves = nodes[dofmap.list[:num_cells]].any(axis=1), nodes[: dofmap.index_map.size_local]

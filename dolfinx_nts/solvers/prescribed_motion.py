@@ -20,7 +20,7 @@ class PrescribedMotion:
         steps: Contact attempts, whose obstacles move.
 
     Attributes:
-        duration: Number of increments until the last one with a substantial prescribed part.
+        duration: Number of increments up to the last one with a significant prescribed part.
     """
 
     def __init__(self, bulk: Bulk, steps: Sequence[ContactStep]) -> None:
@@ -34,7 +34,7 @@ class PrescribedMotion:
 
     @property
     def advances(self) -> bool:
-        """Whether a part of it is applied in the current iteration."""
+        """Whether some of the prescribed motion is applied in the current iteration."""
         return False
 
     @property
@@ -52,15 +52,15 @@ class PrescribedMotion:
         """Add the forces of the prescribed increment to a residual. Collective.
 
         Args:
-            R: Residual on the owned dofs, of rigid bodies their balance, shape ``(d n,)`` [N].
+            R: Residual on the owned dofs, with the balance of rigid bodies, shape ``(d n,)`` [N].
             states: Pairs of the attempts.
-            target: Norm of the residual of a solution [N], below which the next substep begins:
-                bodies whose nodes are all prescribed add no forces. None: keep the last decision.
+            target: Norm of the residual of a solution [N], below which the next substep begins even
+                if the increment causes no forces. None keeps the last decision.
         """
         return R
 
     def predict(self, states: Sequence[ContactContribution]) -> tuple[ContactContribution, ...]:
-        """Contact states with the gaps and slips at the end of the prescribed increment.
+        """Contact states with gaps and slips after the prescribed increment, to first order.
 
         ``states`` are the states of the last `add_forces`.
         """
@@ -78,7 +78,7 @@ class PrescribedMotion:
 
         Args:
             nodes: Displacements of the owned nodes, shape ``(n, d)`` [m].
-            du: That fraction of the increment, of the same shape [m].
+            du: The applied fraction of the increment, of the same shape [m].
             part: The fraction, from 0 to 1.
         """
         return self._bulk.rigid.moved(nodes, du)

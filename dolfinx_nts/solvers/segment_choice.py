@@ -11,17 +11,16 @@ from dolfinx_nts.parallel import reductions
 
 __all__ = ["SegmentChoice"]
 
-# Largest number of updates of the contact points before equilibrium, and reduction of the residual
-# since the last update [-] that is required: before, the Newton iteration dominates the residual.
+# Largest number of updates of the contact points before equilibrium [-], and required reduction of
+# the residual between two updates [-].
 _MOST_EARLY, _FELL = 3, 0.1
 
 
 class SegmentChoice:
-    """Renews segments in equilibrium and, in statics, also near it.
+    """Renewal of the segments in equilibrium and, in statics, also near it.
 
-    In statics nodes slide far, and their final segments are known early. Each update brings the
-    contact points of mortar facets closer to their final positions by some factor, so intermediate
-    equilibria need not be accurate.
+    In statics nodes slide far, and their final segments are known early. Updates of the contact
+    points of mortar facets converge linearly, so intermediate equilibria need not be accurate.
 
     Args:
         comm: Communicator.
@@ -36,13 +35,13 @@ class SegmentChoice:
         self._laid, self._is_new = np.inf, False
 
     def renew(self, norm: float, *, is_near: bool, converged: bool) -> int:
-        """Renew segments if it is due; return the number of changes on all ranks. Collective.
+        """Renew segments if due; return the number of changes on all ranks. Collective.
 
         After any change, equilibrium has to be solved for again.
 
         Args:
-            norm: Residual [N].
-            is_near: Whether it is small, and no state violates its condition.
+            norm: Norm of the residual [N].
+            is_near: Whether the residual is small, and no state violates its condition.
             converged: Whether the iterate is in equilibrium.
         """
         if self._is_new:

@@ -1,13 +1,13 @@
 """Prescribed motion in statics, applied in substeps together with the motion of the bodies.
 
 If supports, guides and obstacles moved in one increment, with all other nodes fixed, cells at
-supports would be crushed, and nodes that stick to a tool would be far from it. Newton's method then
-fails near incompressibility, and contact forces are useless for active sets. Here the remaining
-prescribed increment is a known part of the linear systems: the tangents of bodies and contacts
-transmit it to the other nodes, with closed gaps and sticking nodes kept. If it would strain cells
-too much, only a fraction of it is applied, and the next one follows when the bodies are near
-equilibrium. The same holds if open nodes would penetrate deeply, since the linear systems do not
-contain their contact.
+supports would be inverted, and sticking nodes would be far from a moving tool. Newton's method then
+fails for nearly incompressible materials, and contact forces do not predict the active set. Here
+the remaining prescribed increment is a known part of the linear systems: the tangents of bodies and
+contacts transmit it to the other nodes, with closed gaps and sticking nodes kept. If it would
+strain cells too much, only a fraction of it is applied; the next fraction follows near equilibrium.
+The same holds if open nodes would penetrate deeply, since the linear systems do not contain their
+contact.
 """
 
 from collections.abc import Sequence
@@ -34,11 +34,11 @@ _LARGEST_STRAIN = 0.05
 # Residual, relative to the forces of the remaining increment [-], below which the next substep
 # begins.
 _FOLLOWED = 1e-3
-# Remaining fractions of the motion [-]: one whose forces are round-off of the residual, so that it
-# is applied without waiting; and one that counts as zero.
+# Remaining fractions of the motion [-]: one that is applied at once, as its forces are round-off;
+# and one that counts as zero.
 _REST, _ROUND_OFF = 1e-6, 1e-12
-# Fraction of the remaining motion above which an increment counts in `duration` [-]. Contact may
-# allow many tiny increments.
+# Fraction of the remaining motion [-] above which an increment counts in `duration`. Smaller
+# increments, due to contact, may be numerous.
 _ADVANCE = 1e-2
 
 
@@ -112,7 +112,7 @@ class SubsteppedMotion(PrescribedMotion):
     def _squared_resistance(
         self, step: ContactStep, state: ContactContribution, changes: Floats
     ) -> float:
-        """Squared forces by which nodes resist changes of their constraints [N^2]. Local."""
+        """Sum of squared constraint forces due to changes of gap and slip [N^2]. Local."""
         stiffness = self._stiffness[step.state.nodes.nodes[state.pairs.node]]
         held = changes * (np.arange(3) < state.rank[:, None])
         return float(((stiffness[:, None] * held) ** 2).sum())
@@ -138,7 +138,7 @@ class SubsteppedMotion(PrescribedMotion):
         return part * du
 
     def _fraction_until_contact(self, du: Floats) -> float:
-        """Fraction of an increment after which new contacts are clearly closed. Collective."""
+        """Fraction of an increment until new contacts penetrate too deep. Collective."""
         bulk = self._bulk
         nodes = bulk.u.x.array[: bulk.num_owned].reshape(-1, bulk.rigid.dim)
         increment = du.reshape(nodes.shape) + bulk.rigid.remaining(nodes, self._fraction)
@@ -190,7 +190,7 @@ def boundary_increment(bulk: Bulk) -> Floats | None:
 
 
 def largest_strain(bulk: Bulk, du: Floats) -> float:
-    """Largest change of an increment ``(d n,)`` [m] within a cell, by its size. Collective."""
+    """Largest change of an increment, ``(d n,)`` [m], in a cell per cell size [-]. Collective."""
     V = bulk.u.function_space
     field = fem.Function(V)
     field.x.array[: bulk.num_owned] = bulk.rigid.without(du.reshape(-1, bulk.rigid.dim)).ravel()

@@ -1,4 +1,4 @@
-"""Numbers of active sets, and whether their multipliers can be eliminated."""
+"""Version numbers of active sets, and whether their multipliers can be eliminated."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -16,13 +16,13 @@ __all__ = ["ActiveSets"]
 
 
 class ActiveSets:
-    """Numbers the active sets of successive iterations; equal sets share a number.
+    """Version numbers of the active sets of successive iterations; equal sets share a number.
 
     Args:
         comm: Communicator.
 
     Attributes:
-        version: Number of the last set that was not empty, from 1.
+        version: Number of the last nonempty set, starting from 1.
     """
 
     def __init__(self, comm: MPI.Comm) -> None:
@@ -32,10 +32,10 @@ class ActiveSets:
         self.version = 0
 
     def number(self, pairs: Sequence[ActivePairs]) -> int:
-        """Number of a set; the empty set has the number 0. Collective.
+        """Version number of a set, 0 for the empty set. Collective.
 
         Args:
-            pairs: Active pairs; sets differ if their nodes or constraints do.
+            pairs: Active pairs; sets are equal if nodes and numbers of constraints are equal.
         """
         if not pairs:
             return 0
@@ -53,7 +53,7 @@ class ActiveSets:
     def are_coupled(self, pairs: Sequence[ActivePairs]) -> bool:
         """Whether the projections of `Elimination` do not exist. Collective.
 
-        This is the case if a constrained node takes part in another active pair, or is fixed.
+        This is the case if a constrained node belongs to another active pair, or is fixed.
 
         Args:
             pairs: Active pairs that were numbered last.

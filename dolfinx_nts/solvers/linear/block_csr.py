@@ -23,7 +23,7 @@ class BlockCSR:
         matrix: The matrix.
         index_map: Index map of the rows.
         dim: Rows of a block, d.
-        start: Start of each row in the blocks, and the end, shape ``(n + 1,)``.
+        start: Offsets of the rows in the blocks, shape ``(n + 1,)``.
         column: Local column of each block, shape ``(b,)``.
         value: Blocks row by row, shape ``(d d b,)``.
     """
@@ -65,8 +65,8 @@ class BlockCSR:
         """Rows with scalar entries instead of blocks. Local.
 
         Returns:
-            Start of each row, and the end, shape ``(d n + 1,)``; global columns and values of the
-            entries, both ``(d d b,)``.
+            Offsets of the rows, shape ``(d n + 1,)``; global columns and values of the entries,
+            both ``(d d b,)``.
         """
         d, blocks = self.dim, np.diff(self.start)
         node = np.repeat(np.arange(len(blocks)), blocks)
@@ -93,8 +93,8 @@ class BlockCSR:
             ends: First number after the rows of each rank, shape ``(ranks,)``.
 
         Returns:
-            Start of each row, and the end, shape ``(m + 1,)``; global columns, shape ``(b,)``;
-            blocks, shape ``(d d b,)``.
+            Offsets of the rows, shape ``(m + 1,)``; global columns, shape ``(b,)``; blocks, shape
+            ``(d d b,)``.
         """
         start, column, value = self._gather(
             nodes, ends, self._global, self.value.reshape(-1, self.dim**2)
@@ -108,7 +108,7 @@ class BlockCSR:
         return neighbours
 
     def _gather(self, nodes: GlobalInts, ends: GlobalInts, *arrays: Any) -> list[Any]:
-        """Starts of the rows, and the entries of some arrays over the blocks for these rows."""
+        """Offsets of rows of any nodes, and their entries in some arrays over the blocks."""
         comm, first = self.index_map.comm, self.index_map.local_range[0]
         order = np.argsort(nodes)
         wanted = nodes[order]
@@ -127,16 +127,16 @@ def entries_of_rows(start: GlobalInts, rows: Array) -> tuple[GlobalInts, GlobalI
     """Entries of some rows, row by row.
 
     Args:
-        start: Start of each row in the entries, and the end, shape ``(n + 1,)``.
+        start: Offsets of the rows in the entries, shape ``(n + 1,)``.
         rows: The rows, shape ``(m,)``.
 
     Returns:
-        ``start`` of these rows alone, shape ``(m + 1,)``; their entries.
+        Offsets of the selected rows, shape ``(m + 1,)``; their entries.
     """
     taken = starts(start[rows + 1] - start[rows])
     return taken, np.arange(taken[-1]) + np.repeat(start[rows] - taken[:-1], np.diff(taken))
 
 
 def starts(lengths: Array) -> GlobalInts:
-    """Start of each row, and the end, from the lengths of the rows, shape ``(n + 1,)``."""
+    """Offsets of rows, ``(n + 1,)``, from their lengths, ``(n,)``."""
     return np.concatenate([[0], np.cumsum(lengths)], dtype=np.int64)

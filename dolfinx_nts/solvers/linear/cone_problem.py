@@ -29,7 +29,7 @@ __all__ = ["CondensedSystem", "has_cone_problem", "solve_cone_problem"]
 
 
 class CondensedSystem(Protocol):
-    """Condenses a linear system to the contact points."""
+    """Function that condenses a linear system to the contact points."""
 
     def __call__(
         self, R: Floats, pairs: Sequence[ActivePairs], is_point: Flags, present: Floats
@@ -39,7 +39,7 @@ class CondensedSystem(Protocol):
         Args:
             R: Residual on the owned dofs [N].
             pairs: Pairs, active or not, whose constraints are among the unknowns.
-            is_point: Flags of the constraints, of all ranks, that belong to the ``m`` points.
+            is_point: Flags of the constraints of all ranks that belong to the ``m`` points.
             present: Their multipliers in the residual, shape ``(d m,)`` [N].
 
         Returns:
@@ -52,7 +52,7 @@ def has_cone_problem(steps: Sequence[ContactStep], inertia: bool) -> bool:
     """Whether any pair takes part in a cone problem. Local, the same on all ranks.
 
     With inertia, pairs without friction do not: their active set is found node by node. In statics
-    they do, since one wrong node moves a body that only contact supports far away.
+    they do, since one wrong node may move a body far away that is supported only by contact.
     """
     return any(
         _takes_part(step) and not (inertia and step.state.pair.friction is None) for step in steps
@@ -67,7 +67,7 @@ def solve_cone_problem(
     states: Sequence[ContactContribution],
     inertia: bool,
 ) -> tuple[ContactContribution, ...] | None:
-    """Find states of all points that satisfy contact and friction together. Collective.
+    """Find states of all points that satisfy all contact and friction conditions. Collective.
 
     Args:
         system: Condenses the linear system of the iteration.
@@ -78,8 +78,8 @@ def solve_cone_problem(
         inertia: Whether there is inertia.
 
     Returns:
-        The evaluations with the new states. None if no pair near contact takes part, if the system
-        is too large, or if no solution was found.
+        The evaluations with the new states. None if no pair near contact takes part in the problem,
+        if the system is too large, or if no solution was found.
     """
     near = reductions.total(comm, np.array([len(state.active) for state in states])) > 0
     takes_part = [bool(n) and _takes_part(step) for n, step in zip(near, steps, strict=True)]
@@ -116,7 +116,7 @@ def solve_cone_problem(
 
 
 def _takes_part(step: ContactStep) -> bool:
-    """Whether normal forces are unilateral multipliers and friction is Coulomb's. Local."""
+    """Whether a pair has unilateral multipliers, and Coulomb or no friction. Local."""
     law = step.state.pair.enforcement
     pushes = isinstance(law, LagrangeMultiplier) and not isinstance(law, Tied)
     return pushes and step.friction.decided is not None

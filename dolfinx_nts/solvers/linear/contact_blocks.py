@@ -20,7 +20,7 @@ class ContactBlocks(NamedTuple):
     length: with k nodes and d components, gradients are d rows of d k numbers.
 
     Attributes:
-        start: Start of the node list of each constrained node, and the end, shape ``(m + 1,)``.
+        start: Offsets of the node lists of the constrained nodes, shape ``(m + 1,)``.
         nodes: Nodes of the constraints, list by list, the constrained one first, shape ``(l,)``.
         rank: Number of constraints, 0, 1 or d, shape ``(m,)``.
         normal: Unit normal at the constrained node, shape ``(m, d)``.
@@ -44,7 +44,7 @@ class ContactBlocks(NamedTuple):
 
     @property
     def constrained(self) -> Array:
-        """Nodes that have constraints."""
+        """Constrained nodes, those with rank > 0."""
         return self.nodes[self.start[:-1][self.rank > 0]]
 
     def kernel(self) -> _kernels.Elimination:
@@ -61,7 +61,7 @@ class ContactBlocks(NamedTuple):
         return self._replace(nodes=number(self.nodes), tangent_nodes=tangent_nodes)
 
     def touching(self, flags: Flags, tangent_flags: Flags) -> tuple[Array, Array]:
-        """Constraints and blocks whose node lists include flagged nodes.
+        """Subset of constraints and blocks whose node lists include flagged nodes.
 
         Args:
             flags: Flags of ``nodes``, shape ``(l,)``.

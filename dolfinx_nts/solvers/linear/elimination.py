@@ -1,14 +1,14 @@
 r"""Elimination of the multipliers from the linear systems of Newton's method.
 
 The constraint of an active node determines its normal displacement, which is eliminated together
-with the multiplier. Krylov methods then see a system of the size and condition of the bulk, and no
-saddle point. With one column E per active pair, which is the normal at its node, the gap gradients
-G, the forces F, and
+with the multiplier. Krylov methods are then applied to a system with the size and condition of the
+bulk, which is no saddle point problem. With one column E per active pair, which is the normal at
+its node, the gap gradients G, the forces F, and
 
 .. math:: Z = 1 - E (G^T E)^{-1} G^T, \qquad
           \tilde Z^T = 1 - F (E^T F)^{-1} E^T,
 
-the increment is :math:`\Delta u = x_p + Z y` with a particular part :math:`x_p` that satisfies the
+the increment is :math:`\Delta u = x_p + Z y` with a particular solution :math:`x_p` of the
 constraints, and the multipliers follow from the balance of normal forces at the nodes. With
 node-to-segment contact :math:`G^T E` is diagonal. With mortar contact it is nearly diagonal, and
 each rank solves with the global matrix.
@@ -31,14 +31,14 @@ __all__ = ["ActivePairs", "CoupledPairs", "Elimination", "active_pairs"]
 
 Part = tuple[Floats, Floats]
 
-_NO_VALUES = np.empty(0)  # constraints with the value zero
+_NO_VALUES = np.empty(0)  # zero constraint values
 
 
 class ActivePairs:
     """Active pairs of one contact pair; no two of them constrain the same node.
 
-    Vectors are nodal, shape ``(n, d)``, over the owned nodes. A *part* of a vector is the vector,
-    which must not change, together with its values at ghosts.
+    Vectors are nodal, shape ``(n, d)``, over the owned nodes. The *part* of a vector is a tuple of
+    the vector, which must not change, and its values at ghosts.
 
     Args:
         candidates: Candidates of the search, which exchange values of their nodes.
@@ -49,10 +49,10 @@ class ActivePairs:
         blocks: Constraints and tangent, with node numbers of ``ghosts``.
         ghosts: Exchange of nodal values between ranks.
         fixed: Whether the displacement of a node is prescribed, so that it cannot be eliminated.
-        excess: Values that the constraints should make zero, shape ``(m, d)`` [m].
+        excess: Constraint residuals, shape ``(m, d)`` [m].
     """
 
-    # Whether constraints may involve nodes that other pairs constrain.
+    # Whether constraints may depend on constrained nodes of other pairs.
     may_overlap = False
 
     def __init__(self, candidates: Candidates, state: ContactContribution, dim: int) -> None:
@@ -70,7 +70,7 @@ class ActivePairs:
         self.fixed, self.excess, dofs, rank, normal, gradients, columns, slopes = arrays
         self._pair_dofs, self.ghosts = dofs, ghosts
         start, nodes = np.arange(0, dofs.size + 1, dofs.shape[1]), dofs.ravel()
-        if dim < 3:  # the linear system has d components
+        if dim < 3:  # restricted to the d components of the space
             self.excess, normal = self.excess[:, :dim], normal[:, :dim]
             gradients, columns, slopes, tangent = (
                 _components(blocks, dim) for blocks in (gradients, columns, slopes, tangent)
@@ -113,7 +113,7 @@ class ActivePairs:
 
 
 class CoupledPairs(ActivePairs):
-    """Active pairs whose constraints involve constrained nodes of each other."""
+    """Active pairs whose constraints depend on each other's constrained nodes (mortar contact)."""
 
     may_overlap = True
 
@@ -164,7 +164,7 @@ def _components(blocks: Floats, dim: int) -> Floats:
 def active_pairs(
     steps: Sequence[ContactStep], states: Sequence[ContactContribution], dim: int
 ) -> list[ActivePairs]:
-    """Active pairs of each contact pair that has any on some rank.
+    """Active pairs of each contact pair with active pairs on any rank.
 
     Args:
         steps: Contact attempts.
@@ -187,8 +187,8 @@ class Elimination:
     Collective, as all its methods. Vectors are nodal, shape ``(n, 3)``, over the owned nodes.
 
     Args:
-        pairs: Active pairs, one item for each contact pair that has any. The projections do not
-            exist if `ActiveSets.are_coupled`.
+        pairs: Active pairs, one item for each contact pair with any. The projections do not exist
+            if `ActiveSets.are_coupled`.
         active_version: Number of the active set by `ActiveSets`.
     """
 
@@ -201,7 +201,7 @@ class Elimination:
         return not self.pairs
 
     def particular(self, shape: tuple[int, ...]) -> tuple[Floats, list[Part]]:
-        """Nodal vector x_p with G^T x_p = -(g - g_ref), and its parts, see `constrain`."""
+        """Particular solution x_p of G^T x_p = -(g - g_ref), and its parts, see `constrain`."""
         x = np.zeros(shape)
         return x, [p.constrain(-p.excess, x) for p in self.pairs]
 

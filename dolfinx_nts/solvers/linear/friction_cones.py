@@ -25,13 +25,13 @@ from dolfinx_nts.common.arrays import Flags, Floats, Ints
 __all__ = ["ConeSolution", "solve"]
 
 _MOST_ITERATIONS = 60
-# Duality gap, relative to forces and motions of the problem [-]: of a solution; acceptable if
-# progress stagnates; and small enough to identify the states if steps have become short.
+# Limits on the duality gap, relative to forces and motions of the problem [-]: for convergence; if
+# progress stagnates; and if steps have become short.
 _NONE, _FEW, _CLEAR = 1e-18, 1e-13, 1e-9
-# Residual of the motions, relative to the problem [-]: of a solution, and if steps have become
-# short.
+# Limits on the residual of the motions, relative to the problem [-]: for convergence, and if steps
+# have become short.
 _EQUAL, _NEAR = 1e-12, 1e-8
-# Number of iterations before stagnation, and before short steps, are considered.
+# Number of iterations after which stagnation, and after which short steps, end the method.
 _BEFORE_FEW, _BEFORE_SHORT = 8, 12
 # Step length [-] that counts as short; and below which the next step is a pure centring step.
 _SHORT, _OFF_CENTRE = 0.1, 0.3
@@ -40,9 +40,9 @@ _INSIDE = 0.999
 # Least centring parameter [-]: while residuals are large, later, and of a centring step.
 _FIRST_AIM, _AIM, _CENTRING = 1e-2, 1e-4, 0.5
 _DIFFERS = 1e-6
-# Coupling of two points, relative to their own compliances [-], that is round-off.
+# Coupling of two points, relative to their own compliances [-], that counts as round-off.
 _NOT_FELT = 1e-13
-# Compliance added to the points, relative to the bodies' [-], which makes the forces unique.
+# Compliance added to the points, relative to that of the bodies [-], which makes the forces unique.
 _COMPLIANCE = 1e-10
 
 
@@ -159,7 +159,7 @@ def _central(W: Floats, q: Floats, d: int) -> tuple[Floats, Floats] | None:
             return f, v
         if iteration > _BEFORE_SHORT and part < _SHORT and mean < _CLEAR and error < _NEAR:
             return f, v
-        if mean <= 0:  # only round-off is left
+        if mean <= 0:  # the rest is round-off
             return None
         last = mean
         # The dual cone adds the size of the slip to the normal motion.

@@ -44,19 +44,19 @@ from dolfinx_nts.solvers.statics.inertia_relief import InertiaRelief
 
 __all__ = ["KrylovFailures", "LinearSolver"]
 
-# Error of a right-hand side, relative to the reduction asked for [-].
+# Admissible error of a right-hand side, relative to the requested reduction [-].
 _NEGLIGIBLE = 0.03
 # Estimate of the row sums of the tangent, relative to the diagonal [-].
 _ROW_SUM = 3.0
 # Number of random forces in the search for a direction of negative curvature.
 _NUM_FORCES = 4
 
-# Largest number of doublings.
+# Largest number of doublings of the skipped systems.
 _MOST_DOUBLINGS = 5
 
 
 class KrylovFailures:
-    """Consecutive failures with new and strong factors, and remaining systems to skip."""
+    """Consecutive failures with new strong factors, and number of systems left to skip."""
 
     def __init__(self) -> None:
         self._in_a_row = self._left = 0
@@ -71,7 +71,7 @@ class KrylovFailures:
         self._in_a_row = self._left = 0
 
     def skip(self) -> bool:
-        """Whether to skip the method for the next system, which is counted. Local."""
+        """Whether to skip the method for the next system; counts the call. Local."""
         is_left_out = self._left > 0
         self._left -= is_left_out
         return is_left_out
@@ -127,11 +127,10 @@ class LinearSolver:
 
     @property
     def one_application_reduction(self) -> float:
-        """Reduction for which the preconditioner is applied once, without a product [-]. Local.
+        """Requested reduction at which one application of the preconditioner suffices [-]. Local.
 
-        It is the measured reduction of an iteration. NaN if this is unknown, with rigid bodies, and
-        at large Courant numbers: there ILU(0) is too inaccurate, and errors of an increment would
-        change contact everywhere.
+        It is the measured reduction of one iteration. NaN if unknown, with rigid bodies, and at
+        large Courant numbers, where the error of ILU(0) would change contact everywhere.
         """
         has_rigid = self._operator.bulk.rigid.exists
         return math.nan if has_rigid else self._factors.one_application_reduction
@@ -177,7 +176,7 @@ class LinearSolver:
         while (du := self._solve_krylov(R, elimination, rtol)) is None:
             if self._contacts.choose(num_active):
                 continue
-            # After a failure: new factors, then stronger ones, then the complete system.
+            # After a failure new factors are tried, then stronger ones, then the complete system.
             if is_new and not self._preconditioner.strengthen():
                 self._failures.count()
                 return self._solve_direct(R, steps, pairs)
@@ -187,8 +186,8 @@ class LinearSolver:
         factors.strengthen_if_slow(is_new)
         if not (num_active and self._contacts.uses_complement):
             return du, None
-        # Near incompressibility the nodal balance is no estimate before convergence: unbalanced
-        # pressures exceed contact forces by far.
+        # With nearly incompressible materials the nodal balance is no estimate of multipliers
+        # before convergence: unbalanced pressures exceed contact forces by far.
         y = self._nodal(R) + self._operator.bulk.action(self._nodal(du))
         increments = iter(elimination.multipliers(self._nodal(du), y))
         return du, [next(increments) if step.num_active else np.empty(0) for step in steps]
@@ -301,7 +300,7 @@ class LinearSolver:
         inertia: bool,
         relief: InertiaRelief,
     ) -> CondensedSystem | None:
-        """System that can be condensed to contact points, if there is one. Collective.
+        """Linear system that can be condensed to contact points, or None. Collective.
 
         With inertia it is the complete system, if it is small and multipliers cannot be eliminated.
         In statics, where points interact over long distances and bodies may have no other support,
@@ -373,7 +372,7 @@ class LinearSolver:
             self._contacts.update(elimination)
             total: Floats = self._nodal(R).copy()
             particular, parts = elimination.particular(total.shape)
-            # Close to the constraints this part is below the tolerance.
+            # Near convergence the contribution of the particular solution is below the tolerance.
             force = _ROW_SUM * self.tangent.nodal_stiffness()[:, None] * particular
             squares = [float(np.vdot(force, force)), float(R @ R)]
             part, whole = map(math.sqrt, reductions.total(bulk.comm, squares))

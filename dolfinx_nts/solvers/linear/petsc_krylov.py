@@ -48,7 +48,7 @@ class PetscKrylov:
         use_shell(self._ksp.getPC(), self)
         with options.understood():
             self._ksp.setFromOptions()
-            self._ksp.setUp()  # refuses methods without preconditioning from the right
+            self._ksp.setUp()  # PETSc refuses methods without right preconditioning
         self._x, self._b = matrix.createVecs()
         self._target = 0.0
 

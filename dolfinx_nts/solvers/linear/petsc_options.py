@@ -25,7 +25,7 @@ _SERIAL = {"icc", "ilu"}
 _MULTIGRID = {"gamg", "hmg", "mg", "ml"}
 # Options that Newton's method sets in each iteration.
 _OF_NEWTON = ("ksp_rtol", "ksp_atol", "ksp_divtol", "ksp_max_it")
-# petsc4py up to 3.22 has no access to the used options; its library has.
+# petsc4py up to 3.22 has no access to the used options; the PETSc library has.
 _library = ctypes.CDLL(PETSc.__file__)
 
 
@@ -100,17 +100,17 @@ class PetscOptions:
             ) from None
 
     def check_used(self) -> None:
-        """Raise if options have not been used so far, and forget them. Collective.
+        """Raise if options have not been used so far; later calls do nothing. Collective.
 
         Raises:
-            ValueError: There are unused options that a small mesh does not explain.
+            ValueError: There are unused options, and the small size of the mesh is not the reason.
         """
         flags = np.array([_is_used(name) for name in self._names], dtype=bool)
         flags = reductions.anywhere(self._comm, flags)
         unused = [name for name, is_used in zip(self._names, flags, strict=True) if not is_used]
         database = PETSc.Options()
         for name in unused:
-            database.delValue(name)  # PETSc would warn of it again at the end of the program
+            database.delValue(name)  # otherwise PETSc warns of it again at the end of the program
         kinds = {value for key, value in self.bulk.items() if key.endswith("pc_type")}
         excused = [name for name in unused if "mg_" in name and not kinds.isdisjoint(_MULTIGRID)]
         if excused and self._comm.rank == 0:

@@ -26,8 +26,8 @@ __all__ = ["KrylovMethod", "Operator", "Preconditioner", "RigidPreconditioner"]
 _MAX_ITERATIONS = 200
 # Growth of the residual that counts as divergence [-].
 _DIVERGED = 1e6
-# Error of products in single precision, relative to the remaining reduction, that is acceptable
-# [-]. Inexact Krylov methods tolerate errors that grow as the residual decreases.
+# Admissible error of products in single precision, relative to the remaining reduction [-]: inexact
+# Krylov methods tolerate errors that grow as the residual decreases.
 _NEGLIGIBLE = 0.3
 # Relative error of products [-] in the search for negative curvature.
 _ENOUGH = 1e-3
@@ -46,7 +46,7 @@ class Operator:
 
     Attributes:
         bulk: The residual.
-        elimination: Contacts of this Newton iteration.
+        elimination: Elimination of the active contacts of this Newton iteration.
     """
 
     def __init__(self, bulk: Bulk) -> None:
@@ -106,12 +106,13 @@ class Preconditioner:
 class RigidPreconditioner:
     """Preconditioner with rigid bodies.
 
-    Rigid bodies respond with their inertia alone, and all other nodes follow them.
+    The stiffness of rigid bodies is their inertia only; all other nodes are solved for given
+    motions of them.
 
     Args:
         others: Preconditioner of the other nodes.
         rigid: Motion of the rigid bodies.
-        tangent: Matrix of the bulk, which clamps their nodes.
+        tangent: Matrix of the bulk, in which nodes of rigid bodies are clamped.
     """
 
     def __init__(self, others: Preconditioner, rigid: RigidMotion, tangent: Tangent) -> None:
@@ -138,7 +139,7 @@ class KrylovMethod:
         options: Options of the user.
 
     Attributes:
-        others: PETSc method of the user's options, if there are any.
+        others: PETSc method chosen by the user's options, if any.
         num_iterations: Number of iterations so far.
         num_local_iterations: Additional iterations of local solves.
     """
@@ -151,7 +152,7 @@ class KrylovMethod:
     ) -> None:
         bulk = operator.bulk
         self._operator, self._preconditioner = operator, preconditioner
-        self._options: PetscOptions | None = options  # kept until their use has been checked
+        self._options: PetscOptions | None = options  # until their use has been checked
         self.others: PetscKrylov | None = None
         if options.krylov:
             shape = bulk.num_owned // bulk.rigid.dim, bulk.rigid.dim

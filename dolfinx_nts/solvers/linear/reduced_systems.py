@@ -16,7 +16,7 @@ __all__ = ["Reduced", "WholeFactors", "reduced", "solved"]
 
 
 class WholeFactors:
-    """Factors of a matrix by MUMPS. Collective, as all its methods.
+    """Complete factors of a matrix by MUMPS. Collective, as all its methods.
 
     Args:
         A: The matrix.
@@ -50,7 +50,7 @@ class WholeFactors:
 
 
 def solved(A: Any, right: Floats) -> Floats:
-    """Solve a system with factors that are used once. Collective.
+    """Factorise a matrix and solve one system. Collective.
 
     Args:
         A: The matrix.
@@ -84,7 +84,7 @@ def reduced(A: Any, bodies: Sequence[RigidColumns], held: Floats, resistance: Fl
 
     Args:
         A: Matrix of the complete system.
-        bodies: Motions of the rigid bodies; their amounts are unknowns of the first rank.
+        bodies: Motions of the rigid bodies; their amplitudes are unknowns of rank 0.
         held: Clamping stiffness of the owned dofs in the matrix, to be removed, ``(d n,)`` [N/m].
         resistance: Additional stiffness in the motions of rigid bodies.
     """

@@ -1,4 +1,4 @@
-r"""Complete linear system of a Newton iteration, factorised where Krylov methods fail.
+r"""Complete linear system of a Newton iteration, factorised if Krylov methods fail.
 
 The unknowns are the increments of all displacements and of the multipliers of all active pairs. On
 each rank the multipliers come after the displacements:
@@ -32,13 +32,13 @@ from dolfinx_nts.solvers.statics.negative_curvature import lowest_ritz_vector
 __all__ = ["SaddlePointSystem"]
 
 
-# Compliance of the constraints, relative to the largest entry of the matrix [-]. It keeps
-# constraints solvable that prescribed displacements make dependent.
+# Compliance of the constraints, relative to the inverse of the largest entry of the matrix [-]. It
+# makes the system regular if prescribed displacements make constraints dependent.
 _COMPLIANCE = 1e-10
 # Number of unknowns up to which dense factors are faster than MUMPS.
 _DENSE = 200
-# Gradient of a combination of constraints, relative to the largest [-], below which the constraints
-# are linearly dependent, such as at points on one rigid body.
+# Norm of the gradient of a combination of constraints, relative to the largest one [-], below which
+# constraints are linearly dependent, such as at many points of a rigid body.
 _DEPENDENT = 1e-9
 _NO_STIFFNESS = 1e-300  # stiffness of a rank without nodes, to avoid division by zero [N/m]
 
@@ -57,7 +57,7 @@ class _WholeSystem(NamedTuple):
     is_multiplier: Flags
 
     def solution(self) -> Floats:
-        """Solve with dense factors; NaN where there are none. Local."""
+        """Solve with dense factors; NaN if the matrix is singular. Local."""
         A, right, last = self.matrix, self.right, self.is_multiplier
         x = np.full(len(right), np.nan)
         gradients = A[last][:, ~last]
@@ -94,7 +94,7 @@ class SaddlePointSystem:
 
     Args:
         tangent: Matrix of the bodies.
-        bulk: Their residual, with the motion of the rigid ones.
+        bulk: Residual of the bodies, with the motion of the rigid bodies.
 
     Attributes:
         comm: Communicator of the mesh.
@@ -105,10 +105,10 @@ class SaddlePointSystem:
         self.comm: MPI.Comm = tangent.comm
 
     def solve(self, R: Floats, pairs: Sequence[ActivePairs]) -> tuple[Floats, list[Floats]]:
-        """Newton increments. Collective.
+        """Newton increments of displacements and multipliers. Collective.
 
-        If constraints are linearly dependent, the increments of their multipliers have no component
-        that does no work on the bodies.
+        If constraints are linearly dependent, multiplier increments without any force on the bodies
+        are removed.
 
         Args:
             R: Residual on the owned dofs [N].
@@ -217,7 +217,7 @@ class SaddlePointSystem:
         shift = np.concatenate([[0], np.cumsum(num_local[:, 1])])
 
         def saddle(dofs: Array) -> Ints:
-            """Numbers of displacement dofs in the complete system."""
+            """Index in the complete system of each displacement dof."""
             rank = np.searchsorted(u_start, dofs, side="right") - 1
             return np.asarray(dofs + shift[rank], dtype=np.int32)
 

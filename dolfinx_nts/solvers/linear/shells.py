@@ -1,8 +1,8 @@
 """PETSc shell matrices and shell preconditioners with Python contexts.
 
-A shell does not keep its context alive, so the owner of the shell keeps both. At the end of a
-program PETSc does not free the contexts of its shells, which would keep bodies, contacts and
-kernels alive.
+A shell holds only a weak reference to its worker; the owner of the shell must keep both. PETSc does
+not free the contexts of shells at the end of a program, so strong references would keep bodies,
+contacts and kernels alive.
 """
 
 import weakref
@@ -43,7 +43,7 @@ class _Context:
     """Context of a shell, with a weak reference to its worker.
 
     Args:
-        worker: The object that does the work.
+        worker: The object with the methods `mult` or `apply`.
     """
 
     def __init__(self, worker: Any) -> None:

@@ -1,4 +1,4 @@
-"""Work of a linear solver in numbers."""
+"""Counts of the work of a linear solver."""
 
 from dataclasses import dataclass
 from math import isfinite
@@ -11,7 +11,7 @@ class SolverStatistics:
     """Counts since the start of a run, and the kind of preconditioner. Local.
 
     Attributes:
-        preconditioner: Kind of the factors of the bulk, empty before the first.
+        preconditioner: Kind of the factors of the bulk, empty before the first factorisation.
         is_strong: Whether they are complete factors or multigrid.
         wave_crossings: Courant number [-], infinite in statics; 0 if all factors are those of a
             resumed run.

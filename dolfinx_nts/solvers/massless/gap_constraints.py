@@ -14,7 +14,7 @@ from dolfinx_nts.search.scatter import NodalScatter
 
 __all__ = ["GapConstraints", "KeptGaps"]
 
-# Fraction of a gradient on free nodes [-] below which the gap is left to the other nodes.
+# Fraction of a gradient on free nodes [-] below which the constraint is left out.
 _NO_FREEDOM = 1e-3
 # Reduction of the least-squares residual [-], and largest number of iterations. Rows of neighbours
 # are nearly orthogonal, unless two pairs constrain a node in nearly the same direction.
@@ -57,7 +57,7 @@ class _SomeNodes:
         self._all: Floats = np.zeros((scatter.index_map.size_local, 3))
 
     def forward(self, values: Floats) -> Floats:
-        """Values at all nodes of the scatter's map, 0 at others; valid until the next call."""
+        """Values on the scatter's map, 0 at all other nodes; valid until the next call."""
         self._all[self._nodes] = in_space(values)
         return self._scatter.forward(self._all)
 
@@ -73,7 +73,7 @@ class _Rows(NamedTuple):
 
     Attributes:
         nodes: Exchange of nodal vectors.
-        which: Range among the rows of all pairs.
+        which: Range of these rows among the rows of all pairs.
         dofs: Nodes with nonzero entries, shape ``(m, k)``.
         gradient, force: Shape ``(m, k, 3)``.
     """
@@ -124,7 +124,7 @@ class GapConstraints:
             is_free = _length(left) > _NO_FREEDOM * _length(gradient)
             length = np.where(is_free, _length(weights * gradient), np.inf)
             scaled = weights / length[:, None, None]
-            # Most nodes of a row belong to the other body, which is fixed.
+            # Most nodes of a row belong to the segments, which are fixed.
             moves = scaled.any(axis=2)
             first = np.argsort(~moves, axis=1, kind="stable")
             first = first[:, : moves.sum(axis=1).max(initial=0)]

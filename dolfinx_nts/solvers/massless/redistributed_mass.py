@@ -56,7 +56,7 @@ class RedistributedMass:
         trial, test = ufl.TrialFunction(V), ufl.TestFunction(V)
 
         def integrand(material: Hyperelastic, _: Any, rho: Any) -> Any:
-            # A constant keeps the entries of the matrix also where it is zero.
+            # A constant, so that zero entries stay in the sparsity pattern.
             part = 1.0 if factor is None else fem.Constant(V.mesh, float(factor(material)))
             return part * rho * ufl.inner(trial, test)
 
@@ -81,7 +81,7 @@ class RedistributedMass:
     def entries(self, index_map: Any) -> tuple[Ints, Ints, Floats]:
         """Rows, columns and values of the owned rows, all of shape ``(b,)`` [kg]. Local.
 
-        Columns are local nodes of the map, or -1 if they are unknown on this rank.
+        Columns are local nodes of the map, or -1 for nodes that are not on this rank.
         """
         start, column, value = self._mass.getValuesCSR()
         row = np.repeat(np.arange(len(start) - 1, dtype=np.int32), np.diff(start))
@@ -90,7 +90,7 @@ class RedistributedMass:
 
 
 class MassForce(NamedTuple):
-    """Force of a mass times a rate that depends on the displacement, such as inertia.
+    """Mass times a rate that depends on the displacement, such as the inertia force.
 
     Attributes:
         mass: The mass; all masses of one stepper have the same sparsity.
@@ -165,7 +165,7 @@ def _triple(matrix: la.MatrixCSR, below: Extrapolation) -> _Entries:
     node, column, weight = node[order], column[places], weight[places]
 
     def expanded(keys: GlobalInts, *others: Any) -> tuple[Any, ...]:
-        """Replace keys by the nodes that carry them; also return weights and other data."""
+        """Replace massless nodes by the nodes with their mass; add weights, repeat other data."""
         place = np.minimum(np.searchsorted(node, keys), len(node) - 1)
         follows = node[place] == keys
         _, these = entries_of_rows(start, place[follows])
@@ -279,7 +279,8 @@ class RedistributedTangent(Tangent):
         parts = [mass.entries(index_map) for mass, *_ in inertia]
         row, column, _ = parts[0]
         value: Floats = np.array([values for *_, values in parts])
-        # Entries with unknown columns are moved to the diagonal, which keeps the matrix definite.
+        # Entries with columns on other ranks are added to the diagonal, which keeps the matrix
+        # definite.
         unknown = column < 0
         column, value = np.where(unknown, row, column), np.where(unknown, np.abs(value), value)
         self._entries = row, column, value

@@ -1,7 +1,7 @@
 """Static equilibrium of massless nodes, with all other nodes fixed.
 
-Each massless node is connected to fixed ones, so conjugate gradients need few iterations, whatever
-the size of the surface.
+Each massless node is connected to fixed nodes, so conjugate gradients need few iterations for any
+size of the surface.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,9 +21,8 @@ from dolfinx_nts.solvers.massless.surface_forces import SurfaceForces
 
 __all__ = ["SurfaceEquilibrium"]
 
-# Reduction of the residual [-]; the next step removes the remainder. A smaller value changes the
-# displacement in an impact by at most 0.1 % of the time discretisation error, and takes more
-# iterations.
+# Reduction of the residual [-]; the next step removes the remainder. Smaller: displacements in an
+# impact change by at most 0.1 % of the time discretisation error, with more iterations.
 _REDUCTION = 5e-2
 _MAX_ITERATIONS = 200
 # Round-off of the residual, relative to the stiffness of a node times its displacement [-].
@@ -81,8 +80,8 @@ class SurfaceEquilibrium:
     ) -> Floats:
         """Solve for increments of the massless nodes, shape ``(m, d)`` [m].
 
-        It takes one Newton iteration from u. Nodes without constraints are free. If the surface is
-        about to buckle, the iteration decreases the energy.
+        It takes one Newton iteration from u. Nodes without constraints are free. If the stiffness
+        is indefinite, the increment still decreases the energy.
 
         Args:
             holds: Constraints of the nodes, pair by pair.
@@ -120,7 +119,7 @@ class SurfaceEquilibrium:
         # The friction of sliding nodes makes the system nonsymmetric.
         ksp = self._krylov["gmres" if self._held.slides else "cg"]
         ksp.setTolerances(rtol=_REDUCTION, atol=least, max_it=_MAX_ITERATIONS)
-        # If the surface is about to buckle, the last iterate is kept.
+        # If the stiffness is indefinite, the last iterate is kept.
         ksp.solve(self._b, self._x)
         x += self._x.array.reshape(x.shape)
         return x
@@ -139,14 +138,14 @@ class SurfaceEquilibrium:
         return rows
 
     def _times(self, x: Floats) -> Floats:
-        """Static stiffness and additional resistance times increments."""
+        """Product of increments with static stiffness and additional resistance."""
         y = self._static(x)
         if self._resistance is not None:
             y += self._resistance.along(x)
         return y
 
     def _static(self, x: Floats) -> Floats:
-        """Static stiffness times increments."""
+        """Product of increments with the static stiffness."""
         y = self._forces.along(x)
         y /= self._share
         return y

@@ -108,12 +108,12 @@ class BlockILU:
         """Rows of the owned nodes and of their ghosts, with local columns. Collective.
 
         Returns:
-            Start of each row, and the end; columns; blocks of the rows of other ranks.
+            Offsets of the rows; their columns; blocks of the rows of other ranks.
         """
         own, nodes = self._rows, self._scatter.index_map
         start, far, value = own.gather(nodes.ghosts, self._ends)
         column = nodes.global_to_local(far)
-        column[column < 0] = nodes.size_local + nodes.num_ghosts  # outside of these nodes
+        column[column < 0] = nodes.size_local + nodes.num_ghosts  # columns outside of these nodes
         start = np.concatenate([own.start, own.start[-1] + start[1:]])
         return start, np.concatenate([own.column, column]), value
 
@@ -136,7 +136,7 @@ def _order(start: GlobalInts, column: Ints, num_owned: int) -> Ints:
 
 
 class SinglePrecisionOperator:
-    """Context of a shell matrix with a copy of some rows in single precision. Collective.
+    """Shell matrix with a copy of the rows of a matrix in single precision. Collective.
 
     Args:
         rows: Owned rows of the matrix.

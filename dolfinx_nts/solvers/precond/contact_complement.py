@@ -33,7 +33,7 @@ from dolfinx_nts.solvers.precond.tangent import Tangent
 __all__ = ["ContactComplement"]
 
 _NONE: GlobalInts = np.empty(0, dtype=np.int64)
-_MOST_NODES = 400  # number of nodes whose columns are kept, also of former contacts
+_MOST_NODES = 400  # largest number of nodes with stored columns, including former contacts
 
 
 class ContactComplement:
@@ -83,8 +83,8 @@ class ContactComplement:
         ``mobility`` is the additional compliance of free bodies, if there are any, and ``held`` are
         nodes of rigid bodies without free motion, the same on all ranks.
         """
-        # Without the geometric stiffness of contact: the factors lack the bodies' part, which
-        # would balance it.
+        # The geometric stiffness of contact is left out: the factors do not contain that of the
+        # bodies, which would balance it.
         contacts = [
             blocks._replace(tangent_nodes=blocks.tangent_nodes[:0], tangent=blocks.tangent[:0])
             for blocks in self._gathered(pairs)
@@ -120,7 +120,7 @@ class ContactComplement:
         return [blocks for part in parts for blocks in part]
 
     def _reach(self, contacts: Sequence[ContactBlocks]) -> GlobalInts:
-        """Compute missing columns of contact nodes; return these nodes. Collective."""
+        """Compute missing columns of contact nodes; return the contact nodes. Collective."""
         nodes: GlobalInts = np.unique(np.concatenate([b.nodes for b in contacts]))
         nodes = np.union1d(nodes, np.concatenate([b.tangent_nodes.ravel() for b in contacts]))
         if self._version != self._bulk.num_builds:
@@ -152,7 +152,7 @@ class ContactComplement:
             for columns, part in zip(self._columns, np.split(force, ends[:-1]), strict=True):
                 z -= (columns @ part).reshape(-1, d)
             return
-        # Applying incomplete factors is cheaper than reading all columns.
+        # Another application of incomplete factors is cheaper than a product with all columns.
         owned, place = self._owned(self._known)
         forces = np.zeros((z.size, 1), order="F")
         forces[_dofs(owned, d), 0] = force[_dofs(place, d)]
@@ -168,7 +168,7 @@ class ContactComplement:
 
     @property
     def _known(self) -> GlobalInts:
-        """Nodes of the columns, in their order."""
+        """Nodes of the stored columns, in the order of the columns."""
         return np.concatenate([np.empty(0, dtype=np.int64), *self._batches])
 
     @property
@@ -178,12 +178,12 @@ class ContactComplement:
 
     @property
     def _among_reached(self) -> Floats:
-        """Flexibility S of the contact nodes."""
+        """Flexibility matrix S of the contact nodes."""
         flexibility: Floats = self._flexibility[np.ix_(self._reached, self._reached)]
         return flexibility
 
     def _at_known(self, z: Floats) -> Floats:
-        """Values at the nodes of the columns, from values at the owned nodes. Collective."""
+        """Values at all nodes of the columns, from values at the owned nodes. Collective."""
         owned, place = self._owned(self._known)
         values = np.zeros(len(self._flexibility))
         values[_dofs(place, self._dim)] = z.reshape(-1, self._dim)[owned].ravel()
@@ -270,7 +270,7 @@ def _response(S: Floats, C: Floats, F: Floats, G: Floats) -> Floats:
     n, m = F.shape
     try:
         solution = np.linalg.solve(_system(S, C, F, G), np.eye(n + m, n))
-    except np.linalg.LinAlgError:  # the system of bulk and contact is singular, too
+    except np.linalg.LinAlgError:  # the system of bulk and contact is also singular
         return np.zeros((n, n))
     response: Floats = np.hstack([C, F]) @ solution
     return response

@@ -14,20 +14,20 @@ from dolfinx_nts.solvers.statics.inertia_relief import InertiaRelief
 
 __all__ = ["ContactCorrections"]
 
-# Iterations per decade above which the Schwarz correction counts as poor, with ILU(1) or complete
-# factors; and number of contact nodes up to which the dense complement is cheaper.
+# Krylov iterations per decade [-] above which the Schwarz correction is replaced, with ILU(1) or
+# complete factors; and largest number of contact nodes [-] for the dense complement.
 _POOR, _MOST_NODES = 4.0, 100
 # Largest number of contact forces in a cone complementarity problem; its cost grows with the cube.
 _MOST_FORCES = 300
 # Lower bound on the decades of a solve, since every solve takes at least one iteration.
 _FEWEST_DECADES = 0.3
-# Least reduction asked of a solve [-]: with the complement it is cheap and saves Newton iterations;
+# Weakest reduction of a solve [-]: with the complement it is cheap and saves Newton iterations;
 # with the Schwarz correction there is no such bound.
 _CHEAP_REDUCTION, _ANY_REDUCTION = 1e-3, 1.0
 
 
 class _Correction(Protocol):
-    """Extends a preconditioner of the bulk to the projected tangent."""
+    """Interface of corrections that extend a bulk preconditioner to the projected tangent."""
 
     def update(self, elimination: Elimination) -> None: ...
 
@@ -44,7 +44,7 @@ class ContactCorrections:
         bulk: Preconditioner of the bulk.
 
     Attributes:
-        least_reduction: Least reduction to ask of a solve [-].
+        least_reduction: Weakest reduction to request of a solve [-].
     """
 
     def __init__(self, tangent: Tangent, bulk: BulkPreconditioner) -> None:
@@ -72,11 +72,11 @@ class ContactCorrections:
         return self._present is not last
 
     def judge(self, iterations: int, decades: float) -> None:
-        """Judge the correction by the iterations of a solve with contact. Local.
+        """Register the iterations of a solve with contact, for the choice of the correction. Local.
 
         Args:
             iterations: Krylov iterations.
-            decades: Reduction that was asked for, in decades.
+            decades: Requested reduction in decades [-].
         """
         if not self.uses_complement:
             self._schwarz.judge(iterations, decades)

@@ -21,11 +21,12 @@ _NOTHING = -1, -1  # matches no matrix and no active set
 # Change of the contact tangent above which the subdomain is factorised again, relative to the
 # stiffness of the softest node [-]. Slip and rotation change tangents by far more.
 _LARGEST_CHANGE = 0.1
-# Fraction of the constraints that may have changed since the factorisation [-], and change of a
-# gradient that counts [-]. One node on a new segment is harmless, a sliding surface is not.
+# Largest fraction of the constraints that have changed since the factorisation [-], and change of a
+# gradient above which a constraint has changed [-]. Larger: too many iterations on sliding
+# surfaces; smaller: one node on a new segment causes a factorisation.
 _MOST_MOVED, _OTHER_GRADIENT = 0.25, 0.25
-# Tangent blocks and slopes, relative to the same stiffness, and gradients [-] that are dropped from
-# the subdomain: mortar contact has many small ones.
+# Size of tangent blocks and slopes, relative to the stiffness of the softest node, and of gradients
+# [-] below which they are left out of the subdomain: mortar contact has many small ones.
 _NEGLIGIBLE = 0.01
 
 # Cost of factors of a narrow and of a wide subdomain with all nodes, in Krylov iterations. The wide
@@ -43,17 +44,16 @@ _FEWEST_DECADES = 0.3
 
 @dataclass
 class SubdomainWidth:
-    """Chooses a narrow or a wide subdomain by the cost of iterations and factors. Local.
+    """Choice of a narrow or a wide subdomain by the cost of iterations and factors. Local.
 
-    The narrow one comes first. If it takes many iterations, as in the bending of thin walls, the
-    wide one is tried once, and kept if it is cheaper. It does not help if the factors of the bulk
-    are inaccurate.
+    The narrow one is used first. If it takes many iterations, as in the bending of thin walls, the
+    wide one is tried once, and kept if it is cheaper.
 
     Attributes:
         is_wide: Whether the subdomain is wide.
         iterations: Krylov iterations since the last choice.
-        factors: Cost of factors since then, in such iterations.
-        decades: Decades of reduction since then.
+        factors: Cost of factors since the last choice, in Krylov iterations.
+        decades: Decades of reduction since the last choice.
         narrow: Cost per decade of the narrow subdomain, NaN before the trial.
         is_final: Whether the trial is over.
     """
@@ -233,7 +233,7 @@ class ContactSchwarz:
         self.num_builds += 1
 
     def _part(self) -> float:
-        """Largest fraction of a rank's nodes in the subdomain [-]. Collective."""
+        """Largest fraction on any rank of nodes in the subdomain [-]. Collective."""
         assert self._domain is not None
         part = self._domain.size / max(self._tangent.rows.index_map.size_local, 1)
         return float(reductions.largest(self._tangent.comm, part))
@@ -267,7 +267,7 @@ def _same_nodes(now: ContactBlocks, then: ContactBlocks) -> bool:
 
 
 def _moved(now: ContactBlocks, then: ContactBlocks) -> float:
-    """Fraction of the constraints that have moved to other segments [-]. Local."""
+    """Fraction of the constraints whose gradients have changed [-]. Local."""
     m = len(now.rank)
     if not m:
         return 0.0

@@ -1,4 +1,4 @@
-"""Renewal of the factors of the bulk: new or stronger factors if they save time."""
+"""Choice of new or stronger factors of the bulk, if they save time."""
 
 import math
 from collections.abc import Callable
@@ -18,22 +18,23 @@ __all__ = ["FactorAge"]
 # Cost of assembling and factorising the bulk, in Krylov iterations; the strongest
 # factors cost more.
 _REBUILD_COST, _STRONG_REBUILD_COST = 15.0, 40.0
-# Iterations per decade of reduction above which the next stronger factors are cheaper than new ones
-# of the same kind; above which ILU(1) is cheaper than ILU(0), and the number of decades for that
-# judgement; and above which complete factors of the nearby matrix are replaced by factors of the
-# derivative.
+# Iterations per decade of reduction [-] above which the next stronger factors are cheaper than new
+# ones of the same kind; above which ILU(1) is cheaper than ILU(0), and number of decades over which
+# this is measured; and above which complete factors of the nearby matrix are replaced by factors of
+# the derivative.
 _SLOW, _FILL_PAYS, _DECADES_SHOW, _EXACT_PAYS = 15.0, 6.0, 4.0, 4.0
 # Courant number above which strong factors are used from the start.
 _MOST_CROSSINGS = 50.0
 # Decades of reduction over which the iterations of new factors are measured, about as many as in a
-# step; and the ratio to them below which the reference is lowered: contact had made it too high.
+# step; and ratio of later iterations to these below which the reference is lowered, as contact had
+# increased it.
 _DECADES, _EASIER = 12.0, 0.7
-# Least reduction that is expected of one application of the preconditioner [-], since Krylov
-# iterations also scale its result.
+# Lower bound on the reduction by one application of the preconditioner [-]: unlike a Krylov
+# iteration, it does not scale its result.
 _UNSCALED = 0.1
 # Lower bound on the decades of a solve, since every solve takes at least one iteration.
 _FEWEST_DECADES = 0.3
-# Negligible ratio of inertia to stiffness [-].
+# Ratio of inertia to stiffness [-] that counts as no inertia.
 _NO_INERTIA = 1e-30
 
 
@@ -64,7 +65,7 @@ class FactorAge:
         inertia: Argument of `LinearSolver`.
 
     Attributes:
-        crossings: Courant number of the step in which the factors were made, estimated.
+        crossings: Estimated Courant number of the step in which the factors were computed.
     """
 
     def __init__(
@@ -80,17 +81,17 @@ class FactorAge:
         self._begin()
 
     def _begin(self) -> None:
-        """Reset the counts of the first decades, of the last ones, and of decades in contact."""
+        """Reset the counts of the first decades, of recent decades, and of decades in contact."""
         self._first, self._last, self._in_contact = _Pace(), _Pace(), _Pace()
-        # Iterations per decade of new factors, NaN until they are known, and iterations in excess
-        # of those with new factors.
+        # Iterations per decade with new factors, NaN until measured, and accumulated excess of
+        # iterations over these.
         self._fresh, self._excess = math.nan, 0.0
 
     @property
     def one_application_reduction(self) -> float:
         """Reduction by one application of the preconditioner in contact. Local.
 
-        NaN if it is unknown or too small; solves without contact do not count.
+        It is at least 0.1, and NaN if it is unknown. Solves without contact are not counted.
         """
         seen = self._in_contact
         if not (self._factors.is_ilu0 and seen.decades >= _DECADES and seen.iterations > 0):
@@ -114,7 +115,7 @@ class FactorAge:
                 self._fresh, self._excess = rate, 0.0
 
     def renew(self) -> bool:
-        """Factorise again if that saves time; return whether it was done. Collective."""
+        """Factorise again if that saves time; return whether factors are new. Collective."""
         factors = self._factors
         cost = _STRONG_REBUILD_COST if factors.is_strong else _REBUILD_COST
         is_due = factors.point is None or self._excess > cost
@@ -137,7 +138,7 @@ class FactorAge:
         """Replace the factors by stronger ones if these are cheaper. Collective.
 
         Args:
-            is_new: Whether the current factors were made for the last system.
+            is_new: Whether the current factors were computed for the last system.
         """
         factors = self._factors
         if not factors.may_be_strengthened:

@@ -15,9 +15,9 @@ __all__ = ["Mobility"]
 class Mobility(NamedTuple):
     """Correction of the factors B of a matrix with an artificial stiffness in ``k`` free motions.
 
-    Only the artificial stiffness D of the matrix resists free motions P, so B D P = P. To replace
-    it by another stiffness D' in some of them, Q, and to suppress all others, B becomes B - P (P^T
-    D P)^-1 P^T + Q (Q^T D' Q)^-1 Q^T.
+    Only the artificial stiffness D resists the free motions P, so that B D P = P. It is replaced by
+    another stiffness D' in a subset Q of the motions, and all others are suppressed: B becomes B -
+    P (P^T D P)^-1 P^T + Q (Q^T D' Q)^-1 Q^T.
 
     Attributes:
         motions: The free motions P at the owned nodes, shape ``(k, n, d)`` [-].
@@ -36,7 +36,7 @@ class Mobility(NamedTuple):
         Args:
             comm: Communicator of the mesh.
             motions: The free motions at the owned nodes, shape ``(k, n, d)`` [-].
-            held: Combinations of them that are suppressed, shape ``(k, h)``.
+            held: Suppressed combinations of the free motions, shape ``(k, h)``.
             present: Artificial stiffness D of the matrix, shape ``(n, 1)`` or of all nodes [N/m].
             wanted: Stiffness D' that replaces it, shape ``(n, 1)`` [N/m].
         """
@@ -49,7 +49,7 @@ class Mobility(NamedTuple):
         return cls(motions, inverse - np.linalg.inv(before))
 
     def by(self, comm: MPI.Comm, force: Floats) -> Floats:
-        """Amounts of the motions for a force on the owned dofs [N], shape ``(k,)``. Collective."""
+        """Amplitudes of the motions for a force on owned dofs [N], ``(k,)`` [m]. Collective."""
         rows = self.motions.reshape(len(self.motions), force.size)
         amounts: Floats = self.compliance @ reductions.total(comm, rows @ force)
         return amounts

@@ -26,8 +26,8 @@ def factorised(A: Any, *, is_symmetric: bool = False, finds_null: bool = False) 
         finds_null: Whether null pivots are detected and skipped.
 
     Returns:
-        PETSc preconditioner that solves with the factors. Its result is not finite if there are
-        none.
+        PETSc preconditioner that solves with the factors. Its result is not finite if the
+        factorisation failed.
     """
     for room in _ROOM:
         pc = PETSc.PC().create(A.comm)
@@ -51,7 +51,7 @@ def factorised(A: Any, *, is_symmetric: bool = False, finds_null: bool = False) 
 def signs(pc: Any) -> tuple[int, int] | None:
     """Numbers of negative and of null pivots of a symmetric matrix. Local.
 
-    The latter is 0 unless null pivots were detected. None if there are no factors.
+    The number of null pivots is 0 unless ``finds_null``. None if the factorisation failed.
     """
     factors = pc.getFactorMatrix()
     if factors.getMumpsInfog(_OUTCOME) < 0:

@@ -1,4 +1,4 @@
-"""Nodal stiffness as a weight, and stiffness added to the diagonal of the bulk tangent."""
+"""Nodal stiffness, and stiffness added to the diagonal of the bulk tangent."""
 
 from collections.abc import Sequence
 
@@ -16,13 +16,13 @@ from dolfinx_nts.solvers.linear.block_csr import BlockCSR
 __all__ = ["NEARBY_SHIFT", "AddedStiffness", "NodalStiffness"]
 
 # Least stiffness of a node, relative to the mean of its body [-]. At strongly deformed nodes the
-# diagonal can be tiny or negative, which a weight must not be.
+# diagonal can be tiny or negative; a weight must be positive.
 _LEAST_STIFFNESS = 0.1
 # Effective radius of a node on the axis of an axisymmetric mesh, relative to its cells [-].
 _INNERMOST = 0.25
 
-# Stiffness added to matrices near the derivative, relative to that added to the derivative [-]. The
-# contact correction compensates too much stiffness, but not too little.
+# Stiffness added to nearby matrices, relative to that added to the derivative [-]. The contact
+# correction can compensate too much stiffness, but not too little.
 NEARBY_SHIFT = 1e6
 
 
@@ -33,8 +33,8 @@ class AddedStiffness:
         shift: Small stiffness of the owned nodes of free bodies, shape ``(n, 1)``, or of all nodes
             [N/m].
         num_free: Number of rigid motions that only this stiffness resists.
-        drag: Stiffness of a temporary resistance, of the same shape, see `Drag`.
-        in_addition: Sum of these in the last matrix, shape ``(n, 1)`` or of all nodes [N/m].
+        drag: Stiffness of a viscous resistance, of the same shape, see `Drag`.
+        in_addition: Added stiffness in the last matrix, shape ``(n, 1)`` or of all nodes [N/m].
     """
 
     def __init__(self) -> None:
@@ -47,8 +47,8 @@ class AddedStiffness:
         """Stiffness to add to the diagonal, ``(n, 1)`` or of all nodes [N/m].
 
         Args:
-            held: Stiffness of nodes that the matrix clamps, of the same shape [N/m].
-            is_exact: Whether the matrix is the derivative itself, or a definite one near it.
+            held: Stiffness by which the matrix clamps nodes, of the same shape [N/m].
+            is_exact: Whether the matrix is the derivative itself, not a nearby definite matrix.
         """
         shift = self.shift + held
         return (shift if is_exact else NEARBY_SHIFT * shift) + self.drag
@@ -63,7 +63,7 @@ class NodalStiffness:
         V: Space of the displacement.
         fixed: Owned dofs with prescribed displacement.
         bodies: Nodes of each body, owned and ghost. Nodes without unknowns get the mean of their
-            body, since bodies may differ widely. All other nodes form one more body.
+            body, since bodies may differ widely. All other nodes are treated as one more body.
 
     Attributes:
         values: Stiffness of the owned nodes, ``(n,)`` [N/m]; None before the first matrix.
@@ -100,7 +100,7 @@ class NodalStiffness:
         return np.maximum(known, _LEAST_STIFFNESS * typical)
 
     def _means(self, rows: BlockCSR, stiffness: Floats, counts: Flags) -> Floats:
-        """Mean stiffness, at a relative stiffness of 1, of the stiffest body of each node."""
+        """Mean stiffness of the stiffest body of each node, for a relative stiffness of 1."""
         sums = [
             [stiffness[nodes].sum(), self._share[nodes][counts[nodes]].sum()]
             for nodes in self._bodies

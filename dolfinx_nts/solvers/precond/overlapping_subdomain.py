@@ -29,12 +29,12 @@ class OverlappingSubdomain:
     def __init__(self, rows: BlockCSR) -> None:
         self._rows, space = rows, rows.index_map
         self._ends = np.array(space.comm.allgather(space.local_range[1]))
-        # Nodes of this rank in the columns of each rank's rows.
+        # Nodes of this rank that are columns in the rows of each other rank.
         ghosts = rows.matrix.index_map(1).ghosts
         owners = rows_by_rank(space.comm, np.searchsorted(self._ends, ghosts, side="right"))
         self._reached = exchanged(space.comm, {rank: ghosts[k] for rank, k in owners.items()})
         self._reached[space.comm.rank] = np.arange(*space.local_range)
-        # Known contact nodes, and the ones in the columns of each rank's rows. Both grow
+        # Known contact nodes, and those that are columns in the rows of each rank. Both grow
         # slowly.
         self._known: GlobalInts = np.empty(0, dtype=np.int64)
         self._reaches: dict[int, GlobalInts] = {space.comm.rank: self._known}
@@ -49,7 +49,7 @@ class OverlappingSubdomain:
     def build(self, contacts: Sequence[ContactBlocks], version: int, *, wide: bool = False) -> None:
         """Factorise the subdomain for the contacts of this rank.
 
-        Gathered rows are reused if the matrix is the same and they suffice.
+        Gathered rows are reused if the matrix is the same and they contain all contact nodes.
 
         Args:
             contacts: Constraints and tangent of each contact pair, in global numbers.
@@ -70,7 +70,7 @@ class OverlappingSubdomain:
         self._gathered.correct(r, z)
 
     def _near(self, contacts: Sequence[ContactBlocks]) -> list[ContactBlocks]:
-        """Contacts of all ranks that involve nodes in the columns of this rank's rows."""
+        """Contacts of all ranks with nodes in the columns of the rows of this rank."""
         comm = self._rows.index_map.comm
         self._learn(_unique([a for c in contacts for a in (c.nodes, c.tangent_nodes.ravel())]))
         parts = {}
@@ -82,7 +82,7 @@ class OverlappingSubdomain:
         return [ContactBlocks.concatenated(every) for every in zip(*received, strict=True)]
 
     def _learn(self, nodes: GlobalInts) -> None:
-        """Find, for new contact nodes, the ranks whose rows have them in their columns."""
+        """Find the ranks with new contact nodes in the columns of their rows."""
         comm = self._rows.index_map.comm
         new = np.setdiff1d(nodes, self._known, assume_unique=True)
         if not reductions.anywhere(comm, len(new) > 0):
@@ -96,7 +96,7 @@ class OverlappingSubdomain:
                 self._reaches[rank] = np.union1d(self._reaches.get(rank, some), some)
 
     def _reached_of(self, nodes: GlobalInts) -> dict[int, GlobalInts]:
-        """Nodes of this rank in the columns of each rank's rows, if there are any."""
+        """Nodes of this rank that are columns in the rows of each other rank with any."""
         found = {rank: np.intersect1d(nodes, some) for rank, some in self._reached.items()}
         return {rank: some for rank, some in found.items() if len(some)}
 
@@ -133,7 +133,7 @@ class _GatheredRows:
         own = (reached >= first) & (reached < last)
         ghosts = reached[~own]
         owner = np.searchsorted(ends, ghosts, side="right").astype(np.int32)
-        self._halo: _Halo | None = None  # None if no rank needs nodes of another one
+        self._halo: _Halo | None = None  # None if no rank needs nodes of other ranks
         if reductions.anywhere(space.comm, len(ghosts) > 0):
             index_map = compat.index_map(space.comm, space.size_local, ghosts, owner)
             self._halo = _Halo(index_map, rows.dim)
@@ -149,7 +149,7 @@ class _GatheredRows:
         return self._factors.size
 
     def cover(self, nodes: GlobalInts) -> bool:
-        """Whether the rows suffice for other nodes of contacts."""
+        """Whether the rows contain other nodes of contacts."""
         return bool(np.isin(nodes, self._contacts).all())
 
     def factorise(self, contacts: Sequence[ContactBlocks]) -> None:

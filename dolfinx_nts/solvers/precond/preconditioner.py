@@ -78,14 +78,14 @@ class CompleteFactors:
 
 
 class BulkPreconditioner:
-    """Factors of the bulk tangent, replaced by stronger ones where they do not suffice.
+    """Factors of the bulk tangent, replaced by stronger ones after slow convergence.
 
     ILU(0) is followed by ILU(1), then by complete factors, or by multigrid for many unknowns. After
     slow iterations on one rank the complete factors are first `CompleteFactors`, then
     MUMPS; on several ranks, and in statics, always MUMPS. All of these are factors of a
-    definite matrix near the derivative. If it is far from the derivative, as in plastic flow, the
-    factors of the derivative itself come last, as long as it is definite. A preconditioner from the
-    user's options replaces ILU(0) and ILU(1).
+    definite matrix near the derivative. If it is far from the derivative, as in plastic flow,
+    factors of the derivative itself are the last choice, as long as it is definite. A
+    preconditioner from the user's options replaces ILU(0) and ILU(1).
 
     Args:
         tangent: Matrix of the bulk.
@@ -95,7 +95,7 @@ class BulkPreconditioner:
         point: `Tangent.point` of the factors; None before the first.
         num_builds: Number of factorisations so far.
 
-    ``str`` is the kind of the factors, or of the last ones if the next are not made yet.
+    ``str`` is the kind of the factors, or of the last ones if new ones are not computed yet.
     """
 
     def __init__(self, tangent: Tangent, options: PetscOptions) -> None:
@@ -121,7 +121,7 @@ class BulkPreconditioner:
 
     @property
     def is_complete(self) -> bool:
-        """Whether the factors are LU in double precision, of a matrix close to the tangent."""
+        """Whether the factors are complete, in double precision, of a matrix near the tangent."""
         return self._kind == _LU
 
     @property
@@ -258,11 +258,11 @@ def _kinds(tangent: Tangent) -> Sequence[int]:
 class _PetscFactors:
     """Preconditioner of PETSc, created again for each matrix.
 
-    PETSc would otherwise reuse choices made for the first matrix, which a resumed run does not
-    have.
+    Otherwise PETSc would reuse data of the first matrix, and results of a resumed run would differ.
 
     Args:
-        make: Creates it for the current matrix; returns it and the contexts of its shells.
+        make: Creates the preconditioner for the current matrix; returns it and the contexts of its
+            shells.
     """
 
     def __init__(self, make: Callable[[], tuple[Any, ...]]) -> None:
@@ -314,8 +314,8 @@ def _lu_factors(tangent: Tangent) -> tuple[Any, ...]:
 def _derivative_factors(tangent: Tangent) -> tuple[Any, ...]:
     """Factors of the derivative if it is definite, otherwise of the nearby matrix. Collective.
 
-    Indefinite factors would amplify the soft modes of an instability without bounds. Free bodies
-    may have negative modes, rotations under their contact forces, which contact resists.
+    Indefinite factors would amplify the soft modes of an instability without bounds. The bulk
+    tangent of free bodies may have negative eigenvalues, for rotations that contact resists.
     """
     tangent.assemble_exact()
     matrix = tangent.matrix(scalar=True)
@@ -330,7 +330,7 @@ def _derivative_factors(tangent: Tangent) -> tuple[Any, ...]:
 
 
 def _multigrid(tangent: Tangent, prefix: str) -> tuple[Any, ...]:
-    """Multigrid with a finest level in single precision. Collective.
+    """Multigrid with single precision on the finest level. Collective.
 
     With PETSc's scalar products and factors in double precision on this level, iterations take 50 %
     longer.

@@ -26,23 +26,23 @@ __all__ = ["Tangent", "TangentOfAllCells"]
 
 
 class Tangent(AddedStiffness):
-    """Matrix of the derivative of a residual, or of a form near it.
+    """Matrix of the derivative of a residual, or of a nearby bilinear form.
 
     Args:
         residual: Residual form, linear in the test function [N].
         u: Unknown displacement, a coefficient of the form.
         bcs: Dirichlet conditions on u.
         loads: Virtual work of loads, each linear in the test function [N].
-        nearby: Bilinear form near the derivative that is definite in any state, for
-            preconditioners; None: the derivative itself.
+        nearby: Approximation of the derivative by a bilinear form that is definite in any state,
+            for preconditioners; None for the derivative itself.
         bodies: Nodes of each body, see `NodalStiffness`.
 
     Attributes:
         comm: Communicator of the mesh.
-        shift, num_free, drag, in_addition: Those of `AddedStiffness`.
-        num_assembled: Number of matrices so far, which identifies the values of the last one.
-        point: State from which `restore` assembles the last matrix again: the values of functions
-            and constants in the forms that may change; None before.
+        shift, num_free, drag, in_addition: See `AddedStiffness`.
+        num_assembled: Number of assembled matrices, which identifies the values of the last one.
+        point: State from which `restore` assembles the last matrix again: values of functions and
+            constants in the forms; None before the first matrix.
     """
 
     def __init__(
@@ -94,7 +94,7 @@ class Tangent(AddedStiffness):
         return self._stiffness.values
 
     def assemble_nearby(self) -> None:
-        """Assemble the matrix near the derivative at u. Collective."""
+        """Assemble the nearby matrix, see ``nearby``, at u. Collective."""
         if self._nearby is not None:
             self._assemble([self._nearby.compiled], is_exact=False)
         else:
@@ -103,7 +103,7 @@ class Tangent(AddedStiffness):
     def assemble_exact(self) -> None:
         """Assemble the derivative at u. Collective."""
         if not self._exact:
-            # Compiled on demand: it takes longest to compile, and few runs need it.
+            # Compiled on demand: it takes the longest time to compile, and few runs need it.
             self._exact = _compiled(self._derivatives)
         self._assemble(self._exact, is_exact=True)
 
@@ -215,7 +215,7 @@ class Tangent(AddedStiffness):
 
 
 class TangentOfAllCells(Tangent):
-    """Tangent with the sparsity of all cells: some have forms of loads only, as rigid bodies."""
+    """Tangent with the sparsity of all cells, as cells of rigid bodies may only have loads."""
 
     def _created(self, form: fem.Form) -> la.MatrixCSR:
         V = self._u.function_space

@@ -46,14 +46,14 @@ class Guides:
     def motion_between(self, first: float, last: float) -> Floats:
         """`prescribed` between two fractions of the step, from 0 to 1 [-]. Local.
 
-        Bodies rotate about fixed axes: angles add up, unlike Cayley vectors.
+        Rotation vectors about a fixed axis can be added, Cayley vectors cannot.
         """
         if last - first == 1.0 or not self.are_moving:
             return self.prescribed
         return self._with_halves((last - first) * self.remaining(0.0), np.tan)
 
     def _with_halves(self, amounts: Floats, function: np.ufunc) -> Floats:
-        """Convert between rotation and Cayley vectors by a function of half of their length."""
+        """Convert between rotation and Cayley vectors by a function of half their length."""
         dim = len(self._bodies[0].point)
         half = np.linalg.norm(amounts[:, dim:], axis=1, keepdims=True) / 2
         factor = np.where(half > 0, function(half) / np.where(half > 0, half, 1.0), 1.0)
@@ -78,7 +78,7 @@ class Guides:
         return turns
 
     def constrained(self, x: Floats) -> Floats:
-        """Part of rigid displacements of the bodies that the guides prevent.
+        """Components of rigid displacements of the bodies that the guides constrain.
 
         Collective. Displacements of the owned nodes have the shape ``(n, d)`` [m].
         """
@@ -95,8 +95,8 @@ class Guides:
         """Forces of the guides in a step, see `Supports.reactions`. Collective.
 
         Args:
-            force: Unbalanced part of the nodal forces, shape ``(n, d)`` [N].
-            x: Positions at which they act, of the local nodes, shape ``(l, 3)`` [m].
+            force: Unbalanced nodal forces, shape ``(n, d)`` [N].
+            x: Positions of the local nodes at which the forces act, shape ``(l, 3)`` [m].
             du: Displacements of the owned nodes in the step, shape ``(n, d)`` [m].
 
         Returns:

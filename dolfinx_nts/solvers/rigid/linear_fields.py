@@ -104,7 +104,7 @@ def turned(q: Floats, amounts: Floats) -> Floats:
 
 
 def spins(amounts: Floats) -> Floats:
-    """Skew-symmetric matrices of the rotations in amounts of motions. Local.
+    """Skew-symmetric matrices of the rotations in amplitudes of motions. Local.
 
     ``amounts`` have the shape ``(..., k)``, the matrices ``(..., d, d)``.
     """
@@ -114,7 +114,7 @@ def spins(amounts: Floats) -> Floats:
 
 
 def nearest(motions: Floats, weights: Floats, sums: Floats) -> Floats:
-    """Amounts of motions in the best approximation of fields, shape ``(..., k)``. Local.
+    """Amplitudes of motions in the best approximation of fields, shape ``(..., k)``. Local.
 
     Args:
         motions: Coefficients of the motions, none of them zero, shape ``(..., k, d + 1, d)``.
@@ -131,7 +131,7 @@ def amounts_of(motions: Floats, sums: Array) -> Floats:
 
 
 def combined(amounts: Floats, motions: Floats) -> Floats:
-    """Sums of motions ``(..., k, d + 1, d)`` in amounts ``(..., k)``, ``(..., d + 1, d)``."""
+    """Sums of motions ``(..., k, d + 1, d)`` with amplitudes ``(..., k)``, ``(..., d + 1, d)``."""
     field: Floats = (amounts[..., None, :] @ _flat(motions))[..., 0, :]
     return field.reshape(*amounts.shape[:-1], *motions.shape[-2:])
 

@@ -25,8 +25,8 @@ class Freedom(NamedTuple):
     Attributes:
         free: Free motions of each body as combinations of all motions, in rows; rows of zeros fill
             up the shape ``(b, k, k)``.
-        no_motion: Ones on the diagonal in place of these rows, ``(b, k, k)``, so that their
-            amounts are zero.
+        no_motion: Ones on the diagonal in place of the zero rows, ``(b, k, k)``, so that their
+            amplitudes are zero.
     """
 
     free: Floats
@@ -47,16 +47,16 @@ class Freedom(NamedTuple):
         return Freedom(self.free[some], self.no_motion[some])
 
     def part(self, amounts: Floats) -> Floats:
-        """Projection of amounts of all motions on the free ones, both ``(b, k)``."""
+        """Projection of the amplitudes of all motions on free motions, both ``(b, k)``."""
         return self._back((self.free @ amounts[..., None])[..., 0])
 
     def solved(self, matrices: Array, right: Floats) -> Floats:
-        """Amounts of the free motions from equations ``(b, k, k)`` for all motions, ``(b, k)``."""
+        """Amplitudes of free motions from equations for all motions, ``(b, k, k)``, ``(b, k)``."""
         own = self.free @ matrices @ self.free.transpose(0, 2, 1) + self.no_motion
         return self._back(np.linalg.solve(own, self.free @ right[..., None])[..., 0])
 
     def _back(self, free: Array) -> Floats:
-        """Amounts of all motions from amounts of the free ones."""
+        """Amplitudes of all motions from amplitudes of the free motions."""
         amounts: Floats = (self.free.transpose(0, 2, 1) @ free[..., None])[..., 0]
         return amounts
 
@@ -98,7 +98,7 @@ class RigidFields:
         return total
 
     def nearest(self, motions: Floats, sums: Floats) -> Floats:
-        """Amounts of the possible motions in the best approximation of fields, ``(b, k)``. Local.
+        """Amplitudes of possible motions in the best approximation of fields, ``(b, k)``. Local.
 
         Args:
             motions: Coefficients of all motions, shape ``(b, k, d + 1, d)``.

@@ -189,7 +189,7 @@ class RigidMotion(RigidStates):
         return self._fields.put(self._states.respond(*self._fields.sums(r)), r)
 
     def moved(self, u: Floats, du: Floats, prescribed: Floats | float = 0.0) -> Floats:
-        """Displacements u [m] after increments du, by which rigid bodies rotate without strain.
+        """Displacements u [m] after increments du [m]; rigid bodies rotate without strain.
 
         Increments of rigid bodies are projected on the free motions at u. In the other motions they
         follow ``prescribed``, see `Guides.prescribed`.
@@ -200,7 +200,7 @@ class RigidMotion(RigidStates):
         of_u, increments = self._fields.sums(u, du)
         q = self._fields.positions(of_u)
         amounts = nearest(rigid_motions(q), self._fields.products, increments)
-        # Adding small changes to u keeps all digits, unlike differences of positions.
+        # Small changes are added to u, as differences of positions would have more round-off.
         amounts = self._fields.freedom.part(amounts) + prescribed
         changes = turned(q, amounts)
         result[self.nodes] = (u + self._fields.put(changes, np.zeros_like(u)))[self.nodes]

@@ -51,7 +51,7 @@ class RigidStates:
             self._fields = RigidFields(self._comm, bodies)
 
     def given(self, body: Body, name: str) -> None:
-        """Include all nodes of a body whose state was set in the next `check`. Local.
+        """Mark a body whose state was set, so that `check` includes all its nodes. Local.
 
         ``name`` is ``"displacement"`` or ``"velocity"``.
         """
@@ -69,7 +69,7 @@ class RigidStates:
         """
         if not self.exists:
             return
-        # After a step velocities are rigid at the midpoint of the step only.
+        # After a step, velocities are rigid only with respect to the midpoint of the step.
         of_u, of_v = self._fields.sums(u, v)
         q, fields = self._fields.positions(of_u), self._fields.fit(of_u)
         directors, motions, how = q[:, 1:], rigid_motions(q), "moves and rotates it as a whole"

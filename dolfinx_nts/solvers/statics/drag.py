@@ -26,7 +26,7 @@ class Drag:
 
     Args:
         bulk: Residual of the bodies, whose derivative includes the resistance.
-        tangent: Matrix of that derivative, which includes it, too.
+        tangent: Matrix of the derivative, which also includes the resistance.
     """
 
     def __init__(self, bulk: Bulk, tangent: Tangent) -> None:

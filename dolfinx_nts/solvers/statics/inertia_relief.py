@@ -1,7 +1,7 @@
-"""Inertia relief: statics of bodies that only contact supports.
+"""Inertia relief: statics of bodies supported only by contact.
 
-The tangent of such a body is singular where contact does not support it. Two measures help, and
-both leave the equilibrium unchanged:
+The tangent of such a body is singular for motions that contact does not resist. Two measures help,
+and both leave the equilibrium unchanged:
 
 - The tangent, not the residual, gets a small stiffness, which limits the motion of a body in an
   iteration.
@@ -35,18 +35,18 @@ _logger = logging.getLogger("dolfinx_nts")
 
 # Stiffness added to the tangent of a free body, relative to its nodes' stiffness [-].
 _SHIFT = 1e-9
-# Factor on this stiffness for a body that unbalanced forces drive away [-].
+# Factor on this stiffness for a body that is accelerated by unbalanced forces [-].
 _DRIVEN = 1e3
 # Stiffness against unresisted motions, relative to the sum of the nodal stiffnesses [-].
 _HOLD = 1.0
-# Mean square of the slopes of gaps along a motion [-] up to which the motion counts as unresisted.
+# Mean square of the slopes of gaps along a motion [-] below which the motion is unresisted.
 _NEUTRAL = 1e-3
 # Force in unresisted motions, relative to the forces at work [-], that inertia may carry: in a
 # solution, where facets of curved surfaces and non-matching nodes cause this much; and during the
 # iterations, where a larger force moves the body elsewhere.
 _NEGLIGIBLE, _DRIVING = 1e-2, 0.3
-# The same force above which a warning is issued, as less is round-off; and factor by which it must
-# grow for another warning.
+# Force in unresisted motions, relative to the forces at work [-], above which there is a warning,
+# as less is round-off; and growth of this force [-] for another warning.
 _REPORTED, _GROWN = 1e-9, 3.0
 
 
@@ -62,7 +62,7 @@ class _Relief:
         free: All free motions at the owned nodes, shape ``(f, n, 3)`` [-].
         held: Suppressed motions as combinations of the free ones, shape ``(f, k)``.
         share: Ratio of the force to the forces at work [-].
-        driven: Description of bodies that are driven away, empty if there are none.
+        driven: Description of bodies accelerated by unbalanced forces, empty if there are none.
         presses: Whether any contact transmits force.
     """
 
@@ -108,7 +108,7 @@ class InertiaRelief:
         self._given = given
         self._comm: MPI.Comm = tangent.comm
         self.shift = np.zeros_like(self._mass)
-        self._label = np.zeros(given.shape)  # number of the body, from 1
+        self._label = np.zeros(given.shape)  # number of the body from 1, or 0
         for number, body in enumerate(bodies, start=1):
             self.shift[body.nodes, 0] = _SHIFT * tangent.nodal_stiffness()[body.nodes]
             self._label[body.nodes] = number
@@ -118,7 +118,7 @@ class InertiaRelief:
         ends = np.cumsum([0, *(body.motions.shape[1] for body in bodies)])
         self._columns = [slice(a, b) for a, b in pairwise(ends)]
         self.num_motions = int(ends[-1])
-        self._reported = _REPORTED / _GROWN  # share in the last warning
+        self._reported = _REPORTED / _GROWN  # relative force of the last warning
         self.begin()
         for body in self.bodies:
             if self._comm.rank == 0:
@@ -161,7 +161,8 @@ class InertiaRelief:
         free = np.zeros((self.num_motions, *total.shape))
         for body, columns in zip(self.bodies, self._columns, strict=True):
             free[columns, body.nodes] = body.at(x[body.nodes])[..., : total.shape[1]]
-        # A rotation that is free at first would move the supports of a deformed body.
+        # Rotations that are free in the reference configuration move the supports of a deformed
+        # body.
         free[:, self._given] = 0
         pressing = sum(float(np.abs(step.normal.lambda_N).sum()) for step in steps)
         pressing = reductions.total(self._comm, pressing)
@@ -222,7 +223,7 @@ class InertiaRelief:
         return Mobility.of(self._comm, relief.free, relief.held, added, driven)
 
     def accept(self) -> bool:
-        """Whether the carried force is negligible; if not, lower its limit. Local."""
+        """Whether the force carried by inertia is negligible; if not, lower its limit. Local."""
         is_negligible = self._relief.share <= _NEGLIGIBLE
         if not is_negligible:
             self._limit = _NEGLIGIBLE
@@ -230,8 +231,7 @@ class InertiaRelief:
 
     def advice(self) -> str:
         """Advice for a step without a solution; "" without free bodies. Local."""
-        # The last iterate alone is no basis, since diverging iterates are driven by arbitrary
-        # forces.
+        # A majority of iterates decides, since forces of diverging iterates are arbitrary.
         reasons = [driven for driven in self._driven if driven]
         if len(reasons) > len(self._driven) / 2:
             return (
@@ -246,7 +246,7 @@ class InertiaRelief:
     def warn(self, steps: Sequence[ContactStep]) -> None:
         """Warn of the force that inertia carries in a solution. Local.
 
-        Once, and again if it has grown considerably.
+        The warning is repeated if the force has grown considerably.
         """
         if self._relief.share <= _GROWN * self._reported:
             return
@@ -277,7 +277,7 @@ class InertiaRelief:
         return kept
 
     def _amount(self, du: Floats) -> Any:
-        """Amounts of the unresisted motions in displacements, ``(3 n,)`` [m]."""
+        """Amplitudes of the unresisted motions in displacements, ``(3 n,)`` [m]."""
         moments = reductions.total(self._comm, self._relief.weighted @ du)
         return np.linalg.solve(self._relief.gram, moments)
 
@@ -309,7 +309,7 @@ class InertiaRelief:
             rows = slopes.reshape(n, 3 * len(dofs))
             products += rows @ rows.T
         sums = reductions.total(self._comm, np.column_stack([products, counts]))
-        if not np.isfinite(sums).all():  # pairs that do not project fail the step
+        if not np.isfinite(sums).all():  # pairs without a projection make the step fail
             return np.zeros((n, 0))
         weight = 1 / np.sqrt(np.maximum(sums[:, -1], 1.0))
         values, vectors = np.linalg.eigh(sums[:, :-1] * weight * weight[:, None])

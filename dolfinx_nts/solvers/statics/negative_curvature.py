@@ -34,8 +34,8 @@ __all__ = ["lowest_ritz_vector", "negative_curvature_direction"]
 # Residual that ends the search, relative to the random force on one unknown [-]. It bounds the
 # probability of a miss by 0.024; smaller values take more iterations.
 _LEFT = 0.03
-# Curvature, relative to the preconditioner's [-], that counts as negative. Smaller ones may
-# be round-off, or belong to a state just beyond the limit.
+# Curvature, relative to that of the preconditioner [-], below which it is negative. Closer to 0 it
+# may be round-off, or belong to a state just beyond the limit.
 _NEGATIVE = -1e-3
 # Largest number of iterations, after which the result is None. Usual preconditioners take fewer.
 _MOST = 30
@@ -85,7 +85,7 @@ def negative_curvature_direction(
     precondition: Callable[[Floats], Floats],
     act: Callable[[Floats], Floats],
 ) -> Floats | None:
-    """Search the Krylov space of a random force. Collective.
+    """Search the Krylov space of a random force for a negative curvature. Collective.
 
     Args:
         comm: Communicator.
