@@ -60,7 +60,7 @@ class Candidates(ABC):
 
     @property
     def sunk(self) -> Floats:
-        """Depth of points that started inside each group of candidates, shape ``(g,)`` [m]."""
+        """Depth of initially penetrating points in each group of candidates, shape ``(g,)`` [m]."""
         return np.zeros(1)
 
     @abstractmethod
@@ -112,14 +112,14 @@ class Candidates(ABC):
             reach: Search radius [m].
             numbers: Numbers of the nodes in the returned springs, shape ``(c,)``.
             stiffness: Stiffness of each spring, shape ``(c,)`` [N/m].
-            start: First occurrence of each node, and the end, shape ``(m + 1,)``; None where all
-                nodes occur once.
+            start: Offsets of the occurrences of each node, shape ``(m + 1,)``; None if all nodes
+                occur once.
             slack: See `pair`.
             begin_at: Gaps at which springs begin, shape ``(c,)`` [m].
 
         Returns:
-            Candidate as for `pair`, and the gap above the beginning of the spring, of the mean of
-            those of the same node, ``(c,)``; and springs of the nodes where it is negative.
+            Candidate as for `pair`; gap minus that at which the spring begins, averaged over the
+            occurrences of a node, ``(c,)`` [m]; and springs of the nodes where it is negative.
         """
         segment, gap = self.pair(points, x, current, reach, slack)
         if start is not None:
@@ -142,7 +142,7 @@ class Candidates(ABC):
 
     @abstractmethod
     def near(self, points: ContactPoints, x: Floats, reach: float) -> Ints:
-        """Indices of points, including all within the search radius [m] of a candidate."""
+        """Indices of points, at least of those within the search radius [m] of a candidate."""
 
     @abstractmethod
     def gap(self, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
@@ -174,9 +174,9 @@ class Candidates(ABC):
         """
 
     def adjacent(self, x: Floats) -> tuple[AdjacentFacets, Floats] | None:
-        """Facets that may share nodes, and positions of their vertices, ``(v, 3)`` [m].
+        """Facets with their neighbours, and positions of the vertices, ``(v, 3)`` [m].
 
-        They are numbered as the candidates. None where each point has one candidate alone.
+        Facets have the numbers of the candidates. None if points never have several candidates.
         """
         return None
 
@@ -218,14 +218,14 @@ def mean_gaps(gap: Floats, start: Array) -> Floats:
 
 
 def too_deep(candidates: Candidates, segment: Ints) -> Floats:
-    """Depth beyond which points belong to another side of the body, ``(m,)`` [m]. Local."""
+    """Depth below which points may belong to another side of the body, ``(m,)`` [m]. Local."""
     deepest = float(candidates.sunk.max(initial=0.0))
     depth: Floats = np.maximum(_kernels.DEEPEST * candidates.size[segment], deepest)
     return depth
 
 
 def sunk_from(candidates: Candidates, segment: Ints) -> Floats:
-    """Depth beyond which points that lost their candidate have penetrated it. Local.
+    """Depth beyond which points without a candidate have passed through their last one. Local.
 
     It is limited by the height of the cell below a segment. Shape ``(m,)`` [m].
     """
@@ -244,8 +244,7 @@ class Search(ABC):
         frame: Frame of the candidates in the current step, in which all positions are given.
         may_move: Whether the frame may differ from space.
         num_searches: Number of exchanges of candidates between ranks.
-        sunk: Depth up to which initially penetrating nodes still find segments [m], see
-            `start.py`.
+        sunk: Depth up to which initially penetrating nodes get segments [m], see `start.py`.
     """
 
     candidates: Candidates
@@ -279,7 +278,7 @@ class Search(ABC):
         return self._nodes.nodes, self._vertices
 
     def is_near(self, x: Floats, reach: float) -> bool:
-        """Whether a node of this rank may be near a candidate; x in space. Local."""
+        """Whether a node of this rank may be near a candidate, at positions x in space. Local."""
         return True
 
     def positions(self, x: Floats) -> tuple[Floats, Floats]:
@@ -300,13 +299,13 @@ class Search(ABC):
         return self._nodes.per_area(force, area)
 
     def approach(self, x: Floats, before: Sequence[Floats]) -> float:
-        """Bound on the approach of any node and candidate since ``before`` [m]. Collective.
+        """Bound on the approach of any node and candidate since earlier positions [m]. Collective.
 
-        ``before`` are earlier `positions`.
+        ``before`` is the earlier result of `positions`.
         """
         states = zip(self.rows, before, strict=True)
         moved = [_kernels.farthest(x.take(rows, axis=0), there) for rows, there in states]
-        # A node and a vertex of different ranks may approach each other.
+        # The bound includes nodes and vertices of different ranks.
         return sum(reductions.largest(self._comm, moved))
 
     def displacement_bound(self, x: Floats, bound: float) -> float:

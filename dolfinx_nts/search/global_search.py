@@ -36,14 +36,14 @@ class GlobalSearch(Search):
     """
 
     candidates: SegmentCandidates
-    # Whether points below dents keep a segment. A multiplier keeps the gap to one segment: where
-    # gaps to several segments differ and none is the depth, a node would sink deeper with each
-    # change of its segment.
+    # Whether points below concave edges keep a segment. A multiplier keeps the gap to one segment:
+    # where gaps to several segments differ, a node would penetrate deeper with each change of its
+    # segment.
     in_dents = False
-    # Search radius relative to the requested one [-]. Larger margins save exchanges between ranks
-    # and give more candidates.
+    # Search radius relative to the requested one [-]. Larger: fewer exchanges between ranks;
+    # smaller: fewer candidates.
     _margin = 3.0
-    # Global numbers and owners of nodes whose values are needed in addition to the segments.
+    # Global numbers and owners of nodes that are needed in addition to vertices of segments.
     _others: tuple[GlobalInts, Ints] = np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int32)
     # Weights of the nodes of smooth segments in their control points.
     _weights: tuple[Floats, ...] = ()
@@ -54,7 +54,7 @@ class GlobalSearch(Search):
         space, vertices = segments.V.dofmap.index_map, segments.segments
         ids = space.local_to_global(vertices.ravel()).reshape(vertices.shape)
         owners = owners_of(space, vertices)
-        # Data of a segment that are sent, except its size.
+        # Arrays of the data of a segment that are sent, except its size.
         self._offer = (ids, owners, segments.orientation, segments.key, segments.thickness)
         self.covered: tuple[Floats, Floats, float] | None = None
 
@@ -66,8 +66,8 @@ class GlobalSearch(Search):
     def update(self, x: Floats, reach: float) -> tuple[SegmentCandidates, bool]:
         """Find all segments within the search radius of a node, see `Search.update`. Collective.
 
-        The last candidates are kept as long as no motion exceeds the margin of the last search, and
-        forever if its radius was infinite.
+        The last candidates are kept as long as no motion exceeds the margin of the last search;
+        with an infinite radius they are always kept.
         """
         if self.covered is not None:
             *before, covered = self.covered
@@ -85,7 +85,7 @@ class GlobalSearch(Search):
         self.num_searches += 1
 
     def sink(self, depth: float) -> None:
-        """Set the depth up to which initially penetrating nodes find segments [m]. Local."""
+        """Set the depth up to which initially penetrating nodes get segments [m]. Local."""
         if depth != self.sunk:
             self.sunk, self.covered = depth, None
 
@@ -111,7 +111,7 @@ class GlobalSearch(Search):
         box = _box(x[self._nodes.nodes], reach)
         # A single rank needs no communication.
         boxes = np.array(comm.allgather(box) if comm.size > 1 else [box])
-        x_vertex = self._offered(x)  # reduced along the first axis, which is faster
+        x_vertex = self._offered(x)  # the first axis is reduced, which is faster
         near = _near(x_vertex.min(axis=0), x_vertex.max(axis=0), boxes, comm.rank)
         size = diameters(x_vertex.swapaxes(0, 1))
         mine = (*self._offer, size, *self._weights)

@@ -28,7 +28,7 @@ class JointSearch:
     Args:
         comm: Communicator.
         searches: The ``c`` searches.
-        shorter: Reduction of the reach of each search, shape ``(c,)`` [m].
+        shorter: Reduction of the search radius of each search, shape ``(c,)`` [m].
 
     Attributes:
         frame: Space.
@@ -43,14 +43,14 @@ class JointSearch:
         # Nodes of all searches, then vertices of all, and offsets of each.
         rows = [rows for side in zip(*(s.rows for s in searches), strict=True) for rows in side]
         self._rows, self._ends = np.concatenate(rows), np.cumsum([0, *map(len, rows)])
-        # Coverage of each search, see `GlobalSearch`, also in joint arrays.
+        # Search ranges, see `GlobalSearch.covered`, of each search and in joint arrays.
         self._known: list[tuple[Floats, Floats, float] | None] = []
         self._before: Floats = np.zeros((len(self._rows), 3))
         self._covered: Floats = np.empty(0)
 
     @property
     def sunk(self) -> float:
-        """Depth up to which initially penetrating nodes find segments [m]. Local."""
+        """Depth up to which initially penetrating nodes get segments [m]. Local."""
         return max(search.sunk for search in self._searches)
 
     def update(self, x: Floats, reach: float) -> tuple["JointCandidates", bool]:
@@ -69,7 +69,7 @@ class JointSearch:
         return self.candidates, is_new
 
     def _recall(self) -> bool:
-        """Store the search ranges; return whether they have changed. Local."""
+        """Store the search ranges of all searches; return whether they have changed. Local."""
         covered = [search.covered for search in self._searches]
         if len(self._known) == len(covered) and not any(map(is_not, covered, self._known)):
             return False
@@ -98,8 +98,8 @@ class JointCandidates(SegmentCandidates):
     Args:
         parts: Candidates of each of ``c`` searches.
         num_nodes: Number of nodes of each search.
-        shorter: Reduction of the reach of each search, shape ``(c,)`` [m].
-        in_dents: As of `FoundSegments`.
+        shorter: Reduction of the search radius of each search, shape ``(c,)`` [m].
+        in_dents: See `FoundSegments`.
     """
 
     def __init__(

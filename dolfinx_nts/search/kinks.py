@@ -17,9 +17,9 @@ __all__ = ["nodes_on_kinks"]
 def nodes_on_kinks(surface: Surface) -> tuple[Flags, Floats]:
     """Find the owned nodes at which the surface turns by 30 degrees or more. Collective.
 
-    Two facets around such a node have normals that differ by more than that, and one lies behind
-    the plane of the other, in the reference configuration. On the rim of a surface nothing is
-    known of the facets beyond.
+    Two facets around such a node have normals that differ by at least this angle in the reference
+    configuration, and one of them is behind the plane of the other one. Facets beyond a free edge
+    of the surface are unknown.
 
     Args:
         surface: The surface.
@@ -35,7 +35,7 @@ def nodes_on_kinks(surface: Surface) -> tuple[Flags, Floats]:
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     normals, centres = vectors / np.where(length > 0, length, 1.0), corners.mean(axis=1)
     n, most = len(around.counts), int(around.counts.max(initial=0))
-    # Table of the facets of each node; short rows are padded by the first facet.
+    # Facets of each node, with rows padded by the first facet.
     first = np.cumsum([0, *around.counts])[:-1]
     place = np.minimum(np.arange(most), around.counts[:, None] - 1)
     table = around.facets[first[:, None] + place] if n else np.empty((0, most), dtype=np.int32)

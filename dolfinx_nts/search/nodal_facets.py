@@ -27,9 +27,9 @@ _AROUND = 1e-6
 
 
 # Least cosine of the angle between the contact normal and the inward normal of a facet on which
-# contact presses [-]: 60 degrees. Each side of a right-angled edge that is pressed at 45 degrees
-# counts. Smaller: sides that bulge beyond an edge count; larger: facets at blunt tips do not. Other
-# values were not measured.
+# contact acts [-]: 60 degrees, so that it acts on both sides of a right-angled edge with a normal
+# at 45 degrees. Smaller: it also acts on lateral facets that bulge; larger: not on facets at blunt
+# tips. Other values were not measured.
 _OPPOSED = 0.5
 
 
@@ -43,7 +43,7 @@ class AroundNodes(NamedTuple):
         orientation: +1 where a_1 x a_2 points out of the body, otherwise -1, ``(f,)``.
         counts: Number of facets around each node, shape ``(n,)``.
         facets: These facets, node by node, shape ``(e,)``.
-        corner: Number of the node among the vertices of each, shape ``(e,)``.
+        corner: Local number of the node in each of these facets, shape ``(e,)``.
         angle: Angles of the facets at the nodes, shape ``(e,)`` [rad].
     """
 
@@ -78,7 +78,8 @@ class NodalFacets:
         counts = np.bincount(node[order], minlength=len(surface.nodes))
         at_rest = near.scatter.forward(X)[near.segments]
         angle = _angles(at_rest).ravel()[order]
-        # Contribution of each facet to the area of its nodes, in the order of `facets`.
+        # Contribution of each facet to the area of the node, in the order of ``around.facets``
+        # [m^2].
         vectors = area_vectors(at_rest, near.orientation)
         size = np.linalg.norm(vectors, axis=1)
         self._comm: MPI.Comm = surface.V.mesh.comm
@@ -98,7 +99,7 @@ class NodalFacets:
         """
         self.around, counts = around, around.counts
         first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
-        # Nodes whose positions the normals need.
+        # Nodes on whose positions the normals depend.
         self._vertices: Ints = np.unique(around.vertices)
         facets = (
             np.searchsorted(self._vertices, around.vertices).astype(np.int32),
@@ -116,14 +117,14 @@ class NodalFacets:
 
         ``x`` are positions of the local nodes of the space, owned and ghost, ``(l, 3)`` [m].
         """
-        # A copy, as x may change later.
+        # Copied, as x may change later.
         corners = self.around.scatter.forward(x).take(self._vertices, axis=0)
         facing = Facing(self._kernel, corners, self._numbers)
         return NodalPoints(self.around.nodes, facing)
 
     @cached_property
     def has_edges(self) -> bool:
-        """Whether facets around a node differ so much that not all face one plane. Collective."""
+        """Whether normals of two facets at a node differ by more than 60 degrees. Collective."""
         around, node = self.around, np.repeat(self._numbers, self.around.counts)
         outward = self._normals[around.facets]
         found = False
@@ -141,9 +142,10 @@ class NodalFacets:
 
         Args:
             x: Positions of the local nodes of the space, owned and ghost, ``(l, 3)`` [m].
-            normal: Unit contact normals of the nodes, shape ``(n, 3)``; a node with 0 takes that
-                of the nodes of its facets, if there is any. Without any the part is 1.
-            presses: Nodes with a force, whose part is 1 also where no facet is opposed, ``(n,)``.
+            normal: Unit contact normals of the nodes, shape ``(n, 3)``. A node with 0 gets the mean
+                normal of the nodes of its facets; if these are also 0, the fraction is 1.
+            presses: Flags of nodes with a force, whose fraction is 1 if no facet is opposed,
+                ``(n,)``.
         """
         around, node = self.around, np.repeat(self._numbers, self.around.counts)
         of_all = np.zeros((around.scatter.index_map.size_local, 3))
@@ -160,12 +162,13 @@ class NodalFacets:
     def pressed_parts(self, x: Floats, normal: Floats) -> Floats:
         """Fractions of the nodal areas that contact may press, shape ``(n,)`` [-]. Collective.
 
-        Unlike those of `facing_parts` they are continuous in the normal: facets count less from 60
-        degrees on, and not at right angles.
+        Unlike those of `facing_parts` they are continuous in the normal: the weight of a facet
+        decreases from 1 at 60 degrees to 0 at 90 degrees.
 
         Args:
-            x: As of `facing_parts`.
-            normal: Unit contact normals of the nodes, or 0, for which the part is 1, ``(n, 3)``.
+            x: See `facing_parts`.
+            normal: Unit contact normals of the nodes, or 0, ``(n, 3)``. The fraction is 1 for 0, or
+                if all facets have the weight 0.
         """
         weight = np.clip(self._opposed(x, normal) / _OPPOSED, 0.0, 1.0)
         node = np.repeat(self._numbers, self.around.counts)
@@ -173,7 +176,7 @@ class NodalFacets:
         return np.where(parts == 0, 1.0, parts)
 
     def _opposed(self, x: Floats, normal: Floats) -> Floats:
-        """Cosine between the normal of a node and the inward ones of its facets, ``(e,)`` [-]."""
+        """Cosine between the contact normal of a node and inward facet normals, ``(e,)`` [-]."""
         around, node = self.around, np.repeat(self._numbers, self.around.counts)
         vectors = area_vectors(around.scatter.forward(x)[around.vertices], around.orientation)
         outward = _kernels.unit_vectors(vectors)[around.facets]
@@ -183,7 +186,7 @@ class NodalFacets:
 
 def _angles(x: Floats) -> Floats:
     """Angles of facets at their vertices, ``(f, k)``, by positions ``(f, k, 3)``."""
-    if x.shape[1] == 2:  # both edges at a node have equal weight
+    if x.shape[1] == 2:  # from vectors along both edges, of equal length
         return np.ones(x.shape[:2])
     neighbours = np.array(NEIGHBOURS[x.shape[1]])
     a, b = (x[:, neighbours[:, side]] - x for side in (0, 1))

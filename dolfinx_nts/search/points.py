@@ -51,7 +51,7 @@ class NodalPoints:
     def __init__(self, nodes: Ints, facing: Facing | None = None) -> None:
         self.nodes: Ints = nodes
         self.facing: Facing = Facing.everywhere(len(nodes)) if facing is None else facing
-        # Cache of the last selection, which an iterate needs repeatedly.
+        # Cache of the last selection, which is often repeated.
         self._taken: tuple[Ints, NodalPoints] | None = None
 
     def of(self, values: Floats) -> Floats:

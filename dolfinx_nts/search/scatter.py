@@ -21,7 +21,7 @@ class NodalScatter:
     up to 3. Only values of shared nodes are copied, since a contact has few of them.
 
     Args:
-        index_map: Owned nodes of the space, then the ghosts that segments on this rank need.
+        index_map: Owned nodes of the space, then the ghosts needed by the segments of this rank.
 
     Attributes:
         index_map: The argument.
@@ -38,12 +38,12 @@ class NodalScatter:
 
     @cached_property
     def _vector(self) -> Any:
-        """Vector for the exchange, which most scatters on one rank never need."""
+        """Vector for the exchange, created on demand."""
         return la.vector(self.index_map, 3)
 
     @cached_property
     def _values(self) -> Floats:
-        """Values of the vector, as access to the array of a DOLFINx vector is slow."""
+        """Cached values of the vector, as access to the array of a DOLFINx vector is slow."""
         values: Floats = self._vector.array.reshape(-1, 3)
         return values
 

@@ -32,7 +32,7 @@ class FoundSegments(NamedTuple):
             shape ``(s, c, k)`` [-]; None for flat segments.
         rise: Weights of the same nodes in the vector from the mean of each facet to the mean of
             its patch, shape ``(s, k)`` [-]; None where it is not needed.
-        in_dents: Whether points below dents keep a segment, see `GlobalSearch`.
+        in_dents: Whether points below concave edges keep a segment, see `GlobalSearch`.
     """
 
     scatter: NodalScatter
@@ -51,8 +51,8 @@ class SegmentCandidates(Candidates):
 
     Args:
         found: The segments.
-        first: First segment of each group, and the number of segments, shape ``(g + 1,)``. The
-            search of a point is restricted to one group (`Facing`). None for one group.
+        first: Offsets of the groups of segments, shape ``(g + 1,)``. The search of a point is
+            restricted to one group (`Facing`). None for one group.
 
     Attributes:
         orientation: +1 where a_1 x a_2 points out of the body, otherwise -1, shape ``(s,)``.
@@ -127,7 +127,7 @@ class SegmentCandidates(Candidates):
         )
 
     def _of_groups(self, reach: float) -> Floats | float:
-        """Search radius of each group, shape ``(g,)``, from one or from several [m]."""
+        """Search radius of each group, ``(g,)``, from one radius or one per group [m]."""
         return reach
 
     def near(self, points: ContactPoints, x: Floats, reach: float) -> Ints:
@@ -160,7 +160,7 @@ class SegmentCandidates(Candidates):
         return Trajectories(*self._kernel.follow(*paths, *points.facing.arguments))
 
     def _own_rows(self, points: ContactPoints) -> Ints:
-        """Vertex of the segments that coincides with each point, or -1, shape ``(p,)``."""
+        """Vertex of segments that is the same node as each point, or -1, shape ``(p,)``."""
         return np.full(len(points.facing.numbers), -1, dtype=np.int32)
 
     def is_at_rim(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:

@@ -3,10 +3,11 @@
 Normals, thickness of the cells and reference positions decide which segments a node may touch, see
 `cpp/nts/search/self_contact.h`.
 
-Multipliers at nodes of both sides would be twice as many as independent constraints, and a node
-with an eliminated displacement would be a vertex of another constraint. Therefore no node with a
-multiplier is a vertex of the segment of another such node. Other nodes are constrained indirectly:
-the segment that such a node touches, or an adjacent one, has a vertex with a multiplier.
+With multipliers at nodes of both sides, there would be twice as many multipliers as independent
+constraints, and nodes with eliminated displacements would be vertices of other constraints.
+Therefore no node with a multiplier is a vertex of the segment of another such node. Other nodes are
+constrained indirectly: the segment that such a node touches, or an adjacent one, has a vertex with
+a multiplier.
 """
 
 from collections import defaultdict
@@ -46,8 +47,8 @@ class SelfContactCandidates(SegmentCandidates):
         """Choose nodes such that none is a vertex of the segment of another. Collective.
 
         Greedy selection by ``urgency``. At equal values neighbours of chosen nodes come first, so
-        that one of two flat walls gets all multipliers; then the input number decides, so that the
-        choice does not depend on the partition. See `Candidates.independent`.
+        that one of two flat sides gets all multipliers; then the input number decides, which makes
+        the choice partition-independent. See `Candidates.independent`.
         """
         node = np.flatnonzero(eligible)
         vertices = self.segments.take(segment[node], axis=0)
@@ -73,7 +74,7 @@ class SelfContactCandidates(SegmentCandidates):
         return self._kernel.pair_own(points.of(x), current, slack, reach, x, *own, self._thickness)
 
     def _own_rows(self, points: ContactPoints) -> Ints:
-        # Nodes are vertices of the surface.
+        # All nodes are vertices of the surface.
         return points.nodes
 
     def _normals(self, x: Floats) -> Floats:

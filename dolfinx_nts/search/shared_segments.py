@@ -1,7 +1,7 @@
-"""Nodes at equal distance from several segments, as above a common edge or vertex.
+"""Nodes at equal distances from several segments, for instance above a common edge.
 
-Round-off, or the numbering of cells, would choose one of the segments. The gap of such a node is
-the mean of its gaps to all of them instead.
+The gap of such a node is the mean of its gaps to all of them. Otherwise round-off or the numbering
+of cells would choose one of the segments.
 """
 
 import numpy as np
@@ -35,7 +35,7 @@ class SharedSegments:
 
         Args:
             nodes: The nodes, shape ``(m,)``.
-            row: Places among these of the nodes with several segments, one an entry, ``(e,)``.
+            row: Index in ``nodes`` of each entry of a node with several segments, ``(e,)``.
             segment: Their segments, shape ``(e,)``.
         """
         if not (len(row) or self.many[nodes].any()):
@@ -49,7 +49,7 @@ class SharedSegments:
         self.many[nodes[row]] = True
 
     def sums(self, key: GlobalInts) -> GlobalInts:
-        """Sum of the keys of the segments of each node with several, otherwise 0, ``(n,)``."""
+        """Sum of the keys of the segments of nodes with several segments, otherwise 0, ``(n,)``."""
         sums: GlobalInts = np.zeros(len(self.many), dtype=np.int64)
         np.add.at(sums, self.node, key[self.segment])
         return sums
@@ -62,8 +62,8 @@ class SharedSegments:
             segment: Segments of nodes with one segment, shape ``(m,)``.
 
         Returns:
-            Place among the nodes and segment of each entry, shape ``(i,)``, and offsets of
-            the entries of each node, shape ``(m + 1,)``.
+            Index of the node and segment of each entry, shape ``(i,)``, and offsets of the entries
+            of the nodes, shape ``(m + 1,)``.
         """
         first = np.searchsorted(self.node, node)
         counts = np.where(
@@ -91,7 +91,7 @@ def shared_points(own: Ints, dofs: Ints, segment: Ints, start: Array) -> MortarP
         own: The nodes, shape ``(m,)``.
         dofs: Node and vertices of the segment of each point, shape ``(i, 1 + k)``.
         segment: The segments, shape ``(i,)``.
-        start: Where the points of each node begin, and the end, shape ``(m + 1,)``.
+        start: Offsets of the points of the nodes, shape ``(m + 1,)``.
     """
     number, counts = np.arange(len(segment), dtype=np.int32), np.diff(start)
     shares = Shares(own, np.ones(len(own)), start, number, 1 / np.repeat(counts, counts))

@@ -10,7 +10,7 @@ from dolfinx_nts.search.edges.sharp_edges import unit_normals
 
 __all__ = ["Edges", "pairs_within"]
 
-# Number of boxes that are compared together [-], to save memory.
+# Number of boxes that are compared at a time [-], to save memory.
 _AT_ONCE = 1 << 20
 
 # Least and greatest coordinates, both ``(e, 3)`` [m].
@@ -35,7 +35,7 @@ class Edges:
 
     @classmethod
     def of(cls, rows: Ints, key: GlobalInts, thickness: Floats) -> "Edges":
-        """Edges from rows of ends and vertices of both facets, shape ``(e, 2 + 2 k)``."""
+        """Create edges from rows of ends and vertices of both facets, shape ``(e, 2 + 2 k)``."""
         ends, facets = np.ascontiguousarray(rows[:, :2]), rows[:, 2:]
         return cls(ends, facets.reshape(-1, 2, facets.shape[1] // 2), key, thickness)
 
@@ -84,7 +84,7 @@ def _boxes_within(first: Boxes, second: Boxes, reach: float) -> Ints:
     """Pairs of boxes of two groups within a distance [m] of each other, shape ``(c, 2)``."""
     found: list[Ints] = [np.empty((0, 2), dtype=np.int32)]
     (lower, upper), (least, greatest) = first, second
-    # Preselection by the box around the whole other group.
+    # Preselection by the bounding box of the other group.
     some = _near((lower, upper), (least, greatest), reach)
     others = _near((least, greatest), (lower, upper), reach)
     step = max(1, _AT_ONCE // max(1, len(others)))

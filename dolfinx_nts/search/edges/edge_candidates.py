@@ -17,10 +17,9 @@ from dolfinx_nts.search.segment_candidates import FoundSegments, SegmentCandidat
 __all__ = ["EdgeCandidates"]
 
 # Least sines of angles [-] for new and for active pairs: between the edges, and between the normal
-# and the facets at the edges. With larger values edges of length l penetrate by about l times
-# the value before a node touches a facet; with smaller ones nearly parallel edges become active.
-# The second values also allow edges that initially lie on a facet at the other edge, unless facets
-# lie on each other.
+# and the facets at the edges. Larger: edges of length l penetrate by about l times the value before
+# a node touches a facet; smaller: nearly parallel edges become active. The second values also allow
+# edges that initially lie on a facet at the other edge, unless facets lie on each other.
 _CROSSING, _BETWEEN = (0.01, 0.005), (1e-3, -0.05)
 # Distance of a crossing beyond the end of an edge relative to its length [-] that counts as
 # round-off.
@@ -52,8 +51,8 @@ class EdgeCandidates(SegmentCandidates):
     """Pairs of edges near each other.
 
     A candidate consists of an edge of the nodal surface, an edge of the other surface, and an
-    orientation of the normal. Only its carrier, the first end of the own edge, can choose it. Its
-    *vertices* are the second end of the own edge and both ends of the other one.
+    orientation of the normal. It is a candidate only of its carrier, the first end of the own edge.
+    Its *vertices* are the second end of the own edge and both ends of the other one.
 
     Args:
         scatter: Map of the nodes.
@@ -66,7 +65,7 @@ class EdgeCandidates(SegmentCandidates):
 
     # Weights of the nodes with unknowns.
     _weights = WEIGHTS
-    # Not the kernel of facets.
+    # The kernel of facets does not apply to edges.
     penalty_forces = Candidates.penalty_forces
     # Pairs of edges have no neighbours.
     adjacent = Candidates.adjacent
@@ -157,7 +156,7 @@ class EdgeCandidates(SegmentCandidates):
         (lower, upper), (least, greatest) = (edges.boxes(x) for edges in self._edges)
         beyond = overhang * (greatest - least) + reach
         least, greatest = least - beyond, greatest + beyond
-        for i in range(3):  # the first direction excludes most pairs
+        for i in range(3):  # one direction first, which excludes most pairs
             own, other = self._pairs[pair].T
             pair = pair[(lower[own, i] <= greatest[other, i]) & (least[other, i] <= upper[own, i])]
         return pair
@@ -201,8 +200,8 @@ class EdgeCandidates(SegmentCandidates):
         lies_on_facet = np.maximum(first, second) > -_BETWEEN[1]
         least = np.where(lies_on_facet, _BETWEEN[1], _BETWEEN[0])
         faces: Flags = np.minimum(first, second) > least
-        # Beyond a convex corner there is no body. In front of it, the nearest points are beyond
-        # the ends by about the gap.
+        # Beyond a convex corner there is no body. In front of the corner, the nearest points are
+        # beyond the ends by about the gap.
         faces &= ~is_beyond | (beyond * self._lengths[pair] <= gap)
         faces &= self._depth(x, pair) >= -gap - _DEEPER * self.size[2 * pair]
         candidate = (2 * pair + (sense > 0)).astype(np.int32)[faces]
@@ -230,8 +229,9 @@ class EdgeCandidates(SegmentCandidates):
     def _depth(self, x: Floats, pair: Ints) -> Floats:
         """Depth of a whole edge below a facet at the other edge, shape ``(m,)`` [m].
 
-        If it is less than the depth of the crossing, an end penetrates the facet, and node contact
-        acts. Otherwise edges rotating past that end would start to cross deep inside.
+        If it is less than the depth of the crossing, an end penetrates the facet, where node
+        contact acts. Without this limit, edges that rotate past that end would begin to cross deep
+        inside.
         """
         own, other = (self._pairs[pair, i] for i in range(2))
         (a, b), (ends_a, ends_b) = (
@@ -259,5 +259,5 @@ class EdgeCandidates(SegmentCandidates):
         return super().slip(law, points, x_n, x, segment).combined(self._weights)
 
     def is_at_rim(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:
-        # Always true: beyond an end another edge or facet continues.
+        # True, as another edge or facet begins at the end of an edge.
         return np.ones(len(segment), dtype=bool)

@@ -25,7 +25,7 @@ class EdgeSearch(GlobalSearch):
     """
 
     candidates: EdgeCandidates
-    # Small, since each pair within reach is evaluated in each step.
+    # Small margin, since each pair of edges within reach is evaluated in each step.
     _margin = 1.5
 
     def __init__(self, nodes: Surface, segments: Surface) -> None:

@@ -1,4 +1,4 @@
-"""Search for crossings with edges of a faceted rigid obstacle, which all ranks know."""
+"""Search for crossings with edges of a faceted rigid obstacle, which exists on all ranks."""
 
 from weakref import WeakKeyDictionary
 
@@ -90,7 +90,7 @@ def num_sharp_edges(surface: Surface | Obstacle) -> int:
     return len(_rigid_edges(surface)[1].key) if isinstance(surface, RigidSurface) else 0
 
 
-# Edges of obstacles that still exist.
+# Cache of the edges of obstacles.
 _KNOWN: WeakKeyDictionary[RigidSurface, tuple[Floats, Edges]] = WeakKeyDictionary()
 
 

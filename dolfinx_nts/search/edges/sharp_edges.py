@@ -21,7 +21,8 @@ __all__ = ["SharpEdges", "sharp_between", "unit_normals"]
 # Reach of the search for the facets around a node relative to the longest facet [-]: above
 # round-off.
 _AROUND = 1e-6
-# Node numbers of up to 62 bits are sent in two parts, which are exact as floating-point numbers.
+# Node numbers of up to 62 bits are sent in two parts, which floating-point numbers represent
+# exactly.
 _HALF = 1 << 31
 # Order of the vertices of a facet that reverses its normal, by their number.
 _REVERSED = {3: [0, 2, 1], 4: [0, 2, 1, 3]}
@@ -118,7 +119,7 @@ def _edges_with_two_facets(segments: Ints, ids: GlobalInts) -> tuple[Ints, Ints]
     order = np.lexsort((facet, *ids[ends].T[::-1]))
     ends, facet = ends[order], facet[order]
     follows = np.concatenate([[False], (ends[1:] == ends[:-1]).all(axis=1), [False]])
-    # The first of exactly two equal edges.
+    # First of exactly two equal edges in a row.
     first = np.flatnonzero(~follows[:-2] & follows[1:-1] & ~follows[2:])
     return ends[first], np.column_stack([facet[first], facet[first + 1]])
 

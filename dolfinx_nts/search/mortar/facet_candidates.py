@@ -16,10 +16,10 @@ from dolfinx_nts.search.smooth.smooth_patches import flat_patch
 
 __all__ = ["FacetCandidates", "distances", "outside", "rises"]
 
-# Distance outside a curved facet in reference coordinates [-] within which it is extrapolated.
-# Larger values extrapolate strongly curved facets; smaller ones use flat facets more often.
+# Distance outside a curved facet in reference coordinates [-] up to which it is extrapolated.
+# Larger: strongly curved facets are extrapolated too far; smaller: flat facets are used more often.
 _OUTSIDE = 0.5
-# Kernels of flat facets, and of curved ones and patches, see `Candidates.contact`.
+# Kernels of flat facets, and of curved facets and patches, see `Candidates.contact`.
 _FLAT: dict[str, Callable[..., Any]] = {
     "conserving": _kernels.contact_conserving,
     "midpoint": _kernels.contact_midpoint,
@@ -69,7 +69,8 @@ class FacetCandidates(SegmentCandidates):
         (s, k), n = self.segments.shape, wholes.shape[1]
         self.has_middles = found.weights is None and n > k
         self.whole: Ints = np.arange(s, dtype=np.int32)
-        # Weights of point and nodes in point and control points, of all and of flat facets.
+        # Weights of point and nodes in point and control points: for both numbers of a facet, and
+        # for flat facets.
         self._of_pairs: Floats | None = None
         self._of_flat: Floats | None = None
         self.weights: Floats | None = None
@@ -151,8 +152,8 @@ class FacetCandidates(SegmentCandidates):
     def projections(self, points: ContactPoints, x: Floats, segment: Ints) -> tuple[Floats, ...]:
         """Project points on the facets of segments. Local.
 
-        Returns coordinates on the facets, shape ``(m, 2)`` [-], gaps, ``(m,)`` [m], and the
-        further results of the kernel.
+        Returns convective coordinates, shape ``(m, 2)`` [-], gaps, ``(m,)`` [m], and the other
+        results of the kernel.
         """
         pairs = self.pairs(points, x, segment)
         found: tuple[Floats, ...] = self._kernels["project"](pairs, self._sense(segment))
@@ -162,7 +163,7 @@ class FacetCandidates(SegmentCandidates):
         return self.orientation.take(segment, mode="wrap")
 
     def _weights(self, segment: Ints) -> Floats | None:
-        """Weights of points and nodes in the pairs of the kernels; None for identity."""
+        """Weights of points and nodes in the pairs of the kernels; None for the identity."""
         if self._of_flat is None:
             return None
         s = len(self.segments)
@@ -178,13 +179,13 @@ class FacetCandidates(SegmentCandidates):
 
 
 def outside(candidates: FacetCandidates, points: ContactPoints, x: Floats, segment: Ints) -> Floats:
-    """Distances of points from their reference facets, NaN without projection, ``(m,)`` [-]."""
+    """Distances of projections outside the reference facets, or NaN, ``(m,)`` [-]."""
     xi, *_ = candidates.projections(points, x, segment)
     return distances(xi, is_triangle=candidates.segments.shape[1] == 3)
 
 
 def distances(xi: Floats, *, is_triangle: bool) -> Floats:
-    """Distances of coordinates ``(m, 2)`` from the reference facet, NaN without, ``(m,)`` [-]."""
+    """Distances of coordinates, ``(m, 2)``, outside the reference facet, or NaN, ``(m,)`` [-]."""
     distance: Floats = np.maximum(-xi.min(axis=1), xi.max(axis=1) - 1)
     return np.maximum(distance, xi.sum(axis=1) - 1) if is_triangle else distance
 

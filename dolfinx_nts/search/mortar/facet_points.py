@@ -1,10 +1,10 @@
 """Contact (quadrature) points of mortar facets, and shape functions of the multipliers there.
 
-Dual functions are negative on a part of a facet. Above a kink of the segments the gap is not
-linear, and an opening there may count as penetration. So a facet takes the functions
-``c dual + (1 - c) linear`` with a part ``c``: the largest one with which no mean gap is less than
-the least gap on the facets around the node. Above distinct kinks it takes the linear functions,
-which in equilibrium leave out what is open.
+Dual functions are negative on a part of a facet. Opposite a kink of the segments the gap is not
+linear, and an open gap may reduce the mean gap. A facet therefore has the functions ``c dual + (1 -
+c) linear``, with the largest fraction ``c`` for which no mean gap is less than the least gap on the
+facets around the node. Opposite distinct kinks it has linear functions, whose weights vanish in
+equilibrium where the gap is open.
 """
 
 from collections.abc import Sequence
@@ -22,44 +22,46 @@ from dolfinx_nts.search.mortar.whole_facets import linear_functions
 __all__ = ["FacetPoints"]
 
 # Spread of the normals of undeformed segments below the facets around a node, 1 less the length of
-# their mean [-]: up to the first one they are a smooth surface, from the second one on a kink. A
-# kink by the angle a in the middle has a^2 / 8: 5 and 10 degrees. Larger: steeper chamfers press as
-# with dual functions (pressed ones of 17 degrees open the sole in 33 of 63 generated cases);
-# smaller: coarser round segments count as kinks, with rougher pressures.
+# their mean [-]: up to the first value the surface counts as smooth, from the second value on as a
+# kink. A kink by the angle a in the middle has a^2 / 8: 5 and 10 degrees. Larger: dual functions at
+# steeper chamfers (with 17 degrees, contact opens next to the chamfer in 33 of 63 generated cases);
+# smaller: coarser round segments count as kinks, with less smooth pressures.
 _SMOOTH, _KINKED = 0.001, 0.004
-# Openings above a kink count in full up to this multiple of the least gap in equilibrium [-].
-# Larger: openings lift nodes and forces are too small (45 % without this limit on the coarsest
-# sole, 9 % with 4); smaller: points that are open by the waviness of pressed meshes count less.
+# Multiple of the least gap in equilibrium [-] up to which points opposite a kink have full weight.
+# Larger: open points keep nodes apart, and forces are too small (by 45 % without a limit on the
+# coarsest mesh of a chamfered punch, by 9 % with 4); smaller: points that are open due to the
+# waviness of deformed facets have less weight.
 _COUNTED = 4.0
 
-# Part of its own displacement in its mean gap [-] that a node needs, with multipliers and with
-# springs. Smaller: only parts of facets far from the node are covered, as below a trailing edge,
-# and its force may be 1e4 times too large (with multipliers, 3 of 28 blocks that slide are refused
-# at 0.005; with springs one is without any); larger: nodes at rims sink in, and springs of nodes
-# that leave a surface lose their energy earlier (at 0.01).
+# Least derivative of the mean gap of a node with respect to its own displacement [-], with
+# multipliers and with springs. Smaller: only parts of facets far from the node are covered, as
+# below a trailing edge, and its force may be 1e4 times too large (with multipliers, 3 of 28 sliding
+# blocks fail at 0.005; with springs 1 fails without this limit); larger: nodes at rims penetrate,
+# and springs of nodes that leave a surface lose their energy earlier (at 0.01).
 _LEAST_OWN, _LEAST_OWN_OF_SPRINGS = 0.02, 0.005
 
-# Distance from its segment, in coordinates of the reference segment [-], from which on a point is
+# Distance from its segment, in coordinates of the reference segment [-], above which a point is
 # left out. Only facets at right angles to segments have such points. Larger: projections of warped
 # segments have no solution (at 1.5 in a pile of balls), and near it forces are arbitrary; smaller:
-# facets that lean towards their segments lose points.
+# facets inclined towards their segments lose points.
 _BEYOND = 1.25
 
 
 @dataclass(frozen=True)
 class FacetPoints:
-    """Points of facets, and corners of the integration cells, which have one segment each.
+    """Quadrature points of facets, and corners of the integration cells, each with one segment.
 
     Attributes:
         facets, candidates: Facets and candidates of both surfaces.
         places: Points and corners, without shares of nodes.
         facet: Facet of each, shape ``(p,)``.
-        of_segment: Candidate whose facet each is on, shape ``(p,)``.
+        of_segment: Candidate on whose facet each point is, shape ``(p,)``.
         weight: Reference area of each, 0 of corners, shape ``(p,)`` [m^2].
-        linear: Linear functions of the vertices of facets there, shape ``(p, k)``.
+        linear: Linear shape functions of the vertices of facets at the points, shape ``(p, k)``.
         dual: Functions dual to them, shape ``(p, k)``.
-        kink: 1 on facets above kinks, 0 above smooth segments, continuous between, ``(p,)`` [-].
-        known: Positions of nodes [m], and the gaps there without offset, ``(p,)`` [m].
+        kink: 1 on facets opposite kinks, 0 opposite smooth segments, continuous between, ``(p,)``
+            [-].
+        known: Positions of nodes [m], and gaps at these positions without offset, ``(p,)`` [m].
     """
 
     facets: MortarFacets
@@ -92,7 +94,7 @@ class FacetPoints:
             x_n: Positions at t_n, see `Candidates`.
             x: Positions at which segments are projected on facets.
             reach: Search distance of the facets [m].
-            kinks: Whether facets above kinks of flat segments have linear functions.
+            kinks: Whether facets opposite kinks of flat segments have linear functions.
         """
         is_smooth = facets.of_patches is not None or candidates.rise is not None
         *_, thickness = candidates.of_segments
@@ -147,12 +149,12 @@ class FacetPoints:
             *(facets, candidates, places, facet, of_segment),
             *(weight, linear, dual, 0 * weight, tuple(known)),
         )
-        # Facets of smooth segments turn, their patches do not.
+        # Smooth segments have kinks between facets, but not between their patches.
         has_kinks = kinks and candidates.rise is None
         return replace(found, kink=found._kinks()) if has_kinks else found
 
     def _kinks(self) -> Floats:
-        """Greatest kink of the segments around the vertices of the facet of each point, ``(p,)``.
+        """Largest kink of the segments around the vertices of the facet of each point, ``(p,)``.
 
         Collective. It is computed from undeformed normals and does not change.
         """
@@ -174,11 +176,11 @@ class FacetPoints:
         return of_points
 
     def largest_parts(self, states: Sequence[Floats], slack: float) -> Floats:
-        """Largest part of the dual functions on the facets around each node. Local.
+        """Largest fraction of the dual functions on the facets around each node. Local.
 
-        With it, or less on some facets, the mean gap of the node is not less than the least gap
-        on these facets: the integrals of ``psi (g - least)`` by linear functions are not
-        negative, and those by dual functions take no more from them than is there.
+        With it, or less on some facets, the mean gap of the node is not less than the least gap on
+        these facets: the integrals of ``psi (g - least)`` are not negative with the linear
+        functions, and with the mixed functions as well.
 
         Args:
             states: Positions of nodes at which mean gaps are bounded, each of shape ``(l, 3)``
@@ -212,18 +214,18 @@ class FacetPoints:
             linear, dual = (integrals_above(gap, least, f) for f in (self.linear, self.dual))
             area = slack * at_nodes(integrals(self.linear))
             there, taken = at_nodes(linear), at_nodes(np.fmax(linear - dual, 0.0))
-            # A gap that is constant up to round-off keeps the dual functions.
+            # If the gap is constant up to round-off, the dual functions are kept.
             with np.errstate(invalid="ignore", divide="ignore"):
                 room = area * area / (area + there)
                 part = np.fmin(part, (there + room) / taken)
         return part
 
     def _without_distant_nodes(self, inner: Ints, psi: Floats, least: float) -> Floats:
-        """Give the functions of nodes that hardly move their mean gap to others of the facet.
+        """Move functions of nodes that hardly affect their mean gap to other nodes of the facet.
 
         The sum of the functions at each point stays the same. ``psi`` are the functions at the
-        points ``inner``, shape ``(p, k)``, ``least`` the part of its own displacement that a
-        node needs [-]. Collective.
+        points ``inner``, shape ``(p, k)``, ``least`` the least derivative of a mean gap with
+        respect to the displacement of its node [-]. Collective.
         """
         facets, scatter, k = self.facets, self.candidates.scatter, psi.shape[1]
         linear, vertices = self.linear[inner], facets.vertices[self.facet[inner], :k]
@@ -262,19 +264,19 @@ class FacetPoints:
     ) -> MortarPoints:
         """Create contact points with the weights of the nodes. Collective.
 
-        Nothing presses where surfaces are open. Points beyond a convex edge of the segments, which
-        are not inside, are left out, see `AdjacentFacets.are_beyond_edges`. Above kinks linear
-        functions are multiplied by a weight there, which is 1 up to a multiple of the least gap, by
-        size, on the facets next to that of the point.
+        Points beyond a convex edge of the segments, which are not inside the body, are left out,
+        see `AdjacentFacets.are_beyond_edges`. Opposite kinks, linear functions are multiplied by a
+        weight, which is 1 up to a multiple of the least gap magnitude on the facets next to that of
+        the point, and then decreases.
 
         Args:
             part: Largest part of the dual functions around each node, shape ``(n,)``; None: 1,
                 and the method is local.
-            x: Positions whose gaps give the weights, in equilibrium or at t_n, shape ``(l, 3)``
-                [m]; None: all weights are 1, and no points are left out.
+            x: Positions whose gaps determine the weights, in equilibrium or at t_n, shape ``(l,
+                3)`` [m]. With None all weights are 1, and no points are left out.
             slack: Difference of gaps that is round-off [m].
-            is_stiff: Whether multipliers enforce contact, not springs. Nodes that hardly move
-                their mean gap give their functions to others, with multipliers earlier.
+            is_stiff: Whether contact is enforced by multipliers instead of springs: the threshold
+                for moving functions to other nodes is larger.
         """
         facets, has_weight = self.facets, self.weight > 0
         if x is not None and (around := self.candidates.adjacent(x)) is not None:

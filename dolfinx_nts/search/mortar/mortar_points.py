@@ -1,9 +1,9 @@
 """Contact points of surface-to-surface contact: quadrature points of the facets of the nodes.
 
-The points are chosen once, where the surfaces are at some state, and then are material points of
-their facets, each with a segment of its own, see `cpp/nts/search/mortar_points.h`. A node of the
-surface that is a vertex carries a multiplier, which acts at all points of the facets around it,
-weighted with the shape function psi of the multiplier; its gap is the mean gap of these points.
+The points are chosen at some state of both surfaces. They then are material points of their facets,
+each with one segment, see `cpp/nts/search/mortar_points.h`. A node of the surface that is a vertex
+carries a multiplier, which acts at all points of the facets around it, weighted with the shape
+function psi of the multiplier; its gap is the mean gap of these points.
 """
 
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ _CORNERS = {
     4: np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]),
 }
 
-# Covered fraction of its area [-] that a node needs to carry a multiplier.
+# Least fraction of the area of a node covered by segments [-] for which it carries a multiplier.
 _LEAST_COVERED = 1e-6
 
 
@@ -36,12 +36,12 @@ class MortarFacets:
 
     Attributes:
         nodes: Owned nodes, shape ``(n,)``.
-        area: Reference areas of those that are vertices, about, shape ``(n,)`` [m^2].
+        area: Approximate reference areas of the nodes that are vertices, shape ``(n,)`` [m^2].
         vertices: Nodes of the facets in Basix order, vertices first, shape ``(f, n)``.
         orientation: +1 where a_1 x a_2 points out of the body, otherwise -1, ``(f,)``.
         X: Reference positions of the nodes of the map, shape ``(l, 3)`` [m].
         is_axisymmetric: Whether the mesh is axisymmetric.
-        wholes: Nodes on which the points of the facets depend, shape ``(f, m)``: the same, or
+        wholes: Nodes on which the points of the facets depend, shape ``(f, m)``: ``vertices``, or
             the nodes of the patches of a smooth surface.
         of_patches: Weights of these nodes in the control points of the patches, shape
             ``(f, c, m)``, and in the offset from facet to patch, ``(f, m)``, see
@@ -78,7 +78,7 @@ class MortarFacets:
         Args:
             facet: Facet of each point, shape ``(p,)``.
             weight: Reference area of each, shape ``(p,)`` [m^2].
-            psi: Shape functions of the multipliers of the vertices there, shape ``(p, k)``.
+            psi: Shape functions of the multipliers of the vertices at the points, shape ``(p, k)``.
             key: Key of the segment of each point, shape ``(p,)``.
         """
         number = np.full(len(self.X), -1, dtype=np.int32)
@@ -101,14 +101,15 @@ class MortarFacets:
 class Shares:
     """Weights of ``m`` nodes with multipliers at ``p`` contact points, ``i`` entries. Local.
 
-    A share is one entry: the reference area times the multiplier's shape function at a point.
+    A share is one entry for a node and a point: the reference area of the point times the shape
+    function of the multiplier.
 
     Attributes:
         nodes: The nodes, shape ``(m,)``.
         area: Area on which the multiplier of each node acts, shape ``(m,)`` [m^2].
-        start: Where the shares of each node begin, and the end, shape ``(m + 1,)``.
+        start: Offsets of the shares of the nodes, shape ``(m + 1,)``.
         point: Points of the shares, shape ``(i,)``.
-        value: Part of the point in the mean of the node, shape ``(i,)`` [-].
+        value: Weight of the point in the mean of the node, shape ``(i,)`` [-].
     """
 
     nodes: Ints
@@ -138,7 +139,7 @@ class Shares:
         return self.reduced(np.add, (self.value * values.T).T, 0.0)
 
     def reduced(self, by: np.ufunc, values: Array, none: float) -> Floats:
-        """Reduce values of the shares, ``(i, ...)``, for each node, ``(m, ...)``; else ``none``."""
+        """Reduce values of shares, ``(i, ...)``, for each node, ``(m, ...)``; ``none`` without."""
         result: Floats = np.full((len(self.area), *values.shape[1:]), none, dtype=values.dtype)
         carries = np.diff(self.start) > 0
         if carries.any():
@@ -173,13 +174,13 @@ class MortarPoints:
     Attributes:
         reached: Nodes on which facet and segment of each point depend,
             shape ``(p, m + n)``.
-        phi: Weights of the former in the point, shape ``(p, m)``.
-        segment: Candidate of each point, or what stands for it, see `FacetCandidates.of_points`,
-            shape ``(p,)``.
-        offset: What the shifts of patches take from the gap of each point where the points were
-            chosen, a constant of the step, ``(p,)`` [m]; 0 without patches.
-        patch: Numbers from 0 of the facets of both surfaces between which each point is, ``(p,)``.
-        shares: Shares of the nodes in them.
+        phi: Weights of the nodes of the facet in the point, shape ``(p, m)``.
+        segment: Candidate of each point, or the number of its plane, see
+            `FacetCandidates.of_points`, shape ``(p,)``.
+        offset: Reduction of the gap of each point by the shifts of patches, computed at the choice
+            of the points and constant in the step, ``(p,)`` [m]; 0 without patches.
+        patch: Number of the pair of facets of each point, from 0, shape ``(p,)``.
+        shares: Shares of the nodes in the points.
     """
 
     reached: Ints
@@ -196,7 +197,7 @@ class MortarPoints:
 
     @property
     def facing(self) -> Facing:
-        """No restriction: the choice of segments has respected the admissible directions."""
+        """No restriction, as the choice of segments has used the admissible directions."""
         return Facing.everywhere(len(self.segment))
 
     def of(self, values: Floats) -> Floats:
@@ -222,12 +223,12 @@ class MortarPoints:
 
     @cached_property
     def _rows(self) -> tuple[Ints, Ints]:
-        """Lists of nodes, and the positions of each share's nodes in them, ``(i, m + n)``."""
+        """Lists of nodes, and positions in them of the nodes of each share, ``(i, m + n)``."""
         shares = self.shares
         return _rows(shares.nodes, shares.node, self.reached[shares.point])
 
     def blocks(self, factor: Floats, matrix: Floats) -> Floats:
-        """Sum matrices of pairs, ``(p, 3 (1 + n), 3 (1 + n))``, to matrices of the patches.
+        """Sum matrices of pairs, ``(p, 3 (1 + n), 3 (1 + n))``, to matrices of pairs of facets.
 
         ``factor`` is the factor of each point, shape ``(p,)``; the result has the shape
         ``(b, 3 (m + n), 3 (m + n))``.
@@ -237,7 +238,7 @@ class MortarPoints:
 
     @cached_property
     def patch_nodes(self) -> Ints:
-        """Nodes of both facets of each patch, shape ``(b, m + n)``."""
+        """Nodes of both facets of each pair of facets, shape ``(b, m + n)``."""
         return self.reached[np.unique(self.patch, return_index=True)[1]]
 
     def take(self, nodes: Ints) -> "MortarPoints":
@@ -246,7 +247,7 @@ class MortarPoints:
         return self.only(used, shares)
 
     def only(self, points: Ints, shares: Shares) -> "MortarPoints":
-        """Select some points, with the shares of nodes in them."""
+        """Select some points, and the shares in these points."""
         patch = np.unique(self.patch[points], return_inverse=True)[1].astype(np.int32)
         of_points = self.segment[points], self.offset[points], patch
         return MortarPoints(self.reached[points], self.phi[points], *of_points, shares)
@@ -257,8 +258,8 @@ def at_nodes(
 ) -> tuple[Floats, Floats, Floats, Floats, Floats]:
     """Sum kinematics of the pairs of points for the nodes.
 
-    Returns mean gaps at both ends, ``(m,)`` [m], rows of force and gradient, ``(m, 3 d)``, and
-    the least cosine by which a normal turns, ``(m,)``.
+    Returns mean gaps at both ends, ``(m,)`` [m], rows of force and gradient, ``(m, 3 d)``, and the
+    least cosine of the rotation of a normal, ``(m,)``.
     """
     s, (lists, place) = points.shares, points._rows
     of_shares = s.start, s.point, s.value, place, lists.shape[1]

@@ -17,8 +17,8 @@ from dolfinx_nts.search.smooth.smooth_patches import SmoothPatches
 
 __all__ = ["MortarCandidates", "MortarSearch"]
 
-# Reach of the search for the facets around a node, relative to the longest facet [-]: their
-# distance is zero up to round-off.
+# Radius of the search for the facets around a node, relative to the longest facet [-]: their
+# distance is round-off.
 _AROUND = 1e-6
 
 
@@ -27,12 +27,12 @@ class MortarCandidates(FacetCandidates):
 
     Args:
         found: The segments.
-        wholes: As of `FacetCandidates`.
+        wholes: See `FacetCandidates`.
         facets: Facets around the owned nodes, by the nodes of the same map.
 
     Attributes:
         facets: The argument.
-        hats: Fields that are linear on the facets; None at degree 1, where all are.
+        hats: Fields that are linear on the facets; None at degree 1, where all fields are linear.
     """
 
     def __init__(self, found: FoundSegments, wholes: Ints, facets: MortarFacets) -> None:
@@ -46,14 +46,14 @@ class FacetSearch(GlobalSearch):
     """Search for segments with their whole facets, see `GlobalSearch`. Collective.
 
     Args:
-        nodes: Surface whose nodes search for segments.
+        nodes: Surface of the nodes.
         segments: Surface that offers segments.
     """
 
     candidates: FacetCandidates
 
     def __init__(self, nodes: Surface, segments: Surface) -> None:
-        """Create the search; other ranks also receive the nodes of the facets."""
+        """Also send the nodes of whole facets to other ranks."""
         super().__init__(nodes, segments)
         self._k, space = segments.segments.shape[1], segments.V.dofmap.index_map
         # A sphere has no patches.
@@ -83,8 +83,8 @@ class FacetSearch(GlobalSearch):
 class MortarSearch(FacetSearch):
     """Search for segments within reach of facets around the owned nodes, see `Search`. Collective.
 
-    A rank knows all facets around its owned nodes, also facets of other ranks: it computes
-    all that the multipliers of its nodes do.
+    A rank gets all facets around its owned nodes, including facets of other ranks, so that it can
+    evaluate the multipliers of its nodes without further communication.
 
     Args:
         nodes: Surface whose facets search for segments.
@@ -102,7 +102,7 @@ class MortarSearch(FacetSearch):
         search = FacetSearch(nodes, nodes)
         search.update(X, _AROUND * nodes.size)
         near = search.candidates
-        # One segment of each facet, in the order of their numbers.
+        # First segment of each facet, ascending.
         first = np.sort(np.unique(near.wholes, axis=0, return_index=True)[1])
         around = first[(near.wholes[first] < space.size_local).any(axis=1)]
         facets, there = near.wholes[around], near.scatter.forward(self._X)

@@ -1,8 +1,8 @@
 """Whole facets in mortar contact; a facet of degree 2 consists of several segments.
 
-Node-to-segment contact knows segments only. Mortar contact integrates over facets with all their
-nodes, in the order of Basix: vertices, middles of edges, middle. Multipliers belong to vertices,
-and act on fields that are linear on the facet.
+Node-to-segment contact uses segments. Mortar contact integrates over facets with all their nodes,
+in the order of Basix: vertices, midpoints of edges, midpoint. Multipliers belong to vertices, and
+are conjugate to fields that are linear on the facet.
 """
 
 from functools import cache
@@ -23,7 +23,7 @@ def whole_facets(segments: Ints, degree: int) -> Ints:
 
     Args:
         segments: Vertices of the segments, facet by facet, see `Surface`, shape ``(s, k)``.
-        degree: Of the displacement.
+        degree: Degree of the displacement.
 
     Returns:
         Shape ``(s, n)``; the segments themselves at degree 1.
@@ -32,7 +32,8 @@ def whole_facets(segments: Ints, degree: int) -> Ints:
         return segments
     k = segments.shape[1]
     parts = 2 if k == 2 else 4
-    # Pieces at the vertices come first: node j of piece i lies between vertices i and j.
+    # Sub-triangles at the vertices come first: node j of sub-triangle i is between vertices i and
+    # j.
     corners = segments.reshape(-1, parts, k)[:, :k]
     nodes = [corners[:, i, i] for i in range(k)] + [corners[:, i, j] for i, j in _EDGES[k]]
     if k == 4:
@@ -50,17 +51,17 @@ def linear_functions(k: int) -> Floats:
 
 
 class Hats:
-    """Hat functions: fields on facets of degree 2 that are linear, given by vertex values.
+    """Fields on facets of degree 2 that are linear, given by vertex values (hat functions).
 
     Args:
-        scatter: Map of the nodes, which has all of each facet around an owned node.
+        scatter: Map that contains all nodes of the facets around owned nodes.
         facets: Nodes of the facets, shape ``(f, n)``.
         k: Vertices of a facet.
     """
 
     def __init__(self, scatter: NodalScatter, facets: Ints, k: int) -> None:
         self._scatter = scatter
-        # A node that is on no facet, or is a vertex, keeps its value.
+        # Vertices, and nodes that are on no facet, keep their value.
         self.parents = np.repeat(np.arange(scatter.num_local, dtype=np.int32)[:, None], k, axis=1)
         self.weights = np.zeros((scatter.num_local, k))
         self.weights[:, 0] = 1
@@ -75,9 +76,9 @@ class Hats:
         return field
 
     def gather(self, forces: Floats) -> Floats:
-        """Sum forces at the owned nodes, ``(n, 3)``, to conjugate vertex forces. Collective.
+        """Vertex forces conjugate to linear fields, from nodal forces, ``(n, 3)``. Collective.
 
-        Returns those at vertices; there are none at others.
+        The result is 0 at mid-nodes.
         """
         n, total = len(forces), np.zeros_like(forces)
         parts = self.weights[:n, :, None] * forces[:, None]

@@ -15,7 +15,7 @@ from dolfinx_nts.parallel.communication import joined
 
 __all__ = ["Insides"]
 
-# Signs that turn the least coordinates and the negative greatest ones into an extent.
+# Signs by which the sum of smallest coordinates and negative largest coordinates is an extent.
 _SIGNS = np.array([[[1.0]], [[-1.0]]])
 
 
@@ -61,15 +61,15 @@ class Insides:
         return float(np.linalg.norm(self._boxes[1, number] - self._boxes[0, number]))
 
     def displacements(self, x: Floats, before: Floats) -> Floats:
-        """Extremes of the displacements of nodes between two states. Collective.
+        """Smallest and largest displacements of nodes between two states. Collective.
 
         Args:
             x: Positions of the local nodes, shape ``(l, 3)`` [m].
             before: Earlier positions, shape ``(l, 3)`` [m].
 
         Returns:
-            Least components of the displacements of the nodes of each boundary, and the negative
-            of the greatest, shape ``(2, g, 3)`` [m].
+            Smallest components of the displacements of the nodes of each boundary, and negative
+            largest components, shape ``(2, g, 3)`` [m].
         """
         if self._height:
             x, before = self._in_space(x), self._in_space(before)
@@ -112,7 +112,7 @@ class Insides:
             return np.zeros(len(points))
         count, at_an_edge = crossings
         inside = (count > 0) & deep
-        # Rays that hit an edge are ambiguous, which is frequent for points on the boundary only.
+        # Rays that hit an edge are ambiguous, which is only frequent for points on the boundary.
         unsure = np.flatnonzero((at_an_edge > 0) & deep).astype(np.int32)
         if len(unsure):
             winding = self._kernels.winding(points[unsure], where[unsure])
@@ -163,7 +163,8 @@ class Insides:
     def points_on(self, paths: Floats, where: Ints, number: Ints) -> tuple[Floats, Ints]:
         """Midpoints of the parts of straight paths that may be inside. Collective.
 
-        Boundaries cut straight paths into parts. Most cuts show which side is inside.
+        Boundaries divide straight paths into parts. The normal at most intersections shows which
+        part is inside.
 
         Args:
             paths: Start and end of each path, the same on all ranks, shape ``(w, 6)`` [m].

@@ -32,9 +32,10 @@ __all__ = ["Overlap", "OverlapSearch"]
 
 # Depth relative to the size of a facet [-] that counts as touching.
 _TOUCHING = 1e-6
-# Radius of the circle through the vertices of a facet relative to its diameter [-], of equal sides.
+# Radius of the circle through the vertices of an equilateral facet relative to its diameter [-].
 _HALF_FACET = 0.6
-# Number of parts of the edges of facets between points of which round obstacles are looked for [-].
+# Number of parts of each edge of a facet in the grid of points that are checked against round
+# obstacles [-].
 _PARTS = 4
 
 
@@ -283,7 +284,7 @@ class OverlapSearch:
         return centres[is_in]
 
     def _with_obstacles(self, x: Floats, t: float, touching: Floats) -> tuple[list[Overlap], float]:
-        """Overlaps with obstacles at the time t [s], and the least distance from one [m]."""
+        """Overlaps with obstacles at the time t [s], and least distance from an obstacle [m]."""
         if not self._obstacles:
             return [], np.inf
         shape = len(self._obstacles), len(self._boundaries)
@@ -307,7 +308,7 @@ class OverlapSearch:
             if depths[0] < (1 - _TOUCHING) * depths[1]:
                 names, depths = names[::-1], depths[::-1]
             overlaps.append(Overlap(names, *depths, nodes, int(cells), boundary.size))
-        # A round obstacle may be nearer to the middle of a facet than to its nodes.
+        # A round obstacle may penetrate the middle of a facet deeper than its nodes.
         radius = np.array([[o.least_radius] for o in self._obstacles])
         is_round, size = np.isfinite(radius), _HALF_FACET * self._sizes
         radius = np.where(is_round, radius, 0.0)
@@ -318,7 +319,7 @@ class OverlapSearch:
     def _obstacles_within(
         self, seen: Sequence[Floats], t: float, touching: Floats
     ) -> tuple[Floats, Ints]:
-        """Greatest depths of points of obstacles in bodies, and numbers of vertices inside.
+        """Largest depths of points of obstacles in bodies, and numbers of vertices inside.
 
         Points are the vertices of facets, and those of round surfaces nearest to facets of bodies.
         Collective, after `Insides.move`; ``seen`` are positions in the frame of each obstacle,
@@ -363,7 +364,7 @@ def _on_facets(obstacle: Obstacle, x: Floats, boundary: ClosedBoundary) -> Float
 
 
 def _names(obstacles: Sequence[Obstacle]) -> list[str]:
-    """Names of obstacles or their classes, with a number where there are several."""
+    """Names of obstacles or their classes, with a number if there are several of a name."""
     kinds = [obstacle.name.removeprefix("a ").removeprefix("moving ") for obstacle in obstacles]
     return [
         kind if kinds.count(kind) == 1 else f"{kind} {kinds[: i + 1].count(kind)}"
@@ -373,6 +374,6 @@ def _names(obstacles: Sequence[Obstacle]) -> list[str]:
 
 def _centres(x: Floats, cells: Ints) -> Floats:
     """Centres of the nodes of cells, shape ``(c, 3)`` [m]."""
-    # Node by node, which is faster than gathering all nodes together.
+    # Summed node by node, which is faster than a mean of gathered positions.
     centres: Floats = sum(x.take(nodes, axis=0) for nodes in cells.T) / cells.shape[1]
     return centres

@@ -88,8 +88,8 @@ def _depth(insides: Insides, number: int, points: Floats, frames: Floats, size: 
     parts = []
     for i, sign in product(range(3), (1.0, -1.0)):
         paths = np.hstack([points, points + sign * longest * frames[:, i]])
-        # Outward rays first leave the own facet, or two facets in contact. Lateral rays may leave
-        # the own part at a nearby edge.
+        # The first exits of outward rays are the facet of the point, or two facets in contact.
+        # Lateral rays may leave the same part of the body at a nearby edge.
         is_outward, is_aside = i == 0 and sign < 0, i > 0
         least = 2 * _ASIDE * size / longest if is_aside else 0.0
         parts.append(insides.exit_fractions(paths, _all(number, paths), int(is_outward), least))

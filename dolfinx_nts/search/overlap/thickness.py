@@ -14,8 +14,8 @@ __all__ = ["least_thickness"]
 
 # Depth of the start of a ray below its triangle, relative to the triangle [-].
 _BELOW = 1e-6
-# Length of the first rays relative to the largest triangle, and of further ones relative to those
-# before [-].
+# Length of the first rays relative to the largest triangle, and growth of the length of further
+# rays [-].
 _FIRST_REACH, _LONGER = 4.0, 4.0
 
 
@@ -44,7 +44,7 @@ def least_thickness(comm: MPI.Comm, triangles: Floats) -> float:
     rows = np.arange(3 * len(triangles), dtype=np.int32)
     surface = _kernels.Boundaries([rows], [rows.reshape(-1, 3)])
     surface.move(triangles.reshape(-1, 3))
-    # Only the shortest ray counts, so that the others need not reach through all bodies.
+    # Only the shortest ray is needed; rays are lengthened until one of them leaves the body.
     widest = float(reductions.largest(comm, float(area.max(initial=0.0))))
     reach = min(_FIRST_REACH * widest**0.5, longest) or longest
     while True:

@@ -1,4 +1,4 @@
-"""Facets of a rank and their neighbours in the reference configuration."""
+"""Facets of a rank, and their neighbours, in the reference configuration."""
 
 from typing import Any, NamedTuple
 

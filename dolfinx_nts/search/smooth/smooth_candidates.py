@@ -14,8 +14,8 @@ from dolfinx_nts.search.smooth.smooth_patches import flat_patch
 
 __all__ = ["SmoothCandidates", "weights_of_pairs"]
 
-# Largest distance from the centre of a patch in its coordinates [-] at which it is used: up to half
-# a patch beyond its edges.
+# Largest distance from the centre of a patch, in its coordinates [-], at which the patch is used:
+# half a patch beyond its edges.
 _OUTSIDE = 1.0
 
 

@@ -61,13 +61,13 @@ class SmoothPatches:
 
     @cached_property
     def rise(self) -> Floats:
-        """Nodal weights of the vector from the mean of each facet to the mean of its patch.
+        """Weights of nodes in the vector from the mean of each facet to the mean of its patch.
 
         Shape ``(s, m)``; means are over the undeformed facet.
         """
         k, c = self._X.shape[1], self.weights.shape[1]
         cell = {2: "interval", 3: "triangle", 4: "quadrilateral"}[k]
-        # Patches on quadrilaterals have degree 4 at most, areas degree 1.
+        # Degree of patches on quadrilaterals, at most 4, plus degree 1 of the area.
         xi, weight = basix.make_quadrature(basix.CellType[cell], 5)
         linear = basix.create_element(basix.ElementFamily.P, basix.CellType[cell], 1)
         phi, *slopes = linear.tabulate(1, xi)[:, :, :, 0]
@@ -103,7 +103,7 @@ def _gathered(comm: MPI.Comm, vertices: Ints, nodes: Ints, weights: Floats) -> t
     nodes = np.column_stack([vertices, nodes.reshape(s, (rows - k) * length)])
     weights = np.column_stack([np.ones(vertices.shape), weights.reshape(s, (rows - k) * length)])
     row = np.concatenate([np.arange(k), np.repeat(np.arange(k, rows), length)])
-    # Vertices first, then other nodes by their numbers.
+    # Vertices come first, then other nodes by their numbers.
     rank = nodes.copy()
     for vertex in range(k):
         rank[nodes == vertices[:, [vertex]]] = vertex - k

@@ -15,7 +15,7 @@ from dolfinx_nts.search.smooth.smooth_candidates import SmoothCandidates
 
 __all__ = ["SphereCandidates", "SphereSlip"]
 
-# Least cosine of the angle between the carried normal and that at the node [-].
+# Least cosine of the angle between the normal carried with the sphere and that at the node [-].
 _SIDEWAYS = 1e-6
 
 
@@ -52,7 +52,7 @@ class SphereSlip(Slip):
         return end
 
     def tangent(self, t: Floats) -> Floats:
-        """Derivative of t . force by the coordinates, see `Slip.tangent`."""
+        """Derivative of t . force with respect to the coordinates, see `Slip.tangent`."""
         if not self._is_at_end:
             return super().tangent(t)
         s, c, force = self._s, self._c[:, None], self._contact.force
@@ -78,12 +78,11 @@ class SphereSlip(Slip):
 class SphereCandidates(SmoothCandidates):
     r"""Facets of a sphere near the points of this rank.
 
-    Facets only serve to find nearby points. Gap, force and slip are evaluated on the sphere, whose
-    control points are the centre :math:`c` and points :math:`p_i` that rotate with it, see
+    Facets are only used to find nearby points. Gap, force and slip are evaluated on the sphere,
+    whose control points are the centre :math:`c` and points :math:`p_i` that rotate with it, see
     `SphereFrame`. Normal forces act on the centre. Friction acts on the material point of the
-    contact at t_n, :math:`x_c = c + \nu_i (p_i - c)`, along tangents
-    :math:`e = \tau_i (p_i - c)/R` of the body: the slip is the change of
-    :math:`(x - x_c) \cdot e`, as for facets.
+    contact at t_n, :math:`x_c = c + \nu_i (p_i - c)`, along tangents :math:`e = \tau_i (p_i - c)/R`
+    of the body: the slip is the change of :math:`(x - x_c) \cdot e`, as for facets.
 
     Args:
         found: The facets, with the nodes that define the sphere and their weights.
@@ -92,7 +91,7 @@ class SphereCandidates(SmoothCandidates):
         bulge: Largest distance of the sphere from the facets [m].
     """
 
-    # Not the kernel of facets.
+    # The kernel of facets does not apply to spheres.
     penalty_forces = Candidates.penalty_forces
 
     def __init__(self, found: FoundSegments, k: int, sphere: RigidSphere, bulge: float) -> None:

@@ -77,7 +77,7 @@ class SphereFrame:
 
 
 def _far_apart(X: Floats, number: int) -> Ints:
-    """Indices of points, each farthest from the span of the previous ones, ``(number,)``."""
+    """Indices of points, each the farthest from the span of the previous points, ``(number,)``."""
     chosen, rest = [0], X - X[0]
     while len(chosen) < number:
         chosen.append(int(np.linalg.norm(rest, axis=1).argmax()))
