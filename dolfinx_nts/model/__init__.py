@@ -1,1 +1,1 @@
-"""Declarations of users except contact: bodies, surfaces, obstacles, loads, supports."""
+"""User declarations except contact pairs: bodies, surfaces, obstacles, loads, supports."""

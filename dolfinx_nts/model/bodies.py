@@ -43,7 +43,7 @@ class Body(Declaration):
 
     Attributes:
         V: The space.
-        is_rigid: Whether it does not deform, see `RigidBody`.
+        is_rigid: Whether the body does not deform, see `RigidBody`.
         name: The argument, or the automatic name.
         material: The material.
         cells: Cells of the body that this rank owns, local indices, shape ``(c,)``.
@@ -100,7 +100,7 @@ class Body(Declaration):
         self.name = label(name) or NamedTag.name_of(tag, "body")
         local = cells.find(tag)
         self.cells: Ints = local[local < V.mesh.topology.index_map(tdim).size_local]
-        # This rank may own a node of the body although it has no cell of it.
+        # This rank may own a node of the body without having one of its cells.
         self.nodes: Ints = nodes_on_any_rank(V, V.dofmap.list[local])
 
     def __repr__(self) -> str:
@@ -116,9 +116,9 @@ def bulk_form(
 ) -> ufl.Form:
     """Integrate over all bodies, with one integral per material and quadrature. Collective.
 
-    The integrand is a sum of terms with the stress, the energy or the density. It is evaluated
-    once for each quadrature of a material, where parameters or density of the other quadratures
-    are set to zero.
+    The integrand is a sum of terms with the stress, the energy or the density. It is evaluated once
+    for each quadrature rule of a material, with zero parameters or density in the terms of the
+    other rules.
 
     Args:
         bodies: Bodies of one space.
@@ -140,7 +140,7 @@ def bulk_form(
             name: fem.Constant(mesh, value) for name, value in material.parameters.items()
         }
         density = fem.Constant(mesh, material.rho)
-        # Degree of the quadrature, material, omitted parameters, density.
+        # Quadrature degree, material, names of parameters set to zero, and density.
         most, volumetric = parts(material, element.locks)
         rules: list[tuple[int, Hyperelastic, Iterable[str], Any]] = [
             (full, *most, density if mass == full else 0.0)
@@ -158,7 +158,7 @@ def bulk_form(
                 if degree == 1:
                     value = with_mean_gradients(value, bodies[0].V)
                 terms.append((over_circumference(value, mesh), np.sort(cells), degree))
-    if not terms:  # such as the strain energy of rigid bodies
+    if not terms:  # zero, such as the strain energy of rigid bodies
         terms.append((fem.Constant(mesh, 0.0), np.empty(0, dtype=np.int32), 0))
     # Each term has its own subdomain, even for the same cells: FFCx 0.9 computes functionals with
     # two quadratures in one subdomain wrongly.

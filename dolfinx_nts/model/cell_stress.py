@@ -64,7 +64,7 @@ class CellStress:
 
         @cache
         def of(material: Hyperelastic) -> fem.Expression:
-            # Constants, since numbers would become part of the compiled code.
+            # Constants, since numbers would be compiled into the code.
             parameters = {k: fem.Constant(self._mesh, v) for k, v in material.parameters.items()}
             C = F.T * F
             J = ufl.det(F) * material.thickness_stretch(C, **parameters)

@@ -55,7 +55,7 @@ class ClosedBoundary:
             ``(t, 3)``. A quadrilateral gives two triangles. In the plane edges, ``(t, 2)``.
         edges: Vertices of the edges of segments, shape ``(e, 2)``.
         cells: Nodes of the cells of the bodies, shape ``(c, k)``.
-        size: Longest diameter of a segment on any rank in the reference configuration [m].
+        size: Longest diameter of a segment of any rank in the reference configuration [m].
     """
 
     bodies: tuple[Body, ...]
@@ -126,9 +126,9 @@ def outward_triangles(segments: Ints, orientation: Floats) -> Ints:
 
 
 def triangles_at(comm: MPI.Comm, x: Floats, triangles: Ints) -> Floats:
-    """Positions of triangles, in the plane of the extruded edges. Collective.
+    """Positions of triangles; in the plane, of those of the extruded edges. Collective.
 
-    The height is so large that the ends do not affect rays and solid angles. It is the
+    The extrusion is so high that its ends do not affect rays and solid angles. The height is the
     same on all ranks.
 
     Args:
@@ -153,7 +153,7 @@ def wall_height(comm: MPI.Comm, x: Floats) -> float:
 
 
 def raised(x: Floats, height: float) -> Floats:
-    """Positions ``(l, 3)`` shifted by ``height`` down, then up: ``(2 l, 3)`` [m]. Local."""
+    """Positions ``(l, 3)`` shifted by -height, then by +height along z: ``(2 l, 3)`` [m]. Local."""
     up = np.array([0.0, 0.0, height])
     return np.concatenate([x - up, x + up])
 

@@ -31,7 +31,7 @@ def connected(bodies: Sequence[Body]) -> list[list[Body]]:
         bodies: Bodies of one space.
 
     Returns:
-        The groups, which together have all the bodies.
+        The groups; each body is in one of them.
     """
     index_map = bodies[0].V.dofmap.index_map
     last = np.full(index_map.size_local, -1)  # last body of each owned node
@@ -50,8 +50,8 @@ def connected(bodies: Sequence[Body]) -> list[list[Body]]:
 def log_shared_nodes(bodies: Sequence[Body]) -> None:
     """Log bodies that share nodes, and warn if they share no facets. Collective.
 
-    Bodies joined by facets are parts of one body, such as layers of two materials. Nodes shared
-    along a line or at a point are mostly a mistake in the mesh.
+    Bodies that share facets are parts of one body, such as layers of two materials. Nodes shared
+    only along a line or at a point are mostly a mistake in the mesh.
 
     Args:
         bodies: Bodies of one space.
@@ -62,7 +62,7 @@ def log_shared_nodes(bodies: Sequence[Body]) -> None:
     for body in bodies:
         count[body.nodes] += 1
     shared = np.flatnonzero(count > 1)
-    belongs: Ints = np.zeros((len(shared) + 1, len(bodies)), dtype=np.int32)  # a last row of zeros
+    belongs: Ints = np.zeros((len(shared) + 1, len(bodies)), dtype=np.int32)  # and a row of zeros
     place = np.full(len(count), len(shared))
     place[shared] = np.arange(len(shared))
     for i, body in enumerate(bodies):

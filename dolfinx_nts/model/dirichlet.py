@@ -24,7 +24,7 @@ __all__ = ["Supports"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Relative difference of two displacements of one dof [-] that counts as round-off.
+# Relative difference of two prescribed displacements of one dof [-] that counts as round-off.
 _ROUND_OFF = 1e-12
 
 
@@ -65,7 +65,7 @@ class Supports:
         self._u, self._X = fem.Function(V), reference_positions(V)
         self._comm: MPI.Comm = V.mesh.comm
         self._dim = dimension(V)
-        # DOLFINx 0.9 also returns a number of owned dofs, which is wrong for blocks.
+        # The number of owned dofs that DOLFINx 0.9 also returns is wrong for blocked spaces.
         size = self._dim * V.dofmap.index_map.size_local
         each = [dofs[dofs < size] for dofs in (bc.dof_indices()[0] for bc in self.conditions)]
         owned = np.concatenate([np.empty(0, dtype=np.int32), *each])
@@ -148,7 +148,7 @@ class Supports:
             du: Displacements of the fixed dofs in the step, shape ``(f,)`` [m].
 
         Returns:
-            The reaction of each given condition, in their order.
+            The reactions of the given conditions, in their order.
         """
         d, V = self._dim, self._V
         vectors = np.zeros((len(force), 3))
@@ -174,7 +174,7 @@ class Supports:
         if self.conditions:
             for bc in self.conditions:
                 bc.set(applied)
-            # The user may have located owned dofs only, so ghosts need an update.
+            # Ghosts are updated, as the user may have located owned dofs only.
             self._u.x.array[:] = applied
             self._u.x.scatter_forward()
             applied[:] = self._u.x.array

@@ -24,18 +24,19 @@ __all__ = ["Extrapolation", "extrapolate", "group_of_nodes"]
 
 # Depth of the neighbours below the surface [cells].
 _LAYERS = 2
-# Numbers of neighbours in a least-squares fit [-]: more if the nearest ones lie in one layer.
+# Numbers of neighbours in a least-squares fit [-], tried in turn: the nearest ones may lie in one
+# layer.
 _FITTED = (12, 20, 40)
-# Sum of absolute weights [-] up to which a fit is good, and up to which it is accepted. It is 3 if
-# the two nodes on a line have equal distances.
+# Sum of absolute weights [-] up to which a fit is used at once, and up to which it is accepted. It
+# is 3 with two equidistant nodes on a line.
 _GOOD, _MOST = 4.0, 10.0
 # Sine of an angle, and relative difference of distances [-], that count as round-off.
 _ROUND_OFF = 1e-10
 # Largest extrapolation along a line, relative to the distance of its two nodes [-].
 _FARTHEST = 2.0
-# Relative error of an affine field [-] from which on a fit is rejected.
+# Relative error for affine fields [-] above which a fit is rejected.
 _ERROR = 1e-8
-# Number of distances that are computed together [-], to save memory.
+# Number of distances that are computed at a time [-], to save memory.
 _CHUNK = 2_000_000
 
 
@@ -44,7 +45,7 @@ class Extrapolation(NamedTuple):
 
     Attributes:
         node: Owned surface nodes, sorted, shape ``(m,)``.
-        start: Start of each row, and the end, shape ``(m + 1,)``.
+        start: Offsets of the rows, shape ``(m + 1,)``.
         column: Global numbers of the other nodes, shape ``(b,)``.
         weight: Their weights, shape ``(b,)`` [-].
     """
@@ -128,7 +129,7 @@ def extrapolate(bodies: Sequence[Body], nodes: Ints) -> Extrapolation:
 
 
 def _neighbours(bodies: Sequence[Body], nodes: Ints, group: Ints) -> _Neighbours:
-    """Nodes within `_LAYERS` cells of the given ones, without these, from all ranks. Collective."""
+    """Nodes of all ranks within `_LAYERS` cells of the given nodes, without these. Collective."""
     V = bodies[0].V
     index_map = V.dofmap.index_map
     n, marker = index_map.size_local, la.vector(index_map)
@@ -146,7 +147,7 @@ def _neighbours(bodies: Sequence[Body], nodes: Ints, group: Ints) -> _Neighbours
 
 
 def _share(marker: la.Vector) -> None:
-    """Combine the marks of all ranks. Collective."""
+    """Combine the flags of all ranks at shared nodes. Collective."""
     marker.scatter_reverse(la.InsertMode.add)
     marker.scatter_forward()
 
@@ -157,7 +158,7 @@ def _row(x: Floats, distance: Floats, below: _Neighbours) -> tuple[Ints, Floats]
     if not num_looked_at:
         return None
     near = np.argpartition(distance, num_looked_at - 1)[:num_looked_at].astype(np.int32)
-    # Node numbers order equal distances.
+    # At equal distances the order is by node number.
     length = np.round(distance[near] / distance[near].min() / _ROUND_OFF) * _ROUND_OFF
     near = near[np.lexsort((below.id[near], length))]
     offset = below.X[near] - x

@@ -15,7 +15,7 @@ from dolfinx_nts.parallel import reductions
 
 __all__ = ["FacetSegments", "facet_segments"]
 
-# Distance of the centre of a cell from a facet relative to the height of the cell [-].
+# Distance of the centre of a cell from one of its facets, relative to the cell height [-].
 _CENTRE = {"tetrahedron": 1 / 4, "triangle": 1 / 3, "hexahedron": 1 / 2, "quadrilateral": 1 / 2}
 
 
@@ -55,7 +55,7 @@ def facet_segments(V: fem.FunctionSpace, facets: MeshTags, tag: int) -> FacetSeg
     tdim = mesh.topology.dim
     to_facet = mesh.topology.connectivity(tdim, tdim - 1)
     number = to_facet.array.reshape(-1, len(element.sides))[cells] == local[:, None]
-    # Nodes of each segment, and of the part of its cell behind it.
+    # Vertices of each segment, and of the sub-cell behind it.
     on_facet, behind = (
         V.dofmap.list[cells][
             np.arange(len(local))[:, None, None], np.array(nodes)[number.argmax(axis=1)]
@@ -69,7 +69,7 @@ def facet_segments(V: fem.FunctionSpace, facets: MeshTags, tag: int) -> FacetSeg
     if not reductions.anywhere(mesh.comm, bool(is_surface.any())):
         raise ValueError(f"expected facets of a surface, given tag {tag} on the axis only")
     vertices, outward = vertices[is_surface], outward[is_surface]
-    # The mean normal, since a corner normal does not exist if an edge has no length.
+    # The mean normal is used, as a corner normal does not exist if an edge has zero length.
     normal = area_vectors(X[vertices], np.ones(len(vertices)))
     height = np.einsum("si,si->s", normal, outward)
     length = np.linalg.norm(normal, axis=1)

@@ -24,8 +24,8 @@ from dolfinx_nts.model.kinematics import ContactKinematics, Slip
 
 __all__ = ["Frame", "MovingFrame", "Placement", "TurnedSlip", "rotation_by"]
 
-# Rotation [rad] for which the path of a fixed point is nearly straight in a rotating frame: it is
-# off the chord by 2e-4 of the distance from the axis. Smaller values cost time.
+# Rotation [rad] up to which the path of a fixed point in a rotating frame is replaced by its chord.
+# The error is 2e-4 of the distance from the axis. Smaller: more time.
 _STRAIGHT = np.radians(2.5)
 
 
@@ -54,7 +54,7 @@ class Placement(NamedTuple):
 
 
 class Frame:
-    """Space as the frame of a step, for segments at rest or with unknowns. Local.
+    """Identity frame of a step, for obstacles at rest and deformable surfaces. Local.
 
     In the methods ``x`` are positions in space and ``X`` positions in the frame, both of shape
     ``(..., 3)`` [m]; ``x_n`` and ``X_n`` are positions at t_n.
@@ -91,7 +91,7 @@ class Frame:
         return np.zeros_like(X), np.zeros(3)
 
     def displacement_from(self, end: Placement, x: Floats) -> Floats:
-        """Displacements, to first order, of points of the frame that were at x at ``end``."""
+        """Displacements, to first order, of points fixed in the frame that were at x at ``end``."""
         return np.zeros_like(x)
 
     def at_start(self, x_n: Floats) -> Floats:
@@ -126,11 +126,11 @@ class Frame:
         return X - X_n
 
     def carried(self, X_n: Floats, X: Floats) -> Floats:
-        """Displacement in space of the points of the frame midway between X_n and X."""
+        """Displacement in space of points fixed in the frame midway between X_n and X."""
         return np.zeros_like(X)
 
     def displacement(self, x: Floats) -> Floats:
-        """Displacement in the step of points of the frame that are now at x, ``(...)`` [m]."""
+        """Displacement in the step of points fixed in the frame that are at x at its end [m]."""
         return np.zeros(x.shape[:-1])
 
     def turned(self, scheme: str, contact: ContactKinematics) -> ContactKinematics:
@@ -138,7 +138,7 @@ class Frame:
 
         Args:
             scheme: Kernel of the contact force, see `Candidates.contact`.
-            contact: Kinematics of pairs whose nodes all have unknowns.
+            contact: Kinematics of pairs, all of whose nodes have unknowns.
         """
         return contact
 
@@ -173,7 +173,7 @@ class MovingFrame(Frame):
         self._remaining = (1 - part) * shift, (1 - part) * turn
         self._mean: Floats = (start.rotation + end.rotation) / 2
         turned = end.rotation @ start.rotation.T
-        # Finite for half a turn, too.
+        # Finite also for half a turn.
         self.turn = 4 * _axial(turned) / max(1 + np.trace(turned), np.finfo(float).eps)
         self._shift: Floats = end.centre - start.centre
         self.centre = (start.centre + end.centre) / 2
@@ -289,7 +289,7 @@ class TurnedSlip(Slip):
         """Average the slip in the frame.
 
         Args:
-            average: Returns the averaged slip of a slip and of tangents at t_n.
+            average: Function of a slip and tangents at t_n that returns the averaged slip.
             tangents_n: Tangents at t_n in space, shape ``(m, 2, 3)``.
         """
         slip = average(self._slip, tangents_n @ self._start)
@@ -311,7 +311,7 @@ def _of_all(rotation: Floats, force: Floats) -> Floats:
 
 
 def _axial(turn: Floats) -> Floats:
-    """Axis of a rotation times the sine of its angle."""
+    """Axis of a rotation matrix times the sine of its angle, shape ``(3,)``."""
     twice = (turn - turn.T)[[2, 0, 1], [1, 2, 0]]
     return twice / 2
 

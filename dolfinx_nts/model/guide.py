@@ -14,7 +14,7 @@ __all__ = ["Guide"]
 
 
 class Guide(Declaration):
-    r"""Guide of a rigid body: free in some directions, prescribed in the others. Local.
+    r"""Guide of a rigid body: free in some directions, prescribed in all others. Local.
 
     The body slides along and rotates about the given directions, which are fixed in space. All
     other motions are zero or prescribed by ``motion``: the displacement of the guided point in the
@@ -34,7 +34,7 @@ class Guide(Declaration):
 
     Raises:
         TypeError: ``motion`` is no Motion, or ``name`` no text.
-        ValueError: Axes are no letters or directions as described, or both ``turns`` and
+        ValueError: Axes are not letters or directions as described, or both ``turns`` and
             ``motion`` have a rotation.
 
     Example:
@@ -78,14 +78,14 @@ class Guide(Declaration):
         }
 
     def __repr__(self) -> str:
-        """Call that creates an equal guide. Local."""
+        """Constructor call of an equal guide. Local."""
         return as_call(self, **self._given, **({"name": self.name} if self.name else {}))
 
     def check(self, dim: int) -> None:
         """Check axes, point and motion for a space dimension.
 
         Raises:
-            ValueError: They do not fit the dimension.
+            ValueError: Axes, point or motion do not fit the dimension.
         """
         if self.point is not None:
             vector("the point of a guide", self.point, dim)
@@ -100,7 +100,7 @@ class Guide(Declaration):
         """Check that the guide only allows motion along the axis y of an axisymmetric mesh.
 
         Raises:
-            ValueError: It slides across the axis, or rotates.
+            ValueError: The guide allows sliding across the axis, or rotation.
         """
         if np.any(self._slides[:, ::2]) or len(self._turns) or self.motion.turns:
             raise ValueError(

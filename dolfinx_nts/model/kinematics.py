@@ -38,7 +38,7 @@ class ContactKinematics(NamedTuple):
     turn: Floats
 
     def combined(self, weights: Floats) -> "ContactKinematics":
-        """Kinematics for other nodes, of which the nodes of the pairs are linear combinations.
+        """Kinematics in other nodes, of which the nodes of the pairs are linear combinations.
 
         Args:
             weights: Weight of each of j other nodes in each of k nodes, shape ``(m, k, j)``.
@@ -49,7 +49,7 @@ class ContactKinematics(NamedTuple):
             (to_nodes @ values.reshape(m, k, 3)).reshape(m, 3 * j)
             for values in (self.force, self.gradient)
         )
-        # Rows, then columns as rows of the transposed matrix.
+        # The weights are applied to rows, then to rows of the transposed matrix.
         tangent = self.tangent
         for d in (k, j):
             tangent = (to_nodes @ tangent.reshape(m, k, 9 * d)).reshape(m, 3 * j, 3 * d)
@@ -73,7 +73,7 @@ class Slip:
         value, force, gradient, second, frame_n, frame, orientation: The arguments.
     """
 
-    # Derivative of the force relative to the second derivative of the slip [-].
+    # Ratio of the derivative of the force to the second derivative of the slip [-].
     _share = 0.5
 
     def __init__(
@@ -90,7 +90,7 @@ class Slip:
         self.frame_n, self.frame = frame_n, frame
         self.orientation = orientation
 
-    # Cached: only few evaluations need the normals, which cost more than the kernel.
+    # Computed on demand: few evaluations need the normals, which take longer than the kernel.
     @cached_property
     def normal_n(self) -> Floats:
         """Outward unit normals of the frames at t_n, shape ``(m, 3)``, NaN if degenerate."""
@@ -102,7 +102,7 @@ class Slip:
         return _normal(self.frame, self.orientation)
 
     def at_end(self) -> "Slip":
-        """Slip whose force is the gradient at t_{n+1}, for schemes with forces at t_{n+1}."""
+        """Slip with the gradient at t_{n+1} as force, for schemes with forces at t_{n+1}."""
         end = copy.copy(self)
         end.force, end._share = self.gradient, 1.0
         return end
@@ -123,7 +123,7 @@ class Slip:
         return work
 
     def combined(self, weights: Floats) -> "Slip":
-        """Slip for other nodes, of which the nodes of the pairs are linear combinations.
+        """Slip in terms of other nodes, of which the nodes of the pairs are linear combinations.
 
         Args:
             weights: Weight of each of j other nodes in each of k nodes, shape ``(k, j)`` or
@@ -162,7 +162,7 @@ class ConvectiveSlip(Slip):
         return work
 
     def hessian(self, t: Floats) -> Floats:
-        """Twice the derivative of t . force by the coordinates, ``(m, d, d)`` [N/m]."""
+        """Twice the derivative of t . force w.r.t. the coordinates, ``(m, d, d)`` [N/m]."""
         (H,) = self.second
         hessian: Floats = np.einsum("mi,mide->mde", t, H)
         return hessian

@@ -19,8 +19,9 @@ __all__ = ["layers", "nodal_densities", "nodal_moduli"]
 def nodal_moduli(bodies: Sequence[Body], n: int) -> Floats:
     """P-wave moduli at C = 1 of n owned nodes, shape ``(n,)`` [Pa]. Local.
 
-    They are infinite in rigid bodies and where they vanish. Of anisotropic materials the largest
-    along the coordinate axes counts, and of several bodies at a node that of the stiffest one.
+    They are infinite in rigid bodies, and for materials without stiffness. Anisotropic materials
+    have the largest modulus along the coordinate axes, and nodes of several bodies that of the
+    stiffest body.
     """
     moduli: Floats = np.zeros(n)
     for body in bodies:
@@ -32,7 +33,7 @@ def nodal_moduli(bodies: Sequence[Body], n: int) -> Floats:
 
 
 def nodal_densities(bodies: Sequence[Body], n: int) -> Floats:
-    """Reference densities at n owned nodes, of several bodies the largest, ``(n,)``. Local."""
+    """Largest reference density of the bodies at n owned nodes, ``(n,)`` [kg/m^3]. Local."""
     densities: Floats = np.zeros(n)
     for body in bodies:
         nodes = body.nodes[body.nodes < n]
@@ -50,8 +51,8 @@ def layers(surface: Surface, modulus: Floats) -> tuple[Floats, Floats]:
         modulus: P-wave modulus at the owned nodes of the space, see `nodal_moduli`.
 
     Returns:
-        Reference areas of the nodes, positive at any degree, shape ``(m,)`` [m^2], and compression
-        of the layer per pressure, shape ``(m,)`` [m/Pa].
+        Reference areas of the nodes, positive also at degree 2, shape ``(m,)`` [m^2], and
+        compression of the layer per pressure, shape ``(m,)`` [m/Pa].
     """
     V = surface.V
     X, height = reference_positions(V)[surface.segments], surface.thickness / Element.of(V).degree

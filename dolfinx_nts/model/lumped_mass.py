@@ -54,7 +54,7 @@ def nodal_parts(element: Element, x: Floats) -> Floats:
     """
     linear = Element.known(element.cell, 1, element.is_axisymmetric)
     is_curved = x.shape[1] > len(linear.points)
-    # At degree 2 a nodal rule would give nodes on the axis no mass.
+    # At degree 2 a nodal quadrature would assign no mass to nodes on the axis.
     if is_curved or (element.is_axisymmetric and element.degree > 1):
         points, weights, values = _matrix_rule(element)
         volume = _weighted(element if is_curved else linear, points, weights, x)
@@ -66,7 +66,7 @@ def nodal_parts(element: Element, x: Floats) -> Floats:
 
 
 def _weighted(shape: Element, points: Floats, weights: Floats, x: Floats) -> Floats:
-    """Volumes at the quadrature points of cells of a shape, ``(c, q)`` [m^3]."""
+    """Quadrature weights of cells times their volume ratios, ``(c, q)`` [m^3]."""
     values, *slopes = shape.basix.tabulate(1, points)[..., 0]
     det = np.linalg.det(np.einsum("jqv,cvi->cqij", np.array(slopes), x[:, :, : len(slopes)]))
     volumes: Floats = np.abs(det) * weights

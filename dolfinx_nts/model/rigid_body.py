@@ -19,9 +19,9 @@ __all__ = ["RigidBody", "guided"]
 class RigidBody(Body):
     """A body that does not deform, and moves freely or along a guide. Collective.
 
-    Mass, centre of mass and inertia are computed on its mesh. Contact treats its surface like any
-    other. Deformable bodies that share nodes with it are bonded to it. It has six degrees of
-    freedom, in the plane three, and in an axisymmetric mesh one, along the axis.
+    Mass, centre of mass and inertia are computed on its mesh. Contact treats its surface like that
+    of a deformable body. Deformable bodies that share nodes with it are bonded to it. It has six
+    degrees of freedom, in the plane three, and in an axisymmetric mesh one, along the axis.
 
     Args:
         V: Space of the displacement, see `Body`.
@@ -72,7 +72,7 @@ class RigidBody(Body):
         self.guide = guide
 
     def free(self) -> Floats:
-        """Free motions of the body, as combinations of translations and rotations. Local."""
+        """Basis of the free translations and rotations, see `Guide.free`, ``(k, 6)``. Local."""
         if self.guide is not None:
             return self.guide.free(dimension(self.V))
         possible = possible_motions(self.V)
@@ -101,7 +101,7 @@ class RigidBody(Body):
 
 
 def guided(bodies: Iterable[Body]) -> list[RigidBody]:
-    """Rigid bodies with a guide, in the given order. Local."""
+    """Rigid bodies with a guide, in the order of ``bodies``. Local."""
     # `is_rigid` first, which is faster than `isinstance`.
     rigid = (body for body in bodies if body.is_rigid and isinstance(body, RigidBody))
     return [body for body in rigid if body.guide is not None]

@@ -27,10 +27,10 @@ def area_vectors(vertices: Floats, orientation: Floats) -> Floats:
         along: Floats = orientation[:, None] * np.cross(first, [0.0, 0.0, 1.0])
         return along
     second = vertices[:, 2] - vertices[:, 1]
-    # Half the cross product of the diagonals of a quadrilateral, or of two edges of a triangle.
+    # Half the cross product of the diagonals of a quadrilateral or of two edges of a triangle.
     if vertices.shape[1] == 3:
         first, second = vertices[:, 1] - vertices[:, 0], first
-    # `np.cross` takes twice as long.
+    # Written out, as `np.cross` takes twice as long.
     (a, b, c), (d, e, f) = first.T, second.T
     cross = np.column_stack([b * f - c * e, c * d - a * f, a * e - b * d])
     vectors: Floats = orientation[:, None] * cross / 2

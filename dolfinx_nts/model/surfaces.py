@@ -39,16 +39,16 @@ __all__ = ["Smooth", "Surface", "boundary_facets", "facet_size_towards", "sharpe
 
 # Length of an edge relative to the largest segment [-] that counts as zero.
 _NO_LENGTH = 1e-12
-# Part [-] of the force and area of a mid-node that is moved to each adjacent vertex: a uniform
-# pressure has no force at the vertices of triangles of degree 2.
+# Fraction of the force and area of a mid-node [-] that is moved to each adjacent vertex: a uniform
+# pressure has no nodal force at the vertices of triangles of degree 2.
 _TO_END = 1 / 8
 # Least cosine between the normal of a facet and the direction to a body that it faces [-]. Larger:
-# few facets of round bodies count; smaller: the sides of a plate do.
+# few facets of round bodies are included; smaller: the lateral facets of a plate are included.
 _FACING = 0.5
-# Part of these facets that are no larger than the size of the surface [-], and how many of them
-# farther away facets count [-]. Larger: coarse facets next to the contact hide its refinement (at
-# 0.5 a graded block below a punch of the same facets counts as 1.7 times coarser); smaller: single
-# small facets decide.
+# Quantile of the diameters of facing facets [-] that is the size of the surface, and distance, in
+# facets, up to which facets are included [-]. Larger: coarse facets next to the contact hide its
+# refinement (at 0.5 a graded block below a punch with the same facets is 1.7 times coarser);
+# smaller: single small facets determine the size.
 _FINE, _BESIDE = 0.25, 2
 # Largest distance of vertices from the sphere of a surface, relative to the radius [-].
 _ON_SPHERE = 1e-3
@@ -127,7 +127,7 @@ class Surface(Declaration):
         self.name = label(name) or NamedTag.name_of(tag, "surface")
 
         found = facet_segments(V, facets, tag)
-        # All local facets mark nodes, but only owned facets become segments.
+        # Nodes belong to all local facets, segments only to owned facets.
         nodes = nodes_on_any_rank(V, found.vertices)
         self.nodes: Ints = nodes[nodes < V.dofmap.index_map.size_local]
         self.segments: Ints = found.vertices[found.is_owned]
@@ -243,7 +243,7 @@ class Surface(Declaration):
         """Copy of the surface with some of its nodes only. Local.
 
         Args:
-            flags: Whether it has each of the owned nodes, shape ``(n,)``.
+            flags: Flags of the owned nodes that the copy keeps, shape ``(n,)``.
 
         Returns:
             The surface, with the same segments.
@@ -288,7 +288,7 @@ class Surface(Declaration):
         Collective at the first use.
         """
         eta = ufl.TestFunction(self.V)
-        # With its own tag each surface would need a compiled form of its own.
+        # One tag for all surfaces, so that they share one compiled form.
         mesh, dim = self.V.mesh, self.V.mesh.topology.dim - 1
         own = np.sort(self._facets.find(self._tag))
         renamed = meshtags(mesh, dim, own, np.zeros_like(own))
@@ -327,7 +327,7 @@ class Surface(Declaration):
 
     @cached_property
     def _box(self) -> Floats:
-        """Least and largest coordinates in the reference configuration, ``(2, 3)`` [m]."""
+        """Bounding box in the reference configuration, ``(2, 3)`` [m]."""
         x, comm = reference_positions(self.V)[self.segments].reshape(-1, 3), self.V.mesh.comm
         least = reductions.least(comm, x.min(axis=0, initial=np.inf))
         largest = reductions.largest(comm, x.max(axis=0, initial=-np.inf))
@@ -351,7 +351,7 @@ class Surface(Declaration):
 
 
 def _ratios(values: Floats) -> Floats:
-    """Columns of forces divided by the first column, the areas; 0 without area."""
+    """Columns 1, 2, ... divided by column 0, the areas; 0 without area."""
     ratios: Floats = values[:, 1:] / np.where(values[:, :1] > 0, values[:, :1], np.inf)
     return ratios
 
@@ -366,7 +366,7 @@ def sharpest_corner(surface: Surface) -> float:
         The sine in the reference configuration [-], 0 if an edge has no length.
     """
     x = reference_positions(surface.V)[surface.segments]
-    if x.shape[1] == 2:  # no corner within an edge
+    if x.shape[1] == 2:  # edges have no corner
         has_length = diameters(x) > _NO_LENGTH * surface.size
         return float(reductions.everywhere(surface.V.mesh.comm, bool(has_length.all())))
     neighbours = np.array(NEIGHBOURS[surface.segments.shape[1]])
@@ -381,9 +381,10 @@ def sharpest_corner(surface: Surface) -> float:
 def facet_size_towards(surface: Surface, *others: Surface) -> float:
     """Size of the facets of a surface that face others [m]. Collective.
 
-    It is the diameter that a quarter of these facets do not exceed, since surfaces are refined
-    where contact is expected. They face the bounding boxes of the nearest others, at most two
-    facets farther from them than the surface; without any, they are all.
+    It is the lower quartile of the diameters of these facets, since surfaces are refined where
+    contact is expected. Facing facets are opposite the bounding boxes of the nearest other
+    surfaces, at most two facets farther from them than the nearest facet. Without any, all facets
+    are used.
     """
     x = reference_positions(surface.V)[surface.segments]
     comm: MPI.Comm = surface.V.mesh.comm
@@ -434,7 +435,7 @@ def boundary_facets(V: fem.FunctionSpace, predicate: Callable[[Any], Any]) -> In
                     f"expected a boolean for each of {x.shape[1]} positions x of shape {x.shape}, "
                     f"such as x[2] < 0.1, given shape {inside.shape}"
                 )
-            # An empty list has no booleans, on a rank without facets.
+            # On a rank without facets the result may be an empty list of another type.
             if inside.size and inside.dtype != bool:
                 raise TypeError(
                     f"expected a boolean for each position x, such as x[2] < 0.1, given "
@@ -447,7 +448,7 @@ def boundary_facets(V: fem.FunctionSpace, predicate: Callable[[Any], Any]) -> In
 
 
 def _extent(V: fem.FunctionSpace) -> str:
-    """Text with the least and largest coordinates of the nodes. Collective."""
+    """Bounding box of the mesh in words. Collective."""
     X = reference_positions(V)[:, : dimension(V)]
     low = reductions.least(V.mesh.comm, X.min(axis=0, initial=np.inf))
     high = reductions.largest(V.mesh.comm, X.max(axis=0, initial=-np.inf))

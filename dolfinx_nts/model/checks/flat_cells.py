@@ -27,7 +27,7 @@ def check_volumes(bodies: Sequence[Body]) -> None:
     """
     V = bodies[0].V
     mesh, of_space = V.mesh, Element.of(V)
-    # The volume of the plane cell, also in axisymmetric meshes.
+    # In axisymmetric meshes the area of the plane cell is checked.
     element = Element.known(of_space.cell, of_space.degree)
     with agreed(mesh.comm, "check the volumes of cells"):
         for body in bodies:

@@ -38,8 +38,8 @@ class VolumeRatio:
         """Describe the cell with the least det F, if it is inverted. Collective.
 
         Returns:
-            Input number, current position and det F of the cell; empty if no cell is inverted.
-            The same on all ranks.
+            Input number, current position and det F of the cell; "" if no cell is inverted. The
+            same on all ranks.
         """
         mesh, x = self._u.function_space.mesh, self._X + in_space(nodal(self._u))
         worst, cell = _kernels.least_volume_ratio(*self._shapes, x, self._volumes, self._cells)

@@ -10,7 +10,7 @@ __all__ = ["warn_of_locking"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Poisson's ratio [-] from which on tetrahedra and triangles of degree 1 lock severely.
+# Poisson's ratio [-] above which tetrahedra and triangles of degree 1 lock severely.
 _NEARLY_INCOMPRESSIBLE = 0.45 - 1e-9
 # Description of cells of degree 1 that lock, and of cells that do not.
 _LOCKED = {
@@ -22,8 +22,8 @@ _LOCKED = {
 def warn_of_locking(bodies: Sequence[Body]) -> None:
     """Warn of isochoric bodies made of tetrahedra or triangles of degree 1. Local.
 
-    These are nearly incompressible or plastic. Reduced quadrature does not help, since there are
-    more cells, with one constraint each, than nodes.
+    Materials are nearly incompressible or plastic. Reduced quadrature does not help, since there
+    are more cells, with one constraint each, than nodes.
 
     Args:
         bodies: Bodies of one space.

@@ -34,7 +34,7 @@ class BodyForce(LoadOnBody):
 
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
         work = ufl.inner(self._value, ufl.TestFunction(self.V))
-        # Terms with the density use the quadrature of inertia; the factor cancels it.
+        # The factor rho selects the quadrature of inertia; it is divided out again.
         one = fem.Constant(self.V.mesh, self._body.material.rho)
         return bulk_form([self._body], lambda material, parameters, rho: rho / one * work)
 

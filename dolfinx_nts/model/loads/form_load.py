@@ -17,9 +17,9 @@ class FormLoad(Load):
     r"""A load given as a UFL form, such as a spring or a follower force. Collective.
 
     The sign is as on the right-hand side of a DOLFINx problem: ``inner(f, eta) * dx`` is a force
-    along f. ``update`` of the stepper may set functions and constants in the form; it is called
-    for the time of the load, too. The load may act on all bodies. In an axisymmetric mesh the form
-    must include the factor 2 pi x[0].
+    along f. ``update`` of the stepper may set functions and constants in the form; it is also
+    called for the time of the load. The load may act on all bodies. In an axisymmetric mesh the
+    form must include the factor 2 pi x[0].
 
     Args:
         V: Space of the displacement.

@@ -87,7 +87,7 @@ class Load(ABC):
             body: A body in the space of the load.
 
         Returns:
-            The same answer on all ranks.
+            The same value on all ranks.
         """
         return True
 

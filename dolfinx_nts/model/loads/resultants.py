@@ -18,7 +18,7 @@ __all__ = ["Force", "Moment"]
 
 
 class _Resultant(LoadOnBody):
-    """Load on a body, distributed by mass.
+    """Load on a body, distributed in proportion to mass.
 
     Args:
         body: The body.

@@ -11,8 +11,8 @@ from dolfinx_nts.model.obstacles.rims import FACET_EDGES, SHARP
 __all__ = ["AdjacentFacets"]
 
 # Largest difference of the distances of equally near facets, relative to the facet [-]. Smaller
-# than the error of Newton's method (1e-11): round-off would choose one of the facets. Larger: nodes
-# beside an edge would count as above it.
+# than 1e-11, the error of Newton's method: round-off chooses one of the facets. Larger: nodes next
+# to an edge count as above it.
 _EQUAL = 1e-8
 
 
@@ -25,8 +25,8 @@ class AdjacentFacets:
     Args:
         facets: Vertices of each facet in Basix order, shape ``(s, k)``.
         orientation: +1 where a_1 x a_2 points outwards, otherwise -1, shape ``(s,)``.
-        first: Where groups of facets begin, and their number, shape ``(g + 1,)``: facets of
-            different groups are not adjacent, also if they share vertices. None: one group.
+        first: Offsets of groups of facets, shape ``(g + 1,)``. Facets of different groups are not
+            adjacent even if they share vertices. None for one group.
     """
 
     def __init__(self, facets: Ints, orientation: Floats, first: Ints | None = None) -> None:
@@ -55,15 +55,15 @@ class AdjacentFacets:
         return row[near], other[near]
 
     def outside(self, points: Floats, x: Floats, facet: Ints) -> Floats:
-        """Distances of projections from facets, in reference coordinates, ``(m,)`` [-]."""
+        """Distances of projections outside facets in reference coordinates, ``(m,)`` [-]."""
         pairs = _kernels.with_vertices(points, x, self._facets, facet)
         return _outside(_kernels.project(pairs, self._orientation[facet])[0], pairs.shape[1] - 1)
 
     def are_beyond_edges(self, points: Floats, x: Floats, facet: Ints) -> Flags:
         """Whether points are below their facets only beyond a convex edge, ``(m,)``.
 
-        At the edge, of 30 degrees or more, the surface turns away to another facet, above which the
-        points are: they are not inside.
+        At a convex edge of 30 degrees or more the adjacent facet turns away. The points are above
+        it, and thus not inside the body.
         """
         flags: Flags = np.zeros(len(facet), dtype=bool)
         k = self._facets.shape[1]
@@ -98,7 +98,7 @@ class AdjacentFacets:
         return order, np.searchsorted(corners[order], np.arange(corners.max(initial=-1) + 2))
 
     def _around(self, facet: Ints) -> tuple[Ints, Ints]:
-        """Given facets and neighbours, ``(e,)``, and the index of the given facet, ascending."""
+        """Pairs of given facets and neighbours, and ascending indices of the former, ``(e,)``."""
         vertices, width = self._facets[facet], len(self._facets)
         order, begin = self._corners
         first = begin[vertices].ravel()
@@ -126,7 +126,7 @@ def _outside(xi: Floats, num_vertices: int) -> Floats:
 
 
 def _from_edges(pairs: Floats) -> Floats:
-    """Distances of points from the edges of facets, by pairs ``(m, 1 + k, 3)`` [m], ``(m,)``."""
+    """Distances of points from the edges of facets, ``(m,)``, for pairs ``(m, 1 + k, 3)`` [m]."""
     point, vertices = pairs[:, 0], pairs[:, 1:]
     distances = []
     for i, j in FACET_EDGES[vertices.shape[1]]:

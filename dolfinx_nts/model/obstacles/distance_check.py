@@ -1,4 +1,4 @@
-"""Check of the signed distance of an obstacle that a user has written."""
+"""Check of the signed distance of a user-defined obstacle."""
 
 from typing import Any
 
@@ -12,27 +12,27 @@ __all__ = ["check_distance"]
 
 # Number of points at which the distance is compared with the normal [-].
 _NUM_POINTS = 12
-# Shift of these points from nodes, relative to a facet [-]: nodes are often on planes of symmetry,
-# where the distance may have a kink.
+# Shift of the test points from nodes, relative to a facet [-]: nodes are often on planes of
+# symmetry, where the distance may have a kink.
 _SHIFT = 0.05 * np.array([0.31, -0.47, 0.23])
-# Distance of the points from the surface, where the gradient is compared, and step of the
-# differences, relative to a facet [-].
+# Distance from the surface at which the gradient is compared, and step of the differences, relative
+# to a facet [-].
 _NEAR, _STEP = 1e-4, 1e-7
 # Least step relative to the positions [-], for scenes far from the origin.
 _ROUNDING = 1e-12
-# Deviation from that distance, relative to it [-], up to which a point counts.
+# Admissible relative deviation from that distance [-]; other points are left out.
 _CLOSE = 0.1
-# Deviation of the gradient from the normal that counts as wrong [-]: above the curvature at that
-# distance. Deviation of the length of normals, above round-off.
+# Deviation of the gradient from the normal above which it is wrong [-], larger than effects of
+# curvature; and admissible deviation of the length of normals, larger than round-off [-].
 _WRONG, _NOT_UNIT = 1e-2, 1e-6
-# Largest number of iterations to the surface [-]; points that are farther are left out.
+# Largest number of iterations towards the surface [-]; points that do not reach it are left out.
 _MOST_ITERATIONS = 50
 
 
 def check_distance(obstacle: ExactObstacle, x: Floats, size: float) -> None:
     """Compare the distance with the normal by differences near the surface. Local.
 
-    Obstacles of the package are tested and not checked here.
+    Obstacles of the package are not checked here.
 
     Args:
         obstacle: The obstacle.

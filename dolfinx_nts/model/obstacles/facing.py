@@ -1,4 +1,4 @@
-"""Admissible contact directions of points, which touch with the outside of their body only."""
+"""Admissible contact directions of points: on the outer side of their body."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from dolfinx_nts.common.arrays import Floats, Ints
 
 __all__ = ["Facing"]
 
-# Facets of a node without facets, which may touch everything.
+# Arguments for nodes without facets, which may touch all segments.
 _NO_FACETS = _kernels.NodeFacets(
     np.empty((0, 3), dtype=np.int32),
     np.empty(0),

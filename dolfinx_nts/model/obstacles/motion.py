@@ -13,16 +13,17 @@ from dolfinx_nts.model.frames import Frame, MovingFrame, Placement, rotation_by
 
 __all__ = ["Motion", "vector"]
 
-# Largest deviation of a matrix from a rotation [-]: above round-off, below any mistake.
+# Largest deviation of a matrix from a rotation [-]: larger than round-off, and smaller than user
+# errors.
 _ROUND_OFF = 1e-6
 
 
 class Motion(Declaration):
     r"""Prescribed rigid motion of an obstacle, :math:`x = c + d(t) + R(t) (X - c)`. Local.
 
-    X are the declared positions of the obstacle. Translation and rotation must depend on the time
-    alone: every step evaluates them at its start, in its middle and at its end. Several obstacles
-    may share one motion.
+    X are the declared positions of the obstacle. Translation and rotation must only depend on the
+    time: every step evaluates them at its start, middle and end. Several obstacles may share one
+    motion.
 
     Args:
         translation: Function of the time [s] that returns the displacement d of the centre,
@@ -59,7 +60,7 @@ class Motion(Declaration):
         self._centre = vector("centre", self._given, 2 if self._given.shape == (2,) else 3)
 
     def __repr__(self) -> str:
-        """Call that creates an equal motion, with names of functions. Local."""
+        """Constructor call with the names of functions. Local."""
         given = {"translation": self._translation, "rotation": self._rotation}
         return as_call(self, **given, centre=self._given)
 
@@ -134,7 +135,7 @@ def _rotation_about_z(t: float, value: Any) -> Floats:
 
 
 def _rotation(t: float, value: Any) -> Floats:
-    """Rotation matrix of a rotation vector, or the nearest one to a matrix."""
+    """Rotation matrix of a rotation vector, or nearest rotation to a matrix."""
     name = f"a rotation at t = {t:g}"
     given = real_array(name, value)
     if given.shape != (3, 3):

@@ -24,7 +24,7 @@ __all__ = ["Obstacle"]
 
 Self = TypeVar("Self", bound="Obstacle")
 
-# Attributes that an obstacle may set.
+# Reserved attributes that an obstacle may set.
 _SETTABLE = {"dim", "key", "shortest_passage"}
 
 
@@ -54,10 +54,11 @@ class Obstacle(Declaration):
     _label = ""
 
     def __setattr__(self, name: str, value: Any) -> None:
-        """Set an attribute of an obstacle that is being made.
+        """Set an attribute of an obstacle during its construction.
 
         Raises:
-            AttributeError: The obstacle is complete, or obstacles have such a method or property.
+            AttributeError: The obstacle is complete, or the name is that of a method or property of
+                obstacles.
         """
         if name in _RESERVED and not getattr(self, "_is_complete", False):
             raise AttributeError(
@@ -106,15 +107,15 @@ class Obstacle(Declaration):
         return np.empty((0, 3))
 
     def nearest(self, x: Floats) -> Floats:
-        """Points of a round surface nearest to others, ``(m, 3)`` [m]; none if it is flat."""
+        """Points of a round surface nearest to given points, ``(m, 3)`` [m]; none if it is flat."""
         return np.empty((0, 3))
 
     @property
     def least_radius(self) -> float:
         """Least radius of convex curvature [m], infinite for planes.
 
-        Half of the thickness; an obstacle of your own overrides it where its surface has a smaller
-        one, such as c^2/a at the tip of an ellipsoid with semi-axes a > c.
+        By default half of the thickness. A user-defined obstacle overrides it if its surface has a
+        smaller radius, such as c^2/a at the tip of an ellipsoid with semi-axes a > c.
         """
         return 2 * self.shortest_passage
 
@@ -143,7 +144,7 @@ class Obstacle(Declaration):
         return as_call(self, num_facets=len(self.key), **self._named())
 
     def _named(self) -> dict[str, str]:
-        """Text of the argument ``name``, empty if none was given."""
+        """Argument ``name`` for ``repr``, empty if none was given."""
         return {"name": self._label} if self._label else {}
 
     def _call_it(self, name: str) -> None:
@@ -196,7 +197,7 @@ class Obstacle(Declaration):
         """
 
     def unturned(self, x: Floats, turn: Floats) -> Floats | None:
-        """Remove the part of the rotation in a step that leaves the surface unchanged.
+        """Remove the component of the rotation in a step that leaves the surface unchanged.
 
         Args:
             x: Positions at the end of a step, shape ``(m, 3)`` [m].
@@ -255,5 +256,5 @@ class Obstacle(Declaration):
         return np.zeros(len(x), dtype=bool)
 
 
-# Names of methods and properties, which attributes of obstacles of users would hide.
+# Names of methods and properties, which user-defined attributes must not hide.
 _RESERVED = frozenset(name for name in vars(Obstacle) if name[0] != "_") - _SETTABLE

@@ -18,8 +18,8 @@ class RigidCone(RigidPlane):
     Args:
         tip: Tip on the axis, shape ``(2,)``, x = 0 [m].
         half_angle: Angle between the axis and the surface [rad].
-        opens: Direction in which the cone opens along the axis: 1 for up, as the indenter of a
-            body below, or -1 for down.
+        opens: Direction in which the cone opens along the axis: 1 for up, such as an indenter above
+            a body, or -1 for down.
         name: Name in messages, columns and legends; empty for the kind of the obstacle.
 
     Raises:

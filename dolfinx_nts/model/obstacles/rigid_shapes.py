@@ -29,15 +29,17 @@ __all__ = [
     "turned_tangents",
 ]
 
-# Distance of an obstacle from the axis relative to its size [-] that counts as round-off.
+# Distance of the centre of an obstacle from the axis, relative to its size [-], that counts as
+# round-off.
 _ROUND_OFF = 1e-10
 # Step of central differences of normals, relative to the largest coordinate [-]: truncation and
 # round-off are then about 1e-10 of the curvature.
 _DIFFERENCE = 1e-5
-# Displacement, relative to the largest coordinate [-], below which the discrete gradient is the
-# normal at the midpoint: there round-off of the gaps exceeds the error of second order.
+# Displacement, relative to the largest coordinate [-], below which the discrete gradient is
+# replaced by the normal at the midpoint: round-off of the gaps would exceed its error of second
+# order.
 _STILL = 1e-7
-# Largest number of spheres in a path [-]; a path that grazes the surface needs many.
+# Largest number of spheres in sphere tracing [-]; a path that grazes the surface needs many.
 _MOST_SPHERES = 200
 # Length of a path inside, relative to the whole path [-], that counts as zero.
 _SHORTEST = 1e-4
@@ -103,12 +105,13 @@ def turned_tangents(frame_n: Floats, normal_n: Floats, normal: Floats) -> Floats
 class ExactObstacle(Obstacle):
     """Base class of obstacles with an exact surface, given by its signed distance. Local.
 
-    An obstacle of your own is one method, `distance`. Gap, force, slip and trajectories follow from
-    it. The contact force of the energy-momentum scheme is the discrete gradient of Gonzalez (J.
-    Nonlinear Sci. 6, 1996). Set the attribute ``shortest_passage`` to a quarter of the thickness
-    of the obstacle. In the plane, the class attribute ``dim`` is 2; positions and normals keep
-    three components, with z = 0. For axisymmetric meshes, the class attribute ``is_of_revolution``
-    is True, too. Other attributes are arguments in messages and checkpoints.
+    A user-defined obstacle only needs the method `distance`; gap, force, slip and trajectories
+    follow from it. The contact force of the energy-momentum scheme is the discrete gradient of
+    Gonzalez (J. Nonlinear Sci. 6, 1996). Set the attribute ``shortest_passage`` to a quarter of the
+    thickness of the obstacle. In the plane, the class attribute ``dim`` is 2; positions and normals
+    keep three components, with z = 0. For axisymmetric meshes, the class attribute
+    ``is_of_revolution`` is True as well. Other attributes are shown in messages and compared in
+    checkpoints.
 
     Example:
         >>> class Drop(nts.ExactObstacle):
@@ -129,9 +132,9 @@ class ExactObstacle(Obstacle):
 
         Returns:
             Gap, positive outside the obstacle, shape ``(m,)`` [m], and outward unit normal, shape
-            ``(m, 3)``, the gradient of the gap. Far from the surface the gap may be less in
-            magnitude than the distance, but not more, as paths of nodes are followed in steps of
-            its length.
+            ``(m, 3)``, the gradient of the gap. Far from the surface the gap may be smaller in
+            magnitude than the distance, but not larger, as it is the step length along paths of
+            nodes (sphere tracing).
         """
 
     def _declaration(self) -> str:
@@ -230,9 +233,9 @@ class ExactObstacle(Obstacle):
         )
 
     def _part_inside(self, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
-        """Step fractions, ``(m,)``, between which straight paths are inside; equal if never.
+        """Step fractions, ``(m,)``, between which straight paths are inside; equal if outside.
 
-        Sphere tracing: no path reaches the surface before it is as long as the distance.
+        Sphere tracing: a path shorter than the distance does not reach the surface.
         """
         length = np.linalg.norm(x - x_n, axis=1)
         length = np.where(length > 0, length, 1.0)
@@ -371,7 +374,7 @@ class _Round(ExactObstacle):
     def find(
         self, x: Floats, current: Ints, slack: float, reach: float, facing: Facing
     ) -> tuple[Ints, Floats]:
-        # Nodes deeper than half the radius are left out: they could leave on another side.
+        # Nodes deeper than half the radius have no gap: they could leave on another side.
         found, gap = super().find(x, current, slack, reach, facing)
         return np.where(gap < -self.shortest_passage, -1, found).astype(np.int32), gap
 
@@ -391,7 +394,7 @@ class _Round(ExactObstacle):
         square = np.where(square > 0, square, np.inf)
         low, high = (np.clip((-half + side * root) / square, 0.0, 1.0) for side in (-1.0, 1.0))
         if self.is_hollow:
-            # Inside a tube, a straight path between two inner points stays inside.
+            # In a hollow shape, a straight path between two inner points stays inside.
             return high, np.where(high < 1, 1.0, high)
         return low, high
 

@@ -18,8 +18,8 @@ __all__ = ["RigidSurface"]
 
 # Permutation between Basix order and counter-clockwise order of a quadrilateral.
 _AROUND = [0, 1, 3, 2]
-# Product of the normals at two corners relative to the largest square [-] that counts as zero.
-# Larger values accept slightly concave facets.
+# Product of the normals at two corners, relative to the square of the largest normal [-], that
+# counts as zero. Larger values accept slightly concave facets.
 _ROUND_OFF = 1e-10
 
 
@@ -157,7 +157,7 @@ class RigidSurface(Obstacle):
         return Trajectories(*self._segments.follow(*ends, *facing.arguments))
 
     def depth(self, x: Floats) -> Floats:
-        # Only to the depth to which nodes touch: half a facet.
+        # Nodes touch only down to a depth of half a facet.
         none = np.full(len(x), -1, dtype=np.int32)
         reach = float(diameters(self.corners).max(initial=0.0))
         found, gap = self.find(x, none, _kernels.HYSTERESIS, reach, Facing.everywhere(len(x)))
@@ -178,8 +178,8 @@ class RigidSurface(Obstacle):
             x: The points, shape ``(m, 3)`` [m].
 
         Returns:
-            Distances from the planes of entry, shape ``(m,)`` [m]; 0 where a path enters none,
-            negative where the longest part of it behind them ends before the point.
+            Distances from the planes of entry, shape ``(m,)`` [m]; 0 if a path enters no facet,
+            negative if its longest part behind the facets ends before the point.
         """
         chosen = self._facets[facets], self._orientation[facets], self.key[facets]
         none, everywhere = np.full(len(x), -1, dtype=np.int32), Facing.everywhere(len(x))

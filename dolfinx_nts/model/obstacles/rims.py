@@ -7,8 +7,8 @@ from dolfinx_nts.common.arrays import Flags, Floats, Ints
 
 __all__ = ["FACET_EDGES", "SHARP", "is_nearest_a_rim"]
 
-# Cosine of the angle between facets [-] from which on an edge is sharp: 30 degrees, less what
-# round-off may take from the edges of a prism of twelve sides.
+# Cosine of the angle between facets [-] below which an edge is sharp: 30 degrees, with a margin for
+# the round-off of a prism with twelve sides.
 SHARP = np.cos(np.radians(30 - 1e-6))
 # Vertices at the ends of each edge, by the number of vertices of a facet. In the plane a facet has
 # two vertices.

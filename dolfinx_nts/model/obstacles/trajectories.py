@@ -10,10 +10,10 @@ from dolfinx_nts.common.arrays import Flags, Floats, Ints
 
 __all__ = ["Trajectories", "passages"]
 
-# Depth relative to a segment [-] to which a path may cut off a corner of a body.
+# Depth relative to a segment [-] up to which a path may cut a corner of a body without contact.
 _CORNER = 0.1
-# Displacement relative to the size of a segment and to the thickness behind it [-] below which the
-# local search finds a point again.
+# Displacements relative to the size of a segment, and to the thickness behind it [-], up to which
+# the local search still finds a point.
 _SHORT, _THIN = 0.25, 0.5
 
 
@@ -88,7 +88,7 @@ class Trajectories(NamedTuple):
         return longest._replace(begin=begin)
 
     def passes(self, sizes: Floats) -> Flags:
-        """Whether points leave the body on another side, or contact would push them out there.
+        """Whether points leave the body on another side, or would be pushed out there by contact.
 
         Args:
             sizes: Diameters of the segments, shape ``(s,)`` [m].
@@ -97,7 +97,7 @@ class Trajectories(NamedTuple):
             Flags, shape ``(m,)``; false for points that only cut off a corner.
         """
         size = np.append(sizes, np.inf)[self.entered]
-        # Depth of the edge between the planes of entry and exit, in the middle of the path.
+        # Depth at the middle of the path below the edge between the planes of entry and exit.
         depth = (
             self.length
             / 2
