@@ -41,7 +41,7 @@ __all__ = ["Balance", "CellEnergies", "Diagnostics"]
 
 
 class CellEnergies:
-    """Integrates the strain energy and the defect of the stress of a step.
+    """Strain energy, and defect of the stress in a step, of the cells.
 
     The defect is psi(C) - psi(C_n) - P : (F - F_n), with the stress P of the scheme. In viscous
     branches the energy includes the springs, and the defect also the dissipation. Integrals that
@@ -81,7 +81,7 @@ class CellEnergies:
     def total(self) -> Floats:
         """Energy and defect of the cells of this rank, shape ``(2,)`` [J]. Collective at first.
 
-        If the last step has computed the global integrals, the first rank returns them.
+        If the last step has computed the global integrals, rank 0 returns them, all other ranks 0.
         """
         known = self._stepper.cell_energies
         if known is not None:
@@ -136,11 +136,11 @@ class Balance:
         return self.kinetic_energy + self.strain_energy + self.contact_energy
 
     def columns(self) -> dict[str, float]:
-        """All numbers by name, with ``_x``, ``_y``, ``_z`` for components of vectors. Local."""
+        """All quantities by name, with ``_x``, ``_y``, ``_z`` for components of vectors. Local."""
         return flat("", {name: getattr(self, name) for name in _COLUMNS})
 
 
-# The total energy follows its terms.
+# Insert the total energy after its terms.
 _COLUMNS = [field.name for field in fields(Balance)]
 _COLUMNS.insert(_COLUMNS.index("contact_energy") + 1, "total_energy")
 
@@ -217,7 +217,7 @@ class Diagnostics(ContactDiagnostics):
     def body_velocity(self, body: Body) -> Floats:
         """Velocity of the centre of mass of a body, shape ``(3,)``, in the plane ``(2,)`` [m/s].
 
-        Argument and error as for `centre_of_mass`.
+        Arguments and errors as for `centre_of_mass`.
         """
         return resultants(self._bodies.mean(body, in_space(nodal(self.stepper.v))), self._V)
 
@@ -226,14 +226,14 @@ class Diagnostics(ContactDiagnostics):
         return self._bodies.balances()
 
     def balance(self) -> Balance:
-        """All numbers of the current state."""
+        """All quantities of the current state."""
         return self.after_step()[1]
 
     def after_step(self) -> tuple[float, Balance]:
         """Evaluate `bulk_defect` [J] and `balance` in one pass over the cells.
 
         Returns:
-            Both, as the methods of these names do.
+            Results of both methods.
         """
         parts = self._motion(), self._energies.total(), self._of_own_nodes()
         sums = self._sum(np.concatenate(parts))

@@ -59,12 +59,12 @@ class BodyBalance:
     velocity: Floats
 
     def columns(self, prefix: str) -> dict[str, float]:
-        """All numbers by name, with a prefix. Local."""
+        """All quantities by name, with a prefix. Local."""
         return flat(prefix, vars(self))
 
 
 class BodyDiagnostics:
-    """Evaluates numbers of each body. Collective, as are all its methods.
+    """Evaluates the quantities of each body. Collective, as are all its methods.
 
     Kinetic energy and angular momentum of a node that several bodies share are divided in
     proportion to their masses at the node.
@@ -124,7 +124,7 @@ class BodyDiagnostics:
         return mean
 
     def balances(self) -> dict[str, BodyBalance]:
-        """Numbers of all bodies, by name."""
+        """Quantities of all bodies, by name."""
         stepper, n = self._stepper, len(self._stepper.node_ids)
         x, v = stepper.x[:n], in_space(nodal(stepper.v)[:n])
         p = in_space(stepper.nodal_momentum())

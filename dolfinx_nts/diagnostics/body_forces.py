@@ -1,4 +1,4 @@
-"""Contact forces between each two bodies, whichever pairs transmit them."""
+"""Contact forces between each two bodies, for any division into contact pairs."""
 
 from mpi4py import MPI
 
@@ -18,17 +18,17 @@ __all__ = ["BodyForces"]
 class BodyForces:
     """Finds the bodies on both sides of the contact of a stepper. Collective.
 
-    A node belongs to one body, and its force acts on the body of the segment that it faces. Of
-    bodies that share nodes, the first one has these nodes. A vertex of a mortar facet may share the
-    force of other vertices without a segment of its own. Its force acts on the body of the segment
-    of the nearest loaded node.
+    Each node belongs to one body, and the reaction to its force acts on the body of its segment.
+    Nodes of several bodies belong to the first of them. A vertex of a mortar facet may transmit
+    force without a segment of its own. The reaction then acts on the body of the segment of the
+    nearest loaded node.
 
     Args:
         stepper: The stepper.
 
     Attributes:
-        pairs: Numbers of each two bodies that pairs of surfaces let touch, the lower one first,
-            in ascending order.
+        pairs: Numbers of each two bodies with a common pair of surfaces, the lower number first, in
+            ascending order.
     """
 
     def __init__(self, stepper: Stepper) -> None:
@@ -44,7 +44,7 @@ class BodyForces:
         for number, body in reversed(list(enumerate(bodies))):
             of_node[body.nodes] = number
         self._nodes = [of_node[contact.nodes.nodes] for contact in contacts]
-        # Contact, key of a segment or -1 for nodes, and body.
+        # Rows: number of the contact, key of a segment or -1 for nodes, and body.
         rows = []
         for i, (contact, of_nodes) in enumerate(zip(contacts, self._nodes, strict=True)):
             present = np.unique(of_nodes)
@@ -55,7 +55,7 @@ class BodyForces:
         together = joined(comm, np.concatenate(rows))
         together = together[np.lexsort(together.T[::-1])]
         ends = np.searchsorted(together[:, 0], np.arange(1, len(contacts)))
-        # Keys of all segments of each contact, ascending, and the body of each.
+        # Keys of all segments of each contact, ascending, and bodies of the segments.
         self._segments: list[tuple[Array, Array]] = []
         found = np.zeros((len(bodies), len(bodies)), dtype=bool)
         for part in np.split(together[:, 1:], ends):
@@ -66,7 +66,7 @@ class BodyForces:
         self.pairs = [(int(a), int(b)) for a, b in np.argwhere(np.triu(found | found.T, k=1))]
 
     def of_own_nodes(self) -> Floats:
-        """Forces of the last step on the first body of each of `pairs`, by nodes here. Collective.
+        """Forces on the first body of each of `pairs`, by the nodes of this rank. Collective.
 
         Returns:
             Forces, shape ``(p, 3)`` [N], to be summed over all ranks. NaN where edge-to-edge
@@ -92,7 +92,7 @@ class BodyForces:
                 self._assign(contact, acts, other)
             for a, b in np.unique(np.column_stack([nodes, other])[acts], axis=0).tolist():
                 force = history.force[acts & (nodes == a) & (other == b)].sum(axis=0)
-                if b < 0:  # one of the bodies on the other side
+                if b < 0:  # any body of the other side
                     force = np.full(3, np.nan)
                 for c in [b] if b >= 0 else np.unique(bodies).tolist():
                     if a != c and (min(a, c), max(a, c)) in number:
@@ -100,7 +100,7 @@ class BodyForces:
         return forces
 
     def _assign(self, contact: PairState, acts: Array, other: Array) -> None:
-        """Set ``other`` where it is -1: the body that acts on nodes ``acts`` without a segment."""
+        """Set ``other`` where it is -1: the bodies opposite nodes ``acts`` without a segment."""
         unknown = acts & (other < 0)
         comm: MPI.Comm = contact.pair.nodes.V.mesh.comm
         if not reductions.anywhere(comm, bool(unknown.any())):

@@ -31,10 +31,10 @@ class RunColumns:
     Args:
         diagnostics: Diagnostics of the stepper of the run.
         parts: Parts of the scene with their own columns.
-        own: Columns of the user by name, see `Recorder`.
+        own: User-defined columns by name, see `Recorder`.
 
     Raises:
-        ValueError: There are no such parts.
+        ValueError: ``parts`` contains an unknown word.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class RunColumns:
         self._groups = [group for name, group in groups.items() if name in parts]
 
     def row(self, step: StepReport | None, ledger: EnergyLedger) -> dict[str, float]:
-        """Numbers of the current state by column name. Collective.
+        """Values of the current state by column name. Collective.
 
         Args:
             step: Report of the last step; None at the start.

@@ -50,7 +50,7 @@ class PairBalance:
     largest_pressure: float
 
     def columns(self, prefix: str) -> dict[str, float]:
-        """All numbers by name, with a prefix. Local."""
+        """All quantities by name, with a prefix. Local."""
         return flat(prefix, vars(self))
 
 
@@ -80,7 +80,7 @@ class ObstacleBalance:
     torque: Floats
 
     def columns(self, prefix: str) -> dict[str, float]:
-        """All numbers by name, with a prefix. Local."""
+        """All quantities by name, with a prefix. Local."""
         return flat(prefix, vars(self))
 
 
@@ -211,17 +211,17 @@ class ContactDiagnostics:
             return least if least < np.inf else np.nan
         if (known := self.stepper.known_gaps()) is not None:
             least = reductions.least(self._comm, min(map(_least, known), default=np.inf))
-            if least < 0:  # other gaps are not negative
+            if least < 0:  # all other gaps are >= 0
                 return float(least)
             least = np.inf
         x = now.x
         nearest, farthest = self._distances(x)
         for i in np.argsort(nearest, kind="stable"):
             pair, size = pairs[i], pairs[i].pair.segment_size
-            # The closest point may lie outside of the facet, by up to its size.
+            # The closest point may be outside of the facet by up to its size.
             limit = min(least, farthest[i]) + size
-            # Nodes without a candidate test all segments within the search radius, so it is small
-            # at first.
+            # The radius is small at first, since nodes without a candidate test all segments within
+            # it.
             reach = limit if nearest[i] < 0 else min(nearest[i] + size, limit)
             while nearest[i] <= limit:
                 gap = pair.gap(x, reach)
@@ -230,7 +230,7 @@ class ContactDiagnostics:
                 if reach >= enough:
                     least = min(least, own)
                     break
-                # An unlimited search quickly excludes nodes without a candidate.
+                # In an unlimited search, nodes without a candidate are excluded quickly.
                 reach = enough if own < np.inf else np.inf
         return least if least < np.inf else np.nan
 
@@ -249,11 +249,11 @@ class ContactDiagnostics:
     def _distances(self, x: Floats) -> tuple[Floats, Floats]:
         """Smallest and largest distances between nodes and segments of the pairs, ``(p,)`` [m].
 
-        They are distances of bounding boxes. Those of obstacles are negative: they come first,
-        since their gaps are known exactly.
+        They are distances of bounding boxes. For obstacles they are negative, so that these pairs
+        are evaluated first: their gaps need no search.
         """
         pairs = self.stepper.contacts
-        # Smallest coordinates of nodes and segments, and smallest negated ones.
+        # Smallest coordinates of nodes and segments, and smallest negated coordinates.
         least: Any = np.empty((len(pairs), 2, 2, 3))
         least[:, :, 0], least[:, :, 1] = np.inf, -np.inf
         for box, pair in zip(least, pairs, strict=True):
@@ -296,7 +296,7 @@ class ContactDiagnostics:
             for vertices in contact.vertices:
                 nodes = vertices.nodes.nodes
                 other = contact_sums(vertices.history, x, nodes, np.zeros(len(nodes)))
-                other[3:] *= -1 if vertices.is_reverse else 1  # on the nodes of the pair
+                other[3:] *= -1 if vertices.is_reverse else 1  # forces on the nodes of the pair
                 numbers += other
         return np.concatenate([sums.ravel(), self._body_forces.of_own_nodes().ravel()])
 

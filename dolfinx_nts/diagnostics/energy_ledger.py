@@ -15,11 +15,11 @@ __all__ = ["EnergyLedger"]
 
 # Quantities that may be conserved, with units.
 _CONSERVED = {"total_energy": "J", "linear_momentum": "kg m/s", "angular_momentum": "kg m^2/s"}
-# Energy added by bulk and inertia, relative to the total energy [-], that is reported. A smaller
-# value reports runs whose energies are still useful; a larger one comes a few steps later.
-# Measured with a spinning bar: exact schemes 1e-16, unstable ones 2 to 180 within 12 steps.
+# Energy added by bulk and inertia, relative to the total energy [-], above which it is reported.
+# Smaller: reports of runs whose energies are still useful; larger: reports some steps later.
+# Measured with a spinning bar: conserving schemes 1e-16, unstable ones 2 to 180 within 12 steps.
 _SPURIOUS = 0.1
-# Causes of changes of the total energy, except the bulk, and their works in a report.
+# Causes of changes of the total energy, except the bulk, with their work in a step report.
 _WORKS = {
     "loads": "load_work",
     "supports": "support_work",
@@ -34,13 +34,13 @@ _WORKS = {
     "refund": "contact_work.refund",
 }
 _works_of = attrgetter(*_WORKS.values())
-# All causes, and the names of their columns.
+# Column names of all causes.
 _CAUSES = ("bulk", *_WORKS)
 _NAMES = [f"energy_{cause}" for cause in _CAUSES]
 
 
 class EnergyLedger:
-    """Sums the works of all steps since a first state by cause.
+    """Sums of the works of all steps since a first state, by cause.
 
     Local, except for `serialize`; the sums are the same on all ranks.
 
@@ -119,7 +119,7 @@ class EnergyLedger:
 
     @property
     def unaccounted(self) -> float:
-        """Change of the total energy that no cause explains [J]."""
+        """Change of the total energy without a known cause [J]."""
         return self.last.total_energy - self.first.total_energy - sum(self.energy.values())
 
     @property
@@ -127,7 +127,8 @@ class EnergyLedger:
         """Energy added by bulk and inertia [J]; 0 if small relative to the total energy."""
         energies = self.first.total_energy, self.last.total_energy
         scale = max(*map(abs, energies), self.drift["total_energy"])
-        # The unaccounted energy is round-off, which may be all energy of a body at rest.
+        # Compared with the unaccounted energy as well, since the energy of a body at rest may be
+        # round-off.
         least = max(_SPURIOUS * scale, self.drift["unaccounted"])
         return self.energy["bulk"] if self.energy["bulk"] > least else 0.0
 

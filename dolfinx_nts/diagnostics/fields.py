@@ -94,7 +94,8 @@ class Fields:
     def cauchy_stress(self) -> fem.Function:
         """Cauchy stress in the cells, shape (3, 3), also in the plane [Pa].
 
-        At degree 1 it is the value at the centre of each cell, at degree 2 linear in each.
+        At degree 1 it is the value at the centre of each cell, at degree 2 it is linear in each
+        cell.
         """
         return self._of_cells("cauchy_stress", self._state().cauchy)
 

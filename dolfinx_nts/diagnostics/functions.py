@@ -26,7 +26,7 @@ class NodalFunctions:
     def __init__(self, V: fem.FunctionSpace) -> None:
         self._V = V
         self._scalars, self._dofs = V.sub(0).collapse()
-        # Exchanges values of the owned nodes with ghosts.
+        # Exchange of values of owned nodes with ghosts.
         self._carrier = fem.Function(V)
         self._functions: dict[str, fem.Function] = {}
 
@@ -67,7 +67,7 @@ def nodal_values(V: fem.FunctionSpace, function: Any) -> Floats:
         Values, shape ``(n,)`` or ``(n, d)``.
 
     Raises:
-        ValueError: The space has other nodes.
+        ValueError: The space has nodes at other positions.
     """
     W = function.function_space
     element, own = W.ufl_element(), V.ufl_element()

@@ -18,8 +18,8 @@ __all__ = ["flat", "pair_names", "part_names"]
 
 # Longest name [characters]; longer ones would hide the quantity.
 _LONGEST = 40
-# Words before a name that are omitted in a column, as in "the boundary of ball". Names chosen by
-# the user are kept: a body may be called "a".
+# Leading words of automatic names that are omitted in columns, as in "the boundary of ball". Names
+# chosen by the user are not changed: a body may be called "a".
 _LEFT_OUT = re.compile(
     r"\ba (?=part of the boundary\b|(moving )?[A-Z])|\b(of )?the (?=boundary\b)|(?<=\bboundary )of "
 )
@@ -50,7 +50,7 @@ def part_names(kind: str, names: Iterable[str]) -> list[str]:
 
 
 def pair_names(pairs: Iterable[ContactPair]) -> list[str]:
-    """Names of contact pairs, or of their two sides where a pair has none. Local."""
+    """Names of contact pairs; those of the two sides for pairs without a name. Local."""
     names = (pair.name or pair.between for pair in pairs)
     return part_names("pair", (name.replace(" and ", ", ") for name in names))
 
@@ -67,7 +67,7 @@ def flat(prefix: str, values: Mapping[str, Any]) -> dict[str, float]:
     """
     columns: dict[str, float] = {}
     for name, value in values.items():
-        if isinstance(value, (float, int)) or np.ndim(value) == 0:  # NumPy is slower
+        if isinstance(value, (float, int)) or np.ndim(value) == 0:  # NumPy would be slower
             columns[prefix + name] = value
         else:
             parts: Any = value.tolist() if isinstance(value, np.ndarray) else map(float, value)

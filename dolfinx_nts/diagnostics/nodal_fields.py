@@ -20,7 +20,7 @@ class _Rule(NamedTuple):
 
     Attributes:
         of: Returns the values at the nodes of a pair, from the state, the pair and its number.
-        merged: Merges the values of a node that belongs to several pairs.
+        merged: Function that merges the values of a node that belongs to several pairs.
         elsewhere: Value of nodes without a pair.
         shape: Shape of the value of a node.
         needs_friction: Whether only pairs with friction have the field.
@@ -78,15 +78,15 @@ class _Place(NamedTuple):
 class NodalFields:
     """Displacement, velocity and contact of a stepper at the owned nodes.
 
-    A node of several pairs has their smallest gap, the sum of their pressures, slips and tractions,
-    and the largest of the other values.
+    A node of several pairs has the smallest gap, the sum of pressures, slips and tractions, and the
+    largest of all other values.
 
     Args:
         stepper: The stepper.
     """
 
     def __init__(self, stepper: Stepper) -> None:
-        # Each access to an array takes DOLFINx 2 us.
+        # Each access to the array of a DOLFINx Function takes 2 us.
         ends, n = {"displacement": stepper.u, "velocity": stepper.v}, len(stepper.node_ids)
         self._motion = {name: nodal(function)[:n] for name, function in ends.items()}
         self._contacts = dict(enumerate(stepper.contacts))
@@ -122,7 +122,7 @@ class NodalFields:
         """A contact field by its name. Collective."""
         rule, (nodes, rows) = _RULES[name], self._places[name]
         of_pairs = [(rule.of(now, self._contacts[i], i), some) for i, some in rows.items()]
-        if len(of_pairs) == 1 and isinstance(of_pairs[0][1], slice):  # no merge is needed
+        if len(of_pairs) == 1 and isinstance(of_pairs[0][1], slice):  # one pair: no merge is needed
             return Some(nodes, of_pairs[0][0], rule.elsewhere)
         values: Array = np.full((len(nodes), *rule.shape), rule.elsewhere)
         for own, some in of_pairs:

@@ -10,7 +10,7 @@ __all__ = ["Present"]
 
 
 class Present:
-    """Derived quantities of the current state, valid until the stepper changes.
+    """Derived quantities of the current state, valid until the next step.
 
     Args:
         stepper: The stepper.

@@ -1,6 +1,6 @@
 r"""Axisymmetric meshes: plane meshes of the half section of bodies of revolution.
 
-x is the radius r, y the axis. Without twist the deformation gradient consists of its part in the
+x is the radius r, y is the axis. Without twist the deformation gradient consists of its part in the
 plane and the hoop stretch 1 + u_x/r. Integrals over the full circumference have the weight
 :math:`2\pi r`. Nodes on the axis keep u_x = 0.
 """
@@ -122,7 +122,8 @@ def hoop_gradient(v: Any, *, on_axis: bool = False) -> Any:
 
     Args:
         v: Vector field of the plane, UFL (2,).
-        on_axis: Whether it is also evaluated on the axis, where it is the limit of the quotient.
+        on_axis: Whether the component is also evaluated on the axis, where it is the limit of the
+            quotient.
     """
     domain = extract_unique_domain(v)
     if not is_axisymmetric(domain):

@@ -28,7 +28,7 @@ __all__ = ["batched_kernels", "begin_batched_kernels", "matrix_kernels"]
 
 _LOG = logging.getLogger(__name__)
 _FOLDER = Path(__file__).parent
-# Files that the source of a library depends on, in addition to FFCx's.
+# Files on which the source of a library depends, in addition to that of FFCx.
 _RECIPE = [
     _FOLDER / name
     for name in (
@@ -36,10 +36,11 @@ _RECIPE = [
         *("batched_source.py", "tensor_tables.py"),
     )
 ]
-# With C++17 <cmath> takes 0.05 s longer to compile, for functions that kernels do not use.
+# C++14, as <cmath> of C++17 takes 0.05 s longer to compile, for functions that kernels do not use.
 _STANDARD = "-std=c++14"
-# Number of values of a form [-] above which GCC's time at -O3 grows faster than the form: an Ogden
-# law with 5 800 takes 36 s of CPU time at -O3 and 13 s with `SOON`, and 16 and 15 us a batch.
+# Number of assigned values in a kernel [-] above which `SOON` is used, as the compile time at -O3
+# grows faster than the kernel: an Ogden law with 5 800 values takes 36 s of CPU time at -O3 and 13
+# s with `SOON`, and 16 and 15 us per batch.
 _MOST_VALUES = 5000
 _SINGLE = ["-DNTS_SINGLE", "-fsingle-precision-constant"]
 
@@ -47,11 +48,11 @@ _SINGLE = ["-DNTS_SINGLE", "-fsingle-precision-constant"]
 class _Library(NamedTuple):
     """Source, compiler call and path of a library.
 
-    Its name contains a hash of these, so that an existing library is never compiled again.
+    Its name contains a hash of these data, so that an existing library is never compiled again.
 
     Attributes:
         text: C code of the form, written by FFCx.
-        columns: Place of a function in the kernels, see `batched_source`.
+        columns: Position of a function in the kernels, see `batched_source`.
         command: Call of the compiler, without its files.
         path: Path of the library.
     """
@@ -71,8 +72,8 @@ class _Library(NamedTuple):
         name = module.name.split(".")[0]
         text = module.with_name(f"{name}.c").read_text()
         compiler = os.environ.get("CXX") or sysconfig.get_config_var("CXX") or "c++"
-        # SOON compiles faster to slower code: for matrices, which are assembled rarely, and for
-        # long forms, whose full optimisation takes minutes.
+        # `SOON` compiles faster, to slower code. It is used for matrices, which are assembled
+        # rarely, and for long forms, whose full optimisation takes minutes.
         is_long = text.count(" = ") > _MOST_VALUES
         soon = [] if columns is None and not is_long else SOON
         flags = [*OPTIMISED, *soon, *(_SINGLE if is_single else [])]
@@ -84,7 +85,7 @@ class _Library(NamedTuple):
 
 
 class _Compilation:
-    """Running compiler of a library, which appears only when it is complete.
+    """Running compiler of a library, whose file is created when it is complete.
 
     Raises:
         OSError: There is no compiler, or the folder is not writable.
@@ -122,7 +123,7 @@ class _Compilation:
             self._made.replace(self._path)
 
     def stop(self) -> None:
-        """Stop the compiler of a library that was not requested."""
+        """Stop the compiler, as the library was not requested."""
         self._process.kill()
         self._process.communicate()
         self._folder.cleanup()
@@ -183,7 +184,7 @@ def matrix_kernels(form: fem.Form, columns: Columns) -> list[int] | None:
 
     Args:
         form: The action on a function, a linear form over cells.
-        columns: Place of the function in the kernels.
+        columns: Position of the function in the kernels.
 
     Returns:
         Address of the kernel for each integral; None as in `batched_kernels`.
@@ -198,7 +199,8 @@ def _loaded_everywhere(
     """Library for a form; None if it is missing on any rank. Collective."""
     comm = form.mesh.comm
     library: ctypes.CDLL | None = None
-    # The first rank compiles. The others find its library, or compile their own on another machine.
+    # The first rank compiles. All other ranks find its library, or on another machine compile their
+    # own.
     for has_turn in (comm.rank == 0, comm.rank > 0):
         if has_turn:
             try:

@@ -1,9 +1,9 @@
 """Kernels for batches of cells, one SIMD lane per cell, from the C code of FFCx for one cell.
 
 Each number that depends on the cell becomes a vector over the cells of the batch. Tables and
-constants stay scalars. Two text replacements do that: accumulators, which start from zero, become
-vectors, and all other variables get the type ``auto``. Operators and functions of vectors are in
-`lanes.h`. The expressions do not change.
+constants stay scalars. Two text replacements are enough: accumulators, which start from zero,
+become vectors, and all other variables get the type ``auto``. Operators and functions of vectors
+are in `lanes.h`. The expressions do not change.
 """
 
 import re
@@ -23,7 +23,7 @@ _TABLE = re.compile(r"^static const double\b", re.M)
 # Keywords of kernels that cannot be batched: branches, and data of single cells.
 _OF_ONE_CELL = re.compile(r"\b(?:if|switch|while|entity_local_index|quadrature_permutation)\b")
 
-# Within the namespace, as the library has functions of the same names outside of it.
+# Within the namespace, as library functions outside of it have the same names.
 _HEAD = """#include "bilinear.h"
 #include "trilinear.h"
 namespace nts
@@ -52,7 +52,7 @@ class Columns(NamedTuple):
     Attributes:
         rows: Scalar dofs of the test function in a cell.
         columns: Scalar dofs of the function.
-        first: Place of its first value among the values of all functions.
+        first: Offset of its first value among the values of all functions.
         width: Values of all functions in a cell.
         coordinates: Coordinates of all nodes of the geometry of a cell.
     """
@@ -69,7 +69,8 @@ def batched_source(source: str, columns: Columns | None = None) -> str:
 
     Args:
         source: The C that FFCx wrote for the form.
-        columns: Place of a function, on which the form is the action of a bilinear one.
+        columns: Position of the function to which a bilinear form was applied, if the form is such
+            an action.
 
     Returns:
         C++ with a function ``batch_0``, ``batch_1``, ... for each integral, in the order of the
@@ -91,13 +92,13 @@ def batched_source(source: str, columns: Columns | None = None) -> str:
     if columns is not None:
         sizes = ", ".join(map(str, columns))
         functions += [_MATRIX.format(number=i, sizes=sizes) for i in range(len(names))]
-        # Only for double precision.
+        # Matrices are in double precision only.
         return '#include "columns.h"\n' + _HEAD + "".join(functions) + _END
     return _HEAD + "".join(functions) + _END
 
 
 def _until_closed(text: str) -> str:
-    """Text before the brace that closes a brace opened before the text."""
+    """Text up to the closing brace of a block that was opened before the text."""
     depth = 1
     for brace in re.finditer(r"[{}]", text):
         depth += 1 if brace[0] == "{" else -1

@@ -73,11 +73,11 @@ class CellMatrix:
 
 
 def compiled_matrix(form: ufl.Form) -> fem.Form:
-    """Compile a bilinear form for DOLFINx, by `CellMatrix` if it is over bodies. Collective.
+    """Compile a bilinear form for DOLFINx, by `CellMatrix` if it is over cells. Collective.
 
     Args:
-        form: Bilinear form with derivatives applied, which is not empty. Cells of its integrals are
-            those of `bulk_form` or of DOLFINx's tags.
+        form: Bilinear form with derivatives applied, which is not empty. The cells of its integrals
+            are given by `bulk_form` or by tags of DOLFINx.
 
     Returns:
         The compiled form.

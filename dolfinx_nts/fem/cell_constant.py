@@ -14,7 +14,7 @@ class CellConstant(fem.Function):  # type: ignore[misc]
     Args:
         mesh: The mesh.
         size: Length of the vectors.
-        vector: Values to share with another such function of the same size.
+        vector: Vector of values shared with another such function of the same size, or None.
     """
 
     def __init__(self, mesh: Mesh, size: int, vector: la.Vector | None = None) -> None:

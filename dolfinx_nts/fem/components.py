@@ -50,7 +50,7 @@ def in_space(vectors: Floats) -> Floats:
     """
     if vectors.shape[-1] == 3:
         return vectors
-    # NumPy takes five times as long to copy such short rows.
+    # Column by column, as NumPy takes five times as long to copy such short rows.
     padded: Floats = _kernels.change_components(vectors.reshape(-1, 2))
     return padded.reshape(*vectors.shape[:-1], 3)
 
@@ -82,7 +82,7 @@ def moments(vectors: Floats, V: fem.FunctionSpace) -> Floats:
 
 
 def existing(V: fem.FunctionSpace) -> tuple[slice, slice]:
-    """Ranges of the components in `resultants` and `moments` of a space. Local."""
+    """Slices of the three components that exist in a space: of vectors and of moments. Local."""
     if is_axisymmetric(V.mesh):
         return slice(1, 2), slice(3, None)
     return (slice(2), slice(2, None)) if dimension(V) == 2 else (slice(3), slice(3))
@@ -104,7 +104,7 @@ def bounds(x: Floats, nodes: Ints) -> Floats:
 
     Args:
         x: Positions of the local nodes, shape ``(l, 3)`` [m].
-        nodes: Some of them, shape ``(n,)``.
+        nodes: Selected local nodes, shape ``(n,)``.
     """
     return _kernels.bounds(x, nodes)
 
@@ -114,7 +114,7 @@ def motion_sums(x: Floats, p: Floats, v: Floats) -> Floats:
 
     Args:
         x: Positions of the local nodes, shape ``(l, 3)`` [m], l >= n.
-        p: Momenta of the first n, shape ``(n, 2)`` or ``(n, 3)`` [kg m/s].
+        p: Momenta of the first n nodes, shape ``(n, 2)`` or ``(n, 3)`` [kg m/s].
         v: Their velocities, of the same shape [m/s].
     """
     return _kernels.motion_sums(x, p, v)
@@ -128,7 +128,7 @@ def gradient(v: Any, *, on_axis: bool = False) -> Any:
 
     Args:
         v: Vector field, UFL.
-        on_axis: Whether it is also evaluated on the axis.
+        on_axis: Whether the gradient is also evaluated on the axis.
     """
     grad = ufl.grad(v)
     if grad.ufl_shape == (3, 3):

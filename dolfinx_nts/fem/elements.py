@@ -1,6 +1,6 @@
 """Elements of degree 1 and 2, and checks of the spaces and tags of users.
 
-Contact, output and pictures use the positions of nodes only. They divide a cell of degree 2 into
+Contact, output and pictures only use the positions of nodes. They divide a cell of degree 2 into
 cells of degree 1 on its nodes, called *pieces*: a hexahedron of 27 nodes into eight hexahedra, each
 of its faces into four quadrilaterals; a tetrahedron of 10 nodes into eight tetrahedra, each of its
 faces into four triangles. In the plane quadrilaterals and triangles are divided in the same manner
@@ -25,8 +25,8 @@ __all__ = ["Element", "check_space", "check_tag"]
 
 # Supported cells by the dimension of the mesh.
 _CELLS = {2: ("triangle", "quadrilateral"), 3: ("tetrahedron", "hexahedron")}
-# Distance on the reference cell [-] below which two points coincide: far above round-off, far below
-# the distance of two nodes, 1/2.
+# Distance on the reference cell [-] below which two points coincide: far larger than round-off, and
+# far smaller than the distance of two nodes, 1/2.
 _COINCIDENT = 1e-6
 # Pieces of simplices of degree 2: one at each corner; in a tetrahedron four more around the
 # diagonal between the midpoints of the edges 02 and 13, in a triangle one more. Each node is the
@@ -69,7 +69,7 @@ class Element:
         )
         self.points: Floats = self.basix.points
         self.is_simplex = cell in ("tetrahedron", "triangle")
-        # The quadrature of quadrilaterals has an odd degree, one more than is needed.
+        # Rules on quadrilaterals have an odd degree, one more than needed.
         self.mass_degree = 2 * degree + (self.is_simplex and is_axisymmetric)
         self.stress_degree = 2 if self.is_simplex else 2 * degree
         self.locks = not self.is_simplex and degree == 1
@@ -89,8 +89,8 @@ class Element:
     def diagonals(self) -> list[Ints]:
         """Pairs of vertices with the midpoint at each node, by node, shape ``(d, 2)``.
 
-        A node on an edge has one pair, one on a quadrilateral two, one inside a hexahedron four. A
-        vertex is paired with itself.
+        A node on an edge has one pair, on a quadrilateral two, inside a hexahedron four. A vertex
+        is paired with itself.
         """
         vertices = basix.geometry(basix.CellType[self.cell])
         middles = (vertices[:, None] + vertices[None]) / 2
@@ -124,10 +124,10 @@ class Element:
 
     @cached_property
     def sides(self) -> list[tuple[Ints, Ints]]:
-        """Sides of pieces on each facet of the cell, in a list over the facets.
+        """Sides of pieces on the facets of the cell: a list with two arrays for each facet.
 
-        Nodes of each side, shape ``(s, k)``, and nodes of its piece, shape ``(s, m)``, in Basix
-        order.
+        These are the nodes of each side, shape ``(s, k)``, and the nodes of its piece, ``(s, m)``,
+        in Basix order.
         """
         dim = self.points.shape[1] - 1
         facets = np.array(basix.topology(basix.CellType[self.cell])[dim])

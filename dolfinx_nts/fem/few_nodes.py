@@ -1,7 +1,7 @@
 """Sums over all ranks at a few nodes of a space, at a cost independent of the size of the space.
 
-A new vector of DOLFINx for each body and each surface would make the set-up of n bodies of equal
-size take n^2 operations, and as much memory.
+With a new DOLFINx vector for each body and each surface, time and memory of the set-up of n bodies
+of equal size would grow as n^2.
 """
 
 import weakref
@@ -16,7 +16,7 @@ __all__ = ["nodes_on_any_rank", "sums_at"]
 
 
 class _Sums:
-    """Vector with zeros at all local nodes, with ghosts, except while sums are computed.
+    """Vector that is zero at all local nodes, except while sums are computed.
 
     Collective, as are its methods.
 
@@ -30,12 +30,12 @@ class _Sums:
         self._vector = la.vector(index_map, width)
         self._values: Floats = self._vector.array.reshape(-1, width)
         n, num_ghosts = index_map.size_local, index_map.num_ghosts
-        # Nodes that other ranks may change.
+        # Nodes that are shared with other ranks.
         ghosts = np.arange(n, n + num_ghosts, dtype=np.int32)
         self._outer: Ints = np.concatenate([compat.shared(index_map), ghosts])
 
     def at(self, nodes: Ints, values: Floats, wanted: Ints | None) -> tuple[Ints, Floats]:
-        """Sums at the wanted nodes, with ghosts; None for all that may differ from zero."""
+        """Sums at the wanted nodes; None for all nodes with sums that may differ from zero."""
         np.add.at(self._values, nodes, values)
         self._vector.scatter_reverse(la.InsertMode.add)
         self._vector.scatter_forward()
@@ -46,8 +46,8 @@ class _Sums:
         return wanted, sums
 
 
-# By the `id` of a space, as spaces cannot be hashed, and number of values; an entry goes with its
-# space.
+# Cache by the `id` of a space, as spaces cannot be hashed, and number of values. An entry is
+# deleted with its space.
 _KNOWN: dict[int, dict[int, _Sums]] = {}
 
 
@@ -59,7 +59,7 @@ def nodes_on_any_rank(V: fem.FunctionSpace, nodes: Ints) -> Ints:
         nodes: Local block indices, owned or ghost, of any shape.
 
     Returns:
-        Those that this or another rank has given, owned and ghost, sorted, shape ``(n,)``.
+        Local nodes, owned or ghost, that this or another rank has given, sorted, shape ``(n,)``.
     """
     found, count = _sums(V, 1).at(nodes.ravel(), np.ones((nodes.size, 1)), None)
     return found[count[:, 0] > 0]
@@ -81,7 +81,7 @@ def sums_at(V: fem.FunctionSpace, wanted: Ints, nodes: Ints, values: Floats) -> 
 
 
 def _sums(V: fem.FunctionSpace, width: int) -> _Sums:
-    """Vector of a space with some values for each node, made once. Collective."""
+    """Cached vector of a space with a number of values per node. Collective."""
     if id(V) not in _KNOWN:
         _KNOWN[id(V)] = {}
         weakref.finalize(V, _KNOWN.pop, id(V))

@@ -1,9 +1,9 @@
 """Cache of compiled forms, safe against interrupted compilations and other processors.
 
 FFCx creates an empty C file before it compiles a form, and a file ``.c.cached`` afterwards. A
-process that finds the first without the second waits for the compiling process, even if that was
-killed. Here the compiling process holds a lock, which the operating system releases when the
-process ends for any reason.
+process that finds the first file without the second one waits for the compiling process, even if
+this was killed. Here the compiling process holds a lock, which the operating system releases when
+the process ends for any reason.
 """
 
 import fcntl
@@ -27,12 +27,12 @@ _CPUS = "/proc/cpuinfo"
 def processor() -> str:
     """Digest of the instructions that the processor has. Local.
 
-    Code compiled for them may crash on another processor that sees the same cache, as on other
-    nodes of a cluster.
+    Compiled code may crash on another processor with the same cache, such as another node of a
+    cluster.
     """
     words = [platform.machine(), platform.processor()]
     with suppress(OSError), open(_CPUS) as cpus:
-        # In the lines of the first core: flags of x86-64, Features of ARM, isa of RISC-V.
+        # Lines of the first core: "flags" on x86-64, "Features" on ARM, "isa" on RISC-V.
         for line in cpus:
             name, _, value = line.partition(":")
             if name.strip() in ("flags", "Features", "isa"):
@@ -45,16 +45,16 @@ def processor() -> str:
 def interrupted_forms_compiled() -> Iterator[None]:
     """Context in which FFCx compiles forms again whose compilation was interrupted. Local.
 
-    Several processes may request one form: one compiles it, the others wait. Only for
-    forms with flags that nobody else uses, as others would compile them without the lock.
-    Without effect where the file system has no locks.
+    If several processes request a form, one compiles it and the others wait. Use it only with
+    compiler flags specific to the package, as other programs compile without the lock. It has no
+    effect if the file system has no locks.
     """
     jit: Any = import_module("ffcx.codegeneration.jit")
     look_up: Any = jit.get_cached_module
     with ExitStack() as lock:
 
         def get_cached_module(name: str, objects: Any, folder: Any, *rest: Any) -> Any:
-            lock.close()  # The form before this one is complete.
+            lock.close()  # The previous form is complete.
             source = Path(folder, f"{name}.c")
             if not _is_complete(source):
                 with suppress(OSError):

@@ -37,7 +37,7 @@ _UNROLLED = ["--param", "max-completely-peeled-insns=2000"]
 # most 11 % slower. With the last flag GCC also clears wide registers after a kernel at this level,
 # which avoids a transition penalty in the code that follows.
 SOON = ["-O1", "-ftree-vectorize", "-fexpensive-optimizations"]
-# It is not read, but makes the name of the compiled module specific to package and processor.
+# The macro is not used; it makes the name of the compiled module specific to package and processor.
 _KEY = f"-DDOLFINX_NTS_PROCESSOR={processor()}"
 # Flags of -ffast-math except -ffinite-math-only, as checks depend on NaNs. Kernels are as fast.
 OPTIMISED = [
@@ -72,7 +72,8 @@ def _compiled(options: dict[str, Any], form: ufl.Form) -> fem.Form:
 _FAST = _options(*OPTIMISED, *_UNROLLED)
 compile_form = partial(_compiled, _FAST)
 compile_bilinear_form = partial(_compiled, _options(*OPTIMISED, *SOON))
-# Slow kernels: for forms that are assembled once, and for the metadata of compiled forms.
+# Compiled without optimisation: forms that are assembled once, and forms of which only metadata are
+# used.
 compile_quickly = partial(_compiled, _options("-O0"))
 
 

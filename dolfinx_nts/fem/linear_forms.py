@@ -101,7 +101,7 @@ class CellForm:
             short compilation.
         V: Vector space whose functions are gathered; None: the space of the argument.
         num_sums: Number of extra components of the argument in each cell, in addition to a vector
-            of V. Their sums over the cells are a separate result.
+            of V. Their sums over the cells are stored in ``sums``.
 
     Attributes:
         form: The form.
@@ -227,17 +227,17 @@ class _CellLoop:
             integral.add(cells[:most], packed, b, self._sums)
 
     def _by_cell(self, cells: Ints, rows: Sequence[Floats]) -> Floats:
-        """Copy rows of the cells of each integral to an array with a row for every local cell."""
+        """Array with a row for every local cell, from the rows for the cells of integrals."""
         packed = np.zeros((self._num_cells, len(self._places)))
         for some in rows:
-            # DOLFINx sets functions to zero that do not occur in an integral.
+            # In an integral, DOLFINx sets functions that do not occur in it to zero.
             values = some[:, self._places]
             packed[cells] = np.where(values == 0, packed[cells], values)
         return packed
 
 
 def _grouped(regions: Sequence[Ints]) -> list[list[int]]:
-    """Group the numbers of identical regions."""
+    """Group the indices of identical arrays of cells."""
     groups: dict[bytes, list[int]] = {}
     for number, cells in enumerate(regions):
         groups.setdefault(cells.tobytes(), []).append(number)

@@ -40,8 +40,8 @@ _ENTRIES = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
 # Signs of the vertex coordinates relative to the centre.
 _SIGNS = np.array([[2.0 * (i >> axis & 1) - 1.0 for axis in range(3)] for i in range(8)])
 
-# Vertex positions and coefficients by mesh, shared by all forms, as they are as large as six
-# fields. Only the vector is kept: a function would keep its mesh alive.
+# Vertex positions and coefficients by mesh, shared by all forms to save memory. Only the vector is
+# cached: a function would keep its mesh alive.
 _KNOWN: WeakKeyDictionary[Mesh, tuple[Floats, la.Vector]] = WeakKeyDictionary()
 
 
@@ -67,7 +67,7 @@ def with_mean_gradients(value: Any, V: fem.FunctionSpace) -> Any:
         new = CellConstant(mesh, numbers.shape[1])
         new.x.array.reshape(numbers.shape)[new.function_space.dofmap.list[:, 0]] = numbers
         known = _KNOWN[mesh] = mesh.geometry.x.copy(), new.x
-    # Forms of one mesh share the values.
+    # The values are shared by all forms on the mesh.
     coefficients = CellConstant(mesh, known[1].block_size, known[1])
     means = (_RingMeans if axisymmetric else _MeanGradients)(V, coefficients)
     return means.volume * map_expr_dag(means, value)
@@ -91,7 +91,7 @@ class _MeanGradients(MultiFunction):  # type: ignore[misc]
 
     @property
     def volume(self) -> Any:
-        """Ratio of the volume of a cell to its one-point estimate, UFL."""
+        """Ratio of the exact volume of a cell to its one-point estimate, UFL."""
         return self._coefficients[len(self._coefficients) - 1]
 
     def grad(self, o: Any) -> Any:
@@ -110,7 +110,7 @@ class _MeanGradients(MultiFunction):  # type: ignore[misc]
         return space == V or (len(elements) > 0 and elements[0] == V.ufl_element())
 
     def _times(self, second: Any, i: int, places: slice) -> Any:
-        """Second derivatives of a component times coefficients of the cell, from a given offset."""
+        """Sum of second derivatives of a component times cell coefficients from an offset."""
         numbers = range(len(self._coefficients))[places]
         return sum(
             second[i, j, k] * self._coefficients[n]
@@ -127,7 +127,7 @@ class _RingMeans(_MeanGradients):
     entries = PLANE_ENTRIES
 
     def coefficient(self, o: Any) -> Any:
-        """Replace the radial component by the mean of its quotient by r, times r."""
+        """Replace the radial component v_r by r times the mean of v_r/r."""
         if not self._has(o):
             return o
         c, first, r = self._coefficients, ufl.grad(o), ufl.SpatialCoordinate(self._V.mesh)[0]
@@ -143,10 +143,10 @@ def _functions(v: Any) -> list[Any]:
 
 
 def _numbers(x: Floats) -> Floats:
-    r"""Coefficients of the means from the vertices of cells, ``(c, 8, 3)`` [m], ``(c, 19)``. Local.
+    r"""Coefficients of the means, ``(c, 19)``, from vertices of cells, ``(c, 8, 3)`` [m]. Local.
 
-    The vectors :math:`c_{jk}` of :math:`\bar G = \nabla v + \sum_{j \le k} \nabla_j \nabla_k v
-    \otimes c_{jk}` [m], and the ratio of the volume to its one-point estimate [-].
+    They are the vectors :math:`c_{jk}` of :math:`\bar G = \nabla v + \sum_{j \le k} \nabla_j
+    \nabla_k v \otimes c_{jk}` [m], and the ratio of the volume to its one-point estimate [-].
     """
     first = [np.einsum("a,cai->ci", _SIGNS[:, i] / 4, x) for i in range(3)]
     pairs = ((1, 2), (2, 0), (0, 1))

@@ -32,11 +32,11 @@ class _Positions(NamedTuple):
     nodes: Floats
 
 
-# By the `id` of a space, as spaces cannot be hashed; an entry goes with its space.
+# Caches by the `id` of a space, as spaces cannot be hashed. An entry is deleted with its space.
 _IDS: dict[int, GlobalInts] = {}
 _POSITIONS: dict[int, _Positions] = {}
-# Spaces compared with the geometry of their mesh in the outermost `geometry_unchanged`, and number
-# of such contexts within each other.
+# Spaces already compared with the geometry of their mesh in the current `geometry_unchanged`, and
+# nesting depth of these contexts.
 _UNCHANGED: set[int] = set()
 _num_contexts = 0
 
@@ -88,10 +88,10 @@ def reference_positions(V: fem.FunctionSpace) -> Floats:
 
 @contextmanager
 def geometry_unchanged() -> Iterator[None]:
-    """Context in which no geometry changes, for a set-up that asks for positions often. Local.
+    """Context in which no mesh geometry changes, for a set-up that needs positions often. Local.
 
-    In it each space is compared with the geometry of its mesh once. Otherwise the set-up of n
-    bodies would take n comparisons of all their nodes.
+    In the context each space is compared with the geometry of its mesh only once. Otherwise the
+    set-up of n bodies would compare all nodes n times.
     """
     global _num_contexts
     _num_contexts += 1
@@ -125,7 +125,7 @@ def _input_ids(V: fem.FunctionSpace) -> GlobalInts:
 
 
 def listed(nodes: GlobalInts) -> str:
-    """Text with the numbers of the first of some nodes, for messages. Local.
+    """Numbers of the first of some nodes as text for messages. Local.
 
     Args:
         nodes: Node numbers from `input_ids`.

@@ -22,7 +22,8 @@ __all__ = ["PLANE_ENTRIES", "ring_means"]
 PLANE_ENTRIES = ((0, 0), (1, 1), (0, 1))
 # Quadrature degree that is exact for r times derivatives of shape functions [-].
 _DEGREE = 4
-# Coefficients of 1, of both coordinates from the centre and of their product, by vertex.
+# Bilinear shape functions about the centre: coefficients of 1, of both coordinates and of their
+# product, by vertex.
 _SIGNS = np.array([[1.0, x / 2, y / 2, x * y / 4] for y in (-1, 1) for x in (-1, 1)])
 
 

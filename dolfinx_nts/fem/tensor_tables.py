@@ -1,8 +1,8 @@
 """Sum factorisation of bi- and trilinear functions in the kernels of FFCx.
 
 FFCx sums over the nodes of a quadrilateral or a hexahedron for the value and for each derivative
-of a function at each Gauss point. `factorised` puts `bilinear.h` or `trilinear.h` in the place of
-these sums, after a comparison of the tables with the expected ones.
+of a function at each Gauss point. `factorised` replaces these sums by `bilinear.h` or
+`trilinear.h`, after a comparison of the tables with the expected ones.
 """
 
 import re
@@ -37,7 +37,8 @@ def _tables(num_nodes: int) -> dict[str, Floats]:
     """Values and derivatives of the shape functions at the points, shapes ``(n, n)``."""
     gauss = (1 + np.array([-1, 1]) / np.sqrt(3)) / 2
     value, slope = np.stack([1 - gauss, gauss], axis=1), np.array([[-1.0, 1.0]] * 2)
-    # Points z + 2 y + 4 x, nodes x + 2 y + 4 z; of quadrilaterals y + 2 x, x + 2 y.
+    # Numbering: points z + 2 y + 4 x, nodes x + 2 y + 4 z; in quadrilaterals points y + 2 x, nodes
+    # x + 2 y.
     axes = "xyz"[: {4: 2, 8: 3}[num_nodes]]
     sums = {"xy": "ai,bj->abji", "xyz": "ai,bj,ck->abckji"}[axes]
     return {
@@ -55,7 +56,7 @@ def factorised(body: str) -> str:
         body: The body of a kernel in FFCx's C.
 
     Returns:
-        The body with the sums that were found replaced, as it was if there are none.
+        The body, in which all matching sums are replaced.
     """
     kinds = _kinds(body)
     functions: dict[str, str] = {}

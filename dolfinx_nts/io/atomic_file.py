@@ -1,7 +1,7 @@
 """Atomic replacement of files.
 
-The new content is written to a second file, which is then renamed. Readers, also after the program
-was killed, find either the old or the new file, never a part of one.
+The new content is written to a second file, which is then renamed. Readers find either the complete
+old or the complete new file, also if the program was killed.
 """
 
 import io
@@ -61,7 +61,8 @@ def replace(path: Path, image: bytes | memoryview, *, durable: bool = False) -> 
     Args:
         path: The file; ``.new`` is added to its name for the second file.
         image: The new content.
-        durable: Whether to wait until the disk has it, so that it survives a power failure.
+        durable: Whether to wait until the content is on the disk, so that it survives a power
+            failure.
 
     Raises:
         OSError: The content cannot be written, for instance because the disk is full. A file
@@ -81,7 +82,8 @@ def temporary(path: Path) -> Path:
 def created_temporary(path: Path) -> BinaryIO:
     """Create the temporary file for the new content of a file. Local.
 
-    It replaces one that a killed run has left, and a symbolic link, whose target is unchanged.
+    It replaces a temporary file left by a killed run, or a symbolic link, whose target is
+    unchanged.
 
     Args:
         path: The file to be replaced.
@@ -119,7 +121,7 @@ def unchanged(path: Path, removes: bool = True) -> Iterator[None]:
         removes: Whether this rank removes the temporary file.
 
     Raises:
-        OSError: The error of the context; it adds that an existing file is unchanged.
+        OSError: The error of the context, with a note that an existing file is unchanged.
     """
     try:
         yield

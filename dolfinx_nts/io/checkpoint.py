@@ -1,8 +1,8 @@
 """Checkpoints: the state of a run in an HDF5 file, from which the run can continue.
 
 Nodal values are stored by the input numbers of the nodes, so that a run can continue on any number
-of ranks. All ranks write and read their part; none needs memory for the whole state. A new
-checkpoint replaces the old one atomically, so that there is a complete one at any time.
+of ranks. Each rank writes and reads its part; no rank needs memory for the whole state. A new
+checkpoint replaces the old one atomically, so that a complete checkpoint exists at any time.
 """
 
 import hashlib

@@ -26,9 +26,9 @@ class Table:
 
     Attributes:
         path: The file.
-        size: Length of the table at the last `sync` [bytes]. A resumed run truncates the file to
-            it.
-        digest: Digest of these bytes, by which a resumed run verifies its table.
+        size: Length of the table at the last `sync` [bytes], to which a resumed run truncates the
+            file.
+        digest: Digest of these bytes, with which a resumed run verifies its table.
     """
 
     def __init__(self, path: Path) -> None:
@@ -55,8 +55,8 @@ class Table:
 
         Raises:
             OSError: The file cannot be created.
-            ValueError: The file to continue does not begin with the rows that it had, or has
-                other columns. It has not been changed.
+            ValueError: The existing file does not begin with the rows that it had, or has other
+                columns. It is unchanged.
         """
         self._written, self._hash = 0, hashlib.sha256()
         if not resume:
@@ -84,7 +84,7 @@ class Table:
         self._file = open(self.path, "ab")
 
     def write(self, row: Mapping[str, float]) -> None:
-        """Add a row; in a new file after a header with the names.
+        """Add a row, preceded in a new file by a header with the names.
 
         Args:
             row: Values by name, with the same names in each row.

@@ -110,7 +110,7 @@ class RunFields:
         )
 
     def nodal(self, now: Present) -> dict[str, Array | Some]:
-        """Values at the owned nodes by name, shape ``(n,)`` or ``(n, 3)``, or of some of them.
+        """Values at all or some owned nodes by name, shape ``(n,)`` or ``(n, 3)``.
 
         Args:
             now: Current state of the stepper.

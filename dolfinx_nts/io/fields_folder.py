@@ -22,7 +22,7 @@ class FieldsFolder:
 
     Args:
         index: The file that refers to the folder.
-        own: Names of files of the run; other files are left unchanged.
+        own: Pattern of the file names of the run; other files are left unchanged.
 
     Attributes:
         path: The folder.

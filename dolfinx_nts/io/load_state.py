@@ -40,19 +40,19 @@ def load_state(path: str | Path, stepper: Stepper) -> tuple[str, ...]:
     """Start a stepper from the checkpoint of another scene. Collective.
 
     Only the mesh and the degree must be the same. Loads, supports, materials, laws, pairs, the
-    integrator and the number of ranks may differ. Time, number of the step, displacements and
-    velocities are taken over; the stepper keeps its step ``dt``. A pair with the same two
-    sides and method as a pair in the checkpoint takes over its contact, also with another kind of
-    impact or coefficient of friction; springs must have the same stiffness. Dropped data are
-    returned and logged. `Recorder` writes checkpoints with ``checkpoint_every``; to continue the
-    same scene exactly, use its ``resume``.
+    integrator and the number of ranks may differ. Time, step number, displacements and velocities
+    are copied; the stepper keeps its step ``dt``. A pair with the same two sides and method as a
+    pair in the checkpoint gets its contact state, also with another kind of impact or coefficient
+    of friction; springs must have the same stiffness. Data that are not used are returned and
+    logged. `Recorder` writes checkpoints with ``checkpoint_every``; to continue the same scene
+    exactly, use its ``resume``.
 
     Args:
         path: The checkpoint.
         stepper: Stepper of the new scene.
 
     Returns:
-        Descriptions of the data in the checkpoint that are not taken over.
+        Descriptions of the data in the checkpoint that are not used.
 
     Raises:
         TypeError: The path is no path, or the stepper no stepper.
@@ -134,7 +134,7 @@ def _pairs(scene: Mapping[str, str]) -> list[int]:
 
 
 def _kept(saved: Mapping[str, str], now: Mapping[str, str]) -> dict[int, _Kept]:
-    """Pairs of this scene that take over contact, by their number from 0."""
+    """Pairs of this scene that get a contact state, by their number from 0."""
     kept = {}
     numbers = {saved[f"pair {n}"]: n for n in _pairs(saved)}
     for i in _pairs(now):
@@ -149,5 +149,5 @@ def _kept(saved: Mapping[str, str], now: Mapping[str, str]) -> dict[int, _Kept]:
 
 
 def _has_no_springs(laws: str) -> bool:
-    """Whether contact and friction are by multipliers alone."""
+    """Whether contact and friction are enforced by multipliers only."""
     return laws.startswith("LagrangeMultiplier") and ("eps_T=None" in laws or "none" in laws)

@@ -1,8 +1,7 @@
 """Lock that prevents other runs from writing to files of the same name.
 
 The operating system releases the lock when the process ends for any reason. A file left by a killed
-process locks nothing. Files of other programs are left unchanged, and symbolic links are not
-followed.
+process is no lock. Files of other programs are left unchanged, and symbolic links are not followed.
 """
 
 import errno
@@ -26,7 +25,7 @@ _OWN = re.compile(r"process \d+ on \S+ since ")
 
 
 class NameLock:
-    """File that is locked during a run. Local, as all its methods; only rank 0 takes it.
+    """File that is locked during a run. Local, as all its methods; only rank 0 acquires the lock.
 
     Args:
         path: The file, which exists while the lock is held and names its holder.
@@ -51,11 +50,11 @@ class NameLock:
             except FileExistsError:
                 try:
                     file, is_new = self._existing(), False
-                except FileNotFoundError:  # removed by a run that has just ended
+                except FileNotFoundError:  # removed by another run that has just ended
                     continue
             try:
                 self._lock(file, is_new)
-                # A run that has just ended may have removed the file in between.
+                # Another run that has just ended may have removed the file in the meantime.
                 if self._is_there(file):
                     os.pwrite(file, text, 0)
                     os.truncate(file, len(text))

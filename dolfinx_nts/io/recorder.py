@@ -159,7 +159,7 @@ class Recorder:
         self._has_warned = False
 
     def __repr__(self) -> str:
-        """Call that creates an equal recorder, with the class of the stepper."""
+        """Constructor call of an equal recorder, with the class of the stepper."""
         options = asdict(self._options)
         return as_call(self, name=options.pop("name"), stepper=type(self._stepper), **options)
 
@@ -176,7 +176,7 @@ class Recorder:
         self._summary = Summary(self._options.name, self._stepper)
         stepper, one_state = self._stepper, self.diagnostics.one_state
         with stepper.timings.phase("output"), one_state() as now, ExitStack() as stack:
-            now.gaps()  # for the first fields; the row needs the least gap
+            now.gaps()  # computed for the first fields, as the row needs the smallest gap
             num_supports = len(stepper.supports) + len(guided(stepper.bodies))
             self._ledger = EnergyLedger(
                 stepper.step, self.diagnostics.balance(), len(stepper.loads), num_supports
@@ -216,7 +216,7 @@ class Recorder:
         with self._stepper.timings.phase("output"), self.diagnostics.one_state() as now:
             has_fields = self._options.has_fields(self._ledger.num_steps + 1, step.t)
             if has_fields:
-                now.gaps()  # the row has their minimum
+                now.gaps()  # fields need all gaps, the row their minimum
             self._ledger.add(step, *self.diagnostics.after_step())
             self._warn_of_spurious_gain()
             self._files.write_row(self._columns.row(step, self._ledger))
@@ -234,7 +234,7 @@ class Recorder:
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         """Write the last state and close the files.
 
-        After an error other than `ConvergenceError` the ranks may be out of step, and nothing is
+        After an error other than `ConvergenceError` ranks may be in different steps, and nothing is
         written.
         """
         assert self._open is not None and self._summary is not None
@@ -293,14 +293,14 @@ class Recorder:
             )
 
     def _log_end(self, what: str) -> None:
-        """Log on the first rank why the run ends, and how to continue. Local."""
+        """Log on the first rank why the run ends, and how to continue it. Local."""
         if self._comm.rank == 0:
             _logger.warning("%s; %s", what, self._files.how_to_go_on())
 
 
 @dataclass(frozen=True)
 class _Options:
-    """Arguments of a `Recorder` under the same names."""
+    """Checked arguments of a `Recorder`, with the same names."""
 
     name: str
     every: int

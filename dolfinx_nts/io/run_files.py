@@ -30,7 +30,7 @@ _ROUND_OFF = 1e-9
 
 
 class ScriptedStep:
-    """Initial length of steps, which a resumed run compares with its own.
+    """Length of steps in the script, which a resumed run compares with that of the checkpoint.
 
     An unchanged script continues with the step length of the checkpoint. A script with another
     ``dt`` continues with its new ``dt``.
@@ -43,7 +43,7 @@ class ScriptedStep:
         self._stepper, self._dt = stepper, stepper.dt
 
     def serialize(self, archive: Archive) -> None:
-        """Serialize the length; restore the length in the script if it has changed. Collective.
+        """Serialize the length. If the script has changed it, set the stepper to it. Collective.
 
         Raises:
             ValueError: The step length is not stable.
@@ -75,7 +75,7 @@ class FieldsFile(Protocol):
         """Complete the files."""
 
     def leave(self) -> None:
-        """Write buffered states after an error, unless the ranks are out of step."""
+        """Write buffered states after an error, unless ranks are in different steps."""
 
 
 # Suffix and writer by the kind of the file of fields.
@@ -111,7 +111,7 @@ class RunFiles:
         self._table = Table(Path(f"{name}.csv"))
         self._checkpoint = Path(f"{name}.checkpoint.h5")
         self._lock = NameLock(Path(f"{name}.lock"))
-        # Step and time of the checkpoint, or of the start.
+        # Step and time of the last checkpoint, or of the start.
         self._saved = (0, 0.0)
         self._script: ScriptedStep
         suffix, file = _KINDS[kind]
@@ -203,7 +203,7 @@ class RunFiles:
         return ledger, self._table, self.fields, self._script
 
     def close(self) -> None:
-        """Close the files and release the lock, also if ranks are out of step after an error.
+        """Close the files and release the lock, even if ranks are in different steps.
 
         Raises:
             OSError: Buffered states cannot be written.

@@ -2,7 +2,7 @@
 
 Rank 0 creates the layout of the file with contiguous arrays without values, and broadcasts their
 offsets. Then each rank writes its rows by MPI, without HDF5, so that a parallel build of h5py is
-not needed. Nothing is gathered. The file is replaced atomically, see `atomic_file.replace`.
+not needed. No rank gathers the data. The file is replaced atomically, see `atomic_file.replace`.
 """
 
 import errno
@@ -43,7 +43,8 @@ def write_hdf5(
         arrays: Datasets by name, each the concatenation of its slabs. A name may contain slashes
             for groups. A rank may omit arrays without rows on it.
         attributes: Attributes of the file; rank 0 provides them.
-        durable: Whether to wait until the disk has it, so that it survives a power failure.
+        durable: Whether to wait until the content is on the disk, so that it survives a power
+            failure.
 
     Raises:
         OSError: The content cannot be written, for instance because the disk is full. A file
@@ -81,7 +82,7 @@ def _laid_out(
     parents = h5py.h5p.create(h5py.h5p.LINK_CREATE)
     parents.set_create_intermediate_group(True)
     in_one_piece = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
-    in_one_piece.set_obj_track_times(False)  # equal contents make equal files
+    in_one_piece.set_obj_track_times(False)  # files with the same content are identical
     in_one_piece.set_layout(h5py.h5d.CONTIGUOUS)
     in_one_piece.set_alloc_time(h5py.h5d.ALLOC_TIME_EARLY)
     in_one_piece.set_fill_time(h5py.h5d.FILL_TIME_NEVER)

@@ -1,4 +1,4 @@
-"""States of a run for the files of its fields."""
+"""Rows of the fields of a state, for the files of a run."""
 
 from collections.abc import Mapping
 
@@ -17,7 +17,7 @@ CELLS = "cells/"
 
 
 class States:
-    """Fields of states in the input order of the mesh.
+    """Fields of states, redistributed to the input order of the mesh.
 
     Args:
         stepper: Stepper of the run.
@@ -37,7 +37,7 @@ class States:
 
         Args:
             now: Current state of the stepper.
-            former: Rows of a state that is not needed any more, whose memory is reused.
+            former: Rows of an earlier state, whose memory is reused.
 
         Returns:
             Nodal values by name, shape ``(n,)`` or ``(n, 3)``, and values of sub-cells, also

@@ -15,8 +15,8 @@ from dolfinx_nts.parallel import reductions
 
 __all__ = ["Summary"]
 
-# Components of a vector relative to its largest one [-] that are printed as zero: above round-off
-# of equilibria, below the last digit that is printed.
+# Components of a vector, relative to its largest one [-], below which zero is printed: larger than
+# the round-off of equilibria, smaller than the last printed digit.
 _ROUND_OFF = 1e-6
 
 

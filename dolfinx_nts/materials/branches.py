@@ -1,10 +1,9 @@
 r"""Viscous branches of a generalised Maxwell solid.
 
-A branch is a spring in series with a dashpot, parallel to the strain energy. With the strain
-:math:`\Gamma` of the dashpot and the Green-Lagrange strain E it has the energy
-:math:`W = s/2\, (E - \Gamma) : D : (E - \Gamma)` and the rate law
-:math:`\tau \dot\Gamma = E - \Gamma`. D are the deviatoric moduli of the
-undeformed material: volumetric stress does not relax, as in rubber.
+A branch is a spring in series with a dashpot, in parallel with the strain energy. With the strain
+:math:`\Gamma` of the dashpot and the Green-Lagrange strain E it has the energy :math:`W = s/2\, (E
+- \Gamma) : D : (E - \Gamma)` and the rate law :math:`\tau \dot\Gamma = E - \Gamma`. D are the
+deviatoric moduli of the undeformed material: volumetric stress does not relax, as in rubber.
 """
 
 from collections.abc import Iterable

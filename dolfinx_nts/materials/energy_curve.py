@@ -1,6 +1,7 @@
 """Derivatives of a strain energy along lines of strain, evaluated by UFL.
 
-No form is compiled. Slopes serve the check of an energy, curvatures its moduli.
+No form is compiled. First derivatives are used in the check of an energy, second derivatives give
+its moduli.
 """
 
 import warnings
@@ -17,21 +18,21 @@ from dolfinx_nts.materials.evaluation import Evaluation
 
 __all__ = ["GENERIC_STRAIN", "EnergyCurve"]
 
-# A direction of C [-] in which no usual invariant is stationary at C = 1.
+# Direction D [-] in which no usual invariant is stationary at C = 1.
 GENERIC_STRAIN = np.array([[1.0, 0.3, -0.2], [0.3, -0.7, 0.5], [-0.2, 0.5, 0.4]])
-# Step in s [-] of the difference of slopes: near the cube root of the machine epsilon, where
-# round-off and truncation errors are equal.
+# Step in s [-] of the difference of first derivatives: near the cube root of the machine epsilon,
+# where round-off and truncation errors are equal.
 _STEP = 1e-5
-# Tolerances of the difference, relative to the slopes and to the curvatures [-]: generous bounds of
-# its round-off and of its truncation error.
+# Tolerances of the difference, relative to first and to second derivatives [-]: upper bounds of its
+# round-off and of its truncation error.
 _ROUND_OFF, _TRUNCATION = 1e-6, 1e-3
 
 
 class EnergyCurve:
     r"""Derivatives of :math:`\psi(1 + s D)` by s, for any s and D. Local.
 
-    They are expanded once. Expanding them at every evaluation would take most of its time. Values
-    are kept, as the same ones serve the check and the moduli of each material of an energy.
+    They are expanded once, as expansion takes longer than evaluation. Values are cached, as the
+    check and the moduli of all materials with this energy use the same ones.
 
     Args:
         psi: Strain energy density ``psi(C)`` [J/m^3], a UFL scalar without fields.
@@ -41,7 +42,7 @@ class EnergyCurve:
     """
 
     def __init__(self, psi: Callable[[Any], Any]) -> None:
-        # UFL constants need a mesh, whichever.
+        # UFL constants need some mesh.
         mesh = ufl.Mesh(basix.ufl.element("Lagrange", "tetrahedron", 1, shape=(3,)))
         self._s, self._D = ufl.Constant(mesh), ufl.Constant(mesh, shape=(3, 3))
         at = ufl.variable(self._s)
@@ -82,7 +83,7 @@ class EnergyCurve:
         if key not in self._values:
             derivative = self._second if is_second else self._first
             with warnings.catch_warnings():
-                # UFL warns before it raises.
+                # UFL logs a warning before it raises.
                 warnings.simplefilter("ignore")
                 self._values[key] = derivative.value({self._s: s, self._D: D.tolist()})
         return self._values[key]

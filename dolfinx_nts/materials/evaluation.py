@@ -42,7 +42,7 @@ class _Part:
 
     Args:
         operator: The operator.
-        operands: Its operands; operators among them are parts, too.
+        operands: Its operands; operators among them are also of this class.
     """
 
     def __init__(self, operator: Any, operands: tuple[Any, ...]) -> None:

@@ -16,7 +16,8 @@ from dolfinx_nts.materials.volume_increment import VolumeIncrement
 
 __all__ = ["HolzapfelGasserOgden"]
 
-# Square of d [-] below which sinh(d)/d is a series, and number of terms; the next one is round-off.
+# Square of d [-] below which sinh(d)/d is evaluated as a series, and number of its terms; the next
+# one is round-off.
 _SERIES, _TERMS = 0.01, 6
 
 
@@ -85,7 +86,7 @@ class HolzapfelGasserOgden(Hyperelastic):
         return frozenset(["kappa"])
 
     def check(self) -> None:
-        """Do nothing: moduli are discontinuous only where fibres become taut."""
+        """Do nothing: the energy has no stress at C = 1, and moduli that may be discontinuous."""
 
     @property
     def least_modulus(self) -> float:
@@ -212,7 +213,7 @@ def _quotient(k1: Any, k2: Any, x_n: Any, x: Any) -> Any:
     is_small = ufl.lt(square, _SERIES)
     safe = ufl.conditional(is_small, 1.0, d)
     sinh = ufl.conditional(is_small, series, (ufl.exp(safe) - ufl.exp(-safe)) / (2 * safe))
-    # Fibres taut at both ends, or at one end only, where the strains have opposite signs.
+    # First case: fibres taut at both ends; second: at one end, so that strains have opposite signs.
     crosses = ufl.lt(x * x_n, 0)
     width = ufl.conditional(crosses, x - x_n, 1.0)
     part = ufl.conditional(crosses, (p - p_n) / width, 1.0)

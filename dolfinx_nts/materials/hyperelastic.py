@@ -19,19 +19,19 @@ from dolfinx_nts.materials.strain_energy import StrainEnergy
 
 __all__ = ["Hyperelastic", "right_cauchy_green"]
 
-# Gauss points and weights [-] of the average over [0, 1]: three are exact to degree 5.
+# Gauss points and weights of the average over [0, 1] [-]: three points are exact up to degree 5.
 _POINTS = 0.5 + 0.5 * np.sqrt(0.6) * np.array([-1.0, 0.0, 1.0])
 _WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18
-# |dC| [-] above which the error of the average exceeds round-off, and is corrected. Below it the
-# correction would be round-off divided by |dC|.
+# |dC| [-] above which the error of the average exceeds round-off and is corrected. Below, the
+# correction would be dominated by round-off divided by |dC|.
 _SMALL_STRAIN_INCREMENT = 1e-2
-# Size of a strain [-] at which an energy is compared with the sum of its parts, large enough for
-# terms of all orders.
+# Strain [-] at which an energy is compared with the sum of its parts, large enough for terms of all
+# orders to be visible.
 _LARGE_STRAIN = 0.1
 # Relative round-off of energies [-].
 _ROUND_OFF = 1e-10
-# Poisson's ratios of small strains [-]: above which volumetric locking of hexahedra matters; and at
-# which the shear modulus vanishes.
+# Poisson's ratios of small strains [-]: one above which volumetric locking of hexahedra is
+# relevant, and the limit at which the shear modulus vanishes.
 _LOCKS, _FLUID = 0.3 - 1e-9, 0.5 - 1e-9
 
 
@@ -61,8 +61,8 @@ class Hyperelastic(StrainEnergy):
             linear in them. ``()`` for none, as in the paper. Every choice conserves energy, because
             each point has its own energy and conserving stress.
         branches: Pairs of a share [-] and a relaxation time [s], each a spring in series with a
-            dashpot, parallel to the energy. The stress of a sudden change of shape is the
-            stress of ``psi`` times 1 plus the sum of the shares, and relaxes to that stress.
+            dashpot, in parallel with the energy. After a sudden change of shape the stress is that
+            of ``psi`` times 1 plus the sum of the shares, and relaxes to the stress of ``psi``.
         **parameters: Keyword arguments of ``psi``, numbers.
 
     Attributes:
@@ -71,7 +71,7 @@ class Hyperelastic(StrainEnergy):
         is_sheet: Whether the stress along z vanishes, see `PlaneStress`.
         one_point: Names as given, a frozen set, or the names of the volumetric terms.
         splits_volume: Whether ``"volumetric"`` was given or is the default. Without names the
-            energy of an equal change of volume, psi(J^(2/3) 1), has one point.
+            energy of an isotropic change of volume, psi(J^(2/3) 1), has one point.
         parameters: Numbers by name, read-only.
 
     Raises:
@@ -79,9 +79,9 @@ class Hyperelastic(StrainEnergy):
         ValueError: A number is not finite or has the wrong sign; ``psi`` is no scalar, or not
             twice differentiable at C = 1, where energies without fields are evaluated, or has a
             stress there; stiffness damping would add energy, as the moduli at C = 1 have a
-            negative eigenvalue; ``one_point`` names no parameter or all of them, or ``psi`` is
-            not the sum of both parts, or under an equal change of volume has a stress that is
-            no pressure where ``"volumetric"`` is given.
+            negative eigenvalue; ``one_point`` names no parameter or all of them, or ``psi`` is not
+            the sum of both parts, or with ``"volumetric"`` has a stress that is no pressure under
+            an isotropic change of volume.
 
     Example:
         >>> def psi(C, mu, kappa):
@@ -168,7 +168,7 @@ class Hyperelastic(StrainEnergy):
             Stress [Pa], UFL (3, 3).
         """
         C = ufl.variable(C)
-        # UFL's derivative is not symmetric if psi uses entries of C.
+        # Symmetrised, as the UFL derivative is not symmetric if psi uses entries of C.
         return 2 * ufl.sym(ufl.diff(self.psi(C, **parameters), C))
 
     def conserving_stress(self, C_n: Any, C: Any, **parameters: Any) -> Any:
@@ -214,7 +214,7 @@ class Hyperelastic(StrainEnergy):
         return ufl.as_tensor(moduli[i, j, m, n] * E_GL[m, n], (i, j))
 
     def shape_stress(self, E_GL: Any, **parameters: Any) -> Any:
-        """Deviator of the `linear_stress` of a deviatoric strain, the resistance of branches."""
+        """Deviatoric `linear_stress` of the deviatoric strain, for viscous branches."""
         return ufl.dev(self.linear_stress(ufl.dev(E_GL), **parameters))
 
     def free_thickness(self, C: Any, **parameters: Any) -> Any:

@@ -58,7 +58,7 @@ class SaintVenantKirchhoff(Hyperelastic):
         return 1 - lmbda / (lmbda + 2 * mu) * (C[0, 0] + C[1, 1] - 2)
 
     def conserving_stress(self, C_n: Any, C: Any, **parameters: Any) -> Any:
-        """Stress at the mean of both tensors, which conserves energy as psi is quadratic in C."""
+        """Stress at the mean of both tensors; it conserves the energy, as psi is quadratic in C."""
         return self.stress((C_n + C) / 2, **parameters)
 
 
@@ -213,7 +213,7 @@ class Yeoh(Hyperelastic):
 
 
 def _lame(E: float, nu: float) -> dict[str, float]:
-    """Lame's parameters [Pa] of Young's modulus and Poisson's ratio."""
+    """Lame parameters [Pa] from Young's modulus [Pa] and Poisson's ratio [-]."""
     positive("Young's modulus E", E)
     if not -1 < real("nu", nu) < 0.5:
         raise ValueError(f"expected Poisson's ratio -1 < nu < 0.5, given {nu}")
@@ -221,7 +221,7 @@ def _lame(E: float, nu: float) -> dict[str, float]:
 
 
 def _young(lmbda: float, mu: float) -> dict[str, float]:
-    """Young's modulus [Pa] and Poisson's ratio of Lame's parameters."""
+    """Young's modulus [Pa] and Poisson's ratio [-] from Lame parameters [Pa]."""
     return {"E": mu * (3 * lmbda + 2 * mu) / (lmbda + mu), "nu": lmbda / (2 * (lmbda + mu))}
 
 
@@ -248,7 +248,7 @@ def _mooney_rivlin(C: Any, c10: Any, c01: Any, kappa: Any) -> Any:
 
 
 def _second(C: Any) -> Any:
-    """Second invariant."""
+    """Second invariant of C, UFL."""
     return (ufl.tr(C) ** 2 - ufl.tr(C * C)) / 2
 
 

@@ -13,7 +13,7 @@ __all__ = ["MassOnly", "Rigid"]
 class MassOnly(Hyperelastic):
     """Inertia and mass damping, without a stress. Local.
 
-    Bodies use it if inertia and energy have different quadratures.
+    It is used for the inertia terms if inertia and energy have different quadratures.
 
     Args:
         rho: Reference density [kg/m^3].
@@ -40,7 +40,7 @@ class Rigid(MassOnly):
         rho: Reference density [kg/m^3].
     """
 
-    # It is stiffer than any other material, and cannot collapse.
+    # Values of a material that is stiffer than any other, and cannot collapse.
     least_modulus = math.inf
     resists_collapse = True
 

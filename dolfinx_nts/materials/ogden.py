@@ -32,7 +32,7 @@ class Ogden(Hyperelastic):
 
     Args:
         mu: Coefficients of the terms [Pa].
-        alpha: Exponents of the terms [-], as many.
+        alpha: Exponents of the terms [-], the same number.
         kappa: Bulk modulus [Pa]. A Poisson's ratio nu of small strains needs
             2 mu (1 + nu)/(3 (1 - 2 nu)).
         rho: Reference density [kg/m^3].
@@ -85,7 +85,7 @@ class Ogden(Hyperelastic):
         return frozenset(["kappa"])
 
     def check(self) -> None:
-        """Do nothing: these energies have moduli and no stress at C = 1."""
+        """Do nothing: all Ogden energies have moduli and no stress at C = 1."""
 
     @property
     def moduli(self) -> Floats:

@@ -17,7 +17,7 @@ __all__ = ["PlaneStress"]
 class PlaneStress(Hyperelastic):
     r"""Material of a sheet in plane stress, in two dimensions. Local.
 
-    Only laws with a closed form of the thickness are accepted. Another law can be given as a
+    Only laws with a closed-form thickness stretch are accepted. Another law can be given as a
     `Hyperelastic` energy of the in-plane entries of C, which has no stress along z either. Forces
     (also of a `Pressure`), masses and energies are per metre of undeformed thickness.
 

@@ -93,7 +93,7 @@ class J2Plasticity(Hyperelastic):
         return arguments | ({"saturation": (law.increase, law.rate)} if law.saturates else {})
 
     def conserving_stress(self, C_n: Any, C: Any, **parameters: Any) -> Any:
-        """Closed form by products of means and quotients; ``metric`` follows from plastic flow."""
+        """Conserving stress in closed form; ``metric`` is the plastic metric."""
         numbers = self.parameters | parameters
         G, mu, kappa = numbers.get("metric", ufl.Identity(3)), numbers["mu"], numbers["kappa"]
         volume = VolumeIncrement(C_n, C)

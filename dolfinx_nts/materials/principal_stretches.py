@@ -25,13 +25,14 @@ import ufl
 
 __all__ = ["PrincipalStretches"]
 
-# Largest eta [-] of the series about equal stretches, and largest w^2 [-] of that about two equal
-# ones: outside, derivatives lose a digit to cancellation.
+# Largest eta [-] for the series about three equal stretches, and largest w^2 [-] for the series
+# about two equal ones. Elsewhere the root is used; near these limits its derivatives lose a digit
+# to cancellation.
 _CLOSE, _PAIR = 0.02, 1e-3
-# t(c) [-] on [0, 1] by value and slope at both ends: 4e-4 off, and round-off after as many steps of
-# Newton's method, derivatives too.
+# Starting value t(c) [-] on [0, 1], a cubic with exact values and slopes at both ends (error 4e-4),
+# and number of Newton steps after which value and derivatives are exact to round-off.
 _START, _NEWTON = (0.00983, -0.04253, 1 / 6, 0.75**0.5), 3
-# Relative size [-] of a term in a second derivative that is round-off.
+# Relative size of a term in a second derivative [-] that counts as round-off.
 _ROUND_OFF = np.finfo(float).eps
 
 
@@ -95,7 +96,7 @@ class PrincipalStretches:
         return ufl.exp(-beta / 3 * volume) * total
 
     def gradient(self, value: Any) -> Any:
-        """Derivative by C of a function of `powers`, UFL (3, 3).
+        """Derivative with respect to C of a function of `powers`, UFL (3, 3).
 
         Args:
             value: The function, UFL scalar.

@@ -26,9 +26,9 @@ from dolfinx_nts.materials.hardening import Hardening
 
 __all__ = ["RadialReturn"]
 
-# Newton iterations after which the equations of a point are solved to round-off: the equation of
-# the increment is linear without saturation, the one of the trace starts within the square of the
-# elastic strain.
+# Numbers of Newton iterations [-] after which the equations at a point are solved to round-off. The
+# equation of the increment is linear without saturation; the initial error of the trace is of the
+# order of the squared elastic strain.
 _OF_INCREMENT, _OF_TRACE = 5, 5
 
 
@@ -36,9 +36,9 @@ class RadialReturn:
     """Plastic flow at a point, from the metric and the plastic strain at the start. Local.
 
     Args:
-        C: Right Cauchy-Green tensor with the flow, UFL (3, 3).
-        metric: Inverse of the plastic right Cauchy-Green tensor before, UFL (3, 3).
-        alpha: Equivalent plastic strain before [-], UFL.
+        C: Right Cauchy-Green tensor at which plastic flow is evaluated, UFL (3, 3).
+        metric: Inverse of the plastic right Cauchy-Green tensor at the start, UFL (3, 3).
+        alpha: Equivalent plastic strain at the start [-], UFL.
         mu: Shear modulus [Pa], UFL.
         hardening: Yield stress by plastic strain, with constants of UFL.
 
@@ -58,7 +58,7 @@ class RadialReturn:
         square, least = 1.5 * mu**2 * self._square, hardening.stress(alpha)
         # In elastic steps the root is 0, and the argument of the square root is kept positive.
         q = ufl.sqrt(ufl.conditional(ufl.gt(square, least**2), square, least**2))
-        # At the end of the return the trace is nearly that without elastic strain.
+        # Starting value: the trace without elastic strain.
         skew = 3 * ufl.det(self._deviator) * 1.5 * mu**2 / q**2
         rates = self._mean + self._root, skew * (1 + least / q)
         slope = 1.5 * mu * sum(rates)

@@ -24,8 +24,8 @@ _ROUND_OFF = 1e-10
 # Largest stress in the undeformed state, relative to the moduli [-], that rounded parameters may
 # cause.
 _NO_STRESS = 1e-6
-# Energies at C = s 1 with these s [-] show whether a material resists collapse: from the first to
-# the second a logarithm of the volume doubles, and a bounded energy hardly changes.
+# Values s [-] for a test whether a material resists collapse, by its energy at C = s 1: from the
+# first to the second value ln J doubles, and a bounded energy hardly changes.
 _COLLAPSED, _GROWTH = (1e-8, 1e-4), 1.5
 
 
@@ -69,15 +69,15 @@ class StrainEnergy(Declaration):
 
     @cached_property
     def has_fields(self) -> bool:
-        """Whether it contains Functions or coordinates, so that it has no single value at C = 1."""
+        """Whether the energy contains Functions or coordinates, and thus varies in space."""
         return bool(extract_domains(ufl.as_ufl(self.psi(ufl.Identity(3)))))
 
     def check(self) -> None:
         """Check the energy in the undeformed state.
 
         Raises:
-            ValueError: It is no scalar; or has no fields, and is not twice differentiable or has a
-                stress.
+            ValueError: The energy is no scalar; or, without fields, is not twice differentiable or
+                has a stress.
         """
         if (shape := ufl.as_ufl(self.psi(ufl.Identity(3))).ufl_shape) != ():
             raise ValueError(f"expected a scalar strain energy psi(C), given shape {shape}")
@@ -135,7 +135,7 @@ class StrainEnergy(Declaration):
     def poisson_ratio(self) -> float:
         """Poisson's ratio of small strains [-]; NaN for energies with fields.
 
-        For an anisotropic material it is the value of the nearest isotropic one.
+        For an anisotropic material it is the value of the nearest isotropic material.
         """
         if self.has_fields:
             return np.nan
@@ -171,10 +171,10 @@ class StrainEnergy(Declaration):
 
     @property
     def _is_ours(self) -> bool:
-        """Whether psi is a function of the package, which depends on its arguments only.
+        """Whether psi is a function of the package, which depends only on its arguments.
 
-        Its properties are kept for other materials with the same parameters. Energies of a script
-        may depend on what the script changes.
+        Its properties are then cached for materials with the same parameters. User-defined energies
+        may depend on other data.
         """
         return is_of_package(self._psi) and type(self).psi is StrainEnergy.psi
 

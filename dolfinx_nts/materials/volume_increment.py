@@ -13,8 +13,8 @@ import ufl
 
 __all__ = ["VolumeIncrement"]
 
-# Square of z [-] below which atanh(z)/z is a series, and number of terms; the next one is
-# round-off.
+# Square of z [-] below which atanh(z)/z is evaluated as a series, and number of its terms; the next
+# one is round-off.
 _SERIES, _TERMS = 0.01, 9
 
 
@@ -23,7 +23,7 @@ class VolumeIncrement:
 
     Args:
         C_n: Right Cauchy-Green tensor at t_n, UFL (3, 3).
-        C: The same at t_{n+1}.
+        C: Right Cauchy-Green tensor at t_{n+1}, UFL (3, 3).
 
     Attributes:
         gradient: A tensor A with A : (C - C_n) = det C - det C_n, UFL (3, 3).
@@ -44,7 +44,7 @@ class VolumeIncrement:
 
     @cached_property
     def logarithm(self) -> Any:
-        r"""Quotient of ln det C, :math:`2\, \mathrm{artanh}(z)/z / (I_n + I)`."""
+        r"""Difference quotient of ln det C, :math:`2\, \mathrm{artanh}(z)/z / (I_n + I)`."""
         total = self.square_n + self.square
         z = ufl.inner(self.gradient, self._dC) / total
         square, series = z * z, 0.0
@@ -62,7 +62,7 @@ class VolumeIncrement:
 
     @cached_property
     def root(self) -> Any:
-        """Quotient of J^(-2/3)."""
+        """Difference quotient of J^(-2/3)."""
         # a^3 = 1/I, so that the difference of a is the difference of 1/I over this sum of products.
         a_n, a = self.roots
         return -1 / (self.square_n * self.square * (a_n**2 + a_n * a + a**2))

@@ -30,7 +30,7 @@ class Part(NamedTuple):
 
 
 class _PartOfEnergy(Hyperelastic):
-    """Damping of a material with a part of its energy. Local.
+    """Material with a part of the energy of another one, and its damping. Local.
 
     Args:
         material: The material, which has been checked.
@@ -46,7 +46,7 @@ class _PartOfEnergy(Hyperelastic):
 
 
 def parts(material: Hyperelastic, locks: bool) -> tuple[Part, Part | None]:
-    """Split the energy of a material by the quadratures of its terms. Local.
+    """Split the energy of a material into terms with different quadratures. Local.
 
     Args:
         material: The material.

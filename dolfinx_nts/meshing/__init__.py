@@ -1,4 +1,4 @@
-"""Meshes with named regions from gmsh, and functions that add simple bodies to a gmsh model."""
+"""Meshes with named regions from gmsh, and functions that add bodies to a gmsh model."""
 
 from dolfinx_nts.meshing.gmsh import MeshData, read_mesh
 from dolfinx_nts.meshing.parts import (

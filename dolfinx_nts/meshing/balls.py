@@ -16,8 +16,8 @@ from dolfinx_nts.meshing.structured_blocks import (
 
 __all__ = ["add_bowl", "add_hollow_ball", "add_solid_ball"]
 
-# The cube in the middle of a solid ball: half of its edge relative to the radius [-], and how
-# round its faces are, from 0, a cube, to 1, a sphere; chosen for well-shaped cells.
+# Core of a solid ball, a cube with bulged faces: half of its edge relative to the radius [-], and
+# roundness of its faces [-], from 0, a cube, to 1, a sphere. Chosen for well-shaped cells.
 _CORE, _BULGE = 0.5, 0.6
 
 
@@ -70,7 +70,7 @@ def add_hollow_ball(
 
     ids = np.full(on_cube.shape, -1)
     ids[on_cube] = np.arange(len(direction))
-    # Transposed where the two axes of the face and the outward direction would be left-handed.
+    # Transposed if the two axes of the face and the outward direction are left-handed.
     faces = (ids[-1], ids[0].T, ids[:, -1].T, ids[:, 0], ids[:, :, -1], ids[:, :, 0].T)
     wall = len(direction) * np.arange(layers + 1)
     cells = np.stack([hexahedra(face[:, :, None] + wall) for face in faces])

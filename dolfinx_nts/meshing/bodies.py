@@ -33,7 +33,7 @@ _PYRAMIDS = {7, 14, 19}  # of first, second and incomplete second order
 _FLAT = 1e-12
 # Degree of the quadrature at whose points det J of curved cells is checked [-].
 _DEGREE = 4
-# Cells whose Jacobians are in memory at the same time [-], some 100 MB.
+# Number of cells whose Jacobians are computed at a time [-], about 100 MB.
 _CHUNK = 50_000
 
 
@@ -69,9 +69,9 @@ class Bodies(NamedTuple):
 
 
 def with_default_groups(mesh: Elements) -> Elements:
-    """Make each entity with cells a body of its own, where no cells are in physical groups.
+    """If no cells are in physical groups, put each entity with cells into a group of its own.
 
-    Programs that know no physical groups write such files.
+    Programs without physical groups write such files.
     """
     dim = next((dim for dim in (3, 2) if mesh.kinds(dim)), 0)
     if not dim or mesh.physical(dim):
@@ -117,7 +117,7 @@ def find_dimension(mesh: Elements) -> int:
 
 
 def _without_bodies(mesh: Elements) -> str:
-    """Description of a model without bodies, and how to define bodies in it."""
+    """Content of a model without bodies, and advice how to define bodies in it, as text."""
     for dim in (3, 2):
         if count := len(mesh.entities(dim)):
             return (
@@ -142,8 +142,8 @@ def bodies_of(mesh: Elements, dim: int) -> Bodies:
         left out.
 
     Raises:
-        ValueError: A name stands for two tags, or cells are of a kind that is refused, in no or
-            several groups, or flat somewhere.
+        ValueError: A name has two tags, or cells are of an unsupported kind, in no or several
+            groups, or degenerate at a point.
     """
     tags = _tags_by_name(mesh, dim)
     kind = _kind_of_cells(mesh, dim)
@@ -248,7 +248,7 @@ def _check_groups(mesh: Elements, cell_dim: int, expected: dict[int, int]) -> di
 def _stacked(
     groups: dict[int, list[Block]], kind: int
 ) -> tuple[GlobalInts, GlobalInts, GlobalInts]:
-    """Numbers, nodes and tags of the elements of groups."""
+    """Concatenated numbers, nodes and tags of the elements of groups."""
     blocks = [(tag, block) for tag, of in groups.items() for block in of]
     none = np.empty((0, KINDS[kind].num_nodes), dtype=np.int64)
     numbers = np.concatenate([none[:, 0], *(block.numbers for _, block in blocks)])
@@ -258,7 +258,7 @@ def _stacked(
 
 
 def _check_cells(cell: str, degree: int, x: Floats, cells: GlobalInts, numbers: GlobalInts) -> None:
-    """Raise if a cell is flat somewhere, or has different signs of det J."""
+    """Raise if det J of a cell vanishes or changes its sign."""
     shape, dim = basix.CellType[cell], x.shape[1]
     element = basix.create_element(
         basix.ElementFamily.P, shape, degree, basix.LagrangeVariant.equispaced

@@ -10,7 +10,7 @@ from dolfinx_nts.meshing.structured_blocks import SIDES, add_body, hexahedra, qu
 
 __all__ = ["add_box", "add_rectangle"]
 
-# gmsh's types of lines and of cells of the plane, and these as corners of quadrilaterals.
+# gmsh's types of lines and plane cells; corners of a quadrilateral that form each plane cell.
 _LINE = 1
 _PLANE_CELLS = {"triangle": (2, [[0, 1, 2], [0, 2, 3]]), "quadrilateral": (3, [[0, 1, 2, 3]])}
 

@@ -1,7 +1,7 @@
 """Discrete entities of a gmsh model, with numbers that CAD shapes do not use.
 
-The CAD kernels of gmsh number their own shapes only. A shape that is added later with the number of
-a discrete entity would replace it, or end the process.
+The CAD kernels of gmsh only take their own shapes into account when they number a new one. A later
+shape with the number of a discrete entity would replace it, or crash the process.
 """
 
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ from typing import Any
 
 __all__ = ["add_discrete_entity"]
 
-# Far above the numbers that kernels count up to from 1.
+# First number, far larger than those of CAD shapes, which are counted from 1.
 _FIRST = 1_000_001
 
 

@@ -28,8 +28,8 @@ class Kind(NamedTuple):
     num_nodes: int
 
 
-# By gmsh's number: those up to second order, and complete ones of third order. Other types are
-# refused by their number.
+# Element types by gmsh's number: those up to second order, and complete ones of third order.
+# Messages name other types by their number.
 KINDS = {
     1: Kind("Line 2", 1, 1, 2),
     2: Kind("Triangle 3", 2, 1, 3),
@@ -112,7 +112,7 @@ class Elements(NamedTuple):
         return x
 
     def name(self, dim: int, tag: int) -> str:
-        """Name of a physical group; without one what it is, and its tag."""
+        """Name of a physical group, or else its kind and tag, such as "surface 3"."""
         return self.names.get((dim, tag)) or f"{ENTITIES[dim]} {tag}"
 
     def physical(self, dim: int) -> dict[int, list[Block]]:

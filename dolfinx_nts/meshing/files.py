@@ -33,8 +33,8 @@ def add_mesh(
         model: Live gmsh model.
         name: Name of the body.
         path: File of format 4.1 or 2.2, see `read_mesh`.
-        move: Function of the positions in the file, shape ``(n, 3)`` [m], that returns those in
-            the model, to scale, turn and shift the body; None if they stay.
+        move: Function of the positions in the file, shape ``(n, 3)`` [m], that returns positions in
+            the model, to scale, rotate and shift the body; None to keep them.
 
     Raises:
         OSError: The file cannot be read.

@@ -92,13 +92,13 @@ def read_mesh(source: Any, comm: MPI.Comm, *, rank: int = 0) -> MeshData:
     It is partitioned by recursive bisection with planes, the same in each run. Collective; every
     error is raised on all ranks. Mirrored cells are accepted, as DOLFINx integrates with ``|det
     J|``. Cells of second order may be curved, as on round surfaces after
-    ``gmsh.model.mesh.setOrder(2)``; they go with displacements of degree 2. DOLFINx has spaces on
-    cells of one kind only, and not on prisms: meshes of prisms, or of several kinds, are cut into
-    hexahedra, four of a tetrahedron, six of a prism and eight of a hexahedron, and a warning is
-    logged. A model without volumes is a mesh of the plane z = 0, whose cells are on physical
-    surfaces; triangles next to quadrilaterals are cut into three and four quadrilaterals. Where no
+    ``gmsh.model.mesh.setOrder(2)``; they require displacements of degree 2. DOLFINx only has spaces
+    on cells of one kind, and none on prisms. Meshes of prisms or of several kinds are therefore cut
+    into hexahedra: four from a tetrahedron, six from a prism and eight from a hexahedron. A warning
+    is logged. A model without volumes is a mesh of the plane z = 0, whose cells are on physical
+    surfaces; triangles next to quadrilaterals are cut into three and four quadrilaterals. If no
     cells are in physical groups, each volume, in the plane each surface, is a body, such as
-    ``"volume 1"``. A warning names bodies with several nodes at one place, where their cells are
+    ``"volume 1"``. Warnings name bodies with several nodes at the same position, where cells are
     not connected, and triangles or tetrahedra that overlap.
 
     Args:
@@ -140,7 +140,7 @@ def read_mesh(source: Any, comm: MPI.Comm, *, rank: int = 0) -> MeshData:
             try:
                 elements = with_default_groups(_elements(source))
             except Exception as error:
-                if type(error) is not Exception:  # the type of all errors of gmsh
+                if type(error) is not Exception:  # type of all errors of gmsh
                     raise
                 raise ValueError(f"expected a gmsh mesh, given {source}: {error}") from error
             dim = find_dimension(elements)
@@ -188,10 +188,10 @@ def _elements(source: Any) -> Elements:
 
 
 def _import_gmsh() -> Any:
-    """Import gmsh, which only models and functions need."""
+    """Import gmsh, which is only needed for models and functions."""
     try:
         import gmsh
-    except (ImportError, OSError) as error:  # OSError: gmsh misses a library
+    except (ImportError, OSError) as error:  # OSError: a library of gmsh is missing
         raise ImportError(
             f"expected the Python module gmsh for a model or a function, given {error}: install "
             "python-gmsh (conda), python3-gmsh (apt) or gmsh (pip), or read a .msh file, which "
@@ -224,7 +224,7 @@ def _empty_model(name: str) -> Iterator[Any]:
 
 
 def _elements_of(model: Any) -> Elements:
-    """Nodes, elements and groups of a gmsh model, by the numbers of the nodes."""
+    """Nodes, sorted by number, elements and groups of a gmsh model."""
     numbers, x, _ = model.mesh.getNodes()
     order = np.argsort(numbers)
     groups, blocks = {}, []

@@ -2,8 +2,8 @@
 
 Cells are cut at the midpoints of their edges and the centres of their faces: a tetrahedron
 becomes four hexahedra, a prism six, a hexahedron eight; in the plane, a triangle becomes three
-quadrilaterals, a quadrilateral four. Neighbours of any kind still share their nodes, and volumes do
-not change.
+quadrilaterals, a quadrilateral four. Adjacent cells of any kind share their nodes also after the
+division, and volumes do not change.
 """
 
 import logging
@@ -20,8 +20,8 @@ _logger = logging.getLogger("dolfinx_nts")
 
 _LINE, _TRIANGLE, _QUADRILATERAL, _TETRAHEDRON, _HEXAHEDRON, _PRISM = 1, 2, 3, 4, 5, 6
 
-# Of each corner of an element, the corners at the other ends of its edges; in the plane
-# anticlockwise, in space such that they point to three right-handed directions.
+# For each corner of an element, the corners connected to it by edges: anticlockwise in the plane,
+# in right-handed order in space.
 _NEIGHBOURS = {
     _LINE: ((1,), (0,)),
     _TRIANGLE: ((1, 2), (2, 0), (0, 1)),
@@ -53,10 +53,10 @@ class _Pieces(NamedTuple):
     """Division of an element into pieces, one at each vertex.
 
     Attributes:
-        shared: Corners of edges and faces, each with a node in the middle that neighbours share;
-            rows of four, filled up with -1.
-        nodes: Nodes of the pieces: corners, then the nodes of `shared`, then that in the middle
-            of a cell.
+        shared: Corners of the edges and faces that get a node at the midpoint, shared with adjacent
+            cells; rows of four, padded with -1.
+        nodes: Nodes of the pieces, numbered: corners, then the nodes of `shared`, then the node at
+            the centre of a cell.
     """
 
     shared: GlobalInts
@@ -95,8 +95,8 @@ _PIECES = {kind: _pieces(kind) for kind in _NEIGHBOURS}
 def only_one_kind(mesh: Elements, dim: int) -> Elements:
     """Cut cells that are prisms or of several kinds, and their facets. Local.
 
-    A warning is logged. Cells that cannot be cut, pyramids and cells of higher order, are left
-    for the caller to refuse.
+    A warning is logged. Pyramids and cells of higher order cannot be cut and are returned
+    unchanged; the caller refuses them.
 
     Args:
         mesh: The elements.
@@ -112,7 +112,7 @@ def only_one_kind(mesh: Elements, dim: int) -> Elements:
     blocks = [block for block in mesh.blocks if block.dim >= dim - 1 and block.kind in _PIECES]
     rest = [block for block in mesh.blocks if block.dim >= dim - 1 and block.kind not in _PIECES]
 
-    # Edges and faces by their corners, which are sorted, with -1 in front where there are less.
+    # Edges and faces by their sorted corners, padded with leading -1.
     corners = [
         np.sort(np.where(shared < 0, -1, block.nodes[:, shared]), axis=2)
         for block in blocks
@@ -144,7 +144,7 @@ def only_one_kind(mesh: Elements, dim: int) -> Elements:
     result = mesh._replace(numbers=numbers, x=np.concatenate(x), blocks=tuple(blocks))
     _logger.warning(
         "DOLFINx has spaces on cells of one kind, without prisms: %s are cut into %d "
-        "%s, which is harmless but for their number",
+        "%s, which is harmless apart from their number",
         ", ".join(f"{count} {KINDS[kind].name}" for kind, count in kinds.items()),
         result.kinds(dim)[_INTO[dim]],
         _NAMES[dim],

@@ -17,7 +17,7 @@ from dolfinx_nts.meshing.elements import KINDS, Block, Elements
 __all__ = ["read_msh"]
 
 _NAME = re.compile(rb'^\s*(\d+)\s+(-?\d+)\s+"(.*)"\s*$', re.MULTILINE)
-# Suffixes of files of other programs that hold meshes, which meshio reads.
+# Suffixes of mesh files of other programs, which meshio can convert.
 _MESHES = {".inp", ".vtk", ".vtu", ".med", ".bdf", ".nas", ".fem", ".e", ".exo", ".mesh", ".cgns"}
 _VERSION_4, _VERSION_2 = b"4.1", (b"2.2", b"2.1", b"2", b"2.0")
 
@@ -29,8 +29,8 @@ def read_msh(path: str | os.PathLike[str]) -> Elements:
         path: A ``.msh`` file of format 4.1, 2.2, 2.1 or 2.0.
 
     Returns:
-        Its content. Nodes follow each other as in gmsh: by dimension and number of their
-        entity where the file has it, otherwise in the order of the file.
+        Its content. Nodes are in the order of gmsh: by dimension and number of their entity if the
+        file contains it, otherwise in the order of the file.
 
     Raises:
         OSError: The file cannot be read.
@@ -93,8 +93,8 @@ class _Text:
         return rows[:, 0].astype(np.int64), rows[:, 1:]
 
     def elements(self, count: int) -> Iterator[tuple[int, int, Array]]:
-        # Elements of one type and number of tags follow each other in rows of one length. Rows are
-        # compared in windows of doubling size, as their number is unknown.
+        # Consecutive elements of one type and number of tags have rows of equal length. Their
+        # number is unknown, so rows are compared in windows of doubling size.
         done, window = 0, 1
         while done < count:
             head = self._all[self._next : self._next + 3].astype(np.int64)
@@ -243,7 +243,7 @@ _READERS = {
 
 
 def _parsed(data: bytes) -> Elements:
-    """Read the sections of a file one after the other."""
+    """Read all sections of a file."""
     content = _Content()
     is_4, binary, order, size = True, False, "<", 8
     position = 0
@@ -291,7 +291,7 @@ def _format(text: bytes) -> tuple[bool, bool, str, int]:
         )
     binary = int(kind) == 1
     order = "<"
-    if binary:  # The number 1 follows, in the order of bytes of the file.
+    if binary:  # The number 1 follows, in the byte order of the file.
         one = text.split(b"\n", 1)[1][:4]
         order = "<" if int.from_bytes(one, "little") == 1 else ">"
     return version == _VERSION_4, binary, order, int(size)

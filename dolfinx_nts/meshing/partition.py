@@ -1,8 +1,8 @@
 """Partition of a mesh by recursive coordinate bisection.
 
-The partition is the same in each run, unlike partitions of the graph of cells. If bodies of
-different sizes are cut by a plane, touching parts mostly stay on one rank. Bodies of the same size
-are separated as a whole; if they touch, the ranks exchange less data than if both bodies were cut.
+The partition is the same in each run, unlike partitions of the graph of cells. If a plane cuts
+bodies of different sizes, parts in contact mostly stay on one rank. Bodies of the same size are not
+cut but separated; if they touch, ranks then exchange less data than if both bodies were cut.
 """
 
 import numpy as np
@@ -11,8 +11,8 @@ from dolfinx_nts.common.arrays import Array, Floats, Ints
 
 __all__ = ["ranks_of_cells"]
 
-# Distance of midpoints along an axis, relative to the extent, that counts as zero [-], so that
-# layers of cells are cut in rows, too.
+# Distance of midpoints along an axis, relative to the extent [-], that counts as zero, so that
+# cells of one layer are ordered in rows.
 _SAME = 1e-6
 
 
@@ -55,7 +55,7 @@ def _orders(points: Floats) -> list[Array]:
 
 
 def _num_common(nodes: Array, one: Array, other: Array) -> int:
-    """Number of nodes, numbered from 0, that two sets of rows have in common."""
+    """Number of common nodes of two sets of cells, ``(c, k)`` each."""
     marks = np.zeros((2, nodes.max(initial=-1) + 1), dtype=bool)
     marks[0, nodes[one]] = marks[1, nodes[other]] = True
     return int(np.count_nonzero(marks.all(axis=0)))

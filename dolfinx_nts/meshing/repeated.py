@@ -1,4 +1,4 @@
-"""Cells given twice or on one side of their facet, and nodes at the same place. Local."""
+"""Checks for repeated cells, overlapping adjacent cells, and coincident nodes. Local."""
 
 import logging
 from collections.abc import Mapping
@@ -11,14 +11,15 @@ __all__ = ["check_repeated_cells", "warn_of_double_nodes", "warn_of_overlapping_
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Distance relative to the size of a mesh [-] below which two nodes are at the same place. Larger:
-# nodes of tiny cells count as one place; smaller: coordinates in files have fewer digits.
+# Distance relative to the size of a mesh [-] below which two nodes coincide. Larger: nodes of tiny
+# cells coincide; smaller: coordinates in files have fewer digits.
 _SAME_PLACE = 1e-8
 # Odd factors of a 64-bit hash.
 _FIRST, _SECOND = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xC2B2AE3D27D4EB4F)
 # Pairs of the vertices of facets in the plane and in space.
 _PAIRS = {2: [(0, 1)], 3: [(0, 1), (0, 2), (1, 2)]}
-# Shift of the grid of places relative to its spacing [-]: round numbers are not between two places.
+# Shift of the grid to which positions are rounded, relative to its spacing [-], so that round
+# numbers are not between two grid points.
 _SHIFT = 0.38196601125
 
 
@@ -47,7 +48,7 @@ def check_repeated_cells(cells: GlobalInts, numbers: GlobalInts) -> None:
 def warn_of_double_nodes(
     x: Floats, cells: GlobalInts, tags: GlobalInts, names: Mapping[int, str]
 ) -> None:
-    """Warn of bodies that have several nodes at the same place, where they are not connected.
+    """Warn of bodies with several nodes at the same position, where they are not connected.
 
     Args:
         x: Positions of the nodes, shape ``(n, 3)`` [m].
@@ -72,7 +73,7 @@ def warn_of_double_nodes(
 
 
 def warn_of_overlapping_cells(x: Floats, cells: GlobalInts, numbers: GlobalInts) -> None:
-    """Warn of triangles or tetrahedra that are on one side of their common facet.
+    """Warn of triangles or tetrahedra on the same side of their common facet.
 
     Args:
         x: Positions of the nodes, shape ``(n, d)`` [m].
@@ -104,7 +105,7 @@ def warn_of_overlapping_cells(x: Floats, cells: GlobalInts, numbers: GlobalInts)
 
 
 def _hash(rows: GlobalInts) -> Array:
-    """Hash of each row of integers, shape ``(n,)``; two rows have the same one by 1 in 2^64."""
+    """Hash of each row of integers, shape ``(n,)``; the probability of a collision is 2^-64."""
     key: Array = np.zeros(len(rows), dtype=np.uint64)
     for column in rows.T.astype(np.uint64):
         key = (key ^ column) * _FIRST

@@ -122,8 +122,8 @@ def _turned(x: Floats, axis: Sequence[float]) -> Floats:
     length = float(np.linalg.norm(axis))
     if not (np.isfinite(length) and length > 0):
         raise ValueError(f"expected an axis of length > 0, given {axis}")
-    # The smallest rotation. The formula is singular at -z: an axis that points down is first
-    # rotated by 180 degrees about x, and the result is rotated back.
+    # This is the smallest rotation. Its formula is singular at -z: an axis that points down is
+    # first rotated by 180 degrees about x, and the result is rotated back.
     flip = np.array([1, -1, -1]) if axis[2] < 0 else np.ones(3)
     a, b, c = np.asarray(axis) / length * flip
     K = np.array([[0, 0, a], [0, 0, b], [-a, -b, 0]])

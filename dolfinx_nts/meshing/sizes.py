@@ -7,7 +7,7 @@ def check_radii(inner: float, outer: float) -> None:
     """Check inner and outer radius [m].
 
     Raises:
-        ValueError: They are not positive and ascending.
+        ValueError: The radii are not positive and ascending.
     """
     if not 0 < inner < outer:
         raise ValueError(f"expected 0 < inner < outer radius, given {inner}, {outer}")
@@ -17,7 +17,7 @@ def check_cells(*numbers: int, least: int = 1) -> None:
     """Check numbers of cells.
 
     Raises:
-        ValueError: One is below the least.
+        ValueError: A number is less than ``least``.
     """
     if min(numbers) < least:
         raise ValueError(f"expected at least {least} cells, given {numbers}")

@@ -28,11 +28,11 @@ SIDES = {
     "top": (-2, -1, (4, 5, 6, 7)),
 }
 
-# Distance of two nodes, relative to the size of the body [-], below which they are one: far
-# above round-off, far below any cell.
+# Distance of two nodes, relative to the size of the body [-], below which they coincide: far larger
+# than round-off, and far smaller than cells.
 _SAME = 1e-8
-# Shift [-] before coordinates are rounded to multiples of that distance: frequent coordinates, such
-# as 1/2, must not be in the middle between two multiples.
+# Shift of coordinates before they are rounded to multiples of that distance [-]: frequent
+# coordinates, such as 1/2, must not be halfway between two multiples.
 _SHIFT = 0.377
 
 
@@ -41,8 +41,8 @@ class Block(NamedTuple):
 
     Attributes:
         x: Positions, shape ``(nx + 1, ny + 1, nz + 1, 3)`` [m].
-        names: Name of the surface that a side belongs to, by side out of `SIDES`; sides without
-            a surface are left out.
+        names: Name of the surface of each side, by the names in `SIDES`; sides without a surface
+            are left out.
     """
 
     x: Floats
@@ -118,7 +118,7 @@ def add_body(
 
     Args:
         model: Live gmsh model.
-        name: Name of the physical volume. That of a surface called ``top`` is ``name_top``.
+        name: Name of the physical volume. The physical surface of ``top`` is called ``name_top``.
         x: Positions of the nodes, shape ``(n, 3)`` [m].
         cells: Nodes of the hexahedra, shape ``(..., 8)``.
         surfaces: Nodes of quadrilaterals by name, shape ``(..., 4)``.
@@ -145,15 +145,15 @@ def add_body(
 
 
 def _triangles(facets: GlobalInts) -> GlobalInts:
-    """Cut quadrilaterals from their lowest node, so that neighbours agree."""
+    """Cut quadrilaterals into triangles from their lowest node, so that neighbours match."""
     turned = (facets.argmin(axis=-1)[..., None] + np.arange(4)) % 4
     return np.take_along_axis(facets, turned, axis=-1)[..., [[0, 1, 2], [0, 2, 3]]]
 
 
 def _tetrahedra(cells: GlobalInts) -> GlobalInts:
-    """Cut hexahedra into six tetrahedra from their lowest node, so that neighbours agree."""
+    """Cut hexahedra into six tetrahedra from their lowest node, so that neighbours match."""
     sides = cells[:, [corners for *_, corners in SIDES.values()]]
     lowest = cells.min(axis=1)
-    opposite = (sides != lowest[:, None, None]).all(axis=2)  # three of six
+    opposite = (sides != lowest[:, None, None]).all(axis=2)  # three of the six tetrahedra
     triangles = _triangles(sides[opposite]).reshape(-1, 3)
     return np.column_stack((np.repeat(lowest, 6), triangles))

@@ -68,7 +68,7 @@ def columns(table: Any) -> Any:
     Raises:
         OSError: The file cannot be read.
         TypeError: The table is no path.
-        ValueError: It is not the table of a `Recorder`, or has no rows.
+        ValueError: The file is not the table of a `Recorder`, or has no rows.
     """
     if not isinstance(table, str | Path):
         raise TypeError(

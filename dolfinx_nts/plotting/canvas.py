@@ -28,7 +28,7 @@ __all__ = [
     "shot",
 ]
 
-# VTK's number of a cell type and its order of the vertices, by dimension and number of vertices.
+# VTK's cell type and vertex order, by dimension and number of vertices.
 _KINDS: dict[tuple[int, int], tuple[int, list[int]]] = {
     (1, 2): (3, [0, 1]),
     (2, 3): (5, [0, 1, 2]),
@@ -40,11 +40,13 @@ _KINDS: dict[tuple[int, int], tuple[int, list[int]]] = {
 _SIZE = [1600, 900]  # of pictures [pixels]
 # Limits of the height of a picture [pixels], which follows the shape of the bodies.
 _HEIGHTS = (480, 1200)
-# Part of the picture for the bodies [-]: from the left to the bar of colours, and of the height.
+# Fractions of the width and height of the picture for the bodies [-]; the rest of the width is for
+# the colour bar.
 _LEFT, _RIGHT, _LOW, _HIGH = 0.03, 0.84, 0.03, 0.91
-# From the bodies to the camera [-]: from +x, slightly from above and from the side.
+# Default direction from the bodies to the camera [-]: +x, slightly from above and from the side.
 _TOWARDS_CAMERA = (1.0, -0.45, 0.35)
-# Cosine of the angle between that direction and z [-] above which z cannot point upwards.
+# Cosine of the angle between the viewing direction and z [-] above which z is not the upward
+# direction.
 _STEEP = 0.9
 # Options of PyVista for bodies and for the bar of colours; places and sizes of the bar are
 # relative to the picture [-].
@@ -83,8 +85,7 @@ class Unit(NamedTuple):
 
     Attributes:
         symbol: Its symbol, ``""`` for numbers without one.
-        free: Whether it is the user's: then it gets no prefix, and times have no unit, which is
-            unknown.
+        free: Whether the user has given it: no prefix is added, and times have no unit.
     """
 
     symbol: str
@@ -105,7 +106,7 @@ def canvas(*, interactive: bool = False) -> Iterator[Any]:
     """Context with a white plotter, which is closed at the end unless a notebook shows it.
 
     Args:
-        interactive: Whether to draw into a notebook or a window instead of into a picture.
+        interactive: Whether to draw in a notebook or a window instead of a picture.
 
     Yields:
         PyVista plotter.
@@ -119,7 +120,7 @@ def canvas(*, interactive: bool = False) -> Iterator[Any]:
     notebook = interactive and in_ipykernel()
     if interactive and not notebook and not _has_display():
         raise RuntimeError("expected a notebook or a display; a snapshot needs neither")
-    # VTK warns that there is no display before it draws without one.
+    # Suppress VTK's warning that there is no display.
     with pyvista.vtk_verbosity("error"):
         plotter = pyvista.Plotter(off_screen=not interactive, notebook=notebook, window_size=_SIZE)
         try:
@@ -128,7 +129,7 @@ def canvas(*, interactive: bool = False) -> Iterator[Any]:
             plotter.enable_anti_aliasing("ssaa")
             yield plotter
         finally:
-            # A notebook needs the plotter after the context.
+            # The notebook still uses the plotter after the context.
             if not notebook:
                 plotter.close()
 
@@ -138,7 +139,7 @@ def grid_of(dim: int, ids: Any, x: Any, values: Any, name: str) -> Any:
 
     Args:
         dim: Their dimension, from 1 for edges to 3.
-        ids: Numbers of the vertices in DOLFINx's order, shape ``(c, k)``.
+        ids: x
         x: Positions of the vertices, shape ``(c, k, 3)`` [m].
         values: Values of the vertices, shape ``(c, k)``; or of the cells, ``(c,)``, averaged at
             each point of the grid.
@@ -175,9 +176,9 @@ def paint(
         grid: Grid at its current positions.
         name: Name of the values that colour it; it is grey where they are NaN.
         unit: Unit of the values.
-        time: Time of the picture, and the largest time of all pictures [s], which determines the
-            prefix.
-        limits: Range of the colours; by default of the values, rounded. Values above it have a
+        time: Time of the picture, and largest time of all pictures, which determines the prefix
+            [s].
+        limits: Range of the colours; by default that of the values, rounded. Values above it have a
             special colour.
     """
     values = np.asarray(grid[name], dtype=np.float64)
@@ -256,8 +257,8 @@ def aim(plotter: Any, points: Floats, camera: Any, direction: Floats | None = No
         points: Positions that have to be in the picture, shape ``(n, 3)`` [m].
         camera: Direction from the points to the camera, shape ``(3,)``; or position, focus and
             upward direction as in PyVista, which stay as they are; or None.
-        direction: Direction where ``camera`` is None; by default +x, a little from above and
-            aside. It is +z where all points have one z.
+        direction: Direction if ``camera`` is None; by default +x, slightly from above and from the
+            side; +z if all points have the same z.
     """
     if camera is not None and np.ndim(camera[0]):
         plotter.camera_position = camera
@@ -280,7 +281,7 @@ def aim(plotter: Any, points: Floats, camera: Any, direction: Floats | None = No
     wide, tall = (_RIGHT - _LEFT) * _SIZE[0], _HIGH - _LOW
     pixels = int(np.clip(wide * height / width / tall, *_HEIGHTS)) // 16 * 16
     plotter.window_size = [_SIZE[0], pixels]
-    scale = max(height / (tall * pixels), width / wide)  # metres in a pixel
+    scale = max(height / (tall * pixels), width / wide)  # metres per pixel
     middle = (low + high) / 2
     middle[0] += (0.5 - (_LEFT + _RIGHT) / 2) * _SIZE[0] * scale
     middle[1] += (0.5 - (_LOW + _HIGH) / 2) * pixels * scale
@@ -306,7 +307,7 @@ def shot(plotter: Any, filename: str | Path | None) -> Picture:
 
 
 def _has_display() -> bool:
-    """Whether a window can open, by the variables of X and Wayland."""
+    """Whether a window can be opened, by the environment variables of X and Wayland."""
     return sys.platform in ("darwin", "win32") or any(
         os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")
     )

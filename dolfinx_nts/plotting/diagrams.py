@@ -29,7 +29,7 @@ P = ParamSpec("P")
 
 
 def _on_first_rank(draw: Callable[P, Picture]) -> Callable[P, Picture]:
-    """Decorator: let a function draw on the first rank only."""
+    """Decorator: call a drawing function on the first rank only."""
 
     @wraps(draw)
     def wrapper(*args: P.args, **kwargs: P.kwargs) -> Picture:
@@ -105,9 +105,8 @@ def energy_error(
     """Draw the energy error of a run. Local.
 
     That is the change of the total energy without the work of loads, supports, damping and
-    friction, relative to the largest total energy or work of the run. It is zero where a scheme
-    conserves, also with loads and from rest; values below the machine epsilon are drawn as the
-    epsilon.
+    friction, relative to the largest total energy or work of the run. It is zero for conserving
+    schemes, also with loads; values below the machine epsilon are drawn as the epsilon.
 
     Args:
         tables: CSV file of a `Recorder`, or several by the labels of their curves.
@@ -269,7 +268,7 @@ def _figure(high: int, wide: int) -> tuple[Any, Any]:
 
 
 def _unexplained(rows: Any) -> tuple[Any, Any]:
-    """Times, and the change of energy that no work explains, relative [-]."""
+    """Times [s], and relative energy error as in `energy_error` [-]."""
     energy = rows["total_energy"]
     causes = ("loads", "supports", "obstacles", "damping", "friction")
     work = sum(rows[f"energy_{cause}"] for cause in causes)

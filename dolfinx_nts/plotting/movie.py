@@ -28,7 +28,7 @@ class Movie:
 
     Raises:
         ModuleNotFoundError: The encoder of MP4 is not installed.
-        ValueError: The suffix is another, or ``fps`` is not positive.
+        ValueError: The suffix is unknown, or ``fps`` is not positive.
     """
 
     def __init__(self, filename: str | Path, fps: float) -> None:

@@ -18,7 +18,7 @@ class Picture:
 
     Args:
         data: Content of the file; empty on ranks that did not draw.
-        kind: Media type of it, ``"image/png"``, ``"image/gif"`` or ``"video/mp4"``.
+        kind: Media type of the file, ``"image/png"``, ``"image/gif"`` or ``"video/mp4"``.
 
     Attributes:
         data, kind: The arguments.
@@ -33,7 +33,7 @@ class Picture:
 
     @classmethod
     def of_pixels(cls, pixels: npt.NDArray[np.uint8]) -> "Picture":
-        """Make a PNG of RGB pixels. Local.
+        """Create a PNG picture from RGB pixels. Local.
 
         Args:
             pixels: Rows of pixels from the top, shape ``(h, w, 3)``.
@@ -49,7 +49,7 @@ class Picture:
 
     @classmethod
     def of_figure(cls, figure: Any) -> "Picture":
-        """Make a PNG of a figure of Matplotlib. Local.
+        """Create a PNG picture from a Matplotlib figure. Local.
 
         Args:
             figure: The figure.

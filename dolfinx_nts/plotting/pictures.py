@@ -59,7 +59,7 @@ __all__ = [
     "snapshot",
 ]
 
-# Units of the fields that a `Recorder` writes; others are drawn without one.
+# Units of the fields that a `Recorder` writes; other fields are drawn without a unit.
 _UNITS = {
     "displacement": "m",
     "velocity": "m/s",
@@ -85,15 +85,15 @@ def snapshot(
     Args:
         stepper: Stepper with the state.
         filename: PNG file to write, if one is wanted.
-        colour: ``"stress"`` for the von Mises stress in the middle of the cells (at degree 2 of
-            their eight pieces), or ``"displacement"`` for its magnitude.
+        colour: ``"stress"`` for the von Mises stress at the midpoints of the cells (at degree 2 of
+            their eight sub-cells), or ``"displacement"`` for its magnitude.
         limits: Range of the colours [Pa or m]; by default of the state.
         unit: Symbol of the unit of the values, if it is not SI; it is used unchanged.
             By default the SI unit with a prefix that suits the numbers.
         camera: Direction to the camera, shape ``(3,)``, or position, focus and upward direction as
             in PyVista; by default from +x.
-        cut: Direction in which bodies are cut open, shape ``(3,)``: cells beyond the middle of all,
-            in the reference state, are left out.
+        cut: Normal of a cut through the bodies, shape ``(3,)``: cells beyond the centre of all
+            bodies in this direction, in the reference state, are left out.
 
     Returns:
         The picture, which a notebook displays.
@@ -176,13 +176,13 @@ def contact(
         filename: PNG file to write, if one is wanted.
         colour: ``"pressure"`` or ``"gap"``.
         pair: Position of the pair in ``stepper.pairs``.
-        limits: Range of the colours [Pa or m]; by default of the state, but of gaps only
-            up to the size of a segment.
+        limits: Range of the colours [Pa or m]; by default that of the state, for gaps only up to
+            the size of a segment.
         unit: Symbol of the unit of the values, if it is not SI; it is used unchanged.
             By default the SI unit with a prefix that suits the numbers.
         camera: Direction to the camera, shape ``(3,)``, or position, focus and upward direction as
-            in PyVista; by default from where the contact force comes, or from the side with the
-            least gap; in the plane from +z.
+            in PyVista; by default opposite to the contact force, or on the side with the smallest
+            gap; in the plane +z.
 
     Returns:
         The picture, which a notebook displays.
@@ -263,7 +263,7 @@ def animate(
 
     Raises:
         FileNotFoundError: There is no file of fields.
-        ModuleNotFoundError: An MP4 is wanted without its package.
+        ModuleNotFoundError: The package for MP4 is not installed.
         ValueError: The suffix is another, or there is no such field.
 
     Example:
@@ -351,7 +351,7 @@ def _pieces(stepper: Stepper) -> tuple[GlobalInts, Ints]:
 
 
 def _surroundings(stepper: Stepper, touching: PairState) -> Callable[[Any, float], None]:
-    """Function that draws bodies and contact forces in the plane. Collective."""
+    """Function that draws bodies and contact forces of a plane scene. Collective."""
     V = stepper.u.function_space
     if dimension(V) == 3:
         return lambda plotter, size: None

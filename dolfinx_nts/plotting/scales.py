@@ -6,13 +6,13 @@ __all__ = ["prefixed", "rounded"]
 
 # Prefixes by power of ten.
 _PREFIXES = {-9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
-# Steps between labels [-] that are easy to read, times a power of ten.
+# Steps between labels, as multiples of a power of ten [-].
 _STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
-_INTERVALS = 4  # between labels, about
+_INTERVALS = 4  # approximate number of steps between labels
 
 
 def prefixed(value: float) -> tuple[float, str]:
-    """Prefix of a unit so that a number is between 0.1 and 100, if there is one.
+    """SI prefix with which a number is between 0.1 and 100, if there is one.
 
     Args:
         value: The number; its sign is ignored.
@@ -30,11 +30,11 @@ def rounded(low: float, high: float) -> tuple[float, float, int]:
     """Widen a range to multiples of a step that is easy to read.
 
     Args:
-        low: Least value.
+        low: Smallest value.
         high: Largest value.
 
     Returns:
-        Ends of the wider range, and the number of labels on it.
+        Ends of the wider range, and number of labels.
     """
     if not high > low:
         return low, high, 2

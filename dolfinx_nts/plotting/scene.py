@@ -17,11 +17,12 @@ from dolfinx_nts.plotting.canvas import grid_of
 
 __all__ = ["states", "surface_near", "von_mises"]
 
-# Points of the grid along the longest side of the box in which the surface is found, by dimension.
-# With more, small tools look round, but drawing takes longer: 160 000 points in the plane, 216 000
-# in space.
+# Number of grid points along the longest side of the box in which the surface is computed [-], by
+# dimension. Larger: smoother surfaces of small tools, more time (160 000 points in the plane, 216
+# 000 in space).
 _POINTS = {2: 400, 3: 60}
-# Margins of the box around the bodies [-]: of walls, and of tools, which are seen from outside.
+# Margins of the box around the bodies, relative to their extent [-]: for obstacles at rest, and for
+# moving ones, which are seen from outside.
 _WALL, _TOOL = 0.03, 0.2
 
 
@@ -59,7 +60,7 @@ def _of_xdmf(fields: str | Path) -> Iterator[tuple[float, Any]]:
     reader = pyvista.get_reader(fields)
     for t in reader.time_values:
         reader.set_active_time_value(t)
-        # The reader writes the points of every state into the same memory.
+        # Copied, as the reader writes the points of all states into the same memory.
         yield t, reader.read().copy()
 
 

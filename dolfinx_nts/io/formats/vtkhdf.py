@@ -39,8 +39,8 @@ _GRID = "grid.h5"
 _BLOCK = re.compile(r"\d{9}-\d{9}\.h5")
 # A killed program leaves a temporary file with the suffix ``.new``.
 _OWN = re.compile(r"(\d{9}-\d{9}|grid)\.h5(\.new)?")
-# Longest time for which a state is buffered [s], also relative to the time of the last writing
-# [-], since the index grows, and largest memory of a rank for buffered states [bytes].
+# Longest time for which a state is buffered: in seconds [s], and relative to the time of the last
+# writing [-], since the index grows; and largest memory of a rank for buffered states [bytes].
 _LATEST, _RARELY, _MOST = 1.0, 30.0, 2**26
 
 
@@ -135,7 +135,7 @@ class VtkHdfFile:
         self._write_held()
 
     def leave(self) -> None:
-        """Write buffered states after an error, unless the ranks are out of step."""
+        """Write buffered states after an error, unless ranks are in different steps."""
         if self._held and all_come(self._comm, f"write the last fields of {self._path}"):
             self._write_held()
 
@@ -170,7 +170,7 @@ class VtkHdfFile:
         self._due = now + max(_LATEST, _RARELY * (now - start))
 
     def _begin(self, resume: bool) -> set[int]:
-        """Steps of the states with which the run begins."""
+        """Remove outdated states; return the steps of the remaining ones."""
         self._blocks = self._found() if resume else []
         # References to states are removed before the states.
         if self._blocks:
@@ -196,7 +196,7 @@ class VtkHdfFile:
         return blocks
 
     def _rewrite(self, reason: str) -> list[Block]:
-        # The files were changed by others; the run itself is complete.
+        # Other programs changed the files; the state of the run itself is complete.
         moved = self._folder.move_aside()
         _logger.warning("%s; the fields begin at this step, %s", reason, moved)
         return []

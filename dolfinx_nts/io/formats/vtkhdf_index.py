@@ -21,13 +21,13 @@ __all__ = ["Block", "Field", "grid_arrays", "write_index"]
 
 # Numbers of VTK by the kind of cells.
 _CELLS = {"triangle": 5, "quadrilateral": 9, "tetrahedron": 10, "hexahedron": 12}
-# Lengths and offsets of the mesh, the same in all steps.
+# Datasets of lengths and offsets of the mesh, which are the same in all steps.
 _OFFSETS = ("PointOffsets", "CellOffsets", "ConnectivityIdOffsets")
 
 
 @dataclass(frozen=True)
 class Field:
-    """Field of one state: its shape, with a row for each node or cell, and its type."""
+    """Shape of a field of one state, with a row for each node or cell, and its type."""
 
     shape: tuple[int, ...]
     dtype: Any
@@ -59,7 +59,7 @@ class Block:
         """Describe a file of states. Local.
 
         Raises:
-            Exception: Of many kinds; the file is no whole file of states.
+            Exception: Of many types; the file is no complete file of states.
         """
         with h5py.File(path, "r") as file:
             steps, times = (tuple(file.attrs[name].tolist()) for name in ("steps", "times"))
@@ -77,17 +77,17 @@ class Block:
 
 
 def grid_arrays(mesh: Mapping[str, Slab], cell: str) -> dict[str, Slab]:
-    """Arrays of a mesh by which VTK describes it. Local.
+    """Arrays that describe a mesh in VTK. Local.
 
     Args:
-        mesh: Those of `fields.mesh_arrays`.
+        mesh: Arrays of `fields.mesh_arrays`.
         cell: Kind of the cells, as DOLFINx names it.
 
     Returns:
         Rows for this rank of arrays by their names in VTK, and of ``body``.
     """
     (cells, begin, length), size = mesh["cells"], mesh["cells"].shape[1]
-    # There is one offset more than cells, which the rank with the last cell writes.
+    # There is one more offset than cells; the rank with the last cell writes it.
     more = 1 if len(cells) and begin + len(cells) == length else 0
     offsets = size * np.arange(begin, begin + len(cells) + more, dtype=np.int64)
     return {
@@ -145,7 +145,7 @@ def _join(root: h5py.Group, name: str, parts: Sequence[tuple[str, str, Field]]) 
     first = parts[0][2]
     layout = h5py.VirtualLayout((begins[-1], *first.shape[1:]), first.dtype)
     for begin, end, (file, of, field) in zip(begins[:-1], begins[1:], parts, strict=True):
-        # HDF5 takes a single % for the start of a pattern.
+        # In HDF5 a single % is the start of a pattern.
         source = h5py.VirtualSource(file.replace("%", "%%"), of, field.shape, field.dtype)
         layout[begin:end] = source
     root.create_virtual_dataset(name, layout)

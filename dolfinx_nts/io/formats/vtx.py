@@ -27,7 +27,7 @@ class VtxFile:
     Args:
         path: The file, ``.bp``, which is a folder.
         stepper: Stepper whose states are written.
-        fields: Fields that are written of each state.
+        fields: Fields of each state.
 
     Raises:
         RuntimeError: DOLFINx was built without ADIOS2.
@@ -71,7 +71,7 @@ class VtxFile:
         """Write the current state, unless it was written before.
 
         Args:
-            now: Present state of the stepper.
+            now: Current state of the stepper.
         """
         if self._stepper.step == self._last_step:
             return

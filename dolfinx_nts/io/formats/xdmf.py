@@ -45,7 +45,7 @@ _TAIL = """    </Grid>
 """
 _MESH = "mesh.h5"
 _STATE = re.compile(r"\d{9}\.h5")
-# A killed program leaves ``.new`` of a file that it was about to replace.
+# A killed program may leave a temporary file with the suffix ``.new``.
 _OWN = re.compile(r"(\d{9}|mesh)\.h5(\.new)?")
 
 # Names in XDMF by the kind of cells.
@@ -134,7 +134,7 @@ class XdmfFile:
         path: The XDMF file. The folder next to it has its name with ``_fields`` in the place of
             ``.xdmf``.
         stepper: Stepper whose states are written.
-        fields: Fields that are written of each state.
+        fields: Fields of each state.
     """
 
     def __init__(self, path: Path, stepper: Stepper, fields: RunFields) -> None:
@@ -154,8 +154,7 @@ class XdmfFile:
         """Refuse names under which nothing can be written. Local.
 
         Raises:
-            OSError: Something that cannot be replaced has the name of one of the files or of
-                the folder.
+            OSError: One of the files, or the folder, cannot be created or replaced.
         """
         self._folder.check()
 
@@ -187,7 +186,7 @@ class XdmfFile:
         """Write the current state, unless it was written before.
 
         Args:
-            now: Present state of the stepper.
+            now: Current state of the stepper.
 
         Raises:
             OSError: The state cannot be written, for instance because the disk is full. The
@@ -216,7 +215,7 @@ class XdmfFile:
     # --- on rank 0 --------------------------------------------------------
 
     def _begin(self, mesh: dict[str, Slab], resume: bool) -> set[int]:
-        """Steps of the states with which the run begins."""
+        """Remove outdated states; return the steps of the remaining ones."""
         self._mesh_xml = mesh_xml(self._reference(_MESH), mesh, self._cell)
         states = self._states() if resume else {}
         # References to states are removed before the states.

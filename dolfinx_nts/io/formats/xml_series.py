@@ -10,8 +10,8 @@ spaces, which readers of XML skip:
    the element valid and begins the new instruction.
 3. The rest of the old instruction is overwritten by spaces.
 
-When the padding is full, the file is replaced by one with padding of its own size. The mean time
-per element therefore does not grow with their number.
+When the padding is full, the file is replaced by a file whose padding is as long as its content.
+The mean time per element therefore does not grow with their number.
 """
 
 from collections.abc import Iterable
@@ -22,9 +22,9 @@ from dolfinx_nts.io.atomic_file import replace
 
 __all__ = ["XmlSeries"]
 
-# XML needs the space, even where an element follows directly.
+# XML requires the space.
 _START, _END = b"<?pad ", b"?>\n"
-# The start of a former instruction becomes the indentation of an element.
+# The start of the former instruction becomes the indentation of the element.
 _INDENT = b" " * len(_START)
 # Padding of a new file [bytes], enough for the first 30 states of a run with contact.
 _FIRST_ROOM = 2**16
