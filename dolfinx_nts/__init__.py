@@ -1,7 +1,7 @@
 """Energy-momentum consistent contact and impact for DOLFINx.
 
-What users call is in ``__all__``: bodies, surfaces, loads and contact pairs that
-they declare, integrators that advance them, and what records and draws a run.
+The public interface is in ``__all__``: declarations of bodies, surfaces, loads and contact pairs,
+time integrators, and functions that record and draw a run.
 """
 
 from dolfinx_nts.common import installation  # noqa: F401, before all that imports DOLFINx
@@ -79,7 +79,8 @@ from dolfinx_nts.solvers.newton_report import ConvergenceError
 
 __version__ = "0.2.0"
 
-# Errors on one rank end all ranks from here on, so that no rank waits for a failed one.
+# From here on an error on one rank ends the program on all ranks, so that none of them waits
+# forever.
 end_together()
 # The imports above have initialised PETSc, which replaces the signal handler.
 restore_broken_pipe()

@@ -1,4 +1,4 @@
-"""Types of the compiled module; shapes are in its docstrings."""
+"""Types of the compiled module; array shapes are in its docstrings."""
 
 from collections.abc import Callable, Sequence
 

@@ -1,4 +1,4 @@
-"""Every difference between the releases of DOLFINx that this package runs on.
+"""Differences between the supported releases of DOLFINx.
 
 Features are detected, versions are never compared. A comment in each function says
 what changed, in which release, and when the function can be simplified.
@@ -48,8 +48,8 @@ _HAS_LISTS = all(
     isinstance(getattr(Geometry, name, None), property) for name in ("cmaps", "dofmaps")
 )
 
-# Tags of MPI messages [-], arguments since release 0.11: any two different numbers. The first
-# is the tag of earlier releases.
+# Tags of MPI messages [-], arguments since release 0.11: any two different numbers; the first one
+# is that of earlier releases.
 _TAG_OF_INDEX_MAP, _TAG_OF_SHARED = 1202, 1203
 
 _ffi = cffi.FFI()
@@ -101,7 +101,7 @@ def cell_partitioner(ghosts: GhostMode) -> Any:
 
 
 def cpp_object(item: Any) -> Any:
-    """C++ object behind a Python object of DOLFINx, where only it is accepted. Local."""
+    """C++ object of a Python object of DOLFINx, for functions that require it. Local."""
     # Spaces of boundary conditions and adjacency lists became Python classes in 0.10
     # and 0.11. Use the attribute directly when 0.10 is dropped.
     return getattr(item, "_cpp_object", item)
@@ -173,7 +173,7 @@ def shared(index_map: IndexMap) -> Ints:
 
 
 def order_of_gmsh(cell: str, num_nodes: int) -> list[int]:
-    """Positions in gmsh's order of the nodes of a cell in the order of DOLFINx. Local.
+    """Permutation from gmsh's to DOLFINx's order of the nodes of a cell. Local.
 
     Args:
         cell: Name of the cell in DOLFINx.
@@ -240,9 +240,9 @@ _loaded: dict[tuple[str, str], Any] = {}
 def modules_loaded_once() -> Iterator[None]:
     """Context in which FFCx loads a module once in a process. Local.
 
-    Without it, FFCx lists all files of its cache twice for each form, and there may be thousands.
+    Otherwise FFCx lists all files of its cache twice for each form; there may be thousands.
     """
-    # All releases so far waste this time. Drop this when a later one does not.
+    # Needed for all releases so far. Drop this when a release makes it unnecessary.
     jit: Any = import_module("ffcx.codegeneration.jit")
     look_up: Any = getattr(jit, "get_cached_module", None)
 
@@ -315,12 +315,12 @@ def quicker_ffcx() -> Iterator[None]:
         expression.__eq__ = equals
 
 
-# What packages say for setuptools; none is installed while a program runs.
+# Entry points of packages for setuptools, cached as no package is installed during a run.
 _entry_points: Any = cache(metadata.entry_points)
 
 
 def _equal(one: Any, other: Any) -> bool:
-    """Whether two expressions of UFL are the same, as UFL has it. Local."""
+    """Whether two UFL expressions are equal, by the definition of UFL. Local."""
     if type(one) is not type(other) or hash(one) != hash(other):
         return False
     terminal: Any = import_module("ufl.core.terminal").Terminal
@@ -338,7 +338,7 @@ def _equal(one: Any, other: Any) -> bool:
             if key not in seen:
                 seen.add(key)
                 left.append(pair)
-    # From now on they share their nodes.
+    # Equal expressions share their operands from now on.
     one.ufl_operands = other.ufl_operands
     return True
 
@@ -357,7 +357,7 @@ def vtx_writer() -> Any:
     Raises:
         RuntimeError: DOLFINx was built without ADIOS2.
     """
-    # This depends not on the release but on how DOLFINx was built.
+    # This depends on the build options of DOLFINx, not on the release.
     writer = getattr(import_module("dolfinx.io"), "VTXWriter", None)
     if writer is None:
         raise RuntimeError(

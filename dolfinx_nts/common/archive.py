@@ -1,9 +1,9 @@
 """Archives, which store and restore the state of a run.
 
-Every object with a state lists it once, in a method ``serialize(archive)``: it passes each value to
-the archive and takes over the returned value. This is the value itself while the archive stores,
-and the stored value while it restores. Repeated steps with a smaller dt and resumed runs both use
-it.
+Every object with a state has a method ``serialize(archive)``: it passes each value of its state to
+the archive, and assigns the returned value. This is the value itself while the archive stores, and
+the stored value while it restores. Both repeated steps with a smaller dt and resumed runs use
+archives.
 """
 
 from abc import ABC, abstractmethod
@@ -34,7 +34,7 @@ class Archive(ABC):
 
         Args:
             name: Name of the value.
-            value: The value to store. While the archive restores, only its type counts.
+            value: The value to store. While the archive restores, only its type is used.
 
         Returns:
             The value itself, or while restoring the stored one.
@@ -57,7 +57,7 @@ class Archive(ABC):
     def local(self, name: str, arrays: Sequence[Array] | None) -> Sequence[Array] | None:
         """Serialize arrays that are meaningful on this rank only, and are never changed in place.
 
-        Such arrays save work, or the last digit of a result.
+        Such arrays save computations, or make results of a resumed run equal to the last digit.
 
         Args:
             name: Name of the arrays.
@@ -70,7 +70,7 @@ class Archive(ABC):
 
 
 class Snapshot(Archive):
-    """Archive in memory for one step, which stores first and restores after `rewind`. Local."""
+    """Archive in memory for one step: it stores values, and restores them after `rewind`. Local."""
 
     def __init__(self) -> None:
         self._values: dict[str, Any] = {}

@@ -32,12 +32,12 @@ __all__ = [
     "whole",
 ]
 
-# Digits of printed numbers [-]: enough for any given number, too few for its round-off.
+# Digits of printed numbers [-]: enough for numbers given by users, without their round-off.
 _DIGITS = 12
 
 
 def as_call(item: object, **values: Any) -> str:
-    """Text of the call that makes an object, in one line, for its ``repr``. Local.
+    """Constructor call of an object in one line, for its ``repr``. Local.
 
     Args:
         item: The object.
@@ -79,7 +79,7 @@ def did_you_mean(name: Any, known: Iterable[str]) -> str:
         known: The names that exist.
 
     Returns:
-        ``": did you mean 'ball'?"``, or nothing where no name is close.
+        ``": did you mean 'ball'?"``, or "" if no name is close.
     """
     close = get_close_matches(str(name), list(known), n=3)
     return f": did you mean {' or '.join(map(repr, close))}?" if close else ""
@@ -146,7 +146,7 @@ def is_of_package(function: Any) -> bool:
 
 
 def called(function: Callable[..., Any], name: str, *arguments: Any) -> Any:
-    """Call a function of the user, after a check that it takes these arguments. Local.
+    """Call a user-defined function, after a check that it takes these arguments. Local.
 
     Args:
         function: The function.
@@ -211,10 +211,10 @@ def instances(kind: type[Any], items: Iterable[Any]) -> tuple[Any, ...]:
 
 
 def real(name: str, value: Any) -> float:
-    """Check that a value is a number, perhaps not a finite one. Local.
+    """Check that a value is a number, finite or not. Local.
 
     Args:
-        name: What the message of an error calls the number.
+        name: Name of the number in error messages.
         value: The value to check.
 
     Returns:
@@ -308,17 +308,17 @@ def whole(name: str, value: Any) -> int:
 
 
 def real_array(name: str, value: Any) -> Floats:
-    """Check that a value consists of real numbers, perhaps not finite ones. Local.
+    """Check that a value consists of real numbers, finite or not. Local.
 
     Args:
-        name: What the message of an error calls the numbers.
+        name: Name of the numbers in error messages.
         value: A number, a list or an array.
 
     Returns:
         The numbers.
 
     Raises:
-        TypeError: The value holds something else, such as complex numbers or text.
+        TypeError: The value contains something else, such as complex numbers or text.
     """
     array = np.asarray(value)
     if array.dtype.kind not in "iuf":

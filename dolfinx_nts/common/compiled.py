@@ -1,7 +1,7 @@
-"""Use of the compiled module that pip has installed, from a source folder without one.
+"""Use of the compiled module of the installed package in a source folder without one.
 
-``pip install .`` in a clone compiles into the installed package, and a script that is run in the
-clone imports the sources there. They use the installed module where it was compiled from the same
+``pip install .`` in a clone compiles into the installed package, but a script that is run in the
+clone imports the sources there. These use the installed module if it was compiled from the same
 sources.
 """
 

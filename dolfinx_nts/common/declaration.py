@@ -31,10 +31,9 @@ class _Completing(ABCMeta):
 
 
 class Declaration(metaclass=_Completing):
-    """Base of immutable objects. Local.
+    """Base class of immutable objects. Local.
 
-    Steppers evaluate a declaration once, so a later change would have an effect in some places
-    only.
+    A later change would be inconsistent, since steppers evaluate a declaration only once.
     """
 
     __slots__ = ("_is_complete",)
@@ -61,7 +60,7 @@ class SetOnce(Generic[T]):
         self._name = name
 
     def __get__(self, item: object, owner: type) -> T:
-        if item is None:  # of the class, for tools that inspect it
+        if item is None:  # access through the class, by tools that inspect it
             return cast(T, self)
         if self._name not in vars(item):
             raise AttributeError(f"{owner.__name__} has no {self._name} before its creation")

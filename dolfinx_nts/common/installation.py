@@ -4,7 +4,7 @@ from importlib.util import find_spec
 
 __all__ = ["check_installation"]
 
-# Sources of DOLFINx with PETSc.
+# Providers of DOLFINx with PETSc.
 _SOURCES = (
     "conda install -c conda-forge fenics-dolfinx petsc4py (any Linux, macOS), "
     "apt-get install python3-dolfinx-real python3-petsc4py-real (Debian, Ubuntu), or "
