@@ -1,6 +1,7 @@
 """Error message of a failed implicit step: causes and remedies."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 
 from mpi4py import MPI
 
@@ -91,25 +92,24 @@ class StepFailure:
             yielding: States of pairs whose springs are too soft at any step length.
             advice: Remedy if no specific cause is found.
         """
-        attempts = self._attempts.items()
-        reasons = "; ".join(f"starting from {_STARTS[name]}: {each}" for name, each in attempts)
+        reports = [replace(each, start=_STARTS[name]) for name, each in self._attempts.items()]
+        reasons = "; ".join(each.reason for each in reports)
+        causes = [reports[0].reason]
         weak = {type(b.material).__name__ for b in bodies if not b.material.resists_collapse}
         if "is inverted" in reasons and weak:
-            reasons += (
-                f"; {' and '.join(sorted(weak))} cannot resist being squashed, NeoHookean can"
-            )
+            causes.append(f"{' and '.join(sorted(weak))} cannot resist collapse, NeoHookean can")
         nodes = self._listed(each.state.nodes.node_ids[each.restless] for each, _ in self._steps)
         if nodes:
-            reasons += f"; nodes that keep changing segment or state: {nodes}"
+            causes.append(f"nodes that keep changing segment or state: {nodes}")
         sides = ""
         if nodes or any(words in reasons for words in _PRESSED_IN):
             sides = self._softer(bodies) or self._coarser()
         if nodes or _BETWEEN in reasons:
             sides = sides or self._smoother()
-        reasons += sides
+        causes.append(sides)
         if names := redundant(bodies, [contact.pair for contact in contacts]):
-            reasons += (
-                "; forces of simultaneous contacts of rigid bodies are not unique: springs, as "
+            causes.append(
+                "forces of simultaneous contacts of rigid bodies are not unique: springs, as "
                 f"Penalty(eps_N=), between {names} make them unique"
             )
         springs: Sequence[PairState] = yielding
@@ -122,11 +122,13 @@ class StepFailure:
         if yielding:  # nodes penetrate at any length of the step
             advice = "; ".join(stiffer)
         else:
-            reasons = "; ".join([reasons, *stiffer])
+            causes.extend(stiffer)
+        cause = "; ".join(filter(None, causes))
         return ConvergenceError(
-            f"{step} failed {reasons}; the state is that of the last accepted step: "
+            f"{step} failed: {cause}; the state is that of the last accepted step: "
             f"{self._prescribed() or advice}",
-            list(self._attempts.values()),
+            reports,
+            cause,
         )
 
     def _pairs(self) -> Iterator[tuple[ContactPair, bool]]:
@@ -156,7 +158,7 @@ class StepFailure:
             return ""
         ratio, pair = max(found, key=lambda each: each[0])
         return (
-            f"; {pair.nodes.name} provides the contact nodes and is {float(f'{ratio:.2g}'):g} "
+            f"{pair.nodes.name} provides the contact nodes and is {float(f'{ratio:.2g}'):g} "
             f"times stiffer than {pair.segments.name}: let the softer one provide them"
         )
 
@@ -189,7 +191,7 @@ class StepFailure:
             return ""
         ratio, pair = max(found, key=lambda each: each[0])
         return (
-            f"; {pair.nodes.name} provides the contact nodes, and its facets are {ratio:.2g} times "
+            f"{pair.nodes.name} provides the contact nodes, and its facets are {ratio:.2g} times "
             f"as large as those of {pair.segments.name} where they touch: exchange both in the "
             'ContactPair, so that the finer one provides the nodes, or use method="mortar"'
         )
@@ -218,7 +220,7 @@ class StepFailure:
         more = len(found) - _MOST_NAMES
         chosen = " or ".join(found[:_MOST_NAMES]) + (f" or one of {more} more" if more > 0 else "")
         return (
-            f"; if {chosen} is curved, smooth=True of the surface may help: nodes do not settle at "
+            f"if {chosen} is curved, smooth=True of the surface may help: nodes do not settle at "
             "edges between flat facets"
         )
 

@@ -27,6 +27,7 @@ from dolfinx_nts.integrators.stagnation import IneffectiveCuts, LimitPoint, Shor
 from dolfinx_nts.integrators.state import State
 from dolfinx_nts.integrators.statics.relaxation import IF_IT_MOVES
 from dolfinx_nts.integrators.step_control import ROUND_OFF, EvenSteps, StepControl, StepLength
+from dolfinx_nts.integrators.step_failure import SHORTER_STEP_HELPS
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.loads.load import Load
 from dolfinx_nts.parallel.communication import joined
@@ -202,22 +203,22 @@ class TimeLoop(State):
                     hopeless = any(each.is_hopeless for each in error.reports)
                     if hopeless and given is None:
                         raise
-                    first = first or f"it was first tried with dt = {dt:.3g} s: {error}"
+                    first = first or f"with dt = {dt:.3g} s it failed first: {error.cause}"
                     ineffective.fail(error.reports, dt, self._length.cuts)
                     text = ""
                     if limit.is_near and control.smallest is None:
-                        text = f"{limit.message(self.t, end, len(self.loads) > 0)}; {error}"
+                        text = f"{limit.message(self.t, end, len(self.loads) > 0)}; {error.args[0]}"
                     elif ineffective.are_certain and control.smallest is None:
-                        text = f"{ineffective.message()}; {error}"
+                        text = f"{ineffective.message()}; {error.args[0]}"
                     elif dt / 2 < smallest:
                         was = "has been cut to" if self._length.cuts else "is"
-                        text = (
-                            f"{error}; dt {was} {dt:.3g} s, half of which is less than the "
+                        text = error.args[0].removesuffix(f": {SHORTER_STEP_HELPS}") + (
+                            f"; dt {was} {dt:.3g} s, half of which is less than the "
                             f"smallest step of {smallest:.3g} s"
                         )
                         text += f"; {first}" if rejected else ""
                     if text:
-                        final = ConvergenceError(text, error.reports)
+                        final = ConvergenceError(text, error.reports, error.cause)
                         if hopeless or not self._has_last_resort():
                             raise final from None
                         # The last resort starts from the length before the cuts.
@@ -226,11 +227,11 @@ class TimeLoop(State):
                         continue
                     if self._comm.rank == 0:
                         level = logging.INFO if is_reported else logging.WARNING
-                        _logger.log(
-                            level, "step %d from t = %g is cut: %s", self.step + 1, self.t, error
-                        )
+                        number, half = self.step + 1, dt / 2
+                        text = "step %d from t = %g s is cut to %.3g s: %s"
+                        _logger.log(level, text, number, self.t, half, error.cause)
                     is_reported = True
-                    short.fail(str(error))
+                    short.fail(error.cause)
                     self._length.cut()
                     rejected += 1
                     continue
@@ -314,9 +315,9 @@ class TimeLoop(State):
 
 def _in_vain(final: ConvergenceError, error: ConvergenceError) -> ConvergenceError:
     """Error of a run after pseudo-transient continuation has failed as well. Local."""
-    reason = error.reports[-1].reason if error.reports else str(error)
     return ConvergenceError(
-        f"{final}; nor does relaxation with a viscous resistance find another one: {reason}; "
-        f"{IF_IT_MOVES}",
+        f"{final.args[0]}; nor does relaxation with a viscous resistance find another one: "
+        f"{error.reports[-1].reason if error.reports else error.cause}; {IF_IT_MOVES}",
         final.reports,
+        final.cause,
     )

@@ -290,7 +290,10 @@ class Convergence:
         if not np.isfinite(seen.norm):
             return "the residual is not finite"
         if seen.failed:
-            return f"{seen.failed} pairs do not project or have turned by more than 90 degrees"
+            return (
+                f"{seen.failed} contact points do not project on their segments, or their normals "
+                "have turned by more than 90 degrees"
+            )
         if self._is_hopeless:
             return f"bcs move {seen.num_given} nodes into surfaces"
         if not np.isfinite(self._du_norm) and self.iteration:

@@ -17,6 +17,7 @@ class NewtonReport:
             [N].
         num_active: Active pairs at the end.
         reason: Why the iteration stopped, empty if it converged.
+        start: Starting guess in words, empty if unknown.
         is_hopeless: Whether the iteration would fail from any starting guess.
         is_undecided: Whether states of contact or friction still changed when the iteration failed.
     """
@@ -26,6 +27,7 @@ class NewtonReport:
     residual_norms: tuple[float, ...]
     num_active: int
     reason: str
+    start: str = ""
     is_hopeless: bool = False
     is_undecided: bool = False
 
@@ -42,7 +44,10 @@ class NewtonReport:
 class ConvergenceError(RuntimeError):
     """Error of a step that could not be solved. The last accepted state is unchanged.
 
+    The text states the cause and a remedy, and then lists the attempts, one a line.
+
     Attributes:
+        cause: Why the step failed.
         reports: One report for each attempt.
 
     Example:
@@ -54,6 +59,10 @@ class ConvergenceError(RuntimeError):
         3 0.0
     """
 
-    def __init__(self, message: str, reports: Sequence[NewtonReport]) -> None:
+    def __init__(self, message: str, reports: Sequence[NewtonReport] = (), cause: str = "") -> None:
         super().__init__(message)
-        self.reports = tuple(reports)
+        self.reports, self.cause = tuple(reports), cause or message
+
+    def __str__(self) -> str:
+        attempts = (f"\n  from {each.start}: {each}" for each in self.reports if each.start)
+        return "".join([*self.args, *attempts])
