@@ -50,6 +50,9 @@ class ContactHistory:
         slip: Accumulated length of slip, shape ``(n,)`` [m].
         energy: Energy of the node's springs, shape ``(n,)`` [J].
         dissipation: Energy dissipated by friction in the last step, shape ``(n,)`` [J].
+        partner: Bodies that take the reactions to the force of the multiplier, or -1, shape
+            ``(n, w)``: in mortar contact with segments of several bodies; otherwise w = 0.
+        reaction: These reactions, shape ``(n, w, 3)`` [N].
         area: Area on which the multiplier acts, shape ``(n,)`` [m^2]: of all facets around the
             node, see `Tractions.area`, or in mortar contact the area covered by segments.
     """
@@ -69,6 +72,8 @@ class ContactHistory:
     slip: Floats
     energy: Floats
     dissipation: Floats
+    partner: Ints
+    reaction: Floats
     area: Floats
 
     @classmethod
@@ -102,6 +107,8 @@ class ContactHistory:
             slip=np.zeros(n),
             energy=np.zeros(n),
             dissipation=np.zeros(n),
+            partner=np.empty((n, 0), dtype=np.int32),
+            reaction=np.empty((n, 0, 3)),
             area=np.zeros(n),
         )
 

@@ -40,7 +40,7 @@ from dolfinx_nts.search.smooth.smooth_patches import SmoothPatches
 from dolfinx_nts.search.smooth.smooth_search import SmoothSearch
 from dolfinx_nts.search.spheres.sphere_search import SphereSearch
 
-__all__ = ["PairState"]
+__all__ = ["PairState", "bodies_of_segments"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
@@ -343,6 +343,20 @@ class PairState(Tractions, NodesOfPairs):
             values = f"{least:.3g}" + (f" to {greatest:.3g}" if greatest > least else "")
             text += f", {name} = {values} N/m"
         return text
+
+
+def bodies_of_segments(pair: ContactPair, body: Ints) -> Ints | None:
+    """Return ``body`` if the mortar segments of a pair belong to several bodies, else None.
+
+    Collective. ``body`` is the number of the body of each owned node of the space, shape ``(n,)``.
+    """
+    segments, comm = pair.segments, pair.nodes.V.mesh.comm
+    if pair.method != MORTAR or not isinstance(segments, Surface):
+        return None
+    there = body[segments.nodes].astype(np.float64)
+    first = reductions.least(comm, float(there.min(initial=np.inf)))
+    last = reductions.largest(comm, float(there.max(initial=-np.inf)))
+    return body if first < last else None
 
 
 def _takes_default(pair: ContactPair) -> bool:

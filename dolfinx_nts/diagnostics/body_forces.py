@@ -5,11 +5,11 @@ from mpi4py import MPI
 import numpy as np
 
 from dolfinx_nts.common.arrays import Array, Floats, Ints
-from dolfinx_nts.contact.method import EDGES, MORTAR
+from dolfinx_nts.contact.method import EDGES
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.integrators.stepper import Stepper
+from dolfinx_nts.model.bodies import body_of_nodes
 from dolfinx_nts.model.surfaces import Surface
-from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined
 
 __all__ = ["BodyForces"]
@@ -18,10 +18,9 @@ __all__ = ["BodyForces"]
 class BodyForces:
     """Finds the bodies on both sides of the contact of a stepper. Collective.
 
-    Each node belongs to one body, and the reaction to its force acts on the body of its segment.
-    Nodes of several bodies belong to the first of them. A vertex of a mortar facet may transmit
-    force without a segment of its own. The reaction then acts on the body of the segment of the
-    nearest loaded node.
+    Each node belongs to one body, and the reaction to its force acts on the body of its segment, or
+    in mortar contact on all bodies of its quadrature points. Nodes of several bodies belong to the
+    first of them.
 
     Args:
         stepper: The stepper.
@@ -38,11 +37,7 @@ class BodyForces:
         self.pairs: list[tuple[int, int]] = []
         if not contacts:
             return
-        bodies = stepper.bodies
-        size = stepper.u.function_space.dofmap.index_map
-        of_node = np.full(size.size_local + size.num_ghosts, -1, dtype=np.int64)
-        for number, body in reversed(list(enumerate(bodies))):
-            of_node[body.nodes] = number
+        bodies, of_node = stepper.bodies, body_of_nodes(stepper.bodies)
         self._nodes = [of_node[contact.nodes.nodes] for contact in contacts]
         # Rows: number of the contact, key of a segment or -1 for nodes, and body.
         rows = []
@@ -80,35 +75,34 @@ class BodyForces:
             self._contacts, self._nodes, self._segments, strict=True
         ):
             history = contact.history
-            if np.all(bodies == bodies[0]):
-                other: Array = np.full(len(nodes), bodies[0])
-            else:
-                place = np.clip(np.searchsorted(keys, history.key), 0, len(keys) - 1)
-                other = np.where(keys[place] == history.key, bodies[place], -1)
-                if contact.pair.method == EDGES:
-                    other[:] = -1
             acts = np.any(history.force != 0, axis=1)
-            if contact.pair.method == MORTAR:
-                self._assign(contact, acts, other)
-            for a, b in np.unique(np.column_stack([nodes, other])[acts], axis=0).tolist():
-                force = history.force[acts & (nodes == a) & (other == b)].sum(axis=0)
+            other: Array
+            if history.partner.shape[1]:
+                node, place = (history.partner >= 0).nonzero()
+                own, other = nodes[node], history.partner[node, place]
+                force = -history.reaction[node, place]
+            else:
+                own, other = nodes[acts], self._opposite(contact, keys, bodies)[acts]
+                force = history.force[acts]
+            for a, b in sorted(set(zip(map(int, own), map(int, other), strict=True))):
+                total = force[(own == a) & (other == b)].sum(axis=0)
                 if b < 0:  # any body of the other side
-                    force = np.full(3, np.nan)
-                for c in [b] if b >= 0 else np.unique(bodies).tolist():
+                    total = np.full(3, np.nan)
+                for c in map(int, [b] if b >= 0 else np.unique(bodies)):
                     if a != c and (min(a, c), max(a, c)) in number:
-                        forces[number[min(a, c), max(a, c)]] += force if a < c else -force
+                        forces[number[min(a, c), max(a, c)]] += total if a < c else -total
         return forces
 
-    def _assign(self, contact: PairState, acts: Array, other: Array) -> None:
-        """Set ``other`` where it is -1: the bodies opposite nodes ``acts`` without a segment."""
-        unknown = acts & (other < 0)
-        comm: MPI.Comm = contact.pair.nodes.V.mesh.comm
-        if not reductions.anywhere(comm, bool(unknown.any())):
-            return
-        x, known = self._stepper.x[contact.nodes.nodes], acts & (other >= 0)
-        rows = joined(comm, np.column_stack([x[known], other[known]]))
-        for node in np.flatnonzero(unknown) if len(rows) else ():
-            other[node] = rows[np.linalg.norm(rows[:, :3] - x[node], axis=1).argmin(), 3]
+    @staticmethod
+    def _opposite(contact: PairState, keys: Array, bodies: Array) -> Array:
+        """Body of the segment of each node, or -1, ``(n,)``; arguments as in `_segments`. Local."""
+        key = contact.history.key
+        if np.all(bodies == bodies[0]):
+            return np.full(len(key), bodies[0])
+        if contact.pair.method == EDGES:
+            return np.full(len(key), -1)
+        place = np.clip(np.searchsorted(keys, key), 0, len(keys) - 1)
+        return np.where(keys[place] == key, bodies[place], -1)
 
 
 def _of_segments(contact: PairState, nodes: list[Ints]) -> Array:

@@ -26,7 +26,7 @@ from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.history import reloaded
 from dolfinx_nts.contact.massless import is_resolved
 from dolfinx_nts.contact.pair import ContactPair
-from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.contact.pair_state import PairState, bodies_of_segments
 from dolfinx_nts.contact.passes import Passes
 from dolfinx_nts.contact.seams import without_seams
 from dolfinx_nts.fem.components import dimension
@@ -36,7 +36,7 @@ from dolfinx_nts.integrators.scheme import Scheme
 from dolfinx_nts.integrators.state import current_positions
 from dolfinx_nts.integrators.statistics import StepperStatistics
 from dolfinx_nts.integrators.time_loop import TimeLoop
-from dolfinx_nts.model.bodies import Body, check_bodies, check_member, common_space
+from dolfinx_nts.model.bodies import Body, body_of_nodes, check_bodies, check_member, common_space
 from dolfinx_nts.model.checks.flat_cells import check_volumes
 from dolfinx_nts.model.checks.inverted_cells import VolumeRatio
 from dolfinx_nts.model.checks.locking import warn_of_locking
@@ -199,6 +199,9 @@ class Stepper(TimeLoop):
         super().__init__(V, dt, self.bodies, self.scheme)
         passes = Passes(partial(current_positions, self._X, self.u), self._now.item)
         self.contacts = tuple(PairState(pair, passes) for pair in self.pairs)
+        body = body_of_nodes(self.bodies)[: V.dofmap.index_map.size_local]
+        for contact in self.contacts:
+            contact.search.body = bodies_of_segments(contact.pair, body)
         self.watch = ContactWatch(self.bodies, self.contacts)
         # Bound on the displacement increments of all nodes in the last step [m].
         self._was_displaced, self._increment = True, 0.0

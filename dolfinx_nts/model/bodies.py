@@ -26,7 +26,7 @@ from dolfinx_nts.materials.mass_only import MassOnly
 from dolfinx_nts.materials.volumetric_split import parts
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["Body", "bulk_form", "check_bodies", "common_space"]
+__all__ = ["Body", "body_of_nodes", "bulk_form", "check_bodies", "common_space"]
 
 
 class Body(Declaration):
@@ -169,6 +169,15 @@ def bulk_form(
     for i, (value, _, degree) in enumerate(terms):
         form += value * dx(i, metadata={"quadrature_degree": degree})
     return form
+
+
+def body_of_nodes(bodies: Sequence[Body]) -> Ints:
+    """Number of the first body of each local node of the space, or -1, ``(l,)``. Local."""
+    index_map = bodies[0].V.dofmap.index_map
+    number = np.full(index_map.size_local + index_map.num_ghosts, -1, dtype=np.int32)
+    for i in reversed(range(len(bodies))):
+        number[bodies[i].nodes] = i
+    return number
 
 
 def common_space(bodies: Sequence[Body]) -> fem.FunctionSpace:

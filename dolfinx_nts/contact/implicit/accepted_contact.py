@@ -4,10 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.common.arrays import Array, Floats
 from dolfinx_nts.contact.history import ContactHistory, ContactWork
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution, PairKinematics
+from dolfinx_nts.contact.implicit.mortar.mortar_pairing import MortarPairing
+from dolfinx_nts.contact.joint_state import members
 from dolfinx_nts.parallel import reductions
 
 __all__ = ["contact_history", "contact_work"]
@@ -27,6 +29,10 @@ def contact_history(step: ContactStep, last: ContactContribution) -> ContactHist
     key[found] = step.candidates.key[search.segment[found]]
     energy, offset = normal.energy(pairs)
     slip_energy, slip = friction.accepted(pairs, step.x)
+    body, by_body = members(step.state)[0].search.body, dict[str, Array]()
+    if body is not None and isinstance(search.pairing, MortarPairing):
+        partner, forces = search.pairing.on_bodies(pairs, last.force, body)
+        by_body = {"partner": partner, "reaction": -forces}
     history = ContactHistory.at(
         n,
         pairs.node,
@@ -48,6 +54,7 @@ def contact_history(step: ContactStep, last: ContactContribution) -> ContactHist
         force=-search.pairing.on_nodes(pairs, last.force),
         energy=history.energy + slip_energy,
         **slip,
+        **by_body,
     )
 
 
