@@ -14,8 +14,8 @@
 /// @brief Conversion of NumPy arrays for the kernels.
 ///
 /// A step makes a few hundred small calls, so that the conversion of arrays
-/// counts. By NumPy's own interface it takes a tenth of the time of an
-/// `nb::ndarray`.
+/// takes a relevant time. With NumPy's own interface it takes a tenth of the
+/// time of an `nb::ndarray`.
 namespace nts::bindings
 {
 namespace nb = nanobind;

@@ -5,8 +5,8 @@
 
 namespace nts::bindings
 {
-/// @brief Least and negated greatest coordinates of n boxes, (2, n, 3), so that
-/// one minimum over ranks gives the boxes around all.
+/// @brief Smallest and negated largest coordinates of n boxes, (2, n, 3). Their
+/// minimum over all ranks gives the boxes around all of them.
 inline Out<double> extremes(const std::vector<Box>& boxes)
 {
   const std::size_t n = boxes.size();

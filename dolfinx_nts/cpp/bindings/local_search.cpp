@@ -145,8 +145,8 @@ public:
     {
       const SegmentSurface<S> segments = surface<S>(x_n, group);
       const NormalBounds<S> without(segments, nullptr);
-      // Thickness limits how deep a node may be behind a segment; where it
-      // enters, its depth is zero.
+      // Thickness limits the depth of nodes behind a segment, but at its entry
+      // a node has no depth.
       const std::vector<double> thickness(segments.orientation.size(), 0.);
       const MovingSurface surface{view(x_n), view(x),
                                   part(_vertices, group, S::vertices),
@@ -237,14 +237,14 @@ public:
     return found;
   }
 
-  /// @brief Set the depth of nodes that started inside each group [m].
+  /// @brief Set the depth of initially penetrating nodes in each group [m].
   void sink(const Doubles& depth)
   {
     check("depth", depth, {_trees.size()});
     std::ranges::copy(view(depth), _sunk.begin());
   }
 
-  /// @brief Set whether nodes below dents keep a segment.
+  /// @brief Set whether nodes below concave edges keep a segment.
   void hold_in_dents(bool held) noexcept { _in_dents = held; }
 
   std::size_t num_trees() const noexcept
@@ -425,8 +425,8 @@ private:
   Keys _key;
   std::vector<std::int32_t> _first; // segment of each group, and their number
   std::vector<CachedTree> _trees;
-  std::vector<double> _sunk;        // depth of nodes that started inside [m]
-  bool _in_dents = false;           // whether nodes below dents keep a segment
+  std::vector<double> _sunk; // depth of initially penetrating nodes [m]
+  bool _in_dents = false;    // whether nodes below concave edges keep a segment
   std::vector<std::int32_t> _faced; // of nodes by their numbers, or -1
   std::size_t _num_rows = 0;
 };

@@ -37,7 +37,7 @@ struct Aggregation
 /// @param[in] a Points and shares.
 /// @param[in] vertices Vertices s of a segment.
 /// @param[in] values Vectors of pairs, (p, c, 3 (1 + s)).
-/// @param[in] count How many of them, c.
+/// @param[in] count Number of vectors of a pair, c.
 /// @param[in] length Nodes of a row, L.
 /// @param[in,out] rows (n, c, 3 L), to which is added.
 inline void sum_to_rows(const Aggregation& a, std::size_t vertices,
@@ -105,8 +105,8 @@ inline void least(const Aggregation& a, std::span<const double> values,
 /// @param[in] phi Weights of the nodes of the facets, (p, k).
 /// @param[in] width Nodes of a facet, k.
 /// @param[in] vertices Vertices of a segment, s.
-/// @param[in] block To which block each pair belongs, (p,).
-/// @param[in] factor Of each matrix, (p,).
+/// @param[in] block Block of each pair, (p,).
+/// @param[in] factor Factor of each matrix, (p,).
 /// @param[in] matrix (p, 3 (1 + s), 3 (1 + s)).
 /// @param[in,out] out (b, 3 (k + s), 3 (k + s)), to which is added.
 inline void sum_to_blocks(std::span<const double> phi, std::size_t width,

@@ -19,7 +19,7 @@ struct Contact
   PairVector<S> gradient; ///< gradient of `gap` at q_{n+1}
   PairMatrix<S> tangent;  ///< d force / d q_{n+1}
   double turn;            ///< n_n . n_{n+1}, cosine of the angle
-  bool valid;             ///< false: nothing else is to be used
+  bool valid;             ///< false: all other members are invalid
 };
 
 /// @brief Mean of two states of a pair.
@@ -86,7 +86,7 @@ void contact_static(const Pair<S>& pair_n, const Pair<S>& pair,
 /// to pi: a discrete gradient, W (pi - pi_n) = g(pi) - g(pi_n) exactly.
 ///
 /// Two Gauss points are exact for quadrilaterals (constraints of degree
-/// four), one for triangles (degree two). Unlike the formula of eq. (59) the
+/// four), one for triangles (degree two). Unlike the formula of eq. (59), the
 /// average does not mix units and needs no division by |pi - pi_n|^2.
 /// @param[in] pi_n, pi Invariants at both ends.
 /// @param[in] visit Called with (weight, position, invariants) of each point.
@@ -134,7 +134,7 @@ vector_forces(const Augmented<S>& z,
               const typename Invariants<S>::Values& theta) noexcept
 {
   std::array<Vec3, S::vertices + 1> forces = {};
-  // With positions known at compile time a pair takes 15 % less time.
+  // With positions known at compile time, a pair takes 15 % less time.
 #pragma GCC unroll 16
   for (const auto& [index, a, b] : Invariants<S>::products)
   {
@@ -144,7 +144,8 @@ vector_forces(const Augmented<S>& z,
   return forces;
 }
 
-/// @brief Turn forces on the vectors E_0..E_{k-1} into those on x_s, x_1..x_k.
+/// @brief Transform forces on the vectors E_0..E_{k-1} to forces on x_s,
+/// x_1..x_k.
 template <class S>
 PairVector<S>
 nodal_forces(const std::array<Vec3, S::vertices + 1>& forces) noexcept

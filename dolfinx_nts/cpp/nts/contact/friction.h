@@ -5,23 +5,23 @@
 #include <limits>
 #include <span>
 
-/// @brief Friction of a node that sticks and slides without springs.
+/// @brief Friction of a node by multipliers, without springs.
 namespace nts
 {
 /// @brief Linear model of a traction, t = fixed + p direction + stiffness dg.
 struct TractionModel
 {
-  Vec2 fixed = {};             ///< what does not scale with p [N]
-  Vec2 direction = {};         ///< factor of the pressing force p [-]
-  Matrix<2, 2> stiffness = {}; ///< derivative by the slip [N/m]
+  Vec2 fixed = {};             ///< part independent of p [N]
+  Vec2 direction = {};         ///< factor of the normal force p [-]
+  Matrix<2, 2> stiffness = {}; ///< derivative w.r.t. the slip [N/m]
 };
 
 /// @brief Largest traction of a node, and its derivatives.
 struct FrictionLimit
 {
   double force;   ///< linear in p where p < 0 [N]
-  double by_p;    ///< derivative by the pressing force [-]
-  double by_slip; ///< derivative by the length of the slip [N/m]
+  double by_p;    ///< derivative w.r.t. the normal force [-]
+  double by_slip; ///< derivative w.r.t. the length of the slip [N/m]
 };
 
 /// @brief Rotation of components from one frame to another: the orthogonal
@@ -43,10 +43,10 @@ inline Matrix<2, 2> between_frames(const double* to,
 
 /// @brief Whether a node slides in this iteration.
 /// @param[in] limit Largest traction [N].
-/// @param[in] trial Traction if it stuck [N].
+/// @param[in] trial Trial traction of a sticking node [N].
 /// @param[in] motion Direction of slip, as a traction or a slip increment.
 /// @param[in] heading Direction of the traction, of any length.
-/// @param[in] slid Whether it slid in the last iteration; such a node sticks
+/// @param[in] slid Whether the node slid in the last iteration; it then sticks
 /// before its slip reverses.
 inline bool slides(double limit, const Vec2& trial, const Vec2& motion,
                    const Vec2& heading, bool slid) noexcept
@@ -65,8 +65,8 @@ inline const Vec2& first_direction(const Vec2& a, const Vec2& b) noexcept
 
 /// @brief Whether a trial traction equals its limit up to round-off.
 /// @param[in] limit Largest traction [N].
-/// @param[in] trial Traction if the node stuck [N].
-/// @param[in] rounding Force that counts as none [N].
+/// @param[in] trial Trial traction of a sticking node [N].
+/// @param[in] rounding Force that counts as round-off [N].
 inline bool is_at_limit(double limit, const Vec2& trial,
                         double rounding) noexcept
 {
@@ -74,14 +74,14 @@ inline bool is_at_limit(double limit, const Vec2& trial,
   return std::abs(size - limit) <= rounding;
 }
 
-/// @brief Model stick and slip for one semismooth Newton iteration.
+/// @brief Linearise stick and slip for one semismooth Newton iteration.
 ///
 /// The condition t - min(1, L/|t + c g|) (t + c g) = 0 is linearised and
 /// solved for t where the node slides along the traction.
 /// @param[in] limit Limit L of the traction at this slip.
 /// @param[in] t Traction of the last iteration [N].
 /// @param[in] slip Slip g of the step [m].
-/// @param[in] p Pressing force [N].
+/// @param[in] p Normal force [N].
 /// @param[in] c Weight of the slip [N/m].
 /// @param[in] heading Direction of the traction, of any length.
 /// @param[in] slides Whether the node slides now.
@@ -90,8 +90,8 @@ inline TractionModel exact_friction(const FrictionLimit& limit, const Vec2& t,
                                     const Vec2& heading, bool slides) noexcept
 {
   // Bound on the stiffness against a change of the direction of slip, relative
-  // to the weight [-]: a tighter one would slow Newton's method where slip is
-  // small.
+  // to the weight [-]. Smaller: slower convergence of Newton's method at small
+  // slips.
   constexpr double stiffest = 1e4;
   const double largest = std::max(limit.force, 0.);
   const bool turns = slides && largest > 0
@@ -125,8 +125,8 @@ inline TractionModel exact_friction(const FrictionLimit& limit, const Vec2& t,
 }
 
 /// @brief Longest step along an increment from a point in the interior of a
-/// right circular cone of 90 degrees, relative to the increment; infinity where
-/// it never leaves the cone.
+/// right circular cone of 90 degrees, relative to the increment; infinity if it
+/// never leaves the cone.
 /// @param[in] v, increment Vectors, component along the axis first.
 inline double longest_in_cone(std::span<const double> v,
                               std::span<const double> increment) noexcept
@@ -159,8 +159,9 @@ inline double longest_in_cone(std::span<const double> v,
 /// @param[in] force Force to be balanced [N].
 /// @param[in] columns Forces on the node per multiplier, rows.
 /// @param[in] rank Number of multipliers, 0, 1, 2 or 3; 0 as 1.
-/// @param[in] known Tractions that are balanced too [N].
-/// @param[in] direction Of the traction per pressing force, -multiplier [-].
+/// @param[in] known Tractions that are also balanced [N].
+/// @param[in] direction Direction of the traction per normal force, -multiplier
+/// [-].
 /// @return NaN where a system is singular [N].
 inline Vec3 balance(const Vec3& normal, Vec3 force, Matrix<3, 3> columns,
                     std::size_t rank, const Vec2& known,

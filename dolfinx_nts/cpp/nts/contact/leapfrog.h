@@ -15,7 +15,7 @@ namespace nts
 struct Motion
 {
   double farthest; ///< largest displacement, NaN if one is NaN
-  double relative; ///< the same relative to a given velocity
+  double relative; ///< largest displacement relative to a given velocity
 };
 
 /// @brief Move all dofs, D of each node, by the velocity in the middle of the

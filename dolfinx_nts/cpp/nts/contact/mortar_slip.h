@@ -18,7 +18,7 @@ struct TurnedShares
   std::span<const std::int64_t> start;
   /// (i,) Points of the shares.
   std::span<const std::int32_t> point;
-  /// (i, 2, 2) Part of component b at the point in component a at the node.
+  /// (i, 2, 2) Weights of component b at the point in component a at the node.
   std::span<const double> part;
 
   Matrix<2, 2> matrix(std::int64_t i) const noexcept
@@ -29,7 +29,7 @@ struct TurnedShares
 };
 
 /// @brief Orthonormal vectors nearest to two vectors: the polar factor, which
-/// prefers neither of them.
+/// is symmetric in both.
 inline Matrix<2, 3> orthonormal(const Matrix<2, 3>& frame) noexcept
 {
   const double a = dot(frame[0], frame[0]), b = dot(frame[0], frame[1]),
@@ -103,7 +103,7 @@ inline void spread_tractions(const TurnedShares& shares,
 /// @param[in] phi Weights of the nodes of the facets, (p, k).
 /// @param[in] width Nodes of a facet, k.
 /// @param[in] vertices Vertices of a segment, s.
-/// @param[in] block To which block each point belongs, (p,).
+/// @param[in] block Block of each point, (p,).
 /// @param[in] w, b Weights of the pairs, (p, 1 + s) and (p, 2, 1 + s).
 /// @param[in] traction (p, 2).
 /// @param[in,out] out (b, 3 (k + s), 3 (k + s)), to which is added.

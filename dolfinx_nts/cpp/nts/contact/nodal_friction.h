@@ -24,20 +24,21 @@ struct NodalFriction
 {
   bool has_springs;
   std::span<const bool> on_axis;    ///< (n,) nodes without friction
-  std::span<const double> rounding; ///< (n,) forces that are round-off [N]
+  std::span<const double> rounding; ///< (n,) forces that count as round-off [N]
   std::span<bool> sliding;          ///< (n,)
   std::span<std::int32_t> flips;    ///< (n,) changes between stick and slip
   std::span<double> traction;       ///< (n, 2) [N]
   /// (n, 2), (n, 2), (n, 2, 2) The models, see `TractionModel`.
   std::span<double> fixed, direction, stiffness;
-  /// (n, 2) Directions of the models also where a limit lags.
+  /// (n, 2) Directions of the models, including nodes with a lagged limit.
   std::span<double> heading;
-  std::span<const double> present; ///< (n, 2) slips now [m]
-  std::span<double> modelled;      ///< (n, 2) where the models were made [m]
-  /// (n, 2, 3) Tangents for quantities of two components, 0 without.
+  std::span<const double> present; ///< (n, 2) current slips [m]
+  std::span<double> modelled; ///< (n, 2) slips at the last linearisation [m]
+  /// (n, 2, 3) Tangents for the components of tractions and slips, 0 without a
+  /// frame.
   std::span<double> frame;
 
-  /// @brief Whether multipliers hold an active node in the tangent plane.
+  /// @brief Whether an active node sticks by tangential multipliers.
   bool is_held(std::size_t j, bool active) const noexcept
   {
     return active && !sliding[j] && !has_springs;
@@ -63,9 +64,9 @@ struct NodalFriction
     Vec2 heading;
   };
 
-  /// @param[in] p Pressing force [N].
+  /// @param[in] p Normal force [N].
   /// @param[in] limit Largest traction [N].
-  /// @param[in] trial Traction if it stuck [N].
+  /// @param[in] trial Trial traction of a sticking node [N].
   /// @param[in] motion Direction of slip, as a traction or a slip increment.
   Judgement judge(std::size_t j, bool active, double p, double limit,
                   const Vec2& trial, const Vec2& motion) const noexcept
@@ -74,9 +75,9 @@ struct NodalFriction
     // With p < 0, which is possible in iterates, a traction points backwards.
     const Vec2 along
         = first_direction(vector2(slid ? heading : traction, j), motion);
-    // Round-off must not determine the state at the limit, as under constant
-    // loads after sliding. Nor must the unknown normal force of a new contact
-    // node.
+    // At the limit, as under constant loads after sliding, round-off must not
+    // determine the state. The same holds for the unknown normal force of a new
+    // contact node.
     const bool is_open
         = is_at_limit(limit, trial, rounding[j]) || (active && p == 0);
     const bool leaves
@@ -86,9 +87,9 @@ struct NodalFriction
 
   /// @brief Accept the state and the model of a node, and its traction if it
   /// slides or has springs.
-  /// @param[in] p Pressing force [N].
-  /// @param[in] slip Where the model was made [m].
-  /// @param[in] lagging Pressing force of a limit that lags [N], if it does.
+  /// @param[in] p Normal force [N].
+  /// @param[in] slip Slip at which the model was linearised [m].
+  /// @param[in] lagging Normal force of a lagged limit [N], if any.
   void accept(std::size_t j, bool active, bool slides, double p,
               const Vec2& slip, TractionModel model,
               std::optional<double> lagging) noexcept
@@ -113,7 +114,7 @@ struct NodalFriction
       store(model.fixed + p * model.direction, traction, j);
   }
 
-  /// @brief Part of the traction of a node that does not scale with the normal
+  /// @brief Part of the traction of a node that does not depend on the normal
   /// force, from its model at the current slip; 0 if it sticks.
   Vec2 known(std::size_t j, bool is_held) const noexcept
   {
@@ -129,7 +130,7 @@ struct NodalFriction
   /// @brief Set the traction of a node from its multipliers.
   /// @param[in] rank Number of multipliers of the node.
   /// @param[in] multipliers Along the normal and both tangents [N].
-  /// @param[in] known Traction that does not scale with the pressing force [N].
+  /// @param[in] known Traction that does not depend on the normal force [N].
   void balance(std::size_t j, bool active, std::int32_t rank,
                const Vec3& multipliers, const Vec2& known) noexcept
   {
@@ -141,7 +142,8 @@ struct NodalFriction
     store(t, traction, j);
   }
 
-  /// @brief Derivative of the traction of a node by its slip [N/m].
+  /// @brief Derivative of the traction of a node with respect to its slip
+  /// [N/m].
   Matrix<2, 2> stiffness_of(std::size_t j) const noexcept
   {
     return {vector2(stiffness, 2 * j), vector2(stiffness, 2 * j + 1)};

@@ -27,7 +27,7 @@ struct Foot
   Vec2 xi = {};               ///< coordinates
   double height = 0;          ///< x_s - x_bar(xi) = height d
   std::array<Vec3, 2> c = {}; ///< c_a . x_bar,b = delta_ab, c_a . d = 0
-  bool converged = false;     ///< false: nothing else is to be used
+  bool converged = false;     ///< false: all other members are invalid
 };
 
 /// @brief Find the foot of a node by Newton's method.

@@ -49,8 +49,8 @@ Matrix<2, 3> tangent_frame(const Projection<S>& p, Matrix<2, 2>& c) noexcept
 /// frame that moved with the segment: m^(-1/2) times its vectors, of scalar
 /// products m.
 ///
-/// It turns with them under any change of the coordinates of the segment, so
-/// that the order of the vertices does not count.
+/// It is covariant under any change of the coordinates of the segment, so that
+/// the order of the vertices has no effect.
 template <class S>
 Matrix<2, 3> convected_frame(const Projection<S>& p,
                              const Matrix<2, 2>& c) noexcept

@@ -29,14 +29,14 @@ inline std::vector<std::int32_t> inside(const Paired& pairs)
 {
   std::vector<std::int32_t> positions;
   for (std::size_t i = 0; i < pairs.gap.size(); ++i)
-    if (std::isless(pairs.gap[i], 0.)) // quiet where it is NaN
+    if (std::isless(pairs.gap[i], 0.)) // false without an exception for NaN
       positions.push_back(static_cast<std::int32_t>(i));
   return positions;
 }
 
 /// @brief Force and energy of the springs of some pairs.
 /// @param[in] pairs The pairs.
-/// @param[in] positions Which of the pairs, (m,).
+/// @param[in] positions Indices of these pairs, (m,).
 /// @param[in] segments Vertices of all segments, (s, k).
 /// @param[in] stiffness Stiffness of the spring of each pair, (c,) [N/m].
 /// @param[out] dofs Node and vertices, (m, 1 + k).

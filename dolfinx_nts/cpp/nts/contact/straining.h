@@ -2,8 +2,8 @@
 
 #include "nts/geometry/small.h"
 
-/// @brief Straining part of a motion of points: displacements without the
-/// rigid motion that fits them best.
+/// @brief Straining part of a motion of points: displacements without their
+/// best-fitting rigid motion.
 ///
 /// With displacements dx_i from q_n to q_{n+1} and positions y_i in the mean
 /// state relative to the mean point,
@@ -11,9 +11,9 @@
 ///     v_i = dx_i - dx_bar - omega x y_i,  I omega = sum y_i x dx_i,
 ///     I = sum |y_i|^2 1 - y_i y_i^T
 ///
-/// So v has no resultant and no moment about the mean state, sum v_i . dx_i =
-/// sum |v_i|^2, and v = 0 if a rotation and a translation map q_n to q_{n+1}.
-/// It is used by `patch_gradient.h`.
+/// Therefore v has no resultant and no moment about the mean state, sum v_i .
+/// dx_i = sum |v_i|^2, and v = 0 if a rotation and a translation map q_n to
+/// q_{n+1}. It is used by `patch_gradient.h`.
 namespace nts
 {
 /// @brief The straining part v of the motion of P points and its derivative.

@@ -59,7 +59,7 @@ struct Gathered
 };
 
 /// @brief A mesh and its space of vectors with as many components as positions
-/// have; in the plane the third coordinate does not count.
+/// have; in the plane the third coordinate is ignored.
 struct CellNodes
 {
   std::span<const double> X;              ///< vertices, (g, 3) [m]
@@ -99,7 +99,7 @@ struct CellRows
   std::span<const std::int32_t> rows; ///< rows of b for each cell, (c, k)
   std::size_t k;                      ///< rows of a cell
   std::size_t d;                      ///< values of a row
-  std::span<double> sums; ///< of the numbers that cells have behind their rows
+  std::span<double> sums; ///< sums of the additional numbers of each cell
 
   /// @brief Size of the element vector of a cell.
   std::size_t size() const noexcept { return d * k + sums.size(); }

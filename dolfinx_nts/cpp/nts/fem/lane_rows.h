@@ -10,7 +10,7 @@
 /// values of a batch of cells are contiguous.
 ///
 /// Copies of single numbers would take as long as the kernels of small cells.
-/// Two numbers are copied together, as registers of any machine can.
+/// Two numbers are copied together, in a register of 16 bytes.
 namespace nts
 {
 /// @brief W numbers in a register of 16 bytes, or of 8.

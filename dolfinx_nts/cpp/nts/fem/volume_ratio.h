@@ -27,7 +27,7 @@ public:
   {
     for (std::size_t q = 0; q < points; q += 2)
     {
-      // The last point of an odd number counts twice.
+      // With an odd number of points, the last one is repeated.
       const std::size_t r = std::min(q + 1, points - 1);
       const auto both
           = [&](std::span<const double> of, std::size_t width, std::size_t i)

@@ -46,7 +46,7 @@ PairVector<S> gap_gradient(const Projection<S>& p) noexcept
   return gradient;
 }
 
-/// @brief Compute how xi and n follow q.
+/// @brief Compute the derivatives of xi and n with respect to q.
 ///
 /// A_ab D^b = T_a - g N_a with A_ab = m_ab - g n . x_bar,ab: the sign of the
 /// curvature term is opposite to the one printed in eq. (32), and xi^b is

@@ -4,7 +4,7 @@
 #include "nts/geometry/patch.h"
 
 /// @brief Closest-point projection of a node onto a smooth segment;
-/// `projection.h` and `gap.h` are for flat ones.
+/// see `projection.h` and `gap.h` for flat segments.
 namespace nts
 {
 /// @brief Geometry of the patch at the projection point, see the template for
@@ -18,7 +18,7 @@ struct Projection<S>
   std::array<Vec3, 2> tangents = {}; ///< a_alpha = x_bar,alpha
   Matrix<2, 2> metric = {};          ///< a_alpha . a_beta
   Matrix<2, 2> curvature = {};       ///< n . x_bar,alpha beta
-  bool converged = false;            ///< false: nothing else is to be used
+  bool converged = false;            ///< false: all other members are invalid
 };
 
 /// @brief Inner products of a vector with the second derivatives of a patch.
@@ -89,7 +89,8 @@ Projection<S> project(const Pair<S>& pair, double orientation) noexcept
   return {};
 }
 
-/// @brief Compute how xi and n follow q, see the template for all segments.
+/// @brief Compute the derivatives of xi and n with respect to q, see the
+/// template for all segments.
 template <IsPatch S>
 bool sensitivity(const Projection<S>& p, Sensitivity<S>& s) noexcept
 {

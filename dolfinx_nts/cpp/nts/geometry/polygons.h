@@ -51,7 +51,7 @@ Polygon clipped(Polygon polygon, const Sides<m>& sides)
     for (std::size_t i = 0; i < polygon.size(); ++i)
     {
       const Vec2 &a = polygon[i], &b = polygon[(i + 1) % polygon.size()];
-      // Sides that coincide must not leave slivers by round-off.
+      // Round-off must not leave slivers at coinciding sides.
       const auto rounded = [](double distance)
       { return std::abs(distance) < round_off ? 0 : distance; };
       const double at_a = rounded(inside(a)), at_b = rounded(inside(b));

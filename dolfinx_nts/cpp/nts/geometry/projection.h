@@ -26,7 +26,7 @@ struct Projection
   std::array<Vec3, 2> tangents = {}; ///< a_alpha = x_bar,alpha
   Matrix<2, 2> metric = {};          ///< a_alpha . a_beta
   double twist = 0;                  ///< n . x_bar,12 (the curvature)
-  bool converged = false;            ///< false: nothing else is to be used
+  bool converged = false;            ///< false: all other members are invalid
 };
 
 /// @brief Longest distance between two vertices, squared [m^2].
@@ -54,7 +54,7 @@ double diameter(const std::array<Vec3, S::vertices>& segment) noexcept
 /// the segment's centre.
 ///
 /// Newton's matrix m_ab - (x_s - x_bar) . x_bar,ab is replaced by the metric
-/// m_ab where it is not safely positive definite (a node far off a twisted
+/// m_ab if it is not safely positive definite (a node far from a twisted
 /// segment). Franke, Hesch, Betsch (2011), eq. (24).
 /// @param[in] pair Node and segment.
 /// @param[in] orientation +1 where a_1 x a_2 points outward, otherwise -1.
@@ -106,7 +106,7 @@ Projection<S> project(const Pair<S>& pair, double orientation) noexcept
     const Vec2 f = {dot(r, p.tangents[0]), dot(r, p.tangents[1])};
     const Vec2 dxi = inverse(A) * f;
     const double change = std::max(std::abs(dxi[0]), std::abs(dxi[1]));
-    if (change <= unit) // there already, as in the second pass where it is flat
+    if (change <= unit) // converged, in flat segments in the second pass
       return finished(r, n);
     p.xi = {p.xi[0] + dxi[0], p.xi[1] + dxi[1]};
     // Round-off in xi grows with the distance of the node.

@@ -45,7 +45,7 @@ inline void take_rows(std::span<const double> x,
                       std::span<const std::int64_t> rows,
                       std::span<double> out) noexcept
 {
-  // Prefetched rows arrive while others are copied.
+  // Rows are prefetched while others are copied.
   constexpr std::size_t ahead = 24;
   const std::size_t width = rows.empty() ? 0 : out.size() / rows.size();
   const auto copy = [&](auto w)

@@ -127,7 +127,7 @@ constexpr Matrix<2, 2> inverse(const Matrix<2, 2>& A) noexcept
 /// @param[in,out] A Overwritten by its factors.
 /// @param[in,out] B Right-hand sides, overwritten by X.
 /// @return False if a pivot vanishes relative to the largest entry of its
-/// column: unknowns may have units of their own.
+/// column: unknowns may have different units.
 template <std::size_t N, std::size_t M>
 bool solve(Matrix<N, N>& A, Matrix<N, M>& B) noexcept
 {

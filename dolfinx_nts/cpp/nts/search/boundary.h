@@ -9,8 +9,8 @@ namespace nts
 /// @brief Triangles of a closed boundary, or some of them.
 ///
 /// A ray from a point leaves the boundary once more than it enters it if the
-/// point is inside. Crossings are sums over triangles, so that the ranks which
-/// have some of the triangles may each count their own.
+/// point is inside. Crossings are sums over triangles, so that each rank can
+/// count those of its triangles.
 class Boundary
 {
 public:
@@ -75,8 +75,7 @@ public:
   /// @brief Distance of a point to the nearest triangle [m], infinite without
   /// one.
   /// @param[in] point The point [m].
-  /// @param[in] least Distance [m] from which on nearer triangles need not be
-  /// found.
+  /// @param[in] least Distance [m] below which the search may stop.
   double distance(const Vec3& point, double least) const noexcept
   {
     double nearest = INFINITY;
@@ -111,7 +110,7 @@ private:
   /// start of the ray.
   static Vec3 beyond(const Vec3& point, const Box& box) noexcept
   {
-    // Along no line of symmetry: such rays seldom hit an edge.
+    // Not along a line of symmetry, so that rays seldom hit an edge.
     constexpr Vec3 direction = {0.8331541, 0.4819027, 0.2713465};
     std::size_t axis = 0;
     double sign = 1, nearest = INFINITY;
@@ -138,7 +137,7 @@ private:
     return {vector(_x, a), vector(_x, b), vector(_x, c)};
   }
 
-  /// @brief Box with a margin far above round-off.
+  /// @brief Box with a margin far larger than round-off.
   static Box around(Box box) noexcept
   {
     constexpr double margin = 1e-9; // of the longest side

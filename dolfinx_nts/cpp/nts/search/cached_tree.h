@@ -34,8 +34,8 @@ public:
 
   /// @brief A tree with tight boxes around the segments at these positions.
   ///
-  /// It is refitted at each call, in O(s), which pays for many searches at any
-  /// distance: with wide boxes, far nodes would visit many segments.
+  /// It is refitted at each call, in O(s). For many searches at any distance
+  /// this saves time: with wide boxes, distant nodes would visit many segments.
   const Tree& exactly_at(std::span<const double> x)
   {
     const Tree& wide = at(x);
@@ -77,8 +77,8 @@ public:
   std::size_t num_built() const noexcept { return _num_built; }
 
 private:
-  /// Margin of the boxes relative to the mean extent of segments [-]: larger
-  /// ones are rebuilt less often, but give more segments to be tested.
+  /// Margin of the boxes relative to the mean extent of segments [-]. Larger:
+  /// fewer rebuilds; smaller: fewer segments to be tested.
   static constexpr double _part = 0.2;
 
   std::span<const std::int32_t> segment(std::size_t i) const noexcept
@@ -92,7 +92,7 @@ private:
     {
       const Vec3 moved = vector(x, _rows[i]) - _x[i];
       for (const double component : moved)
-        // False without a floating-point exception for NaN.
+        // False without an exception for NaN.
         if (!std::islessequal(std::abs(component), _margin))
           return false;
     }

@@ -11,30 +11,32 @@ namespace nts
 struct FacingRule
 {
   /// Least cosine between the normal of a segment and a direction of a node
-  /// that may touch it: 84 degrees. Without it, nodes on bulging sides of a
-  /// body would face the plane on which it stands. If larger, steep flanks of
-  /// wedges do not touch flat surfaces.
+  /// that may touch it: 84 degrees. Smaller: nodes on bulging lateral faces of
+  /// a body touch the plane on which it stands. Larger: steep flanks of wedges
+  /// do not touch flat surfaces.
   static constexpr double opposed = 0.1;
-  /// Cosine of the largest angle that is no edge, 20 degrees: rotations within
-  /// a step, and between facets of smooth surfaces, are smaller. If larger,
-  /// nodes ahead of edges of more than 150 degrees are caught (T/N = 0.56 at
-  /// 170, 0.64 at 160 degrees, friction coefficient 0.5). If smaller, nodes of
-  /// coarse surfaces touch balls too late.
+  /// Cosine of the largest angle that does not count as an edge, 20 degrees:
+  /// rotations within a step, and angles between facets of smooth surfaces, are
+  /// smaller. Larger angle: nodes that slide towards edges of more than 150
+  /// degrees are blocked (T/N = 0.56 at 170, 0.64 at 160 degrees, friction
+  /// coefficient 0.5). Smaller angle: nodes of coarse surfaces touch balls too
+  /// late.
   static constexpr double turn = 0.93969262078590838;
-  /// Segments opposed by more than this, 120 degrees, are two sides of a wall;
-  /// a node and a segment less than 60 degrees apart are on one side.
+  /// Segments whose normals differ by more than 120 degrees are opposite sides
+  /// of a wall; a node and a segment whose normals differ by less than 60
+  /// degrees are on the same side.
   static constexpr double wall = 0.5;
   /// Depth of nodes below the face beyond an edge up to which they belong to
-  /// it, relative to the segment [-]: vertices on edges are about as deep
-  /// between nodes. If smaller, edges of 150 degrees catch nodes in statics
-  /// (T/N = 0.93 at 0.01, friction coefficient 0.5). If larger, nodes that
-  /// touch walls near edges are pushed under them.
+  /// that face, relative to the segment [-]: vertices on edges penetrate about
+  /// as deep between nodes. Smaller: edges of 150 degrees block sliding nodes
+  /// in statics (T/N = 0.93 at 0.01, friction coefficient 0.5). Larger: nodes
+  /// that touch lateral faces near edges are pushed under the edge.
   static constexpr double below = 0.02;
 };
 
 /// @brief Outward unit normal of a facet; zero if the facet is degenerate.
-/// @param[in] vertices Of an edge, triangle or quadrilateral, in Basix order
-/// [m].
+/// @param[in] vertices Vertices of an edge, triangle or quadrilateral, in Basix
+/// order [m].
 /// @param[in] orientation +1 where a_1 x a_2 points outward, otherwise -1.
 inline Vec3 facet_normal(std::span<const Vec3> vertices,
                          double orientation) noexcept
@@ -58,9 +60,9 @@ struct FacetsAroundNodes
   std::size_t k;                          ///< vertices of a facet
   std::span<const std::int32_t> first;    ///< of each node, (n + 1,)
   std::span<const std::int32_t> facets;   ///< facets around each node
-  std::span<const std::int32_t> corner;   ///< which vertex of each it is
-  std::span<const double> angle;          ///< theirs there, undeformed [rad]
-  std::span<const double> x;              ///< positions, (l, 3) [m]
+  std::span<const std::int32_t> corner;   ///< number of the node in each facet
+  std::span<const double> angle; ///< undeformed angle of each there [rad]
+  std::span<const double> x;     ///< positions, (l, 3) [m]
 
   /// Normals computed so far, NaN for the other facets.
   mutable std::vector<Vec3> normals = {};
@@ -110,8 +112,9 @@ public:
   /// everything.
   bool are_all() const noexcept { return _begin == _end; }
 
-  /// @brief Cosine of the angle between a unit vector and the cone. @param[in]
-  /// d The vector. @param[in] enough Larger cosines need not be exact.
+  /// @brief Cosine of the angle between a unit vector and the cone.
+  /// @param[in] d The vector.
+  /// @param[in] enough Larger cosines need not be exact.
   double cosine(const Vec3& d, double enough = 1) const
   {
     double found = are_all() ? 1 : -1;
@@ -197,8 +200,8 @@ public:
     return found;
   }
 
-  /// @brief Whether the mean normal is close to a segment's normal: then the
-  /// node is ahead of its body, and not on a rim.
+  /// @brief Whether the mean normal is close to a segment's normal: the node
+  /// then moves ahead of its body, and is not on a rim.
   bool lead_along(const Vec3& normal) const
   {
     Vec3 mean = {};
@@ -245,8 +248,8 @@ public:
 private:
   static Box of(const SegmentSurface<S>& surface, std::int32_t i)
   {
-    // Nodes up to this far beyond the rim count; there the normal is a mean of
-    // the normals at the corners.
+    // Nodes up to this far beyond the rim are included; there the normal is a
+    // mean of the normals at the corners.
     constexpr double begin = -LocalSearchRule::overhang, end = 1 - begin;
     const auto x = surface.segment(i);
     const std::array<Vec3, 2> edge = S::directions(x);
@@ -343,8 +346,8 @@ public:
     return _normals.meet(directions(), branch);
   }
 
-  /// @brief Whether the node may touch a segment. If not, a segment that the
-  /// node is in front of is recorded.
+  /// @brief Whether the node may touch a segment. If not, and if the node is in
+  /// front of the segment, the segment is recorded.
   bool touches(const Vec3& node, std::int32_t i, const Projection<S>& p,
                const Tree& tree)
   {
@@ -362,8 +365,8 @@ public:
     {
       _in_front_by = p.gap;
       _normal = p.normal;
-      // Sides of two bodies in one plane hide no rim, if they bulge by less
-      // than the overhang of nodes.
+      // Lateral faces of two bodies in one plane do not hide a rim if they
+      // bulge by less than the overhang of nodes.
       _size = _surface.size(i);
       _hides_from = directions().cosine(p.normal) > FacingRule::wall
                         ? LocalSearchRule::overhang
@@ -465,8 +468,8 @@ private:
   const NormalBounds<S>& _normals;
   std::span<const double> _thickness;
   std::optional<Directions> _directions;
-  // Least gap in front of a segment, size of the segment [m], and the gap up to
-  // which it does not count, relative to the smaller segment [-].
+  // Smallest gap in front of a segment, size of that segment [m], and gap that
+  // counts as zero, relative to the smaller segment [-].
   double _in_front_by = INFINITY, _size = 0, _hides_from = 0;
   Vec3 _normal = {};
   Vec3 _before = {};       // normal of the current segment

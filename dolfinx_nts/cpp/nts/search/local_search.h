@@ -11,17 +11,18 @@ namespace nts
 /// @brief Tolerances of the local search, relative to the segment size [-].
 struct LocalSearchRule
 {
-  /// Usual `slack`: a node stays with its segment while xi is at most this far
-  /// outside. Without it, nodes on an edge flip from step to step.
+  /// Usual `slack`: a node keeps its segment while xi is at most this far
+  /// outside. Smaller: nodes on an edge alternate between segments from step to
+  /// step.
   static constexpr double hysteresis = 0.01;
-  /// Farther outside the nearest segment a node faces no segment at all: it
-  /// is beyond the rim of the surface.
+  /// A node farther outside the nearest segment has no segment: it is beyond
+  /// the rim of the surface.
   static constexpr double overhang = 0.15;
-  /// Distances that differ by less count as equal: far above round-off, far
-  /// below distances that matter.
+  /// Difference of distances that count as equal: far larger than round-off,
+  /// and far smaller than relevant distances.
   static constexpr double tie = 1e-9;
-  /// Deeper below a segment than this a node belongs to another side of the
-  /// body, unless it started there, see `SegmentSurface::sunk`.
+  /// Depth below a segment from which on a node belongs to another side of the
+  /// body, unless it penetrated initially, see `SegmentSurface::sunk`.
   static constexpr double depth = 0.5;
   /// Cosine of the angle between normals below which an edge is sharp [-].
   static constexpr double sharp = 0.86602540378443865; // 30 degrees
@@ -47,8 +48,8 @@ struct SegmentSurface
   std::span<const std::int32_t> vertices; ///< rows of x, (s, k)
   std::span<const double> orientation;    ///< +1 or -1, (s,)
   std::span<const std::int64_t> key;      ///< the lowest wins a tie, (s,)
-  double sunk = 0;       ///< depth of nodes that started inside [m], 0 without
-  bool in_dents = false; ///< whether nodes below dents keep a segment
+  double sunk = 0; ///< depth of initially penetrating nodes [m], 0 without
+  bool in_dents = false; ///< whether nodes below concave edges keep a segment
 
   /// @brief Positions of the vertices of a segment.
   std::array<Vec3, S::vertices> segment(std::size_t i) const noexcept
@@ -83,7 +84,7 @@ struct SegmentSurface
   double size(std::size_t i) const noexcept { return diameter<S>(segment(i)); }
 
   /// @brief Whether a segment is behind the plane of another one with this
-  /// normal, as beyond a convex edge, and not at the other side of a dent.
+  /// normal, as beyond a convex edge, and not beyond a concave one.
   bool is_behind(std::size_t other, std::size_t i,
                  const Vec3& normal) const noexcept
   {
@@ -157,9 +158,9 @@ struct Anything
 template <class S>
 struct NearestOnSide
 {
-  std::int32_t segment = -1; ///< the one that the node gets
+  std::int32_t segment = -1; ///< segment that the node gets
   Projection<S> projection;  ///< on it
-  double outside = INFINITY; ///< how far the projection is outside it [-]
+  double outside = INFINITY; ///< distance of the projection outside it [-]
   double height = 0;         ///< largest distance from the plane of one [m]
   int number = 0;            ///< of nearest segments
 };
@@ -248,8 +249,8 @@ bool may_have_entered(const Vec3& node, const Found& own,
 /// behind it and beyond a sharp convex edge, unless its current segment is on
 /// the same side of that edge: it did not pass the plane of the segment.
 ///
-/// In dents (`in_dents`) a node may be over one of the nearest segments only,
-/// or over none: it gets the one that it is least outside of.
+/// At concave edges (`in_dents`) a node may be above only one of the nearest
+/// segments, or above none: it gets the segment that it is least outside of.
 /// @param[in] node Position [m].
 /// @param[in] current Segment of the previous choice, or -1.
 /// @param[in] slack By how much xi may be outside the current segment [-]; if
@@ -257,16 +258,17 @@ bool may_have_entered(const Vec3& node, const Found& own,
 /// @param[in] reach Search radius [m].
 /// @param[in] surface The segments.
 /// @param[in] tree Returns the tree over the segments; called only if needed.
-/// @param[in] may What the node may touch, see `Anything`.
-/// @param[in] first Probably near segment with which the search begins, or -1;
-/// it only saves time.
+/// @param[in] may Admissible segments of the node, see `Anything`.
+/// @param[in] first Probably near segment with which the search begins, to save
+/// time, or -1.
 template <class S, class GetTree, class May = Anything>
 Found find_segment(const Vec3& node, std::int32_t current, double slack,
                    double reach, const SegmentSurface<S>& surface,
                    GetTree&& tree, May&& may = {}, std::int32_t first = -1)
 {
   constexpr double tie = LocalSearchRule::tie;
-  constexpr double more = 1e-6; // than ties need, relative to the segment [-]
+  // Larger than for ties, relative to the segment [-].
+  constexpr double more = 1e-6;
   const auto project_on = [&](std::int32_t i) noexcept
   { return project<S>({node, surface.segment(i)}, surface.orientation[i]); };
   const auto over
@@ -342,13 +344,13 @@ Found find_segment(const Vec3& node, std::int32_t current, double slack,
       side.outside = outside;
     }
     side.height = std::max(side.height, std::abs(p.gap));
-    return nearest + margin; // ties must be seen
+    return nearest + margin; // ties must be detected
   };
   const auto chosen = [&]() noexcept -> const NearestOnSide<S>*
   {
     const auto& found = behind.height > front.height ? behind : front;
-    // Behind an edge, where nearest segments meet, is no rim. The depth of a
-    // node over neither is its distance from the edge.
+    // Behind an edge between nearest segments there is no rim. The depth of a
+    // node above neither of them is its distance from the edge.
     const bool is_at_rim = !surface.in_dents || &found == &front
                            || front.number + behind.number == 1
                            || (found.segment >= 0

@@ -30,21 +30,22 @@ namespace nts
 /// @brief Tolerances for the choice of contact points.
 struct MortarRule
 {
-  /// Cosine between the normals of a facet and of a segment that it faces:
-  /// they are turned from each other by up to 66 degrees. Larger: small parts
-  /// of walls beside a contact carry forces (at -0.1 the pressure beside a
-  /// roller on a plate is twelve times that below it, and a step takes three
-  /// times the iterations). At -0.5, edges of 120 degrees come and go.
+  /// Largest cosine between the normals of a facet and of a segment that it
+  /// faces: their directions differ from opposite ones by up to 66 degrees.
+  /// Larger: small parts of lateral faces next to a contact carry forces (at
+  /// -0.1 the pressure next to a roller on a plate is twelve times that below
+  /// it, and a step takes three times the iterations). Smaller: at -0.5, facets
+  /// at edges of 120 degrees become active and inactive again and again.
   static constexpr double facing = -0.4;
   /// Area in the reference cell below which a polygon is left out.
   static constexpr double least_area = 1e-10;
   /// Fraction of a facet that may be covered more than once, as a tolerance for
-  /// round-off: larger ones mean that projected segments overlap.
+  /// round-off: larger overlaps are not round-off.
   static constexpr double overlap = 1e-6;
 };
 
-/// @brief Contact points, in the order of their facets. After those of a facet
-/// come the corners of its parts, between which gaps have their extrema.
+/// @brief Contact points, in the order of their facets. The points of a facet
+/// are followed by the corners of its parts, as extrema of gaps are at corners.
 struct MortarPoints
 {
   std::vector<std::int32_t> facet;   ///< number of the facet
@@ -61,7 +62,7 @@ struct Ends
   std::span<const double> x_n;        ///< at t_n, the same
   std::span<const double> segments_n; ///< at t_n, of vertices of segments
   std::span<const double> thickness;  ///< of the cells behind segments, (s,)
-  bool are_rings;  ///< whether facets stand for rings about the axis x = 0
+  bool are_rings;  ///< whether the mesh is axisymmetric about x = 0
   bool are_smooth; ///< whether there are patches on facets or segments
 };
 
@@ -264,7 +265,7 @@ private:
       if (size < MortarRule::least_area)
         return radius + _reach;
       const double g = gap_of(e, below);
-      // A deeper facet is nearer to the other side of the wall.
+      // A deeper facet belongs to the opposite side of the body.
       const bool is_behind = g < -std::max(_ends.thickness[s], _segments.sunk);
       if (!std::isnan(g) && !is_behind && !_segments.is_too_deep(s, g))
       {
@@ -290,7 +291,7 @@ private:
     else
     {
       covered = pair_nearest(e, found, points);
-      found.clear(); // where they overlap, corners may not be the nearest
+      found.clear(); // with overlaps, corners may not be on the nearest segment
     }
     add_points(e, std::move(points), covered / cell, found);
   }

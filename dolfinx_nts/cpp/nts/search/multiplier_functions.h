@@ -17,9 +17,9 @@
 ///     T_AB D_B = (1 - s_A) (M_AB + t_B s_B M_AB^2 / M_AA)   (A != B),
 ///
 /// with s_A = 1 at vertices of the covered part, which have dual functions, and
-/// less outside; s = 0 for all gives psi = N. By the second term a vertex
-/// outside takes so much from one inside that the ratio of the two is that of
-/// N, and nothing is extrapolated; t_B <= 1 leaves a part to the one inside.
+/// less outside; s = 0 for all gives psi = N. The second term transfers so much
+/// from an inside vertex to an outside one that the ratio of both is that of N,
+/// and nothing is extrapolated; t_B <= 1 leaves a part to the inside vertex.
 /// The sum of psi is 1, integrals are positive, and psi depends continuously on
 /// the covered part, so that mean gaps do not jump between steps as facets
 /// slide over a free edge.
@@ -33,9 +33,9 @@ namespace nts
 /// @brief Numbers of the shape functions of multipliers.
 struct MultiplierRule
 {
-  /// Distances m relative to d (d + 2) [-]: up to the first one a vertex counts
-  /// as one of the covered part (up to quadrature errors), from the second one
-  /// on as outside.
+  /// Distances m relative to d (d + 2) [-]: up to the first one a vertex
+  /// belongs to the covered part (up to quadrature errors), from the second one
+  /// on it is outside.
   static constexpr double inside = 1.2, outside = 2;
   /// Covered fractions of a facet [-]: below the first one all vertices are
   /// outside, since slivers have no accurate dual functions.

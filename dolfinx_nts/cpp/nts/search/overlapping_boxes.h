@@ -11,14 +11,14 @@ namespace nts
 struct OverlappingBoxes
 {
   std::int32_t inner, outer; ///< numbers of the boundaries
-  double depth;              ///< depth from which on it counts [m]
-  Box region; ///< where all of the inner one lies that is as deep
+  double depth;              ///< least relevant depth [m]
+  Box region; ///< box around all points of the inner one with this depth
 };
 
 /// @brief Boundaries whose boxes overlap by more than a tolerance, in both
 /// orders.
 /// @param[in] boxes Box around the whole of each boundary (g).
-/// @param[in] touch Tolerance of each boundary; the smaller one of two counts
+/// @param[in] touch Tolerance of each boundary; of two, the smaller one applies
 /// [m] (g).
 /// @param[out] apart Distances of any two boxes, 0 where they overlap and
 /// infinite on the diagonal (g, g) [m].

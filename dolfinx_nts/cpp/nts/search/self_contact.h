@@ -8,25 +8,25 @@ namespace nts
 /// @brief Lengths in the reference state, relative to the segment's size [-].
 struct SelfContactRule
 {
-  /// Segments this near are neighbours of a node on the mesh, or the other side
-  /// of its wall.
+  /// Distance up to which segments are neighbours of a node on the mesh, or the
+  /// opposite face of its wall.
   static constexpr double near = 2;
   /// Depth behind a segment up to which a node counts as in front of it:
-  /// round-off, as of nodes on the other side of a closed crack.
+  /// round-off, such as of nodes on the other face of a closed crack.
   static constexpr double front = 1e-6;
 };
 
 /// @brief A surface that touches itself.
 ///
 /// A node may touch a segment if
-/// - it lies over it, so that a nearer segment to its side does not hide it,
+/// - it is above the segment, so that no nearer segment is between them,
 /// - their normals are opposed,
-/// - it is no deeper below the segment than the cell there is thick: further
-///   down it is on the other side of a wall,
+/// - it is no deeper below the segment than the thickness of the cell there: a
+///   deeper node is on the opposite face of a wall,
 /// - in the reference state they are `near` apart, or the node is in front of
 ///   the segment with opposed normals, as in a notch, or on it, as in a closed
 ///   crack. That excludes neighbours on the mesh, whose normals are not
-///   opposed, and the other side of the node's own wall, whatever the motion.
+///   opposed, and the opposite face of the node's own wall, for any motion.
 template <class S>
 struct SelfContact
 {

@@ -15,12 +15,12 @@ namespace nts
 /// Times are step fractions, from 0 to 1.
 struct Trajectory
 {
-  std::int32_t entered = -1; ///< segment, -1 where it enters none
-  bool leaves = false;       ///< whether it comes out again
+  std::int32_t entered = -1; ///< segment that it enters, or -1
+  bool leaves = false;       ///< whether it leaves again
   double begin = 0;          ///< time when it enters, -1 if it starts inside
   double length = 0;         ///< below the surface, relative to it [m]
-  double cosine = 1; ///< between the normals where it enters and leaves [-]
-  double gap = NAN;  ///< at the end, to the plane of the segment entered [m]
+  double cosine = 1;         ///< between the normals at entry and exit [-]
+  double gap = NAN; ///< at the end, to the plane of the segment entered [m]
 };
 
 /// @brief Zeros in [0, 1] of a cubic polynomial.
@@ -145,7 +145,7 @@ public:
     std::ranges::sort(_crossings, {}, [](const Crossing& c)
                       { return std::pair(c.time, !c.inward); });
     Trajectory longest;
-    // An exit in front of the body belongs to an earlier entry elsewhere.
+    // A node that moves ahead of its body, and first exits, entered earlier.
     if (!_crossings[0].inward && node.leads_along(_crossings[0].normal))
       longest = {.entered = _crossings[0].segment,
                  .leaves = true,

@@ -15,7 +15,7 @@ namespace nts
 {
 /// @brief Largest displacement of points [m], NaN if one is NaN.
 /// @param[in] x, before Positions now and before, (n, 3) [m].
-/// @param[in] rows Which of them count.
+/// @param[in] rows Rows of these points.
 inline double farthest(std::span<const double> x,
                        std::span<const double> before,
                        const std::ranges::input_range auto& rows) noexcept
@@ -67,7 +67,7 @@ public:
 
   /// @brief Refit the tree to new boxes of the same segments, in O(n).
   ///
-  /// The tree remains efficient as long as neighbours stay neighbours.
+  /// The tree remains efficient as long as segments keep their neighbours.
   /// @param[in] box_of Called with a segment; returns its box.
   template <class BoxOf>
   void refit(BoxOf&& box_of)

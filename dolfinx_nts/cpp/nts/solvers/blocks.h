@@ -57,7 +57,7 @@ struct Columns
 {
   Column<B> column[B];
 
-  /// @brief Take a block, row by row, times a number.
+  /// @brief Set to a block, row by row, times a number.
   static Columns of(const double* A, double scale) noexcept
   {
     Columns result = {};
@@ -157,7 +157,7 @@ void add_product(const Columns<B>& A, const double* x, double* y) noexcept
 template <std::size_t B>
 struct BlockMatrix
 {
-  std::span<const std::int64_t> start;  ///< where each row begins, and the end
+  std::span<const std::int64_t> start;  ///< offsets of the rows
   std::span<const std::int32_t> column; ///< of each block
   std::span<const double> value;        ///< (blocks, B, B)
   std::span<const double> behind = {};  ///< values of the last rows
@@ -253,7 +253,7 @@ private:
 /// after the other.
 ///
 /// Memory bandwidth limits products, so that half of the memory takes half the
-/// time. Single precision suffices for preconditioners.
+/// time. Single precision is accurate enough for preconditioners.
 template <std::size_t B>
 class PackedRows
 {

@@ -123,7 +123,7 @@ public:
         add_product(constraint.right[a], z(constraint.nodes[a]), x.data());
       std::ranges::copy(x, z(constraint.nodes[0]));
     }
-    if (_factors.size() != _size) // they do not exist
+    if (_factors.size() != _size) // no factors exist
       return;
     double largest = 0;
     for (const std::int32_t node : _nodes)

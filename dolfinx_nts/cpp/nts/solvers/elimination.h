@@ -96,7 +96,7 @@ void close_gaps(std::span<const std::int32_t> nodes,
     const double* n = normal.data() + B * i;
     const double distance = gap[i] / inner<B>(n, gradients.data() + stride * i);
     if (std::islessequal(std::abs(distance),
-                         farthest[i])) // quiet where it is NaN
+                         farthest[i])) // false without an exception for NaN
       for (std::size_t c = 0; c < B; ++c)
         x[B * nodes[i] + c] -= distance * n[c];
   }

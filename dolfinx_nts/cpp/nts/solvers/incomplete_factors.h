@@ -82,7 +82,7 @@ private:
 /// They are L D U with diagonal blocks of ones in L and U. They are stored in
 /// the order in which the solution reads them: the rows of L forward, then the
 /// rows of U backward, each with its block of D^-1 at the end. Each row depends
-/// on the one before, so that latencies add up.
+/// on the previous row, so that latencies add up.
 template <std::size_t B>
 class IncompleteFactors
 {

@@ -19,8 +19,8 @@ public:
   /// @brief Nodes that are eliminated together.
   struct Set
   {
-    std::size_t begin, end; ///< where the order has them
-    std::int32_t parent; ///< the next set that they reach, -1 if there is none
+    std::size_t begin, end; ///< their places in the order
+    std::int32_t parent;    ///< next set that they are coupled to, or -1
   };
 
   /// @param[in] start Offsets of the neighbours of each node,
@@ -163,7 +163,7 @@ private:
     return _X[3 * static_cast<std::size_t>(node) + axis];
   }
 
-  /// Relative extent below which nodes count as lying in one plane [-].
+  /// Relative extent below which nodes are in one plane [-].
   static constexpr double same = 1e-6;
 
   std::span<const std::int64_t> _start;

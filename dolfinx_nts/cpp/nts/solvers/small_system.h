@@ -70,7 +70,7 @@ inline bool solve(const SparseRows& A, std::span<const double> b,
   double rho = inner(shadow, r);
   for (int iteration = 0;; ++iteration)
   {
-    // Without a floating-point exception for NaN.
+    // Without an exception for NaN.
     if (std::islessequal(std::sqrt(inner(r, r)), accurate * scale))
       break;
     if (iteration == max_iterations)
@@ -152,7 +152,7 @@ public:
 
   std::size_t size() const noexcept { return _number.size(); }
 
-  /// @brief Solve for a right-hand side; x is NaN where it fails.
+  /// @brief Solve for a right-hand side; x is NaN if it fails.
   void solve(std::span<const double> b, std::span<double> x) const
   {
     std::vector<double> sorted(size()), solution(size());
