@@ -13,7 +13,7 @@ from pathlib import Path
 
 __all__: list[str] = []
 
-# Written where the module is installed: digest and name of each C++ source.
+# File in the installed package: digest and name of each C++ source.
 _SOURCES = "_kernels.sha256"
 
 
@@ -21,7 +21,7 @@ def _installed(folder: Path) -> Path:
     """Folder of the installed package if it was compiled from these sources. Local.
 
     Raises:
-        ImportError: No package is installed, or one of other sources.
+        ImportError: No package is installed, or it was compiled from other sources.
     """
     install = f"run 'pip install .' in {folder.parent}"
     try:

@@ -67,7 +67,7 @@ def depth_per_speed(pair: ContactPair, modulus: Floats, density: Floats) -> Floa
         At each node of the surface of nodes, shape ``(m,)`` [s].
     """
     _, own, other = _compressions(pair, modulus)
-    slowness = 1 / np.sqrt(density * modulus)  # 0 where nothing deforms
+    slowness = 1 / np.sqrt(density * modulus)  # 0 in rigid bodies
     of_both = slowness[pair.nodes.nodes]
     if isinstance(pair.segments, Surface):
         area, compression = layers(pair.segments, modulus)

@@ -72,7 +72,7 @@ class JointState(NodesOfPairs):
         searches = [cast(GlobalSearch, state.search) for state in states]
         self.search = JointSearch(self.nodes.V.mesh.comm, searches, shorter)
         self.facets = JointFacets([state.facets for state in states])
-        # Accepted histories of the pairs, also in joint arrays.
+        # Accepted histories of the pairs of which `_history` was joined.
         self._accepted: list[ContactHistory | Callable[[], ContactHistory]] = []
         self._history: ContactHistory
 

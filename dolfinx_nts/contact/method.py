@@ -177,6 +177,6 @@ def _check_axisymmetric(pair: Any) -> None:
     if isinstance(segments, Obstacle) and not segments.is_of_revolution:
         raise ValueError(
             "expected, in an axisymmetric mesh, a RigidPlane normal to the axis y, a RigidSphere "
-            "with its centre on it, a RigidCone, or an ExactObstacle of your own with the class "
+            "with its centre on it, a RigidCone, or a custom ExactObstacle with the class "
             f"attributes dim = 2 and is_of_revolution = True, given {segments!r}"
         )

@@ -65,8 +65,8 @@ class AcceptedContact(Protocol):
 class ContactPair(Declaration):
     """Contact between nodes of a surface and segments of another, or a rigid obstacle. Collective.
 
-    For self contact, give the same surface twice; in a surface of several bodies, nodes of each of
-    them touch the others, too. A node then touches neither its neighbours on the mesh nor the
+    For self contact, give the same surface twice; in a surface of several bodies, nodes of each
+    also touch the other bodies. A node then touches neither its neighbours on the mesh nor the
     opposite face of a thin wall (``cpp/nts/search/self_contact.h``), and it must not move by more
     than one cell of the wall in a step. Springs act at the nodes of both sides. Multipliers act at
     a subset of the nodes: none of them is a vertex of a segment that another one touches.
@@ -83,8 +83,8 @@ class ContactPair(Declaration):
             dynamics. In statics, and in `EnergyMomentum` and `Midpoint` at nodes of rigid bodies
             and at crossing edges, None means Lagrange multipliers with elastic impact.
         friction: Law of friction, such as `Coulomb`, `Stribeck`, `SlipWeakening` or `Tresca`, or a
-            `FrictionLaw` of your own; a number is the coefficient of Coulomb's law. None for
-            contact without friction.
+            custom `FrictionLaw`; a number is the coefficient of Coulomb's law. None for contact
+            without friction.
         method: ``"node-to-segment"``: nodes must not penetrate segments. ``"mortar"``:
             surface-to-surface contact. Each node constrains the mean gap of the facets around it,
             weighted with a dual shape function (Wohlmuth 2000); a uniform pressure is transmitted
@@ -209,7 +209,7 @@ class ContactPair(Declaration):
 
     @property
     def declared(self) -> "ContactPair":
-        """Pair that was given to the stepper: the one of which this is a copy, or itself. Local."""
+        """Pair that was given to the stepper, of which this may be a copy. Local."""
         return self._declared or self
 
     def attach(self, state: AcceptedContact) -> None:

@@ -66,7 +66,7 @@ def spring_force(
 def _quotient(
     gap_n: Floats, gap: Floats, eps_N: Floats, end_weight: float
 ) -> tuple[Floats, Floats]:
-    """Multipliers and slopes of springs of one stiffness, as of `spring_force`. Local."""
+    """Multipliers and slopes as in `spring_force`, for springs of one stiffness. Local."""
     below_n, below = np.minimum(gap_n, 0.0), np.minimum(gap, 0.0)
     both = (gap_n < 0) & (gap < 0)
     # If the spring is loaded at both ends, the quotient is its mean force. It is evaluated only

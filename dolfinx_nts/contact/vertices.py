@@ -229,7 +229,7 @@ class _Roles:
 
 
 def _ends(nodes: Ints) -> tuple[int, int]:
-    """Smallest and largest of sorted nodes; an empty range without nodes."""
+    """First and last of sorted node numbers; without nodes, a first one beyond the last."""
     return (int(nodes[0]), int(nodes[-1])) if len(nodes) else (_NO_NODE, -1)
 
 

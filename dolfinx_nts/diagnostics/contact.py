@@ -199,10 +199,9 @@ class ContactDiagnostics:
     def min_gap(self) -> float:
         """Smallest gap of all pairs [m]; NaN if no node has a candidate segment.
 
-        If the last step has found penetrated nodes, their gaps are reused. Otherwise pairs are
-        skipped if the distance of their bounding boxes exceeds the smallest gap so far, and
-        segments beyond this distance are skipped, too. If no node finds a segment, the distance of
-        the search is unlimited.
+        If the last step has found penetrated nodes, their gaps are reused. Otherwise the search is
+        limited to the smallest gap so far plus one facet, and pairs whose bounding boxes are
+        farther apart are skipped. The limit is lifted if no node finds a segment.
         """
         now, pairs, least = self._now(), self.stepper.contacts, np.inf
         if now.has_gaps:

@@ -46,14 +46,14 @@ class EnergyLedger:
 
     Args:
         step: Number of the last step before the first state.
-        balance: Numbers of the first state.
+        balance: Energies and momenta of the first state.
         num_loads: Number of loads.
         num_supports: Number of supports.
 
     Attributes:
         step: Number of the last step.
-        first: Numbers of the first state.
-        last: Numbers of the last state.
+        first: Energies and momenta of the first state.
+        last: Energies and momenta of the last state.
         num_steps: Number of steps since the first state.
         num_iterations: Number of Newton iterations in them.
         most_iterations: Largest number of iterations in one of them.

@@ -157,7 +157,7 @@ def begin_batched_kernels(
 def batched_kernels(form: fem.Form, *, is_single: bool = False) -> list[BatchKernel] | None:
     """Create kernels for batches of cells from FFCx's code of a form. Collective.
 
-    Their library is stored next to the one of FFCx, and is compiled once.
+    Their library is stored next to FFCx's and compiled once.
 
     Args:
         form: A linear form over cells.

@@ -118,16 +118,16 @@ class Element:
 
     @property
     def middles(self) -> Floats:
-        """Midpoints of the pieces on the reference cell, shape ``(p, 3)``."""
+        """Midpoints of the sub-cells on the reference cell, shape ``(p, 3)``."""
         middles: Floats = self.points[self.pieces].mean(axis=1)
         return middles
 
     @cached_property
     def sides(self) -> list[tuple[Ints, Ints]]:
-        """Sides of pieces on the facets of the cell: a list with two arrays for each facet.
+        """Facets of sub-cells on each facet of the cell: a list with two arrays per facet.
 
-        These are the nodes of each side, shape ``(s, k)``, and the nodes of its piece, ``(s, m)``,
-        in Basix order.
+        These are the nodes of each facet of a sub-cell, shape ``(s, k)``, and the nodes of that
+        sub-cell, ``(s, m)``, in Basix order.
         """
         dim = self.points.shape[1] - 1
         facets = np.array(basix.topology(basix.CellType[self.cell])[dim])

@@ -235,7 +235,7 @@ def _fields(bodies: Sequence[Body], supports: Supports) -> tuple[list[LinearFiel
 def contact_stiffness(
     stiffness: Floats, bodies: Sequence[Body], mass: Floats, rates: Rates
 ) -> Floats:
-    """Stiffness of the owned nodes by which contact scales gaps and slips. Collective.
+    """Stiffness of the owned nodes, which scales gaps and slips in contact conditions. Collective.
 
     For nodes of a rigid body it includes the inertia of the whole body.
 

@@ -33,8 +33,8 @@ class Scheme:
         rates: Factory of the relation between velocities and displacements, called by the stepper:
             ``partial(NewmarkRates, Newmark(...))`` for methods of Newmark's family, or the
             ``rates`` of another scheme, such as ``Midpoint.scheme.rates``.
-        stress_share: Weight of the end of the step in ``stress`` [-], which springs and tangents
-            use, too: 1/2 for midpoint-type schemes, 1 for implicit Euler.
+        stress_share: Weight of the end of the step in ``stress`` [-], also used by springs and
+            tangents: 1/2 for midpoint-type schemes, 1 for implicit Euler.
         load_point: Time of the loads and of the constraint forces of rigid bodies, from 0 at the
             start of a step to 1 at its end [-]. It must be the time of the stress, otherwise the
             scheme is of first order.

@@ -160,8 +160,8 @@ class State(ABC):
     def set_velocity(self, body: Body, value: Any) -> None:
         """Set the velocity of a body [m/s], before the first step or between steps.
 
-        Arguments and errors as for `set_displacement`. Before the first step a body that is
-        faster than waves in it is logged as a warning.
+        Arguments and errors as for `set_displacement`. Before the first step, warns of a body that
+        is faster than its elastic waves.
         """
         self._set(self.v, body, value)
         if self.step == 0:

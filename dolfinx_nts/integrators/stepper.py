@@ -53,7 +53,7 @@ __all__ = ["ScriptValues", "Stepper"]
 
 _logger = logging.getLogger("dolfinx_nts")
 
-# Largest rotation of an obstacle in a step [rad], the same as of a normal, see
+# Largest rotation of an obstacle in a step [rad], the same as for a normal, see
 # `ContactKinematics.turn`.
 _MOST_TURN = np.pi / 2
 

@@ -230,7 +230,7 @@ class Hyperelastic(StrainEnergy):
         return None
 
     def thickness_stretch(self, C: Any, **parameters: Any) -> Any:
-        """Ratio of the stretch along z to the one in C, UFL; 1 except in `PlaneStress`."""
+        """Stretch along z divided by sqrt(C_33), UFL; 1 except in `PlaneStress`."""
         return 1
 
     def _check_parts(self) -> None:

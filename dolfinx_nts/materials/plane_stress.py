@@ -42,7 +42,7 @@ class PlaneStress(Hyperelastic):
         if material.branches:
             raise ValueError(
                 f"expected a material without branches in PlaneStress, given {material!r}: the "
-                "thickness would relax, too; use a body in space or plane strain"
+                "thickness would also relax; use a body in space or plane strain"
             )
         if material.free_thickness(ufl.Identity(3)) is None:
             raise ValueError(

@@ -122,7 +122,7 @@ class _Stream:
     """Text stream that registers a closed pipe once, and drops further output.
 
     Args:
-        stream: The stream, whose other attributes this object has, too.
+        stream: The stream. Its other attributes are available through this object.
         note: Handler that is called with SIGPIPE.
     """
 

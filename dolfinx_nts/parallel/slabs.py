@@ -160,7 +160,7 @@ class Slabs:
             ids: Numbers of any rank, shape ``(k,)``.
 
         Raises:
-            ValueError: A rank asks for a number that no rank has.
+            ValueError: A rank requests a number that no rank has.
         """
         places = np.arange(self._begin, self._begin + len(self._numbers))
         return looked_up(self._comm, ids, self._numbers, places)
@@ -215,7 +215,7 @@ def looked_up(comm: MPI.Comm, ids: GlobalInts, known: GlobalInts, rows: Array) -
         The requested rows, shape ``(n, ...)``.
 
     Raises:
-        ValueError: A rank asks for a number that no rank has.
+        ValueError: A rank requests a number that no rank has.
     """
     largest = int(known[-1]) if len(known) else -1
     lasts = np.maximum.accumulate(comm.allgather(largest))

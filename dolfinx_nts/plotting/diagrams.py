@@ -221,7 +221,7 @@ def force_displacement(
 
     Args:
         table: CSV file of a `Recorder`.
-        displacement: Column of the displacement [m], for instance one of your own.
+        displacement: Column of the displacement [m], for instance a custom column.
         forces: Column of a force [N], or several.
         filename: Picture to write, if one is wanted.
 

@@ -27,7 +27,7 @@ _WALL, _TOOL = 0.03, 0.2
 
 
 def von_mises(stepper: Stepper) -> Floats:
-    """Von Mises stress at the centres of the owned cells' pieces, by body [Pa]. Collective."""
+    """Von Mises stress at the centres of sub-cells of owned cells, by body [Pa]. Collective."""
     middles = Element.of(stepper.u.function_space).middles
     remembered = stepper.memory.stress
     stress = CellStress(stepper.bodies, stepper.u, middles, remembered).evaluate().von_mises()

@@ -86,8 +86,8 @@ class ContactSprings:
         modulus: See `layers_in_series`.
 
     Attributes:
-        num_lost: Number of nodes of this rank that lost their segment in the last evaluation, too
-            deep inside.
+        num_lost: Number of nodes of this rank that were too deep inside to find a segment in the
+            last evaluation.
         num_deep: Number of nodes of this rank that were deep inside, see `SoftSprings`.
         shortest_passage: Relative displacement in a step below which no node passes through a
             surface [m].

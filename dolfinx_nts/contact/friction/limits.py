@@ -92,8 +92,7 @@ class Limits:
 
         The law is evaluated at the plastic slip s, with eps_T s + limit(p, s) = trial. Newton's
         method converges from above to the largest solution. If the limit decreases with the slip, a
-        node that could stick may have such a solution, too. It continues to slide if it slid
-        before, and sticks otherwise.
+        node may be able to stick and to slide. It slides if it slid before, and sticks otherwise.
 
         Args:
             node: Positions of the nodes, shape ``(m,)``.

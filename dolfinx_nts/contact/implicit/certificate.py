@@ -334,9 +334,9 @@ def _between_segments(step: ContactStep) -> int:
 def check_forces(step: ContactStep, last: ContactContribution, residual: float) -> str:
     """Message naming nodes whose force violates the contact laws after a step, or "". Collective.
 
-    Multipliers are compressive, and their gap is the reference gap, with elastic impact the one at
-    the start of the step. Springs act only if they are compressed at one end of the step. Friction
-    is within the cone, and parallel to the slip where a node slides.
+    Multipliers are compressive. Their gap is the reference gap, or the gap at t_n with elastic
+    impact. Springs act only if they are compressed at one end of the step. Friction is within the
+    cone, and parallel to the slip where a node slides.
 
     Args:
         step: The solved step.

@@ -71,8 +71,7 @@ class ContactStep:
         share: Weight of the end of the step in the forces of springs, see `Scheme` [-].
         begins_sticking: Whether all nodes with friction stick at first, see `StickSlip`.
         dt: Length of the step [s], for the speed of slip.
-        others: Attempts of other pairs at the same step, on whose contact the one of vertices
-            depends.
+        others: Attempts of other pairs at the same step, on whose contact that of vertices depends.
 
     Attributes:
         state: The argument.

@@ -63,8 +63,7 @@ class Approach(NamedTuple):
     """Segments and gaps of the nodes in the ballistic state, without contact forces.
 
     Attributes:
-        segment: Segment in the ballistic state, or the one at t_n if there is none, or -1, shape
-            ``(n,)``.
+        segment: Segment in the ballistic state, or else at t_n, or -1, shape ``(n,)``.
         gap_n: Gap to that segment at t_n, NaN without one, shape ``(n,)`` [m].
         gap: Gap to that segment in the ballistic state, shape ``(n,)`` [m].
         x: Ballistic positions of the nodes of the candidates' map, shape ``(l, 3)`` [m].

@@ -101,7 +101,7 @@ Out<T> create(std::initializer_list<std::size_t> shape)
 /// Extent that any number satisfies in `check`.
 inline constexpr std::size_t any = static_cast<std::size_t>(-1);
 
-/// @brief Raise ValueError that names the shape expected and the one given.
+/// @brief Raise ValueError that names the expected and the given shape.
 template <class T>
 [[noreturn]] void refuse(const char* name, const Array<T>& array,
                          std::initializer_list<std::size_t> shape)
@@ -162,7 +162,7 @@ auto dispatch(std::size_t vertices, Function&& function)
   }
 }
 
-/// @brief Flat segments as kinds of segments, see `dispatch`.
+/// @brief Chooses the type of flat segments from their number of vertices.
 struct FlatSegments
 {
   template <class Function>

@@ -31,8 +31,8 @@ from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.model.reaction import Reaction, reactions_of
 from dolfinx_nts.solvers.rigid.linear_fields import (
     LinearFields,
-    amounts_of,
     combined,
+    inner_products,
     products_of,
     rigid_motions,
     spins,
@@ -80,30 +80,30 @@ class _Leap:
         self._q, self.v, self._f = q, v, f
         self._start = rigid_motions(q)
         self._rate = fields.nearest(self._start, fields.products @ v)
-        impulse = amounts_of(self._start, mass @ v + dt / 2 * f)
-        amounts = prescribed + self._freedom.part(self._rate) * dt
+        impulse = inner_products(self._start, mass @ v + dt / 2 * f)
+        amplitudes = prescribed + self._freedom.part(self._rate) * dt
         self.found: Flags = np.zeros(len(q), dtype=bool)
         some = np.arange(len(q))
         for _ in range(_MAX_ITERATIONS):
-            correction = self._correction(some, amounts[some], impulse[some])
-            amounts[some] -= correction
-            turns = amounts[some, q.shape[2] :], correction[:, q.shape[2] :]
+            correction = self._correction(some, amplitudes[some], impulse[some])
+            amplitudes[some] -= correction
+            turns = amplitudes[some, q.shape[2] :], correction[:, q.shape[2] :]
             is_small = np.all(np.abs(turns[0]) < 2.0, axis=1)  # 90 degrees
             is_exact = np.abs(turns[1]).max(axis=1) <= _SMALL
             self.found[some[is_small & is_exact]] = True
             some = some[is_small & ~is_exact]
             if not len(some):
                 break
-        self.change: Floats = turned(q, amounts)
+        self.change: Floats = turned(q, amplitudes)
 
-    def _correction(self, some: Array, amounts: Floats, impulse: Floats) -> Floats:
+    def _correction(self, some: Array, amplitudes: Floats, impulse: Floats) -> Floats:
         """Newton correction to the motions of ``m`` bodies, ``(m, k)``."""
         start, mass, q = (part[some] for part in (self._start, self._mass, self._q))
-        change, dim = turned(q, amounts), q.shape[2]
-        rest: Floats = amounts_of(start, mass @ change) / self._dt - impulse
+        change, dim = turned(q, amplitudes), q.shape[2]
+        rest: Floats = inner_products(start, mass @ change) / self._dt - impulse
         # Derivative of the rotation with respect to the Cayley vector, about the mean state.
         slopes = rigid_motions(q + change / 2)
-        turn = np.linalg.inv(np.eye(dim) - spins(amounts) / 2)
+        turn = np.linalg.inv(np.eye(dim) - spins(amplitudes) / 2)
         slopes[:, dim:] = slopes[:, dim:] @ turn.transpose(0, 2, 1)[:, None]
         slope = products_of(start, mass, slopes) / self._dt
         return self._freedom.at(some).solved(slope, rest)
@@ -120,12 +120,14 @@ class _Leap:
         drive = mass @ change / dt + dt / 2 * f
         prescribed = 2 * self._prescribed / dt - self._rate
         prescribed = prescribed - freedom.part(prescribed)
-        balance = amounts_of(end, drive - mass @ combined(prescribed, end))
+        balance = inner_products(end, drive - mass @ combined(prescribed, end))
         v = combined(prescribed + freedom.solved(products_of(end, mass, end), balance), end)
         # Mean of the guide forces at both ends of the step.
         push: Array = mass @ (change / dt - self.v)
-        first: Floats = amounts_of(self._start, push) / dt - amounts_of(self._start, self._f) / 2
-        last = np.asarray(amounts_of(end, mass @ v - drive) / dt, dtype=np.float64)
+        first: Floats = (
+            inner_products(self._start, push) / dt - inner_products(self._start, self._f) / 2
+        )
+        last = np.asarray(inner_products(end, mass @ v - drive) / dt, dtype=np.float64)
         work = ((first + last) * self._prescribed).sum(axis=1)
         moved = _sums_of_products(self._f + f, change) / 2
         kinetic = [_sums_of_products(w, mass @ w) / 2 for w in (self.v, v)]
@@ -144,7 +146,7 @@ class RigidLeapfrog(RigidStates):
     Args:
         V: Space of the displacement.
         bodies: Linear fields over each rigid body.
-        masses: Mass products of the fields over all mass at the nodes of each body [kg].
+        masses: Mass matrix of the linear fields of each body, from all mass at its nodes [kg].
         v: Velocity of all bodies.
     """
 

@@ -41,8 +41,8 @@ class Newmark:
 
     Attributes:
         alpha_m: Weight of the start of a step in the inertia [-]; 0 in HHT.
-        alpha_f: Weight of the start of a step in stress and loads [-]. A `Scheme` of your own has
-            1 - alpha_f as ``stress_share`` and ``load_point``, and uses it in ``stress``.
+        alpha_f: Weight of the start of a step in stress and loads [-]. A custom `Scheme` has 1 -
+            alpha_f as ``stress_share`` and ``load_point``, and uses it in ``stress``.
         beta: Newmark's parameter of the displacement [-].
         gamma: Newmark's parameter of the velocity [-]: 1/2 - alpha_m + alpha_f for second order;
             larger values dissipate, smaller ones gain energy.

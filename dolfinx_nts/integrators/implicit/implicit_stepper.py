@@ -195,12 +195,11 @@ class ImplicitStepper(Stepper):
         return self._step_solver.linear
 
     def _with_defaults(self, pair: ContactPair) -> ContactPair:
-        """Pair with default laws: springs, or multipliers in statics, at edges and at rigid bodies.
+        """Pair with default laws: springs or multipliers. Collective.
 
-        Collective.
-
-        Nodes of rigid bodies and edges do not vibrate in contact. By multipliers the generalised
-        alpha method would gain energy.
+        Multipliers are the default in statics, and in conserving schemes for edges and nodes of
+        rigid bodies, which do not vibrate in contact. With multipliers the generalised-alpha method
+        would gain energy.
         """
         conserves = self.scheme.contact != "static"
         rigid = gives_rigid_nodes(pair, self.bodies)

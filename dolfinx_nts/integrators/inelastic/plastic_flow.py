@@ -161,7 +161,7 @@ class PlasticFlow(MaterialMemory):
         return self._material.psi(C, **self._with_metric(parameters, state))
 
     def _with_metric(self, parameters: Any, state: fem.Function | None = None) -> dict[str, Any]:
-        """Parameters of the deviatoric energy, by default with the metric at the start."""
+        """Parameters of the deviatoric energy, by default with the metric at t_n."""
         metric = symmetric_tensor(self._state.start if state is None else state)
         return {**parameters, "kappa": 0.0, "metric": metric}
 

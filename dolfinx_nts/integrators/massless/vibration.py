@@ -135,7 +135,7 @@ class GroupMotions:
 
         Impulses and motions have the shape ``(r, 1 + d, d)``.
         """
-        right = self._free.T @ self._amounts(impulses)
+        right = self._free.T @ self._basis_products(impulses)
         return self._motions(self._free @ np.linalg.lstsq(self._inertia, right, rcond=None)[0])
 
     def at_supports(self, products: Floats) -> Floats:
@@ -144,16 +144,16 @@ class GroupMotions:
         For velocities of supports this is the nearest motion in the least-squares sense. For
         impulses it gives the smallest reactions with their resultant and moment.
         """
-        return self._motions(self._supported @ (self._supported.T @ self._amounts(products)))
+        return self._motions(self._supported @ (self._supported.T @ self._basis_products(products)))
 
-    def _amounts(self, products: Floats) -> Floats:
+    def _basis_products(self, products: Floats) -> Floats:
         """Products with each basis motion, shape ``(k, r)``."""
-        amounts: Floats = self._basis @ products.reshape(len(products), -1).T
-        return amounts
+        of_basis: Floats = self._basis @ products.reshape(len(products), -1).T
+        return of_basis
 
-    def _motions(self, amounts: Floats) -> Floats:
+    def _motions(self, coefficients: Floats) -> Floats:
         """Linear combinations of the basis motions with coefficients ``(k, r)``."""
-        return (amounts.T @ self._basis).reshape(-1, *self._shape)
+        return (coefficients.T @ self._basis).reshape(-1, *self._shape)
 
 
 class Vibration(NamedTuple):

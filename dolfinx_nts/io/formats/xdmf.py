@@ -85,8 +85,9 @@ def state_xml(file: str, mesh: str, time: float, fields: Mapping[str, Any]) -> s
         file: HDF5 file of the state, relative to the XDMF file.
         mesh: XML of the mesh.
         time: Time of the state [s].
-        fields: Values at the nodes by name, shape ``(n,)`` or ``(n, 3)``; of cells, also
-            tensors ``(m, 9)``, have names that begin with ``cells/``, or are in such a group.
+        fields: Values at the nodes by name, shape ``(n,)`` or ``(n, 3)``. Names of cell values
+            begin with ``cells/``, or they are in a group ``cells``; their shape may also be ``(m,
+            9)``.
 
     Returns:
         XML element, without the indentation of its first line.

@@ -69,7 +69,7 @@ class FormLoad(Load):
         return [value for value in super().given(form) if value is not self._t]
 
     def form(self, u_n: fem.Function, u: fem.Function) -> ufl.Form:
-        # Forms are callable, too.
+        # Forms are callable, so test for them first.
         if isinstance(self._work, ufl.Form) or not callable(self._work):
             return self._work
         return self._work((u_n + u) / 2, ufl.TestFunction(self.V), self._t)

@@ -283,7 +283,7 @@ def _rows(own: Ints, row: Ints, nodes: Ints) -> tuple[Ints, Ints]:
     ``own`` is the first node of each row, shape ``(m,)``, ``row`` the row of each share, ``(i,)``,
     ``nodes`` the nodes that it reaches, ``(i, m + n)``.
     """
-    # The node of the row comes first; rows without shares contain it, too.
+    # The node of the row comes first, also in rows without shares.
     rank = np.where(nodes == own[row][:, None], 0, nodes.astype(np.int64) + 1)
     width = 1 + int(rank.max(initial=0))
     keys = np.concatenate([width * np.arange(len(own)), (width * row[:, None] + rank).ravel()])

@@ -125,7 +125,7 @@ class MortarSearch(FacetSearch):
         self._around = _hats(near, facets) if near.has_middles else None
 
     def per_area(self, force: Floats, area: Floats) -> Floats:
-        """Divide by the areas of the vertices, and interpolate to mid-nodes of degree 2."""
+        """Vertex forces per area [Pa], interpolated to mid-nodes of degree 2."""
         values = np.zeros_like(force)
         carries = area > 0
         values[carries] = (force[carries].T / area[carries]).T

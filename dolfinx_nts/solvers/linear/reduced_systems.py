@@ -106,9 +106,9 @@ def reduced(A: Any, bodies: Sequence[RigidColumns], held: Floats, resistance: Fl
         column, value = np.zeros(start[-1], dtype=np.int64), np.ones(start[-1])
         column[start[:-1][is_kept]] = kept
         for body, motion, begin in zip(bodies, motions, ends, strict=False):
-            amounts = np.arange(motion.shape[1])
-            entries = start[body.dofs, None] + amounts
-            column[entries], value[entries] = begin + amounts, motion
+            number = np.arange(motion.shape[1])
+            entries = start[body.dofs, None] + number
+            column[entries], value[entries] = begin + number, motion
         size = (last - first, None), (counts[comm.rank], None)
         return PETSc.Mat().createAIJ(size, csr=(_ints(start), _ints(column), value), comm=comm)
 
@@ -120,8 +120,8 @@ def reduced(A: Any, bodies: Sequence[RigidColumns], held: Floats, resistance: Fl
         stiffness = -body.mean.T @ (held[body.dofs, None] * body.end)
         if comm.rank == 0:
             stiffness += body.turning
-        amounts = _ints(begin + np.arange(len(stiffness)))
-        matrix.setValues(amounts, amounts, stiffness, addv=True)
+        of_motions = _ints(begin + np.arange(len(stiffness)))
+        matrix.setValues(of_motions, of_motions, stiffness, addv=True)
     if comm.rank == 0:
         every = _ints(np.arange(len(resistance)))
         matrix.setValues(every, every, resistance, addv=True)

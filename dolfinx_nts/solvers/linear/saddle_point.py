@@ -258,11 +258,11 @@ class SaddlePointSystem:
     def _with_rigid_bodies(self, A: Any, right: Floats, num_multipliers: int) -> Floats:
         """Solution with rigid motions as the unknowns of rigid bodies. Collective."""
         system, forces = self._reduced(A, right)
-        x, amounts = A.createVecRight(), system.columns.createVecRight()
-        amounts.array[:] = _solution(system.matrix, forces.array, num_multipliers)
-        system.columns.mult(amounts, x)
+        x, amplitudes = A.createVecRight(), system.columns.createVecRight()
+        amplitudes.array[:] = _solution(system.matrix, forces.array, num_multipliers)
+        system.columns.mult(amplitudes, x)
         solution: Floats = x.array.copy()
-        for item in (*system, forces, x, amounts):
+        for item in (*system, forces, x, amplitudes):
             item.destroy()
         return solution
 

@@ -131,7 +131,7 @@ class _Product:
 
 
 class _Entries(NamedTuple):
-    """Entries of a matrix by global numbers, each of shape ``(b,)``."""
+    """Entries of a matrix with global row and column numbers, shape ``(b,)`` each."""
 
     row: GlobalInts
     column: GlobalInts

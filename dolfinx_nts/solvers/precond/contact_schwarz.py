@@ -132,7 +132,7 @@ class SerialSubdomain:
 
 
 class ContactSchwarz:
-    """Corrects a nodal vector around the contacts, see `cpp/nts/solvers/contact_schwarz.h`.
+    """Schwarz correction around active contacts, see `cpp/nts/solvers/contact_schwarz.h`.
 
     Args:
         tangent: Matrix of the bulk.
@@ -172,7 +172,7 @@ class ContactSchwarz:
 
         Args:
             iterations: Krylov iterations.
-            decades: Reduction that was asked for, in decades.
+            decades: Required reduction of the residual, in decades.
         """
         if self._width.count(iterations, decades):
             self._version = _NOTHING

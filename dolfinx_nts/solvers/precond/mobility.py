@@ -51,5 +51,5 @@ class Mobility(NamedTuple):
     def by(self, comm: MPI.Comm, force: Floats) -> Floats:
         """Amplitudes of the motions for a force on owned dofs [N], ``(k,)`` [m]. Collective."""
         rows = self.motions.reshape(len(self.motions), force.size)
-        amounts: Floats = self.compliance @ reductions.total(comm, rows @ force)
-        return amounts
+        amplitudes: Floats = self.compliance @ reductions.total(comm, rows @ force)
+        return amplitudes

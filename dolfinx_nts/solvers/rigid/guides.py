@@ -52,12 +52,12 @@ class Guides:
             return self.prescribed
         return self._with_halves((last - first) * self.remaining(0.0), np.tan)
 
-    def _with_halves(self, amounts: Floats, function: np.ufunc) -> Floats:
+    def _with_halves(self, amplitudes: Floats, function: np.ufunc) -> Floats:
         """Convert between rotation and Cayley vectors by a function of half their length."""
         dim = len(self._bodies[0].point)
-        half = np.linalg.norm(amounts[:, dim:], axis=1, keepdims=True) / 2
+        half = np.linalg.norm(amplitudes[:, dim:], axis=1, keepdims=True) / 2
         factor = np.where(half > 0, function(half) / np.where(half > 0, half, 1.0), 1.0)
-        return np.hstack([amounts[:, :dim], factor * amounts[:, dim:]])
+        return np.hstack([amplitudes[:, :dim], factor * amplitudes[:, dim:]])
 
     @property
     def are_moving(self) -> bool:
@@ -86,9 +86,9 @@ class Guides:
         for body in self._bodies:
             sums: Floats = reductions.total(self._comm, body.values.T @ x[body.nodes])
             motions = rigid_motions(body.reference)
-            amounts = nearest(motions, body.products, sums)
-            amounts = amounts - body.free.T @ (body.free @ amounts)
-            part[body.nodes] = body.values @ combined(amounts, motions)
+            amplitudes = nearest(motions, body.products, sums)
+            amplitudes = amplitudes - body.free.T @ (body.free @ amplitudes)
+            part[body.nodes] = body.values @ combined(amplitudes, motions)
         return part
 
     def reactions(self, force: Floats, x: Floats, du: Floats) -> tuple[Reaction, ...]:

@@ -14,8 +14,8 @@ from dolfinx_nts.parallel import reductions
 __all__ = [
     "TURNS",
     "LinearFields",
-    "amounts_of",
     "combined",
+    "inner_products",
     "nearest",
     "products_of",
     "rigid_motions",
@@ -88,28 +88,29 @@ def rigid_motions(q: Floats) -> Floats:
     return motions
 
 
-def turned(q: Floats, amounts: Floats) -> Floats:
-    """Changes of positions by displacements and Cayley vectors, of the shape of ``q``. Local.
+def turned(q: Floats, amplitudes: Floats) -> Floats:
+    """Changes of positions by displacements and rotations, of the shape of ``q``. Local.
 
     Args:
         q: Coefficients of the positions, shape ``(..., d + 1, d)``.
-        amounts: Displacement and Cayley vector of each, shape ``(..., k)``.
+        amplitudes: Displacement of the origin and Cayley vector of the rotation, shape ``(...,
+            k)``.
     """
     dim = q.shape[-1]
-    spin = spins(amounts)
+    spin = spins(amplitudes)
     turn = np.linalg.solve(np.eye(dim) - spin / 2, spin)
     change: Floats = q @ np.swapaxes(turn, -1, -2)
-    change[..., 0, :] = amounts[..., :dim]
+    change[..., 0, :] = amplitudes[..., :dim]
     return change
 
 
-def spins(amounts: Floats) -> Floats:
+def spins(amplitudes: Floats) -> Floats:
     """Skew-symmetric matrices of the rotations in amplitudes of motions. Local.
 
-    ``amounts`` have the shape ``(..., k)``, the matrices ``(..., d, d)``.
+    ``amplitudes`` have the shape ``(..., k)``, the matrices ``(..., d, d)``.
     """
-    dim = {3: 2, 6: 3}[amounts.shape[-1]]
-    matrices: Floats = np.tensordot(amounts[..., dim:], TURNS[dim], axes=1)
+    dim = {3: 2, 6: 3}[amplitudes.shape[-1]]
+    matrices: Floats = np.tensordot(amplitudes[..., dim:], TURNS[dim], axes=1)
     return matrices
 
 
@@ -121,19 +122,19 @@ def nearest(motions: Floats, weights: Floats, sums: Floats) -> Floats:
         weights: Products of the linear fields, shape ``(..., d + 1, d + 1)``.
         sums: Products of the linear fields with the approximated fields, shape ``(..., d + 1, d)``.
     """
-    return solved(products_of(motions, weights, motions), amounts_of(motions, sums))
+    return solved(products_of(motions, weights, motions), inner_products(motions, sums))
 
 
-def amounts_of(motions: Floats, sums: Array) -> Floats:
+def inner_products(motions: Floats, sums: Array) -> Floats:
     """Products of fields ``(..., k, d + 1, d)`` with sums ``(..., d + 1, d)``, ``(..., k)``."""
     products = _flat(motions) @ sums.reshape(*sums.shape[:-2], -1, 1)
     return np.asarray(products[..., 0], dtype=np.float64)
 
 
-def combined(amounts: Floats, motions: Floats) -> Floats:
+def combined(amplitudes: Floats, motions: Floats) -> Floats:
     """Sums of motions ``(..., k, d + 1, d)`` with amplitudes ``(..., k)``, ``(..., d + 1, d)``."""
-    field: Floats = (amounts[..., None, :] @ _flat(motions))[..., 0, :]
-    return field.reshape(*amounts.shape[:-1], *motions.shape[-2:])
+    field: Floats = (amplitudes[..., None, :] @ _flat(motions))[..., 0, :]
+    return field.reshape(*amplitudes.shape[:-1], *motions.shape[-2:])
 
 
 def solved(matrices: Floats, right: Floats) -> Floats:

@@ -46,9 +46,9 @@ class Freedom(NamedTuple):
         """Free motions of a subset of the bodies."""
         return Freedom(self.free[some], self.no_motion[some])
 
-    def part(self, amounts: Floats) -> Floats:
+    def part(self, amplitudes: Floats) -> Floats:
         """Projection of the amplitudes of all motions on free motions, both ``(b, k)``."""
-        return self._back((self.free @ amounts[..., None])[..., 0])
+        return self._back((self.free @ amplitudes[..., None])[..., 0])
 
     def solved(self, matrices: Array, right: Floats) -> Floats:
         """Amplitudes of free motions from equations for all motions, ``(b, k, k)``, ``(b, k)``."""
@@ -57,8 +57,8 @@ class Freedom(NamedTuple):
 
     def _back(self, free: Array) -> Floats:
         """Amplitudes of all motions from amplitudes of the free motions."""
-        amounts: Floats = (self.free.transpose(0, 2, 1) @ free[..., None])[..., 0]
-        return amounts
+        amplitudes: Floats = (self.free.transpose(0, 2, 1) @ free[..., None])[..., 0]
+        return amplitudes
 
 
 class RigidFields:
@@ -104,10 +104,10 @@ class RigidFields:
             motions: Coefficients of all motions, shape ``(b, k, d + 1, d)``.
             sums: Products with the approximated fields, shape ``(b, d + 1, d)``.
         """
-        amounts: Floats = np.zeros(motions.shape[:2])
+        amplitudes: Floats = np.zeros(motions.shape[:2])
         possible = self._possible
-        amounts[:, possible] = nearest(motions[:, possible], self.products, sums)
-        return amounts
+        amplitudes[:, possible] = nearest(motions[:, possible], self.products, sums)
+        return amplitudes
 
     def fit(self, sums: Floats) -> Floats:
         """Coefficients of the fields with given total sums, ``(b, d + 1, d)``. Local."""

@@ -31,8 +31,8 @@ from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.solvers.rigid.linear_fields import (
     TURNS,
     LinearFields,
-    amounts_of,
     combined,
+    inner_products,
     nearest,
     products_of,
     rigid_motions,
@@ -100,7 +100,7 @@ class _Linearisation:
         turned_forces = forces[:, None, 1:] @ turns
         levers = part * end[:, :, 1:]
         for turn in range(len(turns)):
-            turning[:, dim + turn] = amounts_of(levers, turned_forces[:, turn])
+            turning[:, dim + turn] = inner_products(levers, turned_forces[:, turn])
         self.turning: Floats = free @ turning @ free.transpose(0, 2, 1)
         self._of_end = np.linalg.inv(products_of(self.end, products, self.end) + no_motion)
         self._of_forces = np.linalg.inv(products_of(self.mean, products, self.end) + no_motion)
@@ -108,13 +108,13 @@ class _Linearisation:
 
     def project(self, x: Floats, y: Floats) -> Floats:
         """Coefficients of rigid forces equivalent to y, with lever arms rotated by increments x."""
-        amounts = self._of_end @ amounts_of(self.end, x)[..., None]
-        resultant = amounts_of(self.mean, y)[..., None] + self.turning @ amounts
+        amplitudes = self._of_end @ inner_products(self.end, x)[..., None]
+        resultant = inner_products(self.mean, y)[..., None] + self.turning @ amplitudes
         return combined((self._of_forces @ resultant)[..., 0], self.end)
 
     def respond(self, r: Floats) -> Floats:
         """Coefficients of the increments whose inertia balances forces r."""
-        return combined(solved(self._stiffness, amounts_of(self.mean, r)), self.end)
+        return combined(solved(self._stiffness, inner_products(self.mean, r)), self.end)
 
 
 class RigidMotion(RigidStates):
@@ -199,10 +199,10 @@ class RigidMotion(RigidStates):
             return result
         of_u, increments = self._fields.sums(u, du)
         q = self._fields.positions(of_u)
-        amounts = nearest(rigid_motions(q), self._fields.products, increments)
+        amplitudes = nearest(rigid_motions(q), self._fields.products, increments)
         # Small changes are added to u, as differences of positions would have more round-off.
-        amounts = self._fields.freedom.part(amounts) + prescribed
-        changes = turned(q, amounts)
+        amplitudes = self._fields.freedom.part(amplitudes) + prescribed
+        changes = turned(q, amplitudes)
         result[self.nodes] = (u + self._fields.put(changes, np.zeros_like(u)))[self.nodes]
         return result
 
@@ -212,8 +212,8 @@ class RigidMotion(RigidStates):
             return values
         motions, sums = rigid_motions(self._starts), self._fields.sums(values)[0]
         gram = products_of(motions, self._fields.products, motions)
-        amounts = self._fields.freedom.solved(gram, amounts_of(motions, sums))
-        return self._fields.put(combined(amounts, motions), values)
+        amplitudes = self._fields.freedom.solved(gram, inner_products(motions, sums))
+        return self._fields.put(combined(amplitudes, motions), values)
 
     def centripetal(self, v: Floats) -> Floats:
         """Acceleration at the start of the step for constant velocities v [m/s^2]."""

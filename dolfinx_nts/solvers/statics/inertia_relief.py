@@ -108,7 +108,7 @@ class InertiaRelief:
         self._given = given
         self._comm: MPI.Comm = tangent.comm
         self.shift = np.zeros_like(self._mass)
-        self._label = np.zeros(given.shape)  # number of the body from 1, or 0
+        self._label = np.zeros(given.shape)  # number of the dof's body, from 1; 0 if none
         for number, body in enumerate(bodies, start=1):
             self.shift[body.nodes, 0] = _SHIFT * tangent.nodal_stiffness()[body.nodes]
             self._label[body.nodes] = number
@@ -195,8 +195,8 @@ class InertiaRelief:
         relief = self._relief
         y = (_DRIVEN if relief.driven else 1.0) * self.shift * x
         if len(relief.gram):
-            amount = self._amount(x.ravel())
-            y += self._stiffness * (amount @ relief.weighted).reshape(x.shape)
+            amplitudes = self._amplitudes(x.ravel())
+            y += self._stiffness * (amplitudes @ relief.weighted).reshape(x.shape)
         return y
 
     @property
@@ -273,10 +273,10 @@ class InertiaRelief:
         """Remove the unresisted motions from increments, ``(3 n,)`` [m]."""
         if not len(self._relief.gram):
             return du
-        kept: Floats = du - self._amount(du) @ self._relief.motions
+        kept: Floats = du - self._amplitudes(du) @ self._relief.motions
         return kept
 
-    def _amount(self, du: Floats) -> Any:
+    def _amplitudes(self, du: Floats) -> Any:
         """Amplitudes of the unresisted motions in displacements, ``(3 n,)`` [m]."""
         moments = reductions.total(self._comm, self._relief.weighted @ du)
         return np.linalg.solve(self._relief.gram, moments)

@@ -29,8 +29,8 @@ _RENEWAL = 4
 class BlockPivoting:
     """Block pivoting within Newton's method, after Judice and Pires (1994).
 
-    All violated conditions change as long as their number decreases. Murty's rule, by which only
-    the one with the lowest number changes, ends cycles. It is proven for linear problems;
+    All violated conditions change as long as their number decreases. Murty's rule changes only the
+    violated condition with the lowest number, which ends cycles. It is proven for linear problems;
     iterations without changes therefore lie between single changes. The smallest count is reset
     periodically, and starting guesses are not counted: few conditions are violated while nodes
     hardly move. Otherwise single changes would exhaust the iterations where contact or slip spreads

@@ -69,7 +69,7 @@ class MultiplierContact(NormalContact):
         search, history = self._search, self._state.history
         approach, candidates = search.approach, search.candidates
         eligible = self._faces_by_law()
-        if isinstance(self._state, JointState):  # with segments of other bodies
+        if isinstance(self._state, JointState):  # joint pairs touch only other bodies
             return eligible
         urgency = 2 * history.active + (np.fmin(approach.gap_n, approach.gap) < 0)
         urgency[self._sunk] = 4

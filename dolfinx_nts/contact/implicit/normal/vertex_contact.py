@@ -75,7 +75,8 @@ class _Vertices(NormalContact):
         node = self._barred.nonzero()[0].astype(np.int32)
         points, current = search.points.take(node), search.segment[node]
         segment, gap = candidates.pair(points, x, current, search.reach)
-        # Nodes deeper than half a facet have no segment: they passed through the one they touched.
+        # Nodes deeper than half a facet have no segment: they passed through the segment of the
+        # ballistic state.
         met = search.approach.segment[node]
         lost = ((segment < 0) & (met >= 0)).nonzero()[0].astype(np.int32)
         segment[lost] = met[lost]

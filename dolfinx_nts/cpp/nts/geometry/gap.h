@@ -48,9 +48,9 @@ PairVector<S> gap_gradient(const Projection<S>& p) noexcept
 
 /// @brief Compute the derivatives of xi and n with respect to q.
 ///
-/// A_ab D^b = T_a - g N_a with A_ab = m_ab - g n . x_bar,ab: the sign of the
-/// curvature term is opposite to the one printed in eq. (32), and xi^b is
-/// paired with the inverse of A.
+/// A_ab D^b = T_a - g N_a with A_ab = m_ab - g n . x_bar,ab: the curvature term
+/// has the opposite sign of eq. (32) as printed, and xi^b is paired with the
+/// inverse of A.
 /// @param[in] p A converged projection.
 /// @param[out] s The sensitivity.
 /// @return False at a centre of curvature (det A = 0).

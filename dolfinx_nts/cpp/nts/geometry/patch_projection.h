@@ -58,7 +58,7 @@ Projection<S> project(const Pair<S>& pair, double orientation) noexcept
         p.metric[a][b] = dot(p.tangents[a], p.tangents[b]);
     const double trace = p.metric[0][0] + p.metric[1][1];
     const double area = det(p.metric);
-    // det m = |n|^2 up to round-off, which a degenerate patch has, too.
+    // det m = |n|^2 up to round-off, also on a degenerate patch.
     const Vec3 n = cross(p.tangents[0], p.tangents[1]);
     if (!(std::min(area, dot(n, n)) > degenerate * trace * trace))
       return {};

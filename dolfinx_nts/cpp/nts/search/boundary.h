@@ -110,7 +110,7 @@ private:
   /// start of the ray.
   static Vec3 beyond(const Vec3& point, const Box& box) noexcept
   {
-    // Not along a line of symmetry, so that rays seldom hit an edge.
+    // Not along a line of symmetry, so that rays rarely hit an edge.
     constexpr Vec3 direction = {0.8331541, 0.4819027, 0.2713465};
     std::size_t axis = 0;
     double sign = 1, nearest = INFINITY;
@@ -122,7 +122,8 @@ private:
         if (distance < nearest)
           nearest = distance, axis = i, sign = side;
       }
-    // Twice as far as the side of the box, and farther than round-off.
+    // Twice the distance of that side of the box, plus a margin above
+    // round-off.
     const double length
         = sign * (2 * nearest + 1e-3 * norm(box.upper - box.lower));
     Vec3 end = point;

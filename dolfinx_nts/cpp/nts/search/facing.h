@@ -439,7 +439,7 @@ private:
           const double away = q.converged ? distance(pair, q) : INFINITY;
           if (away > bound)
             return bound;
-          // Among equally near segments, the one that faces the node best.
+          // Of equally near segments, choose the one that faces the node best.
           const double facing = directions().cosine(-1. * q.normal);
           if (away < nearest - margin || facing > best)
           {
