@@ -11,8 +11,8 @@ def counts_of_parts(flags: Flags, ends: Array) -> Array:
     """Count the set flags of each of ``c`` blocks, shape ``(c,)``. Local.
 
     Args:
-        flags: Flags of all blocks, shape ``(m,)``. ends: Offsets of the blocks and the total
-        length, shape ``(c + 1,)``.
+        flags: Flags of all blocks, shape ``(m,)``.
+        ends: Offsets of the blocks and the total length, shape ``(c + 1,)``.
     """
     found = np.searchsorted(flags.nonzero()[0], ends)
     counts: Array = found[1:] - found[:-1]
@@ -23,8 +23,8 @@ def largest_of_parts(values: Floats, ends: Array) -> Floats:
     """Largest value of each of ``c`` blocks, 0 for empty ones, ``(c,)``. Local.
 
     Args:
-        values: Values of all blocks, not negative, shape ``(m,)``. ends: Offsets of the blocks and
-        the total length, shape ``(c + 1,)``.
+        values: Values of all blocks, not negative, shape ``(m,)``.
+        ends: Offsets of the blocks and the total length, shape ``(c + 1,)``.
     """
     largest, begin = np.zeros(len(ends) - 1), ends[:-1]
     present = begin < ends[1:]

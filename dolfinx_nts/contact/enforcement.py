@@ -87,7 +87,7 @@ class LagrangeMultiplier(Declaration):
         return self.impact != "plastic"
 
     def __repr__(self) -> str:
-        """Kind of impact. Local."""
+        """Constructor call with the kind of impact. Local."""
         e = {"e": self.e} if self.impact == "restitution" else {}
         return as_call(self, impact=self.impact, **e)
 
@@ -161,7 +161,7 @@ class Tied(LagrangeMultiplier):
         self.reach = float(reach)
 
     def __repr__(self) -> str:
-        """Reach. Local."""
+        """Constructor call with the reach. Local."""
         return as_call(self, reach=self.reach)
 
 
@@ -215,7 +215,7 @@ class Penalty(Declaration):
         self.share = 1.0
 
     def __repr__(self) -> str:
-        """Stiffness [N/m] and, unless it is 1, the share. Local."""
+        """Constructor call with the stiffness and, unless it is 1, the share. Local."""
         share = {} if self.share == 1 else {"share": self.share}
         return as_call(self, eps_N=self.eps_N, **share)
 

@@ -90,7 +90,7 @@ class PairState(Tractions, NodesOfPairs):
         self._logged = ""
         self.accepted: ContactHistory | Callable[[], ContactHistory]
         self.accepted = reloaded(ContactHistory.none(len(pair.nodes.nodes)))
-        # Last accepted function, and the contact that it has computed.
+        # Last function that was accepted in place of a history, and the history it returned.
         self._made: tuple[Any, ContactHistory] | None = None
         pair.attach(self)
 

@@ -37,8 +37,8 @@ def fingerprint(stepper: Stepper) -> dict[str, str]:
     """Describe the scene of a stepper. Collective.
 
     The description contains the mesh, bodies with materials, pairs with laws, kinds of loads,
-    supported degrees of freedom, and the integrator; neither the state nor the values of loads and
-    supports.
+    supported degrees of freedom, and the integrator. It contains neither the state nor the values
+    of loads and supports.
 
     Args:
         stepper: Stepper of the scene.

@@ -208,8 +208,8 @@ class OverlapWatch:
                 all ranks [m].
 
         Returns:
-            The deepest new overlap that reaches the centres of cells, at the first position with
-            one; None without.
+            Deepest new overlap that reaches the centre of a cell, at the first checked position
+            that has one; None if none has.
         """
         if self._seen is None or 2 * displacement <= self._clearance:
             return None

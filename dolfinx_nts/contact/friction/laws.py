@@ -150,7 +150,7 @@ class FrictionLaw(Declaration):
         return f"friction by {self!r}"
 
     def __repr__(self) -> str:
-        """Arguments in one line. Local."""
+        """Constructor call in one line. Local."""
         return as_call(self, **vars(self))
 
 
@@ -356,7 +356,7 @@ class Tresca(FrictionLaw):
 
     @property
     def eps_T(self) -> float | None:  # type: ignore[override]
-        """Stiffness of the tangential springs of the law below the cap [N/m]."""
+        """Stiffness of the tangential springs of the law that is limited [N/m]."""
         return self._law_below.eps_T
 
     @property

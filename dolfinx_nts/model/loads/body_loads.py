@@ -64,7 +64,7 @@ class Gravity(LoadWithValue):
         super().__init__(self._bodies[0].V, g)
 
     def __repr__(self) -> str:
-        """Number of bodies and acceleration [m/s^2]. Local."""
+        """Constructor call with the number of bodies and the acceleration. Local."""
         return as_call(self, num_bodies=len(self._bodies), g=self._described())
 
     def acts_on(self, body: Body) -> bool:

@@ -181,7 +181,7 @@ class LoadOnBody(LoadWithValue):
         return f"{type(self).__name__} {self._body.name}"
 
     def __repr__(self) -> str:
-        """Body and value. Local."""
+        """Constructor call with the body and the value. Local."""
         return as_call(self, body=self._body, value=self._described())
 
     def acts_on(self, body: Body) -> bool:

@@ -35,7 +35,7 @@ class _SurfaceLoad(LoadWithValue):
         return f"{type(self).__name__} {self._surface.name}"
 
     def __repr__(self) -> str:
-        """Surface and value [Pa]. Local."""
+        """Constructor call with the surface and the value. Local."""
         return as_call(self, surface=self._surface, value=self._described())
 
     def acts_on(self, body: Body) -> bool:

@@ -176,11 +176,11 @@ class FacetPoints:
         return of_points
 
     def largest_parts(self, states: Sequence[Floats], slack: float) -> Floats:
-        """Largest fraction of the dual functions on the facets around each node. Local.
+        """Largest fraction of dual functions that keeps mean gaps above the least gap. Local.
 
-        With it, or less on some facets, the mean gap of the node is not less than the least gap on
-        these facets: the integrals of ``psi (g - least)`` are not negative with the linear
-        functions, and with the mixed functions as well.
+        With this fraction, or less on some facets, the mean gap of a node is not less than the
+        least gap on the facets around it. The integrals of ``psi (g - least)`` are not negative
+        with the linear functions, and therefore with the mixed functions.
 
         Args:
             states: Positions of nodes at which mean gaps are bounded, each of shape ``(l, 3)``
@@ -188,7 +188,7 @@ class FacetPoints:
             slack: Difference of gaps that is round-off [m].
 
         Returns:
-            Parts between 0 and 1, shape ``(n,)`` [-].
+            Fractions between 0 and 1, shape ``(n,)`` [-].
         """
         facets, count = self.facets, len(self.facets.X)
         used, row = np.unique(self.facet, return_inverse=True)

@@ -55,7 +55,7 @@ class Tangents(NamedTuple):
         length[~has_own] = 1.0
         cosine = np.einsum("hi,hi->h", tangent, chord) / (length * distance)
         weights *= (sense * 2 * distance / ((1 + cosine) * length))[:, None]
-        # Missing tangents from the other end.
+        # An edge without a tangent at one end uses the tangent at the other end.
         shape = len(edges), 2, nodes.shape[1]
         nodes, weights = nodes.reshape(shape), weights.reshape(shape)
         has_own = has_own.reshape(-1, 2)

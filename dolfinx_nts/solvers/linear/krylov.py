@@ -328,7 +328,7 @@ class LinearSolver:
 
     @property
     def statistics(self) -> SolverStatistics:
-        """Work so far. Local."""
+        """Iterations, factorisations and settings of the solver so far. Local."""
         bulk, preconditioner = self._operator.bulk, self._preconditioner
         num_residuals, num_actions = bulk.num_assembled
         return SolverStatistics(

@@ -124,7 +124,7 @@ class FactorAge:
         return is_due
 
     def build(self) -> None:
-        """Factorise. Collective."""
+        """Factorise the current matrix, and reset the age of the factors. Collective."""
         factors = self._factors
         self.crossings = self._wave_crossings()
         is_first = factors.point is None

@@ -153,7 +153,7 @@ class _GatheredRows:
         return bool(np.isin(nodes, self._contacts).all())
 
     def factorise(self, contacts: Sequence[ContactBlocks]) -> None:
-        """Factorise the rows with some contacts."""
+        """Factorise the rows of the subdomain, including the stiffness of ``contacts``."""
         self._factors.clear()
         for blocks in contacts:
             self._factors.add(blocks.renumbered(self._place).kernel())

@@ -177,7 +177,10 @@ class RigidMotion(RigidStates):
         return self._fields.put(self._states.project(np.zeros_like(forces), forces), R.copy())
 
     def project(self, x: Floats | None, y: Floats) -> Floats:
-        """Project forces y on rigid fields, for increments x [m], None: zero; overwrites y."""
+        """Project forces y on rigid motions, in place.
+
+        With increments x [m], y are their tangent forces, and the rotation of the forces is added.
+        """
         if self._states is None:
             return y
         x = np.zeros_like(y) if x is None else x

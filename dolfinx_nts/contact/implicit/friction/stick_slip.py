@@ -316,5 +316,5 @@ class StickSlip(Friction):
             of.follow_multipliers(pairs, forces[:, 0], active)
 
         def predict(self, pairs: PairKinematics, change: Floats) -> None:
-            """Predict slips without round-off."""
+            """Predict the slips of the next evaluation, see `Slips.predict`."""
             self._of._slips.predict(pairs, change)

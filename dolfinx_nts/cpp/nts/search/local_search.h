@@ -96,8 +96,8 @@ struct SegmentSurface
     return height < 0;
   }
 
-  /// @brief Whether a node with this gap is so deep below a segment that it
-  /// belongs to another side of the body [m].
+  /// @brief Whether a node with this gap [m] is so deep below a segment that it
+  /// belongs to another side of the body.
   bool is_too_deep(std::size_t i, double gap) const noexcept
   {
     return gap < 0 && gap < -std::max(LocalSearchRule::depth * size(i), sunk);
@@ -181,7 +181,8 @@ bool is_beyond_sharp_edge(const Vec3& node, std::int32_t i,
 {
   if (S::outside(p.xi) <= LocalSearchRule::hysteresis)
     return false;
-  constexpr double same = 1e-6; // point of two segments, relative to one [-]
+  constexpr double same
+      = 1e-6; // distance of equal points, relative to a segment [-]
   const Vec3 there = nearest_of_edges<S>({node, surface.segment(i)});
   const double margin = same * surface.size(i);
   bool is_beyond = false;

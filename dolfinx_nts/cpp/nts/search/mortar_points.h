@@ -61,7 +61,7 @@ struct Ends
   std::span<const double> X;          ///< reference, of nodes of facets, (l, 3)
   std::span<const double> x_n;        ///< at t_n, the same
   std::span<const double> segments_n; ///< at t_n, of vertices of segments
-  std::span<const double> thickness;  ///< of the cells behind segments, (s,)
+  std::span<const double> thickness;  ///< of cells at segments, (s,) [m]
   bool are_rings;  ///< whether the mesh is axisymmetric about x = 0
   bool are_smooth; ///< whether there are patches on facets or segments
 };
@@ -101,7 +101,7 @@ private:
   struct Below
   {
     std::int32_t segment;
-    Part whole, part; // near the reference cell, and in it
+    Part whole, part; // of the segment near and in the reference cell
   };
 
   /// @brief A point in the reference cell of a facet.
