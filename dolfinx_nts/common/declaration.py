@@ -39,7 +39,7 @@ class Declaration(metaclass=_Completing):
     __slots__ = ("_is_complete",)
 
     def __setattr__(self, name: str, value: Any) -> None:
-        """Refuse to change a complete object.
+        """Set an attribute of an object during its construction.
 
         Raises:
             AttributeError: The object is complete.

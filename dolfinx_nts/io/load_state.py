@@ -109,7 +109,7 @@ def load_state(path: str | Path, stepper: Stepper) -> tuple[str, ...]:
     unused = [n for n in _pairs(scene) if n not in used]
     dropped += [f"contact of pair {n} of the checkpoint, which this scene lacks" for n in unused]
     if comm.rank == 0:
-        _logger.info("%s is taken over at t = %g; dropped: %s", path, stepper.t, "; ".join(dropped))
+        _logger.info("%s was loaded at t = %g; not used: %s", path, stepper.t, "; ".join(dropped))
     return tuple(dropped)
 
 
@@ -124,7 +124,7 @@ def _without_motion(stepper: Stepper, comm: MPI.Comm) -> list[str]:
 
 
 def _bodies(scene: Mapping[str, str]) -> dict[str, str]:
-    """Texts on the bodies of a scene."""
+    """Descriptions of the bodies in the fingerprint of a scene, by name."""
     return {name: text for name, text in scene.items() if name.startswith("body ")}
 
 

@@ -37,7 +37,7 @@ _KINDS: dict[tuple[int, int], tuple[int, list[int]]] = {
     (3, 8): (12, [0, 1, 3, 2, 4, 5, 7, 6]),
 }
 
-_SIZE = [1600, 900]  # of pictures [pixels]
+_SIZE = [1600, 900]  # width and height of pictures [pixels]
 # Limits of the height of a picture [pixels], which follows the shape of the bodies.
 _HEIGHTS = (480, 1200)
 # Fractions of the width and height of the picture for the bodies [-]; the rest of the width is for

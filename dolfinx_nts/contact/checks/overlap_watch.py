@@ -457,7 +457,7 @@ class OverlapWatch:
 
 
 def _by_kind(verdicts: Mapping[Overlap, str]) -> dict[str, list[Overlap]]:
-    """Overlaps by cause, from causes by overlap."""
+    """Group overlaps by their cause."""
     kinds: dict[str, list[Overlap]] = {}
     for overlap, kind in verdicts.items():
         kinds.setdefault(kind, []).append(overlap)

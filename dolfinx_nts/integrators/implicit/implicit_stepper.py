@@ -465,7 +465,7 @@ class ImplicitStepper(Stepper):
         states: Sequence[ContactContribution],
         advice: str,
     ) -> ConvergenceError:
-        """Error of a step with the reasons of all attempts; steps and states are of the last."""
+        """Error of a step from the reports of all attempts; steps and states are the last ones."""
         passing = (passing_without_contact(step, self.dt) for step in steps)
         if found := next(filter(None, passing), ""):
             advice = f"{found}; {advice}"

@@ -34,7 +34,7 @@ class Field:
 
     @classmethod
     def of(cls, values: Any) -> "Field":
-        """Field of these values of a state."""
+        """Shape and type of the values of a field."""
         return cls(values.shape, values.dtype)
 
 

@@ -39,7 +39,7 @@ class VtxFile:
         self._last_step = -1
 
     def check(self) -> None:
-        """Refuse a name under which nothing can be written. Local.
+        """Check that a folder can be written under the name. Local.
 
         Raises:
             OSError: A file that is no folder has the name.

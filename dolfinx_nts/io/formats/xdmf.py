@@ -152,7 +152,7 @@ class XdmfFile:
         self._steps: set[int] = set()
 
     def check(self) -> None:
-        """Refuse names under which nothing can be written. Local.
+        """Check that the file and its folder can be written. Local.
 
         Raises:
             OSError: One of the files, or the folder, cannot be created or replaced.

@@ -122,7 +122,7 @@ class OverlapSearch:
         return frozenset(self._obstacles.values())
 
     def names_of(self, surface: Surface | Obstacle) -> frozenset[str]:
-        """Names in an `Overlap` of the bodies to which a surface belongs. Collective."""
+        """Names of the bodies of a surface, or of an obstacle, as in `Overlap`. Collective."""
         if isinstance(surface, Obstacle):
             return frozenset([self._obstacles[surface]])
         mine = np.zeros(len(self._boundaries) + 1, dtype=bool)

@@ -126,7 +126,7 @@ class SphereCandidates(SmoothCandidates):
         none = np.zeros(len(x), dtype=np.int32)
         of_point = self._sphere.contact(scheme, self._at_rest(x_n), self._at_rest(x), none)
         part = np.zeros(x.shape[1])
-        part[:2] = 1.0, -1.0  # point and centre
+        part[:2] = 1.0, -1.0  # force on the point, and its reaction on the centre
         m, d = len(x), 3 * len(part)
         return of_point._replace(
             force=np.einsum("a,mi->mai", part, of_point.force).reshape(m, d),

@@ -21,8 +21,8 @@ _LEAST_STIFFNESS = 0.1
 # Effective radius of a node on the axis of an axisymmetric mesh, relative to its cells [-].
 _INNERMOST = 0.25
 
-# Stiffness added to definite approximations of the tangent, relative to the tangent [-]. The contact
-# correction can compensate too much stiffness, but not too little.
+# Stiffness added to definite approximations of the tangent, relative to that of the tangent [-].
+# The contact correction can compensate too much stiffness, but not too little.
 NEARBY_SHIFT = 1e6
 
 

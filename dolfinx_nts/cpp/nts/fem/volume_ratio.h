@@ -126,7 +126,7 @@ void each_cell(const CellVolumes<D>& of, std::span<const double> x,
 struct VolumeRatio
 {
   double ratio = INFINITY; ///< det F [-]
-  std::int64_t cell = -1;  ///< -1 of no cell
+  std::int64_t cell = -1;  ///< -1 without cells
 };
 
 /// @brief Find the least det F of all cells, or one that is NaN.
