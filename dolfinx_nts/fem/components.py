@@ -82,7 +82,7 @@ def moments(vectors: Floats, V: fem.FunctionSpace) -> Floats:
 
 
 def existing(V: fem.FunctionSpace) -> tuple[slice, slice]:
-    """Slices of the three components that exist in a space: of vectors and of moments. Local."""
+    """Slices of the components of vectors, and of moments, that exist in a space. Local."""
     if is_axisymmetric(V.mesh):
         return slice(1, 2), slice(3, None)
     return (slice(2), slice(2, None)) if dimension(V) == 2 else (slice(3), slice(3))

@@ -77,7 +77,7 @@ def _volumetric(material: Hyperelastic) -> Hyperelastic:
 
 
 def _isochoric(material: Hyperelastic) -> Hyperelastic:
-    """Material with the remaining energy."""
+    """Material with the energy minus the energy of the volume change alone."""
 
     def psi(C: Any, **numbers: Any) -> Any:
         return material.psi(C, **numbers) - material.psi(_at_equal_volume(C), **numbers)

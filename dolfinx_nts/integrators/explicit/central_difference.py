@@ -409,9 +409,9 @@ class CentralDifference(Stepper):
             self._refuse("cells have become too small")
         if (energy := self._stability.exchanged()) and self._comm.rank == 0:
             _logger.warning(
-                "until t = %g s springs of contact have %s an energy of %.3g J by losing or "
-                "changing their segments, as at rims, corners and between coarse facets: finer "
-                "facets or EnergyMomentum, which conserves it, help",
+                "until t = %g s contact springs have %s an energy of %.3g J by losing or changing "
+                "their segments, as at rims, corners and between coarse facets: use finer facets, "
+                "or EnergyMomentum, which conserves the energy",
                 *(self.t, "given the bodies" if energy > 0 else "lost", abs(energy)),
             )
         if growth := self._stability.growth(self._total_energy(v), self.dt):

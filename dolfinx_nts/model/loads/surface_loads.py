@@ -39,7 +39,7 @@ class _SurfaceLoad(LoadWithValue):
         return as_call(self, surface=self._surface, value=self._described())
 
     def acts_on(self, body: Body) -> bool:
-        # True if any rank has a node of both.
+        # The surface and the body share a node on any rank.
         inside = bool(np.isin(self._surface.nodes, body.nodes).any())
         return reductions.anywhere(self.V.mesh.comm, inside)
 

@@ -181,7 +181,7 @@ class Insides:
         return _kernels.points_on_paths(paths, number, path, place)
 
     def _extremes(self, least: Floats) -> Floats:
-        """Least and greatest values of all ranks; greatest values are negated in ``least``."""
+        """Bounds over all ranks, from least values and negated greatest values of this rank."""
         extremes: Floats = reductions.least(self._comm, least) * _SIGNS
         return extremes
 

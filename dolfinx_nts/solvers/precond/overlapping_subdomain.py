@@ -70,7 +70,7 @@ class OverlappingSubdomain:
         self._gathered.correct(r, z)
 
     def _near(self, contacts: Sequence[ContactBlocks]) -> list[ContactBlocks]:
-        """Contacts of all ranks with nodes in the columns of the rows of this rank."""
+        """Contacts of all ranks that include a node to which a row of this rank is coupled."""
         comm = self._rows.index_map.comm
         self._learn(_unique([a for c in contacts for a in (c.nodes, c.tangent_nodes.ravel())]))
         parts = {}

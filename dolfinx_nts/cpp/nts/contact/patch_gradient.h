@@ -38,7 +38,7 @@ template <IsPatch S>
 Foot foot(const Pair<S>& pair, const Vec3& d, const Vec2& start) noexcept
 {
   constexpr int max_iterations = 30;
-  constexpr double singular = 1e-12; // volume of tangents and d: round-off
+  constexpr double singular = 1e-12; // of det(a_1, a_2, d)/|a|^2
   constexpr double round_off = 1e-15;
   constexpr double converging = 1e-8; // a step whose square is round-off
   Foot f;

@@ -21,7 +21,7 @@ void paths_in(std::span<const double> x, std::span<const std::int32_t> nodes,
               std::span<const std::int32_t> edges, const Box& region,
               OnPath&& found)
 {
-  // Edges have more ends than nodes.
+  // Several edges share a node: store its sides once.
   constexpr std::uint8_t unknown = 0xff;
   std::vector<std::uint8_t> sides(x.size() / 3, unknown);
   const auto beyond = [&](std::int32_t node)

@@ -303,7 +303,7 @@ public:
       Values sum = {};
       for (; e < end; ++e, block += 4)
       {
-        __builtin_prefetch(block + ahead); // may be beyond the last
+        __builtin_prefetch(block + ahead); // harmless past the end
         Values columns;
         std::memcpy(&columns, block, sizeof(columns));
         const Values values = pair(x + 2 * _node[e]);
@@ -316,7 +316,7 @@ public:
       Values sum[B] = {};
       for (; e < end; ++e, block += B * B)
       {
-        __builtin_prefetch(block + ahead); // may be beyond the last
+        __builtin_prefetch(block + ahead); // harmless past the end
         const float* values = x + B * _node[e];
         for (std::size_t c = 0; c < B; ++c)
         {
