@@ -62,7 +62,7 @@ def log_shared_nodes(bodies: Sequence[Body]) -> None:
     for body in bodies:
         count[body.nodes] += 1
     shared = np.flatnonzero(count > 1)
-    belongs: Ints = np.zeros((len(shared) + 1, len(bodies)), dtype=np.int32)  # and a row of zeros
+    belongs: Ints = np.zeros((len(shared) + 1, len(bodies)), dtype=np.int32)  # the last row stays 0
     place = np.full(len(count), len(shared))
     place[shared] = np.arange(len(shared))
     for i, body in enumerate(bodies):

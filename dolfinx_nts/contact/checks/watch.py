@@ -76,9 +76,9 @@ class EnergyGain:
                 "at t = %g contact between %s by %r has given the bodies %.3g J in one step, more "
                 "than their kinetic energy of %.3g J before it: constraints have moved nodes out "
                 "of a surface within the step, and the motion from here on is wrong; "
-                "EnergyMomentum with elastic or restitution impact gains nothing, and with "
-                "shorter steps others gain less; where bodies begin inside each other, let a "
-                "step of QuasiStatic part them, and go on from it by load_state",
+                "EnergyMomentum with elastic or restitution impact gains no energy, others gain "
+                "less with shorter steps; bodies that begin inside each other are separated by a "
+                "step of QuasiStatic, after which load_state continues",
                 *(t, state.pair.between, state.pair.enforcement, gain, before),
             )
 

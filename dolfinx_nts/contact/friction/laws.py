@@ -331,7 +331,7 @@ class Tresca(FrictionLaw):
     """Another law of friction, capped by a shear stress, such as the yield stress in shear.
 
     Args:
-        law: The law below the cap; a number is the coefficient of `Coulomb`.
+        law: The law that is limited; a number is the coefficient of `Coulomb`.
         stress: Largest tangential force per reference area [Pa], a number or a Function. The area
             is the area of the facets around a node, or in mortar contact the part that segments
             cover.
@@ -361,7 +361,7 @@ class Tresca(FrictionLaw):
 
     @property
     def depends_on_slip(self) -> bool:  # type: ignore[override]
-        """Whether the law below the cap depends on slip."""
+        """Whether the law that is limited depends on slip."""
         return self._law_below.depends_on_slip
 
     def limit(

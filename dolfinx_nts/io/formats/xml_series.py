@@ -24,7 +24,7 @@ __all__ = ["XmlSeries"]
 
 # XML requires the space.
 _START, _END = b"<?pad ", b"?>\n"
-# The start of the former instruction becomes the indentation of the element.
+# Overwrites the start of the padding instruction, as indentation of a new element.
 _INDENT = b" " * len(_START)
 # Padding of a new file [bytes], enough for the first 30 states of a run with contact.
 _FIRST_ROOM = 2**16

@@ -228,7 +228,7 @@ class RigidMotion(RigidStates):
         return self._fields.put(fields, np.zeros_like(v))
 
     def prescribed_displacement(self, u: Floats) -> Floats:
-        """Prescribed part of the displacement to u in the step, where forces act [m]."""
+        """Prescribed part of the motion to u, to first order at the position of the forces [m]."""
         q_n, q, part = self._starts, self._fields.positions(*self._fields.sums(u)), self.part
         motions = rigid_motions((1 - part) * q_n + part * q)
         return self._fields.put(combined(self.guides.prescribed, motions), np.zeros_like(u))
