@@ -193,8 +193,8 @@ def check_space(V: fem.FunctionSpace) -> None:
     if degree not in (1, element.degree):
         raise ValueError(
             f"expected cells of degree 1, or curved ones of the degree {element.degree} of the "
-            f"displacement, given a mesh of degree {degree}: displacements of degree 2 go with "
-            "straight cells and with curved ones of degree 2"
+            f"displacement, given a mesh of degree {degree}: displacements of degree 2 "
+            "need straight cells or curved cells of degree 2"
         )
 
 

@@ -29,7 +29,7 @@ _ROUND_OFF, _TRUNCATION = 1e-6, 1e-3
 
 
 class EnergyCurve:
-    r"""Derivatives of :math:`\psi(1 + s D)` by s, for any s and D. Local.
+    r"""Derivatives of :math:`\psi(1 + s D)` with respect to s, for any s and D. Local.
 
     They are expanded once, as expansion takes longer than evaluation. Values are cached, as the
     check and the moduli of all materials with this energy use the same ones.

@@ -55,7 +55,7 @@ class Interrupts:
         self._streams: dict[str, Any] = {}
 
     def __enter__(self) -> "Interrupts":
-        """Register signals from now on."""
+        """Install the signal handlers."""
         if threading.current_thread() is threading.main_thread():
             self._signum = 0
             for signum in _SIGNALS:

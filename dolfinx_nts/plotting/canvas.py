@@ -96,7 +96,7 @@ class Unit(NamedTuple):
         return (1.0, "") if self.free or not self.symbol else prefixed(size)
 
     def seconds(self, end: float) -> tuple[float, str]:
-        """Divisor and unit for times up to an end."""
+        """Divisor and unit for times up to ``end`` [s]."""
         scale, prefix = prefixed(end)
         return (1.0, "") if self.free else (scale, f"{prefix}s")
 

@@ -152,7 +152,8 @@ def check_law(law: FrictionLaw, nodes: Any) -> None:
         return
     node, one = np.arange(n, dtype=np.int32), np.ones(n)
     found = Limits(law, nodes, 1.0, lambda: area, np.zeros(n)).at(node, one, one)
-    for name, values in zip(("limit", "derivative by p", "derivative by slip"), found, strict=True):
+    names = ("limit", "derivative with respect to p", "derivative with respect to slip")
+    for name, values in zip(names, found, strict=True):
         if not np.all(np.isfinite(values)):
             raise ValueError(
                 f"expected a finite {name} from {law!r} at 1 N, 1 m and 1 s, given {values}"
@@ -188,8 +189,8 @@ def _check_derivatives(law: FrictionLaw, nodes: Any, dt: float) -> None:
             i = int(np.argmax(wrong))
             unit = "" if name == "p" else " N/m"
             raise ValueError(
-                f"expected the derivative of the limit by {name} from {law!r}, given "
-                f"{given[i]:.6g}{unit} instead of {np.mean(sides, axis=0)[i]:.6g}{unit} by "
+                f"expected the derivative of the limit with respect to {name} from {law!r}, given "
+                f"{given[i]:.6g}{unit} instead of {np.mean(sides, axis=0)[i]:.6g}{unit} from "
                 f"differences of the limit, at p = {p[i]:.3g} N, slip = {slip[i]:.3g} m and "
                 f"dt = {dt:.3g} s: correct the method limit"
             )
@@ -206,8 +207,8 @@ def _arrays(law: FrictionLaw, shape: tuple[int, ...], *arguments: Any) -> list[F
         except (TypeError, ValueError):
             pass
     raise ValueError(
-        f"expected limit, derivative by p and derivative by slip at each node, shape {shape}, from "
-        f"{law!r}, given {_described(found)}"
+        f"expected the limit and its derivatives with respect to p and slip, each of shape "
+        f"{shape}, from {law!r}, given {_described(found)}"
     )
 
 

@@ -59,7 +59,8 @@ def test_right_laws_are_accepted(law):
 @pytest.mark.parametrize("name", ["by_p", "by_slip"])
 @pytest.mark.parametrize("factor", [-1.0, 0.0, 0.5, 0.999, 2.0])
 def test_wrong_derivative_is_named(name, factor):
-    message = rf"expected the derivative of the limit by {name.removeprefix('by_')} from Viscous"
+    argument = name.removeprefix("by_")
+    message = f"expected the derivative of the limit with respect to {argument} from Viscous"
     with pytest.raises(ValueError, match=message):
         check_law(Viscous(**{name: factor}), NODES)
 
@@ -79,7 +80,7 @@ def test_wrong_derivative_is_named(name, factor):
     ],
 )
 def test_wrong_return_value_is_described(law, given):
-    with pytest.raises(ValueError, match=rf"expected limit, derivative by p and .* given {given}"):
+    with pytest.raises(ValueError, match=rf"expected the limit and its .* given {given}"):
         check_law(law, NODES)
 
 

@@ -235,7 +235,7 @@ def test_law_without_a_limit_is_refused():
     for law, message in (
         (nts.Coulomb(other), "expected a Function of the mesh of the contact pair"),
         (nts.Coulomb(negative), "expected limits of friction >= 0"),
-        (Short(), r"expected limit, derivative by p and .* given 2 of the shapes \(\d+,\), \(\)"),
+        (Short(), r"expected the limit and its .* given 2 of the shapes \(\d+,\), \(\)"),
     ):
         with pytest.raises(ValueError, match=message):
             on_plate(b, lambda t: 0.0, law, None)

@@ -58,7 +58,7 @@ projection_hessian(const Pair<S>& pair, const Projection<S>& p,
   std::array<PairMatrix<S>, 2> H;
   for (std::size_t a = 0; a < 2; ++a)
   {
-    // C_b: derivative by xi^b of the explicit gradient w a_a + b_a r.
+    // C_b: derivative w.r.t. xi^b of the explicit gradient w a_a + b_a r.
     std::array<PairVector<S>, 2> C;
     for (std::size_t c = 0; c < 2; ++c)
       for (std::size_t A = 0; A < nodes; ++A)
@@ -66,7 +66,7 @@ projection_hessian(const Pair<S>& pair, const Projection<S>& p,
           C[c][3 * A + i] = -b[c][A] * p.tangents[a][i]
                             - b[a][A] * p.tangents[c][i]
                             + (a != c ? w[A] * mixed[i] + twist[A] * r[i] : 0);
-    // Second derivatives by xi: -(x_bc . a_a + x_ac . a_b + x_ab . a_c).
+    // Second derivatives w.r.t. xi: -(x_bc . a_a + x_ac . a_b + x_ab . a_c).
     const double own = -2 * dot(mixed, p.tangents[a]);
     const double other = -2 * dot(mixed, p.tangents[1 - a]);
     for (std::size_t I = 0; I < size; ++I)

@@ -231,7 +231,7 @@ void contact_conserving(const Pair<S>& pair_n, const Pair<S>& pair,
       Theta[i] += lambda[l] * W[l][i];
   contact.force = nodal_forces<S>(vector_forces(z_m, Theta));
 
-  // Tangent: derivatives of d, xi and eta by q at t_{n+1}.
+  // Tangent: derivatives of d, xi and eta w.r.t. q at t_{n+1}.
   Matrix<5, dofs> y;
   for (std::size_t j = 0; j < dofs; ++j)
   {

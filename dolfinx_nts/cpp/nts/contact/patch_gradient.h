@@ -137,7 +137,7 @@ void contact_conserving(const Pair<S>& pair_n, const Pair<S>& pair,
     for (std::size_t i = 0; i < 3; ++i)
       contact.force[3 * A + i] = w[A] * d[i] - part * motion.v[A][i];
 
-  // Tangent: derivatives of d and beta by q at t_{n+1}.
+  // Tangent: derivatives of d and beta w.r.t. q at t_{n+1}.
   Matrix<3, dofs> turn;
   Matrix<2, dofs> dbeta;
   for (std::size_t j = 0; j < dofs; ++j)
@@ -149,7 +149,7 @@ void contact_conserving(const Pair<S>& pair_n, const Pair<S>& pair,
     for (std::size_t a = 0; a < 2; ++a)
       dbeta[a][j] = 0.5 * w[j / 3] * f.c[a][j % 3] - f.height * dot(f.c[a], dd);
   }
-  // Derivative of the excess work e: by the normal and the nodes, and by beta.
+  // Derivatives of the excess work e w.r.t. normal and nodes, and w.r.t. beta.
   PairVector<S> slope = {};
   const std::array<double, S::vertices> here = S::phi(p.xi);
   const Vec3 between = combine(here, pair.segment) - combine(phi, pair.segment);

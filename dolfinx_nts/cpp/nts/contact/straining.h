@@ -69,13 +69,13 @@ public:
   double square = 0;          ///< sum |v_i|^2 [m^2]
   double extent = 0;          ///< sum |y_i|^2 [m^2]
 
-  /// @brief Half of the derivative of `square` by x_i.
+  /// @brief Half of the derivative of `square` w.r.t. x_i.
   Vec3 half_slope(std::size_t i) const noexcept
   {
     return v[i] - 0.5 * cross(v[i], _omega);
   }
 
-  /// @brief Derivative of omega by x_j.
+  /// @brief Derivative of omega w.r.t. x_j.
   Matrix<3, 3> turn(std::size_t j) const noexcept
   {
     const Vec3 &y = _y[j], &y_n = _y_n[j], &w = _omega;
@@ -95,8 +95,8 @@ public:
     return D;
   }
 
-  /// @brief Derivative of v_i by component b of x_j.
-  /// @param[in] turn Derivative of omega by the same.
+  /// @brief Derivative of v_i w.r.t. component b of x_j.
+  /// @param[in] turn Derivative of omega w.r.t. this component.
   Vec3 slope(std::size_t i, std::size_t j, std::size_t b,
              const Vec3& turn) const noexcept
   {

@@ -398,7 +398,7 @@ private:
     // Z~^T adds rows of constrained nodes to rows of other nodes in their
     // constraints.
     _constrained.clear(_size);
-    std::vector<std::size_t> place(_size, 0); // in them
+    std::vector<std::size_t> place(_size, 0); // of rows
     for (std::size_t p = 0; p < _size; ++p)
       if (constrainer[p])
       {

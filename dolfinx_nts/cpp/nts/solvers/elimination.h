@@ -39,7 +39,7 @@ struct Elimination
   std::span<const double> gradients;
   /// (B B l,) F_a, in the same layout.
   std::span<const double> columns;
-  /// (m, B, B) Derivatives S_ab of forces F_a by gap and slip: springs and
+  /// (m, B, B) Derivatives S_ab of forces F_a w.r.t. gap and slip: springs and
   /// friction.
   std::span<const double> slopes;
   /// Number of nodes of a block of the tangent.
