@@ -169,7 +169,7 @@ void contact_conserving(const Pair<S>& pair_n, const Pair<S>& pair,
   for (std::size_t j = 0; j < dofs; ++j)
   {
     const std::size_t J = j / 3, b = j % 3;
-    double change = 0; // of `part`
+    double change = 0; // derivative of `part`
     Vec3 spin = {};
     if (strains)
     {

@@ -159,10 +159,10 @@ template <class S>
 struct NearestOnSide
 {
   std::int32_t segment = -1; ///< segment that the node gets
-  Projection<S> projection;  ///< on it
+  Projection<S> projection;  ///< projection of the node on it
   double outside = INFINITY; ///< distance of the projection outside it [-]
-  double height = 0;         ///< largest distance from the plane of one [m]
-  int number = 0;            ///< of nearest segments
+  double height = 0;         ///< largest distance from one of their planes [m]
+  int number = 0;            ///< number of equally near segments
 };
 
 /// @brief Whether a node is beyond a sharp convex edge of a segment.

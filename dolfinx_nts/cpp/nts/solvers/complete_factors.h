@@ -361,7 +361,7 @@ private:
   bool _is_made = false;
   double _scale = 1;                // of the matrix
   std::vector<std::int32_t> _order; // nodes in the order of elimination
-  std::vector<std::int32_t> _place; // of nodes in it
+  std::vector<std::int32_t> _place; // position of each node in _order
   std::vector<Front> _fronts;       // each after its children
   std::vector<float> _entry;        // the factors
   std::vector<float> _x, _w;        // values in the order, and of a front

@@ -174,7 +174,7 @@ private:
                                                       : _number.size();
   }
 
-  std::vector<std::size_t> _order;   // of the numbers
+  std::vector<std::size_t> _order;   // sorts the numbers
   std::vector<std::int64_t> _number; // ascending
   std::vector<std::int64_t> _start;  // rows, see `SparseRows`
   std::vector<std::int32_t> _column;
