@@ -74,7 +74,7 @@ class Limits:
         self.depends_on_slip = law.depends_on_slip
 
     def at(self, node: Ints, p: Floats, slip: Floats | None = None) -> NodalLimit:
-        """Limits of nodes, ``(m,)``, for normal forces p [N] and slips [m], None if they stick."""
+        """Limits of nodes for normal forces p [N] and slips [m] (None: no slip), ``(m,)``."""
         pressed = np.maximum(p, 0.0)
         slip = np.zeros(len(p)) if slip is None else slip
         nodes = FrictionNodes(self._nodes, node, self._area(), self._slipped, self._known)

@@ -53,11 +53,11 @@ _LATE = 0.05
 # solved twice, and may have no second solution. Smaller: a body that begins to move penetrates
 # deeper than the law of impact allows.
 _STILL = 0.5
-# Gap above which a multiplier must be 0, relative to the longest segment [-]. Smaller: the
-# tolerance of constraints in Newton's method counts. Larger: forces without contact are accepted.
+# Gap above which a multiplier must be 0, relative to the longest segment [-]. Smaller: below
+# the tolerance of constraints in Newton's method. Larger: forces without contact are accepted.
 _OPEN = 1e-3
 # Admissible error of the length of tractions, relative to the largest normal force [-], and of the
-# direction of sliding [rad]. Smaller: the residual tolerance of Newton's method counts.
+# direction of sliding [rad]. Smaller: below the residual tolerance of Newton's method.
 _CONE, _PARALLEL = 1e-3, 0.05
 # Admissible error of a multiplier relative to the residual norm [-].
 _NOISE = 10

@@ -185,7 +185,7 @@ def outside(candidates: FacetCandidates, points: ContactPoints, x: Floats, segme
 
 
 def distances(xi: Floats, *, is_triangle: bool) -> Floats:
-    """Distances of coordinates, ``(m, 2)``, outside the reference facet, or NaN, ``(m,)`` [-]."""
+    """Distances of points outside the reference facet, ``(m,)`` [-]; NaN where xi is NaN."""
     distance: Floats = np.maximum(-xi.min(axis=1), xi.max(axis=1) - 1)
     return np.maximum(distance, xi.sum(axis=1) - 1) if is_triangle else distance
 

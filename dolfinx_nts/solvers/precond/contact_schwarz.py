@@ -66,7 +66,7 @@ class SubdomainWidth:
     is_final: bool = False
 
     def count_factors(self, part: float) -> None:
-        """Add the cost of factors of a subdomain with a fraction of all nodes [-]."""
+        """Add the cost of factors of a subdomain that has a fraction ``part`` of all nodes."""
         self.factors += part * (_WIDE_FACTORS if self.is_wide else _FACTORS)
 
     def count(self, iterations: int, decades: float) -> bool:

@@ -96,7 +96,7 @@ class OverlappingSubdomain:
                 self._reaches[rank] = np.union1d(self._reaches.get(rank, some), some)
 
     def _reached_of(self, nodes: GlobalInts) -> dict[int, GlobalInts]:
-        """Nodes of this rank that are columns in the rows of each other rank with any."""
+        """Columns of the rows of other ranks that are among ``nodes``, by rank."""
         found = {rank: np.intersect1d(nodes, some) for rank, some in self._reached.items()}
         return {rank: some for rank, some in found.items() if len(some)}
 
