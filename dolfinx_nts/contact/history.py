@@ -51,7 +51,7 @@ class ContactHistory:
         energy: Energy of the node's springs, shape ``(n,)`` [J].
         dissipation: Energy dissipated by friction in the last step, shape ``(n,)`` [J].
         partner: Bodies that take the reactions to the force of the multiplier, or -1, shape
-            ``(n, w)``: in mortar contact with segments of several bodies; otherwise w = 0.
+            ``(n, w)``: only in mortar contact with segments of several bodies.
         reaction: These reactions, shape ``(n, w, 3)`` [N].
         area: Area on which the multiplier acts, shape ``(n,)`` [m^2]: of all facets around the
             node, see `Tractions.area`, or in mortar contact the area covered by segments.
@@ -107,8 +107,8 @@ class ContactHistory:
             slip=np.zeros(n),
             energy=np.zeros(n),
             dissipation=np.zeros(n),
-            partner=np.empty((n, 0), dtype=np.int32),
-            reaction=np.empty((n, 0, 3)),
+            partner=np.full((n, 1), -1, dtype=np.int32),
+            reaction=np.zeros((n, 1, 3)),
             area=np.zeros(n),
         )
 

@@ -94,7 +94,8 @@ class StepFailure:
         """
         reports = [replace(each, start=_STARTS[name]) for name, each in self._attempts.items()]
         reasons = "; ".join(each.reason for each in reports)
-        causes = [reports[0].reason]
+        # What stopped an attempt says more than the number of its iterations.
+        causes = [min((r.reason for r in reports), key=lambda reason: "no convergence" in reason)]
         weak = {type(b.material).__name__ for b in bodies if not b.material.resists_collapse}
         if "is inverted" in reasons and weak:
             causes.append(f"{' and '.join(sorted(weak))} cannot resist collapse, NeoHookean can")

@@ -187,17 +187,17 @@ class TimeLoop(State):
         with self._progress(until, initial=self.t, bar_format=_BAR) as bar:
             while until - self.t > ROUND_OFF * (smallest if given else self.dt):
                 dt, end = self._next_step(until, given)
-                before = Snapshot() if halves else None
-                if before is not None:
-                    self.serialize(before)
+                snapshot = Snapshot() if halves else None
+                if snapshot is not None:
+                    self.serialize(snapshot)
                 try:
                     report = self._advance_to(end, dt, far=final is not None)
                     if apart is not None and gap_tol is not None:
                         apart = self._checked(apart, gap_tol)
                 except ConvergenceError as error:
-                    if before is None:
+                    if snapshot is None:
                         raise
-                    self.serialize(before.rewind())
+                    self.serialize(snapshot.rewind())
                     if final is not None:
                         raise (_in_vain(final, error) if statics else final) from None
                     hopeless = any(each.is_hopeless for each in error.reports)
@@ -205,20 +205,17 @@ class TimeLoop(State):
                         raise
                     first = first or f"with dt = {dt:.3g} s it failed first: {error.cause}"
                     ineffective.fail(error.reports, dt, self._length.cuts)
-                    text = ""
+                    before = after = ""
                     if limit.is_near and control.smallest is None:
-                        text = f"{limit.message(self.t, end, len(self.loads) > 0)}; {error.args[0]}"
+                        before = limit.message(self.t, end, len(self.loads) > 0)
                     elif ineffective.are_certain and control.smallest is None:
-                        text = f"{ineffective.message()}; {error.args[0]}"
+                        before = ineffective.message()
                     elif dt / 2 < smallest:
                         was = "has been cut to" if self._length.cuts else "is"
-                        text = error.args[0].removesuffix(f": {SHORTER_STEP_HELPS}") + (
-                            f"; dt {was} {dt:.3g} s, half of which is less than the "
-                            f"smallest step of {smallest:.3g} s"
-                        )
-                        text += f"; {first}" if rejected else ""
-                    if text:
-                        final = ConvergenceError(text, error.reports, error.cause)
+                        after = f"dt {was} {dt:.3g} s, half of which is less than the smallest "
+                        after += f"step of {smallest:.3g} s{f'; {first}' if rejected else ''}"
+                    if before or after:
+                        final = _extended(error, before, after)
                         if hopeless or not self._has_last_resort():
                             raise final from None
                         # The last resort starts from the length before the cuts.
@@ -311,6 +308,14 @@ class TimeLoop(State):
         if end is None:
             options.pop("bar_format", None)
         return tqdm(total=end, delay=1, leave=False, disable=silent, **options)
+
+
+def _extended(error: ConvergenceError, before: str, after: str) -> ConvergenceError:
+    """Copy of an error with texts before its message and after its cause. Local."""
+    cause = "; ".join(filter(None, [error.cause, after]))
+    # Shorter steps have failed, too.
+    message = error.args[0].replace(error.cause, cause, 1).removesuffix(f": {SHORTER_STEP_HELPS}")
+    return ConvergenceError("; ".join(filter(None, [before, message])), error.reports, cause)
 
 
 def _in_vain(final: ConvergenceError, error: ConvergenceError) -> ConvergenceError:

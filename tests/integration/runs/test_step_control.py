@@ -191,7 +191,7 @@ def test_steps_end_exactly_at_the_given_times(comm, folder, agree):
 def test_the_smallest_step_ends_the_run_in_the_last_good_state(comm, agree, refused, monkeypatch):
     stepper, plain = (scene(comm, owner=layers).stepper for _ in range(2))
     run = stepper.run(UNTIL, nts.StepControl(smallest=BLOCK_STEP / 5))
-    reason = r"made to fail.*cut to 0.005 s.*step of 0.004 s; it was first tried with dt = 0.02 s: "
+    reason = r"made to fail.*cut to 0.005 s.*step of 0.004 s; with dt = 0.02 s it failed first: "
     with monkeypatch.context() as patch, refused(nts.ConvergenceError, reason):
         fail_at(patch, range(4, 1000))
         list(run)

@@ -137,7 +137,7 @@ class MortarPairing(Pairing):
         key, entry = np.unique(keys, return_inverse=True)
         of_pair, number = np.divmod(key, width)
         place = np.arange(len(key)) - np.searchsorted(of_pair, of_pair)
-        most = reductions.largest(scatter.index_map.comm, float(place.max(initial=-1)))
+        most = reductions.largest(scatter.index_map.comm, float(place.max(initial=0)))
         shape, node = (len(self.area), 1 + int(most)), pairs.node[of_pair]
         partner, reaction = np.full(shape, -1, dtype=np.int32), np.zeros((*shape, 3))
         partner[node, place] = number
