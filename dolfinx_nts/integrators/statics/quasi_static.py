@@ -44,10 +44,13 @@ class UnstableEquilibrium:
     Args:
         comm: Communicator.
         bodies: All bodies.
+        has_friction: Whether a pair has friction. Its forces are constant in the check, so that a
+            motion which it opposes may be reported.
     """
 
-    def __init__(self, comm: MPI.Comm, bodies: Sequence[Body]) -> None:
+    def __init__(self, comm: MPI.Comm, bodies: Sequence[Body], *, has_friction: bool) -> None:
         self._comm, self._bodies, self._is_reported = comm, bodies, False
+        self._has_friction = has_friction
 
     def check(self, motion: Floats | None, X: Floats, t: float) -> None:
         """Warn if an equilibrium is unstable and the last one was not.
@@ -69,12 +72,15 @@ class UnstableEquilibrium:
         every = chain(*self._comm.allgather(found))
         largest, _, name, place, direction = max(every, key=lambda each: each[:2])
         if self._comm.rank == 0:
+            end = "so that any disturbance ends it"
+            if self._has_friction:
+                end = "at constant friction: only more friction against this motion can prevent it"
             _logger.warning(
                 "at t = %g the equilibrium is unstable, as in buckling: the energy of bodies and "
-                "loads decreases along a motion, largest in %s near (%s) along (%s), so that any "
-                "disturbance ends it; to follow the motion, add a small force or imperfection in "
-                "that direction, and use smaller steps",
-                *(t, name, _listed(place), _listed(direction / largest)),
+                "loads decreases along a motion, largest in %s near (%s) along (%s), %s; to follow "
+                "the motion, add a small force or imperfection in that direction, and use smaller "
+                "steps",
+                *(t, name, _listed(place), _listed(direction / largest), end),
             )
 
     def _names(self, node: int) -> str:
@@ -142,7 +148,8 @@ class QuasiStatic(ImplicitStepper):
 
     @cached_property
     def _unstable(self) -> UnstableEquilibrium:
-        return UnstableEquilibrium(self._comm, self.bodies)
+        has_friction = any(pair.friction is not None for pair in self.pairs)
+        return UnstableEquilibrium(self._comm, self.bodies, has_friction=has_friction)
 
     def _warn_if_unstable(self, steps: Sequence[ContactStep], solution: newton.Solution) -> None:
         if solution.report.iterations:

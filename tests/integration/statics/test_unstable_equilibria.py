@@ -11,6 +11,7 @@ from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts import parts
+from dolfinx_nts.integrators.statics.quasi_static import UnstableEquilibrium
 from dolfinx_nts.solvers.linear.krylov import LinearSolver
 from helpers.models.plane import blocks
 from helpers.once import once
@@ -246,3 +247,11 @@ def test_the_search_takes_few_products_and_nothing_else(caplog, monkeypatch):
     steps = searched.step
     assert 0 < some.num_actions - none.num_actions <= 6 * steps
     assert some.num_actions <= 1.2 * none.num_actions
+
+
+@pytest.mark.parametrize("has_friction", [False, True])
+def test_friction_may_oppose_a_motion_that_is_reported(caplog, has_friction):
+    found = UnstableEquilibrium(MPI.COMM_SELF, (), has_friction=has_friction)
+    found.check(np.array([[1.0, 0.0]]), np.zeros((1, 3)), t=0.5)
+    assert TOLD in caplog.text
+    assert ("only more friction against this motion can prevent it" in caplog.text) == has_friction
