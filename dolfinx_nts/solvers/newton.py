@@ -53,6 +53,10 @@ _LEAST_REDUCTION, _FIRST_REDUCTION = 0.3, 0.03
 # Weakest reduction in statics [-]: larger errors would move bodies supported only by contact, and
 # cause sliding of nodes with small slips.
 _STATIC_REDUCTION = 1e-4
+# Reduction of the residual by an iteration [-] from which on it is slow, and suppressed motions get
+# linear systems of their own. Larger: bricks that rest on two others need 50 iterations, or have no
+# solution; smaller: more systems.
+_SLOW = 0.1
 # Reduction in the first iteration of an impact [-], if one application of the preconditioner
 # achieves it: the nonlinearity of the step is of similar size.
 _ROUGH_REDUCTION = 0.15
@@ -322,6 +326,8 @@ class _Iteration:
         with attempt.timings.phase("solve"):
             rtol = self._reduction(seen)
             du, dlambda = system.linear.solve(R, attempt.steps, states, rtol)
+            if len(system.relief.loads) and self._is_slow:
+                du, dlambda = self._at_rest(R, states, rtol, du, dlambda)
         du = attempt.motion.limit(system.relief.restrain(du))
         self._balanced = dlambda is None
         if dlambda is not None:
@@ -333,6 +339,46 @@ class _Iteration:
             return du, du_norm, _LONGEST_FALL * system.sizes.smallest
         longest = max(_LONGEST_INCREMENT * system.sizes.smallest, _ALONG * attempt.motion.length)
         return du, du_norm, longest
+
+    @property
+    def _is_slow(self) -> bool:
+        """Whether the last iteration hardly reduced the residual. Local."""
+        norms = self.convergence.norms
+        return len(norms) > 1 and norms[-1] > _SLOW * norms[-2]
+
+    def _at_rest(
+        self,
+        R: Floats,
+        states: tuple[ContactContribution, ...],
+        rtol: float,
+        du: Floats,
+        dlambda: list[Floats] | None,
+    ) -> tuple[Floats, list[Floats] | None]:
+        """Solution of the linear system without suppressed motions, by their inertial forces.
+
+        Bodies that slide far along each other deform. If only the motion is removed from the
+        increment, the rest of it is not in equilibrium.
+        """
+        system, relief = self._system, self._system.relief
+        size, *sizes = reductions.total(
+            system.bulk.comm, np.array([R @ R, *(load @ load for load in relief.loads)])
+        )
+        found = [
+            system.linear.solve(R + np.sqrt(size / each) * load, self._attempt.steps, states, rtol)
+            for load, each in zip(relief.loads, sizes, strict=True)
+        ]
+        moved = np.array([other - du for other, _ in found])
+        responses = np.array([relief.amplitudes(each) for each in moved])
+        parts = -np.linalg.lstsq(responses.T, relief.amplitudes(du), rcond=None)[0]
+        du = du + parts @ moved
+        if dlambda is not None:
+            others = [each for _, each in found if each is not None]
+            dlambda = [
+                own
+                + sum(part * (other[i] - own) for part, other in zip(parts, others, strict=True))
+                for i, own in enumerate(dlambda)
+            ]
+        return du, dlambda
 
     def _reduction(self, seen: Measures) -> float:
         """Requested reduction of the residual by the linear solver [-]. Local."""

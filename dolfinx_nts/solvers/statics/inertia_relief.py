@@ -195,7 +195,7 @@ class InertiaRelief:
         relief = self._relief
         y = (_DRIVEN if relief.driven else 1.0) * self.shift * x
         if len(relief.gram):
-            amplitudes = self._amplitudes(x.ravel())
+            amplitudes = self.amplitudes(x.ravel())
             y += self._stiffness * (amplitudes @ relief.weighted).reshape(x.shape)
         return y
 
@@ -269,14 +269,19 @@ class InertiaRelief:
                 remedy,
             )
 
+    @property
+    def loads(self) -> Floats:
+        """Inertial forces per amplitude of the suppressed motions, shape ``(k, d n)``. Local."""
+        return self._relief.weighted
+
     def restrain(self, du: Floats) -> Floats:
         """Remove the unresisted motions from increments, ``(3 n,)`` [m]."""
         if not len(self._relief.gram):
             return du
-        kept: Floats = du - self._amplitudes(du) @ self._relief.motions
+        kept: Floats = du - self.amplitudes(du) @ self._relief.motions
         return kept
 
-    def _amplitudes(self, du: Floats) -> Any:
+    def amplitudes(self, du: Floats) -> Any:
         """Amplitudes of the unresisted motions in displacements, ``(3 n,)`` [m]."""
         moments = reductions.total(self._comm, self._relief.weighted @ du)
         return np.linalg.solve(self._relief.gram, moments)

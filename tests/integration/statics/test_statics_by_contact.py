@@ -300,3 +300,36 @@ def test_a_load_that_is_not_finite_is_refused():
     )
     with pytest.raises(ValueError, match="expected finite loads"):
         stepper.advance()
+
+
+@pytest.mark.serial
+@pytest.mark.parametrize("names", [("top", "left", "right"), ("left", "top", "right")])
+def test_a_brick_lies_flush_on_two_others_in_any_order(names):
+    """Slipping increments of the brick deform it; they are no part of a solution."""
+    boxes = {"left": ((0, 0, 0), 4), "right": ((1.002, 0, 0), 4), "top": ((0.5, 0, 0.4), 5)}
+
+    def build(model):
+        for name, (corner, n) in boxes.items():
+            parts.add_box(model, name, corner=corner, size=(1, 0.5, 0.4), cells=(n, 3, 2))
+
+    mesh, cells, _, tag = nts.read_mesh(build, MPI.COMM_WORLD)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    stone = nts.SaintVenantKirchhoff(E=1e7, nu=0.2, rho=2e3)
+    bodies = {name: nts.Body(V, cells, tag[name], stone) for name in names}
+    ground = fem.locate_dofs_geometrical(V, lambda x: np.isclose(x[2], 0))
+    stepper = nts.QuasiStatic(
+        list(bodies.values()),
+        nts.all_pairs(list(bodies.values())),
+        dt=0.5,
+        bcs=[fem.dirichletbc(np.zeros(3), ground, V)],
+        loads=[nts.Gravity([bodies["top"]], lambda t: (0, 0, -9.81 * t))],
+    )
+    for report in stepper.run(until=1.0):
+        assert report.newton_iterations <= FEW
+    diagnostics = nts.Diagnostics(stepper)
+    weight = 2e3 * 0.2 * 9.81
+    between = diagnostics.between()
+    signs = {name: 1 if name.endswith("top") else -1 for name in between if "top" in name}
+    forces = [signs[name] * between[name][2] for name in signs]
+    assert sum(forces) == pytest.approx(-weight, rel=1e-5)
+    assert forces == pytest.approx([-weight / 2] * 2, rel=0.03)
