@@ -149,7 +149,7 @@ def test_element_that_inverts_is_named_with_its_place_and_time(comm, scheme, ref
     stepper.set_displacement(body, lambda X: np.array([0 * X[0], 0 * X[0], -4.0 - 2 * X[2]]))
     before = stepper.u.x.array.copy()
     message = r"step 1 from t = 0 to 0\.02 .*cell \d+ near \[.*\] is inverted, det F = -1\b"
-    message += ".*SaintVenantKirchhoff cannot resist being squashed, NeoHookean can"
+    message += ".*SaintVenantKirchhoff cannot resist collapse, NeoHookean can"
     with refused(nts.ConvergenceError, message):
         stepper.advance()
     assert agree(np.array_equal(stepper.u.x.array, before))
@@ -234,7 +234,7 @@ def test_unreachable_convergence_is_reported_on_all_ranks(comm, scheme, refused)
     # A block whose velocity moves it by ten times its size in a step, through another block.
     scene = scenes.blocks(comm, scheme)
     scene.stepper.set_velocity(scene.bodies["body 1"], lambda X: 1e4 * X[[1, 2, 0]])
-    with refused(nts.ConvergenceError, r"step 1 from t = 0 to 0\.02 failed .*\|R\|"):
+    with refused(nts.ConvergenceError, r"(?s)step 1 from t = 0 to 0\.02 failed: .*\|R\|"):
         scene.stepper.advance()
     assert scene.stepper.t == 0
     assert comm.allreduce(float(np.abs(scene.stepper.u.x.array).max()), op=MPI.MAX) == 0
