@@ -57,6 +57,9 @@ _STATIC_REDUCTION = 1e-4
 # linear systems of their own. Larger: bricks that rest on two others need 50 iterations, or have no
 # solution; smaller: more systems.
 _SLOW = 0.1
+# Largest number of these systems in an iteration, and part of the motions [-] below which no more
+# are solved. One system is enough for a brick that slides along one axis.
+_MOST_RESPONSES, _SLIDES = 6, 1e-3
 # Reduction in the first iteration of an impact [-], if one application of the preconditioner
 # achieves it: the nonlinearity of the step is of similar size.
 _ROUGH_REDUCTION = 0.15
@@ -354,31 +357,43 @@ class _Iteration:
         du: Floats,
         dlambda: list[Floats] | None,
     ) -> tuple[Floats, list[Floats] | None]:
-        """Solution of the linear system without suppressed motions, by their inertial forces.
+        """Solution of the linear system with little of the suppressed motions.
 
         Bodies that slide far along each other deform. If only the motion is removed from the
-        increment, the rest of it is not in equilibrium.
+        increment, the rest of it is not in equilibrium. So inertial forces that stop the motions
+        are added, by the least squares of a few solutions.
         """
-        system, relief = self._system, self._system.relief
-        size, *sizes = reductions.total(
-            system.bulk.comm, np.array([R @ R, *(load @ load for load in relief.loads)])
-        )
-        found = [
-            system.linear.solve(R + np.sqrt(size / each) * load, self._attempt.steps, states, rtol)
-            for load, each in zip(relief.loads, sizes, strict=True)
-        ]
-        moved = np.array([other - du for other, _ in found])
-        responses = np.array([relief.amplitudes(each) for each in moved])
-        parts = -np.linalg.lstsq(responses.T, relief.amplitudes(du), rcond=None)[0]
-        du = du + parts @ moved
+        system, relief, comm = self._system, self._system.relief, self._system.bulk.comm
+        rest = amplitudes = relief.amplitudes(du)
+        moved, responses, others = list[Floats](), list[Floats](), list[list[Floats] | None]()
+        parts: Floats = np.zeros(0)
+        while len(moved) < min(_MOST_RESPONSES, len(rest)):
+            load = rest @ relief.loads
+            size, of_load = reductions.total(comm, np.array([R @ R, load @ load]))
+            if not (np.isfinite(of_load) and of_load > 0):
+                break
+            forces = R + np.sqrt(size / of_load) * load
+            other, d_other = system.linear.solve(forces, self._attempt.steps, states, rtol)
+            response = relief.amplitudes(other - du)
+            if not np.isfinite(response).all():
+                break
+            moved.append(other - du)
+            responses.append(response)
+            others.append(d_other)
+            parts = np.linalg.lstsq(np.array(responses).T, -amplitudes, rcond=None)[0]
+            rest = amplitudes + parts @ np.array(responses)
+            if np.linalg.norm(rest) <= _SLIDES * np.linalg.norm(amplitudes):
+                break
+        if not moved:
+            return du, dlambda
         if dlambda is not None:
-            others = [each for _, each in found if each is not None]
-            dlambda = [
-                own
-                + sum(part * (other[i] - own) for part, other in zip(parts, others, strict=True))
-                for i, own in enumerate(dlambda)
-            ]
-        return du, dlambda
+            known = [other for other in others if other is not None]
+            if len(known) < len(others):
+                return du + parts @ np.array(moved), None
+            for i, own in enumerate(dlambda):
+                change = (p * (each[i] - own) for p, each in zip(parts, known, strict=True))
+                dlambda[i] = own + sum(change)
+        return du + parts @ np.array(moved), dlambda
 
     def _reduction(self, seen: Measures) -> float:
         """Requested reduction of the residual by the linear solver [-]. Local."""
