@@ -5,7 +5,7 @@ from mpi4py import MPI
 import numpy as np
 
 from dolfinx_nts.common.arrays import Array, Floats, Ints
-from dolfinx_nts.contact.method import EDGES, MORTAR
+from dolfinx_nts.contact.method import EDGES
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.bodies import body_of_nodes
@@ -77,7 +77,7 @@ class BodyForces:
             history = contact.history
             acts = np.any(history.force != 0, axis=1)
             other: Array
-            if contact.pair.method == MORTAR and np.any(bodies != bodies[0]):
+            if contact.search.body is not None:
                 node, place = (history.partner >= 0).nonzero()
                 own, other = nodes[node], history.partner[node, place]
                 force = -history.reaction[node, place]

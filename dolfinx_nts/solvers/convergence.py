@@ -269,11 +269,16 @@ class Convergence:
         """Whether a solution minimises an energy: statics without friction. Local."""
         return not self._inertia and all(step.state.pair.friction is None for step in self._steps)
 
+    @property
+    def reduces_little(self) -> bool:
+        """Whether the last iteration left more than a tenth of the residual. Local."""
+        return len(self.norms) > 1 and self.norms[-1] > _LITTLE_REDUCTION * self.norms[-2]
+
     def _is_slow(self, seen: Measures) -> bool:
         """Whether the last iteration hardly reduced the residual. Local."""
         if self.iteration == 0:
             return True
-        return not seen.is_small and seen.norm > _LITTLE_REDUCTION * self.norms[-2]
+        return not seen.is_small and self.reduces_little
 
     def failure(
         self, seen: Measures, most: int, *, is_solution: bool, most_long: int | None = None

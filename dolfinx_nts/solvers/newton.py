@@ -53,10 +53,6 @@ _LEAST_REDUCTION, _FIRST_REDUCTION = 0.3, 0.03
 # Weakest reduction in statics [-]: larger errors would move bodies supported only by contact, and
 # cause sliding of nodes with small slips.
 _STATIC_REDUCTION = 1e-4
-# Reduction of the residual by an iteration [-] from which on it is slow, and suppressed motions get
-# linear systems of their own. Larger: bricks that rest on two others need 50 iterations, or have no
-# solution; smaller: more systems.
-_SLOW = 0.1
 # Largest number of these systems in an iteration, and part of the motions [-] below which no more
 # are solved. One system is enough for a brick that slides along one axis.
 _MOST_RESPONSES, _SLIDES = 6, 1e-3
@@ -329,7 +325,7 @@ class _Iteration:
         with attempt.timings.phase("solve"):
             rtol = self._reduction(seen)
             du, dlambda = system.linear.solve(R, attempt.steps, states, rtol)
-            if len(system.relief.loads) and self._is_slow:
+            if len(system.relief.loads) and self.convergence.reduces_little:
                 du, dlambda = self._at_rest(R, states, rtol, du, dlambda)
         du = attempt.motion.limit(system.relief.restrain(du))
         self._balanced = dlambda is None
@@ -342,12 +338,6 @@ class _Iteration:
             return du, du_norm, _LONGEST_FALL * system.sizes.smallest
         longest = max(_LONGEST_INCREMENT * system.sizes.smallest, _ALONG * attempt.motion.length)
         return du, du_norm, longest
-
-    @property
-    def _is_slow(self) -> bool:
-        """Whether the last iteration hardly reduced the residual. Local."""
-        norms = self.convergence.norms
-        return len(norms) > 1 and norms[-1] > _SLOW * norms[-2]
 
     def _at_rest(
         self,

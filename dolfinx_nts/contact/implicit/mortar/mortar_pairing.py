@@ -162,7 +162,7 @@ class MortarPairing(Pairing):
         return outside(self._candidates, points, x, points.segment)
 
     def places(self, x: Floats, node: Ints) -> Floats:
-        """Convective coordinates on their segments of the points of nodes, ``(p, 2)`` [-]."""
+        """Convective coordinates of the points of nodes on their segments, ``(p, 2)`` [-]."""
         points = self._of(node)
         xi, *_ = self._candidates.projections(points, x, points.segment)
         return xi
