@@ -103,18 +103,25 @@ def test_half_of_a_symmetric_scene_has_half_of_the_force(scheme, dt, method, tol
     assert np.abs(2 * half - whole).max() < tolerance * whole.max()
 
 
-def test_a_cap_of_shear_stress_acts_on_the_base_alone(comm):
-    """A block of low cells is pressed on a floor and dragged: force = stress x base."""
-    width, stress = 0.2, 100.0  # m, Pa
+def low_block(comm, width):
+    """Block of one layer of cells, 0.1 m high, on the line y = 0."""
 
     def build(model):
         parts.add_rectangle(model, "block", corner=(0, 0), size=(width, 0.1), cells=(4, 1))
 
-    mesh, cells, facets, tag = nts.read_mesh(build, comm)
+    mesh, cells, _, tag = nts.read_mesh(build, comm)
     V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
-    block = nts.Body(V, cells, tag["block"], nts.NeoHookean(1e5, 0.3, RHO))
+    return nts.Body(V, cells, tag["block"], nts.NeoHookean(1e5, 0.3, RHO))
+
+
+def test_a_cap_of_shear_stress_acts_on_the_base_alone(comm):
+    """A block of low cells is pressed on a floor and dragged: force = stress x base."""
+    width, stress = 0.2, 100.0  # m, Pa
+
+    block = low_block(comm, width)
+    V, mesh = block.V, block.V.mesh
     drag = fem.Constant(mesh, np.zeros(2))
-    top = fem.locate_dofs_topological(V, 1, facets.find(tag["block_top"]))
+    top = fem.locate_dofs_geometrical(V, lambda x: np.isclose(x[1], 0.1))
 
     def update(t):
         drag.value[:] = 0.02 * max(t - 1, 0), -2e-3 * min(t, 1)
@@ -135,12 +142,7 @@ def test_a_cap_of_shear_stress_acts_on_the_base_alone_in_explicit_steps(comm):
     """A block of low cells slides on a floor: the largest force is stress x base."""
     width, stress = 0.2, 20.0  # m, Pa
 
-    def build(model):
-        parts.add_rectangle(model, "block", corner=(0, 0), size=(width, 0.1), cells=(4, 1))
-
-    mesh, cells, _, tag = nts.read_mesh(build, comm)
-    V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
-    block = nts.Body(V, cells, tag["block"], nts.NeoHookean(1e5, 0.3, RHO))
+    block = low_block(comm, width)
     law = nts.Tresca(nts.Coulomb(0.5), stress)
     pair = nts.ContactPair(nts.boundary_of(block), nts.RigidPlane((0, 0), (0, 1)), friction=law)
     gravity = nts.Gravity([block], (0, -9.81))
