@@ -1,15 +1,16 @@
-"""Contact of vertices on convex edges and corners, in addition to the constraints of a pair.
+"""Contact of sharp edges and their vertices, in addition to the constraints of a pair.
 
 Contact constrains gaps of the nodes of one surface, node by node or as means over facets. An edge
-or a corner of the other surface may penetrate faces between these nodes. In mortar contact an edge
-of the nodes also penetrates, until the mean gap next to it is closed, and without limit if the
-facets next to it are too steep to face the other surface. In statics a node opposite another node
-touches several facets, but only one of them constrains it. `add_vertices` adds contact of these
-vertices with the faces.
+or a corner of the other surface may penetrate faces between these nodes, and edges of both may
+cross between nodes. In mortar contact an edge of the nodes also penetrates, until the mean gap next
+to it is closed, and without limit if the facets next to it are too steep to face the other surface.
+In statics a node opposite another node touches several facets, but only one of them constrains it.
+`add_vertices` adds contact of vertices with faces, and of edges with edges.
 """
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import cache
+from itertools import permutations
 from typing import cast
 
 import numpy as np
@@ -24,53 +25,47 @@ from dolfinx_nts.contact.massless import is_resolved
 from dolfinx_nts.contact.method import EDGES, MORTAR, NODES, may_be_smooth
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
+from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.obstacles.obstacle import Obstacle
 from dolfinx_nts.model.obstacles.rigid_shapes import RigidSphere
+from dolfinx_nts.model.obstacles.rigid_surface import RigidSurface
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.search.edges.rigid_edge_search import num_sharp_edges
 from dolfinx_nts.search.kinks import nodes_on_kinks
 
 __all__ = [
     *("VertexState", "add_vertices", "release_vertices", "released", "vertex_tolerance"),
 ]
 
-# Number larger than all node numbers [-].
-_NO_NODE = 2**31
+# Number larger than all node numbers [-], and no nodes.
+_NO_NODE, _NONE = 2**31, np.empty(0, dtype=np.int32)
 
 
 class VertexState(PairState):
-    """Contact of vertices of one side of a pair with faces of the other, see `add_vertices`.
+    """Contact of vertices with faces, or of edges, beyond that of a pair, see `add_vertices`.
 
     Args:
         given: State of the pair given by the user.
-        vertices: Surface of its nodes or segments, with the nodes on convex edges and corners only.
-        faces: The other surface.
-        tolerance: Depth at which each vertex is activated, shape ``(n,)`` [m].
-        is_static: Whether there is no inertia.
+        pair: Vertices on convex edges and corners of one side and the other side, or, with method
+            ``"edge-to-edge"``, both sides.
+        tolerance: Depth at which each node of ``pair`` is activated, shape ``(n,)`` [m].
+        is_reverse: See `PairState`.
 
     Attributes:
-        given, tolerance: The arguments.
+        given, tolerance, is_reverse: The arguments.
+        are_edges: Whether edges of both sides touch.
     """
 
     def __init__(
-        self,
-        given: PairState,
-        vertices: Surface,
-        faces: Surface,
-        tolerance: Floats,
-        *,
-        is_static: bool,
+        self, given: PairState, pair: ContactPair, tolerance: Floats, *, is_reverse: bool = False
     ) -> None:
-        self.given, self.tolerance = given, tolerance
-        self.is_reverse = faces is given.nodes
+        self.given, self.tolerance, self.is_reverse = given, tolerance, is_reverse
+        self.are_edges = pair.method == EDGES
         # Remaining number of steps without the vertices, and number at the next release.
         self._pauses = 0, 1
-        laws = given.pair.enforcement, given.pair.friction, NODES
-        pair = ContactPair(vertices, faces, *laws, exchange=False)
-        # A vertex opposite a node touches several facets; smooth patches have one normal there.
-        if is_static and may_be_smooth(pair):
-            pair = ContactPair(vertices, faces.smoothed(), *laws, exchange=False)
-        super().__init__(pair, given.passes)
+        super().__init__(pair, given.passes, given.body_of_nodes)
 
     @property
     def is_released(self) -> bool:
@@ -137,22 +132,24 @@ def release_vertices(steps: Iterable[tuple[PairState | JointState, Flags]]) -> l
 def add_vertices(
     contacts: Sequence[PairState], excluded: Sequence[Body], *, is_static: bool
 ) -> list[VertexState]:
-    """Add contact of vertices on convex edges and corners to each pair. Collective.
+    """Add contact of vertices on convex edges and corners, and of edges, to each pair. Collective.
 
     Vertices of the segments touch the facets of the nodes. With mortar contact or in statics,
-    vertices of the nodes also touch the segments. The laws are those of the pair. A vertex becomes
-    active if in a solution it is deeper below a face than a hundredth of the smallest facet at the
-    vertex. It stays active as long as a force acts on it. Without such penetration, the solution is
-    the same as without vertices.
+    vertices of the nodes also touch the segments. In space sharp edges of both sides touch each
+    other, also those of a `RigidSurface`. The laws are those of the pair. A vertex becomes active
+    if in a solution it is deeper below a face than a hundredth of the smallest facet at the vertex,
+    and an edge if another edge crosses it so deeply. It stays active as long as a force acts on it.
+    Without such penetration, the solution is the same as without vertices and edges.
 
     In dynamics multipliers keep the gap of the vertex, as pushing it out would do work. A vertex of
     the segments opposite an active node stays inactive. In dynamics springs begin without energy,
     at a depth larger than the compression of the springs of the pair there; in statics they begin
     at that compression.
 
-    Vertices are not used in edge contact, with obstacles, self contact, ties, massless nodes,
-    convective friction and ``exchange=False``. Vertices of the segments are not used if another
-    pair has the segments as nodes.
+    Vertices and edges are not used in edge contact, self contact, ties, massless nodes, convective
+    friction and with ``exchange=False``. Vertices do not touch obstacles, and vertices of the
+    segments are not used if another pair has the segments as nodes. Edges are not used if another
+    pair has them.
 
     Args:
         contacts: States of all pairs of a stepper. The new states are added to their `vertices`.
@@ -160,32 +157,74 @@ def add_vertices(
         is_static: Whether there is no inertia.
 
     Returns:
-        The states of the vertices.
+        The states of the vertices and edges.
     """
     pairs = [contact.pair for contact in contacts]
     if any(map(is_resolved, pairs)):
         return []
-    roles = _Roles(pairs)
-    rigid = [body.nodes for body in excluded if body.is_rigid]
-    kinks = cache(nodes_on_kinks)
+    roles, kinks = _Roles(pairs), cache(nodes_on_kinks)
+    rigid = np.concatenate([_NONE, *(body.nodes for body in excluded if body.is_rigid)])
     for contact in contacts:
         pair = contact.pair
         if not _has_vertices(pair):
             continue
-        assert isinstance(pair.segments, Surface)
-        sides = [(pair.nodes, pair.segments)] if is_static or pair.method == MORTAR else []
-        if not roles.are_exchanged(pair, pair.segments):
-            sides.insert(0, (pair.segments, pair.nodes))
+        laws, exchanged = (pair.enforcement, pair.friction), roles.exchanged(pair)
+        sides = _sides(pair, is_static=is_static, is_exchanged=bool(exchanged))
         for surface, faces in sides:
             is_kink, facet = kinks(surface)
             vertices, tolerance = surface.with_nodes(is_kink), HYSTERESIS * facet[is_kink]
-            is_excluded = bool(rigid and np.isin(vertices.nodes, np.concatenate(rigid)).any())
-            comm = surface.V.mesh.comm
-            number, num_excluded = reductions.total(comm, [len(vertices.nodes), is_excluded])
-            if number and not num_excluded:
-                state = VertexState(contact, vertices, faces, tolerance, is_static=is_static)
-                contact.vertices = (*contact.vertices, state)
+            if not _may_touch(vertices, rigid):
+                continue
+            each = ContactPair(vertices, faces, *laws, NODES, exchange=False)
+            # A vertex opposite a node touches several facets; smooth patches have one normal there.
+            if is_static and may_be_smooth(each):
+                faces_of = faces.smoothed()
+                each = ContactPair(vertices, faces_of, *laws, NODES, exchange=False)
+            is_reverse = faces is pair.nodes
+            state = VertexState(contact, each, tolerance, is_reverse=is_reverse)
+            contact.vertices = (*contact.vertices, state)
+        is_first = all(pairs.index(pair) < pairs.index(other) for other in exchanged)
+        if is_first and not roles.have_edges(pair) and (edges := _edges(pair)):
+            if all(_may_touch(side, rigid) for side in _surfaces(edges)):
+                tolerance = HYSTERESIS * kinks(pair.nodes)[1]
+                contact.vertices = (*contact.vertices, VertexState(contact, edges, tolerance))
     return [cast(VertexState, each) for contact in contacts for each in contact.vertices]
+
+
+def _sides(
+    pair: ContactPair, *, is_static: bool, is_exchanged: bool
+) -> list[tuple[Surface, Surface]]:
+    """Surfaces whose vertices touch, each with the surface that it touches. Local."""
+    if not isinstance(pair.segments, Surface):
+        return []
+    sides = [] if is_exchanged else [(pair.segments, pair.nodes)]
+    if is_static or pair.method == MORTAR:
+        sides.append((pair.nodes, pair.segments))
+    return sides
+
+
+def _edges(pair: ContactPair) -> ContactPair | None:
+    """Edge-to-edge contact of the sides of a pair; None without sharp edges. Collective."""
+    if dimension(pair.nodes.V) < 3 or not all(map(num_sharp_edges, (pair.nodes, pair.segments))):
+        return None
+    nodes, segments = (
+        each.smoothed(smooth=False) if isinstance(each, Surface) and each.smooth else each
+        for each in (pair.nodes, pair.segments)
+    )
+    assert isinstance(nodes, Surface)
+    laws = pair.enforcement, pair.friction
+    return ContactPair(nodes, segments, *laws, EDGES, exchange=False)
+
+
+def _surfaces(pair: ContactPair) -> list[Surface]:
+    return [side for side in (pair.nodes, pair.segments) if isinstance(side, Surface)]
+
+
+def _may_touch(surface: Surface, rigid: Ints) -> bool:
+    """Whether a surface has nodes, none of which belongs to excluded bodies. Collective."""
+    counts = [len(surface.nodes), np.isin(surface.nodes, rigid).any()]
+    number, num_excluded = reductions.total(surface.V.mesh.comm, counts)
+    return bool(number and not num_excluded)
 
 
 class _Roles:
@@ -196,6 +235,7 @@ class _Roles:
     """
 
     def __init__(self, pairs: Sequence[ContactPair]) -> None:
+        self._of_edges = [pair for pair in pairs if pair.method == EDGES]
         self._pairs = [
             (pair, pair.nodes, pair.segments)
             for pair in pairs
@@ -206,13 +246,23 @@ class _Roles:
             [[_ends(side.nodes) for side in sides] for _, *sides in self._pairs], dtype=np.int64
         ).reshape(-1, 2, 2)
 
-    def are_exchanged(self, pair: ContactPair, segments: Surface) -> bool:
-        """Whether another pair has nodes and segments in exchanged roles. Collective.
+    def have_edges(self, pair: ContactPair) -> bool:
+        """Whether another pair has edge-to-edge contact of both sides of a pair. Collective."""
+        return any(
+            _meet(pair.nodes, one) and _meet(pair.segments, other)
+            for edges in self._of_edges
+            for one, other in permutations((edges.nodes, edges.segments))
+        )
 
-        The nodes of that pair include the nodes of ``segments``, and its segments the nodes of
-        ``pair``.
+    def exchanged(self, pair: ContactPair) -> list[ContactPair]:
+        """Other pairs that have nodes and segments in exchanged roles. Collective.
+
+        The nodes of such a pair include the nodes of the segments of ``pair``, and its segments the
+        nodes of ``pair``.
         """
-        own = segments.nodes, pair.nodes.nodes
+        if not isinstance(pair.segments, Surface):
+            return []
+        own = pair.segments.nodes, pair.nodes.nodes
         has_both: Flags = np.ones(len(self._pairs), dtype=bool)
         for number, nodes in enumerate(own):
             least, largest = _ends(nodes)
@@ -224,8 +274,15 @@ class _Roles:
                 bool(np.isin(nodes, side.nodes).all())
                 for nodes, side in zip(own, sides, strict=True)
             )
-        found = reductions.everywhere(segments.V.mesh.comm, has_both)
-        return bool(found.any())
+        found = reductions.everywhere(pair.nodes.V.mesh.comm, has_both)
+        return [self._pairs[i][0] for i in np.flatnonzero(found)]
+
+
+def _meet(one: Surface | Obstacle, other: Surface | Obstacle) -> bool:
+    """Whether two sides of pairs are the same obstacle or have common nodes. Collective."""
+    if not (isinstance(one, Surface) and isinstance(other, Surface)):
+        return one is other
+    return reductions.anywhere(one.V.mesh.comm, bool(np.isin(one.nodes, other.nodes).any()))
 
 
 def _ends(nodes: Ints) -> tuple[int, int]:
@@ -240,6 +297,6 @@ def _has_vertices(pair: ContactPair) -> bool:
         return False
     if isinstance(law, Tied) or (isinstance(law, Penalty) and pair.is_convective):
         return False
-    if not isinstance(pair.segments, Surface):
+    if not isinstance(pair.segments, Surface | RigidSurface):
         return False
-    return not any(isinstance(each.smooth, RigidSphere) for each in (pair.nodes, pair.segments))
+    return not any(isinstance(each.smooth, RigidSphere) for each in _surfaces(pair))

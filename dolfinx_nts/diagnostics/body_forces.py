@@ -10,6 +10,7 @@ from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.bodies import body_of_nodes
 from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined
 
 __all__ = ["BodyForces"]
@@ -34,6 +35,7 @@ class BodyForces:
         contacts: list[PairState] = [c for c in stepper.contacts if isinstance(c.segments, Surface)]
         contacts += [vertices for contact in contacts for vertices in contact.vertices]
         self._contacts, self._stepper = contacts, stepper
+        self._comm: MPI.Comm = stepper.u.function_space.mesh.comm
         self.pairs: list[tuple[int, int]] = []
         if not contacts:
             return
@@ -46,8 +48,7 @@ class BodyForces:
             nodes = np.column_stack([np.full(len(present), -1), present])
             parts = np.concatenate([nodes, _of_segments(contact, [b.nodes for b in bodies])])
             rows.append(np.column_stack([np.full(len(parts), i), parts]))
-        comm: MPI.Comm = stepper.u.function_space.mesh.comm
-        together = joined(comm, np.concatenate(rows))
+        together = joined(self._comm, np.concatenate(rows))
         together = together[np.lexsort(together.T[::-1])]
         ends = np.searchsorted(together[:, 0], np.arange(1, len(contacts)))
         # Keys of all segments of each contact, ascending, and bodies of the segments.
@@ -65,7 +66,7 @@ class BodyForces:
 
         Returns:
             Forces, shape ``(p, 3)`` [N], to be summed over all ranks. NaN where edge-to-edge
-            contact of several bodies on one side does not show which of them touch.
+            contact of several bodies in explicit steps does not show which of them touch.
         """
         number = {pair: i for i, pair in enumerate(self.pairs)}
         forces: Floats = np.zeros((len(self.pairs), 3))
@@ -74,16 +75,14 @@ class BodyForces:
         for contact, nodes, (keys, bodies) in zip(
             self._contacts, self._nodes, self._segments, strict=True
         ):
-            history = contact.history
-            acts = np.any(history.force != 0, axis=1)
-            other: Array
-            if contact.search.body is not None:
+            history, own, other = contact.history, nodes, self._opposite(contact, keys, bodies)
+            force = history.force
+            if reductions.anywhere(self._comm, bool((history.partner >= 0).any())):
                 node, place = (history.partner >= 0).nonzero()
                 own, other = nodes[node], history.partner[node, place]
                 force = -history.reaction[node, place]
-            else:
-                own, other = nodes[acts], self._opposite(contact, keys, bodies)[acts]
-                force = history.force[acts]
+            acts = np.any(force != 0, axis=1)
+            own, other, force = own[acts], other[acts], force[acts]
             for a, b in sorted(set(zip(map(int, own), map(int, other), strict=True))):
                 total = force[(own == a) & (other == b)].sum(axis=0)
                 if b < 0:  # any body of the other side

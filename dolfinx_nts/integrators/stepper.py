@@ -26,7 +26,7 @@ from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.history import reloaded
 from dolfinx_nts.contact.massless import is_resolved
 from dolfinx_nts.contact.pair import ContactPair
-from dolfinx_nts.contact.pair_state import PairState, bodies_of_segments
+from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.contact.passes import Passes
 from dolfinx_nts.contact.seams import without_seams
 from dolfinx_nts.fem.components import dimension
@@ -198,10 +198,8 @@ class Stepper(TimeLoop):
         warn_of_bodies_without_pair(self.bodies, self.pairs)
         super().__init__(V, dt, self.bodies, self.scheme)
         passes = Passes(partial(current_positions, self._X, self.u), self._now.item)
-        self.contacts = tuple(PairState(pair, passes) for pair in self.pairs)
         body = body_of_nodes(self.bodies)[: V.dofmap.index_map.size_local]
-        for contact in self.contacts:
-            contact.search.body = bodies_of_segments(contact.pair, body)
+        self.contacts = tuple(PairState(pair, passes, body) for pair in self.pairs)
         self.watch = ContactWatch(self.bodies, self.contacts)
         # Bound on the displacement increments of all nodes in the last step [m].
         self._was_displaced, self._increment = True, 0.0

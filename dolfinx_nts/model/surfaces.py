@@ -255,10 +255,10 @@ class Surface(Declaration):
             own.pop(name, None)
         return surface
 
-    def smoothed(self) -> "Surface":
-        """Copy of the surface with ``smooth=True``, of degree 1. Local."""
+    def smoothed(self, *, smooth: bool = True) -> "Surface":
+        """Copy of the surface with curved patches, of degree 1, or with flat facets. Local."""
         surface = copy(self)
-        vars(surface)["smooth"] = True
+        vars(surface)["smooth"] = smooth
         return surface
 
     def measure(self, degree: int | None = None) -> ufl.Measure:

@@ -245,8 +245,6 @@ class Search(ABC):
         may_move: Whether the frame may differ from space.
         num_searches: Number of exchanges of candidates between ranks.
         sunk: Depth up to which initially penetrating nodes get segments [m], see `start.py`.
-        body: Number of the body of each owned node of the space, shape ``(n,)``, if mortar segments
-            belong to several bodies; otherwise None.
     """
 
     candidates: Candidates
@@ -254,7 +252,6 @@ class Search(ABC):
     may_move = False
     num_searches = 0
     sunk = 0.0
-    body: Ints | None = None
 
     def __init__(self, nodes: Surface, vertices: Ints) -> None:
         self._nodes, self._vertices = nodes, vertices

@@ -435,7 +435,8 @@ class OverlapWatch:
         if dimension(self._bodies[0].V) < 3 or not self._between_bodies(overlap):
             return False
         both = set(overlap.names)
-        pairs = [c.pair for c, nodes, segments in self._roles if both <= nodes | segments]
+        contacts = [c for c, nodes, segments in self._roles if both <= nodes | segments]
+        pairs = [each.pair for contact in contacts for each in (contact, *contact.vertices)]
         sides = [side for pair in pairs for side in (pair.nodes, pair.segments)]
         return all(pair.method != EDGES for pair in pairs) and all(map(num_sharp_edges, sides))
 

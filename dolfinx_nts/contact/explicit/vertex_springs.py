@@ -41,7 +41,8 @@ class VertexSprings(ContactSprings):
         node, segment = seen.number[near], seen.current[near]
         least = np.fmin(state.tolerance[node], _kernels.HYSTERESIS * candidates.size[segment])
         allowed = state.tolerance.copy()
-        allowed[node] = of_nodes[candidates.segments[segment]].max(axis=1, initial=0.0) + least
+        own = depth[state.nodes.nodes[node], 0]
+        allowed[node] = np.fmax(own, of_nodes[candidates.segments[segment]].max(axis=1)) + least
         return np.where(history.active, history.offset, np.fmin(-allowed, history.gap))
 
     def _count_lost(self, x: Floats, before: Ints, after: Ints) -> int:

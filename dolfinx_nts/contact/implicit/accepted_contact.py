@@ -4,11 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Array, Floats
+from dolfinx_nts.common.arrays import Array, Floats, Ints
 from dolfinx_nts.contact.history import ContactHistory, ContactWork
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution, PairKinematics
-from dolfinx_nts.contact.implicit.mortar.mortar_pairing import MortarPairing
 from dolfinx_nts.contact.joint_state import members
 from dolfinx_nts.parallel import reductions
 
@@ -29,10 +28,10 @@ def contact_history(step: ContactStep, last: ContactContribution) -> ContactHist
     key[found] = step.candidates.key[search.segment[found]]
     energy, offset = normal.energy(pairs)
     slip_energy, slip = friction.accepted(pairs, step.x)
-    body, by_body = members(step.state)[0].search.body, dict[str, Array]()
-    if body is not None and isinstance(search.pairing, MortarPairing):
-        partner, forces = search.pairing.on_bodies(pairs, last.force, body)
-        by_body = {"partner": partner, "reaction": -forces}
+    first, by_body = members(step.state)[0], dict[str, Array]()
+    if first.shares_reactions and first.body_of_nodes is not None:
+        partner, reaction = _reactions(step, last, first.body_of_nodes)
+        by_body = {"partner": partner, "reaction": reaction}
     history = ContactHistory.at(
         n,
         pairs.node,
@@ -56,6 +55,31 @@ def contact_history(step: ContactStep, last: ContactContribution) -> ContactHist
         **slip,
         **by_body,
     )
+
+
+def _reactions(step: ContactStep, last: ContactContribution, body: Ints) -> tuple[Ints, Floats]:
+    """Reactions to the force of each pair on the bodies of its segments. Collective.
+
+    Arguments as for `contact_history`; ``body`` is `PairState.body_of_nodes`.
+
+    Returns:
+        Bodies on which the pair of each node acts, or -1, shape ``(n, w)``, and the reactions,
+        ``(n, w, 3)`` [N].
+    """
+    pairs, scatter, n = last.pairs, step.candidates.scatter, len(step.normal.active)
+    of_map = scatter.forward(np.tile(body[:, None].astype(np.float64), 3))[:, 0].astype(np.int64)
+    forces = last.force.reshape(*pairs.dofs.shape, 3)
+    row, column = (step.search.pairing.on_segments(pairs) & forces.any(axis=2)).nonzero()
+    width = 1 + int(of_map.max(initial=0))
+    key, entry = np.unique(row * width + of_map[pairs.dofs[row, column]], return_inverse=True)
+    of_pair, number = np.divmod(key, width)
+    place = np.arange(len(key)) - np.searchsorted(of_pair, of_pair)
+    most = reductions.largest(scatter.index_map.comm, float(place.max(initial=0)))
+    shape, node = (n, 1 + int(most)), pairs.node[of_pair]
+    partner, reaction = np.full(shape, -1, dtype=np.int32), np.zeros((*shape, 3))
+    partner[node, place] = number
+    np.add.at(reaction, (node[entry], place[entry]), -forces[row, column])
+    return partner, reaction
 
 
 def contact_work(step: ContactStep, last: ContactContribution, new: ContactHistory) -> ContactWork:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dolfinx_nts.common.arrays import Floats, Ints
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
 from dolfinx_nts.contact.implicit.contributions import PairKinematics
 from dolfinx_nts.contact.implicit.local_search import LocalSearch
 from dolfinx_nts.contact.implicit.pairing import NodePairing
@@ -35,6 +35,11 @@ class EdgePairing(NodePairing):
         total = np.zeros((scatter.index_map.size_local, 3))
         scatter.add(total, pairs.dofs[:, :2], force.reshape(*pairs.dofs.shape, 3)[:, :2])
         return total[self._surface.nodes]
+
+    def on_segments(self, pairs: PairKinematics) -> Flags:
+        of_segments = super().on_segments(pairs)
+        of_segments[:, 1] = False
+        return of_segments
 
 
 class CrossingEdges(LocalSearch):

@@ -61,6 +61,10 @@ class Pairing(ABC):
         """Sum up the forces of pairs, ``(m, d)`` [N], on the nodes, ``(n, 3)`` [N]. Collective."""
 
     @abstractmethod
+    def on_segments(self, pairs: PairKinematics) -> Flags:
+        """Whether entries of ``pairs.dofs`` are nodes of segments, of the same shape."""
+
+    @abstractmethod
     def is_same(self, pairs: PairKinematics) -> Flags:
         """Whether pairs have the segments of the last step, shape ``(m,)``."""
 
@@ -160,6 +164,11 @@ class NodePairing(Pairing):
         total = np.zeros((len(self._history.key), 3))
         total[pairs.node] = force[:, :3]
         return total
+
+    def on_segments(self, pairs: PairKinematics) -> Flags:
+        of_segments = np.ones(pairs.dofs.shape, dtype=bool)
+        of_segments[:, 0] = False
+        return of_segments
 
     def is_same(self, pairs: PairKinematics) -> Flags:
         """Whether the sets of segments of nodes are those of the last step, by their keys."""

@@ -8,6 +8,7 @@ import numpy as np
 from dolfinx import fem
 
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.method import EDGES
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.integrators.rates import Rates
 from dolfinx_nts.integrators.rigid import spring_stiffness
@@ -61,7 +62,7 @@ def choose_default_stiffness(
         return moduli, nodal_densities(bodies, len(mass))
 
     for contact in contacts:
-        if rates.acceleration is None:
+        if rates.acceleration is None or contact.pair.method == EDGES:
             contact.derive_penalty(stiffness, _STIFF)
         else:
             contact.derive_penalty(stiffness, 1.0, cells)

@@ -23,7 +23,7 @@ def crossed(
     comm: MPI.Comm,
     *,
     is_rigid: bool = False,
-    edges: bool = True,
+    edges: bool | None = True,
     enforcement: nts.LagrangeMultiplier | nts.Penalty | None = None,
     friction: nts.Coulomb | None = None,
     scheme=nts.EnergyMomentum,
@@ -35,13 +35,14 @@ def crossed(
     place=PLACE,
     velocity=VELOCITY,
     turn: float = np.pi / 2,
+    method: str = "node-to-segment",
 ) -> Scene:
     """Two cubes on their edges, one above the other, whose edges cross. Collective.
 
     Args:
         comm: Communicator of the mesh.
         is_rigid: Whether the cubes are rigid.
-        edges: Whether their edges touch.
+        edges: Whether their edges touch; None for the default, once they have crossed.
         enforcement: How contact is enforced.
         friction: Law of friction.
         scheme: Class of the stepper.
@@ -53,6 +54,7 @@ def crossed(
         place: Where the upper cube is [m].
         velocity: Its velocity [m/s].
         turn: Angle between the edges [rad].
+        method: That of contact between the faces.
     """
     motion = motion or Motion.none()
     data = boxes([(n, n, n)] * 2, [(1.0, 1.0, 1.0)] * 2, cell)
@@ -72,8 +74,9 @@ def crossed(
         bodies,
         enforcement=enforcement or nts.LagrangeMultiplier(),
         friction=friction,
-        edges=edges,
-        method="node-to-segment",
+        edges=bool(edges),
+        exchange=edges is not False,
+        method=method,
     )
     stepper = scheme(bodies, pairs, dt=dt)
     stepper.set_velocity(bodies[1], motion.Q @ np.asarray(velocity))
@@ -82,7 +85,7 @@ def crossed(
 
 def tumbling(
     comm: MPI.Comm,
-    edges: bool,
+    edges: bool | None,
     num: int = 5,
     seed: int = 1,
     *,
@@ -95,7 +98,7 @@ def tumbling(
 
     Args:
         comm: Communicator of the mesh.
-        edges: Whether their edges touch.
+        edges: Whether their edges touch; None for the default, once they have crossed.
         num: How many cubes.
         seed: Of the random numbers.
         enforcement: How contact is enforced.
@@ -126,7 +129,8 @@ def tumbling(
         nts.RigidPlane((0, WIDTH, 0), (0, -1, 0)),
     ]
     laws = {"enforcement": enforcement or nts.LagrangeMultiplier(), "friction": friction}
-    pairs = nts.all_pairs(bodies, obstacles=walls, edges=edges, **(NODAL | laws))
+    laws["exchange"] = edges is not False
+    pairs = nts.all_pairs(bodies, obstacles=walls, edges=bool(edges), **(NODAL | laws))
     # Nodes of both sides: vertices of cubes meet faces of all others.
     between = [p for p in pairs if isinstance(p.segments, nts.Surface)]
     nodal = [p for p in between if p.method != "edge-to-edge"]

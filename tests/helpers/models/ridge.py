@@ -38,7 +38,7 @@ def over_ridge(
     comm: MPI.Comm,
     *,
     is_rigid: bool = False,
-    edges: bool = True,
+    edges: bool | None = True,
     enforcement: nts.LagrangeMultiplier | nts.Penalty | None = None,
     friction: nts.Coulomb | None = None,
     scheme=nts.EnergyMomentum,
@@ -55,7 +55,7 @@ def over_ridge(
     Args:
         comm: Communicator of the mesh.
         is_rigid: Whether the cube is rigid.
-        edges: Whether edges touch.
+        edges: Whether edges touch; None for the default, once they have crossed.
         enforcement: How contact is enforced.
         friction: Law of friction.
         scheme: Class of the stepper.
@@ -81,7 +81,8 @@ def over_ridge(
     if moving is not None:
         obstacle = obstacle.moving(moving)
     laws = {"enforcement": enforcement or nts.LagrangeMultiplier(), "friction": friction}
-    pairs = nts.all_pairs([cube], obstacles=[obstacle], edges=edges, **(NODAL | laws))
+    laws["exchange"] = edges is not False
+    pairs = nts.all_pairs([cube], obstacles=[obstacle], edges=bool(edges), **(NODAL | laws))
     stepper = scheme([cube], pairs, dt=dt)
     stepper.set_velocity(cube, motion.Q @ np.asarray(velocity))
     return Scene(stepper, {"cube": cube}, NUMBERS)

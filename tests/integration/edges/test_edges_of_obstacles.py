@@ -61,6 +61,7 @@ def test_central_blow_on_a_ridge_returns_e_times_the_speed(comm, e):
 def test_a_cube_stops_outside_of_the_box_and_goes_into_it_without_edges(comm):
     for laws, deepest in (
         ({"dt": 0.01}, 5e-3),
+        ({"dt": 0.01, "edges": None}, 1.5e-2),
         ({"dt": 0.01, "edges": False}, None),
         ({"scheme": nts.CentralDifference, "enforcement": nts.Penalty(2e4), "dt": 1e-3}, 0.0226),
     ):

@@ -59,6 +59,25 @@ def test_cubes_bounce_off_each_others_edges_with_exact_energy_in_any_position(co
     assert np.abs(momentum).max() < 1e-10
 
 
+@pytest.mark.at_most_two_ranks
+@pytest.mark.parametrize("method", ["node-to-segment", "mortar"])
+@pytest.mark.parametrize("law", [None, nts.Penalty(), nts.LagrangeMultiplier("plastic")])
+def test_edges_of_soft_cubes_touch_by_default(comm, law, method):
+    scene = crossed(comm, edges=None, enforcement=law, method=method)
+    first, last, given, depth, _ = run(scene, 55)
+    check(first, last, given)
+    assert depth < 0.05 if law else depth < 5e-3
+    *_, upper = nts.Diagnostics(scene.stepper).bodies().values()
+    assert upper.velocity[2] > -0.6
+
+
+@pytest.mark.serial
+def test_edges_of_rigid_cubes_touch_by_default(comm):
+    first, last, given, depth, _ = run(crossed(comm, is_rigid=True, edges=None, dt=0.01), 20)
+    check(first, last, given)
+    assert depth < 1.5e-2
+
+
 @pytest.mark.serial
 def test_without_edges_they_go_into_each_other(comm):
     _, _, _, depth, _ = run(crossed(comm, is_rigid=True, edges=False, dt=0.01), 20)

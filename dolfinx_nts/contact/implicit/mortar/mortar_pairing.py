@@ -10,7 +10,6 @@ from dolfinx_nts.contact.implicit.mortar.eliminated import EliminatedDofs
 from dolfinx_nts.contact.implicit.pair_blocks import PairBlocks
 from dolfinx_nts.contact.implicit.pairing import Pairing
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
-from dolfinx_nts.parallel import reductions
 from dolfinx_nts.search.mortar.facet_candidates import outside
 from dolfinx_nts.search.mortar.mortar_points import MortarPoints, at_nodes
 from dolfinx_nts.search.mortar.mortar_search import MortarCandidates
@@ -108,41 +107,15 @@ class MortarPairing(Pairing):
     def on_nodes(self, pairs: PairKinematics, force: Floats) -> Floats:
         """Sum the forces of all multipliers on the facets around the nodes."""
         facets, scatter = self._candidates.facets, self._candidates.scatter
-        on_facet = np.zeros(scatter.num_local, dtype=bool)
-        on_facet[facets.wholes] = True
-        forces = force.reshape(*pairs.dofs.shape, 3) * on_facet[pairs.dofs][:, :, None]
+        forces = force.reshape(*pairs.dofs.shape, 3) * ~self.on_segments(pairs)[:, :, None]
         total = np.zeros((scatter.index_map.size_local, 3))
         scatter.add(total, pairs.dofs, forces)
         return total[facets.nodes]
 
-    def on_bodies(self, pairs: PairKinematics, force: Floats, body: Ints) -> tuple[Ints, Floats]:
-        """Sum the forces of each pair on each body of its segments. Collective.
-
-        Args:
-            pairs: The ``m`` pairs.
-            force: Their forces, shape ``(m, d)`` [N].
-            body: Number of the body of each owned node of the space, shape ``(n,)``.
-
-        Returns:
-            Bodies on which the pair of each node acts, or -1, shape ``(n, w)``, and the forces on
-            them, ``(n, w, 3)`` [N].
-        """
-        facets, scatter = self._candidates.facets, self._candidates.scatter
-        of_map = scatter.forward(np.tile(body[:, None].astype(np.float64), 3))[:, 0]
-        of_map[facets.wholes] = -1
-        forces, of_entries = force.reshape(*pairs.dofs.shape, 3), of_map[pairs.dofs]
-        row, column = ((of_entries >= 0) & forces.any(axis=2)).nonzero()
-        width = 1 + int(of_map.max(initial=0))
-        keys = row * width + of_entries[row, column].astype(np.int64)
-        key, entry = np.unique(keys, return_inverse=True)
-        of_pair, number = np.divmod(key, width)
-        place = np.arange(len(key)) - np.searchsorted(of_pair, of_pair)
-        most = reductions.largest(scatter.index_map.comm, float(place.max(initial=0)))
-        shape, node = (len(self.area), 1 + int(most)), pairs.node[of_pair]
-        partner, reaction = np.full(shape, -1, dtype=np.int32), np.zeros((*shape, 3))
-        partner[node, place] = number
-        np.add.at(reaction, (node[entry], place[entry]), forces[row, column])
-        return partner, reaction
+    def on_segments(self, pairs: PairKinematics) -> Flags:
+        on_facet = np.zeros(self._candidates.scatter.num_local, dtype=bool)
+        on_facet[self._candidates.facets.wholes] = True
+        return ~on_facet[pairs.dofs]
 
     def is_same(self, pairs: PairKinematics) -> Flags:
         """True for all nodes, since mortar contact assigns no segments to nodes."""

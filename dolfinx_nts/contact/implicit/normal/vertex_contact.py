@@ -1,4 +1,4 @@
-"""Normal contact of vertices on edges and corners with faces, in one attempt at a step."""
+"""Normal contact of vertices with faces, and of edges, in one attempt at a step."""
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
@@ -33,7 +33,7 @@ _ONE = 0.99
 class _Vertices(NormalContact):
     """Contact of vertices that were active in the last step, or penetrate a face within the step.
 
-    See `add_vertices`.
+    With edge-to-edge contact, these are edges that cross others. See `add_vertices`.
     """
 
     def _prepare(self, state: PairState | JointState, search: LocalSearch) -> None:
@@ -41,9 +41,12 @@ class _Vertices(NormalContact):
         self._candidates = cast(SegmentCandidates, search.candidates)
         self._states = cast(tuple[VertexState, ...], members(state))
         self._tolerance = np.concatenate([each.tolerance for each in self._states])
+        segments, faces = self._candidates.segments, self._states[0].segments
+        self._are_edges = self._states[0].are_edges
         # Smooth segments list the vertices of the facet first, then the nodes around it.
-        k = cast(Surface, self._states[0].segments).segments.shape[1]
-        self._facets: Ints = np.ascontiguousarray(self._candidates.segments[:, :k])
+        if isinstance(faces, Surface) and not self._are_edges:
+            segments = segments[:, : faces.segments.shape[1]]
+        self._facets: Ints = np.ascontiguousarray(segments)
 
     @abstractmethod
     def _stay(self, node: Ints) -> Flags:
@@ -93,10 +96,13 @@ class _Vertices(NormalContact):
     def _above(self, node: Ints, segment: Ints, x: Floats) -> tuple[Flags, Ints, Floats]:
         """Vertices whose projections are on their facets, nearest facet nodes, and depths. Local.
 
-        Arguments as for `_lack_force`. Returns flags, nodes of the map or -1 between nodes, and
-        depths below the facets [m], all of shape ``(m,)``.
+        Arguments as for `_lack_force`. Returns flags, nodes of the map or -1 between nodes and for
+        edges, and depths below the facets [m], all of shape ``(m,)``.
         """
         points, vertices = self._search.points.take(node), self._facets[segment]
+        if self._are_edges:
+            none = np.full(len(node), -1, dtype=np.int32)
+            return none < 0, none, -self._candidates.gap(points, x, segment)
         pairs = _kernels.with_vertices(points.of(x), x, self._facets, segment)
         xi, gap, *_ = _kernels.project(pairs, self._candidates.orientation[segment])
         outside = np.fmax(-xi.min(axis=1), xi.max(axis=1) - 1)
@@ -166,7 +172,8 @@ class VertexMultipliers(_Vertices, MultiplierContact):
             return 0
         for each, start, end in zip(self._states, ends[:-1], ends[1:], strict=True):
             given = each.given
-            if not each.is_reverse and given.pair.method == MORTAR:
+            is_own = not (each.is_reverse or each.are_edges)
+            if is_own and given.pair.method == MORTAR:
                 nodes = each.nodes.nodes[holding[start:end]]
                 number += self._replace(given, np.isin(given.nodes.nodes, nodes))
         return number
