@@ -160,7 +160,7 @@ def mortar_points(
     sunk: float,
     are_rings: bool,
     are_smooth: bool,
-) -> tuple[_Ints, _Ints, _Floats, _Floats, _Floats]: ...
+) -> tuple[_Ints, _Ints, _Floats, _Floats, _Floats, _Floats]: ...
 def sum_rows(
     phi: _Floats,
     start: _Keys,

@@ -85,7 +85,7 @@ auto find_points(const Ints& facets, const Doubles& facet_orientation,
       });
   return std::tuple(array(points.facet), array(points.segment),
                     array(points.weight), rows(points.phi, n),
-                    rows(points.psi, k));
+                    rows(points.psi, k), array(points.step));
 }
 
 /// @brief Points and shares, checked.
@@ -284,8 +284,8 @@ void mortar(nb::module_& m)
       nb::arg("sunk"), nb::arg("are_rings"), nb::arg("are_smooth"),
       "(f, n) rows of positions (f,), (l, 3), (l, 3), (l, 3), (s, k) rows of "
       "other positions (s,), (s,), (s,), (v, 3), (v, 3), -, -, -, - -> facet, "
-      "segment, weight of each point (p,), phi (p, n) and psi (p, k), see "
-      "nts/search/mortar_points.h");
+      "segment, weight of each point (p,), phi (p, n), psi (p, k) and step of "
+      "each facet (f,), see nts/search/mortar_points.h");
   m.def("sum_rows", &sum_rows, nb::arg("phi"), nb::arg("start"),
         nb::arg("point"), nb::arg("share"), nb::arg("place"), nb::arg("length"),
         nb::arg("values"),

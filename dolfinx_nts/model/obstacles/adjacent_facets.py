@@ -59,11 +59,12 @@ class AdjacentFacets:
         pairs = _kernels.with_vertices(points, x, self._facets, facet)
         return _outside(_kernels.project(pairs, self._orientation[facet])[0], pairs.shape[1] - 1)
 
-    def are_beyond_edges(self, points: Floats, x: Floats, facet: Ints) -> Flags:
-        """Whether points are below their facets only beyond a convex edge, ``(m,)``.
+    def are_nearer_to_adjacent(self, points: Floats, x: Floats, facet: Ints) -> Flags:
+        """Whether points below their facets are less deep below an adjacent one, ``(m,)``.
 
-        At a convex edge of 30 degrees or more the adjacent facet turns away. The points are above
-        it, and thus not inside the body.
+        The adjacent facet turns away at a convex edge by 30 degrees or more. Points above it are
+        not inside the body. Deeper points may be behind the opposite side of the body of the
+        facet of the points.
         """
         flags: Flags = np.zeros(len(facet), dtype=bool)
         k = self._facets.shape[1]
@@ -81,7 +82,7 @@ class AdjacentFacets:
         behind = pairs[:, 1:].mean(axis=1) - x[own].mean(axis=1)
         turns = np.einsum("ei,ei->e", of_other, normal[row]) < SHARP
         turns &= np.einsum("ei,ei->e", behind, normal[row]) < 0
-        flags[row[turns & (above > 0)]] = True
+        flags[row[turns & (above > gap[row])]] = True
         return flags
 
     def have_common_vertices(self, facet: Ints, other: Ints) -> Flags:

@@ -82,7 +82,7 @@ def bodies(rng, kind):
 
 
 @pytest.mark.parametrize("kind", ["triangle", "tetrahedron", "box"])
-def test_points_below_a_facet_are_beyond_an_edge_if_they_are_above_the_facet_there(kind, rng):
+def test_points_belong_to_the_adjacent_facet_below_which_they_are_less_deep(kind, rng):
     num_flagged = 0
     for _ in range(20):
         x, facets = bodies(rng, kind)
@@ -96,10 +96,10 @@ def test_points_below_a_facet_are_beyond_an_edge_if_they_are_above_the_facet_the
         heights = np.einsum("psi,si->ps", points[:, None] - x[facets[:, 0]], normal)
         shared = (facets[:, None, :, None] == facets[None, :, None]).sum(axis=(2, 3))
         meet = shared[facet] == (1 if kind == "triangle" else 2)
-        right = (heights[np.arange(len(points)), facet] < 0) & (meet & (heights > 0)).any(axis=1)
-        flags = AdjacentFacets(facets, orientation).are_beyond_edges(points, x, facet)
+        own = heights[np.arange(len(points)), facet]
+        right = (own < 0) & (meet & (heights > own[:, None])).any(axis=1)
+        flags = AdjacentFacets(facets, orientation).are_nearer_to_adjacent(points, x, facet)
         np.testing.assert_array_equal(flags, right)
-        assert not np.any(flags & (heights < 0).all(axis=1))
         num_flagged += np.count_nonzero(flags)
     assert num_flagged > 200
 
@@ -112,5 +112,6 @@ def test_edges_of_less_than_30_degrees_and_concave_ones_separate_nothing():
         _, normal = outward(x, facets)
         up = np.sign(normal[:, 1])  # outward is up
         beyond = np.array([[1.5, -0.01, 0.0]])
-        flags = AdjacentFacets(facets, up).are_beyond_edges(beyond, x, np.zeros(1, dtype=np.int32))
+        adjacent = AdjacentFacets(facets, up)
+        flags = adjacent.are_nearer_to_adjacent(beyond, x, np.zeros(1, dtype=np.int32))
         assert flags[0] == flagged

@@ -6,8 +6,10 @@
 #include "nts/search/local_search.h"
 #include "nts/search/multiplier_functions.h"
 
+#include <cmath>
 #include <iterator>
 #include <numbers>
+#include <numeric>
 #include <span>
 #include <type_traits>
 #include <utility>
@@ -42,6 +44,11 @@ struct MortarRule
   /// Fraction of a facet that may be covered more than once, as a tolerance for
   /// round-off: larger overlaps are not round-off.
   static constexpr double overlap = 1e-6;
+  /// Height of a step between unconnected parts of the segments below a facet,
+  /// relative to its diameter, above which only the nearest part counts.
+  /// Larger: points hidden behind other segments make quadrature inexact;
+  /// smaller: parts are left out that facets reach after some compression.
+  static constexpr double farthest = 0.25;
 };
 
 /// @brief Contact points, in the order of their facets. The points of a facet
@@ -53,6 +60,7 @@ struct MortarPoints
   std::vector<double> weight;        ///< reference area [m^2]; 0 at corners
   std::vector<double> phi;           ///< shape functions of the facet, (p, n)
   std::vector<double> psi;           ///< shape functions of multipliers, (p, k)
+  std::vector<double> step; ///< of each facet, see `MortarSearch::step`
 };
 
 /// @brief Positions of nodes at one end of a step, and of segments [m].
@@ -102,6 +110,7 @@ private:
   {
     std::int32_t segment;
     Part whole, part; // of the segment near and in the reference cell
+    double gap;       // mean gap at the corners of the part [m]
   };
 
   /// @brief A point in the reference cell of a facet.
@@ -214,6 +223,91 @@ private:
                : std::max(there, before) / below.part.size();
   }
 
+  /// @brief Numbers of the connected parts of segments, which have common
+  /// vertices within a part.
+  std::vector<std::size_t> parts(const std::vector<Below>& found) const
+  {
+    std::vector<std::size_t> part(found.size());
+    std::iota(part.begin(), part.end(), std::size_t(0));
+    const auto first = [&part](std::size_t i)
+    {
+      while (part[i] != i)
+        i = part[i] = part[part[i]];
+      return i;
+    };
+    std::vector<std::pair<std::int32_t, std::size_t>> corners;
+    for (std::size_t i = 0; i < found.size(); ++i)
+      for (std::size_t j = 0; j < k; ++j)
+        corners.emplace_back(_segments.vertices[k * found[i].segment + j], i);
+    std::ranges::sort(corners);
+    for (std::size_t i = 1; i < corners.size(); ++i)
+      if (corners[i].first == corners[i - 1].first)
+        part[first(corners[i].second)] = first(corners[i - 1].second);
+    for (std::size_t i = 0; i < part.size(); ++i)
+      part[i] = first(i);
+    return part;
+  }
+
+  /// @brief Least distance of the vertices of a part from the plane of a
+  /// segment [m].
+  double height(const std::vector<Below>& found,
+                const std::vector<std::size_t>& part, std::size_t number,
+                std::int32_t segment) const
+  {
+    const std::array<Vec3, k> plane = nodes(_segments, segment, _segments.x);
+    const Vec3 up = normal<S>(plane, _segments.orientation[segment]);
+    double least = INFINITY;
+    for (std::size_t i = 0; i < found.size(); ++i)
+      if (part[i] == number)
+        for (const Vec3& y : nodes(_segments, found[i].segment, _segments.x))
+          least = std::min(least, std::abs(dot(up, y - plane[0])));
+    return least;
+  }
+
+  /// @brief Largest step between unconnected parts of the segments below a
+  /// facet, relative to its diameter [-]. Parts behind a step of more than
+  /// `MortarRule::farthest` from the nearest part are removed.
+  double step(std::vector<Below>& found, double diameter) const
+  {
+    std::vector<std::size_t> part = parts(found);
+    std::vector<std::size_t> nearest; // segment of each part
+    const auto distance
+        = [&found](std::size_t i) { return std::abs(found[i].gap); };
+    for (std::size_t i = 0; i < found.size(); ++i)
+    {
+      const auto same = std::ranges::find_if(nearest, [&](std::size_t j)
+                                             { return part[j] == part[i]; });
+      if (same == nearest.end())
+        nearest.push_back(i);
+      else if (distance(i) < distance(*same))
+        *same = i;
+    }
+    if (nearest.size() < 2)
+      return 0;
+    const std::size_t own = *std::ranges::min_element(nearest, {}, distance);
+    double largest = 0;
+    std::vector<bool> is_far(found.size());
+    for (const std::size_t other : nearest)
+      if (other != own)
+      {
+        const double high
+            = std::min(height(found, part, part[other], found[own].segment),
+                       height(found, part, part[own], found[other].segment))
+              / diameter;
+        if (high > MortarRule::farthest)
+          for (std::size_t i = 0; i < found.size(); ++i)
+            is_far[i] = is_far[i] || part[i] == part[other];
+        else
+          largest = std::max(largest, high);
+      }
+    std::vector<Below> kept;
+    for (std::size_t i = 0; i < found.size(); ++i)
+      if (!is_far[i])
+        kept.push_back(std::move(found[i]));
+    found = std::move(kept);
+    return largest;
+  }
+
   void add_facet(std::int32_t e, const Tree& tree)
   {
     const std::array<Vec3, n> x = nodes(_facets, e, _facets.x);
@@ -236,19 +330,21 @@ private:
     const Box box(c);
 
     std::vector<Below> found;
-    double nearest = INFINITY, covered = 0;
+    // All segments in the shadow of the facet up to the gap of radius + reach
+    // are within this distance, in any rotated scene.
+    const double limit = std::hypot(radius, radius + _reach);
     const auto visit = [&](std::int32_t s)
     {
       const std::array<Vec3, k> y = nodes(_segments, s, _segments.x);
       if (!(dot(normal<S>(y, _segments.orientation[s]), up)
             < MortarRule::facing))
-        return radius + _reach;
+        return limit;
       std::array<Vec2, k> corners;
       for (std::size_t i = 0; i < k; ++i)
         corners[i] = flat(y[i]);
       if (box.is_apart(corners))
-        return radius + _reach;
-      Below below = {s, {}, {}};
+        return limit;
+      Below below = {s, {}, {}, 0};
       if constexpr (k == 2)
       {
         below.whole
@@ -263,19 +359,26 @@ private:
       }
       const double size = std::abs(area(below.part));
       if (size < MortarRule::least_area)
-        return radius + _reach;
+        return limit;
       const double g = gap_of(e, below);
       // A deeper facet belongs to the opposite side of the body.
       const bool is_behind = g < -std::max(_ends.thickness[s], _segments.sunk);
-      if (!std::isnan(g) && !is_behind && !_segments.is_too_deep(s, g))
+      if (!std::isnan(g) && g <= radius + _reach && !is_behind
+          && !_segments.is_too_deep(s, g))
       {
-        nearest = std::min(nearest, g);
-        covered += size;
+        below.gap = g;
         found.push_back(std::move(below));
       }
-      return radius + _reach;
+      return limit;
     };
-    tree.nearest(centre, radius + _reach, visit);
+    tree.nearest(centre, limit, visit);
+    _points.step.push_back(step(found, 2 * radius));
+    double nearest = INFINITY, covered = 0;
+    for (const Below& below : found)
+    {
+      nearest = std::min(nearest, below.gap);
+      covered += std::abs(area(below.part));
+    }
     if (!(nearest <= _reach))
       return;
     // The order of sums is the same on any partition.
