@@ -51,7 +51,7 @@ class ContactHistory:
         energy: Energy of the node's springs, shape ``(n,)`` [J].
         dissipation: Energy dissipated by friction in the last step, shape ``(n,)`` [J].
         partner: Bodies that take the reactions to the force of the multiplier, or -1, shape
-            ``(n, w)``: only in implicit steps, see `PairState.shares_reactions`.
+            ``(n, w)``: only in implicit steps, see `Passes.sharing_bodies`.
         reaction: These reactions, shape ``(n, w, 3)`` [N].
         area: Area on which the multiplier acts, shape ``(n,)`` [m^2]: of all facets around the
             node, see `Tractions.area`, or in mortar contact the area covered by segments.

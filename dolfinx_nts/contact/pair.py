@@ -80,8 +80,7 @@ class ContactPair(Declaration):
         nodes: Surface whose nodes may touch.
         segments: Surface whose segments they may touch, or a rigid obstacle.
         enforcement: Law of normal contact. None for springs (`Penalty`) in implicit and explicit
-            dynamics. In statics, and in `EnergyMomentum` and `Midpoint` at nodes of rigid bodies
-            and at crossing edges, None means Lagrange multipliers with elastic impact.
+            dynamics, and for Lagrange multipliers in statics.
         friction: Law of friction, such as `Coulomb`, `Stribeck`, `SlipWeakening` or `Tresca`, or a
             custom `FrictionLaw`; a number is the coefficient of Coulomb's law. None for contact
             without friction.
@@ -91,17 +90,17 @@ class ContactPair(Declaration):
             exactly on any meshes. At degree 2 only vertices carry multipliers.
             ``"edge-to-edge"``: edges of the first surface must not cross edges of the second one,
             or of a `RigidSurface`, if both edges are convex and turn by 30 degrees or more. Use
-            it in addition to a pair of the same surfaces with one of the other methods, which do
-            not detect crossing edges. None for mortar contact between two surfaces. With
-            obstacles, smooth segments, ties, self contact, convective friction, or multipliers
-            at nodes of rigid bodies by default, and in explicit steps, None means node-to-segment
-            contact.
+            it in addition to a pair of the same surfaces with one of the other methods, for edges
+            that touch at once, see ``exchange``. None for mortar contact between two surfaces.
+            With obstacles, smooth segments, ties, self contact, convective friction, or nodes of
+            rigid bodies, and in explicit steps, None means node-to-segment contact.
         name: Name in columns and legends; empty for the names of the two sides.
         exchange: Whether vertices on convex edges and corners also have contact: vertices of the
             segments, and with mortar contact or in statics those of the nodes. A vertex that
             penetrates a face by more than a hundredth of a facet, and by more than the compression
-            of the springs there, becomes a node and the face a segment, with the same laws. False
-            is the method of the paper.
+            of the springs there, becomes a node and the face a segment, with the same laws. In
+            space, edges that cross by as much touch, also those of a `RigidSurface`. False is the
+            method of the paper.
 
     Attributes:
         nodes, segments, name, exchange: The arguments.

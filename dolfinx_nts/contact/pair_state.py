@@ -16,7 +16,7 @@ from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.cell_stiffness import SOFT, depth_per_speed, softer_layer
 from dolfinx_nts.contact.enforcement import Penalty, Tied
 from dolfinx_nts.contact.history import NEVER, ContactHistory, reloaded
-from dolfinx_nts.contact.method import EDGES, MORTAR, NODES
+from dolfinx_nts.contact.method import EDGES, MORTAR
 from dolfinx_nts.contact.nodes_of_pairs import NodesOfPairs
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.passes import ForcesOfNodes, Passes
@@ -53,14 +53,9 @@ class PairState(Tractions, NodesOfPairs):
     Args:
         pair: The pair.
         passes: Passes of the stepper, to which this pair is added; None for a single pair.
-        body_of_nodes: Number of the body of each owned node of the space, ``(n,)``; None for a
-            single pair.
 
     Attributes:
-        pair, body_of_nodes: The arguments.
-        shares_reactions: Whether several bodies share the reactions to a force: segments of several
-            bodies in mortar contact, whose nodes have several segments, and edges of several
-            bodies, which have no keys.
+        pair: The argument.
         search: Global search of the candidates.
         accepted: Last accepted contact, see `accept`.
         eps_N: Stiffness of the penalty springs, shape ``(n,)`` [N/m]; None before the first step,
@@ -78,15 +73,11 @@ class PairState(Tractions, NodesOfPairs):
     vertices: "tuple[PairState, ...]" = ()
     is_reverse = False
 
-    def __init__(
-        self, pair: ContactPair, passes: Passes | None = None, body_of_nodes: Ints | None = None
-    ) -> None:
+    def __init__(self, pair: ContactPair, passes: Passes | None = None) -> None:
         NodesOfPairs.__init__(self, [pair])
         at_rest = Passes(partial(reference_positions, pair.nodes.V), lambda: 0.0)
         Tractions.__init__(self, pair, _search(pair), at_rest if passes is None else passes)
         self.passes.join(pair, self._forces_on_segments)
-        self.body_of_nodes = body_of_nodes
-        self.shares_reactions = body_of_nodes is not None and _share_reactions(pair, body_of_nodes)
         if isinstance(self.search, GlobalSearch):
             self.search.in_dents = isinstance(pair.enforcement, Penalty)
         # A separate search for `gap`, which must not change the candidates of steps.
@@ -352,17 +343,6 @@ class PairState(Tractions, NodesOfPairs):
             values = f"{least:.3g}" + (f" to {greatest:.3g}" if greatest > least else "")
             text += f", {name} = {values} N/m"
         return text
-
-
-def _share_reactions(pair: ContactPair, body_of_nodes: Ints) -> bool:
-    """Whether several bodies share reactions, see `PairState`. Collective."""
-    segments, comm = pair.segments, pair.nodes.V.mesh.comm
-    if pair.method == NODES or not isinstance(segments, Surface):
-        return False
-    there = body_of_nodes[segments.nodes].astype(np.float64)
-    first = reductions.least(comm, float(there.min(initial=np.inf)))
-    last = reductions.largest(comm, float(there.max(initial=-np.inf)))
-    return first < last
 
 
 def _takes_default(pair: ContactPair) -> bool:

@@ -5,11 +5,16 @@ With springs at nodes of both sides, as in `two_half_passes`, the force is the s
 
 import weakref
 from collections.abc import Callable
+from weakref import WeakKeyDictionary
 
-from dolfinx_nts.common.arrays import Floats
+import numpy as np
+
+from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.contact.history import ContactHistory
-from dolfinx_nts.contact.method import EDGES
+from dolfinx_nts.contact.method import EDGES, NODES
 from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.parallel import reductions
 
 __all__ = ["ForcesOfNodes", "Passes"]
 
@@ -24,15 +29,39 @@ class Passes:
     Args:
         positions: Returns the positions of the local nodes after the last step, ``(l, 3)`` [m].
         time: Returns the time after the last step [s].
+        body_of_nodes: Number of the body of each owned node of the space, ``(n,)``; None if
+            unknown.
 
     Attributes:
         positions, time: The arguments.
     """
 
-    def __init__(self, positions: Callable[[], Floats], time: Callable[[], float]) -> None:
-        self.positions, self.time = positions, time
+    def __init__(
+        self,
+        positions: Callable[[], Floats],
+        time: Callable[[], float],
+        body_of_nodes: Ints | None = None,
+    ) -> None:
+        self.positions, self.time, self._body_of_nodes = positions, time, body_of_nodes
+        self._sharing: WeakKeyDictionary[ContactPair, bool] = WeakKeyDictionary()
         # Weak references avoid cycles, which would be collected at different times on each rank.
         self._all: list[tuple[ContactPair, weakref.WeakMethod[_ForcesOnSegments]]] = []
+
+    def sharing_bodies(self, pair: ContactPair) -> Ints | None:
+        """Body of each owned node if several bodies share the reactions to a force. Collective.
+
+        These are segments of several bodies in mortar contact, whose nodes have several segments,
+        and edges of several bodies, which have no keys. Otherwise the result is None.
+        """
+        body, segments = self._body_of_nodes, pair.segments
+        if body is None or pair.method == NODES or not isinstance(segments, Surface):
+            return None
+        if pair not in self._sharing:
+            comm, there = segments.V.mesh.comm, body[segments.nodes].astype(np.float64)
+            first = reductions.least(comm, float(there.min(initial=np.inf)))
+            last = reductions.largest(comm, float(there.max(initial=-np.inf)))
+            self._sharing[pair] = first < last
+        return body if self._sharing[pair] else None
 
     def join(self, pair: ContactPair, forces_on_segments: _ForcesOnSegments) -> None:
         """Add a pass.

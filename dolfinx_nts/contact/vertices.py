@@ -55,17 +55,15 @@ class VertexState(PairState):
 
     Attributes:
         given, tolerance, is_reverse: The arguments.
-        are_edges: Whether edges of both sides touch.
     """
 
     def __init__(
         self, given: PairState, pair: ContactPair, tolerance: Floats, *, is_reverse: bool = False
     ) -> None:
         self.given, self.tolerance, self.is_reverse = given, tolerance, is_reverse
-        self.are_edges = pair.method == EDGES
         # Remaining number of steps without the vertices, and number at the next release.
         self._pauses = 0, 1
-        super().__init__(pair, given.passes, given.body_of_nodes)
+        super().__init__(pair, given.passes)
 
     @property
     def is_released(self) -> bool:

@@ -197,9 +197,9 @@ class Stepper(TimeLoop):
         check_rigid_bodies(self.bodies, self.pairs)
         warn_of_bodies_without_pair(self.bodies, self.pairs)
         super().__init__(V, dt, self.bodies, self.scheme)
-        passes = Passes(partial(current_positions, self._X, self.u), self._now.item)
         body = body_of_nodes(self.bodies)[: V.dofmap.index_map.size_local]
-        self.contacts = tuple(PairState(pair, passes, body) for pair in self.pairs)
+        passes = Passes(partial(current_positions, self._X, self.u), self._now.item, body)
+        self.contacts = tuple(PairState(pair, passes) for pair in self.pairs)
         self.watch = ContactWatch(self.bodies, self.contacts)
         # Bound on the displacement increments of all nodes in the last step [m].
         self._was_displaced, self._increment = True, 0.0

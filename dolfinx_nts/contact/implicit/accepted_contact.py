@@ -29,8 +29,8 @@ def contact_history(step: ContactStep, last: ContactContribution) -> ContactHist
     energy, offset = normal.energy(pairs)
     slip_energy, slip = friction.accepted(pairs, step.x)
     first, by_body = members(step.state)[0], dict[str, Array]()
-    if first.shares_reactions and first.body_of_nodes is not None:
-        partner, reaction = _reactions(step, last, first.body_of_nodes)
+    if (body := first.passes.sharing_bodies(first.pair)) is not None:
+        partner, reaction = _reactions(step, last, body)
         by_body = {"partner": partner, "reaction": reaction}
     history = ContactHistory.at(
         n,
@@ -60,7 +60,7 @@ def contact_history(step: ContactStep, last: ContactContribution) -> ContactHist
 def _reactions(step: ContactStep, last: ContactContribution, body: Ints) -> tuple[Ints, Floats]:
     """Reactions to the force of each pair on the bodies of its segments. Collective.
 
-    Arguments as for `contact_history`; ``body`` is `PairState.body_of_nodes`.
+    Arguments as for `contact_history`; ``body`` is the body of each owned node.
 
     Returns:
         Bodies on which the pair of each node acts, or -1, shape ``(n, w)``, and the reactions,

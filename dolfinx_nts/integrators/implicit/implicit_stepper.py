@@ -25,7 +25,7 @@ from dolfinx_nts import _kernels, compat
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.checks.stiff_nodes import warn_of_stiff_nodes
-from dolfinx_nts.contact.enforcement import LagrangeMultiplier
+from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.contact.implicit.accepted_contact import contact_history, contact_work
 from dolfinx_nts.contact.implicit.certificate import (
     check_boundaries,
@@ -37,7 +37,6 @@ from dolfinx_nts.contact.implicit.contact_step import ContactStep
 from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.normal.interface import known_nodes
 from dolfinx_nts.contact.massless import is_resolved, massless_nodes
-from dolfinx_nts.contact.method import EDGES
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.vertices import VertexState, add_vertices, release_vertices
 from dolfinx_nts.fem.components import in_space
@@ -201,11 +200,9 @@ class ImplicitStepper(Stepper):
         rigid bodies, which do not vibrate in contact. With multipliers the generalised-alpha method
         would gain energy.
         """
-        conserves = self.scheme.contact != "static"
         rigid = gives_rigid_nodes(pair, self.bodies)
-        if self.scheme.rates is NoRates or (conserves and (rigid or pair.method == EDGES)):
-            return pair.with_defaults(LagrangeMultiplier(), nodal=rigid)
-        return super()._with_defaults(pair)
+        law = LagrangeMultiplier() if self.scheme.rates is NoRates else Penalty()
+        return pair.with_defaults(law, nodal=rigid)
 
     @property
     def _sleeping(self) -> SleepingBodies:

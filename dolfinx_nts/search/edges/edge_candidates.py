@@ -7,6 +7,7 @@ import numpy as np
 from dolfinx_nts._kernels import DEEPEST, HYSTERESIS, OVERHANG
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
+from dolfinx_nts.model.obstacles.trajectories import Trajectories
 from dolfinx_nts.search.candidates import Candidates
 from dolfinx_nts.search.edges.crossings import WEIGHTS, Crossing
 from dolfinx_nts.search.edges.current_edges import Edges, pairs_within
@@ -257,6 +258,12 @@ class EdgeCandidates(SegmentCandidates):
 
     def slip(self, law: str, points: ContactPoints, x_n: Floats, x: Floats, segment: Ints) -> Slip:
         return super().slip(law, points, x_n, x, segment).combined(self._weights)
+
+    def follow(self, points: ContactPoints, x_n: Floats, x: Floats, inside: Ints) -> Trajectories:
+        # Edges have no path below a surface.
+        number = len(points.facing.numbers)
+        zero, none = np.zeros(number), np.full(number, -1, dtype=np.int32)
+        return Trajectories(none, none >= 0, zero, zero, zero, zero)
 
     def is_at_rim(self, points: ContactPoints, x: Floats, segment: Ints) -> Flags:
         # True, as another edge or facet begins at the end of an edge.

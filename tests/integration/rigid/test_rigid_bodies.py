@@ -148,13 +148,41 @@ def falling(
 FALLS = {"edge": (0.3, None), "face": (0.0, STICK), "corner": (0.05, nts.Coulomb(mu=0.8))}
 
 
+@pytest.mark.serial
+@pytest.mark.parametrize("dt", [0.004, 0.0037])
+def test_a_rigid_block_that_friction_has_stopped_is_at_rest_by_default(comm, dt):
+    def build(model):
+        nts.parts.add_rectangle(model, "block", corner=(0, 0), size=(0.2, 0.1), cells=(4, 2))
+
+    mesh, cells, _, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (2,)))
+    block = nts.RigidBody(V, cells, tag["block"], RHO, guide=nts.Guide(slides="xy"))
+    floor = nts.RigidPlane((0, 0), (0, 1))
+    pair = nts.ContactPair(nts.boundary_of(block), floor, friction=0.4)
+    gravity = nts.Gravity([block], (0, -9.81))
+    stepper = nts.EnergyMomentum([block], [pair], dt=dt, loads=[gravity])
+    stepper.set_velocity(block, (1.0, 0.0))
+    diagnostics, v, friction = nts.Diagnostics(stepper), [], []
+    start = diagnostics.centre_of_mass(block)[0]
+    for step in stepper.run(until=0.5):
+        if step.t > 0.45:
+            v.append(diagnostics.body_velocity(block)[0])
+            (force,) = diagnostics.pairs().values()
+            friction.append(force.force[0])
+    mass = RHO * 0.2 * 0.1
+    assert np.abs(v).max() < 1e-4
+    assert np.abs(friction).max() < 0.02 * 0.4 * mass * 9.81
+    path = diagnostics.centre_of_mass(block)[0] - start
+    assert path == pytest.approx(1 / (2 * 0.4 * 9.81), rel=5e-3)
+
+
 @pytest.mark.at_most_two_ranks
 @pytest.mark.parametrize(
     ("tilt", "friction"), [once(*FALLS["edge"]), FALLS["face"], once(*FALLS["corner"])]
 )
 def test_rigid_body_bounces_on_a_floor_with_exact_energy(comm, tilt, friction):
     # All nine nodes of a face touch together: only the sum of their forces is unique.
-    stepper = falling(comm, tilt, friction)
+    stepper = falling(comm, tilt, friction, nts.LagrangeMultiplier())
     diagnostics = nts.Diagnostics(stepper)
     first, given, active, rises = diagnostics.balance(), 0.0, 0, False
     for _ in range(40):
@@ -215,7 +243,11 @@ def test_nodes_of_a_rigid_body_may_touch(comm, lower, friction):
 @pytest.mark.serial
 @pytest.mark.parametrize(
     ("enforcement", "friction", "warns"),
-    [(None, STICK, True), (None, None, False), (nts.Penalty(), STICK, False)],
+    [
+        (nts.LagrangeMultiplier(), STICK, True),
+        (nts.LagrangeMultiplier(), None, False),
+        (None, STICK, False),
+    ],
 )
 def test_failures_name_pairs_without_unique_forces(comm, enforcement, friction, warns):
     floor = nts.RigidPlane((0, 0, 0), (0, 0, 1))

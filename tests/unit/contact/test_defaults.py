@@ -84,16 +84,16 @@ def test_contact_that_mortar_cannot_have_is_at_nodes(scene, surfaces, refused):
         nts.QuasiStatic(scene.stepper.bodies, [rubbed], dt=1.0)
 
 
-def test_nodes_of_rigid_bodies_and_edges_have_multipliers():
+def test_nodes_of_rigid_bodies_and_edges_have_springs():
     scene = rigid.impact(MPI.COMM_WORLD)
     soft, hard = (nts.boundary_of(body) for body in scene.stepper.bodies)
     pairs = nts.ContactPair(hard, soft), nts.ContactPair(soft, hard)
     edges = nts.ContactPair(soft, hard, method="edge-to-edge")
     found = [used(nts.EnergyMomentum, scene, pair) for pair in (*pairs, edges)]
     assert found == [
-        (MULTIPLIERS, "node-to-segment"),
+        (SPRINGS, "node-to-segment"),
         (SPRINGS, "mortar"),
-        (MULTIPLIERS, "edge-to-edge"),
+        (SPRINGS, "edge-to-edge"),
     ]
 
 

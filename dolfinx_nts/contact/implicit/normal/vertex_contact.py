@@ -15,7 +15,7 @@ from dolfinx_nts.contact.implicit.normal.interface import NormalContact
 from dolfinx_nts.contact.implicit.normal.multiplier import MultiplierContact
 from dolfinx_nts.contact.implicit.normal.penalty import PenaltyContact
 from dolfinx_nts.contact.joint_state import JointState, members
-from dolfinx_nts.contact.method import MORTAR
+from dolfinx_nts.contact.method import EDGES, MORTAR
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.contact.vertices import VertexState, released
 from dolfinx_nts.model.surfaces import Surface
@@ -42,7 +42,7 @@ class _Vertices(NormalContact):
         self._states = cast(tuple[VertexState, ...], members(state))
         self._tolerance = np.concatenate([each.tolerance for each in self._states])
         segments, faces = self._candidates.segments, self._states[0].segments
-        self._are_edges = self._states[0].are_edges
+        self._are_edges = state.pair.method == EDGES
         # Smooth segments list the vertices of the facet first, then the nodes around it.
         if isinstance(faces, Surface) and not self._are_edges:
             segments = segments[:, : faces.segments.shape[1]]
@@ -172,7 +172,7 @@ class VertexMultipliers(_Vertices, MultiplierContact):
             return 0
         for each, start, end in zip(self._states, ends[:-1], ends[1:], strict=True):
             given = each.given
-            is_own = not (each.is_reverse or each.are_edges)
+            is_own = not each.is_reverse and each.pair.method != EDGES
             if is_own and given.pair.method == MORTAR:
                 nodes = each.nodes.nodes[holding[start:end]]
                 number += self._replace(given, np.isin(given.nodes.nodes, nodes))
