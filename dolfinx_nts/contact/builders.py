@@ -21,6 +21,7 @@ from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.fem.node_numbering import geometry_unchanged
 from dolfinx_nts.model.bodies import Body, common_space
 from dolfinx_nts.model.connected_bodies import connected, log_shared_nodes
+from dolfinx_nts.model.moduli import least_modulus
 from dolfinx_nts.model.obstacles.obstacle import Obstacle
 from dolfinx_nts.model.surfaces import Smooth, Surface, boundary_facets, facet_size_towards
 from dolfinx_nts.search.edges.rigid_edge_search import num_sharp_edges
@@ -137,9 +138,7 @@ def all_pairs(
         raise ValueError("expected edges=True for bodies in space only, given a mesh of the plane")
     log_shared_nodes(bodies)
     surface = cache(boundary_of)
-    stiffness = {body: body.material.least_modulus for body in bodies}
-    power = 0.0 if np.isnan([*stiffness.values()]).any() else _BY_STIFFNESS
-
+    stiffness = {body: least_modulus(body) for body in bodies}
     softest = min(stiffness.values())
     rigid = {body for body in bodies if body.is_rigid}
     separate = connected(bodies)
@@ -149,7 +148,7 @@ def all_pairs(
         if rigid.intersection(group):
             return math.inf
         ratio = max(stiffness[body] for body in group) / softest if softest > 0 else 1.0
-        weight = min(ratio**power, _SIMILAR)
+        weight = min(ratio**_BY_STIFFNESS, _SIMILAR)
         others = [surface(*other) for other in separate if other is not group]
         # Rounded, so that equal bodies keep their order in the list.
         return float(f"{facet_size_towards(surface(*group), *others) * weight:.6g}")

@@ -20,6 +20,7 @@ from dolfinx_nts.contact.vertices import VertexState
 from dolfinx_nts.fem.node_numbering import listed, reference_positions
 from dolfinx_nts.integrators.rigid import redundant
 from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.moduli import least_modulus
 from dolfinx_nts.model.segments import diameters
 from dolfinx_nts.model.surfaces import Surface
 from dolfinx_nts.parallel import reductions
@@ -199,9 +200,10 @@ class StepFailure:
 
     def _modulus(self, bodies: Sequence[Body], surface: Surface) -> float:
         """Smallest modulus of the bodies of a surface [Pa], infinite if rigid. Collective."""
+        moduli = [least_modulus(body) for body in bodies]
         of_bodies = [
-            body.material.least_modulus
-            for body in bodies
+            modulus
+            for modulus, body in zip(moduli, bodies, strict=True)
             if not set(body.nodes).isdisjoint(surface.nodes)
         ]
         return float(reductions.least(self._comm, min(of_bodies, default=np.inf)))

@@ -7,8 +7,10 @@ of C in its derivatives, is evaluated at each occurrence.
 from collections.abc import Mapping
 from typing import Any
 
+from ufl import Coefficient
 from ufl.core.multiindex import Index
 from ufl.corealg.traversal import unique_post_traversal
+from ufl.geometry import GeometricQuantity
 from ufl.utils.stacks import StackDict
 
 __all__ = ["Evaluation"]
@@ -18,12 +20,18 @@ class Evaluation:
     """Evaluates a scalar expression for given values of its constants. Local.
 
     Args:
-        expression: UFL scalar without fields, with expanded derivatives.
+        expression: UFL scalar, with expanded derivatives.
+
+    Raises:
+        ValueError: The expression has fields: Functions or coordinates, whose values vary in space.
     """
 
     def __init__(self, expression: Any) -> None:
         parts: dict[Any, Any] = {}
         for part in unique_post_traversal(expression):
+            if isinstance(part, Coefficient | GeometricQuantity):
+                # UFL would evaluate them without end.
+                raise ValueError(f"expected an expression without fields, given one with {part}")
             operands = tuple(parts[operand] for operand in part.ufl_operands)
             parts[part] = _Part(part, operands) if operands else part
         self._whole = parts[expression]

@@ -270,8 +270,10 @@ class Hyperelastic(StrainEnergy):
     def _volumetric_parameters(self) -> frozenset[str]:
         """Names of parameters whose terms of the energy depend on det C only.
 
-        The energy must be linear in its parameters.
+        The energy must be linear in its parameters, and have no fields.
         """
+        if self.has_fields:
+            return frozenset()
         names = self.parameters.keys()
         C = np.eye(3) + _LARGE_STRAIN * GENERIC_STRAIN
         equally_large = np.linalg.det(C) ** (1 / 3) * np.eye(3)

@@ -17,7 +17,10 @@ from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.materials.energy_curve import EnergyCurve
 from dolfinx_nts.materials.evaluation import Evaluation
 
-__all__ = ["StrainEnergy", "strain_basis"]
+__all__ = ["STRETCHES", "StrainEnergy", "strain_basis"]
+
+# Positions of the strains 11, 22 and 33 in `strain_basis`, and in `StrainEnergy.moduli`.
+STRETCHES = [0, 3, 5]
 
 # Relative round-off of eigenvalues of moduli [-].
 _ROUND_OFF = 1e-10
@@ -70,7 +73,8 @@ class StrainEnergy(Declaration):
     @cached_property
     def has_fields(self) -> bool:
         """Whether the energy contains Functions or coordinates, and thus varies in space."""
-        return bool(extract_domains(ufl.as_ufl(self.psi(ufl.Identity(3)))))
+        # A variable, as entries of the identity are numbers, which may cancel a field.
+        return bool(extract_domains(ufl.as_ufl(self.psi(ufl.variable(ufl.Identity(3))))))
 
     def check(self) -> None:
         """Check the energy in the undeformed state.
@@ -105,7 +109,7 @@ class StrainEnergy(Declaration):
         """Moduli 4 psi''(1) of strains 11, 12, 13, 22, 23, 33, shape ``(6, 6)`` [Pa].
 
         The basis is orthonormal: strains 12, 13 and 23 have a factor of sqrt(2). Only for energies
-            without fields.
+        without fields; `CellModuli` has those of others.
         """
         basis = strain_basis()
         curvature = np.zeros((6, 6))

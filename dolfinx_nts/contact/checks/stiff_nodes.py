@@ -8,6 +8,7 @@ import numpy as np
 from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.moduli import least_modulus
 from dolfinx_nts.model.surfaces import Surface, facet_size_towards
 from dolfinx_nts.parallel import reductions
 
@@ -36,8 +37,8 @@ def warn_of_stiff_nodes(bodies: Sequence[Body], pairs: Sequence[ContactPair]) ->
     V = bodies[0].V
     comm, modulus = V.mesh.comm, np.full(len(reference_positions(V)), np.inf)
     for body in bodies:
-        # Shared nodes have the smallest modulus. NaN, from energies with fields, is not reported.
-        own = np.inf if body.is_rigid else body.material.least_modulus
+        # Shared nodes have the smallest modulus.
+        own = np.inf if body.is_rigid else least_modulus(body)
         modulus[body.nodes] = np.minimum(modulus[body.nodes], own)
     for pair in pairs:
         if pair.touches_itself or not isinstance(pair.segments, Surface):

@@ -28,6 +28,7 @@ from dolfinx_nts.materials.hyperelastic import Hyperelastic
 from dolfinx_nts.materials.strain_energy import strain_basis
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.lumped_mass import nodal_parts
+from dolfinx_nts.model.moduli import CellModuli
 from dolfinx_nts.parallel import reductions
 
 __all__ = [
@@ -175,15 +176,16 @@ class Cells:
             for material in dict.fromkeys(body.material for body in bodies)
         }
         self._nodes = np.concatenate([nodes[part] for part in cells.values()])
-        squared = []
+        squared: list[Floats] = [np.empty(0)]
         for material, part in cells.items():
-            x = X[nodes[part, :k], : self._dim]
-            # Axisymmetric cells have hoop strains in addition to those in the plane.
-            if element.degree == 1 and not element.is_axisymmetric:
-                squared.append(cell_frequency(material, x))
-            else:
-                on_axis = is_on_axis(V.mesh, X[nodes[part]])
-                squared.append(highest_frequency(material, element, x, on_axis))
+            for block, moduli in CellModuli(V, material).blocks(part):
+                x = X[nodes[block, :k], : self._dim]
+                # Axisymmetric cells have hoop strains in addition to those in the plane.
+                if element.degree == 1 and not element.is_axisymmetric:
+                    squared.append(cell_frequency(material, x, moduli))
+                else:
+                    at = is_on_axis(V.mesh, X[nodes[block]])
+                    squared.append(highest_frequency(material, element, x, at, moduli))
         self._speed = np.sqrt(np.concatenate(squared)) * self._lengths(X) / 2
 
     def limits(self, x: Floats) -> tuple[float, float]:
@@ -226,7 +228,7 @@ class Damping:
         return (1 - dt * self.mass / 2) / (dt**2 / 4 + dt * self.stiffness / 2)
 
 
-def cell_frequency(material: Hyperelastic, x: Floats) -> Floats:
+def cell_frequency(material: Hyperelastic, x: Floats, moduli: Floats | None = None) -> Floats:
     r"""Highest squared frequency of the uniform strains of cells of degree 1. Local.
 
     For displacements u = H r of the vertices and lumped mass it is the maximum of
@@ -237,24 +239,30 @@ def cell_frequency(material: Hyperelastic, x: Floats) -> Floats:
         material: Material of the cells.
         x: Vertices in the reference configuration, shape ``(c, k, 3)``, in the plane
             ``(c, k, 2)`` [m].
+        moduli: Moduli at p points of the cells, of which the highest frequency counts, shape
+            ``(c, p, 6, 6)`` [Pa]; None: those of a material without fields.
 
     Returns:
         Squared frequencies, shape ``(c,)`` [1/s^2].
     """
-    d, basis = x.shape[2], strain_basis()
-    # Plane strain in two dimensions.
-    D = np.einsum("aij,ab,bmn->ijmn", basis, material.moduli, basis)[:d, :d, :d, :d]
+    d, D = x.shape[2], _given(moduli, material, len(x))
+    basis = strain_basis()[:, :d, :d]  # plane strain in two dimensions
     squared: Floats = np.empty(len(x))
     for block in np.split(np.arange(len(x)), range(_BLOCK, len(x), _BLOCK)):
         values, axes = np.linalg.eigh(_moments(x[block]))
         S = axes / np.sqrt(values)[:, None, :]
-        K = np.einsum("cjk,ijmn,cnl->cikml", S, D, S, optimize=True)
-        squared[block] = np.linalg.eigvalsh(K.reshape(-1, d * d, d * d))[:, -1] / material.rho
+        strain = np.einsum("sij,cjk->csik", basis, S).reshape(-1, 1, 6, d * d)
+        K = strain.swapaxes(2, 3) @ (D[block] @ strain)
+        squared[block] = np.linalg.eigvalsh(K)[..., -1].max(axis=1) / material.rho
     return squared
 
 
 def highest_frequency(
-    material: Hyperelastic, element: Element, x: Floats, on_axis: Flags
+    material: Hyperelastic,
+    element: Element,
+    x: Floats,
+    on_axis: Flags,
+    moduli: Floats | None = None,
 ) -> Floats:
     """Highest squared frequency of cells of any degree, with the moduli at C = 1. Local.
 
@@ -264,11 +272,12 @@ def highest_frequency(
         x: Vertices in the reference configuration, shape ``(c, k, 3)``, in the plane
             ``(c, k, 2)`` [m].
         on_axis: Nodes on the axis of an axisymmetric mesh, shape ``(c, n)``.
+        moduli: As for `cell_frequency`.
 
     Returns:
         Squared frequencies, shape ``(c,)`` [1/s^2].
     """
-    d, moduli = x.shape[2], material.moduli
+    d, D = x.shape[2], _given(moduli, material, len(x))
     basis = strain_basis()  # plane strain in two dimensions
     points, weights = basix.make_quadrature(basix.CellType[element.cell], element.stress_degree)
     values, *slopes = element.basix.tabulate(1, points)[..., 0]
@@ -289,10 +298,12 @@ def highest_frequency(
         # The shape is explicit, since -1 is ambiguous on ranks without such cells.
         size = strain.shape[3] * strain.shape[4]
         strain = strain.reshape(*volume.shape, 6, size)
-        stress = moduli @ strain
         rows = len(block), 6 * len(weights), size
-        K = strain.reshape(rows).swapaxes(1, 2) @ stress.reshape(rows)
-        squared[block] = np.linalg.eigvalsh(K)[:, -1]
+        transposed, highest = strain.reshape(rows).swapaxes(1, 2), []
+        for i in range(D.shape[1]):
+            stress = D[block, None, i] @ strain
+            highest.append(np.linalg.eigvalsh(transposed @ stress.reshape(rows))[:, -1])
+        squared[block] = np.max(highest, axis=0)
     return squared
 
 
@@ -316,3 +327,8 @@ def _moments(x: Floats) -> Floats:
     r = x - x.mean(axis=1, keepdims=True)
     moments: Floats = r.transpose(0, 2, 1) @ r / x.shape[1]
     return moments
+
+
+def _given(moduli: Floats | None, material: Hyperelastic, n: int) -> Floats:
+    """Given moduli, or those of a material in n cells with one point each, see `cell_frequency`."""
+    return np.broadcast_to(material.moduli, (n, 1, 6, 6)) if moduli is None else moduli

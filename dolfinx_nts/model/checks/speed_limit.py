@@ -6,15 +6,13 @@ import math
 import numpy as np
 
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.materials.strain_energy import STRETCHES
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.parallel import reductions
 
 __all__ = ["warn_of_speed", "wave_speed"]
 
 _logger = logging.getLogger("dolfinx_nts")
-
-# Indices of the strains 11, 22 and 33 in ``Hyperelastic.moduli``.
-_STRETCHES = [0, 3, 5]
 
 
 def wave_speed(body: Body) -> float:
@@ -24,7 +22,7 @@ def wave_speed(body: Body) -> float:
     """
     if body.is_rigid or body.material.has_fields:
         return math.inf
-    stiffest = body.material.moduli.diagonal()[_STRETCHES].max()
+    stiffest = body.material.moduli.diagonal()[STRETCHES].max()
     return math.sqrt(stiffest / body.material.rho)
 
 
