@@ -37,12 +37,14 @@ class JointNodes(NamedTuple):
         nodes: Owned nodes, shape ``(n,)``.
         node_ids: Their input numbers, shape ``(n,)``.
         area: Their tributary areas, shape ``(n,)`` [m^2].
+        positive_area: As ``area``, but positive, see `Surface.positive_area`.
     """
 
     V: Any
     nodes: Ints
     node_ids: GlobalInts
     area: Floats
+    positive_area: Floats
 
 
 class JointState(NodesOfPairs):
@@ -63,7 +65,7 @@ class JointState(NodesOfPairs):
         super().__init__([state.pair for state in states])
         self.members = tuple(states)
         surfaces = [state.nodes for state in states]
-        names = ("nodes", "node_ids", "area")
+        names = ("nodes", "node_ids", "area", "positive_area")
         arrays = (np.concatenate([getattr(each, name) for each in surfaces]) for name in names)
         self.nodes = JointNodes(surfaces[0].V, *arrays)
         self.pair: ContactPair = states[0].pair

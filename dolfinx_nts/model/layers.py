@@ -6,15 +6,13 @@ import numpy as np
 from dolfinx import fem
 
 from dolfinx_nts.common.arrays import Floats
-from dolfinx_nts.fem.axisymmetry import is_axisymmetric
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.fem.few_nodes import sums_at
 from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.materials.strain_energy import STRETCHES
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.moduli import wave_modulus
-from dolfinx_nts.model.segments import area_vectors
-from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.model.surfaces import Surface, facet_shares
 from dolfinx_nts.parallel.communication import exchanged, rows_by_rank
 
 __all__ = ["layers", "nodal_densities", "nodal_moduli"]
@@ -67,11 +65,8 @@ def layers(surface: Surface, modulus: Floats) -> tuple[Floats, Floats]:
         compression of the layer per pressure, shape ``(m,)`` [m/Pa].
     """
     V = surface.V
-    X, height = reference_positions(V)[surface.segments], surface.thickness / Element.of(V).degree
-    area = np.linalg.norm(area_vectors(X, surface.orientation), axis=1) / X.shape[1]
-    if is_axisymmetric(V.mesh):
-        area *= 2 * np.pi * X[:, :, 0].mean(axis=1)
-    parts = np.tile(np.column_stack([area, area * height]), (X.shape[1], 1))
+    area, height = facet_shares(surface), surface.thickness / Element.of(V).degree
+    parts = np.tile(np.column_stack([area, area * height]), (surface.segments.shape[1], 1))
     of_nodes, volume = sums_at(V, surface.nodes, surface.segments.T.ravel(), parts).T
     return of_nodes, volume / of_nodes / modulus[surface.nodes]
 

@@ -22,10 +22,10 @@ from dolfinx_nts.common.arguments import as_call, label
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.common.named_tag import NamedTag
-from dolfinx_nts.fem.axisymmetry import over_circumference
+from dolfinx_nts.fem.axisymmetry import is_axisymmetric, over_circumference
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.fem.elements import Element, check_space, check_tag
-from dolfinx_nts.fem.few_nodes import nodes_on_any_rank
+from dolfinx_nts.fem.few_nodes import nodes_on_any_rank, sums_at
 from dolfinx_nts.fem.jit import assembled, compile_quickly
 from dolfinx_nts.fem.node_numbering import input_ids, reference_positions
 from dolfinx_nts.model.facet_segments import facet_segments
@@ -35,13 +35,21 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined, places_among_all
 from dolfinx_nts.parallel.errors import agreed
 
-__all__ = ["Smooth", "Surface", "boundary_facets", "facet_size_towards", "sharpest_corner"]
+__all__ = [
+    *("Smooth", "Surface", "boundary_facets", "facet_shares", "facet_size_towards"),
+    "sharpest_corner",
+]
 
 # Length of an edge relative to the largest segment [-] that counts as zero.
 _NO_LENGTH = 1e-12
 # Fraction of the force and area of a mid-node [-] that is moved to each adjacent vertex: a uniform
 # pressure has no nodal force at the vertices of triangles of degree 2.
 _TO_END = 1 / 8
+# Least area of a node relative to the mean share of its facets [-], for laws of friction. At the
+# vertices of triangles of degree 2 the integral of the shape function is zero to round-off. Larger:
+# nodes have a larger area in total; smaller: pressures at these vertices, which have hardly any
+# force, become large.
+_LEAST_SHARE = 1e-3
 # Least cosine between the normal of a facet and the direction to a body that it faces [-]. Larger:
 # few facets of round bodies are included; smaller: the lateral facets of a plate are included.
 _FACING = 0.5
@@ -251,7 +259,7 @@ class Surface(Declaration):
         surface = copy(self)
         own = vars(surface)
         own["nodes"] = self.nodes[flags]
-        for name in ("node_ids", "area", "_middles"):
+        for name in ("node_ids", "area", "positive_area", "_middles"):
             own.pop(name, None)
         return surface
 
@@ -296,6 +304,19 @@ class Surface(Declaration):
         form = compile_quickly(over_circumference(eta[0], mesh) * ds)
         area: Floats = assembled(form).reshape(-1, dimension(self.V))
         area = area[self.nodes, 0]
+        return area
+
+    @cached_property
+    def positive_area(self) -> Floats:
+        """As `area`, but positive at all nodes, also at degree 2, shape ``(n,)`` [m^2].
+
+        Collective at the first use.
+        """
+        if self._degree == 1:
+            return self.area
+        shares = np.tile(facet_shares(self), self.segments.shape[1])[:, None]
+        mean = sums_at(self.V, self.nodes, self.segments.T.ravel(), shares)[:, 0]
+        area: Floats = np.maximum(self.area, _LEAST_SHARE * mean)
         return area
 
     def per_area(self, force: Floats, area: Floats | None = None) -> Floats:
@@ -376,6 +397,18 @@ def sharpest_corner(surface: Surface) -> float:
     good = np.minimum(length_a, length_b) > _NO_LENGTH * surface.size
     sine = np.divide(area, length_a * length_b, out=np.zeros_like(area), where=good)
     return float(reductions.least(surface.V.mesh.comm, sine.min(initial=1.0)))
+
+
+def facet_shares(surface: Surface) -> Floats:
+    """Reference area of each facet divided by its number of nodes, shape ``(s,)`` [m^2]. Local.
+
+    In axisymmetric meshes it is the area of the whole circumference.
+    """
+    X = reference_positions(surface.V)[surface.segments]
+    share: Floats = np.linalg.norm(area_vectors(X, surface.orientation), axis=1) / X.shape[1]
+    if is_axisymmetric(surface.V.mesh):
+        share = 2 * np.pi * X[:, :, 0].mean(axis=1) * share
+    return share
 
 
 def facet_size_towards(surface: Surface, *others: Surface) -> float:

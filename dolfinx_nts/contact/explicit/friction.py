@@ -62,8 +62,9 @@ class SpringFriction(Friction):
     """
 
     def __init__(self, state: PairState, law: FrictionLaw) -> None:
-        """Store the state; its stiffness is chosen later."""
+        """Store the state; its stiffness is chosen later. Collective, as is the first area."""
         self._state, self._law = state, law
+        _ = state.nodes.positive_area
 
     def add_to(
         self,
@@ -95,7 +96,7 @@ class SpringFriction(Friction):
         eps_T = state.eps_T[node]
         t_n = transport(old.traction[node], old.normal[node], slip.frame_n, slip.normal_n)
         trial = t_n + eps_T[:, None] * slip.value
-        limits = Limits(law, state.nodes, dt, lambda: part * state.nodes.area, old.slip)
+        limits = Limits(law, state.nodes, dt, lambda: part * state.nodes.positive_area, old.slip)
         size = np.linalg.norm(trial, axis=1)
         judged, limit = limits.of_springs(node, p, size, eps_T, old.sliding[node])
         slides = _kernels.slides(judged.force, trial, trial, trial, np.zeros(len(node), dtype=bool))

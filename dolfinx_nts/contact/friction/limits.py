@@ -147,7 +147,7 @@ def check_law(law: FrictionLaw, nodes: Any) -> None:
             f"expected the attribute law of {law!r}, the measure of slip, to be "
             f"{' or '.join(map(repr, SLIP_MEASURES))}, given {law.law!r}"
         )
-    n, area = len(nodes.nodes), nodes.area
+    n, area = len(nodes.nodes), nodes.positive_area
     if n == 0:
         return
     node, one = np.arange(n, dtype=np.int32), np.ones(n)
@@ -170,7 +170,7 @@ def _check_derivatives(law: FrictionLaw, nodes: Any, dt: float) -> None:
     some = np.unique(np.linspace(0, len(nodes.nodes) - 1, _NUM_NODES, dtype=np.int32))
     grid = (each.ravel() for each in np.meshgrid(some, _FORCES, _SLIPS, indexing="ij"))
     node, p, slip = grid
-    limits = Limits(law, nodes, dt, lambda: nodes.area, np.zeros(len(nodes.nodes)))
+    limits = Limits(law, nodes, dt, lambda: nodes.positive_area, np.zeros(len(nodes.nodes)))
     at = limits.at(node, p, slip)
     if not law.depends_on_slip and np.any(at.force != limits.at(node, p).force):
         raise ValueError(

@@ -12,7 +12,7 @@ from dolfinx_nts.contact.friction.limits import check_law
 
 pytestmark = pytest.mark.serial
 
-NODES = SimpleNamespace(nodes=np.arange(9, dtype=np.int32), area=np.linspace(0.1, 1.0, 9))
+NODES = SimpleNamespace(nodes=np.arange(9, dtype=np.int32), positive_area=np.linspace(0.1, 1, 9))
 
 
 class Viscous(nts.FrictionLaw):

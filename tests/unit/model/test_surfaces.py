@@ -14,6 +14,7 @@ from dolfinx_nts.model.segments import area_vectors
 from dolfinx_nts.model.surfaces import sharpest_corner
 from helpers import scenes
 from helpers.models import box_meshes
+from helpers.models.boxed import Box
 from helpers.scene import input_ids
 
 # Round-off of sums over some hundred facets of lengths of about one.
@@ -305,3 +306,18 @@ def test_facets_with_an_edge_without_length_still_point_outwards(comm, collapsed
     outwards = up * area_vectors(X, surface.orientation)[:, 2]
     assert np.all(outwards > 0.1)
     assert comm.allreduce(outwards.sum()) == pytest.approx(9)
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+@pytest.mark.parametrize("degree", [1, 2])
+def test_areas_of_some_nodes_are_those_of_all(comm, cell, degree):
+    box = Box(comm, cell)
+    V = fem.functionspace(box.mesh, ("Lagrange", degree, (3,)))
+    whole = nts.Surface(V, box.facets, box.tag["bottom 0"])
+    areas = {name: getattr(whole, name) for name in ("area", "positive_area")}
+    assert np.all(areas["positive_area"] > 0)
+    np.testing.assert_allclose(areas["positive_area"], areas["area"], atol=1e-3)
+    flags = whole.nodes % 2 == 0
+    some = whole.with_nodes(flags)
+    for name, values in areas.items():
+        np.testing.assert_allclose(getattr(some, name), values[flags], atol=1e-16)

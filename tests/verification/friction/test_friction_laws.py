@@ -15,6 +15,7 @@ import ufl
 from dolfinx import fem
 
 import dolfinx_nts as nts
+from helpers.models.boxed import Box
 from helpers.once import once
 
 pytestmark = pytest.mark.at_most_two_ranks
@@ -192,6 +193,50 @@ def test_capped_friction_is_cap_times_area(method, enforcement):
     assert lengths == pytest.approx(cap * 0.7, rel=1e-3)
     # Nodes at the ends also slide across, as the block bulges.
     assert abs(traction[0]) == pytest.approx(cap * 0.7, rel=0.02)
+
+
+class ByPressure(nts.FrictionLaw):
+    """Coefficient 0.5 at low pressures, and a shear stress of 300 Pa at high ones."""
+
+    def limit(self, p, slip, dt, nodes):
+        pressure, scale = p / nodes.area, 600.0
+        part = np.exp(-pressure / scale)
+        return 0.5 * scale * nodes.area * (1 - part), 0.5 * part, 0.0
+
+
+@pytest.mark.parametrize(
+    ("scheme", "dt"),
+    [(nts.QuasiStatic, 0.01), (nts.EnergyMomentum, 1e-3), (nts.CentralDifference, None)],
+)
+@pytest.mark.parametrize("law", [nts.Tresca(0.5, 300.0), ByPressure()], ids=["capped", "curve"])
+def test_capped_friction_is_cap_times_area_at_degree_two(scheme, dt, law):
+    """Vertices of quadratic triangles have no area, as a uniform pressure has no force there.
+
+    The largest force counts, as the trailing edge may lift off in steps with inertia.
+    """
+    box = Box(MPI.COMM_WORLD, "tetrahedron", size=(1.0, 0.8, 0.1), shape=(4, 3, 1))
+    V = fem.functionspace(box.mesh, ("Lagrange", 2, (3,)))
+    material = nts.SaintVenantKirchhoff(1e6, 0.0, RHO, mass_damping=300.0)
+    body = nts.Body(V, box.cells, box.tag["body 0"], material)
+    bottom = nts.Surface(V, box.facets, box.tag["bottom 0"])
+    floor = nts.RigidPlane((0, 0, 0), (0, 0, 1))
+    motion = fem.Function(V)
+    top = fem.locate_dofs_geometrical(V, lambda x: np.isclose(x[2], 0.1))
+    pressed = 0.02  # s
+
+    def update(t: float) -> None:
+        dragged = 2 * max(t - pressed, 0)
+        motion.x.array.reshape(-1, 3)[:] = (dragged, 0.0, -2e-3 * min(t / pressed, 1))
+
+    pair = nts.ContactPair(bottom, floor, friction=law)
+    bcs = [fem.dirichletbc(motion, top)]
+    s = scheme([body], [pair], bcs=bcs, update=update, dt=dt)
+    (pair,) = s.pairs
+    forces = []
+    for _ in s.run(until=2 * pressed):
+        traction = MPI.COMM_WORLD.allreduce(pair.history.traction.sum(axis=0))
+        forces.append(np.linalg.norm(traction))
+    assert max(forces) == pytest.approx(300.0 * 0.8, rel=0.01)
 
 
 @pytest.mark.parametrize("method", ["node-to-segment", "mortar"])

@@ -65,10 +65,16 @@ class StickSlip(Friction):
         super().__init__(state)
         history, n = state.history, len(stiffness)
         self._search, self._stiffness, self._measure = search, stiffness, law.law
-        # Contact points, and thus areas, may change within a step.
-        parts = search.pressed_parts if search.pairing.follows else 1.0
+        if search.pairing.follows:
+            of_facets = search.pressed_parts * state.nodes.positive_area
+        else:
+            of_facets = None  # contact points, and thus areas, may change within a step
         self._limits = Limits(
-            law, state.nodes, dt, lambda: parts * self._search.pairing.area, history.slip
+            law,
+            state.nodes,
+            dt,
+            lambda: self._search.pairing.area if of_facets is None else of_facets,
+            history.slip,
         )
         self._acts_at_end = acts_at_end
         self._has_spring = state.pair.has_slip_spring
