@@ -8,7 +8,7 @@ from dolfinx import fem, mesh
 
 import dolfinx_nts as nts
 from dolfinx_nts.contact.friction.laws import FrictionNodes
-from dolfinx_nts.contact.friction.limits import check_law
+from dolfinx_nts.contact.friction.limits import Limits, check_law
 
 pytestmark = pytest.mark.serial
 
@@ -63,6 +63,55 @@ def test_wrong_derivative_is_named(name, factor):
     message = f"expected the derivative of the limit with respect to {argument} from Viscous"
     with pytest.raises(ValueError, match=message):
         check_law(Viscous(**{name: factor}), NODES)
+
+
+@pytest.mark.parametrize(
+    ("law", "message"),
+    [
+        (
+            returns(lambda p, _: p * (p / 1.0) ** (-1 / 3), lambda *_: 0.0, lambda *_: 0.0),
+            r"finite limit from .*, given nan at p = 0 N, slip = 0 m and dt",
+        ),
+        (
+            returns(
+                lambda p, s: p * np.sqrt(s), lambda _, s: np.sqrt(s), lambda p, s: p / s**0.5 / 2
+            ),
+            r"derivative with respect to slip from .*, given inf at p = 0.0137 N, slip = 0 m",
+        ),
+        (
+            returns(lambda p, s: p * np.exp(1e3 * s), lambda *_: 1.0, lambda *_: 1.0),
+            r"finite limit from .*, given inf at p = 1 N, slip = 1 m",
+        ),
+    ],
+)
+def test_values_that_are_not_finite_are_named(law, message):
+    with np.errstate(over="ignore"), pytest.raises(ValueError, match=message):
+        check_law(law, NODES)
+
+
+def hertzian(p, slip):
+    """Limit of a law whose coefficient falls with the pressure."""
+    return 0.3 * p ** (2 / 3)
+
+
+def slope(p, slip):
+    return 0.2 * p ** (-1 / 3)
+
+
+@pytest.mark.parametrize("by_slip", [zero, lambda p, slip: 0 * p ** (-1 / 3)])
+def test_derivative_may_be_infinite_at_open_nodes(by_slip):
+    law = returns(hertzian, slope, by_slip)
+    check_law(law, NODES)
+    limits = Limits(law, NODES, 1.0, lambda: np.ones(9), np.zeros(9))
+    found = limits.at(np.arange(3), np.array([-1.0, 0.0, 8.0]))
+    np.testing.assert_allclose(found.force, [0, 0, 1.2])
+    np.testing.assert_allclose(found.by_p, [0, 0, 0.1])
+    assert not found.by_slip.any()
+
+
+def test_values_of_a_diverged_guess_are_left_to_the_step_control():
+    limits = Limits(returns(hertzian, slope, zero), NODES, 1.0, lambda: np.ones(9), np.zeros(9))
+    assert np.isnan(limits.at(np.arange(1), np.array([np.nan])).force).all()
 
 
 @pytest.mark.parametrize(

@@ -195,6 +195,37 @@ def test_capped_friction_is_cap_times_area(method, enforcement):
     assert abs(traction[0]) == pytest.approx(cap * 0.7, rel=0.02)
 
 
+class OfSpheres(nts.FrictionLaw):
+    """Friction of a sphere on a plane by its contact area, proportional to p^(2/3)."""
+
+    def limit(self, p, slip, dt, nodes):
+        return 2.0 * p ** (2 / 3), 4 / 3 * p ** (-1 / 3), 0.0
+
+
+@pytest.mark.parametrize("method", ["node-to-segment", "mortar"])
+@pytest.mark.parametrize("enforcement", [nts.LagrangeMultiplier(), nts.Penalty()])
+def test_slope_of_a_law_may_be_infinite_where_nodes_are_open(method, enforcement):
+    """Regression: the residual was not finite."""
+    s = dragged(lambda V: OfSpheres(), method, enforcement)
+    history = s.pairs[0].history
+    traction = np.linalg.norm(history.traction, axis=1)[history.sliding]
+    np.testing.assert_allclose(traction, 2.0 * (-history.lambda_N[history.sliding]) ** (2 / 3))
+    assert MPI.COMM_WORLD.allreduce(int(history.sliding.sum())) == 12
+
+
+class Broken(nts.FrictionLaw):
+    """Law that is no number for nodes that have slipped by more than 1 mm."""
+
+    def limit(self, p, slip, dt, nodes):
+        mu = np.where(nodes.slipped > 1e-3, np.nan, 0.3)
+        return mu * p, mu, 0.0
+
+
+def test_limit_that_is_no_number_in_a_step_is_named():
+    with pytest.raises(ValueError, match=r"finite limit from Broken\(\), given nan at p = "):
+        dragged(lambda V: Broken())
+
+
 class ByPressure(nts.FrictionLaw):
     """Coefficient 0.5 at low pressures, and a shear stress of 300 Pa at high ones."""
 
