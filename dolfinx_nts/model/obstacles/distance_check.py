@@ -4,9 +4,10 @@ from typing import Any
 
 import numpy as np
 
-from dolfinx_nts.common.arguments import called, is_of_package, kind_of, positive
+from dolfinx_nts.common.arguments import is_of_package, kind_of, positive
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.model.obstacles.rigid_shapes import ExactObstacle
+from dolfinx_nts.model.obstacles.user_distance import signed_distance
 
 __all__ = ["check_distance"]
 
@@ -42,9 +43,9 @@ def check_distance(obstacle: ExactObstacle, x: Floats, size: float) -> None:
     Raises:
         TypeError: The method `ExactObstacle.distance` takes other arguments, or
             ``shortest_passage`` is no number.
-        ValueError: It returns arrays of other shapes, normals that are not unit vectors, or that
-            are not the gradient of the distance at the surface; or ``shortest_passage`` is not
-            positive.
+        ValueError: It changes the positions, or returns arrays of other shapes or types, normals
+            that are not unit vectors, or that are not the gradient of the distance at the surface;
+            or ``shortest_passage`` is not positive.
     """
     passage = obstacle.shortest_passage
     if passage != np.inf:
@@ -100,7 +101,7 @@ def check_distance(obstacle: ExactObstacle, x: Floats, size: float) -> None:
 
 def _evaluated(obstacle: ExactObstacle, x: Floats) -> tuple[Floats, Floats]:
     """Distance and normals, with a check of their shapes."""
-    found: Any = called(obstacle.distance, f"distance(x) of {type(obstacle).__name__}", x)
+    found: Any = signed_distance(obstacle, x)
     is_pair = isinstance(found, tuple | list) and len(found) == 2
     if is_pair and all(isinstance(each, np.ndarray) for each in found):
         gap, normal = found

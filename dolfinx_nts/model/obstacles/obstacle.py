@@ -7,11 +7,13 @@ spheres and cylinders are in `rigid_shapes`, obstacles made of facets in `rigid_
 
 from abc import abstractmethod
 from copy import copy
+from functools import cached_property
+from inspect import isfunction, signature
 from typing import Any, TypeVar
 
 import numpy as np
 
-from dolfinx_nts.common.arguments import as_call, label
+from dolfinx_nts.common.arguments import as_call, is_of_package, label
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
@@ -53,6 +55,26 @@ class Obstacle(Declaration):
     dim = 3
     _label = ""
 
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Check the attributes of a class of a user.
+
+        Raises:
+            AttributeError: An attribute hides a method or property of all obstacles.
+            TypeError: The class has a signed distance and is not derived from ``ExactObstacle``.
+        """
+        super().__init_subclass__(**options)
+        if is_of_package(cls):
+            return
+        for name in _RESERVED.intersection(vars(cls)):
+            if not _may_replace(name, vars(cls)[name]):
+                raise _hides(name, cls)
+        known = [base for base in cls.__mro__ if is_of_package(base)]
+        if known[0] is Obstacle and hasattr(cls, "distance"):
+            raise TypeError(
+                f"expected ExactObstacle as the base class of {cls.__name__}, an obstacle by its "
+                "signed distance, given Obstacle, which has no contact of its own"
+            )
+
     def __setattr__(self, name: str, value: Any) -> None:
         """Set an attribute of an obstacle during its construction.
 
@@ -61,10 +83,7 @@ class Obstacle(Declaration):
                 obstacles.
         """
         if name in _RESERVED and not getattr(self, "_is_complete", False):
-            raise AttributeError(
-                f"expected another name for the attribute {name} of {type(self).__name__}, as all "
-                f"obstacles have {', '.join(sorted(_RESERVED))}"
-            )
+            raise _hides(name, type(self))
         super().__setattr__(name, value)
 
     def moving(self: Self, motion: Motion) -> Self:
@@ -258,3 +277,25 @@ class Obstacle(Declaration):
 
 # Names of methods and properties, which user-defined attributes must not hide.
 _RESERVED = frozenset(name for name in vars(Obstacle) if name[0] != "_") - _SETTABLE
+
+
+def _hides(name: str, kind: type[Obstacle]) -> AttributeError:
+    """Error that an attribute of a user's class hides one of all obstacles."""
+    return AttributeError(
+        f"expected another name for the attribute {name} of {kind.__name__}, as all obstacles have "
+        f"{', '.join(sorted(_RESERVED))}"
+    )
+
+
+def _may_replace(name: str, value: Any) -> bool:
+    """Whether an attribute of a user's class may replace that of all obstacles.
+
+    A method may be replaced by one with the same arguments, a property by a property, and
+    ``is_of_revolution`` by its value.
+    """
+    own = vars(Obstacle)[name]
+    if name == "is_of_revolution" and isinstance(value, bool):
+        return True
+    if isinstance(own, property):
+        return isinstance(value, property | cached_property)
+    return isfunction(value) and [*signature(value).parameters] == [*signature(own).parameters]

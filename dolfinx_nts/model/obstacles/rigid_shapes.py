@@ -6,11 +6,11 @@ a discrete gradient, :math:`F \cdot (x_{n+1} - x_n) = g_{n+1} - g_n`, in closed 
 
 import copy
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from dolfinx_nts.common.arguments import as_call, positive, real_array
+from dolfinx_nts.common.arguments import as_call, is_of_package, positive, real_array
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.common.vectors import cross
 from dolfinx_nts.model.frames import rotation_by
@@ -19,6 +19,7 @@ from dolfinx_nts.model.obstacles.facing import Facing
 from dolfinx_nts.model.obstacles.motion import vector
 from dolfinx_nts.model.obstacles.obstacle import Obstacle
 from dolfinx_nts.model.obstacles.trajectories import Trajectories
+from dolfinx_nts.model.obstacles.user_distance import signed_distance, without_nan
 
 __all__ = [
     "ExactObstacle",
@@ -128,7 +129,7 @@ class ExactObstacle(Obstacle):
         """Signed distance of points from the surface, and normal. Local.
 
         Args:
-            x: Positions, shape ``(m, 3)`` [m].
+            x: Positions, shape ``(m, 3)`` [m], read-only.
 
         Returns:
             Gap, positive outside the obstacle, shape ``(m,)`` [m], and outward unit normal, shape
@@ -141,16 +142,25 @@ class ExactObstacle(Obstacle):
         own = {k: v for k, v in vars(self).items() if k[0] != "_" and not hasattr(Obstacle, k)}
         return as_call(self, **own, **self._named())
 
+    def _found(self, x: Floats) -> tuple[Floats, Floats]:
+        """Distance and normal, see `signed_distance`."""
+        distance: Callable[[Floats], tuple[Floats, Floats]] = self.distance
+        return distance(x) if is_of_package(distance) else signed_distance(self, x)
+
     def _height(self, x: Floats) -> Floats:
         """Signed distance alone, shape ``(m,)`` [m]."""
-        return self.distance(x)[0]
+        return self._found(x)[0]
+
+    def _nodal_height(self, x: Floats) -> Floats:
+        """Signed distance of nodes, which must have one, shape ``(m,)`` [m]."""
+        return without_nan(self, self._height(x), x)
 
     def _force(self, scheme: str, x_n: Floats, x: Floats) -> tuple[Floats, Floats]:
         """Force per multiplier, (m, 3) [-], and its derivative w.r.t. x, (m, 3, 3) [1/m]."""
         if scheme == "static":
-            return self.distance(x)[1], self._curvature(x)
+            return self._found(x)[1], self._curvature(x)
         middle = (x_n + x) / 2
-        normal, half = self.distance(middle)[1], self._curvature(middle) / 2
+        normal, half = self._found(middle)[1], self._curvature(middle) / 2
         if scheme == "midpoint":
             return normal, half
         # n + (g - g_n - n . d) d / |d|^2 with the displacement d
@@ -159,7 +169,7 @@ class ExactObstacle(Obstacle):
         moves = square > (_STILL * np.abs(x).max(initial=0.0)) ** 2
         d = np.where(moves, d, 0.0) / np.sqrt(np.where(moves, square, 1.0))
         length = np.sqrt(np.where(moves, square, 1.0))
-        (gap_n, _), (gap, normal_end) = self.distance(x_n), self.distance(x)
+        (gap_n, _), (gap, normal_end) = self._found(x_n), self._found(x)
         error = np.where(moves, (gap - gap_n)[:, None] / length, 0.0)
         error -= np.einsum("mi,mi->m", normal, d)[:, None]
         of_error = normal_end - normal - length * np.einsum("mi,mij->mj", d, half)
@@ -168,8 +178,9 @@ class ExactObstacle(Obstacle):
         return normal + error * d, tangent
 
     def contact(self, scheme: str, x_n: Floats, x: Floats, segment: Ints) -> ContactKinematics:
-        gap_n, normal_n = self.distance(x_n)
-        gap, normal = self.distance(x)
+        gap_n, normal_n = self._found(x_n)
+        gap, normal = self._found(x)
+        without_nan(self, gap, x)
         force, tangent = self._force(scheme, x_n, x)
         turn = np.einsum("mi,mi->m", normal_n, normal)
         turn = np.where(np.isfinite(gap_n + gap + turn), turn, np.nan)
@@ -184,8 +195,7 @@ class ExactObstacle(Obstacle):
         """Derivative of the normal w.r.t. the position, shape ``(m, 3, 3)`` [1/m]."""
         size = _DIFFERENCE * max(float(np.abs(x).max(initial=0.0)), np.finfo(float).tiny)
         rows = [
-            (self.distance(x + h)[1] - self.distance(x - h)[1]) / (2 * size)
-            for h in size * np.eye(3)
+            (self._found(x + h)[1] - self._found(x - h)[1]) / (2 * size) for h in size * np.eye(3)
         ]
         curvature: Floats = np.stack(rows, axis=2)
         return curvature
@@ -195,14 +205,14 @@ class ExactObstacle(Obstacle):
 
         Parallel transport with the normal gives the tangents at the end from those at t_n.
         """
-        normal_n, normal = self.distance(x_n)[1], self.distance(x)[1]
+        normal_n, normal = self._found(x_n)[1], self._found(x)[1]
         frame_n = _frame(normal_n)
         return frame_n, turned_tangents(frame_n, normal_n, normal)
 
     def nearest(self, x: Floats) -> Floats:
         if np.isinf(self.shortest_passage):
             return super().nearest(x)
-        gap, normal = self.distance(x)
+        gap, normal = self._found(x)
         points = x - gap[:, None] * normal
         found: Floats = points[np.isfinite(points).all(axis=1)]
         return found
@@ -210,7 +220,7 @@ class ExactObstacle(Obstacle):
     def find(
         self, x: Floats, current: Ints, slack: float, reach: float, facing: Facing
     ) -> tuple[Ints, Floats]:
-        gap = self._height(x)
+        gap = self._nodal_height(x)
         return np.where(gap <= reach, 0, -1).astype(np.int32), gap
 
     def depth(self, x: Floats) -> Floats:
@@ -220,7 +230,7 @@ class ExactObstacle(Obstacle):
         begin, end = self._part_inside(x_n, x)
         enters = begin < end
         (entry, n_in), (exit_, n_out) = (
-            (y, self.distance(y)[1]) for y in (x_n + s[:, None] * (x - x_n) for s in (begin, end))
+            (y, self._found(y)[1]) for y in (x_n + s[:, None] * (x - x_n) for s in (begin, end))
         )
         length = np.linalg.norm(exit_ - entry, axis=1)
         return Trajectories(
@@ -257,7 +267,7 @@ class ExactObstacle(Obstacle):
         return begin, np.where(end > inside, end, begin)
 
     def near(self, x: Floats, reach: float) -> Ints:
-        return np.flatnonzero(self._height(x) <= reach).astype(np.int32)
+        return np.flatnonzero(self._nodal_height(x) <= reach).astype(np.int32)
 
 
 class RigidPlane(ExactObstacle):

@@ -197,3 +197,134 @@ def test_dimension_of_an_obstacle_in_the_plane_is_named(comm):
     bottom = nts.Surface(fem.functionspace(square, ("Lagrange", 1, (2,))), tags, 1)
     with pytest.raises(ValueError, match=r"2 dimensions, .* Ball\(\) in 3: .* class attribute dim"):
         nts.ContactPair(bottom, Ball())
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("extent", 1.0),
+        ("least_radius", 0.3),
+        ("contact", True),
+        ("name", "ball"),
+        ("motion", None),
+        ("slip", lambda self: 0.0),
+        ("near", property(lambda self: 0.0)),
+    ],
+)
+def test_class_attribute_that_hides_one_of_all_obstacles_is_refused(name, value):
+    """Regression: they were accepted, and replaced those of the package."""
+    message = f"expected another name for the attribute {name} of Named"
+    with pytest.raises(AttributeError, match=message):
+        type("Named", (Ball,), {name: value})
+
+
+def test_attributes_of_obstacles_may_be_replaced_by_their_like():
+    class Thin(Ball):
+        is_of_revolution, dim, shortest_passage = True, 2, 0.1
+
+        @property
+        def least_radius(self):
+            return 0.05
+
+        def near(self, x, reach):
+            return super().near(x, reach)
+
+    assert Thin().least_radius == 0.05
+
+
+def test_obstacle_with_a_distance_is_derived_from_the_exact_one():
+    """Regression: it was asked for six other methods."""
+    with pytest.raises(TypeError, match="expected ExactObstacle as the base class of Blob, "):
+
+        class Blob(nts.Obstacle):
+            def distance(self, x):
+                return x[:, 2], np.tile([0, 0, 1], (len(x), 1))
+
+
+CENTRE = np.array([0.0, 0.0, -1.0])
+
+
+class InPlace(nts.ExactObstacle):
+    def distance(self, x):
+        x -= CENTRE
+        r = np.linalg.norm(x, axis=1)
+        return r - 1.0, x / r[:, None]
+
+
+class InColumn(nts.ExactObstacle):
+    def distance(self, x):
+        x[:, 2] += 1.0
+        return np.linalg.norm(x, axis=1) - 1.0, x
+
+
+@pytest.mark.parametrize("kind", [InPlace, InColumn])
+def test_distance_that_changes_the_positions_is_refused(rng, kind):
+    """Regression: forces were those at other positions."""
+    x = rng.normal(size=(12, 3))
+    message = rf"expected distance\(x\) of {kind.__name__}\(\) to leave x unchanged"
+    for evaluate in (
+        lambda: check_distance(kind(), x, 0.1),
+        lambda: kind().contact("conserving", x, x + 0.1, np.zeros(12, dtype=np.int32)),
+        lambda: kind().near(x, 0.1),
+    ):
+        with pytest.raises(ValueError, match=message):
+            evaluate()
+    x[:] = 0.0  # still allowed
+
+
+def test_other_errors_of_a_distance_are_those_of_the_user():
+    class Broken(nts.ExactObstacle):
+        def distance(self, x):
+            raise ValueError("no such table")
+
+    with pytest.raises(ValueError, match=r"^no such table$"):
+        Broken().near(np.zeros((1, 3)), 0.1)
+
+
+class Holed(nts.ExactObstacle):
+    """Plane z = 0 by a function that fails at x = 1, y = 0.8."""
+
+    def distance(self, x):
+        r = np.linalg.norm(x[:, :2] - [1.0, 0.8], axis=1)
+        return np.where(r < 1e-3, np.nan, x[:, 2]), np.tile([0.0, 0.0, 1.0], (len(x), 1))
+
+
+def test_node_without_a_distance_is_named(comm):
+    """Regression: it was not in contact, and energies were no numbers."""
+    box = Box(comm)
+    pair = nts.ContactPair(box.surface("bottom 0"), Moved(Holed(), 0.0))
+    stepper = nts.EnergyMomentum([box.body], [pair], dt=1e-3)
+    message = r"expected a distance of each node .* Moved\(.*given nan at x = \(1, 0.8, .*\) m"
+    with pytest.raises(ValueError, match=message):
+        stepper.advance()
+
+
+def test_diverged_positions_need_no_distance():
+    x = np.array([[np.nan, 0.0, 0.0], [0.0, 3.0, 0.0]])
+    assert len(Ball().near(x, 0.1)) == 0
+
+
+def test_points_without_a_normal_are_allowed():
+    x = np.zeros((1, 3))
+    with np.errstate(invalid="ignore"):
+        assert np.isnan(Ball().distance(x)[1]).all()
+        assert Ball().find(x, np.full(1, -1, dtype=np.int32), 0.1, 0.1, None)[1] == [-1.0]
+
+
+def test_integers_of_a_distance_become_numbers(rng):
+    class Floor(nts.ExactObstacle):
+        def distance(self, x):
+            return x[:, 2], np.tile([0, 0, 1], (len(x), 1))
+
+    x = rng.normal(size=(12, 3))
+    check_distance(Floor(), x, 0.1)
+    found = Floor().contact("static", x, x + 0.1, np.zeros(12, dtype=np.int32))
+    assert found.gap.dtype == found.force.dtype == np.float64
+
+
+@pytest.mark.parametrize("kind", ["float32", "complex128", "object"])
+def test_distance_of_another_precision_is_refused(rng, kind):
+    single = change(lambda g, n: (g.astype(kind), n))
+    message = f"expected arrays of type float64 from distance.*, given {kind}"
+    with pytest.raises(ValueError, match=message):
+        check_distance(single, rng.normal(size=(12, 3)), 0.1)
