@@ -166,8 +166,8 @@ class Rates(ABC):
         """Prepare a step.
 
         Args:
-            forces: Returns the residual at the start of the step at the owned dofs, ``(d n,)``
-                [N].
+            forces: Returns the residual at the start of the step at the owned dofs, with contact
+                springs, ``(d n,)`` [N].
             free: 1 at unknown displacements, 0 at prescribed ones, shape ``(n, 3)``; None if all
                 are unknown.
             rigid: Motion of the rigid bodies in the step.

@@ -101,7 +101,8 @@ class GeneralizedAlpha(ImplicitStepper):
 
     Attributes:
         rho_inf: The spectral radius.
-        a: Acceleration at t [m/s^2], a Function; initially from the balance of momentum.
+        a: Acceleration at t [m/s^2], a Function; initially from the balance of momentum, with the
+            forces of contact springs, but not of multipliers, which do not follow from a state.
 
     Raises:
         TypeError: An argument has the wrong type.
@@ -203,7 +204,7 @@ class NewmarkRates(Rates):
         is_unchanged: Callable[[], bool],
         prescribed: Callable[[], Floats],
     ) -> None:
-        """After the state was set, compute its acceleration from M a = f, without contact."""
+        """After the state was set, compute its acceleration from M a = f."""
         if self._known:
             return
         p, mass = self._parameters, self._mass_times_a

@@ -441,9 +441,9 @@ class ImplicitStepper(Stepper):
             )
 
     def _forces_at_start(self) -> Floats:
-        """Residual at t with the loads at t, on the owned dofs [N]."""
+        """Residual at t with the loads and contact springs at t, on the owned dofs [N]."""
         self._load_at(0.0)
-        forces = self._bulk.forces()
+        forces: Floats = self._bulk.forces() + self._step_solver.spring_forces(self.x)
         self._load_at(self.scheme.load_point)
         return forces
 

@@ -11,7 +11,7 @@ from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.contact.implicit.certificate import missed_contact
-from dolfinx_nts.contact.implicit.contact_step import ContactStep, go_on_from
+from dolfinx_nts.contact.implicit.contact_step import ContactStep, contact_residual, go_on_from
 from dolfinx_nts.contact.implicit.local_search import may_face
 from dolfinx_nts.contact.joint_state import JointState, joint_states
 from dolfinx_nts.contact.pair_state import PairState
@@ -169,6 +169,26 @@ class StepSolver:
         farthest = reductions.largest(self._bulk.comm, _kernels.farthest(problem.x_n, x))
         ends, repeat = (problem.x_n, x), partial(self._contact_step, made, False)
         return missed_contact(steps, self.sleeping.states, ends, farthest, repeat)
+
+    def spring_forces(self, x: Floats) -> Floats:
+        """Forces of contact springs in a state at rest, with their friction at its start.
+
+        Multipliers have no force that follows from the state.
+
+        Args:
+            x: Accepted positions of the local nodes, shape ``(l, 3)`` [m].
+
+        Returns:
+            Part of the residual at the owned dofs, shape ``(n d,)`` [N].
+        """
+        shape = len(self.mass), self._bulk.rigid.dim
+        steps = [
+            step
+            for step in self._contact_steps(StepProblem(x, x, {}, 0.0, 0.0), False)
+            if step.state.eps_N is not None
+        ]
+        states = [step.evaluate(x[: shape[0]], None, 0) for step in steps]
+        return contact_residual(steps, states, shape)
 
     def _contact_steps(self, problem: StepProblem, begins_sticking: bool) -> list[ContactStep]:
         """Contact of the pairs that may touch, at the start of an attempt."""

@@ -3,6 +3,8 @@
 from functools import partial
 from itertools import pairwise
 
+from mpi4py import MPI
+
 import numpy as np
 import pytest
 from dolfinx import fem
@@ -233,3 +235,43 @@ def test_own_scheme_with_closed_contact_refuses_elastic_impact(comm, refused):
     scene = scenes.blocks(comm)
     with refused(ValueError, r"LagrangeMultiplier\('plastic'\) for Trapezoidal"):
         Trapezoidal(scene.stepper.bodies, scene.stepper.pairs, dt=0.1)
+
+
+def resting(comm, scheme, method, friction, dt):
+    """A block that rests on another by springs, under gravity and, with friction, a side load."""
+
+    def build(model):
+        nts.parts.add_box(model, "low", corner=(0, 0, 0), size=(2, 1, 0.3), cells=(5, 3, 1))
+        nts.parts.add_box(model, "up", corner=(0.3, 0.15, 0.3), size=(1, 0.7, 0.3), cells=(3, 2, 1))
+
+    mesh, cells, facets, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    material = nts.SaintVenantKirchhoff(E=1e6, nu=0.3, rho=1e3)
+    low, up = (nts.Body(V, cells, tag[name], material) for name in ("low", "up"))
+    nodes, segments = (nts.Surface(V, facets, tag[name]) for name in ("up_bottom", "low_top"))
+    pair = nts.ContactPair(nodes, segments, nts.Penalty(1e5), friction, method)
+    held = fem.locate_dofs_topological(V, 2, facets.find(tag["low_bottom"]))
+    bcs = [fem.dirichletbc(fem.Function(V), held)]
+    loads = [nts.Gravity([up], (2.0 if friction else 0.0, 0.0, -10.0))]
+    return scheme([low, up], [pair], dt=dt, bcs=bcs, loads=loads)
+
+
+@pytest.mark.parametrize("method", ["node-to-segment", "mortar"])
+@pytest.mark.parametrize("friction", [None, nts.Coulomb(0.5, eps_T=1e5)])
+def test_bodies_at_rest_on_loaded_springs_stay_at_rest(comm, tmp_path, method, friction):
+    """Regression: the initial acceleration left out contact, and gave 5 to 8 mm/s."""
+    path = comm.bcast(tmp_path)
+    stepper = resting(comm, nts.QuasiStatic, method, friction, 1.0)
+    with nts.Recorder(path / "press", stepper, checkpoint_every=1) as record:
+        for step in stepper.run(until=1.0):
+            record.write(step)
+    speeds = []
+    for scheme in (nts.EnergyMomentum, nts.GeneralizedAlpha):
+        stepper = resting(comm, scheme, method, friction, 1e-3)
+        nts.load_state(path / "press.checkpoint.h5", stepper)
+        for _ in range(5):
+            stepper.advance()
+        speeds.append(comm.allreduce(np.abs(stepper.v.x.array).max(), MPI.MAX))
+    # What statics left unbalanced.
+    assert speeds[0] < 2e-4
+    assert speeds[1] == pytest.approx(speeds[0], rel=0.01)
