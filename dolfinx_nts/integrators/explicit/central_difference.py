@@ -124,7 +124,7 @@ class CentralDifference(Stepper):
         mass: Lumped mass of the owned nodes, shape ``(n,)`` [kg].
 
     Raises:
-        TypeError: An argument has the wrong type.
+        TypeError: An argument has the wrong type, or a subclass has another ``scheme``.
         ValueError: As in `EnergyMomentum`; or ``dt`` is above the estimate, a pair is enforced
             by multipliers, or a material has viscous branches or plasticity.
 
@@ -157,6 +157,12 @@ class CentralDifference(Stepper):
         loads: Sequence[Load] = (),
         update: Callable[[float], None] | None = None,
     ) -> None:
+        if self.scheme is not CentralDifference.scheme:
+            raise TypeError(
+                f"expected no attribute scheme of {type(self).__name__}, as central differences "
+                "are not changed by it, and explicit schemes of your own are not supported: a "
+                "scheme of your own is one of an ImplicitStepper"
+            )
         pairs = tuple(map(self._with_defaults, instances(ContactPair, pairs)))
         check_scope(bodies, pairs)
         first = 1.0 if dt is None else dt

@@ -105,7 +105,7 @@ class GeneralizedAlpha(ImplicitStepper):
             forces of contact springs, but not of multipliers, which do not follow from a state.
 
     Raises:
-        TypeError: An argument has the wrong type.
+        TypeError: An argument has the wrong type, or a subclass has another ``scheme``.
         ValueError: As in `EnergyMomentum`; or ``rho_inf`` is not in [0, 1], or a pair has
             elastic impact, or multipliers at nodes of rigid bodies.
 
@@ -133,6 +133,11 @@ class GeneralizedAlpha(ImplicitStepper):
     ) -> None:
         if not 0 <= finite("rho_inf", rho_inf) <= 1:
             raise ValueError(f"expected a spectral radius rho_inf in [0, 1], given {rho_inf}")
+        if isinstance(getattr(self, "scheme", None), Scheme):
+            raise TypeError(
+                f"expected no attribute scheme of {type(self).__name__}, as rho_inf determines "
+                "that of GeneralizedAlpha: derive from ImplicitStepper for another scheme"
+            )
         parameters = Newmark.of(rho_inf)
         self.scheme = Scheme(
             contact="static",

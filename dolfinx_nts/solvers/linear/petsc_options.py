@@ -95,9 +95,13 @@ class PetscOptions:
                 database.delValue(name)
             lines = str(error).splitlines()
             reason = lines[-1].partition("] ")[2] or lines[0]
+            # An error of a preconditioner in Python, which PETSc reports by its own place only.
+            cause = error.__cause__ or error.__context__
+            if cause is not None:
+                reason = f"{type(cause).__name__}: {cause}"
             raise ValueError(
                 f"expected petsc_options that PETSc understands, given {self._given}: {reason}"
-            ) from None
+            ) from cause
 
     def check_used(self) -> None:
         """Raise if options have not been used so far; later calls do nothing. Collective.

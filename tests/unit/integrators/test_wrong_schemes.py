@@ -97,3 +97,22 @@ def test_missing_scheme_and_missing_call_of_the_base_class_are_named(box):
         AttributeError, match=r"expected super\(\).__init__\(bodies, pairs, dt=...\)"
     ):
         NotCalled([box.body], dt=0.1).set_velocity(box.body, None)
+
+
+@pytest.mark.parametrize("kind", [nts.CentralDifference, nts.GeneralizedAlpha])
+def test_scheme_of_a_stepper_that_has_its_own_is_refused(box, kind):
+    """Regression: it was ignored."""
+    own = type("Own", (kind,), {"scheme": nts.Scheme(**ARGUMENTS)})
+    with pytest.raises(TypeError, match=r"expected no attribute scheme of Own, as .*ImplicitStep"):
+        own([box.body], dt=1e-6)
+
+
+def test_subclass_without_a_scheme_is_a_stepper(box):
+    for kind in (nts.CentralDifference, nts.GeneralizedAlpha):
+        type("Own", (kind,), {})([box.body], dt=1e-6)
+
+
+def test_scheme_of_wood_bossak_and_zienkiewicz_is_accepted(box):
+    a = -0.1
+    rates = partial(nts.NewmarkRates, nts.Newmark(a, 0.0, (1 - a) ** 2 / 4, 0.5 - a))
+    assert stepper_of(box, rates=rates).advance().newton_iterations >= 0
