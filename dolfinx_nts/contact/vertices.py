@@ -176,16 +176,16 @@ def add_vertices(
             each = ContactPair(vertices, faces, *laws, NODES, exchange=False)
             # A vertex opposite a node touches several facets; smooth patches have one normal there.
             if is_static and may_be_smooth(each):
-                faces_of = faces.smoothed()
-                each = ContactPair(vertices, faces_of, *laws, NODES, exchange=False)
+                each = ContactPair(vertices, faces.smoothed(), *laws, NODES, exchange=False)
             is_reverse = faces is pair.nodes
             state = VertexState(contact, each, tolerance, is_reverse=is_reverse)
             contact.vertices = (*contact.vertices, state)
+        # Surfaces without vertices on edges need no search for edges.
+        are_sharp = all(_may_touch(s.with_nodes(kinks(s)[0]), rigid) for s in _surfaces(pair))
         is_first = all(pairs.index(pair) < pairs.index(other) for other in exchanged)
-        if is_first and not roles.have_edges(pair) and (edges := _edges(pair)):
-            if all(_may_touch(side, rigid) for side in _surfaces(edges)):
-                tolerance = HYSTERESIS * kinks(pair.nodes)[1]
-                contact.vertices = (*contact.vertices, VertexState(contact, edges, tolerance))
+        if are_sharp and is_first and not roles.have_edges(pair) and (edges := _edges(pair)):
+            tolerance = HYSTERESIS * kinks(pair.nodes)[1]
+            contact.vertices = (*contact.vertices, VertexState(contact, edges, tolerance))
     return [cast(VertexState, each) for contact in contacts for each in contact.vertices]
 
 

@@ -15,6 +15,7 @@ from dolfinx_nts.contact.checks.overlap_watch import OverlapWatch
 from dolfinx_nts.contact.checks.passage import shortest_passage_of
 from dolfinx_nts.contact.checks.reverse_passage import ReversePassages
 from dolfinx_nts.contact.checks.soft_springs import SoftSprings
+from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.history import ContactWork
 from dolfinx_nts.contact.joint_state import JointState
 from dolfinx_nts.contact.pair_state import PairState
@@ -35,7 +36,8 @@ _REST = 1e-6
 class EnergyGain:
     """Check for spurious work of constraints, as when they push out penetrating nodes. Local.
 
-    A warning is repeated only if a step gains twice as much. Arguments are the same on all ranks.
+    Springs are no constraints: what their forces gain in a step depends on the scheme. A warning is
+    repeated only if a step gains twice as much. Arguments are the same on all ranks.
 
     Args:
         comm: Communicator.
@@ -65,6 +67,7 @@ class EnergyGain:
         gains = {
             state: work.persistent + work.activation + work.facet_change
             for state, work in works.items()
+            if not isinstance(state.pair.enforcement, Penalty)
         }
         state = max(gains, key=gains.__getitem__, default=None)
         least = max(before, _PART * after, _REST * self._largest, 2 * self._reported, negligible)
