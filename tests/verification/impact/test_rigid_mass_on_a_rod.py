@@ -68,7 +68,9 @@ def motion(num_cells, scheme=nts.EnergyMomentum, *, is_round=False):
     foot = fem.locate_dofs_topological(V, 1, facets.find(tag["rod_bottom"]))
     clamp = fem.dirichletbc(np.zeros(2), foot, V)
     is_implicit = scheme is nts.EnergyMomentum
-    law = nts.LagrangeMultiplier() if is_implicit else nts.Penalty()
+    # Springs are as stiff as the cells: E A/h, of which each of two nodes has a half.
+    stiffness = num_cells / LENGTH / 2
+    law = nts.LagrangeMultiplier() if is_implicit else nts.Penalty(eps_N=stiffness)
     pair = nts.ContactPair(*sides, enforcement=law, method="node-to-segment")
     dt = LENGTH / num_cells if is_implicit else None
     stepper = scheme([rod, mass], [pair], dt=dt, bcs=[clamp])
