@@ -109,7 +109,7 @@ class StrainEnergy(Declaration):
         """Moduli 4 psi''(1) of strains 11, 12, 13, 22, 23, 33, shape ``(6, 6)`` [Pa].
 
         The basis is orthonormal: strains 12, 13 and 23 have a factor of sqrt(2). Only for energies
-        without fields; `CellModuli` has those of others.
+        without fields.
         """
         basis = strain_basis()
         curvature = np.zeros((6, 6))
