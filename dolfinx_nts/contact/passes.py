@@ -5,7 +5,6 @@ With springs at nodes of both sides, as in `two_half_passes`, the force is the s
 
 import weakref
 from collections.abc import Callable
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -43,7 +42,7 @@ class Passes:
         body_of_nodes: Ints | None = None,
     ) -> None:
         self.positions, self.time, self._body_of_nodes = positions, time, body_of_nodes
-        self._sharing: WeakKeyDictionary[ContactPair, bool] = WeakKeyDictionary()
+        self._sharing: weakref.WeakKeyDictionary[ContactPair, bool] = weakref.WeakKeyDictionary()
         # Weak references avoid cycles, which would be collected at different times on each rank.
         self._all: list[tuple[ContactPair, weakref.WeakMethod[_ForcesOnSegments]]] = []
 

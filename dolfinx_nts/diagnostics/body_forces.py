@@ -34,7 +34,7 @@ class BodyForces:
     def __init__(self, stepper: Stepper) -> None:
         contacts: list[PairState] = [c for c in stepper.contacts if isinstance(c.segments, Surface)]
         contacts += [vertices for contact in contacts for vertices in contact.vertices]
-        self._contacts, self._stepper = contacts, stepper
+        self._contacts = contacts
         self._comm: MPI.Comm = stepper.u.function_space.mesh.comm
         self.pairs: list[tuple[int, int]] = []
         if not contacts:

@@ -22,7 +22,6 @@ from dolfinx_nts.common.timing import Timings
 from dolfinx_nts.contact.checks.repeated_pairs import check_repeated
 from dolfinx_nts.contact.checks.start import check_start, warn_of_bodies_without_pair
 from dolfinx_nts.contact.checks.watch import ContactWatch
-from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.history import reloaded
 from dolfinx_nts.contact.massless import is_resolved
 from dolfinx_nts.contact.pair import ContactPair
@@ -145,9 +144,9 @@ class Stepper(TimeLoop):
     bodies = SetOnce[tuple[Body, ...]]()
     pairs = SetOnce[tuple[ContactPair, ...]]()
 
+    @abstractmethod
     def _with_defaults(self, pair: ContactPair) -> ContactPair:
         """Pair with the defaults of this stepper for laws that were not given. Collective."""
-        return pair.with_defaults(Penalty())
 
     def __new__(cls, *arguments: Any, **options: Any) -> Any:
         """Check the arguments, with an error that names the class and its arguments."""

@@ -194,11 +194,9 @@ class ImplicitStepper(Stepper):
         return self._step_solver.linear
 
     def _with_defaults(self, pair: ContactPair) -> ContactPair:
-        """Pair with default laws: springs or multipliers. Collective.
+        """Pair with default laws: springs with inertia, multipliers in statics. Collective.
 
-        Multipliers are the default in statics, and in conserving schemes for edges and nodes of
-        rigid bodies, which do not vibrate in contact. With multipliers the generalised-alpha method
-        would gain energy.
+        Multipliers at nodes of rigid bodies alternate from step to step, and friction with them.
         """
         rigid = gives_rigid_nodes(pair, self.bodies)
         law = LagrangeMultiplier() if self.scheme.rates is NoRates else Penalty()

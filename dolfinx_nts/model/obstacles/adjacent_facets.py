@@ -63,8 +63,7 @@ class AdjacentFacets:
         """Whether points below their facets are less deep below an adjacent one, ``(m,)``.
 
         The adjacent facet turns away at a convex edge by 30 degrees or more. Points above it are
-        not inside the body. Deeper points may be behind the opposite side of the body of the
-        facet of the points.
+        not inside the body, and points less deep below it entered the body through it.
         """
         flags: Flags = np.zeros(len(facet), dtype=bool)
         k = self._facets.shape[1]

@@ -30,8 +30,8 @@ _SMOOTH, _KINKED = 0.001, 0.004
 # Step between unconnected segments below a facet, relative to its diameter [-]: up to the first
 # value the surface counts as smooth, from the second value on as a kink. Larger: the open gap above
 # the lower segments counts as much as the penetration of the upper ones (without them the force of
-# a block above a step of 3 % of a facet is 15 % too small); smaller: next to joints of bodies that
-# are deformed differently, pressures are less smooth.
+# a block above a step of 3 % of a facet is 15 % too small); smaller: joints of bodies that are
+# deformed differently count as kinks.
 _LEVEL, _STEPPED = 0.002, 0.01
 # Multiple of the least gap in equilibrium [-] up to which points opposite a kink have full weight.
 # Larger: open points keep nodes apart, and forces are too small (by 45 % without a limit on the
