@@ -11,7 +11,7 @@ import ufl
 from dolfinx import fem
 
 from dolfinx_nts.common.arrays import Floats
-from dolfinx_nts.diagnostics.names import flat, part_names
+from dolfinx_nts.diagnostics.names import ByName, flat, part_names
 from dolfinx_nts.fem.components import (
     deformation_gradient,
     dimension,
@@ -141,11 +141,11 @@ class BodyDiagnostics:
         sums = reductions.total(self._comm, np.array(rows))
         names = part_names("body", (body.name for body in stepper.bodies))
         V = stepper.u.function_space
-        balances = {}
-        for name, (scalars, linear, turning, moment) in zip(names, sums, strict=True):
+        balances = list[BodyBalance]()
+        for scalars, linear, turning, moment in sums:
             mass, kinetic_energy, strain_energy = scalars.tolist()
             energies = mass, kinetic_energy, strain_energy
             linear, moment = resultants(linear, V), resultants(moment, V)
             turning = moments(turning, V)
-            balances[name] = BodyBalance(*energies, linear, turning, moment / mass, linear / mass)
-        return balances
+            balances.append(BodyBalance(*energies, linear, turning, moment / mass, linear / mass))
+        return ByName("body", names, balances)

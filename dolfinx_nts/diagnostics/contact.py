@@ -12,7 +12,7 @@ import numpy as np
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.history import contact_sums
 from dolfinx_nts.diagnostics.body_forces import BodyForces
-from dolfinx_nts.diagnostics.names import flat, pair_names, part_names
+from dolfinx_nts.diagnostics.names import ByName, flat, pair_names, part_names
 from dolfinx_nts.diagnostics.present import Present
 from dolfinx_nts.fem.components import bounds, existing, in_space, nodal
 from dolfinx_nts.integrators.stepper import Stepper
@@ -158,8 +158,9 @@ class ContactDiagnostics:
         pressures = [float(p.max(initial=0.0)) for p in self._now().pressures]
         pressures = reductions.largest(self._comm, pressures) if pressures else []
         vectors = [self._parts(pair) for pair in self.pair_resultants()]
-        numbers = zip(self._pair_names, vectors, areas, pressures, strict=True)
-        return {name: PairBalance(*parts, *scalars) for name, parts, *scalars in numbers}
+        of_pairs = zip(vectors, areas, pressures, strict=True)
+        balances = (PairBalance(*parts, *scalars) for parts, *scalars in of_pairs)
+        return ByName("pair", self._pair_names, balances)
 
     def obstacles(self) -> dict[str, ObstacleBalance]:
         """Contact of each rigid obstacle in the last step, by its name."""
@@ -175,10 +176,8 @@ class ContactDiagnostics:
                 on_nodes = np.array([force, torque - np.cross(centre, force)])
                 totals[obstacle] = totals.get(obstacle, 0.0) - on_nodes
         names = part_names("obstacle", (obstacle.name for obstacle in totals))
-        return {
-            name: ObstacleBalance(*self._parts(total))
-            for name, total in zip(names, totals.values(), strict=True)
-        }
+        balances = (ObstacleBalance(*self._parts(total)) for total in totals.values())
+        return ByName("obstacle", names, balances)
 
     def between(self) -> dict[str, Floats]:
         """Contact forces between each two bodies in the last step, by their names [N].
@@ -190,7 +189,7 @@ class ContactDiagnostics:
         one side does not show which of them touch.
         """
         forces = self._all_sums()[1][:, self._axes[0]]
-        return dict(zip(self._between, forces, strict=True))
+        return ByName("force between bodies", self._between, forces)
 
     def active_nodes(self) -> int:
         """Number of nodes that transmit force, on all ranks."""

@@ -8,13 +8,16 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from functools import cache
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
+from dolfinx_nts.common.arguments import did_you_mean
 from dolfinx_nts.contact.pair import ContactPair
 
-__all__ = ["flat", "pair_names", "part_names"]
+__all__ = ["ByName", "flat", "pair_names", "part_names"]
+
+Value = TypeVar("Value")
 
 # Longest name [characters]; longer ones would hide the quantity.
 _LONGEST = 40
@@ -27,6 +30,27 @@ _LEFT_OUT = re.compile(
 # axisymmetric mesh, or about z for moments in the plane.
 _AXES = {0: "", 1: "y", 2: "xy", 3: "xyz"}
 _MOMENTS, _TURNING = ("moment", "angular_momentum", "torque"), {0: "", 1: "z", 3: "xyz"}
+
+
+class ByName(dict[str, Value]):
+    """Values by column name, which are also found by the name that the user has given. Local.
+
+    Args:
+        kind: Kind of the objects, see `part_names`.
+        names: Column names.
+        values: Value of each.
+    """
+
+    def __init__(self, kind: str, names: Iterable[str], values: Iterable[Value]) -> None:
+        super().__init__(zip(names, values, strict=True))
+        self._kind = kind
+
+    def __missing__(self, name: str) -> Value:
+        (known,) = part_names(self._kind, [str(name)])
+        if known in self:
+            return self[known]
+        suggestion = did_you_mean(known, self)
+        raise KeyError(f"there is no {self._kind} {name!r}{suggestion}; there are {list(self)}")
 
 
 def part_names(kind: str, names: Iterable[str]) -> list[str]:

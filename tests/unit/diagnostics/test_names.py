@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dolfinx_nts.diagnostics.names import flat, part_names
+from dolfinx_nts.diagnostics.names import ByName, flat, part_names
 
 pytestmark = pytest.mark.serial
 
@@ -28,6 +28,15 @@ def test_names_that_are_alike_too_long_or_empty_get_numbers():
     assert part_names("pair", ["a b", "c", "A-B", 50 * "d", "%"]) == [
         *("a_b_1", "c", "a_b_3", "4", "unnamed"),
     ]
+
+
+def test_parts_are_found_by_their_column_name_and_by_the_name_given():
+    forces = ByName("obstacle", ["rigid_sphere", "lid"], [1.0, 2.0])
+    assert forces["rigid_sphere"] == forces["RigidSphere"] == 1.0
+    assert list(forces.items()) == [("rigid_sphere", 1.0), ("lid", 2.0)]
+    said = r"there is no obstacle 'Lit': did you mean 'lid'\?; there are \['rigid_sphere', 'lid'\]"
+    with pytest.raises(KeyError, match=said):
+        forces["Lit"]
 
 
 def test_vectors_become_three_columns():
