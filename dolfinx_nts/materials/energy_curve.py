@@ -14,9 +14,10 @@ import ufl
 from ufl.algorithms import expand_derivatives
 
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.common.symbols import Symbol, call_with_symbols
 from dolfinx_nts.materials.evaluation import Evaluation
 
-__all__ = ["GENERIC_STRAIN", "EnergyCurve"]
+__all__ = ["GENERIC_STRAIN", "EnergyCurve", "energy_of_symbols"]
 
 # Direction D [-] in which no usual invariant is stationary at C = 1.
 GENERIC_STRAIN = np.array([[1.0, 0.3, -0.2], [0.3, -0.7, 0.5], [-0.2, 0.5, 0.4]])
@@ -42,8 +43,7 @@ class EnergyCurve:
     """
 
     def __init__(self, psi: Callable[[Any], Any]) -> None:
-        # UFL constants need some mesh.
-        mesh = ufl.Mesh(basix.ufl.element("Lagrange", "tetrahedron", 1, shape=(3,)))
+        mesh = _mesh()
         self._s, self._D = ufl.Constant(mesh), ufl.Constant(mesh, shape=(3, 3))
         at = ufl.variable(self._s)
         first = ufl.diff(psi(ufl.Identity(3) + at * self._D), at)
@@ -87,3 +87,23 @@ class EnergyCurve:
                 warnings.simplefilter("ignore")
                 self._values[key] = derivative.value({self._s: s, self._D: D.tolist()})
         return self._values[key]
+
+
+class _Stretch(Symbol, ufl.Constant):  # type: ignore[misc]
+    pass
+
+
+def energy_of_symbols(psi: Callable[[Any], Any]) -> Any:
+    """Evaluate an energy psi(C) at a tensor C of UFL constants, as a UFL scalar. Local.
+
+    Raises:
+        TypeError, ValueError: The energy fails, or takes numbers of the strain.
+    """
+    stretch = _Stretch(_mesh())
+    C = (1 + stretch) * ufl.Identity(3)
+    return call_with_symbols("a strain energy", lambda: ufl.as_ufl(psi(C)), symbol=stretch)
+
+
+def _mesh() -> ufl.Mesh:
+    """Some mesh, which UFL constants need."""
+    return ufl.Mesh(basix.ufl.element("Lagrange", "tetrahedron", 1, shape=(3,)))

@@ -75,13 +75,13 @@ class Hyperelastic(StrainEnergy):
         parameters: Numbers by name, read-only.
 
     Raises:
-        TypeError: ``psi`` cannot be called, or a branch is no pair of numbers.
-        ValueError: A number is not finite or has the wrong sign; ``psi`` is no scalar, or not
-            twice differentiable at C = 1, where energies without fields are evaluated, or has a
-            stress there; stiffness damping would add energy, as the moduli at C = 1 have a
-            negative eigenvalue; ``one_point`` names no parameter or all of them, or ``psi`` is not
-            the sum of both parts, or with ``"volumetric"`` has a stress that is no pressure under
-            an isotropic change of volume.
+        TypeError: ``psi`` cannot be called, or takes Python numbers of its arguments; or a branch
+            is no pair of numbers.
+        ValueError: A number is not finite or has the wrong sign; ``psi`` is no scalar, or at C =
+            1, where energies without fields are evaluated, not twice differentiable, or not least;
+            ``one_point`` names no parameter or all of them, or ``psi`` is not the sum of both
+            parts, or with ``"volumetric"`` has a stress that is no pressure under an isotropic
+            change of volume.
 
     Example:
         >>> def psi(C, mu, kappa):
@@ -119,11 +119,6 @@ class Hyperelastic(StrainEnergy):
         self.branches = checked_branches(branches)
         super().__init__(psi, parameters)
         self.check()
-        if stiffness_damping > 0 and not (self.has_fields or self._is_stable):
-            raise ValueError(
-                "expected moduli without negative eigenvalue at C = 1 for stiffness_damping, "
-                f"given {np.linalg.eigvalsh(self.moduli)[0]:g} Pa"
-            )
         self._has_default = one_point is None
         self.splits_volume, self.one_point = self._rule(one_point)
         if self.one_point and not self.one_point < parameters.keys():

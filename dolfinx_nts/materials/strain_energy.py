@@ -14,7 +14,7 @@ from ufl.domain import extract_domains
 from dolfinx_nts.common.arguments import is_of_package
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.common.declaration import Declaration
-from dolfinx_nts.materials.energy_curve import EnergyCurve
+from dolfinx_nts.materials.energy_curve import EnergyCurve, energy_of_symbols
 from dolfinx_nts.materials.evaluation import Evaluation
 
 __all__ = ["STRETCHES", "StrainEnergy", "strain_basis"]
@@ -80,10 +80,11 @@ class StrainEnergy(Declaration):
         """Check the energy in the undeformed state.
 
         Raises:
-            ValueError: The energy is no scalar; or, without fields, is not twice differentiable or
-                has a stress.
+            TypeError: The energy is no UFL expression of C, or takes numbers of the strain.
+            ValueError: The energy is no scalar; or, without fields, is not twice differentiable,
+                has a stress, or decreases.
         """
-        if (shape := ufl.as_ufl(self.psi(ufl.Identity(3))).ufl_shape) != ():
+        if (shape := energy_of_symbols(self.psi).ufl_shape) != ():
             raise ValueError(f"expected a scalar strain energy psi(C), given shape {shape}")
         if self.has_fields:
             return
@@ -102,6 +103,12 @@ class StrainEnergy(Declaration):
                 f"expected psi(C) without stress at C = 1, given S = {rows} Pa: an undeformed body "
                 "would deform without loads; add a term that cancels this stress, as - mu ln J "
                 "does for mu/2 tr C"
+            )
+        if not self._is_stable:
+            raise ValueError(
+                "expected psi(C) least at C = 1, given moduli with the negative eigenvalue "
+                f"{np.linalg.eigvalsh(self.moduli)[0]:g} Pa: an undeformed body would collapse; "
+                "check the signs of its terms"
             )
 
     @cached_property

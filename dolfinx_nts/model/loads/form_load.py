@@ -3,10 +3,12 @@
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import ufl
 from dolfinx import fem
 
 from dolfinx_nts.common.arguments import as_call
+from dolfinx_nts.common.symbols import Symbol, call_with_symbols
 from dolfinx_nts.model.loads.load import Load
 from dolfinx_nts.parallel.errors import agreed
 
@@ -32,7 +34,7 @@ class FormLoad(Load):
         V: The space.
 
     Raises:
-        TypeError: ``work`` is no form, or returns none.
+        TypeError: ``work`` is no form, returns none, or takes the number of its time.
         ValueError: The form is not linear in the test function of V.
 
     Example:
@@ -42,7 +44,7 @@ class FormLoad(Load):
 
     def __init__(self, V: fem.FunctionSpace, work: ufl.Form | Callable[..., ufl.Form]) -> None:
         self.V, self._work = V, work
-        self._t = fem.Constant(V.mesh, 0.0)
+        self._t = _Time(V.mesh, 0.0)
         u = fem.Function(V)
         with agreed(V.mesh.comm, "make a FormLoad"):
             form: Any = self.form(u, u)
@@ -72,4 +74,16 @@ class FormLoad(Load):
         # Forms are callable, so test for them first.
         if isinstance(self._work, ufl.Form) or not callable(self._work):
             return self._work
-        return self._work((u_n + u) / 2, ufl.TestFunction(self.V), self._t)
+        arguments = (u_n + u) / 2, ufl.TestFunction(self.V), self._t
+        return call_with_symbols("a virtual work", self._work, *arguments, symbol=self._t)
+
+
+class _Time(Symbol, fem.Constant):  # type: ignore[misc]
+    @property
+    def value(self) -> Any:
+        self.was_taken = True
+        return self._cpp_object.value
+
+    @value.setter
+    def value(self, t: float) -> None:
+        np.copyto(self._cpp_object.value, t)

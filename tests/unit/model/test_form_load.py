@@ -1,5 +1,7 @@
 """Loads by forms of the user: against the built-in ones and closed forms."""
 
+import math
+
 import numpy as np
 import pytest
 import ufl
@@ -138,3 +140,24 @@ def test_wrong_forms_are_refused(comm, refused):
         nts.FormLoad(box.V, ufl.inner(eta, du) * ufl.dx)
     with refused(ValueError, "expected a form linear in the test function of the bodies' space"):
         nts.FormLoad(other.V, eta[0] * ufl.dx)
+
+
+@pytest.mark.parametrize(
+    "factor",
+    [
+        lambda t: math.sin(t),
+        lambda t: math.sin(2 * t),
+        lambda t: np.sin(t),
+        lambda t: np.interp(t, [0.0, 1.0], [0.0, 1.0]),
+        lambda t: float(t.value),
+        lambda t: min(t, 1.0),
+        lambda t: 1.0 if t > 1 else 2.0,
+    ],
+    ids=["math", "product", "numpy", "interp", "value", "min", "if"],
+)
+@pytest.mark.serial
+def test_a_load_by_the_number_of_the_time_is_refused(comm, factor):
+    # It would keep its value at the first time for ever.
+    box = Box(comm, "hexahedron")
+    with pytest.raises((TypeError, ValueError), match="a virtual work is a UFL expression"):
+        nts.FormLoad(box.V, lambda u, eta, t: factor(t) * eta[0] * ufl.dx)

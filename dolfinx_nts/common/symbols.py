@@ -1,0 +1,57 @@
+"""Users' functions of UFL expressions, whose numbers Python must not take."""
+
+from collections.abc import Callable
+from typing import Any
+
+__all__ = ["Symbol", "call_with_symbols"]
+
+
+class Symbol:
+    """Mixin of UFL constants that notes whether Python has taken its number.
+
+    ``math.sin`` of a UFL expression gives the sine of the present value for ever. With a constant
+    without a value UFL would look for it without end.
+
+    Attributes:
+        was_taken: Whether the number was taken.
+    """
+
+    was_taken = False
+
+    def __float__(self) -> float:
+        self.was_taken = True
+        return 0.0
+
+
+def call_with_symbols(
+    what: str, function: Callable[..., Any], *arguments: Any, symbol: Symbol
+) -> Any:
+    """Call a user's function of UFL expressions. Local.
+
+    Args:
+        what: What the function returns, for messages.
+        function: The function.
+        *arguments: Its arguments, of which some contain the symbol.
+        symbol: The symbol.
+
+    Returns:
+        Its result.
+
+    Raises:
+        TypeError, ValueError: The function has failed with such an error, or takes the number of
+            the symbol.
+    """
+    hint = (
+        f"{what} is a UFL expression of its arguments: instead of functions of math and NumPy, "
+        "min, max and if, use ufl.sin, ufl.exp, ufl.ln, ufl.max_value, ufl.conditional"
+    )
+    symbol.was_taken, failure = False, None
+    try:
+        result = function(*arguments)
+    except (TypeError, ValueError) as error:
+        failure = error
+    if symbol.was_taken:
+        raise TypeError(f"expected no Python number of an argument; {hint}") from failure
+    if failure is not None:
+        raise type(failure)(f"{failure} ({hint})") from failure
+    return result
