@@ -13,11 +13,12 @@ import numpy as np
 import ufl
 
 from dolfinx_nts.common.arguments import as_call, finite, positive
+from dolfinx_nts.common.arrays import Flags, Floats
 from dolfinx_nts.materials.branches import checked_branches
 from dolfinx_nts.materials.energy_curve import GENERIC_STRAIN
-from dolfinx_nts.materials.strain_energy import StrainEnergy
+from dolfinx_nts.materials.strain_energy import StrainEnergy, are_pressures
 
-__all__ = ["Hyperelastic", "right_cauchy_green"]
+__all__ = ["Hyperelastic", "lock", "right_cauchy_green"]
 
 # Gauss points and weights of the average over [0, 1] [-]: three points are exact up to degree 5.
 _POINTS = 0.5 + 0.5 * np.sqrt(0.6) * np.array([-1.0, 0.0, 1.0])
@@ -40,6 +41,11 @@ def right_cauchy_green(F: Any) -> Any:
     return F.T * F
 
 
+def lock(poisson_ratio: Floats | float) -> Flags:
+    """Whether hexahedra of degree 1 with all quadrature points lock; False for NaN. Local."""
+    return (np.asarray(poisson_ratio) >= _LOCKS) & (np.asarray(poisson_ratio) < _FLUID)
+
+
 class Hyperelastic(StrainEnergy):
     r"""A material given by its strain energy. Local.
 
@@ -56,10 +62,10 @@ class Hyperelastic(StrainEnergy):
         one_point: Terms with one quadrature point per cell, at the mean deformation gradient of the
             cell. ``"volumetric"``: the volumetric terms in hexahedra and quadrilaterals of degree
             1, which prevents volumetric locking. This is the default for a Poisson's ratio of at
-            least 0.3, except for energies with fields, or with fibres that resist a uniform change
-            of volume. Or names of parameters whose terms of ``psi`` have one point; ``psi`` must be
-            linear in them. ``()`` for none, as in the paper. Every choice conserves energy, because
-            each point has its own energy and conserving stress.
+            least 0.3, with fields: in any cell of the body; except for energies with fibres that
+            resist a uniform change of volume. Or names of parameters whose terms of ``psi`` have
+            one point; ``psi`` must be linear in them. ``()`` for none, as in the paper. Every
+            choice conserves energy, because each point has its own energy and conserving stress.
         branches: Pairs of a share [-] and a relaxation time [s], each a spring in series with a
             dashpot, in parallel with the energy. After a sudden change of shape the stress is that
             of ``psi`` times 1 plus the sum of the shares, and relaxes to the stress of ``psi``.
@@ -119,7 +125,7 @@ class Hyperelastic(StrainEnergy):
         self.branches = checked_branches(branches)
         super().__init__(psi, parameters)
         self.check()
-        self._has_default = one_point is None
+        self.has_default_rule = one_point is None
         self.splits_volume, self.one_point = self._rule(one_point)
         if self.one_point and not self.one_point < parameters.keys():
             raise ValueError(
@@ -132,7 +138,7 @@ class Hyperelastic(StrainEnergy):
         names = tuple(sorted(self.one_point))
         damping = {"mass_damping": self.mass_damping, "stiffness_damping": self.stiffness_damping}
         options: dict[str, Any] = {name: value for name, value in damping.items() if value}
-        if not self._has_default:
+        if not self.has_default_rule:
             options["one_point"] = "volumetric" if self.splits_volume else names
         if self.branches:
             options["branches"] = [tuple(branch) for branch in self.branches]
@@ -245,13 +251,13 @@ class Hyperelastic(StrainEnergy):
     def _rule(self, one_point: str | Sequence[str] | None) -> tuple[bool, frozenset[str]]:
         """`splits_volume` and `one_point` from the argument."""
         if one_point is None:
-            splits = _LOCKS <= self.poisson_ratio < _FLUID
+            splits = bool(lock(self.poisson_ratio))
         else:
             splits = one_point == "volumetric"
         if not splits:
             return False, frozenset(one_point or ())
         names = self._volumetric_parameters()
-        if names or self.has_fields or self._answers_volume_by_pressure:
+        if names or self.has_fields or are_pressures(self.moduli):
             return True, names
         if one_point is None:
             return False, frozenset()

@@ -46,7 +46,7 @@ class Rigid(MassOnly):
 
     def __init__(self, rho: float) -> None:
         super().__init__(rho)
-        self._has_default = True
+        self.has_default_rule = True
 
     def _described(self) -> dict[str, Any]:
         return {}

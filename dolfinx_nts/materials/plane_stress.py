@@ -60,7 +60,7 @@ class PlaneStress(Hyperelastic):
             branches=(),
             **material.parameters,
         )
-        self._has_default = True
+        self.has_default_rule = True
 
     def _described(self) -> dict[str, Any]:
         return {"material": self._material}

@@ -76,7 +76,7 @@ class J2Plasticity(Hyperelastic):
             mu=E / (2 * (1 + nu)),
             kappa=E / (3 * (1 - 2 * nu)),
         )
-        self._has_default = True
+        self.has_default_rule = True
 
     @property
     def remembers(self) -> bool:

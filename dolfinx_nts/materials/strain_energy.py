@@ -12,12 +12,12 @@ from ufl.algorithms import expand_derivatives
 from ufl.domain import extract_domains
 
 from dolfinx_nts.common.arguments import is_of_package
-from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.common.arrays import Flags, Floats
 from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.materials.energy_curve import EnergyCurve, energy_of_symbols
 from dolfinx_nts.materials.evaluation import Evaluation
 
-__all__ = ["STRETCHES", "StrainEnergy", "strain_basis"]
+__all__ = ["STRETCHES", "StrainEnergy", "are_pressures", "poisson_ratios", "strain_basis"]
 
 # Positions of the strains 11, 22 and 33 in `strain_basis`, and in `StrainEnergy.moduli`.
 STRETCHES = [0, 3, 5]
@@ -150,18 +150,7 @@ class StrainEnergy(Declaration):
         """
         if self.has_fields:
             return np.nan
-        volume = np.einsum("aii->a", strain_basis())
-        bulk = volume @ self.moduli @ volume / 9
-        shear = (np.trace(self.moduli) - 3 * bulk) / 10
-        return float((3 * bulk - 2 * shear) / (2 * (3 * bulk + shear)))
-
-    @property
-    def _answers_volume_by_pressure(self) -> bool:
-        """Whether a small volume change causes only a pressure; for energies without fields."""
-        volume = np.einsum("aii->a", strain_basis())
-        stress = self.moduli @ volume
-        rest = stress - stress @ volume / 3 * volume
-        return bool(np.abs(rest).max() <= _NO_STRESS * np.abs(self.moduli).max())
+        return float(poisson_ratios(self.moduli))
 
     @property
     def resists_collapse(self) -> bool:
@@ -201,6 +190,28 @@ def _value(psi: Callable[..., Any], C: Any, *parameters: tuple[str, float]) -> f
 
 _known_curve = lru_cache(maxsize=256)(_curve)
 _known_value = lru_cache(maxsize=256)(_value)
+
+
+def poisson_ratios(moduli: Floats) -> Floats:
+    """Poisson's ratios [-] of the nearest isotropic moduli, for moduli ``(..., 6, 6)``. Local."""
+    bulk = _of_volume(moduli) @ np.einsum("aii->a", strain_basis()) / 9
+    shear = (np.trace(moduli, axis1=-2, axis2=-1) - 3 * bulk) / 10
+    ratios: Floats = (3 * bulk - 2 * shear) / (2 * (3 * bulk + shear))
+    return ratios
+
+
+def are_pressures(moduli: Floats) -> Flags:
+    """Whether a small volume change causes only a pressure, for moduli ``(..., 6, 6)``. Local."""
+    volume, stress = np.einsum("aii->a", strain_basis()), _of_volume(moduli)
+    rest = stress - (stress @ volume / 3)[..., None] * volume
+    flags: Flags = np.abs(rest).max(axis=-1) <= _NO_STRESS * np.abs(moduli).max(axis=(-2, -1))
+    return flags
+
+
+def _of_volume(moduli: Floats) -> Floats:
+    """Stress of a small uniform change of volume, ``(..., 6)`` [Pa]."""
+    stress: Floats = moduli @ np.einsum("aii->a", strain_basis())
+    return stress
 
 
 def strain_basis() -> Floats:

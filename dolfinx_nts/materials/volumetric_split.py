@@ -40,26 +40,26 @@ class _PartOfEnergy(Hyperelastic):
     def __init__(self, material: Hyperelastic, psi: Callable[..., Any]) -> None:
         StrainEnergy.__init__(self, psi, material.parameters)
         self.rho = material.rho
-        self.one_point, self.splits_volume, self._has_default = frozenset(), False, True
+        self.one_point, self.splits_volume, self.has_default_rule = frozenset(), False, True
         self.mass_damping = material.mass_damping
         self.stiffness_damping = material.stiffness_damping
 
 
-def parts(material: Hyperelastic, locks: bool) -> tuple[Part, Part | None]:
+def parts(material: Hyperelastic, splits: bool) -> tuple[Part, Part | None]:
     """Split the energy of a material into terms with different quadratures. Local.
 
     Args:
         material: The material.
-        locks: Whether elements lock with all points of the quadrature.
+        splits: Whether volumetric terms have one point, see `Body.splits_volume`.
 
     Returns:
         Terms with all quadrature points of a cell; terms with one point, or None.
     """
-    names = material.one_point if locks or not material.splits_volume else frozenset()
+    names = material.one_point if splits or not material.splits_volume else frozenset()
     elsewhere = material.remembered_terms
     if names:
         return Part(material, names | elsewhere), Part(material, material.parameters.keys() - names)
-    if locks and material.splits_volume:
+    if splits:
         return Part(_isochoric(material), ()), Part(_volumetric(material), ())
     return Part(material, elsewhere), None
 

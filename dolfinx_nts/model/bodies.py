@@ -6,6 +6,7 @@ use the mean gradient of the cell, see `volumetric_split`.
 """
 
 from collections.abc import Callable, Iterable, Sequence
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -21,9 +22,11 @@ from dolfinx_nts.fem.axisymmetry import is_axisymmetric, over_circumference
 from dolfinx_nts.fem.elements import Element, check_space, check_tag
 from dolfinx_nts.fem.few_nodes import nodes_on_any_rank
 from dolfinx_nts.fem.mean_gradient import with_mean_gradients
-from dolfinx_nts.materials.hyperelastic import Hyperelastic
+from dolfinx_nts.materials.hyperelastic import Hyperelastic, lock
 from dolfinx_nts.materials.mass_only import MassOnly
+from dolfinx_nts.materials.strain_energy import are_pressures, poisson_ratios
 from dolfinx_nts.materials.volumetric_split import parts
+from dolfinx_nts.model.cell_moduli import CellModuli
 from dolfinx_nts.parallel import reductions
 
 __all__ = ["Body", "body_of_nodes", "bulk_form", "check_bodies", "common_space"]
@@ -103,6 +106,26 @@ class Body(Declaration):
         # This rank may own a node of the body without having one of its cells.
         self.nodes: Ints = nodes_on_any_rank(V, V.dofmap.list[local])
 
+    @cached_property
+    def splits_volume(self) -> bool:
+        """Whether volumetric terms have one quadrature point per cell. Collective at first."""
+        if not Element.of(self.V).locks:
+            return False
+        return self.material.splits_volume or (self.material.has_default_rule and self._locks())
+
+    def _locks(self) -> bool:
+        """Whether a material without one Poisson's ratio locks, and has a volumetric part."""
+        if not (self.material.has_fields and np.isnan(self.material.poisson_ratio)):
+            return False
+        locks, are_mixed = False, False
+        for _, moduli in CellModuli(self.V, self.material).blocks(self.cells):
+            locks |= bool(lock(poisson_ratios(moduli)).any())
+            are_mixed |= not are_pressures(moduli).all()
+        comm = self.V.mesh.comm
+        # Both, as each is collective.
+        locks, are_mixed = reductions.anywhere(comm, locks), reductions.anywhere(comm, are_mixed)
+        return locks and not are_mixed
+
     def __repr__(self) -> str:
         """Tag, name, material, and number of cells on this rank. Local."""
         given = {"tag": int(self._tag), "name": self.name, "material": self.material}
@@ -134,14 +157,15 @@ def bulk_form(
     mesh, element = bodies[0].V.mesh, Element.of(bodies[0].V)
     mass, full = element.mass_degree, element.stress_degree
     terms: list[tuple[Any, Ints, int]] = []
-    for material in dict.fromkeys(body.material for body in bodies):
-        cells = np.concatenate([body.cells for body in bodies if body.material is material])
+    for material, splits in dict.fromkeys((body.material, body.splits_volume) for body in bodies):
+        same = [b for b in bodies if b.material is material and b.splits_volume == splits]
+        cells = np.concatenate([body.cells for body in same])
         parameters = {
             name: fem.Constant(mesh, value) for name, value in material.parameters.items()
         }
         density = fem.Constant(mesh, material.rho)
         # Quadrature degree, material, names of parameters set to zero, and density.
-        most, volumetric = parts(material, element.locks)
+        most, volumetric = parts(material, splits)
         rules: list[tuple[int, Hyperelastic, Iterable[str], Any]] = [
             (full, *most, density if mass == full else 0.0)
         ]

@@ -39,6 +39,7 @@ def of_material(body: nts.Body, material: nts.Hyperelastic) -> nts.Body:
     """Return the same cells of another material. Local."""
     other = copy(body)
     vars(other)["material"] = material
+    vars(other).pop("splits_volume", None)
     return other
 
 

@@ -27,8 +27,8 @@ from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.materials.hyperelastic import Hyperelastic
 from dolfinx_nts.materials.strain_energy import strain_basis
 from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.cell_moduli import CellModuli
 from dolfinx_nts.model.lumped_mass import nodal_parts
-from dolfinx_nts.model.moduli import CellModuli
 from dolfinx_nts.parallel import reductions
 
 __all__ = [

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.model.bodies import Body
+from dolfinx_nts.model.moduli import poisson_ratio
 
 __all__ = ["warn_of_locking"]
 
@@ -20,7 +21,7 @@ _LOCKED = {
 
 
 def warn_of_locking(bodies: Sequence[Body]) -> None:
-    """Warn of isochoric bodies made of tetrahedra or triangles of degree 1. Local.
+    """Warn of isochoric bodies made of tetrahedra or triangles of degree 1. Collective.
 
     Materials are nearly incompressible or plastic. Reduced quadrature does not help, since there
     are more cells, with one constraint each, than nodes.
@@ -30,12 +31,14 @@ def warn_of_locking(bodies: Sequence[Body]) -> None:
     """
     V = bodies[0].V
     element = Element.of(V)
-    if element.cell not in _LOCKED or element.degree > 1 or V.mesh.comm.rank > 0:
+    if element.cell not in _LOCKED or element.degree > 1:
         return
     what, instead = _LOCKED[element.cell]
     deformable = [body for body in bodies if not body.is_rigid]
     plastic = [body.name for body in deformable if body.material.remembered_terms]
-    names = [b.name for b in deformable if b.material.poisson_ratio >= _NEARLY_INCOMPRESSIBLE]
+    names = [body.name for body in deformable if poisson_ratio(body) >= _NEARLY_INCOMPRESSIBLE]
+    if V.mesh.comm.rank > 0:
+        return
     if plastic:
         _logger.warning(
             "%s in isochoric plastic flow, in %s: energy is conserved, but bodies are far too "

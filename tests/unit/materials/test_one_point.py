@@ -239,6 +239,30 @@ def test_the_ratio_of_an_own_energy_is_measured():
     assert not fluid.splits_volume and fluid.one_point == frozenset()
 
 
+@pytest.mark.parametrize(("nu", "splits"), [(0.2, False), (0.35, True)])
+def test_an_energy_with_fields_does_not_lock_where_a_cell_has_a_ratio_of_three_tenths(
+    comm, nu, splits
+):
+    mesh, cells, _, tag = box_meshes.distribute(
+        comm, box_meshes.boxes([(6, 2, 1)], [(3.0, 1.0, 0.5)])
+    )
+    V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+    ratio = fem.Function(fem.functionspace(mesh, ("DG", 0)))
+    ratio.interpolate(lambda x: np.where(x[0] < 0.5, nu, 0.2))
+
+    def psi(C, stiffness, fibres):
+        lmbda, ln_J = 2 * ratio / (1 - 2 * ratio), ufl.ln(ufl.det(C)) / 2
+        isotropic = (ufl.tr(C) - 3) / 2 - ln_J + lmbda / 2 * ln_J**2
+        return stiffness * isotropic + fibres * (C[0, 0] - 1) ** 2
+
+    def body(**parameters):
+        return nts.Body(V, cells, tag["body 0"], nts.Hyperelastic(psi, rho=RHO, **parameters))
+
+    assert body(stiffness=MU, fibres=0.0).splits_volume == splits
+    assert not body(stiffness=MU, fibres=MU).splits_volume
+    assert not body(stiffness=MU, fibres=0.0, one_point=()).splits_volume
+
+
 @pytest.mark.serial
 @pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 2), ("tetrahedron", 1)])
 def test_other_elements_have_all_points(comm, cell, degree):

@@ -144,7 +144,8 @@ def test_the_conserving_stress_with_a_metric_does_the_work_of_the_energy():
 def test_changes_of_volume_have_one_point_whatever_the_poisson_ratio(nu):
     # Flow keeps the volume, so that cells with all points would lock.
     law = nts.J2Plasticity(1.0, nu, 1.0, yield_stress=0.1)
-    most, volumetric = parts(law, locks=True)
+    assert law.splits_volume
+    most, volumetric = parts(law, splits=True)
     assert (most.left_out, volumetric.left_out) == ({"mu", "kappa"}, {"mu"})
 
 

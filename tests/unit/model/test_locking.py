@@ -3,10 +3,12 @@
 import logging
 
 import pytest
+import ufl
 from dolfinx import fem
 
 import dolfinx_nts as nts
 from dolfinx_nts.model.checks.locking import warn_of_locking
+from helpers import scenes
 from helpers.models import box_meshes
 
 pytestmark = pytest.mark.at_most_two_ranks
@@ -38,6 +40,18 @@ def test_stepper_warns_of_tetrahedra_that_lock(comm, caplog):
         "use degree 2, or hexahedra"
     )
     assert messages == ([(logging.WARNING, text)] if comm.rank == 0 else [])
+
+
+def test_tetrahedra_of_a_material_with_fields_lock_too(comm, caplog):
+    def psi(C, stiffness):
+        x, ln_J = ufl.SpatialCoordinate(scene.V.mesh), ufl.ln(ufl.det(C)) / 2
+        nu = 0.44 + 0.03 * x[0]
+        return stiffness * ((ufl.tr(C) - 3) / 2 - ln_J + nu / (1 - 2 * nu) * ln_J**2)
+
+    scene = body(comm, "tetrahedron", 1, 0.2)
+    other = scenes.of_material(scene, nts.Hyperelastic(psi, rho=1e3, stiffness=1e4))
+    warn_of_locking([other])
+    assert ("0.45 and more, in body 0" in caplog.text) == (comm.rank == 0)
 
 
 def test_plastic_tetrahedra_lock_at_any_poisson_ratio(comm, caplog):

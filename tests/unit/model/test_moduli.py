@@ -10,9 +10,10 @@ from dolfinx_nts.fem.jit import compile_quickly
 from dolfinx_nts.integrators.explicit.stability import Cells
 from dolfinx_nts.materials.evaluation import Evaluation
 from dolfinx_nts.model.bodies import bulk_form
+from dolfinx_nts.model.cell_moduli import CellModuli
 from dolfinx_nts.model.layers import nodal_moduli
 from dolfinx_nts.model.lumped_mass import lumped_mass
-from dolfinx_nts.model.moduli import CellModuli, least_modulus
+from dolfinx_nts.model.moduli import least_modulus
 from helpers import scenes
 from helpers.models.boxed import Box
 from helpers.scene import gathered
