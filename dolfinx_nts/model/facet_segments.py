@@ -27,12 +27,14 @@ class FacetSegments(NamedTuple):
         is_owned: Whether this rank owns their facets, shape ``(s,)``.
         orientation: Orientations as in `Surface`, shape ``(s,)``.
         thickness: Undeformed height of the cell behind each segment, shape ``(s,)`` [m].
+        facets: The facets, without those on the axis of an axisymmetric mesh, shape ``(f,)``.
     """
 
     vertices: Ints
     is_owned: Flags
     orientation: Floats
     thickness: Floats
+    facets: Ints
 
 
 def facet_segments(V: fem.FunctionSpace, facets: MeshTags, tag: int) -> FacetSegments:
@@ -69,6 +71,7 @@ def facet_segments(V: fem.FunctionSpace, facets: MeshTags, tag: int) -> FacetSeg
     if not reductions.anywhere(mesh.comm, bool(is_surface.any())):
         raise ValueError(f"expected facets of a surface, given tag {tag} on the axis only")
     vertices, outward = vertices[is_surface], outward[is_surface]
+    are_segments = is_surface.reshape(on_facet.shape[:2])
     # The mean normal is used, as a corner normal does not exist if an edge has zero length.
     normal = area_vectors(X[vertices], np.ones(len(vertices)))
     height = np.einsum("si,si->s", normal, outward)
@@ -79,6 +82,7 @@ def facet_segments(V: fem.FunctionSpace, facets: MeshTags, tag: int) -> FacetSeg
         np.repeat(owned, on_facet.shape[1])[is_surface],
         np.where(height > 0, 1.0, -1.0),
         element.degree * np.abs(height) / _CENTRE[element.cell],
+        local[are_segments.any(axis=1)],
     )
 
 

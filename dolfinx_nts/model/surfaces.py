@@ -135,6 +135,9 @@ class Surface(Declaration):
         self.name = label(name) or NamedTag.name_of(tag, "surface")
 
         found = facet_segments(V, facets, tag)
+        if len(found.facets) < len(facets.find(tag)):
+            values = np.full_like(found.facets, tag)
+            self._facets = meshtags(mesh, mesh.topology.dim - 1, found.facets, values)
         # Nodes belong to all local facets, segments only to owned facets.
         nodes = nodes_on_any_rank(V, found.vertices)
         self.nodes: Ints = nodes[nodes < V.dofmap.index_map.size_local]
