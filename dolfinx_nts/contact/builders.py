@@ -21,9 +21,11 @@ from dolfinx_nts.fem.elements import Element
 from dolfinx_nts.fem.node_numbering import geometry_unchanged
 from dolfinx_nts.model.bodies import Body, common_space
 from dolfinx_nts.model.connected_bodies import connected, log_shared_nodes
-from dolfinx_nts.model.moduli import least_modulus
+from dolfinx_nts.model.moduli import least_moduli
 from dolfinx_nts.model.obstacles.obstacle import Obstacle
-from dolfinx_nts.model.surfaces import Smooth, Surface, boundary_facets, facet_size_towards
+from dolfinx_nts.model.surfaces import FINE, Smooth, Surface, boundary_facets, facing_segments
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.parallel.communication import joined
 from dolfinx_nts.search.edges.rigid_edge_search import num_sharp_edges
 
 __all__ = ["all_pairs", "boundary_of", "two_half_passes"]
@@ -138,20 +140,21 @@ def all_pairs(
         raise ValueError("expected edges=True for bodies in space only, given a mesh of the plane")
     log_shared_nodes(bodies)
     surface = cache(boundary_of)
-    stiffness = {body: least_modulus(body) for body in bodies}
-    softest = min(stiffness.values())
-    rigid = {body for body in bodies if body.is_rigid}
-    separate = connected(bodies)
+    moduli, separate = least_moduli(bodies), connected(bodies)
+    comm = bodies[0].V.mesh.comm
+    softest = reductions.least(comm, float(moduli.min(initial=np.inf)))
 
     def coarseness(group: Sequence[Body]) -> float:
-        # Rigid bodies provide segments, as their nodes resolve the contact area less well.
-        if rigid.intersection(group):
+        own, others = surface(*group), [surface(*each) for each in separate if each is not group]
+        lengths, faces = facing_segments(own, *others)
+        # Of bodies that share nodes those count whose facets face others.
+        modulus = float(np.median(joined(comm, moduli[own.segments].max(axis=1))[faces]))
+        # Rigid facets provide segments, as their nodes resolve the contact area less well.
+        if modulus == np.inf:
             return math.inf
-        ratio = max(stiffness[body] for body in group) / softest if softest > 0 else 1.0
-        weight = min(ratio**_BY_STIFFNESS, _SIMILAR)
-        others = [surface(*other) for other in separate if other is not group]
+        weight = min((modulus / softest) ** _BY_STIFFNESS, _SIMILAR) if softest > 0 else 1.0
         # Rounded, so that equal bodies keep their order in the list.
-        return float(f"{facet_size_towards(surface(*group), *others) * weight:.6g}")
+        return float(f"{np.quantile(lengths[faces], FINE) * weight:.6g}")
 
     groups = sorted(separate, key=coarseness)
     pairs: list[ContactPair] = []

@@ -1,14 +1,17 @@
 """Moduli of undeformed bodies, also of materials that vary in space."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.materials.strain_energy import STRETCHES, poisson_ratios
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.model.cell_moduli import CellModuli
 from dolfinx_nts.parallel import reductions
 
-__all__ = ["least_modulus", "poisson_ratio", "wave_modulus"]
+__all__ = ["least_moduli", "least_modulus", "poisson_ratio", "wave_modulus"]
 
 
 def wave_modulus(body: Body) -> Floats:
@@ -34,6 +37,18 @@ def least_modulus(body: Body) -> float:
     values = [np.linalg.eigvalsh(moduli)[..., 0] for _, moduli in of_cells.blocks(body.cells)]
     least = min((float(each.min()) for each in values), default=np.inf)
     return max(float(reductions.least(body.V.mesh.comm, least)), 0.0)
+
+
+def least_moduli(bodies: Sequence[Body]) -> Floats:
+    """`least_modulus` at all local nodes, infinite in rigid bodies, ``(l,)`` [Pa]. Collective.
+
+    Nodes of several bodies have the smallest one.
+    """
+    moduli: Floats = np.full(len(reference_positions(bodies[0].V)), np.inf)
+    for body in bodies:
+        own = np.inf if body.is_rigid else least_modulus(body)
+        moduli[body.nodes] = np.minimum(moduli[body.nodes], own)
+    return moduli
 
 
 def poisson_ratio(body: Body) -> float:

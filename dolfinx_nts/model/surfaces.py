@@ -36,7 +36,15 @@ from dolfinx_nts.parallel.communication import joined, places_among_all
 from dolfinx_nts.parallel.errors import agreed
 
 __all__ = [
-    *("Smooth", "Surface", "boundary_facets", "facet_shares", "facet_size_towards"),
+    "FINE",
+    *(
+        "Smooth",
+        "Surface",
+        "boundary_facets",
+        "facet_shares",
+        "facet_size_towards",
+        "facing_segments",
+    ),
     "sharpest_corner",
 ]
 
@@ -57,7 +65,7 @@ _FACING = 0.5
 # facets, up to which facets are included [-]. Larger: coarse facets next to the contact hide its
 # refinement (at 0.5 a graded block below a punch with the same facets is 1.7 times coarser);
 # smaller: single small facets determine the size.
-_FINE, _BESIDE = 0.25, 2
+FINE, _BESIDE = 0.25, 2
 # Largest distance of vertices from the sphere of a surface, relative to the radius [-].
 _ON_SPHERE = 1e-3
 
@@ -414,20 +422,22 @@ def facet_shares(surface: Surface) -> Floats:
     return share
 
 
-def facet_size_towards(surface: Surface, *others: Surface) -> float:
-    """Size of the facets of a surface that face others [m]. Collective.
+def facing_segments(surface: Surface, *others: Surface) -> tuple[Floats, Flags]:
+    """Segments of a surface that face others. Collective.
 
-    It is the lower quartile of the diameters of these facets, since surfaces are refined where
-    contact is expected. Facing facets are opposite the bounding boxes of the nearest other
-    surfaces, at most two facets farther from them than the nearest facet. Without any, all facets
-    are used.
+    They are opposite the bounding boxes of the nearest other surfaces, at most two facets farther
+    from them than the nearest segment. Without any, all count.
+
+    Returns:
+        Diameters of the segments of all ranks, shape ``(s,)`` [m], and flags, ``(s,)``.
     """
     x = reference_positions(surface.V)[surface.segments]
     comm: MPI.Comm = surface.V.mesh.comm
     lengths = joined(comm, diameters(x))
-    size = float(np.quantile(lengths, _FINE))
+    every = np.ones(len(lengths), dtype=bool)
     if not others:
-        return size
+        return lengths, every
+    size = float(np.quantile(lengths, FINE))
     centre = joined(comm, x.mean(axis=1))
     normal = _kernels.unit_vectors(joined(comm, area_vectors(x, surface.orientation)))
     low, high = surface._box
@@ -439,7 +449,16 @@ def facet_size_towards(surface: Surface, *others: Surface) -> float:
         distance = np.linalg.norm(to_box, axis=1)
         is_turned = np.einsum("si,si->s", normal, to_box) >= _FACING * distance
         faces |= is_turned & (distance <= apart[nearest] + _BESIDE * size)
-    return float(np.quantile(lengths[faces], _FINE)) if faces.any() else size
+    return lengths, faces if faces.any() else every
+
+
+def facet_size_towards(surface: Surface, *others: Surface) -> float:
+    """Lower quartile of the diameters of the facets that face others [m]. Collective.
+
+    Surfaces are refined where contact is expected.
+    """
+    lengths, faces = facing_segments(surface, *others)
+    return float(np.quantile(lengths[faces], FINE))
 
 
 def boundary_facets(V: fem.FunctionSpace, predicate: Callable[[Any], Any]) -> Ints:

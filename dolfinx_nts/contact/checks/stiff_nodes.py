@@ -6,9 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from dolfinx_nts.contact.pair import ContactPair
-from dolfinx_nts.fem.node_numbering import reference_positions
 from dolfinx_nts.model.bodies import Body
-from dolfinx_nts.model.moduli import least_modulus
+from dolfinx_nts.model.moduli import least_moduli
 from dolfinx_nts.model.surfaces import Surface, facet_size_towards
 from dolfinx_nts.parallel import reductions
 
@@ -34,12 +33,7 @@ def warn_of_stiff_nodes(bodies: Sequence[Body], pairs: Sequence[ContactPair]) ->
         bodies: All bodies of a stepper.
         pairs: Its contact pairs.
     """
-    V = bodies[0].V
-    comm, modulus = V.mesh.comm, np.full(len(reference_positions(V)), np.inf)
-    for body in bodies:
-        # Shared nodes have the smallest modulus.
-        own = np.inf if body.is_rigid else least_modulus(body)
-        modulus[body.nodes] = np.minimum(modulus[body.nodes], own)
+    comm, modulus = bodies[0].V.mesh.comm, least_moduli(bodies)
     for pair in pairs:
         if pair.touches_itself or not isinstance(pair.segments, Surface):
             continue

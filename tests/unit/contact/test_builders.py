@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from dolfinx import fem
+from dolfinx import fem, mesh
 from dolfinx.mesh import GhostMode
 
 import dolfinx_nts as nts
@@ -177,6 +177,29 @@ def test_the_softer_of_similar_meshes_gives_the_nodes(comm, cells, stiffness, fi
     (pair,) = nts.all_pairs(bodies, enforcement=nts.LagrangeMultiplier(), method="node-to-segment")
     expected = bodies[0 if first_gives_nodes else 1]
     assert np.array_equal(ids(pair.nodes), ids(nts.boundary_of(expected)))
+
+
+@pytest.mark.at_most_two_ranks
+@pytest.mark.parametrize("stiff", [None, 1e9], ids=["rigid", "stiff"])
+@pytest.mark.parametrize("pad_faces_the_other", [True, False])
+def test_of_bodies_that_share_nodes_those_count_that_face_others(comm, stiff, pad_faces_the_other):
+    """A fine block, half of it a soft pad, faces a coarser block by its pad or its core."""
+    first, _, _ = row(comm, (4, 3))
+    V = first[0].V
+    cells = V.mesh.topology.index_map(3)
+    every = np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32)
+    mid = mesh.compute_midpoints(V.mesh, 3, every)
+    near = (mid[:, 0] > 0.5) & (mid[:, 0] < 1.2)
+    values = np.where(mid[:, 0] > 1.2, 3, np.where(near == pad_faces_the_other, 1, 2))
+    tags = mesh.meshtags(V.mesh, 3, every, values.astype(np.int32))
+    if stiff is None:
+        core = nts.RigidBody(V, tags, 2, rho=1e3)
+    else:
+        core = nts.Body(V, tags, 2, nts.NeoHookean(stiff, 0.3, 1e3))
+    pad, other = nts.Body(V, tags, 1, RUBBER), nts.Body(V, tags, 3, RUBBER)
+    (pair,) = nts.all_pairs([pad, core, other])
+    expected = (pad, core) if pad_faces_the_other else (other,)
+    assert np.array_equal(ids(pair.nodes), ids(nts.boundary_of(*expected)))
 
 
 @pytest.mark.at_most_two_ranks
