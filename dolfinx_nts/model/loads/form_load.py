@@ -1,6 +1,7 @@
 """Loads that users give as UFL forms."""
 
 from collections.abc import Callable
+from inspect import signature
 from typing import Any
 
 import numpy as np
@@ -75,6 +76,10 @@ class FormLoad(Load):
         if isinstance(self._work, ufl.Form) or not callable(self._work):
             return self._work
         arguments = (u_n + u) / 2, ufl.TestFunction(self.V), self._t
+        try:
+            signature(self._work).bind(*arguments)
+        except TypeError as error:
+            raise TypeError(f"expected a function work(u, eta, t), {error}") from None
         return call_with_symbols("a virtual work", self._work, *arguments, symbol=self._t)
 
 

@@ -161,3 +161,10 @@ def test_a_load_by_the_number_of_the_time_is_refused(comm, factor):
     box = Box(comm, "hexahedron")
     with pytest.raises((TypeError, ValueError), match="a virtual work is a UFL expression"):
         nts.FormLoad(box.V, lambda u, eta, t: factor(t) * eta[0] * ufl.dx)
+
+
+@pytest.mark.serial
+def test_a_function_of_other_arguments_is_refused(comm):
+    box = Box(comm, "hexahedron")
+    with pytest.raises(TypeError, match=r"work\(u, eta, t\), too many positional arguments"):
+        nts.FormLoad(box.V, lambda u, eta: eta[0] * ufl.dx)
