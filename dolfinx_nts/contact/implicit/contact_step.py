@@ -80,6 +80,7 @@ class ContactStep:
         friction: Friction of the nodes.
         num_active: Active pairs on all ranks.
         may_touch: Whether a node can become active, on any rank.
+        has_rigid_nodes: Whether a node belongs to a rigid body, on any rank.
         touched: Whether any node of each pair was active in any iteration, shape ``(c,)``.
         x: Positions of the nodes of the candidates in the last evaluation, in the frame of the
             search, ``(l, 3)`` [m].
@@ -120,7 +121,10 @@ class ContactStep:
         self.friction = make_friction(
             state, is_static, search, nodal_stiffness, scheme == "static", begins_sticking, dt
         )
-        self.may_touch = reductions.anywhere(self._comm, bool(self.normal.may_touch.any()))
+        is_rigid = self._unknown.is_rigid
+        has_rigid = is_rigid is not None and bool(is_rigid.any())
+        flags = np.array([bool(self.normal.may_touch.any()), has_rigid])
+        self.may_touch, self.has_rigid_nodes = map(bool, reductions.anywhere(self._comm, flags))
         # Results of the first evaluation that cannot change later.
         self._idle: ContactContribution | None = None
         self.num_active, self.touched = 0, np.zeros(len(members(state)), dtype=bool)

@@ -51,12 +51,15 @@ class CondensedSystem(Protocol):
 def has_cone_problem(steps: Sequence[ContactStep], inertia: bool) -> bool:
     """Whether any pair takes part in a cone problem. Local, the same on all ranks.
 
-    With inertia, pairs without friction do not: their active set is found node by node. In statics
-    they do, since one wrong node may move a body far away that is supported only by contact.
+    With inertia, pairs without friction do only at nodes of rigid bodies; elsewhere their active
+    set is found node by node. In statics they do, since one wrong node may move a body far away
+    that is supported only by contact.
     """
-    return any(
-        _takes_part(step) and not (inertia and step.state.pair.friction is None) for step in steps
-    )
+
+    def is_coupled(step: ContactStep) -> bool:
+        return not inertia or step.state.pair.friction is not None or step.has_rigid_nodes
+
+    return any(_takes_part(step) and is_coupled(step) for step in steps)
 
 
 def solve_cone_problem(
