@@ -14,6 +14,7 @@ from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.contact.checks.overlap_watch import OverlapWatch
 from dolfinx_nts.contact.checks.passage import shortest_passage_of
 from dolfinx_nts.contact.checks.reverse_passage import ReversePassages
+from dolfinx_nts.contact.checks.short_contacts import ShortContacts
 from dolfinx_nts.contact.checks.soft_springs import SoftSprings
 from dolfinx_nts.contact.enforcement import Penalty
 from dolfinx_nts.contact.history import ContactWork
@@ -98,6 +99,7 @@ class ContactWatch:
         vertices: Pass-through check of the vertices of segments.
         springs: Check of soft springs.
         gains: Check of spurious energy gains.
+        impacts: Check of impacts that last a few steps; None in statics and explicit steps.
         velocity: Reference velocity of relative motions, shape ``(d,)`` [m/s]. Any value is valid;
             the midrange of the velocities gives the sharpest bounds.
     """
@@ -109,6 +111,7 @@ class ContactWatch:
         self._contacts = tuple(contacts)
         self._comm = bodies[0].V.mesh.comm
         self.gains = EnergyGain(self._comm)
+        self.impacts: ShortContacts | None = None
         self.velocity: Floats = np.zeros(dimension(bodies[0].V))
         # Allowed approach of any two nodes until the next check, and its value at the last update
         # of vertices and overlaps [m].

@@ -24,6 +24,7 @@ from dolfinx import fem
 from dolfinx_nts import _kernels, compat
 from dolfinx_nts.common.archive import Archive
 from dolfinx_nts.common.arrays import Floats
+from dolfinx_nts.contact.checks.short_contacts import ShortContacts
 from dolfinx_nts.contact.checks.stiff_nodes import warn_of_stiff_nodes
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Penalty
 from dolfinx_nts.contact.implicit.accepted_contact import contact_history, contact_work
@@ -150,7 +151,8 @@ class ImplicitStepper(Stepper):
         self.supports = self._bulk.supports
         self._motion = AdmissibleMotion(self._bulk, self.u, self.u_n)
         # For norms of forces lumped masses are accurate enough.
-        self._lumped_mass: Floats = np.repeat(lumped_mass(bodies), self._bulk.rigid.dim)
+        nodal_mass = lumped_mass(bodies)
+        self._lumped_mass: Floats = np.repeat(nodal_mass, self._bulk.rigid.dim)
         # A multiplier at a node of a rigid body stops the whole body, from which GeneralizedAlpha
         # gains energy.
         stops_rigid = self._is_static or self.scheme.contact != "static"
@@ -171,6 +173,7 @@ class ImplicitStepper(Stepper):
         )
         self._released_springs = None
         if not self._is_static:
+            self.watch.impacts = ShortContacts(bodies, self.contacts, nodal_mass)
             free = self._step_solver.free
             self._released_springs = ReleasedSprings(bodies, self._bulk, self.v, free)
         self._reactions = Reactions(
@@ -525,6 +528,8 @@ class ImplicitStepper(Stepper):
         self.inertia_defect, t = total.inertia, self.t + self.dt
         if not self._is_static:
             self.watch.gains.check(works, total.kinetic, t, total.open_gaps)
+        if self.watch.impacts is not None:
+            self.watch.impacts.check(total.kinetic[0], t, self.dt)
         # In statics all forces may be reactions, so that only internal forces give a scale.
         internal = self._bulk.forces() if self._is_static else solution.end.R_bulk
         internal = internal - self._lumped_mass * (v - v_n) / self.dt
