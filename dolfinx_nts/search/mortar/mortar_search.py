@@ -20,6 +20,8 @@ __all__ = ["MortarCandidates", "MortarSearch"]
 # Radius of the search for the facets around a node, relative to the longest facet [-]: their
 # distance is round-off.
 _AROUND = 1e-6
+# Round-off of sums of weights [-].
+_ROUND_OFF = 1e-10
 
 
 class MortarCandidates(FacetCandidates):
@@ -125,17 +127,22 @@ class MortarSearch(FacetSearch):
         self._around = _hats(near, facets) if near.has_middles else None
 
     def per_area(self, force: Floats, area: Floats) -> Floats:
-        """Vertex forces per area [Pa], interpolated to mid-nodes of degree 2."""
+        """Vertex forces per area [Pa], interpolated to mid-nodes of degree 2.
+
+        Mid-nodes beside a vertex without a segment have none: those of free faces beside a contact.
+        """
         values = np.zeros_like(force)
         carries = area > 0
         values[carries] = (force[carries].T / area[carries]).T
         if self._around is None:
             return values
-        field = np.zeros_like(self._X)
-        columns = np.atleast_2d(values.T).T
-        field[self._nodes.nodes, : columns.shape[1]] = columns
-        spread = self._around.spread(field)[self._nodes.nodes, : columns.shape[1]]
-        return spread.reshape(force.shape)
+        fields = np.zeros((2, *self._X.shape))
+        nodes, columns = self._nodes.nodes, np.atleast_2d(values.T).T
+        fields[0, nodes, : columns.shape[1]] = columns
+        fields[1, nodes, 0] = carries
+        spread, covered = (self._around.spread(field)[nodes] for field in fields)
+        spread *= covered[:, :1] > 1 - _ROUND_OFF
+        return spread[:, : columns.shape[1]].reshape(force.shape)
 
     def _make(
         self, found: FoundSegments, others: Ints, x: Floats, reach: float

@@ -293,6 +293,32 @@ def test_pressure_of_a_uniform_load_is_uniform(comm, cell):
 
 
 @cells_
+def test_free_faces_beside_a_contact_have_no_pressure(comm, cell):
+    """A uniformly pressed block on a wider one, both with their whole boundaries as surfaces."""
+    data = box_meshes.boxes([(4, 4, 1), (2, 2, 2)], [(2.0, 2.0, 0.5), (1.0, 1.0, 1.0)], cell)
+    second = data.X[:, 2] >= 0
+    lower = np.arange(len(data.X)) < len(data.X) - 27
+    data.X[lower & second] -= (0.5, 0.5, 0.5)
+    mesh, cells, facets, tag = box_meshes.distribute(comm, data)
+    V = fem.functionspace(mesh, ("Lagrange", 2, (3,)))
+    rubber = nts.NeoHookean(1e6, 0.0, 1e3)
+    bodies = [nts.Body(V, cells, tag[f"body {i}"], rubber) for i in (1, 0)]
+    floor = fem.locate_dofs_geometrical(V, lambda x: x[2] < -0.49)
+    bcs = [fem.dirichletbc(np.zeros(3), floor, V)]
+    load = nts.Pressure(nts.Surface(V, facets, tag["top 1"]), 1e3)
+    pair = nts.ContactPair(*(nts.boundary_of(body) for body in bodies))
+    assert pair.with_defaults(nts.Penalty()).method == "mortar"
+    stepper = nts.QuasiStatic(bodies, [pair], dt=1.0, bcs=bcs, loads=[load])
+    stepper.advance()
+    field = nts.Fields(stepper).contact_pressure()
+    x, p = field.function_space.tabulate_dof_coordinates(), field.x.array
+    above = (x[:, 2] > 0.01) & (x[:, 0] > -0.01)
+    assert np.abs(p[: len(x)][above]).max(initial=0.0) < 1e-9
+    below = (np.abs(x[:, 2]) < 1e-9) & (np.abs(x[:, :2] - 0.5) <= 0.501).all(axis=1)
+    assert comm.allreduce(float(p[: len(x)][below].max(initial=0.0)), op=MPI.MAX) > 500
+
+
+@cells_
 def test_matching_blocks_pass_the_patch_test(comm, cell):
     data = box_meshes.boxes([(4, 4, 1), (4, 4, 1)], [(1.0, 1.0, 0.5)] * 2, cell)
     data.X[len(data.X) // 2 :, 2] += 0.5

@@ -61,9 +61,7 @@ def test_a_rod_that_rebounds_within_few_steps_is_reported_once(comm, caplog):
     ],
     ids=["resolved", "rigid", "chatter"],
 )
-def test_impacts_of_enough_steps_or_without_deformation_are_not_reported(
-    comm, caplog, dt, options
-):
+def test_impacts_of_enough_steps_or_without_deformation_are_not_reported(comm, caplog, dt, options):
     stepper, body = rod(comm, dt, **options)
     with caplog.at_level(logging.WARNING):
         for _ in range(round(5 * DURATION / dt)):
