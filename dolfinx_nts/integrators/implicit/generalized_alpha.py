@@ -49,8 +49,9 @@ class Newmark:
 
     Raises:
         TypeError: A parameter is no number.
-        ValueError: A parameter is not finite, ``beta`` is not positive, or ``gamma`` is so small
-            that the energy grows.
+        ValueError: A parameter is not finite, ``beta`` is not positive, ``gamma`` is so small
+            that the energy grows, or steps of some length are unstable: ``beta`` is less than
+            ``gamma``/2, ``gamma`` less than 1/2, or a weight more than 1/2.
 
     Example:
         >>> average_acceleration = nts.Newmark(alpha_m=0.0, alpha_f=0.0, beta=0.25, gamma=0.5)
@@ -70,6 +71,17 @@ class Newmark:
             raise ValueError(
                 f"expected gamma of Newmark >= 1/2 - alpha_m + alpha_f = {least:g}, below which "
                 f"the energy grows, given {self.gamma:g}"
+            )
+        if self.beta < self.gamma / 2 - _ROUNDING or self.gamma < 0.5 - _ROUNDING:
+            raise ValueError(
+                "expected beta of Newmark >= gamma/2 and gamma >= 1/2, otherwise only short steps "
+                f"are stable, given {self.beta:g} and {self.gamma:g}; CentralDifference is for "
+                "such steps"
+            )
+        if max(self.alpha_m, self.alpha_f) > 0.5 + _ROUNDING:
+            raise ValueError(
+                "expected alpha_m and alpha_f of Newmark <= 1/2, above which the energy grows, "
+                f"given {self.alpha_m:g} and {self.alpha_f:g}"
             )
 
     @classmethod

@@ -2,6 +2,7 @@
 
 from functools import partial
 
+import numpy as np
 import pytest
 import ufl
 
@@ -81,6 +82,37 @@ def test_parameters_of_newmark_are_checked():
         nts.Newmark(0.0, 0.0, 0.25, "half")
     with pytest.raises(ValueError, match=r"gamma of Newmark >= .* = 0\.6, .* grows, given 0\.5"):
         nts.Newmark(0.0, 0.1, 0.25, 0.5)
+    with pytest.raises(ValueError, match=r"beta of Newmark >= gamma/2 .* given 0\.166667 and"):
+        nts.Newmark(0.0, 0.0, 1 / 6, 0.5)
+    with pytest.raises(ValueError, match=r"of Newmark <= 1/2, .* given 0 and 0\.6"):
+        nts.Newmark(0.0, 0.6, 0.6, 1.1)
+
+
+def test_parameters_of_newmark_are_those_of_stable_steps_of_any_length():
+    """Against the largest eigenvalue of a step of an oscillator, for steps of many lengths."""
+
+    def largest(alpha_m, alpha_f, beta, gamma, angle):
+        # State u, dt v, dt^2 a; the equation of motion holds at the weighted means.
+        end = np.array([[1, 0, -beta], [0, 1, -gamma], [0, 0, 0]], dtype=float)
+        start = np.array([[1, 1, 0.5 - beta], [0, 1, 1 - gamma], [0, 0, 0]])
+        k = angle**2
+        end[2], start[2] = ((1 - alpha_f) * k, 0, 1 - alpha_m), (-alpha_f * k, 0, -alpha_m)
+        return np.abs(np.linalg.eigvals(np.linalg.solve(end, start))).max()
+
+    rng, accepted = np.random.default_rng(7), 0
+    for _ in range(1000):
+        alpha_m, alpha_f = rng.uniform(-0.6, 0.6, 2)
+        gamma = 0.5 - alpha_m + alpha_f + rng.choice([0.0, rng.uniform(-0.2, 0.3)])
+        beta = gamma / 2 + rng.uniform(-0.2, 0.3)
+        radius = max(largest(alpha_m, alpha_f, beta, gamma, x) for x in np.logspace(-2, 4, 200))
+        try:
+            nts.Newmark(alpha_m, alpha_f, beta, gamma)
+        except ValueError:
+            assert radius > 1 + 1e-7 or beta <= 0
+        else:
+            assert radius <= 1 + 1e-7
+            accepted += 1
+    assert accepted > 20
 
 
 def test_missing_scheme_and_missing_call_of_the_base_class_are_named(box):
