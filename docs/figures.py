@@ -3,9 +3,9 @@
     python3 docs/figures.py [NAME...]
 
 runs the demos, or those with the names, and copies their pictures to ``docs/figures``; ``peers``
-is the comparison on the first screen, ``schemes`` what scheme and law of impact do to the energy,
-``laws`` the force by all laws, ``methods`` the pressure by both methods of contact. Takes a few
-minutes.
+is the comparison on the first screen, ``first_impact`` what its script computes, ``schemes`` what
+scheme and law of impact do to the energy, ``laws`` the force by all laws, ``methods`` the pressure
+by both methods of contact. Takes a few minutes.
 """
 
 import csv
@@ -25,7 +25,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 import dolfinx_nts as nts
-from dolfinx_nts import parts
+from dolfinx_nts import parts, plotting
 
 ROOT = Path(__file__).parents[1]
 FIGURES = ROOT / "docs" / "figures"
@@ -93,6 +93,35 @@ def peers() -> None:
         axis.spines[["top", "right"]].set_visible(False)
     axes[0].invert_yaxis()
     figure.savefig(FIGURES / "peers.png")
+
+
+def first_impact() -> None:
+    """The ball of the README's script in contact, and the force and energy of its table."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    script = text.split("```python\n")[1].split("```")[0]
+    figure, (scene, curves) = plt.subplots(
+        1, 2, figsize=(10, 3.4), dpi=160, layout="constrained", width_ratios=(1.2, 1)
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        os.chdir(folder)
+        names: dict[str, Any] = {}
+        exec(script.replace("until=2.0", "until=0.5"), names)
+        plotting.snapshot(names["stepper"], "scene.png", cut=(1, 0, 0))
+        scene.imshow(plt.imread("scene.png"))
+        exec(script, {})
+        table = rows(Path("ball_plate.csv"))
+        os.chdir(ROOT)
+    scene.set_axis_off()
+    start, every = table["total_energy"][0], ("kinetic_energy", "strain_energy", "total_energy")
+    for name in every:
+        curves.plot(table["time"], table[name], label=name.replace("_", " "))
+    curves.set(xlabel="time [s]", ylabel="energy [J]", ylim=(0, 1.35 * start))
+    other = curves.twinx()
+    other.plot(table["time"], table["contact_force_z"] / 1e3, "k", label="contact force")
+    other.set(ylabel="contact force [kN]", ylim=(0, 1.35 * table["contact_force_z"].max() / 1e3))
+    lines = [*curves.get_lines(), *other.get_lines()]
+    curves.legend(lines, [str(line.get_label()) for line in lines], loc="upper right", ncols=2)
+    figure.savefig(FIGURES / "first_impact.png")
 
 
 def rows(table: Path) -> dict[str, npt.NDArray[np.float64]]:
@@ -254,6 +283,6 @@ def scene(scheme: Any, law: str) -> nts.EnergyMomentum:
 
 
 if __name__ == "__main__":
-    others = {f.__name__: f for f in (peers, schemes, laws, methods)}
+    others = {f.__name__: f for f in (peers, first_impact, schemes, laws, methods)}
     for wanted in sys.argv[1:] or [*DEMOS, *others]:
         others.get(wanted, lambda name=wanted: demo(name))()
