@@ -30,6 +30,7 @@ __all__ = [
     "real",
     "real_array",
     "whole",
+    "with_article",
 ]
 
 # Digits of printed numbers [-]: enough for numbers given by users, without their round-off.
@@ -58,6 +59,11 @@ def _text(value: Any) -> str:
     if callable(value):
         return getattr(value, "__name__", type(value).__name__)
     return repr(value)
+
+
+def with_article(name: str) -> str:
+    """Name with the indefinite article, as in ``"an Obstacle"``. Local."""
+    return f"{'an' if name[0] in 'AEIOUaeiou' else 'a'} {name}"
 
 
 def label(value: Any) -> str:
@@ -206,7 +212,7 @@ def instances(kind: type[Any], items: Iterable[Any]) -> tuple[Any, ...]:
     items = tuple(items)
     for item in items:
         if not isinstance(item, kind):
-            raise TypeError(f"expected a {kind.__name__}, given {kind_of(item)}")
+            raise TypeError(f"expected {with_article(kind.__name__)}, given {kind_of(item)}")
     return items
 
 

@@ -4,7 +4,7 @@ from abc import ABCMeta
 from inspect import Signature, signature
 from typing import Any, Generic, TypeVar, cast
 
-from dolfinx_nts.common.arguments import check_call, check_methods
+from dolfinx_nts.common.arguments import check_call, check_methods, with_article
 
 __all__ = ["Declaration", "SetOnce"]
 
@@ -47,8 +47,8 @@ class Declaration(metaclass=_Completing):
         if getattr(self, "_is_complete", False):
             kind = type(self).__name__
             raise AttributeError(
-                f"expected no change of a {kind} after its creation, given a new value of {name}: "
-                f"create another {kind} with it, and the objects that use the {kind} again"
+                f"expected no change of {with_article(kind)} after its creation, given a new value "
+                f"of {name}: create another {kind} with it, and again the objects that use it"
             )
         super().__setattr__(name, value)
 
@@ -75,7 +75,7 @@ class SetOnce(Generic[T]):
         kind = type(item).__name__
         if self._name in vars(item):
             raise AttributeError(
-                f"expected no change of {self._name} after the creation of a {kind}: create a new "
-                f"{kind} with another {self._name}"
+                f"expected no change of {self._name} after the creation of {with_article(kind)}: "
+                f"create a new {kind} with another {self._name}"
             )
         vars(item)[self._name] = value

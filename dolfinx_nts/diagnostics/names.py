@@ -24,7 +24,8 @@ _LONGEST = 40
 # Leading words of automatic names that are omitted in columns, as in "the boundary of ball". Names
 # chosen by the user are not changed: a body may be called "a".
 _LEFT_OUT = re.compile(
-    r"\ba (?=part of the boundary\b|(moving )?[A-Z])|\b(of )?the (?=boundary\b)|(?<=\bboundary )of "
+    r"\ban? (?=part of the boundary\b|(moving )?[A-Z])"
+    r"|\b(of )?the (?=boundary\b)|(?<=\bboundary )of "
 )
 # Axes of the components of a vector, by their number. A single component is along the axis y of an
 # axisymmetric mesh, or about z for moments in the plane.

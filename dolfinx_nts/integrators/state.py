@@ -12,7 +12,7 @@ from dolfinx import fem, la
 
 from dolfinx_nts import _kernels
 from dolfinx_nts.common.archive import Archive
-from dolfinx_nts.common.arguments import positive, real_array
+from dolfinx_nts.common.arguments import positive, real_array, with_article
 from dolfinx_nts.common.arrays import Floats
 from dolfinx_nts.fem.axisymmetry import axis_nodes, is_axisymmetric
 from dolfinx_nts.fem.components import dimension, in_space, nodal
@@ -69,7 +69,7 @@ class State(ABC):
             if "_comm" not in vars(self) and name != "scheme":
                 raise AttributeError(
                     f"expected super().__init__(bodies, pairs, dt=...) in the __init__ of {kind} "
-                    f"before any use of it, given a {kind} without {name}"
+                    f"before any use of it, given {with_article(kind)} without {name}"
                 )
             raise AttributeError(f"{kind!r} object has no attribute {name!r}")
 

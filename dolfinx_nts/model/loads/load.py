@@ -16,7 +16,7 @@ import ufl
 from dolfinx import fem
 from ufl.algorithms.analysis import extract_coefficients, extract_constants
 
-from dolfinx_nts.common.arguments import as_call, instances, real_array
+from dolfinx_nts.common.arguments import as_call, instances, real_array, with_article
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.model.bodies import Body
 from dolfinx_nts.parallel.errors import agreed
@@ -117,7 +117,7 @@ class LoadWithValue(Load):
         else:
             self._value = fem.Constant(V.mesh, np.zeros(self._shape))
             self._in_time = value if callable(value) else None
-            with agreed(V.mesh.comm, f"make a {type(self).__name__}"):
+            with agreed(V.mesh.comm, f"make {with_article(type(self).__name__)}"):
                 self._set(value(0.0) if callable(value) else value)
 
     def _shape_in(self, dim: int) -> tuple[int, ...]:
@@ -151,7 +151,7 @@ class LoadWithValue(Load):
         return np.array(self._value.value) if self._shape else float(self._value.value)
 
     def _set(self, value: Any) -> None:
-        value = real_array(f"a {type(self).__name__}", value)
+        value = real_array(with_article(type(self).__name__), value)
         self._check(value.shape)
         if not np.isfinite(value).all():
             raise ValueError(f"expected a finite {type(self).__name__}, given {value}")
@@ -160,7 +160,8 @@ class LoadWithValue(Load):
     def _check(self, shape: tuple[int, ...]) -> None:
         if shape != self._shape:
             raise ValueError(
-                f"expected a {type(self).__name__} of shape {self._shape}, given shape {shape}"
+                f"expected {with_article(type(self).__name__)} of shape {self._shape}, given "
+                f"shape {shape}"
             )
 
 

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from dolfinx_nts.common.arguments import as_call, is_of_package, label
+from dolfinx_nts.common.arguments import as_call, is_of_package, label, with_article
 from dolfinx_nts.common.arrays import Flags, Floats, GlobalInts, Ints
 from dolfinx_nts.common.declaration import Declaration
 from dolfinx_nts.model.kinematics import ContactKinematics, Slip
@@ -151,7 +151,8 @@ class Obstacle(Declaration):
     @property
     def name(self) -> str:
         """Name in messages and columns: the given one, or the kind of the obstacle."""
-        return self._label or f"a {'' if self.motion.is_rest else 'moving '}{type(self).__name__}"
+        kind = type(self).__name__
+        return self._label or with_article(kind if self.motion.is_rest else f"moving {kind}")
 
     def __repr__(self) -> str:
         """Arguments that define the surface, and its motion. Local."""

@@ -388,7 +388,7 @@ def test_invalid_surfaces_and_pairs_are_refused(comm, refused):
     sides = [nts.boundary_of(body) for body in bodies[:2]]
     with refused(TypeError, "both sides as contact nodes, given LagrangeMultiplier"):
         nts.two_half_passes(*sides, nts.LagrangeMultiplier())
-    with refused(TypeError, "expected a Obstacle, given Body"):
+    with refused(TypeError, "expected an Obstacle, given Body"):
         nts.all_pairs(
             bodies,
             obstacles=[bodies[0]],
