@@ -11,7 +11,7 @@ __all__ = ["Declaration", "SetOnce"]
 T = TypeVar("T")
 
 
-class _Completing(ABCMeta):
+class _FreezingMeta(ABCMeta):
     """Metaclass that checks the call, and freezes an object after its ``__init__``."""
 
     def __call__(cls, *args: Any, **kwargs: Any) -> Any:
@@ -30,7 +30,7 @@ class _Completing(ABCMeta):
         return Signature(list(signature(make).parameters.values())[1:])
 
 
-class Declaration(metaclass=_Completing):
+class Declaration(metaclass=_FreezingMeta):
     """Base class of immutable objects. Local.
 
     A later change would be inconsistent, since steppers evaluate a declaration only once.

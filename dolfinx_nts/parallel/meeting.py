@@ -158,7 +158,7 @@ def leave_with_notes() -> None:
     atexit.register(_send_notes)
 
 
-def _readers(rank: int) -> list[int]:
+def _notified_by(rank: int) -> list[int]:
     """Ranks notified by an exiting rank: two of them, as one may have exited as well."""
     return [r for r in range(min(MPI.COMM_WORLD.size, 3)) if r != rank][:2]
 
@@ -167,7 +167,7 @@ def _send_notes() -> None:
     comm = MPI.COMM_WORLD
     if not MPI.Is_finalized():
         empty = np.empty(0, dtype=np.int8)
-        _pending.extend(comm.Isend(empty, rank, _TAG) for rank in _readers(comm.rank))
+        _pending.extend(comm.Isend(empty, rank, _TAG) for rank in _notified_by(comm.rank))
         time.sleep(_FAREWELL)
 
 
@@ -175,7 +175,7 @@ def _end_if_one_has_left(call: str) -> None:
     comm, status = MPI.COMM_WORLD, MPI.Status()
     if not comm.iprobe(tag=_TAG, status=status):
         return
-    time.sleep(_GRACE * _readers(status.source).index(comm.rank))
+    time.sleep(_GRACE * _notified_by(status.source).index(comm.rank))
     sys.stderr.write(
         f"rank {status.source} of {comm.size} has left the program, while rank {comm.rank} waits "
         f"for it in {call}: all ranks end\n"

@@ -211,7 +211,7 @@ class Elimination:
 
     def act(self, parts: list[Part], y: Floats) -> Floats:
         """Replace y by Z~^T (y + sum lambda dF/dq x), with the parts of x from `constrain`."""
-        self._act(parts, y)
+        self._project(parts, y)
         return y
 
     def multipliers(self, x: Floats, y: Floats) -> list[Floats]:
@@ -224,12 +224,12 @@ class Elimination:
         Returns:
             Multipliers of each of `pairs`, constraint by constraint [N].
         """
-        removed = zip(self.pairs, self._act([p.part(x) for p in self.pairs], y), strict=True)
+        removed = zip(self.pairs, self._project([p.part(x) for p in self.pairs], y), strict=True)
         return [
             -values[np.arange(p.blocks.normal.shape[1]) < p.blocks.rank[:, None]]
             for p, values in removed
         ]
 
-    def _act(self, parts: list[Part], y: Floats) -> list[Floats]:
+    def _project(self, parts: list[Part], y: Floats) -> list[Floats]:
         """Project y; return the multipliers of the removed forces, each ``(m, 3)``."""
         return [p.act(x, y) for p, x in zip(self.pairs, parts, strict=True)]
