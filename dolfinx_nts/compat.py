@@ -361,6 +361,6 @@ def vtx_writer() -> Any:
     writer = getattr(import_module("dolfinx.io"), "VTXWriter", None)
     if writer is None:
         raise RuntimeError(
-            "expected a DOLFINx with ADIOS2 for VTX files; fields='xdmf' works without"
+            "expected a DOLFINx with ADIOS2 for VTX files; fields='xdmf' works without it"
         )
     return writer

@@ -66,8 +66,8 @@ class Scheme:
         for (name, value), allowed in zip(chosen.items(), (_GRADIENTS, _LOADS), strict=True):
             if value not in allowed:
                 raise ValueError(
-                    f"expected {name} of a Scheme out of {', '.join(map(repr, allowed))}, given "
-                    f"{value!r}"
+                    f"expected {name} of a Scheme to be one of {', '.join(map(repr, allowed))}, "
+                    f"given {value!r}"
                 )
         for name, function in ("stress", self.stress), ("rates", self.rates):
             if not callable(function):

@@ -107,7 +107,7 @@ def _described(path: Path) -> tuple[str, str, dict[str, Kind]]:
 
     def add(name: str | bytes, item: Any) -> None:
         if isinstance(name, bytes):  # not UTF-8
-            raise ValueError(f"it has {name!r}, a name that is no text")
+            raise ValueError(f"it has {name!r}, a name that is not text")
         if isinstance(item, h5py.Dataset):
             kinds[name] = Kind(item.shape, item.dtype.str)
 

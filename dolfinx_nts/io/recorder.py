@@ -316,7 +316,7 @@ class _Options:
     def __post_init__(self) -> None:
         if self.fields not in get_args(FieldsKind):
             names = ", ".join(map(repr, get_args(FieldsKind)))
-            raise ValueError(f"expected fields out of {names}, given {self.fields!r}")
+            raise ValueError(f"expected fields to be one of {names}, given {self.fields!r}")
         if self.fields == "vtx" and self.resume:
             raise ValueError(
                 "expected fields='vtkhdf' with resume, given 'vtx', which cannot be resumed"

@@ -129,7 +129,7 @@ class Hyperelastic(StrainEnergy):
         self.splits_volume, self.one_point = self._rule(one_point)
         if self.one_point and not self.one_point < parameters.keys():
             raise ValueError(
-                f"expected one_point 'volumetric', or out of {sorted(parameters)} but not all, "
+                f"expected one_point 'volumetric', or some but not all of {sorted(parameters)}, "
                 f"given {one_point!r}"
             )
         self._check_parts()

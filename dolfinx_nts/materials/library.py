@@ -92,7 +92,9 @@ class NeoHookean(Hyperelastic):
     ) -> None:
         energies = {"log": _neo_hookean_log, "quadratic": _neo_hookean_quadratic}
         if volumetric not in energies:
-            raise ValueError(f"expected volumetric out of {list(energies)}, given {volumetric!r}")
+            raise ValueError(
+                f"expected volumetric to be one of {list(energies)}, given {volumetric!r}"
+            )
         super().__init__(energies[volumetric], rho=rho, **(_lame(E, nu) | options))
         self.volumetric = volumetric
 

@@ -87,7 +87,7 @@ def add_rectangle(
     """
     _check_sizes(2, corner=corner, size=size, cells=cells)
     if cell not in _PLANE_CELLS:
-        raise ValueError(f"expected cell out of {sorted(_PLANE_CELLS)}, given {cell!r}")
+        raise ValueError(f"expected cell to be one of {sorted(_PLANE_CELLS)}, given {cell!r}")
     kind, corners = _PLANE_CELLS[cell]
     first = int(model.mesh.getMaxNodeTag()) + 1
     ids = first + np.arange(np.prod(np.add(cells, 1))).reshape(np.add(cells, 1))

@@ -81,7 +81,7 @@ class _Tags(dict[str, int]):
 
     def __missing__(self, name: str) -> NoReturn:
         raise ValueError(
-            f"expected a physical group out of {sorted(self)}, given {name!r}"
+            f"expected one of the physical groups {sorted(self)}, given {name!r}"
             f"{did_you_mean(name, self)}"
         )
 

@@ -128,7 +128,7 @@ def add_body(
         ValueError: ``cell`` is unknown.
     """
     if cell not in _CELLS:
-        raise ValueError(f"expected cell out of {sorted(_CELLS)}, given {cell!r}")
+        raise ValueError(f"expected cell to be one of {sorted(_CELLS)}, given {cell!r}")
     volume_type, surface_type = _CELLS[cell]
     split = cell == "tetrahedron"
     first = int(model.mesh.getMaxNodeTag()) + 1

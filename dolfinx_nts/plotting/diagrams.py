@@ -239,7 +239,7 @@ def force_displacement(
     names = [forces] if isinstance(forces, str) else list(forces)
     if missing := {displacement, *names} - set(rows.dtype.names):
         raise ValueError(
-            f"expected columns out of {list(rows.dtype.names)}, given "
+            f"expected columns from {list(rows.dtype.names)}, given "
             f"{sorted(missing)}{did_you_mean(min(missing), rows.dtype.names)}; "
             "Recorder(own_columns=) adds your own columns"
         )

@@ -292,7 +292,7 @@ def _states(fields: str | Path, colour: str, name: str) -> tuple[list[float], li
     times, grids = [], []
     for t, grid in states(fields):
         if colour not in grid.array_names:
-            raise ValueError(f"expected a colour out of {grid.array_names}, given {colour!r}")
+            raise ValueError(f"expected colour to be one of {grid.array_names}, given {colour!r}")
         grid.points = grid.points + grid["displacement"]
         values = grid[colour]
         grid[name] = values if values.ndim == 1 else np.linalg.norm(values, axis=1)

@@ -156,7 +156,7 @@ def test_damaged_and_foreign_files_are_refused_with_the_reason(comm, folder, ref
         (b"something else", "signature"),
         (foreign, "HDF5 file of another kind"),
         (flipped, "values are damaged"),
-        (whole.replace(b"start_time\0", b"start_tim\xff\0"), "a name that is no text"),
+        (whole.replace(b"start_time\0", b"start_tim\xff\0"), "a name that is not text"),
     ):
         comm.barrier()
         if comm.rank == 0:

@@ -43,8 +43,8 @@ def test_right_scheme_is_accepted(box):
 @pytest.mark.parametrize(
     ("option", "message"),
     [
-        ({"contact": "end"}, "out of 'conserving', 'midpoint', 'static', given 'end'"),
-        ({"loads_at": "start"}, "expected loads_at of a Scheme out of 'mean', 'end'"),
+        ({"contact": "end"}, "one of 'conserving', 'midpoint', 'static', given 'end'"),
+        ({"loads_at": "start"}, "expected loads_at of a Scheme to be one of 'mean', 'end'"),
         ({"stress_share": 2.0}, "expected stress_share of a Scheme from 0 to 1, given 2"),
         ({"load_point": "end"}, "expected a number for load_point of a Scheme, given 'end'"),
         ({"rates": nts.Newmark(0.0, 0.0, 0.25, 0.5)}, "expected a function as rates .* Newmark"),

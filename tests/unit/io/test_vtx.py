@@ -110,5 +110,5 @@ def test_without_adios_it_is_refused(comm, folder, monkeypatch, refused):
 
 
 def test_other_kinds_are_refused(comm, folder, refused):
-    with refused(ValueError, "expected fields out of 'vtkhdf', 'xdmf', 'vtx', given 'vtk'"):
+    with refused(ValueError, "expected fields to be one of 'vtkhdf', 'xdmf', 'vtx', given 'vtk'"):
         nts.Recorder(folder / "run", sliding_blocks(comm), fields="vtk")

@@ -177,7 +177,7 @@ def test_impossible_materials_are_refused():
     with pytest.raises(ValueError, match="Young's modulus E > 0, given -1"):
         NeoHookean(-1.0, 0.3, 1.0)
     with pytest.raises(
-        ValueError, match=r"volumetric out of \['log', 'quadratic'\], given 'cubic'"
+        ValueError, match=r"volumetric to be one of \['log', 'quadratic'\], given 'cubic'"
     ):
         NeoHookean(1.0, 0.3, 1.0, volumetric="cubic")
     with pytest.raises(ValueError, match=r"c10 \+ c01 > 0, given -1"):

@@ -152,7 +152,7 @@ def test_defect_of_the_bulk_takes_the_same_points(comm, scheme):
 @pytest.mark.serial
 def test_names_that_are_no_parameters_are_refused(refused):
     for names in (["kappa"], ["lmbda", "mu"]):
-        with refused(ValueError, re.escape("out of ['lmbda', 'mu'] but not all")):
+        with refused(ValueError, re.escape("some but not all of ['lmbda', 'mu']")):
             nts.SaintVenantKirchhoff(E, NU, RHO, one_point=names)
 
 

@@ -138,5 +138,5 @@ def test_rectangles_are_exact(comm, cell, number):
 @pytest.mark.parametrize("wrong", [{"size": (1, 0)}, {"cells": (0, 1)}, {"cell": "hexahedron"}])
 def test_impossible_rectangles_are_refused(model, wrong):
     good = {"corner": (0, 0), "size": (1, 1), "cells": (1, 1)}
-    with pytest.raises(ValueError, match=r"expected (positive size|cell out of)"):
+    with pytest.raises(ValueError, match=r"expected (positive size|cell to be one of)"):
         add_rectangle(model, "a", **good | wrong)

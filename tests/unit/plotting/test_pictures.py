@@ -91,7 +91,7 @@ def test_diagrams_of_a_run(comm, folder, agree):
     for name in ("energies", "momenta", "error", "forces", "ledger", "force_displacement"):
         assert agree(colours(comm, folder / f"{name}.png") > 50)
     if comm.rank == 0:
-        with pytest.raises(ValueError, match=r"columns out of .*given \['way'\]; Recorder"):
+        with pytest.raises(ValueError, match=r"columns from .*given \['way'\]; Recorder"):
             plotting.force_displacement(folder / "run.csv", "way", "contact_force_z")
 
 
@@ -309,7 +309,7 @@ def test_a_run_becomes_a_gif(comm, folder, agree, recorded, colour):
 
 def test_a_field_that_is_not_there_is_refused(comm, folder, recorded):
     if comm.rank == 0:
-        with pytest.raises(ValueError, match=r"colour out of .*given 'stress'"):
+        with pytest.raises(ValueError, match=r"colour to be one of .*given 'stress'"):
             plotting.animate(folder / "run.vtkhdf", folder / "run.gif", colour="stress")
         assert not (folder / "run.gif").exists()
 
