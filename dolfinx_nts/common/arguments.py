@@ -70,7 +70,7 @@ def label(value: Any) -> str:
     """Check that a name is a text, empty for an automatic one. Local.
 
     Raises:
-        TypeError: The name is no text.
+        TypeError: The name is not a string.
     """
     if not isinstance(value, str):
         raise TypeError(f"expected a text as name, such as 'floor', given {value!r}")
@@ -184,7 +184,7 @@ def functions_by_name(name: str, given: Any) -> dict[str, Any]:
         The functions by name.
 
     Raises:
-        TypeError: The value is no mapping, or one of its values no function.
+        TypeError: The value is not a mapping, or a value not a function.
     """
     if not isinstance(given, Mapping):
         raise TypeError(f"expected {name} as a dict of functions by name, given {kind_of(given)}")
@@ -205,7 +205,7 @@ def instances(kind: type[Any], items: Iterable[Any]) -> tuple[Any, ...]:
         The items.
 
     Raises:
-        TypeError: The items are no list, or one of them is of another class.
+        TypeError: The items are not a list, or one of them is of another class.
     """
     if isinstance(items, kind) or not isinstance(items, Iterable):
         raise TypeError(f"expected a list of {kind.__name__}, given {kind_of(items)}")
@@ -227,7 +227,7 @@ def real(name: str, value: Any) -> float:
         The number.
 
     Raises:
-        TypeError: The value is no real number.
+        TypeError: The value is not a real number.
     """
     if not isinstance(value, Real):
         raise TypeError(f"expected a number for {name}, given {value!r}")
@@ -240,7 +240,7 @@ def finite(name: str, value: Any) -> float:
     Arguments and result as for `real`.
 
     Raises:
-        TypeError: The value is no real number.
+        TypeError: The value is not a real number.
         ValueError: It is not finite.
     """
     number = real(name, value)
@@ -255,7 +255,7 @@ def nonnegative(name: str, value: Any) -> float:
     Arguments and result as for `real`.
 
     Raises:
-        TypeError: The value is no real number.
+        TypeError: The value is not a real number.
         ValueError: It is not finite, or below 0.
     """
     number = real(name, value)
@@ -270,7 +270,7 @@ def positive(name: str, value: Any) -> float:
     Arguments and result as for `real`.
 
     Raises:
-        TypeError: The value is no real number.
+        TypeError: The value is not a real number.
         ValueError: It is not finite, or not above 0.
     """
     number = real(name, value)
@@ -283,7 +283,7 @@ def chosen_times(values: Any) -> tuple[float, ...]:
     """Check that a value is a list of finite times [s], and sort them. Local.
 
     Raises:
-        TypeError: The value is no list of numbers.
+        TypeError: The value is not a list of numbers.
         ValueError: A time is not finite.
     """
     times = real_array("times", values)
@@ -303,7 +303,7 @@ def whole(name: str, value: Any) -> int:
         The integer.
 
     Raises:
-        TypeError: The value is no integer.
+        TypeError: The value is not an integer.
         ValueError: It is below 1.
     """
     if not isinstance(value, Integral):

@@ -57,7 +57,7 @@ def boundary_of(
         The surface.
 
     Raises:
-        TypeError: An argument is no body, or the function does not return booleans.
+        TypeError: An argument is not a body, or the function does not return booleans.
         ValueError: No bodies, several spaces, a wrong shape of the result, or no facet is
             selected.
 

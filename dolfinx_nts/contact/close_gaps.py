@@ -55,7 +55,7 @@ def close_gaps(pair: ContactPair, within: float) -> tuple[int, float]:
         Number of moved nodes, and largest distance [m].
 
     Raises:
-        TypeError: ``pair`` is no pair, or ``within`` no number.
+        TypeError: ``pair`` is not a ContactPair, or ``within`` not a number.
         ValueError: ``within`` is not positive or too large; ``segments`` are an obstacle or the
             surface of the nodes; the pair is in use; the space has degree 2, the mesh has curved
             cells or is axisymmetric; or a cell would be inverted. The mesh is then unchanged.

@@ -158,7 +158,7 @@ class Diagnostics(ContactDiagnostics):
         stepper: The argument.
 
     Raises:
-        TypeError: ``stepper`` is no stepper.
+        TypeError: ``stepper`` is not a Stepper.
         ValueError: Not all ranks make the same call.
 
     Example:

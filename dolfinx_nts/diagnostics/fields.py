@@ -35,7 +35,7 @@ class Fields:
         stepper: The stepper.
 
     Raises:
-        TypeError: ``stepper`` is no stepper.
+        TypeError: ``stepper`` is not a Stepper.
         ValueError: Not all ranks make the same call.
 
     Example:

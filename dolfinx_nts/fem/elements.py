@@ -149,7 +149,7 @@ def check_space(V: fem.FunctionSpace) -> None:
         V: Space of the displacement.
 
     Raises:
-        TypeError: ``V`` is no function space.
+        TypeError: ``V`` is not a function space.
         ValueError: The mesh does not consist of tetrahedra or hexahedra in space, or of triangles
             or quadrilaterals in the plane; its coordinates are not of 64 bits; the element is no
             vector of Lagrange elements of degree 1 or 2; or cells are curved and the element has
@@ -209,7 +209,7 @@ def check_tag(V: fem.FunctionSpace, tags: MeshTags, tag: int, dim: int, name: st
         name: Name of the tags in messages.
 
     Raises:
-        TypeError: ``tags`` is no MeshTags, or ``tag`` no integer.
+        TypeError: ``tags`` is not MeshTags, or ``tag`` not an integer.
         ValueError: The dimension is wrong, the tags belong to another mesh, or the tag does not
             exist on any rank.
     """

@@ -29,7 +29,7 @@ class ContactForce(Declaration):
         pair, at_least: The arguments.
 
     Raises:
-        TypeError: ``pair`` is no ContactPair, or ``at_least`` no number.
+        TypeError: ``pair`` is not a ContactPair, or ``at_least`` not a number.
         ValueError: ``at_least`` is not positive.
 
     Example:

@@ -150,7 +150,7 @@ class State(ABC):
                 of the space of the bodies.
 
         Raises:
-            TypeError: ``body`` is no body, or the value does not consist of real numbers.
+            TypeError: ``body`` is not a Body, or the value does not consist of real numbers.
             ValueError: The body belongs to another stepper, the Function to another space, or
                 the value has the wrong shape, or moves nodes off the axis of an axisymmetric
                 mesh.

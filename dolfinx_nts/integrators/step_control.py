@@ -49,7 +49,7 @@ class StepControl(Declaration):
         times: The times, sorted.
 
     Raises:
-        TypeError: ``smallest`` or ``gap_tol`` is no number.
+        TypeError: ``smallest`` or ``gap_tol`` is not a number.
         ValueError: ``smallest`` or ``gap_tol`` is not positive, or a number is not finite.
 
     Example:

@@ -68,7 +68,7 @@ def load(path: Path, stepper: Stepper, *others: HasState) -> None:
         others: The objects passed to `save`, in the same order.
 
     Raises:
-        ValueError: The file is no checkpoint, is damaged, or belongs to another scene. Nothing
+        ValueError: The file is not a checkpoint, is damaged, or belongs to another scene. Nothing
             has been changed.
     """
     comm = stepper.u.function_space.mesh.comm

@@ -55,8 +55,8 @@ def load_state(path: str | Path, stepper: Stepper) -> tuple[str, ...]:
         Descriptions of the data in the checkpoint that are not used.
 
     Raises:
-        TypeError: The path is no path, or the stepper no stepper.
-        ValueError: There is no file, or it is no checkpoint, is damaged, or belongs to another
+        TypeError: The path is neither a str nor a Path, or the stepper not a Stepper.
+        ValueError: There is no file, or it is not a checkpoint, is damaged, or belongs to another
             mesh. Nothing has been changed.
 
     Example:

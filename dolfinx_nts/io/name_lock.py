@@ -1,7 +1,8 @@
 """Lock that prevents other runs from writing to files of the same name.
 
 The operating system releases the lock when the process ends for any reason. A file left by a killed
-process is no lock. Files of other programs are left unchanged, and symbolic links are not followed.
+process does not lock. Files of other programs are left unchanged, and symbolic links are not
+followed.
 """
 
 import errno
@@ -39,7 +40,7 @@ class NameLock:
         """Acquire the lock, or warn if the file system has no locks.
 
         Raises:
-            OSError: Another run holds it, the file is no lock of this package, or it cannot be
+            OSError: Another run holds it, the file is not a lock of this package, or it cannot be
                 created.
         """
         now = time.strftime("%Y-%m-%d %H:%M:%S")

@@ -36,7 +36,7 @@ def checked_branches(branches: Any) -> tuple[Branch, ...]:
         The branches.
 
     Raises:
-        TypeError: A branch is no pair of real numbers.
+        TypeError: A branch is not a pair of real numbers.
         ValueError: A number is not positive and finite.
     """
     if not isinstance(branches, Iterable) or isinstance(branches, str):

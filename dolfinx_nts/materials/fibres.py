@@ -46,7 +46,7 @@ class HolzapfelGasserOgden(Hyperelastic):
         fibres: Directions as given, a tuple.
 
     Raises:
-        TypeError: A number is none, or ``fibres`` is no sequence of vectors.
+        TypeError: A value is not a number, or ``fibres`` is not a sequence of vectors.
         ValueError: A modulus, the exponent or ``rho`` is not positive, ``dispersion`` is not in
             [0, 1/3], or a direction is not finite, is zero or has the wrong shape.
 

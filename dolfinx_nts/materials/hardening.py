@@ -57,7 +57,7 @@ def checked_hardening(yield_stress: Any, modulus: Any, saturation: Any) -> Harde
         The hardening.
 
     Raises:
-        TypeError: An argument is no real number, or the saturation no pair of them.
+        TypeError: An argument is not a real number, or the saturation not a pair of these.
         ValueError: A number is not finite, or has the wrong sign.
     """
     positive("a yield stress", yield_stress)

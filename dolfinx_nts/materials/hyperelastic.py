@@ -81,13 +81,12 @@ class Hyperelastic(StrainEnergy):
         parameters: Numbers by name, read-only.
 
     Raises:
-        TypeError: ``psi`` cannot be called, or takes Python numbers of its arguments; or a branch
-            is no pair of numbers.
-        ValueError: A number is not finite or has the wrong sign; ``psi`` is no scalar, or at C =
-            1, where energies without fields are evaluated, not twice differentiable, or not least;
-            ``one_point`` names no parameter or all of them, or ``psi`` is not the sum of both
-            parts, or with ``"volumetric"`` has a stress that is no pressure under an isotropic
-            change of volume.
+        TypeError: ``psi`` cannot be called, or converts its arguments to Python numbers; or a
+            branch is not a pair of numbers.
+        ValueError: A number is not finite or has the wrong sign. ``psi`` is not a scalar, or
+            without fields is not twice differentiable or not least at C = 1. ``one_point`` names
+            no parameter or all of them, or ``psi`` is not the sum of both parts. With
+            ``"volumetric"``, an isotropic change of volume has a stress that is not a pressure.
 
     Example:
         >>> def psi(C, mu, kappa):

@@ -42,7 +42,7 @@ class Ogden(Hyperelastic):
         mu, alpha: As given, tuples.
 
     Raises:
-        TypeError: ``mu`` or ``alpha`` is no sequence of numbers.
+        TypeError: ``mu`` or ``alpha`` is not a sequence of numbers.
         ValueError: There are no terms, or not as many of both; a number is not finite, an
             exponent zero; the shear modulus, ``kappa`` or ``rho`` is not positive.
 

@@ -26,7 +26,7 @@ class PlaneStress(Hyperelastic):
             use all quadrature points, as sheets do not lock.
 
     Raises:
-        TypeError: ``material`` is no material.
+        TypeError: ``material`` is not a Hyperelastic.
         ValueError: The law has no closed form of the thickness, or has viscous branches.
 
     Example:

@@ -42,7 +42,7 @@ class J2Plasticity(Hyperelastic):
         hardening: A named tuple with ``yield_stress``, ``modulus``, ``increase`` and ``rate``.
 
     Raises:
-        TypeError: An argument is no real number, or the saturation no pair of them.
+        TypeError: An argument is not a real number, or the saturation not a pair of these.
         ValueError: ``E``, ``rho``, the yield stress or a number of the saturation is not
             positive, the hardening modulus or damping is negative, or ``nu`` is not in (-1, 0.5).
 

@@ -80,8 +80,8 @@ class StrainEnergy(Declaration):
         """Check the energy in the undeformed state.
 
         Raises:
-            TypeError: The energy is no UFL expression of C, or takes numbers of the strain.
-            ValueError: The energy is no scalar; or, without fields, is not twice differentiable,
+            TypeError: The energy is not a UFL expression of C, or converts C to numbers.
+            ValueError: The energy is not a scalar; or, without fields, is not twice differentiable,
                 has a stress, or decreases.
         """
         if (shape := energy_of_symbols(self.psi).ufl_shape) != ():

@@ -38,7 +38,7 @@ def add_mesh(
 
     Raises:
         OSError: The file cannot be read.
-        ValueError: The file is no mesh, or ``move`` returns other numbers.
+        ValueError: The file is not a mesh, or ``move`` returns other numbers.
 
     Example:
         >>> ball = nts.examples.ball_plate()  # with its plate

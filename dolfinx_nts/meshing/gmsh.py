@@ -115,8 +115,8 @@ def read_mesh(source: Any, comm: MPI.Comm, *, rank: int = 0) -> MeshData:
     Raises:
         OSError: The file cannot be read.
         ImportError: ``source`` is a model or function, and gmsh is not installed on ``rank``.
-        TypeError: ``source`` is no path, gmsh model or function.
-        ValueError: The file is no mesh, of another format or damaged; cells are pyramids, of
+        TypeError: ``source`` is not a path, gmsh model or function.
+        ValueError: The file is not a mesh, of another format or damaged; cells are pyramids, of
             third or incomplete second order, given twice, in several physical volumes, or in none
             while others are in one; ``det J`` vanishes or changes sign within a cell; a name
             stands for two tags; a physical surface has facets that belong to no cell, or shares

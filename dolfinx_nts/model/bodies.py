@@ -53,8 +53,8 @@ class Body(Declaration):
         nodes: Nodes of the body, owned and ghost, local block indices of V, sorted, shape ``(n,)``.
 
     Raises:
-        TypeError: ``V`` is no function space, ``cells`` no MeshTags, ``tag`` no integer, or
-            ``material`` no material.
+        TypeError: ``V`` is not a function space, ``cells`` not MeshTags, ``tag`` not an integer, or
+            ``material`` not a Hyperelastic.
         ValueError: The space or the tag does not fit; the degree is 2 and the material has
             ``one_point`` terms or is `J2Plasticity`; or the material is `PlaneStress` and the mesh
             is not plane.
@@ -214,7 +214,7 @@ def common_space(bodies: Sequence[Body]) -> fem.FunctionSpace:
         Their space.
 
     Raises:
-        TypeError: Something in the list is no body.
+        TypeError: Something in the list is not a body.
         ValueError: There are no bodies, or they have several spaces.
     """
     bodies = instances(Body, bodies)
@@ -238,7 +238,7 @@ def check_bodies(bodies: Sequence[Body]) -> fem.FunctionSpace:
         The space of the bodies.
 
     Raises:
-        TypeError: Something in the list is no body.
+        TypeError: Something in the list is not a body.
         ValueError: There are no bodies, they have several spaces, or a cell is in none or in
             several of them.
     """
@@ -261,7 +261,7 @@ def check_member(body: Any, bodies: Sequence[Body]) -> None:
     """Check that an argument is one of the bodies of a stepper. Local.
 
     Raises:
-        TypeError: It is no body.
+        TypeError: It is not a body.
         ValueError: It is a body of another stepper.
     """
     names = ", ".join(each.name for each in bodies)

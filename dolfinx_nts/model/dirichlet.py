@@ -43,7 +43,7 @@ class Supports:
         given: Owned scalar dofs with a condition in ``bcs``, sorted.
 
     Raises:
-        TypeError: Something in the list is no condition.
+        TypeError: Something in the list is not a condition.
         ValueError: A condition belongs to another space.
     """
 

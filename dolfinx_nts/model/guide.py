@@ -33,7 +33,7 @@ class Guide(Declaration):
         name: Name in columns and messages; empty for the name of the body.
 
     Raises:
-        TypeError: ``motion`` is no Motion, or ``name`` no text.
+        TypeError: ``motion`` is not a Motion, or ``name`` not a string.
         ValueError: Axes are not letters or directions as described, or both ``turns`` and
             ``motion`` have a rotation.
 

@@ -36,8 +36,8 @@ class RigidBody(Body):
         guide: The argument.
 
     Raises:
-        TypeError: ``V`` is no function space, ``cells`` no MeshTags, ``tag`` no integer, or
-            ``guide`` no Guide.
+        TypeError: ``V`` is not a function space, ``cells`` not MeshTags, ``tag`` not an integer, or
+            ``guide`` not a Guide.
         ValueError: The space, the tag or the axes of the guide do not fit; in an axisymmetric mesh
             the guide allows or prescribes a motion other than along the axis; or the density is
             not positive.

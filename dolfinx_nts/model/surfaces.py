@@ -106,8 +106,8 @@ class Surface(Declaration):
         size: Longest diameter of a segment on any rank in the reference configuration [m].
 
     Raises:
-        TypeError: ``V`` is no function space, ``facets`` no MeshTags, ``tag`` no integer, or
-            ``smooth`` neither a bool nor a RigidSphere.
+        TypeError: ``V`` is not a function space, ``facets`` not MeshTags, ``tag`` not an integer,
+            or ``smooth`` neither a bool nor a RigidSphere.
         ValueError: The space or the tag does not fit, a facet is not on the boundary, or a vertex
             not on the sphere.
 
@@ -202,7 +202,7 @@ class Surface(Declaration):
             The surface.
 
         Raises:
-            TypeError: The predicate is no function, or does not return booleans.
+            TypeError: The predicate is not a function, or does not return booleans.
             ValueError: The space does not fit, the function returns another shape, or no facet
                 is selected.
         """
@@ -472,7 +472,7 @@ def boundary_facets(V: fem.FunctionSpace, predicate: Callable[[Any], Any]) -> In
         Local indices, sorted, shape ``(s,)``.
 
     Raises:
-        TypeError: The predicate is no function, or does not return booleans.
+        TypeError: The predicate is not a function, or does not return booleans.
         ValueError: The space does not fit, or the function returns another shape.
     """
     check_space(V)

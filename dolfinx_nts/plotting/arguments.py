@@ -17,7 +17,7 @@ def check_stepper(stepper: Any) -> None:
     """Check the stepper of a picture.
 
     Raises:
-        TypeError: The argument is no stepper.
+        TypeError: The argument is not a stepper.
     """
     if not isinstance(stepper, Stepper):
         raise TypeError(f"expected a stepper, whose state is drawn, given {kind_of(stepper)}")
@@ -49,7 +49,7 @@ def numbered_pair(stepper: Stepper, pair: Any) -> PairState:
 
     Raises:
         IndexError: There is no such pair.
-        TypeError: The number is no integer.
+        TypeError: The number is not an integer.
     """
     if not isinstance(pair, int):
         raise TypeError(
@@ -67,7 +67,7 @@ def columns(table: Any) -> Any:
 
     Raises:
         OSError: The file cannot be read.
-        TypeError: The table is no path.
+        TypeError: The table is not a path.
         ValueError: The file is not the table of a `Recorder`, or has no rows.
     """
     if not isinstance(table, str | Path):

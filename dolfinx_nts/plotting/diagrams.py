@@ -117,7 +117,7 @@ def energy_error(
 
     Raises:
         OSError: The file cannot be read.
-        TypeError: The table is no path.
+        TypeError: The table is not a path.
         ValueError: It is not the table of a `Recorder`, or has no rows.
 
     Example:
@@ -188,7 +188,7 @@ def ledger(table: str | Path, filename: str | Path | None = None) -> Picture:
 
     Raises:
         OSError: The file cannot be read.
-        TypeError: The table is no path.
+        TypeError: The table is not a path.
         ValueError: It is not the table of a `Recorder`, or has no rows.
 
     Example:

@@ -37,8 +37,8 @@ _REST = 1e-6
 class EnergyGain:
     """Check for spurious work of constraints, as when they push out penetrating nodes. Local.
 
-    Springs are no constraints: what their forces gain in a step depends on the scheme. A warning is
-    repeated only if a step gains twice as much. Arguments are the same on all ranks.
+    Springs are not constraints: what their forces gain in a step depends on the scheme. A warning
+    is repeated only if a step gains twice as much. Arguments are the same on all ranks.
 
     Args:
         comm: Communicator.

@@ -155,10 +155,11 @@ def check_law(law: FrictionLaw, nodes: Any) -> None:
     Collective, as is the area of the nodes at its first use.
 
     Raises:
-        TypeError: The method `FrictionLaw.limit` takes other arguments, or ``eps_T`` is no number.
-        ValueError: ``eps_T`` is not positive, there is no such ``law``, limits depend on the slip
-            although ``depends_on_slip`` is False, limits or their derivatives are not finite, of
-            another shape or negative, or a derivative is not the derivative of the limit.
+        TypeError: The method `FrictionLaw.limit` takes other arguments, or ``eps_T`` is not a
+            number.
+        ValueError: ``eps_T`` is not positive, or ``law`` is unknown; limits or derivatives are not
+            finite or of another shape, or limits are negative; a derivative is not that of the
+            limit; or limits depend on the slip although ``depends_on_slip`` is False.
     """
     if law.eps_T is not None:
         positive(f"the tangential stiffness eps_T of {law!r}", law.eps_T)

@@ -48,7 +48,7 @@ class Newmark:
             larger values dissipate, smaller ones gain energy.
 
     Raises:
-        TypeError: A parameter is no number.
+        TypeError: A parameter is not a number.
         ValueError: A parameter is not finite, ``beta`` is not positive, ``gamma`` is so small
             that the energy grows, or steps of some length are unstable: ``beta`` is less than
             ``gamma``/2, ``gamma`` less than 1/2, or a weight more than 1/2.

@@ -42,7 +42,7 @@ class VtxFile:
         """Check that a folder can be written under the name. Local.
 
         Raises:
-            OSError: A file that is no folder has the name.
+            OSError: A file that is not a folder has the name.
         """
         if self._path.exists() and not self._path.is_dir():
             raise FileExistsError(f"expected a folder that can be replaced, given {self._path}")

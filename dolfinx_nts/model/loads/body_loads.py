@@ -23,7 +23,7 @@ class BodyForce(LoadOnBody):
             UFL expression, also of the reference position.
 
     Raises:
-        TypeError: ``body`` is no body.
+        TypeError: ``body`` is not a Body.
         ValueError: The value has the wrong shape or is not finite.
 
     Example:
@@ -48,7 +48,7 @@ class Gravity(LoadWithValue):
             a UFL expression, also of the reference position.
 
     Raises:
-        TypeError: Something in the list is no body.
+        TypeError: Something in the list is not a body.
         ValueError: There are no bodies, or ``g`` has the wrong shape, is not finite, or in an
             axisymmetric mesh is not along the axis.
 

@@ -35,7 +35,7 @@ class FormLoad(Load):
         V: The space.
 
     Raises:
-        TypeError: ``work`` is no form, returns none, or takes the number of its time.
+        TypeError: ``work`` is not a form and does not return one, or converts its time to a number.
         ValueError: The form is not linear in the test function of V.
 
     Example:

@@ -46,7 +46,7 @@ class Force(_Resultant):
             that returns it, or a UFL expression.
 
     Raises:
-        TypeError: ``body`` is no body.
+        TypeError: ``body`` is not a Body.
         ValueError: The value has the wrong shape, is not finite, or in an axisymmetric mesh is not
             along the axis.
 
@@ -81,7 +81,7 @@ class Moment(_Resultant):
             returns it, or a UFL expression.
 
     Raises:
-        TypeError: ``body`` is no body.
+        TypeError: ``body`` is not a Body.
         ValueError: The mesh is axisymmetric, or the value has the wrong shape or is not finite.
 
     Example:

@@ -58,7 +58,7 @@ class Traction(_SurfaceLoad):
             expression, also of the reference position.
 
     Raises:
-        TypeError: ``surface`` is no surface.
+        TypeError: ``surface`` is not a Surface.
         ValueError: The value has the wrong shape or is not finite.
 
     Example:
@@ -85,8 +85,8 @@ class Pressure(_SurfaceLoad):
             returns it, or a UFL expression.
 
     Raises:
-        TypeError: ``surface`` is no surface.
-        ValueError: The value is no number or not finite.
+        TypeError: ``surface`` is not a Surface.
+        ValueError: The value is not a finite number.
 
     Example:
         >>> nts.Pressure(surface, 100.0)  # Pa

@@ -42,7 +42,7 @@ def check_distance(obstacle: ExactObstacle, x: Floats, size: float) -> None:
 
     Raises:
         TypeError: The method `ExactObstacle.distance` takes other arguments, or
-            ``shortest_passage`` is no number.
+            ``shortest_passage`` is not a number.
         ValueError: It changes the positions, or returns arrays of other shapes or types, normals
             that are not unit vectors, or that are not the gradient of the distance at the surface;
             or ``shortest_passage`` is not positive.

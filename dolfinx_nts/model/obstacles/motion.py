@@ -34,7 +34,7 @@ class Motion(Declaration):
         centre: Centre c of the rotation, shape ``(3,)`` or ``(2,)`` [m].
 
     Raises:
-        TypeError: ``translation`` or ``rotation`` is no function.
+        TypeError: ``translation`` or ``rotation`` is not a function.
         ValueError: ``centre`` is not three (or two) finite numbers; in a step: a function returns
             an invalid value.
 

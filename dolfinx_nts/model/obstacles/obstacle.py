@@ -97,7 +97,7 @@ class Obstacle(Declaration):
             The copy; this obstacle is unchanged.
 
         Raises:
-            TypeError: ``motion`` is no `Motion`.
+            TypeError: ``motion`` is not a `Motion`.
             ValueError: Its centre has two coordinates, but the obstacle three.
 
         Example:

@@ -2,7 +2,7 @@ r"""Elimination of the multipliers from the linear systems of Newton's method.
 
 The constraint of an active node determines its normal displacement, which is eliminated together
 with the multiplier. Krylov methods are then applied to a system with the size and condition of the
-bulk, which is no saddle point problem. With one column E per active pair, which is the normal at
+bulk, which is not a saddle point problem. With one column E per active pair, which is the normal at
 its node, the gap gradients G, the forces F, and
 
 .. math:: Z = 1 - E (G^T E)^{-1} G^T, \qquad

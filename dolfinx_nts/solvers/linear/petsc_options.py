@@ -44,9 +44,9 @@ class PetscOptions:
         krylov: Whether there are options of the Krylov method.
 
     Raises:
-        TypeError: The options are no mapping.
-        ValueError: The preconditioner does not exist on several ranks, a name is no text or has
-            a dash, or Newton's method sets the option.
+        TypeError: The options are not a mapping.
+        ValueError: The preconditioner does not exist on several ranks, a name is not a string or
+            has a dash, or Newton's method sets the option.
     """
 
     def __init__(self, comm: MPI.Comm, options: Mapping[str, Any] | None) -> None:

@@ -129,7 +129,7 @@ class PenaltyContact(NormalContact):
         return np.maximum(self._offset(pairs), 0.0)
 
     def rank(self, active: Flags) -> Ints:
-        # Springs are no constraints.
+        # Springs are not constraints.
         return np.zeros(len(active), dtype=np.int32)
 
     def tangent(self, node: Ints) -> tuple[Floats, Floats | float]:
