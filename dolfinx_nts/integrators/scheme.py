@@ -20,7 +20,7 @@ HINT = "see the page on extending, rates=partial(NewmarkRates, Newmark(...))"
 
 @dataclass(frozen=True)
 class Scheme:
-    """Time integration scheme of a stepper.
+    """Time integration scheme of a stepper, at which state of a step each term is evaluated.
 
     Attributes:
         contact: Direction of the contact force: ``"conserving"`` (discrete gradient of the gap over
@@ -28,8 +28,9 @@ class Scheme:
             end of the step). With the last one, steppers with inertia support `Penalty` and
             ``LagrangeMultiplier("plastic")`` only.
         stress: Function ``stress(material, parameters, F_n, F)`` that returns the first
-            Piola-Kirchhoff stress of a step [Pa], UFL (3, 3), from the material parameters as
-            constants and the deformation gradients at both ends of the step, UFL (3, 3).
+            Piola-Kirchhoff stress of a step [Pa], UFL (3, 3). ``parameters`` are the arguments of
+            ``material.stress`` by name, ``F_n`` and ``F`` the deformation gradients at the start
+            and at the end of the step, UFL (3, 3).
         rates: Factory of the relation between velocities and displacements, called by the stepper:
             ``partial(NewmarkRates, Newmark(...))`` for methods of Newmark's family, or the
             ``rates`` of another scheme, such as ``Midpoint.scheme.rates``.
@@ -38,13 +39,13 @@ class Scheme:
         load_point: Time of the loads and of the constraint forces of rigid bodies, from 0 at the
             start of a step to 1 at its end [-]. It must be the time of the stress, otherwise the
             scheme is of first order.
-        loads_at: Displacement at which loads act: interpolated at their time (``"mean"``), or at
-            the end of the step (``"end"``).
-        resolves_impact: Whether ``LagrangeMultiplier("resolved")`` is allowed; for schemes of the
-            package.
+        loads_at: Displacement for which loads are evaluated: interpolated at ``load_point``
+            (``"mean"``), or at the end of the step (``"end"``).
+        resolves_impact: Whether ``LagrangeMultiplier("resolved")`` is allowed, only for schemes of
+            the package.
 
     Raises:
-        TypeError: ``stress`` or ``rates`` is no function, or a share no number.
+        TypeError: ``stress`` or ``rates`` is not a function, or a share not a number.
         ValueError: ``contact`` or ``loads_at`` is unknown, or a share not between 0 and 1.
 
     Example:

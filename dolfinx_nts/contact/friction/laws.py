@@ -101,7 +101,8 @@ class FrictionLaw(Declaration):
     """Base class of laws of friction. Local.
 
     A node sticks up to the limit of its tangential force. A node that slides has a tangential force
-    of this size, opposite to its slip. A law is one method, `limit`.
+    of this size, opposite to its slip. A law is one method, `limit`. Objects are immutable: set
+    attributes in ``__init__``.
 
     Attributes:
         eps_T: Stiffness of the tangential spring of a node [N/m], positive; None, the default, as
@@ -133,7 +134,8 @@ class FrictionLaw(Declaration):
 
         Args:
             p: Normal force of each node, shape ``(m,)`` [N, >= 0], in all methods of contact.
-            slip: Length of the slip in the step, 0 at sticking nodes, shape ``(m,)`` [m].
+            slip: Length of the slip in the step, shape ``(m,)`` [m]; 0 at sticking nodes, for the
+                limit of static friction.
             dt: Length of the step [s]. The mean speed of slip is ``slip / dt``.
             nodes: Areas, accumulated slip and values of Functions at the nodes.
 

@@ -93,7 +93,7 @@ _MOST_LONG = 12
 class ImplicitStepper(Stepper):
     """Base class of steppers that solve for the displacement at the end of a step.
 
-    A subclass has a `Scheme` as the attribute ``scheme``, of the class, or of the stepper and set
+    A subclass has the attribute ``scheme``, a `Scheme`: of the class, or of the object and set
     before ``super().__init__()``. Arguments, attributes and errors as for `EnergyMomentum`.
     Collective, as are all its methods.
 

@@ -109,10 +109,10 @@ class ExactObstacle(Obstacle):
     A user-defined obstacle only needs the method `distance`; gap, force, slip and trajectories
     follow from it. The contact force of the energy-momentum scheme is the discrete gradient of
     Gonzalez (J. Nonlinear Sci. 6, 1996). Set the attribute ``shortest_passage`` to a quarter of the
-    thickness of the obstacle. In the plane, the class attribute ``dim`` is 2; positions and normals
-    keep three components, with z = 0. For axisymmetric meshes, the class attribute
-    ``is_of_revolution`` is True as well. Other attributes are shown in messages and compared in
-    checkpoints.
+    least thickness [m]; without it, steps are not checked for nodes that pass through. In the
+    plane, the class attribute ``dim`` is 2; positions and normals keep three components, with z =
+    0. For axisymmetric meshes, the class attribute ``is_of_revolution`` is True as well. Other
+    attributes are shown in messages and compared in checkpoints.
 
     Example:
         >>> class Drop(nts.ExactObstacle):
@@ -132,10 +132,10 @@ class ExactObstacle(Obstacle):
             x: Positions, shape ``(m, 3)`` [m], read-only.
 
         Returns:
-            Gap, positive outside the obstacle, shape ``(m,)`` [m], and outward unit normal, shape
-            ``(m, 3)``, the gradient of the gap. Far from the surface the gap may be smaller in
-            magnitude than the distance, but not larger, as it is the step length along paths of
-            nodes (sphere tracing).
+            Gap, positive outside the obstacle, shape ``(m,)`` [m], and outward unit normal, the
+            gradient of the gap, shape ``(m, 3)``. A normal that is not unique may be NaN. Far from
+            the surface the gap may be smaller in magnitude than the distance, but not larger: it is
+            the step length along paths of nodes (sphere tracing).
         """
 
     def _declaration(self) -> str:
