@@ -109,9 +109,9 @@ def all_pairs(
         friction: Law of friction; None for none.
         method: Method of contact between bodies, as in `ContactPair`. Pairs with obstacles and
             self contact are always node-to-segment.
-        edges: Whether to add pairs of method ``"edge-to-edge"`` for groups of bodies with sharp
-            edges, and for each `RigidSurface` with sharp edges, so that edges touch at once instead
-            of after crossing by a hundredth of a facet.
+        edges: Whether to add pairs of method ``"edge-to-edge"`` for groups of bodies and each
+            `RigidSurface` with sharp edges. Edges then touch at once, not after crossing by a
+            hundredth of a facet.
         smooth: Whether segments between bodies are smooth, as in `Surface`; with method "mortar"
             both surfaces are smooth. Self contact and edges always use facets.
         exchange: Whether vertices on edges and corners have contact, as in `ContactPair`.
@@ -120,7 +120,7 @@ def all_pairs(
         The pairs.
 
     Raises:
-        TypeError: An argument is no body or no obstacle.
+        TypeError: An argument is neither a body nor an obstacle.
         ValueError: No bodies, several spaces, or self contact of a body that is not among them;
             edges in the plane; or as in `ContactPair`.
 

@@ -30,8 +30,8 @@ class LagrangeMultiplier(Declaration):
 
     Args:
         impact: Law of impact of a node. ``"elastic"``: the node keeps its gap at the start of the
-            step, g_ref = g_n, so that contact does no work (persistency, after Laursen and Chawla
-            1997) and the energy-momentum scheme conserves the total energy exactly. Only nodes
+            step, g_ref = g_n (persistency, after Laursen and Chawla 1997). Contact then does no
+            work, and the energy-momentum scheme conserves the total energy exactly. Only nodes
             that touch, or would pass through within the step, can become active.
             ``"plastic"``: the gap is closed, g_ref = 0 (Franke, Hesch, Betsch 2011, eq. 58), which
             dissipates the impact energy of the node.
@@ -168,9 +168,9 @@ class Tied(LagrangeMultiplier):
 class Penalty(Declaration):
     r"""Contact by nodal springs whose force in a step is consistent with their energy.
 
-    The energy of a spring is :math:`U = \varepsilon_N \langle -g \rangle^2/2`, its force in a
-    step the difference quotient :math:`\lambda_N = (U_{n+1} - U_n)/(g_{n+1} - g_n)`, so that
-    the energy-momentum scheme conserves the energy of bodies and springs.
+    The energy of a spring is :math:`U = \varepsilon_N \langle -g \rangle^2/2`. Its force in a step
+    is the difference quotient :math:`\lambda_N = (U_{n+1} - U_n)/(g_{n+1} - g_n)`. The
+    energy-momentum scheme therefore conserves the energy of bodies and springs.
 
     Args:
         eps_N: Stiffness of the spring at a node [N/m]. None for 3/5 of the stiffness of the layer
@@ -182,10 +182,10 @@ class Penalty(Declaration):
             ten times as stiff, and where nodes arrive slowly they are stiff from the start: the
             soft part stops the arriving node, the stiff part carries other loads. Between bodies
             that do not deform, None means half the mass of the lighter one divided by the square of
-            the first step, so that a body striking at one point penetrates by about its motion in
-            one or two steps; in statics, ten times the stiffness of the stiffest deformable node. A
-            surface with all displacements prescribed counts as rigid. `CentralDifference` has
-            linear springs, chosen by the stiffness of the cells at the surfaces.
+            the first step. A body striking at one point then penetrates by about its motion in one
+            or two steps. In statics it means ten times the stiffness of the stiffest deformable
+            node. A surface with all displacements prescribed counts as rigid. `CentralDifference`
+            has linear springs, chosen by the stiffness of the cells at the surfaces.
 
     Attributes:
         eps_N: The argument.

@@ -66,10 +66,10 @@ class ContactPair(Declaration):
     """Contact between nodes of a surface and segments of another, or a rigid obstacle. Collective.
 
     For self contact, give the same surface twice; in a surface of several bodies, nodes of each
-    also touch the other bodies. A node then touches neither its neighbours on the mesh nor the
-    opposite face of a thin wall (``cpp/nts/search/self_contact.h``), and it must not move by more
-    than one cell of the wall in a step. Springs act at the nodes of both sides. Multipliers act at
-    a subset of the nodes: none of them is a vertex of a segment that another one touches.
+    also touch the other bodies. In self contact a node touches neither its neighbours on the mesh
+    nor the opposite face of a thin wall (``cpp/nts/search/self_contact.h``). It must not move by
+    more than one cell of the wall in a step. Springs act at the nodes of both sides. Multipliers
+    act at a subset of the nodes: none of them is a vertex of a segment that another one touches.
 
     Several steppers may use the same pair independently: each of them keeps its state of the pair
     in ``stepper.contacts``. While only one stepper uses the pair, `history`, `pressure`, `gap` and
@@ -96,11 +96,11 @@ class ContactPair(Declaration):
             rigid bodies, and in explicit steps, None means node-to-segment contact.
         name: Name in columns and legends; empty for the names of the two sides.
         exchange: Whether vertices on convex edges and corners also have contact: vertices of the
-            segments, and with mortar contact or in statics those of the nodes. A vertex that
-            penetrates a face by more than a hundredth of a facet, and by more than the compression
-            of the springs there, becomes a node and the face a segment, with the same laws. In
-            space, edges that cross by as much touch, also those of a `RigidSurface`. False is the
-            method of the paper.
+            segments, and with mortar contact or in statics those of the nodes. A vertex
+            that penetrates a face deeply becomes a node, and the face a segment, with the same
+            laws. Deeply means by more than a hundredth of a facet, and by more than the compression
+            of the springs there. In space, edges that cross as deeply touch, also those of a
+            `RigidSurface`. False is the method of Franke, Hesch and Betsch (2011).
 
     Attributes:
         nodes, segments, name, exchange: The arguments.

@@ -147,10 +147,9 @@ class PairState(Tractions, NodesOfPairs):
         """Choose the default stiffness of springs once, from the softer side. Collective.
 
         Args:
-            stiffness: Returns the static stiffness of all owned nodes of the space, infinite at
-                rigid bodies and NaN at prescribed displacements, and the stiffness of springs
-                between nodes and segments that both do not deform, shapes ``(n,)`` [N/m]; called
-                only if a default is needed.
+            stiffness: Returns two stiffnesses of all owned nodes of the space, ``(n,)`` [N/m], see
+                `spring_stiffness`: the static one, and that of springs between nodes and segments
+                that both do not deform. Called only if a default is needed.
             stiffer: Stiffness of normal springs relative to their nodes [-].
             cells: Returns the P-wave modulus of the owned nodes of the space, infinite at
                 prescribed displacements and in rigid bodies, shape ``(n,)`` [Pa], and the density,

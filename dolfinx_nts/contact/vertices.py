@@ -2,8 +2,8 @@
 
 Contact constrains gaps of the nodes of one surface, node by node or as means over facets. An edge
 or a corner of the other surface may penetrate faces between these nodes, and edges of both may
-cross between nodes. In mortar contact an edge of the nodes also penetrates, until the mean gap next
-to it is closed, and without limit if the facets next to it are too steep to face the other surface.
+cross between nodes. In mortar contact an edge of the nodes also penetrates until the mean gap next
+to it is closed. It penetrates without limit if the facets next to it do not face the other surface.
 In statics a node opposite another node touches several facets, but only one of them constrains it.
 `add_vertices` adds contact of vertices with faces, and of edges with edges.
 """
@@ -135,9 +135,9 @@ def add_vertices(
     Vertices of the segments touch the facets of the nodes. With mortar contact or in statics,
     vertices of the nodes also touch the segments. In space sharp edges of both sides touch each
     other, also those of a `RigidSurface`. The laws are those of the pair. A vertex becomes active
-    if in a solution it is deeper below a face than a hundredth of the smallest facet at the vertex,
-    and an edge if another edge crosses it so deeply. It stays active as long as a force acts on it.
-    Without such penetration, the solution is the same as without vertices and edges.
+    if in a solution it is deeper below a face than a hundredth of the smallest facet at the vertex.
+    An edge becomes active if another edge crosses it so deeply. Both stay active as long as a force
+    acts on them. Without such penetration, the solution is the same as without vertices and edges.
 
     In dynamics multipliers keep the gap of the vertex, as pushing it out would do work. A vertex of
     the segments opposite an active node stays inactive. In dynamics springs begin without energy,

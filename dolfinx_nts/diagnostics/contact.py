@@ -58,9 +58,9 @@ class PairBalance:
 class ObstacleBalance:
     """Contact of a rigid obstacle in the last step, the same on all ranks.
 
-    With `EnergyMomentum` the work of a moving obstacle on the bodies is minus force times
-    displacement of the centre of its motion, minus torque times 2 tan(angle/2) about the axis of
-    its rotation in the step.
+    With `EnergyMomentum` the work of a moving obstacle on the bodies has two terms: minus force
+    times displacement of the centre of its motion, and minus torque times 2 tan(angle/2) about the
+    axis of its rotation in the step.
 
     Attributes:
         force: Resultant on the obstacle by all pairs with it, shape ``(3,)``, in the plane

@@ -50,6 +50,7 @@ def axisymmetric(mesh: Mesh) -> None:
         mesh: Mesh of triangles or quadrilaterals, with coordinates x >= 0.
 
     Raises:
+        TypeError: ``mesh`` is not a DOLFINx mesh.
         ValueError: The mesh is not in the plane, reaches beyond the axis, or was used for bodies,
             surfaces or spaces of the package before.
 

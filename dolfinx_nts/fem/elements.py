@@ -58,8 +58,9 @@ class Element:
         stress_degree: Quadrature degree of the strain energy: 2 x 2 x 2 points in a hexahedron of
             degree 1, 3 x 3 x 3 in one of degree 2, 4 points in a tetrahedron; 2 x 2 in a
             quadrilateral, 3 in a triangle. There are no zero-energy modes.
-        locks: Whether a single point for volumetric terms prevents volumetric locking, as in
-            hexahedra and quadrilaterals of degree 1.
+        locks: Whether full integration locks at constant volume, so that volumetric terms need
+            reduced integration: hexahedra and quadrilaterals of degree 1.
+        is_simplex: Whether the cell is a tetrahedron or a triangle.
     """
 
     def __init__(self, cell: str, degree: int, is_axisymmetric: bool = False) -> None:
@@ -151,7 +152,7 @@ def check_space(V: fem.FunctionSpace) -> None:
     Raises:
         TypeError: ``V`` is not a function space.
         ValueError: The mesh does not consist of tetrahedra or hexahedra in space, or of triangles
-            or quadrilaterals in the plane; its coordinates are not of 64 bits; the element is no
+            or quadrilaterals in the plane; its coordinates are not of 64 bits; the element is not a
             vector of Lagrange elements of degree 1 or 2; or cells are curved and the element has
             another degree.
     """

@@ -1,9 +1,9 @@
 r"""Mean gradients of vector fields in cells, for terms with a single quadrature point.
 
-The gradient at the centre of a distorted hexahedron differs from its mean, :math:`\bar G = \int
-\nabla v\, dX / V`, so the nodal forces of a uniform stress would not equal its tractions. The mean
-has a closed form (Flanagan and Belytschko 1981). With the derivatives :math:`X_i`, :math:`X_{ij}`
-of the position at the centre of the reference cell the volume is
+The gradient at the centre of a distorted hexahedron differs from the mean :math:`\bar G = \int
+\nabla v\, dX / V`. With the former, nodal forces of a uniform stress would not equal its tractions.
+The mean has a closed form (Flanagan and Belytschko 1981). With the derivatives :math:`X_i`,
+:math:`X_{ij}` of the position at the centre of the reference cell the volume is
 
 .. math:: V = [X_1, X_2, X_3] + ([X_1, X_{12}, X_{31}] + [X_{12}, X_2, X_{23}]
    + [X_{31}, X_{23}, X_3])/12,

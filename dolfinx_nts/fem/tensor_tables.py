@@ -16,7 +16,7 @@ from dolfinx_nts.common.arrays import Floats
 
 __all__ = ["factorised"]
 
-# Structs that replace tables, by the number of nodes of a cell, equal to the number of points.
+# Structs that replace tables, by the number of nodes of a cell. There are as many points as nodes.
 _NAMES = {4: "Bilinear", 8: "Trilinear"}
 _TABLE = re.compile(r"static const double (\w+)\[1\]\[1\]\[([48])\]\[\2\] = \{([^;]*)\};")
 _NUMBER = re.compile(r"[-+.\w]+")

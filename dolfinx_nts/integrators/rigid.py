@@ -272,11 +272,11 @@ def spring_stiffness(
             if all are unknown.
 
     Returns:
-        The static stiffness, infinite at nodes of rigid bodies, NaN at other nodes with all
-        displacements prescribed; and the stiffness of springs between nodes that do not deform,
-        infinite at all other nodes. With inertia the latter is the effective mass of a body divided
-        by the square of the step, so that a body striking at a point penetrates by about its motion
-        in a step. In statics it is the largest static stiffness. Both ``(n,)`` [N/m].
+        Two stiffnesses, both ``(n,)`` [N/m]. The first is the static one: infinite at nodes of
+        rigid bodies, NaN at other nodes with all displacements prescribed. The second is that of
+        springs at nodes that do not deform, infinite at all others. With inertia it is the
+        effective mass of a body divided by the square of the step: a body striking at a point then
+        penetrates by about its motion in a step. In statics it is the largest static stiffness.
 
     Raises:
         ValueError: No node deforms, in statics.

@@ -138,7 +138,10 @@ class IneffectiveCuts:
         return f"the step fails however short it is: {why}; {remedy}"
 
     def _is_same(self, last: tuple[float, float], now: tuple[float, float]) -> bool:
-        """Whether an attempt failed in the same way as before the cut."""
+        """Whether an attempt failed in the same way as before the cut.
+
+        Both arguments are an item of ``_last``: the first and the least residual norm.
+        """
         is_left = now[0] >= _LEFT * last[0] > 0
         return is_left and (self._power > 0 or abs(now[1] - last[1]) <= _SAME * last[1])
 

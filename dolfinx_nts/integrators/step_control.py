@@ -24,12 +24,12 @@ _PATIENCE = 3
 class StepControl(Declaration):
     """Step control: halves steps that fail, and doubles the length again after success. Local.
 
-    A step is repeated with half its length when Newton's method fails, a cell is inverted, a
-    normal turns by more than 90 degrees, an explicit step is unstable, or contact holds a node at
-    a gap above ``gap_tol``. A failed attempt does not change the state. The length doubles after
-    three steps, up to the ``dt`` of the stepper. Steps end exactly at the given times. If five
-    consecutive cuts have no effect, as after a jump of prescribed displacements, the run ends with
-    an error.
+    A step is repeated with half its length when Newton's method fails, a cell is inverted or an
+    explicit step is unstable. It is also repeated when a normal turns by more than 90 degrees, or
+    contact holds a node at a gap above ``gap_tol``. A failed attempt does not change the state. The
+    length doubles after three steps, up to the ``dt`` of the stepper. Steps end exactly at the
+    given times. If five consecutive cuts have no effect, as after a jump of prescribed
+    displacements, the run ends with an error.
 
     In statics, five cuts with growing displacement rates indicate a limit load, beyond which there
     is no equilibrium near the last one. Then, or at the smallest length, the step is repeated with

@@ -140,7 +140,7 @@ class TimeLoop(State):
             may be set between two steps.
 
         Raises:
-            TypeError: ``until`` is neither a number nor a condition, or ``control`` no
+            TypeError: ``until`` is neither a number nor a condition, or ``control`` not a
                 `StepControl`.
             ValueError: ``until`` is negative or not finite, or the force of a pair that this
                 stepper does not have.

@@ -39,8 +39,8 @@ _VTK_ORDER = {
 def mesh_arrays(stepper: Stepper) -> dict[str, Slab]:
     """Arrays of the mesh in its input numbering. Collective.
 
-    A cell of degree 2 is written as eight cells of degree 1 between its nodes, so that every reader
-    can show all nodes.
+    A cell of degree 2 is divided into cells of degree 1 between its nodes, eight in space and four
+    in the plane, so that every reader can show all nodes.
 
     Args:
         stepper: Stepper whose bodies fill the mesh.

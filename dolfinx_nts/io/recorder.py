@@ -89,10 +89,10 @@ class Recorder:
             cells, and the equivalent plastic strain of plastic materials.
         own_columns: Functions by the name of a column, which return a number or a vector of
             three for a stepper, the same on all ranks. All ranks call them for each row.
-        own_fields: Functions by the name of a field, which return for a stepper values at its
-            owned nodes, shape ``(n,)`` or ``(n, 3)``, in the plane also ``(n, 2)``, in the order
-            of ``stepper.x``, or a DOLFINx Function with values at the nodes. Also such a Function
-            itself, which the user updates.
+        own_fields: Functions by the name of a field. Each returns for a stepper a DOLFINx Function
+            with values at the nodes, or the values at its owned nodes in the order of
+            ``stepper.x``, shape ``(n,)`` or ``(n, 3)``, in the plane also ``(n, 2)``. A Function
+            itself is possible, too; the user updates it.
         fields: Kind of the file of fields: ``"vtkhdf"``, ``"xdmf"`` or ``"vtx"``. The last is a
             folder ``name.bp``, which all ranks write and which cannot be resumed; it needs a
             DOLFINx with ADIOS2.
@@ -102,11 +102,11 @@ class Recorder:
 
     Raises:
         RuntimeError: ``fields`` is ``"vtx"`` and DOLFINx has no ADIOS2.
-        ValueError: ``every`` or ``checkpoint_every`` is less than 1, ``columns_of`` has another
-            word, ``fields`` is another kind, or one that cannot be resumed or has no stress, a
-            name in ``own_fields`` has letters that names in Python cannot have, or ``name``
-            is the name of a folder or has a colon, a backslash or characters that cannot be
-            printed.
+        TypeError: ``columns_of`` is not a list.
+        ValueError: ``every`` or ``checkpoint_every`` is less than 1; ``columns_of`` has another
+            word; ``fields`` is another kind, or one that cannot be resumed or has no stress; a
+            name in ``own_fields`` has letters that Python names cannot have; ``name`` is a
+            folder, or has a colon, a backslash or characters that cannot be printed.
 
     Example:
         >>> with nts.Recorder("run", stepper, every=10, checkpoint_every=50) as record:

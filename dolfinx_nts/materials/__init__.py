@@ -1,1 +1,1 @@
-"""Hyperelastic materials: strain energies and stresses derived from them."""
+"""Materials: strain energies and their stresses, viscous branches and plastic flow."""

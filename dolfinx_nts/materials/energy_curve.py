@@ -97,7 +97,7 @@ def energy_of_symbols(psi: Callable[[Any], Any]) -> Any:
     """Evaluate an energy psi(C) at a tensor C of UFL constants, as a UFL scalar. Local.
 
     Raises:
-        TypeError, ValueError: The energy fails, or takes numbers of the strain.
+        TypeError, ValueError: The energy fails, or converts the strain to numbers.
     """
     stretch = _Stretch(_mesh())
     C = (1 + stretch) * ufl.Identity(3)

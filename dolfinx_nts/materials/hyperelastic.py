@@ -64,8 +64,9 @@ class Hyperelastic(StrainEnergy):
             1, which prevents volumetric locking. This is the default for a Poisson's ratio of at
             least 0.3, with fields: in any cell of the body; except for energies with fibres that
             resist a uniform change of volume. Or names of parameters whose terms of ``psi`` have
-            one point; ``psi`` must be linear in them. ``()`` for none, as in the paper. Every
-            choice conserves energy, because each point has its own energy and conserving stress.
+            one point; ``psi`` must be linear in them. ``()`` for none, as in Franke, Hesch and
+            Betsch (2011). Every choice conserves energy, because each point has its own energy and
+            conserving stress.
         branches: Pairs of a share [-] and a relaxation time [s], each a spring in series with a
             dashpot, in parallel with the energy. After a sudden change of shape the stress is that
             of ``psi`` times 1 plus the sum of the shares, and relaxes to the stress of ``psi``.

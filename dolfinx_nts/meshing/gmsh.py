@@ -118,9 +118,9 @@ def read_mesh(source: Any, comm: MPI.Comm, *, rank: int = 0) -> MeshData:
         TypeError: ``source`` is not a path, gmsh model or function.
         ValueError: The file is not a mesh, of another format or damaged; cells are pyramids, of
             third or incomplete second order, given twice, in several physical volumes, or in none
-            while others are in one; ``det J`` vanishes or changes sign within a cell; a name
-            stands for two tags; a physical surface has facets that belong to no cell, or shares
-            some with another; a mesh of surfaces leaves the plane z = 0; ``rank`` does not exist.
+            while others are in one; ``det J`` vanishes or changes sign within a cell; a name stands
+            for two tags; a physical surface has facets that belong to no cell, or shares some with
+            another; a mesh of surfaces leaves the plane z = 0; ``rank`` does not exist.
 
     Example:
         >>> def build(model):

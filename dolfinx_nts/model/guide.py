@@ -19,7 +19,7 @@ class Guide(Declaration):
     The body slides along and rotates about the given directions, which are fixed in space. All
     other motions are zero or prescribed by ``motion``: the displacement of the guided point in the
     other directions, and the rotation of a body that does not rotate freely. Loads drive the free
-    motions, the reaction of the guide balances the rest.
+    motions. The reaction of the guide balances forces and moments in all other directions.
 
     Args:
         slides: Axes along which the guided point moves freely: letters as in ``"z"`` or ``"xy"``,

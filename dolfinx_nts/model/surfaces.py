@@ -61,10 +61,10 @@ _LEAST_SHARE = 1e-3
 # Least cosine between the normal of a facet and the direction to a body that it faces [-]. Larger:
 # few facets of round bodies are included; smaller: the lateral facets of a plate are included.
 _FACING = 0.5
-# Quantile of the diameters of facing facets [-] that is the size of the surface, and distance, in
-# facets, up to which facets are included [-]. Larger: coarse facets next to the contact hide its
-# refinement (at 0.5 a graded block below a punch with the same facets is 1.7 times coarser);
-# smaller: single small facets determine the size.
+# The size of a surface is this quantile [-] of the diameters of its facing facets. Larger: coarse
+# facets next to the contact hide its refinement (at 0.5 a graded block below a punch with the same
+# facets is 1.7 times coarser); smaller: single small facets determine the size. The second number
+# is the distance up to which facets are included, relative to a facet [-].
 FINE, _BESIDE = 0.25, 2
 # Largest distance of vertices from the sphere of a surface, relative to the radius [-].
 _ON_SPHERE = 1e-3
@@ -333,13 +333,13 @@ class Surface(Declaration):
     def per_area(self, force: Floats, area: Floats | None = None) -> Floats:
         """Convert nodal forces to tractions. Collective.
 
-        Uniform tractions are exact. At degree 2 forces and areas are first averaged over
-        neighbouring nodes.
+        Uniform tractions are exact. At degree 2 an eighth of the force and of the area of each
+        mid-node is first moved to each adjacent vertex.
 
         Args:
             force: Forces, shape ``(n,)`` or ``(n, 3)`` [N].
             area: Areas on which they act, shape ``(n,)`` [m^2], 0 only at nodes without force;
-                None for `area`.
+                None for the attribute `area`.
 
         Returns:
             Forces per reference area, of the same shape [Pa].

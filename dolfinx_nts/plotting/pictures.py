@@ -86,7 +86,7 @@ def snapshot(
         stepper: Stepper with the state.
         filename: PNG file to write, if one is wanted.
         colour: ``"stress"`` for the von Mises stress at the midpoints of the cells (at degree 2 of
-            their eight sub-cells), or ``"displacement"`` for its magnitude.
+            their pieces of degree 1), or ``"displacement"`` for its magnitude.
         limits: Range of the colours [Pa or m]; by default of the state.
         unit: Symbol of the unit of the values, if it is not SI; it is used unchanged.
             By default the SI unit with a prefix that suits the numbers.

@@ -63,7 +63,7 @@ class NodalPoints:
         return self._taken[1]
 
     def dofs(self, vertices: Ints) -> Ints:
-        """Nodes of pairs, ``(n, 1+k)``: each node and the vertices of its segment, ``(n, k)``."""
+        """Each node, then the ``vertices`` of its segment, ``(n, k)``; shape ``(n, 1 + k)``."""
         dofs = np.empty((len(vertices), 1 + vertices.shape[1]), dtype=np.int32)
         dofs[:, 0], dofs[:, 1:] = self.nodes, vertices
         return dofs

@@ -103,13 +103,12 @@ class Bulk:
         return [-load for load in self._residual.assembled_each_load()]
 
     def action(self, x: Floats, *, includes_given: bool = False) -> Floats:
-        """Tangent at u times a nodal vector, with unit rows where u is prescribed.
-
-        Collective.
+        """Tangent at u times a nodal vector. Collective.
 
         Args:
             x: Values at the owned nodes, shape ``(n, d)`` [m].
-            includes_given: Whether products include x at prescribed dofs; the result is zero there.
+            includes_given: How prescribed dofs count. False: rows and columns are those of the
+                identity. True: x there acts on all other dofs, and the result there is zero.
 
         Returns:
             Values at the owned nodes, shape ``(n, d)`` [N].

@@ -198,12 +198,12 @@ class OverlapWatch:
     ) -> Overlap | None:
         """Find bodies of a pair that overlap on the straight paths of a step. Collective.
 
-        Only steps longer than the last check allows are checked: at their end, and at intermediate
-        positions close enough that no body passes through a cell of another one in between.
+        Steps no longer than the last check allows are not checked. Others are checked at their end,
+        and at intermediate positions so close that no body passes through a cell of another one.
 
         Args:
             ends: Positions of the local nodes at both ends of the step, ``(l, 3)`` [m].
-            times: Times of these [s].
+            times: Times at both ends [s].
             displacement: Bound on the displacement of any node or obstacle in the step, the same on
                 all ranks [m].
 
@@ -330,9 +330,10 @@ class OverlapWatch:
         return one != other and not self.search.obstacles.intersection(overlap.names)
 
     def _warn(self, when: str, verb: str, kind: str, overlaps: Sequence[Overlap]) -> None:
-        """Warn of the deepest overlap of one cause, and give the number of further overlaps.
+        """Warn of the deepest of some overlaps, and give the number of the others.
 
-        The text of a cause may contain ``{inner}`` and ``{outer}`` for both names.
+        ``kind`` is the text of their cause, which may contain the names ``{inner}`` and
+        ``{outer}``. ``when`` and ``verb`` are parts of the message.
         """
         if self._bodies[0].V.mesh.comm.rank:
             return

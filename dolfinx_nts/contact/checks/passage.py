@@ -179,7 +179,10 @@ def _numbers(flags: Flags) -> Ints:
 def _relative_displacements(
     candidates: Candidates, points: ContactPoints, x_n: Floats, x: Floats
 ) -> tuple[Floats, float]:
-    """Displacements of points, ``(p,)``, and largest one of vertices, less their mean [m]."""
+    """Displacements of points, ``(p,)``, and largest one of the vertices of segments [m].
+
+    Both are relative to the mean displacement of these vertices.
+    """
     moved = x - x_n
     vertices = moved[candidates.segments.ravel()]
     mean = vertices.mean(axis=0) if len(vertices) else np.zeros(3)

@@ -92,9 +92,8 @@ def sink_nodes_inside(state: PairState, inside: OverlapSearch, body: str, x: Flo
     """Increase the search depth of initially penetrating nodes. Collective.
 
     In a run a node more than half a facet below a segment is not paired with it, as it may belong
-    to another side of the body. Initially a node inside the closed boundary of the body is paired
-    with the segment above it if this is nearer than the opposite side of the body, in the direction
-    of the normal.
+    to another side of the body. Initially a node inside the closed boundary is paired with the
+    segment above it. Along the normal, this must be nearer than the opposite side of the body.
 
     Args:
         state: State of a contact pair whose segments belong to the body.

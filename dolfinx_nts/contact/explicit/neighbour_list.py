@@ -115,10 +115,10 @@ class NeighbourList:
         self._pressed = np.where(gap < 0, segment, -1)
 
     def change(self, x: Floats, segment: Ints, gap: Floats) -> bool:
-        """Update the segments of rows; new contacts get all equally near segments. Local.
+        """Update the segments of the listed nodes. Local.
 
-        New contacts are nodes that begin to transmit force, or change their segment. They get the
-        nearest one of the adjacent segments, and all that are equally near.
+        A node that begins to transmit force, or changes its segment, gets the nearest one of the
+        adjacent segments, and all that are equally near. Each segment of a node is one row.
 
         Args:
             x: Positions with ghosts, shape ``(l, 3)`` [m].

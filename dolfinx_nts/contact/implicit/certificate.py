@@ -253,7 +253,7 @@ def check_boundaries(
         watch: Overlap checks of the run.
         steps: The solved contact.
         ends: Positions of the local nodes of the space at both ends of the step, ``(l, 3)`` [m].
-        times: Times of these [s].
+        times: Times at both ends [s].
         displacement: Largest displacement increment of any node, the same on all ranks [m].
     """
     overlap = watch.overlap_on_path(ends, times, displacement)

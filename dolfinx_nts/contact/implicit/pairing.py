@@ -84,8 +84,8 @@ class NodePairing(Pairing):
         history: Contact of the nodes in the last step.
 
     Attributes:
-        shared: Segments of nodes that are equally near to several, whose gap is the mean of their
-            gaps to all of them.
+        shared: Segments of those nodes that are equally near to several. The gap of such a node
+            is the mean of its gaps to these segments.
     """
 
     follows = True

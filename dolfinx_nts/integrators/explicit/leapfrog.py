@@ -1,19 +1,19 @@
 r"""Motion of nodes and of rigid bodies in explicit steps (leapfrog).
 
 Positions and velocities of the nodes of a rigid body are linear in the reference position, with
-coefficients Q and V, a constant mass matrix M, and rigid motions N(Q). A step is velocity Verlet
-with constraints (RATTLE; Hairer, Lubich and Wanner 2006, section VII.1.4). Projection on N
-eliminates the multipliers:
+coefficients Q and V. Their mass matrix M is constant, and N(Q) is a basis of the rigid motions. A
+step is velocity Verlet with constraints (RATTLE; Hairer, Lubich and Wanner 2006, section VII.1.4).
+Projection on N eliminates the multipliers:
 
 .. math:: N(Q_n)^T M \frac{Q_{n+1} - Q_n}{\Delta t}
       = N(Q_n)^T \left( M V_n + \frac{\Delta t}{2} f_n \right), \quad
    N(Q_{n+1})^T M V_{n+1} = N(Q_{n+1})^T \left( M \frac{Q_{n+1} - Q_n}{\Delta t}
       + \frac{\Delta t}{2} f_{n+1} \right),
 
-where a Cayley vector, the unknown of the first equation, rotates :math:`Q_n` to :math:`Q_{n+1}`,
-and :math:`V_{n+1}` is a rigid motion. As :math:`\Delta x \times \Delta x = 0`, only the impulses of
-the forces change the momenta. The step is symplectic: the energy error is bounded and of second
-order. With a guide, only the equations of the free motions hold.
+where :math:`V_{n+1}` is a rigid motion. The unknown of the first equation is the Cayley vector of
+the rotation from :math:`Q_n` to :math:`Q_{n+1}`. As :math:`\Delta x \times \Delta x = 0` at each
+node, only the impulses of the forces change the momenta. The step is symplectic: the energy error
+is bounded and of second order. With a guide, only the equations of the free motions hold.
 """
 
 import math

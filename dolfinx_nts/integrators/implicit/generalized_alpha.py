@@ -182,6 +182,9 @@ class NewmarkRates(Rates):
         a: Acceleration at t [m/s^2].
         force_time: Time of stress and loads, 1 - alpha_f [-].
 
+    Raises:
+        TypeError: ``parameters`` is not a `Newmark`.
+
     Example:
         >>> from functools import partial
         >>> rates = partial(nts.NewmarkRates, nts.Newmark(0.0, 0.1, 0.3025, 0.6))

@@ -110,11 +110,11 @@ class QuasiStatic(ImplicitStepper):
     suppressed. Unbalanced forces below 1 % in these motions are carried by inertia (inertia relief)
     and reported. A step in which a body has no support at all fails, and the error names the body.
 
-    Where Newton's method finds no equilibrium near the last one, as at a limit load or where
-    faceted bodies roll, pseudo-transient continuation with a vanishing viscous resistance finds
-    another one, with the same tolerance, and the log reports it. `run` halves a step that fails
-    before it tries this, `advance` does not. Arguments, attributes and errors as for
-    `EnergyMomentum`. Collective, as are all its methods.
+    At a limit load, or where faceted bodies roll, Newton's method may find no equilibrium near the
+    last one. Pseudo-transient continuation with a vanishing viscous resistance then finds another
+    one with the same tolerance, and the log reports it. `run` halves a step that fails before it
+    tries this, `advance` does not. Arguments, attributes and errors as for `EnergyMomentum`.
+    Collective, as are all its methods.
 
     Example:
         >>> ends = fem.locate_dofs_geometrical(V, lambda x: (x[2] < 0.01) | (x[2] > 1.0))
@@ -175,10 +175,11 @@ class QuasiStatic(ImplicitStepper):
         yield from others
 
     def _most_long(self, start: str) -> int | None:
-        """Return 1 for the extrapolated guess: if it fails, the last state with substeps is better.
+        """Number of long increments after which an attempt fails: 1 from the extrapolated guess.
 
         In nearly incompressible materials extrapolated displacements change volumes. The resulting
-        pressures move nodes by many cells in the first increment.
+        pressures move nodes by many cells in the first increment. The last state with substeps is
+        then a better guess.
         """
         return 1 if start == "extrapolated" else None
 

@@ -101,7 +101,7 @@ class PseudoStep(NamedTuple):
 
 
 class Relaxation:
-    """Pseudo-steps with decreasing resistance, until none is needed. Collective.
+    """Pseudo-steps with a resistance that decreases to zero. Collective.
 
     Args:
         attempt: Solves from the last state with a resistance relative to the stiffness of the

@@ -47,8 +47,8 @@ _LATEST, _RARELY, _MOST = 1.0, 30.0, 2**26
 class VtkHdfFile:
     """Writes the fields of a run and the number of the body of each cell.
 
-    Cells of degree 2 are shown as eight cells of degree 1 between their nodes. Collective, as
-    all its methods except `check`.
+    Cells of degree 2 are divided into cells of degree 1 between their nodes: eight in space, four
+    in the plane. Collective, as are all methods except `check`.
 
     Args:
         path: The VTKHDF file. The folder next to it has its name with ``_fields`` in the place

@@ -128,8 +128,8 @@ def _item(file: str, name: str, values: Any) -> str:
 class XdmfFile:
     """Writes the fields of a run and the number of the body of each cell.
 
-    Cells of degree 2 are shown as eight cells of degree 1 between their nodes. Collective, as
-    all its methods except `check`.
+    Cells of degree 2 are divided into cells of degree 1 between their nodes: eight in space, four
+    in the plane. Collective, as are all methods except `check`.
 
     Args:
         path: The XDMF file. The folder next to it has its name with ``_fields`` in the place of

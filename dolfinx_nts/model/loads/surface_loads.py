@@ -75,7 +75,7 @@ class Pressure(_SurfaceLoad):
 
     The force per reference area uses the mean of cof F along the straight path of the step,
     :math:`-p \int_0^1 \mathrm{cof} F\,ds\, N = -p\, (\mathrm{cof} F_m + \mathrm{cof} \Delta F /
-    12)\, N`, which is exact because cof F is quadratic in s. A constant pressure on the closed
+    12)\, N`. It is exact because cof F is quadratic in s. A constant pressure on the closed
     surface of a cavity does the work :math:`p\,\Delta V` and has no resultant. Its moment vanishes
     to second order in the step only.
 

@@ -35,8 +35,8 @@ class AdjacentFacets:
     def as_near(self, points: Floats, x: Floats, facet: Ints, size: Floats) -> tuple[Ints, Ints]:
         """Find all facets that are as near to a point as its own facet, including that one.
 
-        They share a vertex with the facet of the point, the point is on the same side of them, and
-        normals differ by less than 30 degrees, since sharper edges separate sides of the body.
+        They share a vertex with the facet of the point, and the point is on the same side of them.
+        Normals differ by less than 30 degrees, as sharper edges separate sides of the body.
         ``size`` is the diameter of the facet of each point, shape ``(m,)`` [m].
 
         Returns:

@@ -21,7 +21,8 @@ _SHIFT = 0.05 * np.array([0.31, -0.47, 0.23])
 _NEAR, _STEP = 1e-4, 1e-7
 # Least step relative to the positions [-], for scenes far from the origin.
 _ROUNDING = 1e-12
-# Admissible relative deviation from that distance [-]; other points are left out.
+# Admissible deviation of points from the distance `_NEAR`, relative to it [-]. Other points are
+# left out.
 _CLOSE = 0.1
 # Deviation of the gradient from the normal above which it is wrong [-], larger than effects of
 # curvature; and admissible deviation of the length of normals, larger than round-off [-].

@@ -66,7 +66,7 @@ class Motion(Declaration):
 
     @property
     def is_rest(self) -> bool:
-        """Whether the obstacle is at rest."""
+        """Whether there is neither a translation nor a rotation."""
         return self._translation is None and self._rotation is None
 
     @property

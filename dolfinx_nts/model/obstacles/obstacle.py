@@ -33,8 +33,8 @@ _SETTABLE = {"dim", "key", "shortest_passage"}
 class Obstacle(Declaration):
     """Base class of obstacles, which replace segments in a contact pair. Local.
 
-    Pairs with an obstacle consist of the node alone, so that gradients have three components.
-    Methods are for the contact of a stepper. Positions are in the frame of the obstacle.
+    The gap depends on the position of the node alone, so that its gradient has three components.
+    Steppers call the methods. Positions are in the frame of the obstacle.
 
     Attributes:
         dim: Space dimension, 2 or 3.
@@ -117,7 +117,7 @@ class Obstacle(Declaration):
 
     @property
     def adjacent(self) -> tuple[AdjacentFacets, Floats] | None:
-        """Facets and positions of their vertices, see ``Candidates.adjacent``; None without."""
+        """Facets and vertices, see ``Candidates.adjacent``; None for exact surfaces."""
         return None
 
     @property

@@ -41,6 +41,7 @@ class RigidSurface(Obstacle):
         corners: Positions of the vertices of each facet, shape ``(s, k, 3)`` [m].
 
     Raises:
+        TypeError: ``facets`` are not integers.
         ValueError: Shapes or indices do not fit, quadrilaterals are not convex in either order of
             corners, or ``outside`` lies in the plane of a facet.
 

@@ -68,7 +68,7 @@ def without_nan(obstacle: Any, gap: Floats, x: Floats) -> Floats:
 
 
 def _as_floats(obstacle: Any, values: Any) -> Any:
-    """Array of integers as float64; float64, and what is no array, unchanged."""
+    """Integer arrays as float64; arrays of float64 and other objects unchanged."""
     if not isinstance(values, np.ndarray) or values.dtype == np.float64:
         # A part of x would be read-only.
         is_fixed = isinstance(values, np.ndarray) and not values.flags.writeable

@@ -2,8 +2,8 @@
 
 Dual functions are negative on a part of a facet. Opposite a kink of the segments the gap is not
 linear, and an open gap may reduce the mean gap. A facet therefore has the functions ``c dual + (1 -
-c) linear``, with the largest fraction ``c`` for which no mean gap is less than the least gap on the
-facets around the node. Opposite distinct kinks it has linear functions, whose weights vanish in
+c) linear``. The fraction ``c`` is the largest for which no mean gap is less than the least gap on
+the facets around the node. Opposite distinct kinks it has linear functions, whose weights vanish in
 equilibrium where the gap is open.
 """
 

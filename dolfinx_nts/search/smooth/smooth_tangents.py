@@ -1,11 +1,11 @@
 r"""Tangents of a smooth surface at its nodes, linear in the positions of neighbouring nodes.
 
-Weights are computed in the reference configuration. At a node within a smooth part of the surface
-the derivatives x_u and x_v along two directions of its tangent plane come from a least-squares fit
-of a quadratic surface through the node to the nodes of adjacent facets. They are exact for linear
-positions on any mesh, so that planes stay plane, and for quadratic ones if there are enough nodes.
-At feature edges, such as free edges, and in the plane, the tangent belongs to the parabola through
-the node and its two neighbours along the feature,
+Weights are computed in the reference configuration. At a node within a smooth part of the surface a
+quadratic surface through the node is fitted to the nodes of adjacent facets by least squares. It
+gives the derivatives x_u and x_v along two directions of the tangent plane. They are exact for
+linear positions on any mesh, so that planes stay plane, and for quadratic ones if there are enough
+nodes. At feature edges, such as free edges, and in the plane, the tangent belongs to the parabola
+through the node and its two neighbours along the feature,
 
 .. math:: (h_-^2 (x_+ - x) + h_+^2 (x - x_-)) / (h_- h_+ (h_- + h_+)),
 

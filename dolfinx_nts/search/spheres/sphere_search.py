@@ -1,4 +1,4 @@
-"""Global search of facets with an exact spherical surface."""
+"""Global search for segments on a rigid body whose surface is an exact sphere."""
 
 from dolfinx_nts.common.arrays import Floats, Ints
 from dolfinx_nts.model.surfaces import Surface

@@ -104,9 +104,9 @@ class ContactCorrections:
         """Condense the system to the contact points, see `CondensedSystem`.
 
         ``relief`` provides the motions of free bodies; ``held`` is as for `ContactComplement`. The
-        result is None for many points, without accurate factors of the bulk, if free bodies have no
-        active contact, and with factors of the exact derivative, in which contact forces make free
-        bodies rotate.
+        result is None for many points, without accurate factors of the bulk, and if free bodies
+        have no active contact. It is also None for free bodies with factors of the exact
+        derivative, in which contact forces rotate them.
         """
         point, tangent = self._bulk.point, self._tangent
         if point is None or not self._bulk.has_responses or len(present) > _MOST_FORCES:

@@ -121,7 +121,7 @@ class BulkPreconditioner:
 
     @property
     def is_complete(self) -> bool:
-        """Whether the factors are complete, in double precision, of a matrix near the tangent."""
+        """Whether the factors are LU in double precision of the definite approximate tangent."""
         return self._kind == _LU
 
     @property

@@ -68,7 +68,7 @@ class FreeBody:
 def find_free_bodies(
     bodies: Sequence[Body], bulk: Bulk, tangent: Tangent, x: Floats
 ) -> list[FreeBody]:
-    """Find the bodies that can move rigidly against boundary conditions and loads. Collective.
+    """Find the bodies with rigid motions that no boundary condition or load resists. Collective.
 
     Args:
         bodies: All bodies.

@@ -3,7 +3,7 @@
 The tangent of such a body is singular for motions that contact does not resist. Two measures help,
 and both leave the equilibrium unchanged:
 
-- The tangent, not the residual, gets a small stiffness, which limits the motion of a body in an
+- The tangent, not the residual, gets a small stiffness. It limits the motion of a body in an
   iteration.
 - Motions that the current contacts do not resist either, such as sliding along a smooth plane, are
   suppressed. The unbalanced force in them is carried by the inertia of the body (inertia relief).

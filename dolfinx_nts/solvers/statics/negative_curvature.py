@@ -5,11 +5,11 @@ b with any definite preconditioner B detect it: on the Krylov space A is definit
 curvatures :math:`d = p^T A p` of all search directions are positive. Newton's method misses modes
 that are absent from its residual, as in the buckling of a straight column. A random b contains all
 modes. With the nodal stiffness D and independent random numbers :math:`\xi` of unit variance let
-:math:`b = \sqrt{D} \xi`. As long as no curvature is negative, residuals are r = q(A B) b with a
-polynomial q(t), a product of factors :math:`1 - t/\theta` with :math:`\theta > 0`, and a left
-eigenvector w of A B with an eigenvalue that is negative has :math:`|w^T r| > |w^T b|`. But
-:math:`w^T b` is a random number with the standard deviation :math:`|\sqrt D w|`, so that with a
-residual of :math:`|D^{-1/2} r| < \delta` the probability to miss a negative eigenvalue is at most
+:math:`b = \sqrt{D} \xi`. As long as no curvature is negative, residuals are r = q(A B) b, where the
+polynomial q(t) is a product of factors :math:`1 - t/\theta` with :math:`\theta > 0`. A left
+eigenvector w of A B with a negative eigenvalue therefore has :math:`|w^T r| > |w^T b|`. But
+:math:`w^T b` is a random number with the standard deviation :math:`|\sqrt D w|`. With a residual of
+:math:`|D^{-1/2} r| < \delta` the probability to miss a negative eigenvalue is at most
 :math:`\sqrt{2/\pi}\, \delta`: the probability of :math:`|\xi| < \delta` for one number.
 
 With factors of a complete system: on the displacements that keep active constraints, :math:`G^T x =

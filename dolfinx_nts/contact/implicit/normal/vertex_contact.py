@@ -163,9 +163,9 @@ class VertexMultipliers(_Vertices, MultiplierContact):
         return number + self._replace_means(self.active | self._sunk)
 
     def _replace_means(self, holding: Flags) -> int:
-        """Replace the mean gaps of flagged vertices, ``(n,)``, by their own gaps. Collective.
+        """Constrain the own gaps of flagged vertices, ``(n,)``, in the place of their mean gaps.
 
-        Returns the number of nodes of this rank that changed.
+        Collective. Returns the number of nodes of this rank that changed.
         """
         number, ends = 0, self._state.ends
         if not self._is_static:

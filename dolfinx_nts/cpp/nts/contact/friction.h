@@ -124,9 +124,9 @@ inline TractionModel exact_friction(const FrictionLimit& limit, const Vec2& t,
   return model;
 }
 
-/// @brief Longest step along an increment from a point in the interior of a
-/// right circular cone of 90 degrees, relative to the increment; infinity if it
-/// never leaves the cone.
+/// @brief Longest step along an increment from an interior point of a
+/// second-order cone, relative to the increment; infinity if it never leaves
+/// the cone.
 /// @param[in] v, increment Vectors, component along the axis first.
 inline double longest_in_cone(std::span<const double> v,
                               std::span<const double> increment) noexcept

@@ -28,7 +28,7 @@ struct NodalFriction
   std::span<bool> sliding;          ///< (n,)
   std::span<std::int32_t> flips;    ///< (n,) changes between stick and slip
   std::span<double> traction;       ///< (n, 2) [N]
-  /// (n, 2), (n, 2), (n, 2, 2) The models, see `TractionModel`.
+  /// Models of tractions, (n, 2), (n, 2) and (n, 2, 2), see `TractionModel`.
   std::span<double> fixed, direction, stiffness;
   /// (n, 2) Directions of the models, including nodes with a lagged limit.
   std::span<double> heading;

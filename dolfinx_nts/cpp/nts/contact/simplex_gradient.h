@@ -4,16 +4,17 @@
 
 /// @brief Closed form of the energy-momentum scheme for edges and triangles.
 ///
-/// Constraints are of degree two in the invariants, so that only those of d
-/// determine the force of `discrete_gradient.h`. With the mean normal d_m, mean
-/// edges E_i from the first vertex to the others, and mean position E_0 of the
-/// node relative to the first vertex, and the vectors c^i with c^i . E_j =
-/// delta_ij, c^i . d_m = 0,
+/// Let d_m be the mean normal, E_i the mean edges from the first vertex to the
+/// others, E_0 the mean position of the node relative to the first vertex, and
+/// c^i the vectors with c^i . E_j = delta_ij, c^i . d_m = 0. As the constraints
+/// are of degree two in the invariants, the multipliers of the projection
+/// conditions are zero. The rows of d in `discrete_gradient.h` then give the
+/// force
 ///
 ///     beta_i = c^i . E_0,  F = d_m (x) w,  w = (1, -(1 - sum beta), -beta_i)
 ///
-/// is the same force: the line from the node along d_m intersects the mean
-/// segment at beta. The second direction of an edge in the plane is along z.
+/// The line from the node along d_m intersects the mean segment at beta. The
+/// second direction of an edge in the plane is along z.
 namespace nts
 {
 /// @brief Energy-momentum scheme for edges and triangles, eight times as fast

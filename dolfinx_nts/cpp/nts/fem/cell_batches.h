@@ -161,7 +161,7 @@ void add_batches(std::span<const BatchKernel> kernels, const CellNodes& mesh,
 /// @param[in] cells Cells of the integrals.
 /// @param[in] input Input of the kernels.
 /// @param[in] out Output to which the integrals are added.
-/// @param[in,out] rounded Memory.
+/// @param[in,out] rounded Work arrays for values in single precision.
 inline void add_cells(std::span<const BatchKernel> kernels,
                       const CellNodes& mesh,
                       std::span<const std::int32_t> cells,

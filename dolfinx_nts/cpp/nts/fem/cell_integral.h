@@ -55,7 +55,7 @@ private:
 struct Gathered
 {
   std::span<const double> values; ///< at the nodes, (l, d)
-  std::size_t first;              ///< index of its first function in the input
+  std::size_t first;              ///< index of its first value in the input
 };
 
 /// @brief A mesh and its space of vectors with as many components as positions
@@ -85,11 +85,12 @@ inline void gather(std::span<const double> x, std::size_t d,
 /// @brief Input of a kernel, cell by cell.
 struct KernelInput
 {
-  std::span<const Gathered> functions;  ///< functions of the space
-  std::span<const double> packed;       ///< of other functions, (c, n)
-  std::span<const std::int32_t> places; ///< of the columns of `packed`, (n,)
-  std::size_t width;                    ///< number of values of a cell
-  std::span<const double> constants;    ///< their values
+  std::span<const Gathered> functions; ///< functions of the space
+  std::span<const double> packed;      ///< values of other functions, (c, n)
+  /// index in the input of each column of `packed`, (n,)
+  std::span<const std::int32_t> places;
+  std::size_t width;                 ///< number of input values of a cell
+  std::span<const double> constants; ///< values of the constants
 };
 
 /// @brief Output of integrals over cells: a nodal vector, and sums over cells.

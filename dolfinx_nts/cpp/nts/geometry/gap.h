@@ -3,7 +3,8 @@
 #include "nts/geometry/projection.h"
 
 /// @brief The gap g = (x_s - x_bar) . n as a function of q = (x_s, x_1..x_k):
-/// gradient, Hessian, and the sensitivity of the projection.
+/// gradient, Hessian, and the sensitivity of the projection. Equations in
+/// parentheses are those of Franke, Hesch, Betsch (2011).
 ///
 /// Derivatives are stored node by node, row-major, 3 (1 + k) entries a row.
 namespace nts

@@ -305,10 +305,10 @@ public:
   }
 
   /// @brief Whether the node may enter a segment on its path.
-  /// @param[in] from Where it begins [m].
+  /// @param[in] from Start of the path [m].
   /// @param[in] i The segment.
-  /// @param[in] normal Its normal there.
-  /// @param[in] tree Returns the tree over the segments where they begin.
+  /// @param[in] normal Normal of the segment where the path crosses it.
+  /// @param[in] tree Returns the tree over the segments at the start.
   template <class GetTree>
   bool may_enter(const Vec3& from, std::int32_t i, const Vec3& normal,
                  const GetTree& tree)
@@ -375,8 +375,11 @@ public:
     return false;
   }
 
-  /// @brief Whether a node behind its segment is inside the body: not in front
-  /// of a nearer neighbour or of the other side of a wall.
+  /// @brief Whether the node is in front of the segment found, or inside the
+  /// body behind it.
+  ///
+  /// A node is outside if it is in front of a nearer segment. A gap that counts
+  /// as zero matters only before the opposite side of a wall.
   bool confirms(const Projection<S>& found, double distance,
                 double size) const noexcept
   {

@@ -83,8 +83,8 @@ struct SegmentSurface
   /// @brief Diameter of a segment [m].
   double size(std::size_t i) const noexcept { return diameter<S>(segment(i)); }
 
-  /// @brief Whether a segment is behind the plane of another one with this
-  /// normal, as beyond a convex edge, and not beyond a concave one.
+  /// @brief Whether the segment `other` is on average behind the plane of
+  /// segment i with this normal. It is so beyond a convex edge of i.
   bool is_behind(std::size_t other, std::size_t i,
                  const Vec3& normal) const noexcept
   {

@@ -127,8 +127,9 @@ private:
     std::int32_t left = -1, right = -1;
   };
 
-  /// @brief Set the box of each branch, which box_at gives, from the boxes of
-  /// its segments.
+  /// @brief Compute the box of each branch from the boxes of its segments.
+  /// @param[in] box_of Returns the box of a segment.
+  /// @param[in] box_at Returns a reference to the box of a branch.
   template <class BoxOf, class BoxAt>
   void gather(BoxOf&& box_of, BoxAt&& box_at) const
   {

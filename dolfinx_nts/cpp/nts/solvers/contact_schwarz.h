@@ -59,7 +59,8 @@ public:
   /// @brief Number of columns of K, which include its rows.
   std::size_t num_columns() const noexcept { return _number.size(); }
 
-  /// @brief Add constraints and blocks of the tangent, all nodes rows of K.
+  /// @brief Add constraints and blocks of the tangent. Their nodes are rows of
+  /// K.
   void add(const Elimination<B>& e)
   {
     for (std::size_t i = 0; i < e.rank.size(); ++i)
