@@ -57,8 +57,7 @@ void check_pattern(std::span<const std::int64_t> start,
     for (const std::int32_t j : row(i))
       holds = holds && std::ranges::binary_search(row(j), i);
     if (!holds)
-      throw nb::value_error(
-          "column: expected ascending columns, symmetric pattern");
+      throw nb::value_error("column: expected a symmetric pattern, ascending");
   }
 }
 

@@ -187,8 +187,7 @@ auto points_of(const Doubles& phi, const Ints& nodes, const Doubles& x)
   check("x", x, {any, 3});
   check_rows("nodes: expected rows of x", nodes, x.shape(0));
   if (nodes.shape(1) < phi.shape(1))
-    throw nb::value_error(
-        "nodes: expected at least as many columns as phi has");
+    throw nb::value_error("nodes: expected the nodes of the facets");
   auto out = create<double>({phi.shape(0), 3});
   at_points(view(phi), phi.shape(1), view(nodes), nodes.shape(1), view(x),
             view(out));

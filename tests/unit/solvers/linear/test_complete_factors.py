@@ -155,7 +155,7 @@ def test_wrong_arguments_are_refused(rng):
         make(start, column + 1, X)
     wrong = column.copy()
     wrong[:2] = wrong[1::-1]
-    with pytest.raises(ValueError, match="expected ascending columns, symmetric pattern"):
+    with pytest.raises(ValueError, match="expected a symmetric pattern, ascending"):
         make(start, wrong, X)
     factors = make(start, column, X)
     with pytest.raises(ValueError, match="expected the sparsity pattern with which"):
