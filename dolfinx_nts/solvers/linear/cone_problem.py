@@ -14,6 +14,7 @@ from mpi4py import MPI
 
 import numpy as np
 
+from dolfinx_nts import _kernels
 from dolfinx_nts.common.arrays import Flags, Floats
 from dolfinx_nts.contact.enforcement import LagrangeMultiplier, Tied
 from dolfinx_nts.contact.implicit.contact_step import ContactStep
@@ -21,11 +22,17 @@ from dolfinx_nts.contact.implicit.contributions import ContactContribution
 from dolfinx_nts.contact.implicit.coupled.decided_step import decide
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.parallel import reductions
+from dolfinx_nts.solvers.convergence import position_rounding
 from dolfinx_nts.solvers.linear import friction_cones
 from dolfinx_nts.solvers.linear.elimination import ActivePairs
 from dolfinx_nts.solvers.linear.friction_cones import ConeSolution
 
 __all__ = ["CondensedSystem", "has_cone_problem", "solve_cone_problem"]
+
+
+# Compliance relative to the largest one [-] that counts as zero: that of 1e-6 of the lever arm of a
+# rigid body.
+_IMMOBILE = 1e-12
 
 
 class CondensedSystem(Protocol):
@@ -107,7 +114,14 @@ def solve_cone_problem(
     parts = comm.allgather(own)
     present, mu, is_point = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     condensed = system(R, pairs, is_point, present.ravel())
-    found = None if condensed is None else _solution(*condensed, mu, dim)
+    if condensed is None:
+        return None
+    farthest = max(_kernels.largest_size(step.x) for step in steps)
+    W, q = condensed
+    # Motions that are round-off need no forces, as at the hinge of a rigid body, which no force
+    # moves.
+    q[np.abs(q) <= position_rounding(reductions.largest(comm, farthest))] = 0.0
+    found = _solution(W, q, mu, dim)
     if found is None:
         return None
     new, first = list(states), sum(len(part[0]) for part in parts[: comm.rank])
@@ -150,6 +164,7 @@ def _solution(W: Floats, q: Floats, mu: Floats, dim: int) -> ConeSolution | None
     """
     without = np.zeros((len(mu), dim), dtype=bool)
     without[:, 1:] = mu[:, None] == 0
-    none = without.ravel()
+    # Forces on points that no force moves are not determined.
+    none = without.ravel() | (W.diagonal() <= _IMMOBILE * W.diagonal().max(initial=0.0))
     W[none], W[:, none], q[none] = 0.0, 0.0, 0.0
     return friction_cones.solve(W, q, np.where(mu > 0, mu, 1.0))
