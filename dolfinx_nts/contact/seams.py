@@ -24,7 +24,7 @@ from dolfinx_nts.parallel import reductions
 from dolfinx_nts.parallel.communication import joined
 from dolfinx_nts.search.overlap.inside import Insides
 
-__all__ = ["without_seams"]
+__all__ = ["with_surfaces", "without_seams"]
 
 # Distance in front of a facet within which another body covers it, relative to the distance between
 # the midpoints of facet and cell [-]. Larger: gaps between fastened bodies, which nodes may enter,
@@ -81,11 +81,14 @@ def without_seams(bodies: Sequence[Body], pairs: Sequence[ContactPair]) -> tuple
         first, second = (_bodies_of(bodies, side) for side in (pair.nodes, pair.segments))
         return not fastened[np.ix_(first, second)].any()
 
-    return tuple(_between(pair, rest) if may_cross(pair) else pair for pair in pairs)
+    return tuple(with_surfaces(pair, rest) if may_cross(pair) else pair for pair in pairs)
 
 
-def _between(pair: ContactPair, rest: Callable[[Surface], Surface]) -> ContactPair:
-    """Copy of a pair without the seams of its surfaces; the pair itself if it has none."""
+def with_surfaces(pair: ContactPair, rest: Callable[[Surface], Surface]) -> ContactPair:
+    """Copy of a pair with parts of its surfaces; the pair itself if they are whole. Collective.
+
+    ``rest`` returns the part of a surface, or the surface itself.
+    """
     sides = {
         name: rest(side)
         for name in ("nodes", "segments")

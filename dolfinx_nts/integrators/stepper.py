@@ -28,6 +28,7 @@ from dolfinx_nts.contact.pair import ContactPair
 from dolfinx_nts.contact.pair_state import PairState
 from dolfinx_nts.contact.passes import Passes
 from dolfinx_nts.contact.seams import without_seams
+from dolfinx_nts.contact.symmetry_planes import without_symmetry_planes
 from dolfinx_nts.fem.components import dimension
 from dolfinx_nts.integrators.report import StepReport
 from dolfinx_nts.integrators.rigid import check_rigid_bodies
@@ -160,6 +161,7 @@ class Stepper(TimeLoop):
         pairs: Sequence[ContactPair],
         *,
         dt: float,
+        bcs: Sequence[fem.DirichletBC],
         loads: Sequence[Load],
         update: Callable[[float], None] | None,
     ) -> None:
@@ -173,7 +175,8 @@ class Stepper(TimeLoop):
         for pair in given:
             if pair.nodes.V != V:
                 raise ValueError("expected bodies and pairs in one function space, given two")
-        self.pairs = without_seams(self.bodies, given)
+        fixed = Supports(V, bcs).fixed
+        self.pairs = without_symmetry_planes(without_seams(self.bodies, given), fixed)
         self.loads = instances(Load, loads)
         for pair in self.pairs:
             if pair.is_convective and self.scheme.contact != "midpoint":

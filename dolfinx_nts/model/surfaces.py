@@ -98,6 +98,7 @@ class Surface(Declaration):
             ``(n,)``.
         segments: Vertices of the segments on facets that this rank owns, local block indices of
             V, owned or ghost, in Basix order, shape ``(s, k)``, ``k`` 3 or 4.
+        facet: Local index of the facet of each segment, shape ``(s,)``.
         orientation: +1 if the product a_1 x a_2 of the tangents of a segment points out of its
             body, otherwise -1, shape ``(s,)``.
         key: Partition-independent number of each segment, shape ``(s,)``.
@@ -150,6 +151,8 @@ class Surface(Declaration):
         nodes = nodes_on_any_rank(V, found.vertices)
         self.nodes: Ints = nodes[nodes < V.dofmap.index_map.size_local]
         self.segments: Ints = found.vertices[found.is_owned]
+        per_facet = len(found.vertices) // max(len(found.facets), 1)
+        self.facet: Ints = np.repeat(found.facets, per_facet)[found.is_owned]
         self.orientation: Floats = found.orientation[found.is_owned]
         self.thickness: Floats = found.thickness[found.is_owned]
         ids = np.sort(input_ids(V)[self.segments], axis=1)

@@ -19,6 +19,9 @@ __all__ = ["ContactContribution", "PairKinematics", "changed", "changes_by"]
 
 # Length of the free part of a unit normal [-] above which a node can move along it.
 _FREE_NORMAL = 0.5
+# Length of the tangential part of the normal of a plane of symmetry [-] above which it is a
+# direction of slip.
+_TANGENTIAL = 0.5
 # Relative size of a gap gradient, a force, or the square of a direction [-] that counts as zero.
 _NO_FREEDOM = 1e-8
 
@@ -90,6 +93,39 @@ class PairKinematics:
                 self._leave_out_given(self._free, still)
         self.excess[:, 1:] = slip.value
 
+    def leave_out_across(self, on_segments: Flags, dim: int) -> None:
+        """Remove slip across planes of symmetry, on which node and segments are held. Local.
+
+        Around a node on such a plane the other half of the bodies slips in the opposite direction.
+
+        Args:
+            on_segments: Whether entries of `dofs` are nodes of segments, of the same shape.
+            dim: Components of a displacement.
+        """
+        if self._free is None:
+            return
+        held = self._free.reshape(*self.dofs.shape, 3)[:, :, :dim] == 0
+        held &= ~held.all(axis=2, keepdims=True)
+        across = held[:, 0] & (held & on_segments[:, :, None]).any(axis=1)
+        if not across.any():
+            return
+        kept = np.tile(np.eye(2), (len(self.node), 1, 1))
+        for axis in range(dim):
+            direction = self.slip.frame_n[:, :, axis]
+            length = np.linalg.norm(direction, axis=1)
+            is_tangential = across[:, axis] & (length > _TANGENTIAL)
+            unit = direction[is_tangential] / length[is_tangential, None]
+            kept[is_tangential] -= kept[is_tangential] @ (unit[:, :, None] * unit[:, None])
+        self._keep(kept)
+        self.excess[:, 1:] = self.slip.value
+
+    def _keep(self, kept: Floats) -> None:
+        """Project the slips, ``kept`` of shape ``(m, 2, 2)``."""
+        slip = self.slip.value
+        slip[:] = np.einsum("mij,mj->mi", kept, slip)
+        for rows in (self.columns, self.gradients):
+            rows[:, 1:] = kept @ rows[:, 1:]
+
     def _leave_out_given(self, free: Floats, still: Floats) -> None:
         """Remove slip directions without unknown displacements, or of zero length.
 
@@ -106,9 +142,7 @@ class PairKinematics:
         kept = axes @ axes.swapaxes(1, 2)
         given = slip - np.einsum("mij,mj->mi", kept, slip)
         kept[~self.fixed | (np.linalg.norm(given, axis=1) > still)] = np.eye(2)
-        slip[:] = np.einsum("mij,mj->mi", kept, slip)
-        for rows in (self.columns, self.gradients):
-            rows[:, 1:] = kept @ rows[:, 1:]
+        self._keep(kept)
 
     @property
     def dofs(self) -> Ints:

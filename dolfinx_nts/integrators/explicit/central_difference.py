@@ -166,7 +166,7 @@ class CentralDifference(Stepper):
         pairs = tuple(map(self._with_defaults, instances(ContactPair, pairs)))
         check_scope(bodies, pairs)
         first = 1.0 if dt is None else dt
-        super().__init__(bodies, pairs, dt=first, loads=loads, update=update)
+        super().__init__(bodies, pairs, dt=first, bcs=bcs, loads=loads, update=update)
         V = self.u.function_space
         self.supports = Supports(V, bcs)
         self.supports.warn_of_empty()

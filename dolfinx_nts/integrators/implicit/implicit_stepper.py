@@ -122,7 +122,7 @@ class ImplicitStepper(Stepper):
                 f"expected a Scheme as the attribute scheme of {type(self).__name__}, set before "
                 f"super().__init__(), given {getattr(self, 'scheme', 'none')!r}"
             )
-        super().__init__(bodies, pairs, dt=dt, loads=loads, update=update)
+        super().__init__(bodies, pairs, dt=dt, bcs=bcs, loads=loads, update=update)
         check_stress(self.scheme, self.bodies)
         self._rates = make_rates(self.scheme, self, self._dt, bodies)
         self.watch.overlaps.is_static = self._is_static

@@ -1,4 +1,4 @@
-"""Friction of nodes on planes of symmetry: supports carry the force across these."""
+"""Half models: friction on planes of symmetry, and whole boundaries as surfaces."""
 
 import numpy as np
 import pytest
@@ -49,3 +49,59 @@ def test_no_friction_acts_across_a_plane_of_symmetry(comm, method):
         pressing = np.abs(history.lambda_N).max(initial=0.0)
         sideways, pressing = np.max(comm.allgather([sideways, pressing]), axis=0)
         assert sideways <= 1e-12 * MU * pressing
+
+
+@pytest.mark.parametrize(
+    ("scheme", "options"),
+    [
+        (nts.CentralDifference, {"method": None}),
+        (nts.EnergyMomentum, {"method": None}),
+        (nts.EnergyMomentum, {"method": "node-to-segment"}),
+        (nts.QuasiStatic, {"method": None}),
+    ],
+)
+@pytest.mark.parametrize("mu", [None, 0.3])
+def test_whole_boundaries_of_half_the_bodies_act_as_those_of_the_whole(comm, scheme, options, mu):
+    """A block strikes a plate and slides on it; in statics its top moves so."""
+    statics, states = scheme is nts.QuasiStatic, []
+    for is_half in (False, True):
+
+        def build(model, parts_of=0.5 if is_half else 1.0, least=0.0 if is_half else -0.5):
+            long, high = (2, 1 * parts_of, 0.4), (0.55, 0.6 * parts_of, 0.4)
+            many = round(4 * parts_of)
+            box = {"corner": (-1, least, -0.4), "size": long, "cells": (8, many, 2)}
+            parts.add_box(model, "plate", **box)
+            corner = (-0.3, 0.6 * least, 0.02)
+            parts.add_box(model, "block", corner=corner, size=high, cells=(4, many, 3))
+
+        mesh, cells, facets, tag = nts.read_mesh(build, comm)
+        V = fem.functionspace(mesh, ("Lagrange", 1, (3,)))
+        rubber = nts.NeoHookean(E=1e6, nu=0.3, rho=1e3)
+        plate, block = (nts.Body(V, cells, tag[name], rubber) for name in ("plate", "block"))
+        bottom = fem.locate_dofs_topological(V, 2, facets.find(tag["plate_bottom"]))
+        bcs = [fem.dirichletbc(np.zeros(3), bottom, V)]
+        across, way = V.sub(1).collapse()[0], fem.Constant(mesh, np.zeros(3))
+        on_plane = fem.locate_dofs_geometrical((V.sub(1), across), lambda x: np.isclose(x[1], 0.0))
+        bcs.append(fem.dirichletbc(fem.Function(across), on_plane, V.sub(1)))
+        if statics:
+            top = fem.locate_dofs_topological(V, 2, facets.find(tag["block_top"]))
+            bcs.append(fem.dirichletbc(way, top, V))
+
+        def update(t, way=way):
+            way.value[:] = max(t - 1, 0) * 0.1, 0.0, -0.05 * min(t, 1)
+
+        pairs = nts.all_pairs([plate, block], friction=mu, **options)
+        if statics:
+            stepper = scheme([plate, block], pairs, dt=0.5, bcs=bcs, update=update)
+        else:
+            dt = 1e-3 if scheme is nts.CentralDifference else 4e-3
+            stepper = scheme([plate, block], pairs, dt=dt, bcs=bcs)
+            stepper.set_velocity(block, (1.0, 0.0, -2.0))
+        diagnostics, forces = nts.Diagnostics(stepper), []
+        for _ in stepper.run(until=2.0 if statics else 0.06):
+            (balance,) = diagnostics.pairs().values()
+            forces.append(balance.force[[0, 2]] * (2 if is_half else 1))
+        states.append(np.array(forces))
+    largest = np.abs(states[0]).max()
+    assert largest > 1e3
+    np.testing.assert_allclose(states[1], states[0], rtol=0, atol=1e-3 * largest)

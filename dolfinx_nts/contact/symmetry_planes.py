@@ -1,0 +1,103 @@
+"""Facets on planes of symmetry, which are no boundary.
+
+In the model of one half, facets of several bodies lie on the plane of symmetry, and their nodes
+cannot leave it. They are not the boundary of the whole: a node on this plane and below a surface of
+another body is inside the whole body, but on the boundary of its half.
+"""
+
+from collections.abc import Sequence
+from functools import cache
+
+import numpy as np
+from dolfinx import la
+
+from dolfinx_nts.common.arrays import Flags, Floats, Ints
+from dolfinx_nts.contact.enforcement import Tied
+from dolfinx_nts.contact.pair import ContactPair
+from dolfinx_nts.contact.seams import with_surfaces
+from dolfinx_nts.fem.components import dimension
+from dolfinx_nts.fem.node_numbering import reference_positions
+from dolfinx_nts.model.segments import area_vectors
+from dolfinx_nts.model.surfaces import Surface
+from dolfinx_nts.parallel import reductions
+from dolfinx_nts.parallel.communication import joined
+
+__all__ = ["without_symmetry_planes"]
+
+# Deviation of a normal from an axis [-], and of a facet from a plane relative to the longest facet
+# [-], that count as round-off.
+_ROUND_OFF = 1e-9
+
+
+def without_symmetry_planes(pairs: Sequence[ContactPair], fixed: Ints) -> tuple[ContactPair, ...]:
+    """Leave out facets on planes on which both surfaces of a pair are held. Collective.
+
+    Args:
+        pairs: The pairs.
+        fixed: Owned scalar dofs with a prescribed displacement.
+
+    Returns:
+        The pairs; where both surfaces have facets on one plane with the same outward normal, and
+        all their nodes are held in this direction only, a copy of the pair without them.
+    """
+    if not pairs or not reductions.total(pairs[0].nodes.V.mesh.comm, len(fixed)):
+        return tuple(pairs)
+    held = _held(pairs[0].nodes, fixed)
+    planes_of = cache(lambda surface: _planes(surface, held))
+
+    def rest(surface: Surface, other: Surface) -> Surface:
+        """The surface without the facets on planes of the other one, too; not without all."""
+        own, (others, _) = planes_of(surface), planes_of(other)
+        if not len(others):
+            return surface
+        near = np.abs(own[1][:, None] - others) <= _ROUND_OFF * np.array([1, 1, surface.size])
+        covered: Flags = np.count_nonzero(near.all(axis=2), axis=1) > 0
+        left = np.array([np.count_nonzero(covered), np.count_nonzero(~covered)])
+        if not reductions.total(surface.V.mesh.comm, left).all():
+            return surface
+        facets = np.unique(surface.facet[~covered])
+        return Surface.of(surface.V, facets, surface.name, smooth=surface.smooth)
+
+    def between(pair: ContactPair) -> ContactPair:
+        other = pair.segments
+        if isinstance(pair.enforcement, Tied) or not isinstance(other, Surface):
+            return pair
+        both = {pair.nodes: other, other: pair.nodes}
+        return with_surfaces(pair, cache(lambda surface: rest(surface, both[surface])))
+
+    return tuple(map(between, pairs))
+
+
+def _held(surface: Surface, fixed: Ints) -> Flags:
+    """Whether the components of the displacement of all local nodes are prescribed, ``(l, d)``."""
+    V = surface.V
+    vector = la.vector(V.dofmap.index_map, dimension(V))
+    vector.array[fixed] = 1.0
+    vector.scatter_forward()
+    held: Flags = vector.array.reshape(-1, dimension(V)) > 0
+    return held
+
+
+def _planes(surface: Surface, held: Flags) -> tuple[Floats, Floats]:
+    """Planes on which the segments of a surface are held in the normal direction. Collective.
+
+    Returns:
+        Axis, sign of the normal, and coordinate of the planes of all ranks, ``(p, 3)``; the same
+        for each segment of this rank, NaN for none, ``(s, 3)``.
+    """
+    segments, orientation = surface.segments, surface.orientation
+    x = reference_positions(surface.V)[segments]
+    normal = area_vectors(x, orientation)
+    length = np.linalg.norm(normal, axis=1)
+    axis = np.abs(normal).argmax(axis=1)
+    every = np.arange(len(segments))
+    along = normal[every, axis]
+    at = x[every, :, axis]
+    is_held = held[segments]
+    is_plane = np.abs(along) >= (1 - _ROUND_OFF) * length
+    is_plane &= np.ptp(at, axis=1) <= _ROUND_OFF * surface.size
+    is_plane &= is_held[every, :, axis].all(axis=1) & ~is_held.all(axis=(1, 2))
+    planes = np.column_stack([axis, np.sign(along), at.mean(axis=1)])
+    planes[~is_plane] = np.nan
+    found = joined(surface.V.mesh.comm, planes[is_plane])
+    return np.unique(found, axis=0), planes
