@@ -22,7 +22,8 @@ _FREE_NORMAL = 0.5
 # Length of the tangential part of the normal of a plane of symmetry [-] above which it is a
 # direction of slip.
 _TANGENTIAL = 0.5
-# Relative size of a gap gradient, a force, or the square of a direction [-] that counts as zero.
+# Relative size of a gap gradient, a force, a distance, or the square of a direction [-] that counts
+# as zero.
 _NO_FREEDOM = 1e-8
 
 
@@ -93,20 +94,25 @@ class PairKinematics:
                 self._leave_out_given(self._free, still)
         self.excess[:, 1:] = slip.value
 
-    def leave_out_across(self, on_segments: Flags, dim: int) -> None:
+    def leave_out_across(self, on_segments: Flags, x: Floats, dim: int) -> None:
         """Remove slip across planes of symmetry, on which node and segments are held. Local.
 
         Around a node on such a plane the other half of the bodies slips in the opposite direction.
 
         Args:
             on_segments: Whether entries of `dofs` are nodes of segments, of the same shape.
+            x: Positions of the nodes, shape ``(l, 3)`` [m].
             dim: Components of a displacement.
         """
         if self._free is None:
             return
         held = self._free.reshape(*self.dofs.shape, 3)[:, :, :dim] == 0
         held &= ~held.all(axis=2, keepdims=True)
-        across = held[:, 0] & (held & on_segments[:, :, None]).any(axis=1)
+        if not held[:, 0].any():
+            return
+        away = np.abs(x[self.dofs, :dim] - x[self.dofs[:, :1], :dim])
+        is_level = away <= _NO_FREEDOM * away.max(axis=(1, 2), keepdims=True)
+        across = held[:, 0] & (held & is_level & on_segments[:, :, None]).any(axis=1)
         if not across.any():
             return
         kept = np.tile(np.eye(2), (len(self.node), 1, 1))
