@@ -48,7 +48,7 @@ class Declaration(metaclass=_FreezingMeta):
             kind = type(self).__name__
             raise AttributeError(
                 f"expected no change of {with_article(kind)} after its creation, given a new value "
-                f"of {name}: create another {kind} with it, and again the objects that use it"
+                f"of {name}: create another {kind} with it, and the objects that use it again"
             )
         super().__setattr__(name, value)
 

@@ -28,7 +28,7 @@ def test_missing_file_is_named(comm, refused, tmp_path):
 
 def test_unknown_region_name_lists_existing_names(comm, refused):
     _, _, _, tag = nts.read_mesh(scenes.BALL_PLATE, comm)
-    with refused(ValueError, r"out of \['ball', 'ball_inner', .*\], given 'bal'"):
+    with refused(ValueError, r"physical groups \['ball', 'ball_inner', .*\], given 'bal'"):
         tag["bal"]
 
 
