@@ -30,11 +30,6 @@ from dolfinx_nts.solvers.linear.friction_cones import ConeSolution
 __all__ = ["CondensedSystem", "has_cone_problem", "solve_cone_problem"]
 
 
-# Compliance relative to the largest one [-] that counts as zero: that of 1e-6 of the lever arm of a
-# rigid body.
-_IMMOBILE = 1e-12
-
-
 class CondensedSystem(Protocol):
     """Function that condenses a linear system to the contact points."""
 
@@ -164,7 +159,6 @@ def _solution(W: Floats, q: Floats, mu: Floats, dim: int) -> ConeSolution | None
     """
     without = np.zeros((len(mu), dim), dtype=bool)
     without[:, 1:] = mu[:, None] == 0
-    # Forces on points that no force moves are not determined.
-    none = without.ravel() | (W.diagonal() <= _IMMOBILE * W.diagonal().max(initial=0.0))
+    none = without.ravel()
     W[none], W[:, none], q[none] = 0.0, 0.0, 0.0
     return friction_cones.solve(W, q, np.where(mu > 0, mu, 1.0))
