@@ -99,5 +99,8 @@ def _planes(surface: Surface, held: Flags) -> tuple[Floats, Floats]:
     is_plane &= is_held[every, :, axis].all(axis=1) & ~is_held.all(axis=(1, 2))
     planes = np.column_stack([axis, np.sign(along), at.mean(axis=1)])
     planes[~is_plane] = np.nan
-    found = joined(surface.V.mesh.comm, planes[is_plane])
-    return np.unique(found, axis=0), planes
+    found = np.unique(joined(surface.V.mesh.comm, planes[is_plane]), axis=0)
+    differs = np.abs(np.diff(found, axis=0)) > _ROUND_OFF * np.array([1, 1, surface.size])
+    is_last = np.ones(len(found), dtype=bool)
+    is_last[:-1] = differs.any(axis=1)
+    return found[is_last], planes

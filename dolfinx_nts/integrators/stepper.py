@@ -140,7 +140,6 @@ class Stepper(TimeLoop):
     """
 
     scheme: Scheme
-    supports: Supports
     cell_energies: tuple[float, float] | None = None
     bodies = SetOnce[tuple[Body, ...]]()
     pairs = SetOnce[tuple[ContactPair, ...]]()
@@ -175,8 +174,9 @@ class Stepper(TimeLoop):
         for pair in given:
             if pair.nodes.V != V:
                 raise ValueError("expected bodies and pairs in one function space, given two")
-        fixed = Supports(V, bcs).fixed
-        self.pairs = without_symmetry_planes(without_seams(self.bodies, given), fixed)
+        self.supports = Supports(V, bcs)
+        seamless = without_seams(self.bodies, given)
+        self.pairs = without_symmetry_planes(seamless, self.supports.fixed)
         self.loads = instances(Load, loads)
         for pair in self.pairs:
             if pair.is_convective and self.scheme.contact != "midpoint":

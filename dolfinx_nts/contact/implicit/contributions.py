@@ -94,22 +94,30 @@ class PairKinematics:
                 self._leave_out_given(self._free, still)
         self.excess[:, 1:] = slip.value
 
-    def leave_out_across(self, on_segments: Flags, x: Floats, dim: int) -> None:
+    def held(self, dim: int) -> Flags | None:
+        """Components in which nodes are held, if they are free in others. Local.
+
+        Returns:
+            Flags of the ``dim`` components of displacements, shape ``(m, nodes, dim)``; None if no
+            node of the surface of nodes is held so.
+        """
+        if self._free is None:
+            return None
+        held: Flags = self._free.reshape(*self.dofs.shape, 3)[:, :, :dim] == 0
+        held &= ~held.all(axis=2, keepdims=True)
+        return held if held[:, 0].any() else None
+
+    def leave_out_across(self, held: Flags, on_segments: Flags, x: Floats) -> None:
         """Remove slip across planes of symmetry, on which node and segments are held. Local.
 
         Around a node on such a plane the other half of the bodies slips in the opposite direction.
 
         Args:
+            held: See `held`.
             on_segments: Whether entries of `dofs` are nodes of segments, of the same shape.
             x: Positions of the nodes, shape ``(l, 3)`` [m].
-            dim: Components of a displacement.
         """
-        if self._free is None:
-            return
-        held = self._free.reshape(*self.dofs.shape, 3)[:, :, :dim] == 0
-        held &= ~held.all(axis=2, keepdims=True)
-        if not held[:, 0].any():
-            return
+        dim = held.shape[2]
         away = np.abs(x[self.dofs, :dim] - x[self.dofs[:, :1], :dim])
         is_level = away <= _NO_FREEDOM * away.max(axis=(1, 2), keepdims=True)
         across = held[:, 0] & (held & is_level & on_segments[:, :, None]).any(axis=1)

@@ -43,7 +43,6 @@ from dolfinx_nts.integrators.step_failure import SHORTER_STEP_HELPS
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.materials.hyperelastic import Hyperelastic, right_cauchy_green
 from dolfinx_nts.model.bodies import Body
-from dolfinx_nts.model.dirichlet import Supports
 from dolfinx_nts.model.layers import nodal_moduli
 from dolfinx_nts.model.loads.load import Load
 from dolfinx_nts.model.reaction import Reaction
@@ -167,8 +166,6 @@ class CentralDifference(Stepper):
         check_scope(bodies, pairs)
         first = 1.0 if dt is None else dt
         super().__init__(bodies, pairs, dt=first, bcs=bcs, loads=loads, update=update)
-        V = self.u.function_space
-        self.supports = Supports(V, bcs)
         self.supports.warn_of_empty()
         self.supports.check()
         self._bulk = ExplicitBulk(bodies, self.u, loads)

@@ -64,7 +64,6 @@ from dolfinx_nts.integrators.statics.relaxation import IF_IT_MOVES
 from dolfinx_nts.integrators.step_failure import SHORTER_STEP_HELPS, StepFailure
 from dolfinx_nts.integrators.stepper import Stepper
 from dolfinx_nts.model.bodies import Body
-from dolfinx_nts.model.dirichlet import Supports
 from dolfinx_nts.model.loads.load import Load
 from dolfinx_nts.model.lumped_mass import lumped_mass
 from dolfinx_nts.parallel import reductions
@@ -127,7 +126,7 @@ class ImplicitStepper(Stepper):
         self._rates = make_rates(self.scheme, self, self._dt, bodies)
         self.watch.overlaps.is_static = self._is_static
         if self._is_static:
-            check_statics(self.bodies, Supports(self.u.function_space, bcs).fixed)
+            check_statics(self.bodies, self.supports.fixed)
             warn_of_stiff_nodes(self.bodies, self.pairs)
         elif self.scheme.contact == "static":
             check_closed_contact(self.bodies, self.pairs, type(self).__name__)

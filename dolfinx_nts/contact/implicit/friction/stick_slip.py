@@ -120,7 +120,8 @@ class StickSlip(Friction):
         self._nodal.turn(pairs.node, slip.frame_n)
         still = None if self._has_spring else self._slips.still(pairs.node)
         pairs.add_slip(slip, self._on_axis[pairs.node], still)
-        pairs.leave_out_across(self._search.pairing.on_segments(pairs), x, self._dim)
+        if (held := pairs.held(self._dim)) is not None:
+            pairs.leave_out_across(held, self._search.pairing.on_segments(pairs), x)
         self._slips.measure(pairs, x)
 
     def follow_contact(self, pairs: PairKinematics, before: Flags, active: Flags) -> None:
