@@ -18,7 +18,7 @@ from dolfinx_nts.materials.branches import checked_branches
 from dolfinx_nts.materials.energy_curve import GENERIC_STRAIN
 from dolfinx_nts.materials.strain_energy import StrainEnergy, are_pressures
 
-__all__ = ["Hyperelastic", "lock", "right_cauchy_green"]
+__all__ = ["Hyperelastic", "hexahedra_lock", "right_cauchy_green"]
 
 # Gauss points and weights of the average over [0, 1] [-]: three points are exact up to degree 5.
 _POINTS = 0.5 + 0.5 * np.sqrt(0.6) * np.array([-1.0, 0.0, 1.0])
@@ -41,7 +41,7 @@ def right_cauchy_green(F: Any) -> Any:
     return F.T * F
 
 
-def lock(poisson_ratio: Floats | float) -> Flags:
+def hexahedra_lock(poisson_ratio: Floats | float) -> Flags:
     """Whether hexahedra of degree 1 with all quadrature points lock; False for NaN. Local."""
     return (np.asarray(poisson_ratio) >= _LOCKS) & (np.asarray(poisson_ratio) < _FLUID)
 
@@ -79,6 +79,7 @@ class Hyperelastic(StrainEnergy):
         one_point: Names as given, a frozen set, or the names of the volumetric terms.
         splits_volume: Whether ``"volumetric"`` was given or is the default. Without names the
             energy of an isotropic change of volume, psi(J^(2/3) 1), has one point.
+        has_default_rule: Whether ``one_point`` was left out.
         parameters: Numbers by name, read-only.
 
     Raises:
@@ -251,7 +252,7 @@ class Hyperelastic(StrainEnergy):
     def _rule(self, one_point: str | Sequence[str] | None) -> tuple[bool, frozenset[str]]:
         """`splits_volume` and `one_point` from the argument."""
         if one_point is None:
-            splits = bool(lock(self.poisson_ratio))
+            splits = bool(hexahedra_lock(self.poisson_ratio))
         else:
             splits = one_point == "volumetric"
         if not splits:

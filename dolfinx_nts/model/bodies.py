@@ -22,7 +22,7 @@ from dolfinx_nts.fem.axisymmetry import is_axisymmetric, over_circumference
 from dolfinx_nts.fem.elements import Element, check_space, check_tag
 from dolfinx_nts.fem.few_nodes import nodes_on_any_rank
 from dolfinx_nts.fem.mean_gradient import with_mean_gradients
-from dolfinx_nts.materials.hyperelastic import Hyperelastic, lock
+from dolfinx_nts.materials.hyperelastic import Hyperelastic, hexahedra_lock
 from dolfinx_nts.materials.mass_only import MassOnly
 from dolfinx_nts.materials.strain_energy import are_pressures, poisson_ratios
 from dolfinx_nts.materials.volumetric_split import parts
@@ -119,7 +119,7 @@ class Body(Declaration):
             return False
         locks, are_mixed = False, False
         for _, moduli in CellModuli(self.V, self.material).blocks(self.cells):
-            locks |= bool(lock(poisson_ratios(moduli)).any())
+            locks |= bool(hexahedra_lock(poisson_ratios(moduli)).any())
             are_mixed |= not are_pressures(moduli).all()
         comm = self.V.mesh.comm
         # Both, as each is collective.

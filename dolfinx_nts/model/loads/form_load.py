@@ -4,7 +4,6 @@ from collections.abc import Callable
 from inspect import signature
 from typing import Any
 
-import numpy as np
 import ufl
 from dolfinx import fem
 
@@ -84,11 +83,7 @@ class FormLoad(Load):
 
 
 class _Time(Symbol, fem.Constant):  # type: ignore[misc]
-    @property
+    @fem.Constant.value.getter  # type: ignore[misc]
     def value(self) -> Any:
         self.was_taken = True
         return self._cpp_object.value
-
-    @value.setter
-    def value(self, t: float) -> None:
-        np.copyto(self._cpp_object.value, t)

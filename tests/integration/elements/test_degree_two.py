@@ -293,7 +293,7 @@ def test_pressure_of_a_uniform_load_is_uniform(comm, cell):
 
 
 @cells_
-def test_free_faces_beside_a_contact_have_no_pressure(comm, cell):
+def test_free_faces_next_to_a_contact_have_no_pressure(comm, cell):
     """A uniformly pressed block on a wider one, both with their whole boundaries as surfaces."""
     data = box_meshes.boxes([(4, 4, 1), (2, 2, 2)], [(2.0, 2.0, 0.5), (1.0, 1.0, 1.0)], cell)
     second = data.X[:, 2] >= 0
