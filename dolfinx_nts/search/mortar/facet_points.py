@@ -33,11 +33,15 @@ _SMOOTH, _KINKED = 0.001, 0.004
 # a block above a step of 3 % of a facet is 15 % too small); smaller: joints of bodies that are
 # deformed differently count as kinks.
 _LEVEL, _STEPPED = 0.002, 0.01
-# Multiple of the least gap in equilibrium [-] up to which points opposite a kink have full weight.
-# Larger: open points keep nodes apart, and forces are too small (by 45 % without a limit on the
-# coarsest mesh of a chamfered punch, by 9 % with 4); smaller: points that are open due to the
-# waviness of deformed facets have less weight.
-_COUNTED = 4.0
+# Multiple of the least gap in equilibrium [-] up to which points opposite a kink have full weight,
+# and power with which weights decrease for larger gaps, opposite kinks and opposite steps. Larger
+# multiple or smaller power: open points keep nodes apart, and forces are too small (by 45 % without
+# a limit on the coarsest mesh of a chamfered punch, by 9 % with 4; with the values of kinks by 20 %
+# above steps of 2 % of a facet, by 4 % with those of steps). Opposite: points that are open due to
+# the waviness of deformed facets have less weight (with the values of steps the force of the
+# coarsest chamfered punch is 18 % too large).
+_COUNTED, _POWER = 4.0, 2.0
+_COUNTED_AT_STEPS, _POWER_AT_STEPS = 2.0, 4.0
 
 # Least derivative of the mean gap of a node with respect to its own displacement [-], with
 # multipliers and with springs. Smaller: only parts of facets far from the node are covered, as
@@ -67,6 +71,7 @@ class FacetPoints:
         dual: Functions dual to them, shape ``(p, k)``.
         kink: 1 on facets opposite kinks, 0 opposite smooth segments, continuous between, ``(p,)``
             [-].
+        step: The same for steps between unconnected segments, which count as kinks, ``(p,)`` [-].
         known: Positions of nodes [m], and gaps at these positions without offset, ``(p,)`` [m].
     """
 
@@ -79,6 +84,7 @@ class FacetPoints:
     linear: Floats
     dual: Floats
     kink: Floats
+    step: Floats
     known: tuple[tuple[Floats, Floats], ...]
 
     @classmethod
@@ -153,16 +159,19 @@ class FacetPoints:
             places = replace(places, offset=offset)
         found = cls(
             *(facets, candidates, places, facet, of_segment),
-            *(weight, linear, dual, 0 * weight, tuple(known)),
+            *(weight, linear, dual, 0 * weight, 0 * weight, tuple(known)),
         )
         # Smooth segments have kinks between facets, but not between their patches.
         has_kinks = kinks and candidates.rise is None
-        return replace(found, kink=found._kinks(steps)) if has_kinks else found
+        if not has_kinks:
+            return found
+        kink, step = found._kinks(steps)
+        return replace(found, kink=kink, step=step)
 
-    def _kinks(self, steps: Floats) -> Floats:
-        """Largest kink of the segments around the vertices of the facet of each point, ``(p,)``.
+    def _kinks(self, steps: Floats) -> tuple[Floats, Floats]:
+        """Largest kink, and step, of segments around the vertices of the facet of each point.
 
-        Collective. It is computed from undeformed normals, which do not change, and from the steps
+        Shapes ``(p,)`` each. Collective. The kink is computed from undeformed normals, which do not change, and from the steps
         between unconnected segments below each facet, ``(f,)`` [-].
         """
         facets, scatter, k = self.facets, self.candidates.scatter, self.linear.shape[1]
@@ -182,9 +191,9 @@ class FacetPoints:
         of_steps = np.clip((steps - _LEVEL) / (_STEPPED - _LEVEL), 0.0, 1.0)
         at_vertices = np.zeros(len(facets.X))
         np.maximum.at(at_vertices, facets.vertices[:, :k], of_steps[:, None])
-        kink[facets.nodes, 0] = np.fmax(kink[facets.nodes, 0], at_vertices[facets.nodes])
-        of_points: Floats = scatter.forward(kink)[facets.vertices[self.facet, :k], 0].max(axis=1)
-        return of_points
+        kink[facets.nodes, 1] = at_vertices[facets.nodes]
+        of_points = scatter.forward(kink)[facets.vertices[self.facet, :k], :2].max(axis=1)
+        return of_points.max(axis=1), of_points[:, 1]
 
     def largest_parts(self, states: Sequence[Floats], slack: float) -> Floats:
         """Largest fraction of dual functions that keeps mean gaps above the least gap. Local.
@@ -230,6 +239,18 @@ class FacetPoints:
                 room = area * area / (area + there)
                 part = np.fmin(part, (there + room) / taken)
         return part
+
+    def _weights_at_kinks(self, inner: Ints, gap: Floats, level: Floats, slack: float) -> Floats:
+        """Weights of the points ``inner`` opposite kinks: 1 up to a multiple of the least gap.
+
+        ``gap`` and the least gap magnitude ``level`` of the facets [m] have the shape ``(p,)``.
+        """
+        step = self.step[inner]
+        multiple = (1 - step) * _COUNTED + step * _COUNTED_AT_STEPS
+        power = (1 - step) * _POWER + step * _POWER_AT_STEPS
+        counted = np.fmax(multiple * level, slack)
+        weights: Floats = (counted / np.fmax(gap, counted)) ** power
+        return weights
 
     def _without_distant_nodes(self, inner: Ints, psi: Floats, least: float) -> Floats:
         """Move functions of nodes that hardly affect their mean gap to other nodes of the facet.
@@ -307,8 +328,9 @@ class FacetPoints:
                 gap, values[facets.nodes, 1] = gaps[inner], least_gap[facets.nodes]
             of_facets = scatter.forward(values)[facets.vertices[:, :k]].min(axis=1)
             c, level = of_facets[facet, :2].T
-            counted = np.fmax(_COUNTED * np.abs(level), slack)
-            weight = (counted / np.fmax(gap, counted)) ** 2 if x is not None else np.ones(len(gap))
+            weight: Floats = np.ones(len(gap))
+            if x is not None:
+                weight = self._weights_at_kinks(inner, gap, np.abs(level), slack)
             smooth = linear + c[:, None] * (psi - linear)
             psi = ((1 - kink) * smooth.T + kink * weight * linear.T).T
             least = _LEAST_OWN if is_stiff else _LEAST_OWN_OF_SPRINGS
