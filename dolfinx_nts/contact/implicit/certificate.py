@@ -116,6 +116,8 @@ def _late_nodes(step: ContactStep) -> tuple[Ints, Floats]:
     own = np.linalg.norm(off.take(step.state.nodes.nodes, axis=0), axis=1)
     own = own if search.pairing.follows else own.max(initial=0.0)
     node = _numbers(~known_nodes(normal) & ~(gap_n + gap_trial > own + vertices))
+    if not len(node):
+        return node, np.empty(0)
     if search.pairing.follows:
         node = node[search.candidates.near(search.points.take(node), x, search.reach)]
         points = search.points.take(node)
@@ -131,6 +133,8 @@ def _late_nodes(step: ContactStep) -> tuple[Ints, Floats]:
     late = gap < np.fmin(before, 0.0) - _LATE * size
     late &= normal.may_hold(node, before, gap)
     node, gap = node[late], gap[late]
+    if not len(node):
+        return node, gap
     # Otherwise trial and computed motion are similar, and the law has excluded the node.
     own, facing = step.state.nodes.nodes[node], search.candidates.segments[segment[late]]
     number = max(facing.shape[1], 1)  # obstacles have no vertices, and rest in the frame
@@ -370,8 +374,11 @@ def check_forces(step: ContactStep, last: ContactContribution, residual: float) 
         turned = np.arctan2(t[:, 0] * slip[:, 1] - t[:, 1] * slip[:, 0], (t * slip).sum(axis=1))
         turned = np.where(moves, np.abs(turned), 0.0)
         errors.append(("slide {:.3g} rad away from their traction", turned, _PARALLEL))
-    for text, value, most in errors:
-        wrong = _numbers(value > most)
+    are_wrong = [value > most for _, value, most in errors]
+    if not reductions.anywhere(state.nodes.V.mesh.comm, any(map(np.any, are_wrong))):
+        return ""
+    for (text, value, _), flags in zip(errors, are_wrong, strict=True):
+        wrong = _numbers(flags)
         columns = node[wrong], value[wrong], step.x[state.nodes.nodes[node[wrong]]]
         if message := _wrong_nodes(step, text, *columns):
             return message
@@ -380,10 +387,11 @@ def check_forces(step: ContactStep, last: ContactContribution, residual: float) 
 
 def _wrong_nodes(step: ContactStep, text: str, node: Ints, value: Floats, x: Floats) -> str:
     """Message naming nodes, their errors, and the position of the worst one, or "". Collective."""
-    nodes, pair = step.state.nodes, np.searchsorted(step.state.ends, node, side="right") - 1
-    rows = joined(nodes.V.mesh.comm, np.column_stack((pair, nodes.node_ids[node], value, x)))
-    if not len(rows):
+    nodes = step.state.nodes
+    if not reductions.anywhere(nodes.V.mesh.comm, len(node) > 0):
         return ""
+    pair = np.searchsorted(step.state.ends, node, side="right") - 1
+    rows = joined(nodes.V.mesh.comm, np.column_stack((pair, nodes.node_ids[node], value, x)))
     number, _, most, *place = rows[rows[:, 2].argmax()]
     point = ", ".join(f"{value:.4g}" for value in place)
     ids = np.unique(rows[:, 1].astype(np.int64))
