@@ -56,7 +56,10 @@ _MOST_DOUBLINGS = 5
 
 
 class KrylovFailures:
-    """Consecutive failures with new strong factors, and number of systems left to skip."""
+    """Consecutive failures with new strong factors, and number of systems left to skip.
+
+    Solutions that take longer than factors of the complete system count as failures.
+    """
 
     def __init__(self) -> None:
         self._in_a_row = self._left = 0
@@ -171,7 +174,7 @@ class LinearSolver:
             return self._solve_direct(R, steps, pairs)
         factors = self._factors
         is_new = factors.renew()
-        num_active = sum(step.num_active for step in steps)
+        num_active, before = sum(step.num_active for step in steps), self.num_iterations
         self._contacts.choose(num_active)
         while (du := self._solve_krylov(R, elimination, rtol)) is None:
             if self._contacts.choose(num_active):
@@ -181,8 +184,11 @@ class LinearSolver:
                 self._failures.count()
                 return self._solve_direct(R, steps, pairs)
             factors.build()
-            is_new = True
-        self._failures.forget()
+            is_new, before = True, self.num_iterations
+        if is_new and factors.are_slower_than_complete(self.num_iterations - before):
+            self._failures.count()
+        else:
+            self._failures.forget()
         factors.strengthen_if_slow(is_new)
         if not (num_active and self._contacts.uses_complement):
             return du, None
@@ -383,7 +389,8 @@ class LinearSolver:
         if not is_local and rtol >= self.one_application_reduction:
             one: Floats = (particular + self._krylov.precondition_once(r)).ravel()
             return one
-        x, iterations = self._krylov.solve(r, rtol, is_local=is_local)
+        most = self._factors.most_iterations
+        x, iterations = self._krylov.solve(r, rtol, most=most, is_local=is_local)
         decades = -math.log10(rtol)
         if not (is_local or elimination.empty):
             self._contacts.judge(iterations, decades)

@@ -163,12 +163,16 @@ class KrylovMethod:
             self._sums = lambda values: reductions.total(bulk.comm, values)
         self.num_iterations = self.num_local_iterations = 0
 
-    def solve(self, b: Floats, rtol: float, *, is_local: bool = False) -> tuple[Floats | None, int]:
+    def solve(
+        self, b: Floats, rtol: float, *, most: int | None = None, is_local: bool = False
+    ) -> tuple[Floats | None, int]:
         """Solve a system with the current operator. Collective.
 
         Args:
             b: Right-hand side at the owned nodes, shape ``(n, d)``.
             rtol: Reduction of the residual.
+            most: Largest number of iterations, if it is less than the general one; not with a
+                method of the user's options.
             is_local: Whether most nodes are clamped.
 
         Returns:
@@ -180,7 +184,7 @@ class KrylovMethod:
         if self.others is not None:
             x, iterations = self.others.solve(b, rtol, _DIVERGED)
         else:
-            x, iterations = self._iterate(b, rtol)
+            x, iterations = self._iterate(b, rtol, min(most or _MAX_ITERATIONS, _MAX_ITERATIONS))
         if is_local:
             self.num_local_iterations += iterations
         else:
@@ -190,12 +194,12 @@ class KrylovMethod:
             self._options = None
         return x, iterations
 
-    def _iterate(self, b: Floats, rtol: float) -> tuple[Floats | None, int]:
+    def _iterate(self, b: Floats, rtol: float, most: int) -> tuple[Floats | None, int]:
         gmres, iterations = _kernels.FlexibleGmres(b, self._sums), 0
         residual = first = gmres.residual
         target = rtol * first
         while not residual <= target < math.inf:
-            if iterations == _MAX_ITERATIONS or not residual < _DIVERGED * first:
+            if iterations == most or not residual < _DIVERGED * first:
                 return None, iterations
             z = self._preconditioner.solve(gmres.vector)
             residual = gmres.add(z, self._operator.act(z, target / residual))

@@ -18,6 +18,9 @@ __all__ = ["FactorAge"]
 # Cost of assembling and factorising the bulk, in Krylov iterations; the strongest
 # factors cost more.
 _REBUILD_COST, _STRONG_REBUILD_COST = 15.0, 40.0
+# Largest number of iterations [-] with the strongest complete factors: the cost of new ones and of
+# factors of the complete system.
+_MOST_ITERATIONS = 80
 # Iterations per decade of reduction [-] above which the next stronger factors are cheaper than new
 # ones of the same kind; above which ILU(1) is cheaper than ILU(0), and number of decades over which
 # this is measured; and above which complete factors of the nearby matrix are replaced by factors of
@@ -97,6 +100,18 @@ class FactorAge:
         if not (self._factors.is_ilu0 and seen.decades >= _DECADES and seen.iterations > 0):
             return math.nan
         return max(float(10 ** (-1 / seen.rate)), _UNSCALED)
+
+    @property
+    def most_iterations(self) -> int | None:
+        """Number of iterations after which factors of the complete system are cheaper. Local.
+
+        None if there are stronger factors of the bulk, or multigrid instead.
+        """
+        return _MOST_ITERATIONS if self._factors.is_of_derivative else None
+
+    def are_slower_than_complete(self, iterations: int) -> bool:
+        """Whether the iterations of a solve cost more than complete factors. Local."""
+        return self._factors.is_of_derivative and iterations > _STRONG_REBUILD_COST
 
     def count(self, iterations: int, decades: float, *, in_contact: bool = False) -> None:
         """Count the iterations of a solve. Local."""

@@ -125,6 +125,11 @@ class BulkPreconditioner:
         return self._kind == _LU
 
     @property
+    def is_of_derivative(self) -> bool:
+        """Whether the factors are those of the derivative, the strongest complete ones."""
+        return self._kind == _LDL_DERIVATIVE
+
+    @property
     def may_be_strengthened(self) -> bool:
         """Whether slow iterations are a reason for stronger factors.
 
