@@ -51,48 +51,47 @@ class Tractions(ABC):
         In node-to-segment contact only the facets around a node that are opposed to the contact
         normal count, not those beyond a corner. Without contact all facets count.
         """
-        return self._area(_normal_forces(self.history))
+        if self.pair.method == MORTAR:
+            return self.history.area
+        return self.nodes.area * self._facing_parts(_normal_forces(self.history))
 
     @property
     def pressure(self) -> Floats:
-        history, reverse = self.history, self._by_reverse(_normal_forces)
-        area = self._area(_normal_forces(history) + reverse)
-        pressure: Floats = self.search.per_area(-history.lambda_N, area)
-        return pressure + self._on_facets(np.linalg.norm(reverse, axis=1), area)
+        reverse = self._by_reverse(_normal_forces)
+        force = np.linalg.norm(reverse, axis=1) - self.history.lambda_N
+        return self._per_facing_area(force, reverse)
 
     @property
     def traction(self) -> Floats:
-        """Whole contact force per reference area of the nodes, ``(n, 3)`` [Pa]. Collective."""
+        """Whole contact force per reference area of the nodes, ``(n, 3)`` [Pa]. Collective.
+
+        In mortar contact all facets around the nodes count, otherwise those that face the contact.
+        """
         force = self.history.force + self._by_reverse(lambda history: history.force)
-        return self._on_facets(force, self._area_of_passes())
+        if self.pair.method == MORTAR:
+            return self.nodes.per_area(force)
+        part = self._facing_parts(_normal_forces(self.history) + self._by_reverse(_normal_forces))
+        return self.nodes.per_area(force, part * self.nodes.area)
 
     @property
     def friction_traction(self) -> Floats:
-        """Friction part of the traction, ``(n, 3)`` [Pa]. Collective."""
-        area, reverse = self._area_of_passes(), self._by_reverse(_friction)
-        own = self.search.per_area(_friction(self.history), area)
-        return own + self._on_facets(reverse, area)
+        """Friction per area of the pressure, ``(n, 3)`` [Pa]. Collective."""
+        force = _friction(self.history) + self._by_reverse(_friction)
+        return self._per_facing_area(force, self._by_reverse(_normal_forces))
 
-    def _area_of_passes(self) -> Floats:
-        return self._area(_normal_forces(self.history) + self._by_reverse(_normal_forces))
+    def _per_facing_area(self, force: Floats, reverse: Floats) -> Floats:
+        """Forces on the nodes per facing area; `reverse` are normal forces, ``(n, 3)`` [N]."""
+        part = self._facing_parts(_normal_forces(self.history) + reverse)
+        return self.search.per_area(force, part, self.history.area)
 
-    def _area(self, force: Floats) -> Floats:
-        if self.pair.method == MORTAR:
-            return self.history.area
+    def _facing_parts(self, force: Floats) -> Floats:
+        """Fractions of the nodal areas opposed to the normal forces, shape ``(n,)`` [-]."""
         if self.pair.method == EDGES:
-            return self.nodes.area
+            return np.ones(len(force))
         presses: Flags = np.abs(force).max(axis=1) > 0
         x = self.passes.positions()
         normal = np.where(presses[:, None], _kernels.unit_vectors(force), self.history.normal)
-        area: Floats = self.nodes.area * self.facets.facing_parts(x, normal, presses)
-        return area
-
-    def _on_facets(self, force: Floats, area: Floats) -> Floats:
-        """Forces on the nodes per area, in mortar contact the area of all facets. Collective.
-
-        Arguments as for `Surface.per_area`.
-        """
-        return self.nodes.per_area(force, None if self.pair.method == MORTAR else area)
+        return self.facets.facing_parts(x, normal, presses)
 
     def _by_reverse(self, of_nodes: ForcesOfNodes) -> Floats:
         """Forces of all opposite passes on the nodes, ``(n, 3)`` [N]. Collective.

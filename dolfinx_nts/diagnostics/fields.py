@@ -77,8 +77,9 @@ class Fields:
     def contact_pressure(self) -> fem.Function:
         """Contact pressure at the nodes of all pairs [Pa], 0 elsewhere.
 
-        With mortar contact it refers to the part of the surface in contact. On facets partly in
-        contact it therefore exceeds force per facet area, which is `contact_traction`.
+        With mortar contact it refers to the part of the surface in contact, averaged over a node
+        and its neighbours where that part is small. On facets partly in contact it therefore
+        exceeds force per facet area, which is `contact_traction`.
         """
         return self._contact("contact_pressure")
 
@@ -86,8 +87,9 @@ class Fields:
         """Contact force per reference area, with friction, at the nodes of all pairs [Pa].
 
         It is 0 elsewhere, also on the side of the segments, unless that side has contact nodes of
-        its own. Its integral over the surface is the force; at degree 2, interpolate it linearly on
-        halves of edges to integrate.
+        its own. With mortar contact its integral over the whole surface of the nodes is the force.
+        With node-to-segment contact and obstacles, it is the integral over the facets that face the
+        contact. At degree 2, interpolate it linearly on halves of edges to integrate.
         """
         return self._contact("contact_traction")
 

@@ -286,17 +286,18 @@ class Search(ABC):
         nodes, vertices = self.rows
         return x[nodes], x[vertices]
 
-    def per_area(self, force: Floats, area: Floats) -> Floats:
+    def per_area(self, force: Floats, part: Floats, covered: Floats) -> Floats:
         """Convert multiplier forces to tractions at the nodes of the surface. Collective.
 
         Args:
             force: Forces, shape ``(n,)`` or ``(n, 3)`` [N].
-            area: Areas on which they act, shape ``(n,)`` [m^2].
+            part: Fraction of the area of each node that faces the contact, shape ``(n,)`` [-].
+            covered: Area covered by segments, shape ``(n,)`` [m^2]; only mortar contact uses it.
 
         Returns:
             Forces per reference area, of the same shape [Pa].
         """
-        return self._nodes.per_area(force, area)
+        return self._nodes.per_area(force, part * self._nodes.area)
 
     def approach(self, x: Floats, before: Sequence[Floats]) -> float:
         """Bound on the approach of any node and candidate since earlier positions [m]. Collective.

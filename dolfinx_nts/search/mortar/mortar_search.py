@@ -1,5 +1,7 @@
 """Global search of surface-to-surface contact: segments within reach of the facets of nodes."""
 
+from functools import cached_property
+
 import numpy as np
 
 from dolfinx_nts.common.arrays import Floats, Ints
@@ -125,24 +127,57 @@ class MortarSearch(FacetSearch):
         ids = near.scatter.index_map.local_to_global(facets.ravel())
         self._others = ids, owners_of(near.scatter.index_map, facets.ravel())
         self._around = _hats(near, facets) if near.has_middles else None
+        self._near, self._near_facets = near.scatter, facets[:, : self._k]
 
-    def per_area(self, force: Floats, area: Floats) -> Floats:
-        """Vertex forces per area [Pa], interpolated to mid-nodes of degree 2.
+    def per_area(self, force: Floats, part: Floats, covered: Floats) -> Floats:
+        """Vertex forces per covered area [Pa], interpolated to mid-nodes of degree 2.
+
+        The force of a node may act on a sliver of its facets, below an edge of the other body. The
+        smaller the covered part of the facing facets, the more the mean pressure of all facets
+        around the node counts. A uniform pressure is exact.
 
         Mid-nodes beside a vertex without a segment have none: those of free faces beside a contact.
         """
-        values = np.zeros_like(force)
-        carries = area > 0
-        values[carries] = (force[carries].T / area[carries]).T
+        facing = self._area * part
+        own = np.clip(np.divide(covered, facing, out=np.ones_like(part), where=facing > 0), 0, 1)
+        columns = np.column_stack([covered, force])
+        presses = np.abs(columns[:, 1:]).max(axis=1) > 0
+        mean = (own * columns.T + (1 - own) * self._around_nodes(columns).T).T
+        mean[mean[:, 0] <= 0] = np.column_stack([facing, force])[mean[:, 0] <= 0]
+        values = np.zeros_like(columns[:, 1:])
+        values[presses] = mean[presses, 1:] / mean[presses, :1]
+        values = values.reshape(force.shape)
         if self._around is None:
             return values
         fields = np.zeros((2, *self._X.shape))
         nodes, columns = self._nodes.nodes, np.atleast_2d(values.T).T
         fields[0, nodes, : columns.shape[1]] = columns
-        fields[1, nodes, 0] = carries
+        fields[1, nodes, 0] = covered > 0
         spread, covered = (self._around.spread(field)[nodes] for field in fields)
         spread *= covered[:, :1] > 1 - _ROUND_OFF
         return spread[:, : columns.shape[1]].reshape(force.shape)
+
+    def _around_nodes(self, values: Floats) -> Floats:
+        """Sums of values over each node and its neighbours on facets, ``(n, m)``. Collective."""
+        row, neighbour = self._neighbours
+        sums = np.zeros_like(values)
+        for i, column in enumerate(values.T):
+            field = np.zeros_like(self._X)
+            field[self._nodes.nodes, 0] = column
+            there = self._near.forward(field)[neighbour, 0]
+            sums[:, i] = np.bincount(row, there, len(values))
+        return sums
+
+    @cached_property
+    def _neighbours(self) -> tuple[Ints, Ints]:
+        """Numbers of nodes, and each node on their facets as a node of the map, ``(p,)``. Local."""
+        number = np.full(self._near.num_local, -1)
+        number[self._nodes.nodes] = np.arange(len(self._nodes.nodes))
+        k = self._near_facets.shape[1]
+        pairs = np.stack([np.repeat(self._near_facets, k, axis=1), np.tile(self._near_facets, k)])
+        node, neighbour = np.unique(pairs.reshape(2, -1), axis=1)
+        owned = number[node] >= 0
+        return number[node[owned]], neighbour[owned]
 
     def _make(
         self, found: FoundSegments, others: Ints, x: Floats, reach: float

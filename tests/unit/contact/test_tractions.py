@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import ufl
 from dolfinx import fem
 
 import dolfinx_nts as nts
@@ -75,3 +76,40 @@ def test_half_passes_share_the_areas_at_edges_and_corners(comm):
         touches = np.isclose(stepper.x[contact.nodes.nodes, 2], 0.5, atol=1e-2)
         assert contact.pressure[touches] == pytest.approx(PRESSURE, rel=0.02)
         assert contact.traction[touches, :2] == pytest.approx(0.0, abs=1e-3 * PRESSURE)
+
+
+@pytest.mark.at_most_two_ranks
+@pytest.mark.parametrize("dim", [2, once(3)])
+@pytest.mark.parametrize("offset", [0.23, once(0.26), once(0.305)])
+def test_pressure_below_an_edge_that_covers_a_sliver_of_a_facet_is_not_too_large(comm, dim, offset):
+    """A block rests on a plate by its weight. The edge of the block is next to nodes of the plate.
+
+    The force on a sliver divided by its area exceeded the mean pressure up to 60 times.
+    """
+    middle, across, one = ((0.13,), (0.7,), (1.0,)) if dim == 3 else ((), (), ())
+    counts = (8, 8, 3) if dim == 3 else (13, 5)
+
+    def build(model):
+        add = nts.parts.add_box if dim == 3 else nts.parts.add_rectangle
+        add(model, "plate", corner=(0,) * dim, size=(1, *one, 0.5), cells=counts)
+        corner, size = (offset, *middle, 0.5), (0.6, *across, 0.5)
+        add(model, "block", corner=corner, size=size, cells=(3,) * dim)
+
+    mesh, cells, _, tag = nts.read_mesh(build, comm)
+    V = fem.functionspace(mesh, ("Lagrange", 1, (dim,)))
+    material = nts.NeoHookean(1e6, 0.3, 1e3)
+    plate, block = (nts.Body(V, cells, tag[name], material) for name in ("plate", "block"))
+    bottom = fem.locate_dofs_geometrical(V, lambda x: np.isclose(x[dim - 1], 0))
+    bcs = [fem.dirichletbc(np.zeros(dim), bottom, V)]
+    weight = nts.Gravity([block], (0,) * (dim - 1) + (-9.81,))
+    pairs = nts.all_pairs([plate, block], friction=0.3)
+    stepper = nts.QuasiStatic([plate, block], pairs, dt=1.0, bcs=bcs, loads=[weight])
+    stepper.advance()
+    (pair,) = nts.Diagnostics(stepper).pairs().values()
+    mean = 0.5 * 1e3 * 9.81
+    assert abs(pair.force[dim - 1]) == pytest.approx(mean * 0.6 * (across or one or (1.0,))[0])
+    assert mean < pair.largest_pressure < 2.2 * mean
+    pressure = nts.Fields(stepper).contact_pressure()
+    integral = comm.allreduce(fem.assemble_scalar(fem.form(pressure * ufl.ds)))
+    # Nodes outside the edge have a pressure, too, and their whole facets count here.
+    assert integral < 1.8 * abs(pair.force[dim - 1])
